@@ -1,0 +1,57 @@
+# Two commands do all the set-up: `make demo` and `make test`. They need git, make and a Python with venv.
+
+MAKEFLAGS += --no-print-directory
+.SILENT:
+.DELETE_ON_ERROR:
+.PHONY: help demo test setup clean
+
+VENV := .venv
+CASE := examples/alpha/case.toml
+PAGE := examples/alpha/results/report.html
+
+# medcoupling has no wheel for a Python newer than 3.13.
+SUITABLE := import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))
+PYTHON ?= $(shell for name in python3 python3.13 python3.12 python3.11; do \
+	if $$name -c '$(SUITABLE)' 2>/dev/null; then echo $$name; break; fi; done)
+
+help:
+	echo "make demo    set everything up in $(VENV) and run $(CASE)"
+	echo "make test    set everything up in $(VENV), then lint, type check and test"
+	echo "make setup   set everything up in $(VENV)"
+	echo "make clean   remove $(VENV), the caches and the demo's results"
+
+demo: $(VENV)/installed
+	$(VENV)/bin/prismid run $(CASE)
+	echo "The report is $(CURDIR)/$(PAGE)"
+
+test: $(VENV)/installed-dev
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/mypy
+	$(VENV)/bin/pytest
+
+setup: $(VENV)/installed
+
+# Each stamp is as new as the requirements that it was made from.
+$(VENV)/installed: pyproject.toml | $(VENV)/bin/python
+	echo "Installing prismid and its libraries into $(VENV); the first time this takes some minutes."
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable .
+	$(VENV)/bin/python -I meshes/system_libraries.py
+	touch $@
+
+$(VENV)/installed-dev: $(VENV)/installed
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	touch $@
+
+$(VENV)/bin/python:
+	test -n "$(PYTHON)" || { \
+		echo "prismid needs Python 3.11, 3.12 or 3.13 and found none of them as python3, python3.13, python3.12 or python3.11; name one with: make $(MAKECMDGOALS) PYTHON=/path/to/python" >&2; exit 1; }
+	$(PYTHON) -c '$(SUITABLE)' || { \
+		echo "prismid needs Python 3.11, 3.12 or 3.13 and found $$($(PYTHON) --version 2>&1) as $(PYTHON)." >&2; exit 1; }
+	$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+		echo "prismid needs the venv module of $(PYTHON) and found none: ask an administrator to run \`apt-get install -y python3-venv\`." >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+clean:
+	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache examples/*/results
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

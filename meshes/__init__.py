@@ -1,0 +1,1 @@
+"""The prism, its grains, its surface, and the projection between meshes."""

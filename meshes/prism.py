@@ -1,0 +1,230 @@
+"""The two-grain triangular prism: its geometry, and its conforming tet10 mesh made by gmsh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite, sqrt
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshes.gmsh_library import load_gmsh
+from meshes.prism_mesh import PrismMesh
+from meshes.tet10 import inverted_cells, node_groups, outer_faces
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Vector = tuple[float, float, float]
+
+_GMSH_TET10 = 11
+# gmsh numbers the mid-edge nodes of 13 and 23 the other way round than VTK.
+_GMSH_TO_VTK = np.array([0, 1, 2, 3, 4, 5, 6, 7, 9, 8])
+
+
+@dataclass(frozen=True)
+class PrismGeometry:
+    """A triangular prism along Y, cut into two grains by a plane.
+
+    The measured face is −width/2 ≤ X ≤ width/2, 0 ≤ Y ≤ length, Z = 0; the apex line is
+    X = 0, Z = −depth; the end faces are S_MINUS at Y = 0 and S_PLUS at Y = length.
+
+    Attributes:
+        length: length along Y [µm].
+        width: width of the measured face [µm].
+        depth: distance of the apex line from the measured face [µm].
+        boundary_point: a point of the grain boundary [µm], or None for a single grain.
+        boundary_normal: normal of the grain boundary, of any length, or None for a single
+            grain; it points out of the first grain (index 0).
+
+    Raises:
+        ValueError: a dimension is not positive, the boundary is only half given or its normal
+            is zero.
+    """
+
+    length: float = 12.0
+    width: float = 4.0
+    depth: float = 2 * sqrt(3)
+    boundary_point: Vector | None = None
+    boundary_normal: Vector | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what is not a prism."""
+        for name in ("length", "width", "depth"):
+            value = getattr(self, name)
+            if not (isfinite(value) and value > 0):
+                raise ValueError(f"prism {name} is {value} µm; it must be positive")
+        if (self.boundary_point is None) != (self.boundary_normal is None):
+            raise ValueError("the grain boundary needs both a point and a normal, or neither")
+        if self.boundary_point is not None and self.boundary_normal is not None:
+            numbers = (*self.boundary_point, *self.boundary_normal)
+            if not all(map(isfinite, numbers)) or not any(self.boundary_normal):
+                raise ValueError(
+                    f"grain boundary through {self.boundary_point} with normal "
+                    f"{self.boundary_normal}: finite numbers and a non-zero normal are expected"
+                )
+
+    def section(self) -> FloatArray:
+        """Corners (X, Z) of the section [µm]: both sides of the face, then the apex, (3, 2)."""
+        half = self.width / 2
+        return np.array([[-half, 0.0], [half, 0.0], [0.0, -self.depth]])
+
+    def boundary_distance(self, points: FloatArray) -> FloatArray:
+        """Signed distance from the grain boundary [µm], negative in the first grain.
+
+        Args:
+            points: coordinates [µm], shape (..., 3).
+
+        Returns:
+            distance, shape (...).
+
+        Raises:
+            ValueError: the prism is a single grain.
+        """
+        if self.boundary_point is None or self.boundary_normal is None:
+            raise ValueError("the prism is a single grain: it has no grain boundary")
+        normal = np.asarray(self.boundary_normal, dtype=float)
+        distance: FloatArray = (points - np.asarray(self.boundary_point)) @ (
+            normal / np.linalg.norm(normal)
+        )
+        return distance
+
+
+def generate(geometry: PrismGeometry, size: float) -> PrismMesh:
+    """Mesh the prism with straight-sided tet10 cells that conform to the grain boundary.
+
+    The same input always gives the same arrays.
+
+    Args:
+        geometry: the prism and its grain boundary.
+        size: edge length of the cells [µm].
+
+    Returns:
+        the mesh, every Jacobian positive.
+
+    Raises:
+        ValueError: the size is not positive, or the boundary leaves one grain empty.
+        RuntimeError: gmsh could not mesh the prism.
+    """
+    if not (isfinite(size) and size > 0):
+        raise ValueError(f"element size is {size} µm; it must be positive")
+    if geometry.boundary_point is not None:
+        _require_two_grains(geometry)
+    points, cells = _tet10_by_gmsh(geometry, size)
+    if len(inverted_cells(points, cells)):
+        raise RuntimeError(
+            f"gmsh made inverted cells with element size {size} µm; another size is needed"
+        )
+    if geometry.boundary_point is None:
+        grain = np.zeros(len(cells), dtype=np.int64)
+    else:
+        centres = points[cells[:, :4]].mean(axis=1)
+        grain = (geometry.boundary_distance(centres) > 0).astype(np.int64)
+    faces = _faces(geometry, points, cells)
+    return PrismMesh(points, cells, grain, faces, node_groups(points, faces))
+
+
+def _corners(geometry: PrismGeometry) -> FloatArray:
+    """The six corners of the prism [µm], those at Y = 0 first, shape (6, 3)."""
+    x, z = geometry.section().T
+    ends = [np.column_stack([x, np.full(3, y), z]) for y in (0.0, geometry.length)]
+    return np.concatenate(ends)
+
+
+def _require_two_grains(geometry: PrismGeometry) -> None:
+    distance = geometry.boundary_distance(_corners(geometry))
+    tolerance = 1e-6 * geometry.length
+    if distance.min() > -tolerance or distance.max() < tolerance:
+        empty = 1 if distance.min() > -tolerance else 2
+        raise ValueError(
+            f"the grain boundary through {geometry.boundary_point} with normal "
+            f"{geometry.boundary_normal} does not cut the prism: grain {empty} is empty"
+        )
+
+
+def _tet10_by_gmsh(geometry: PrismGeometry, size: float) -> tuple[FloatArray, IntArray]:
+    """Points (n, 3) and tet10 cells (m, 10) in VTK order."""
+    gmsh = load_gmsh()
+    # Without interruptible=False gmsh takes over SIGINT, and only the main thread may do that.
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        for option, value in {
+            "General.Terminal": 0,
+            "General.NumThreads": 1,
+            "Mesh.RandomSeed": 1,
+            "Mesh.MeshSizeMin": size,
+            "Mesh.MeshSizeMax": size,
+            "Mesh.ElementOrder": 2,
+            # Improve most cells, not only slivers; gmsh's other optimiser (Netgen) would double
+            # the number of cells and leave worse ones.
+            "Mesh.OptimizeThreshold": 0.9,
+        }.items():
+            gmsh.option.setNumber(option, value)
+        _build(gmsh, geometry)
+        gmsh.model.mesh.generate(3)
+        return _tet10(gmsh)
+    except Exception as error:  # gmsh raises bare Exception
+        raise RuntimeError(f"gmsh could not mesh the prism: {error}") from error
+    finally:
+        gmsh.finalize()
+
+
+def _build(gmsh: ModuleType, geometry: PrismGeometry) -> None:
+    occ = gmsh.model.occ
+    triangle = _polygon(occ, _corners(geometry)[:3])
+    extruded = occ.extrude([(2, triangle)], 0, geometry.length, 0)
+    prism = [entity for entity in extruded if entity[0] == 3]
+    if geometry.boundary_point is not None:
+        cut = _polygon(occ, _boundary_square(geometry))
+        occ.fragment(prism, [(2, cut)])
+    occ.synchronize()
+    # What sticks out of the prism is no part of the mesh.
+    inside = gmsh.model.getBoundary(gmsh.model.getEntities(3), combined=False, oriented=False)
+    gmsh.model.removeEntities(
+        [face for face in gmsh.model.getEntities(2) if face not in inside], recursive=True
+    )
+
+
+def _polygon(occ: Any, corners: FloatArray) -> int:
+    points = [occ.addPoint(*corner) for corner in corners]
+    lines = [occ.addLine(a, b) for a, b in zip(points, points[1:] + points[:1], strict=True)]
+    surface: int = occ.addPlaneSurface([occ.addCurveLoop(lines)])
+    return surface
+
+
+def _boundary_square(geometry: PrismGeometry) -> FloatArray:
+    """Corners of a square in the boundary plane that covers the whole prism, shape (4, 3)."""
+    corners = _corners(geometry)
+    centre = corners.mean(axis=0)
+    normal = np.asarray(geometry.boundary_normal, dtype=float)
+    normal = normal / np.linalg.norm(normal)
+    origin = centre - geometry.boundary_distance(centre) * normal
+    first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    first /= np.linalg.norm(first)
+    second = np.cross(normal, first)
+    reach = 2 * float(np.linalg.norm(corners - centre, axis=1).max())
+    signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    return origin + reach * (signs @ np.array([first, second]))
+
+
+def _tet10(gmsh: ModuleType) -> tuple[FloatArray, IntArray]:
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    _, connectivity = gmsh.model.mesh.getElementsByType(_GMSH_TET10)
+    used, cells = np.unique(np.asarray(connectivity, dtype=np.int64), return_inverse=True)
+    order = np.argsort(tags)
+    rows = order[np.searchsorted(np.asarray(tags)[order], used)]
+    points = np.asarray(coordinates, dtype=np.float64).reshape(-1, 3)[rows]
+    return points, cells.reshape(-1, 10)[:, _GMSH_TO_VTK]
+
+
+def _faces(geometry: PrismGeometry, points: FloatArray, cells: IntArray) -> dict[str, IntArray]:
+    """The named faces; their nodes, off by gmsh's round-off, are put exactly on the planes."""
+    outer = outer_faces(cells)
+    planes = {"S_PLUS": (1, geometry.length), "S_MINUS": (1, 0.0), "TOP": (2, 0.0)}
+    faces = {}
+    for name, (axis, value) in planes.items():
+        on_plane = np.abs(points[:, axis] - value) < 1e-8 * geometry.length
+        points[on_plane, axis] = value
+        faces[name] = outer[on_plane[outer].all(axis=1)]
+    return faces

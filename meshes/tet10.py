@@ -1,0 +1,89 @@
+"""Properties that follow from points and tet10 cells alone: Jacobians, outer faces, node groups."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshes.prism_mesh import FACE_GROUPS
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
+"""Corners joined by the edges that carry local nodes 4 to 9 (VTK order)."""
+
+MIRRORED = np.array([0, 2, 1, 3, 6, 5, 4, 7, 9, 8])
+"""Local order of the same tet10 seen with the other handedness."""
+
+# Faces of the reference cell, outward normal, as 3 corners and the mid-edge nodes 01, 12, 20.
+_FACES = np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]])
+
+# The four corners and the centre, in reference coordinates.
+_CHECKED = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0.25, 0.25, 0.25]], dtype=float)
+_GRADIENT_OF_BARYCENTRIC = np.array([[-1, -1, -1], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
+
+
+def _shape_gradients() -> FloatArray:
+    """Reference gradients of the ten shape functions, shape (n_checked, 10, 3)."""
+    barycentric = np.column_stack([1 - _CHECKED.sum(axis=1), _CHECKED])
+    at_corners = (4 * barycentric[:, :, None] - 1) * _GRADIENT_OF_BARYCENTRIC
+    a, b = EDGES.T
+    at_edges = 4 * (
+        barycentric[:, a, None] * _GRADIENT_OF_BARYCENTRIC[b]
+        + barycentric[:, b, None] * _GRADIENT_OF_BARYCENTRIC[a]
+    )
+    return np.concatenate([at_corners, at_edges], axis=1)
+
+
+_GRADIENTS = _shape_gradients()
+
+
+def jacobians(points: FloatArray, cells: IntArray) -> FloatArray:
+    """Jacobian determinant of the quadratic map of each cell at its corners and its centre.
+
+    Args:
+        points: node coordinates [µm], shape (n_nodes, 3).
+        cells: tet10 connectivity in VTK order, shape (n_cells, 10).
+
+    Returns:
+        determinants [µm³] (6 times the volume of a straight cell), shape (n_cells, 5).
+    """
+    matrices = np.einsum("qai,caj->cqij", _GRADIENTS, points[cells])
+    return np.linalg.det(matrices)
+
+
+def inverted_cells(points: FloatArray, cells: IntArray) -> IntArray:
+    """Indices of the cells with a Jacobian that is not positive (NaN included), shape (n,)."""
+    return np.flatnonzero(~(jacobians(points, cells) > 0).all(axis=1))
+
+
+def outer_faces(cells: IntArray) -> IntArray:
+    """Faces that belong to one cell only, as tri6 with outward normal, shape (n, 6)."""
+    faces = cells[:, _FACES].reshape(-1, 6)
+    _, first, count = np.unique(
+        np.sort(faces[:, :3], axis=1), axis=0, return_index=True, return_counts=True
+    )
+    return faces[np.sort(first[count == 1])]
+
+
+def node_groups(points: FloatArray, faces: Mapping[str, IntArray]) -> dict[str, IntArray]:
+    """Nodes of the three faces, of the two measured edges and of the two apexes.
+
+    L± is where S± meets TOP; P± is the lowest node (Z) of S±.
+
+    Args:
+        points: node coordinates [µm], shape (n_nodes, 3).
+        faces: tri6 faces of S_PLUS, S_MINUS and TOP, shape (n, 6) each.
+
+    Returns:
+        sorted node indices of every group of `PrismMesh`.
+    """
+    nodes = {name: np.unique(faces[name]) for name in FACE_GROUPS}
+    for sign in ("PLUS", "MINUS"):
+        end = nodes[f"S_{sign}"]
+        nodes[f"L_{sign}"] = np.intersect1d(end, nodes["TOP"])
+        nodes[f"P_{sign}"] = end[[np.argmin(points[end, 2])]]
+    return nodes

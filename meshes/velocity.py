@@ -1,0 +1,152 @@
+"""Node velocities of the geometric parameters, and the mesh moved along them.
+
+A velocity is the derivative of the node coordinates with respect to one parameter. It is computed
+at the corners and averaged at the mid-edge nodes, so that cells keep straight sides. Every field
+keeps each named face in its plane and each node on its side face.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshes.prism import PrismGeometry
+from meshes.prism_mesh import PrismMesh
+from meshes.tet10 import EDGES, inverted_cells
+
+FloatArray = NDArray[np.float64]
+
+
+def boundary_shift(mesh: PrismMesh, geometry: PrismGeometry) -> FloatArray:
+    """Velocity that moves the grain boundary along +Y, fading linearly to zero at both ends.
+
+    Args:
+        mesh: the prism, generated from this geometry or moved to it.
+        geometry: the prism and its grain boundary as they stand.
+
+    Returns:
+        velocity [µm per µm], shape (n_nodes, 3), one on the boundary.
+
+    Raises:
+        ValueError: the grain boundary meets an end face, or there is none.
+    """
+    return _boundary_motion(mesh, geometry, np.ones(len(mesh.points)))
+
+
+def boundary_tilt(mesh: PrismMesh, geometry: PrismGeometry, axis: Literal["x", "z"]) -> FloatArray:
+    """Velocity that tilts the grain boundary about a point of the section's centre line.
+
+    The boundary moves along Y by X (axis "x") or by Z + depth/3 (axis "z") per unit of slope:
+    it changes −n_x/n_y or −n_z/n_y of the normal n by one.
+
+    Args:
+        mesh: the prism, generated from this geometry or moved to it.
+        geometry: the prism and its grain boundary as they stand.
+        axis: the direction along which the boundary gains a slope.
+
+    Returns:
+        velocity [µm per unit slope], shape (n_nodes, 3).
+
+    Raises:
+        ValueError: the grain boundary meets an end face, or there is none.
+    """
+    x, _, z = mesh.points.T
+    return _boundary_motion(mesh, geometry, x if axis == "x" else z + geometry.depth / 3)
+
+
+def boundary_bow(mesh: PrismMesh, geometry: PrismGeometry) -> FloatArray:
+    """Velocity that bows the grain boundary along +Y, by 1 − (2X/width)² per unit of bow.
+
+    Args:
+        mesh: the prism, generated from this geometry or moved to it.
+        geometry: the prism and its plane grain boundary.
+
+    Returns:
+        velocity [µm per µm], shape (n_nodes, 3), one at X = 0 on the boundary.
+
+    Raises:
+        ValueError: the grain boundary meets an end face, or there is none.
+    """
+    return _boundary_motion(mesh, geometry, 1 - (2 * mesh.points[:, 0] / geometry.width) ** 2)
+
+
+def depth_scale(mesh: PrismMesh) -> FloatArray:
+    """Velocity of a relative change of depth, Z → Z (1 + δ).
+
+    Args:
+        mesh: the prism.
+
+    Returns:
+        velocity (0, 0, Z) [µm per unit], shape (n_nodes, 3).
+    """
+    return mesh.points * np.array([0.0, 0.0, 1.0])
+
+
+def apex_shift(mesh: PrismMesh, geometry: PrismGeometry) -> FloatArray:
+    """Velocity that moves the apex line along +X while the measured face stays.
+
+    Args:
+        mesh: the prism.
+        geometry: gives the depth.
+
+    Returns:
+        velocity (−Z/depth, 0, 0) [µm per µm], shape (n_nodes, 3).
+    """
+    velocity = np.zeros_like(mesh.points)
+    velocity[:, 0] = -mesh.points[:, 2] / geometry.depth
+    return velocity
+
+
+def moved(mesh: PrismMesh, displacement: FloatArray) -> PrismMesh:
+    """The mesh with its nodes moved; cells, grains and groups stay.
+
+    Args:
+        mesh: the prism.
+        displacement: [µm], shape (n_nodes, 3).
+
+    Returns:
+        the moved mesh, every Jacobian positive.
+
+    Raises:
+        ValueError: a cell would be turned inside out.
+    """
+    points = mesh.points + displacement
+    inverted = inverted_cells(points, mesh.cells)
+    if len(inverted):
+        raise ValueError(
+            f"the geometry change inverts {len(inverted)} of {len(mesh.cells)} cells: "
+            "a smaller change or a new mesh is needed"
+        )
+    return replace(mesh, points=points)
+
+
+def _boundary_motion(
+    mesh: PrismMesh, geometry: PrismGeometry, profile: FloatArray
+) -> FloatArray:
+    """Motion along Y by `profile` (n_nodes,) on the boundary, linear in Y to zero at the ends."""
+    y = mesh.points[:, 1]
+    height = _boundary_height(geometry, mesh.points)
+    fade = np.where(y <= height, y / height, (geometry.length - y) / (geometry.length - height))
+    velocity = np.zeros_like(mesh.points)
+    velocity[:, 1] = fade * profile
+    velocity[mesh.cells[:, 4:]] = velocity[mesh.cells[:, EDGES]].mean(axis=2)
+    return velocity
+
+
+def _boundary_height(geometry: PrismGeometry, points: FloatArray) -> FloatArray:
+    """Y of the grain boundary [µm] at the X and Z of each point, shape (n,)."""
+    at_section = points * np.array([1.0, 0.0, 1.0])
+    distance = geometry.boundary_distance(at_section)
+    per_y = float(geometry.boundary_distance(at_section[0] + np.array([0, 1.0, 0])) - distance[0])
+    if per_y != 0:
+        height: FloatArray = -distance / per_y
+        if 0 < height.min() and height.max() < geometry.length:
+            return height
+    raise ValueError(
+        f"the grain boundary through {geometry.boundary_point} with normal "
+        f"{geometry.boundary_normal} meets an end face or a side along the whole prism: it can "
+        "only be moved where it crosses the prism from side to side"
+    )

@@ -1,0 +1,1 @@
+"""The bundled solver: quadratic tetrahedra, crystal plasticity, exact sensitivities."""

@@ -1,0 +1,43 @@
+"""How kernels are compiled: one decorator, and a cache on disk keyed on all kernel sources.
+
+Numba keys its cache on the file of a function and does not notice a changed callee in another
+file; the folder below therefore carries a hash of every source in this package.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+from typing import Any
+
+import numba
+
+_FAST = {"contract", "reassoc", "nsz", "arcp", "nnan"}
+
+
+def _sources_hash() -> str:
+    digest = hashlib.sha256(numba.__version__.encode())
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _cache_folder() -> Path:
+    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return root / "prismid" / f"kernels-{_sources_hash()}"
+
+
+numba.config.CACHE_DIR = str(_cache_folder())
+
+
+def kernel(function: Any) -> Any:
+    """Compile a scalar kernel that is inlined into the batch loops by LLVM."""
+    return numba.njit(cache=True, error_model="numpy", fastmath=_FAST, nogil=True)(function)
+
+
+def batch_kernel(function: Any) -> Any:
+    """Compile a loop over Gauss points or elements that Numba spreads over threads."""
+    return numba.njit(
+        cache=True, error_model="numpy", fastmath=_FAST, nogil=True, parallel=True
+    )(function)

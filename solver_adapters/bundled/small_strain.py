@@ -1,0 +1,282 @@
+"""Crystal law at a Gauss point in small strain.
+
+Steps of an update (modes: the orthonormal tensors in which cubic elasticity is diagonal):
+1. trial modes e* = V·H − ep⁰, V the modes turned into the specimen, H the displacement gradient;
+2. stress modes σ = μ (e* − Σ S Δp P), resolved shear stresses τ = P·σ;
+3. the 24 residuals, linearised in Δp and condensed to (1/μ + Σ w P Pᵀ) δσ = −Σ S w f P (5 × 5);
+4. slips updated from δσ; 2–4 repeated until no slip changes;
+5. consistent tangent (1/μ + Σ w P Pᵀ)⁻¹ in the same modes.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver_adapters.bundled.compilation import kernel
+from solver_adapters.bundled.law import NS, P_C11, P_C12, P_C44
+from solver_adapters.bundled.slip import (
+    D_TAU,
+    EXPLICIT,
+    LOAD,
+    N_SLIP_ROWS,
+    SIGN,
+    SLIP,
+    TAU,
+    WEIGHT,
+    advance_slips,
+    derivative_load,
+    evaluate_systems,
+    explicit_derivative,
+    finish_derivative,
+    load_point,
+    store_slips,
+)
+
+FloatArray = NDArray[np.float64]
+
+MODES = N_SLIP_ROWS  # Schmid modes, 5 × 24
+TRIAL = MODES + 5 * NS  # e*, 5
+ELASTIC = TRIAL + 5  # elastic strain modes, 5
+STRESS = ELASTIC + 5  # stress modes, 5
+RHS = STRESS + 5  # 5
+MATRIX = RHS + 5  # Cholesky factor with inverse pivots, 5 × 5
+CHANGE = MATRIX + 25  # 5
+VOLUME = CHANGE + 5  # trace mode of the strain, 1
+INVERSE = VOLUME + 1  # 5 × 5
+WORKSPACE = INVERSE + 25
+
+
+@kernel
+def prepare(w: FloatArray, modes: FloatArray) -> None:
+    """Put the constant Schmid modes into a fresh workspace."""
+    for k in range(5):
+        for s in range(NS):
+            w[MODES + k * NS + s] = modes[k, s]
+
+
+@kernel
+def _stress(w: FloatArray, mu0: float, mu1: float) -> None:
+    for k in range(5):
+        plastic = 0.0
+        for s in range(NS):
+            plastic += w[MODES + k * NS + s] * w[SIGN + s] * w[SLIP + s]
+        e = w[TRIAL + k] - plastic
+        w[ELASTIC + k] = e
+        w[STRESS + k] = (mu0 if k < 2 else mu1) * e
+
+
+@kernel
+def _resolve(w: FloatArray, source: int, target: int) -> None:
+    t0, t1, t2 = w[source], w[source + 1], w[source + 2]
+    t3, t4 = w[source + 3], w[source + 4]
+    for s in range(NS):
+        w[target + s] = (
+            w[MODES + s] * t0
+            + w[MODES + NS + s] * t1
+            + w[MODES + 2 * NS + s] * t2
+            + w[MODES + 3 * NS + s] * t3
+            + w[MODES + 4 * NS + s] * t4
+        )
+
+
+@kernel
+def _condense(w: FloatArray, mu0: float, mu1: float) -> None:
+    for i in range(5):
+        for j in range(i + 1):
+            total = 0.0
+            for s in range(NS):
+                total += w[MODES + i * NS + s] * w[MODES + j * NS + s] * w[WEIGHT + s]
+            w[MATRIX + 5 * i + j] = total
+        w[MATRIX + 6 * i] += 1.0 / (mu0 if i < 2 else mu1)
+    for j in range(5):
+        pivot = w[MATRIX + 6 * j]
+        for k in range(j):
+            pivot -= w[MATRIX + 5 * j + k] ** 2
+        inverse = 1.0 / math.sqrt(pivot)
+        w[MATRIX + 6 * j] = inverse
+        for i in range(j + 1, 5):
+            t = w[MATRIX + 5 * i + j]
+            for k in range(j):
+                t -= w[MATRIX + 5 * i + k] * w[MATRIX + 5 * j + k]
+            w[MATRIX + 5 * i + j] = t * inverse
+
+
+@kernel
+def _solve(w: FloatArray, b: int) -> None:
+    for i in range(5):
+        t = w[b + i]
+        for k in range(i):
+            t -= w[MATRIX + 5 * i + k] * w[b + k]
+        w[b + i] = t * w[MATRIX + 6 * i]
+    for i in range(4, -1, -1):
+        t = w[b + i]
+        for k in range(i + 1, 5):
+            t -= w[MATRIX + 5 * k + i] * w[b + k]
+        w[b + i] = t * w[MATRIX + 6 * i]
+
+
+@kernel
+def _condensed_load(w: FloatArray) -> None:
+    for k in range(5):
+        total = 0.0
+        for s in range(NS):
+            total += w[MODES + k * NS + s] * w[LOAD + s]
+        w[CHANGE + k] = -total
+
+
+@kernel
+def _trial(w: FloatArray, H: FloatArray, V: FloatArray, state: FloatArray) -> None:
+    for k in range(5):
+        e = 0.0
+        for i in range(9):
+            e += V[k, i] * H[i]
+        w[TRIAL + k] = e - state[k]
+    volume = 0.0
+    for i in range(9):
+        volume += V[5, i] * H[i]
+    w[VOLUME] = volume
+
+
+@kernel
+def update(
+    w: FloatArray,
+    H: FloatArray,
+    V: FloatArray,
+    p: FloatArray,
+    dt: float,
+    state0: FloatArray,
+    guess: FloatArray,
+    tolerance: float,
+    most: int,
+) -> int:
+    """Solve a step at one point; returns the iterations, negative if it did not converge.
+
+    H: displacement gradient ∂u/∂x·R (9); V: modes times R (6, 9); guess: S Δp (24).
+    """
+    mu0 = p[P_C11] - p[P_C12]
+    mu1 = 2.0 * p[P_C44]
+    load_point(w, state0, p, guess)
+    _trial(w, H, V, state0)
+    count = 0
+    change = 1.0
+    while change > tolerance and count < most:
+        _stress(w, mu0, mu1)
+        _resolve(w, STRESS, TAU)
+        evaluate_systems(w, dt, p, True)
+        _condense(w, mu0, mu1)
+        _condensed_load(w)
+        _solve(w, CHANGE)
+        _resolve(w, CHANGE, D_TAU)
+        change = advance_slips(w, p)
+        count += 1
+    _stress(w, mu0, mu1)
+    _resolve(w, STRESS, TAU)
+    evaluate_systems(w, dt, p, False)
+    _condense(w, mu0, mu1)
+    return count if change <= tolerance else -count
+
+
+@kernel
+def store(
+    w: FloatArray,
+    V: FloatArray,
+    p: FloatArray,
+    state0: FloatArray,
+    state1: FloatArray,
+    slips: FloatArray,
+    P: FloatArray,
+) -> None:
+    """Stress σ·R (9) and the state at the end of the step."""
+    sigma_volume = (p[P_C11] + 2.0 * p[P_C12]) * w[VOLUME]
+    for i in range(9):
+        total = V[5, i] * sigma_volume
+        for k in range(5):
+            total += V[k, i] * w[STRESS + k]
+        P[i] = total
+    for k in range(5):
+        state1[k] = state0[k] + w[TRIAL + k] - w[ELASTIC + k]
+    for k in range(5, 9):
+        state1[k] = 0.0
+    store_slips(w, state1, slips)
+
+
+@kernel
+def tangent(w: FloatArray, V: FloatArray, p: FloatArray, C: FloatArray) -> None:
+    """Consistent tangent ∂P/∂H (9, 9)."""
+    for j in range(5):
+        for k in range(5):
+            w[RHS + k] = 1.0 if k == j else 0.0
+        _solve(w, RHS)
+        for k in range(5):
+            w[INVERSE + 5 * k + j] = w[RHS + k]
+    bulk = p[P_C11] + 2.0 * p[P_C12]
+    for i in range(9):
+        for k in range(5):
+            total = 0.0
+            for m in range(5):
+                total += w[INVERSE + 5 * k + m] * V[m, i]
+            w[RHS + k] = total
+        for j in range(i + 1):
+            total = bulk * V[5, i] * V[5, j]
+            for k in range(5):
+                total += w[RHS + k] * V[k, j]
+            C[i, j] = total
+            C[j, i] = total
+
+
+@kernel
+def derivative(
+    w: FloatArray,
+    H: FloatArray,
+    V: FloatArray,
+    p: FloatArray,
+    dt: float,
+    dH: FloatArray,
+    dV: FloatArray,
+    dp: FloatArray,
+    dstate0: FloatArray,
+    dP: FloatArray,
+    dstate1: FloatArray,
+) -> None:
+    """Directional derivative of stress and state of the step that is in the workspace."""
+    mu0 = p[P_C11] - p[P_C12]
+    mu1 = 2.0 * p[P_C44]
+    dmu0 = dp[P_C11] - dp[P_C12]
+    dmu1 = 2.0 * dp[P_C44]
+    for k in range(5):
+        de = 0.0
+        for i in range(9):
+            de += V[k, i] * dH[i] + dV[k, i] * H[i]
+        w[TRIAL + k] = de  # the trial modes are not needed any more
+        w[RHS + k] = (mu0 if k < 2 else mu1) * (de - dstate0[k]) + (
+            dmu0 if k < 2 else dmu1
+        ) * w[ELASTIC + k]
+    _resolve(w, RHS, EXPLICIT)
+    for s in range(NS):
+        w[EXPLICIT + s] *= w[SIGN + s]
+    explicit_derivative(w, dt, p, dp, dstate0)
+    derivative_load(w)
+    _condensed_load(w)
+    _solve(w, CHANGE)
+    _resolve(w, CHANGE, D_TAU)
+    finish_derivative(w, p, dp, dstate0, dstate1)
+    bulk = p[P_C11] + 2.0 * p[P_C12]
+    dbulk = dp[P_C11] + 2.0 * dp[P_C12]
+    dvolume = 0.0
+    for i in range(9):
+        dvolume += V[5, i] * dH[i] + dV[5, i] * H[i]
+    dsigma_volume = bulk * dvolume + dbulk * w[VOLUME]
+    for k in range(5):
+        mu = mu0 if k < 2 else mu1
+        dmu = dmu0 if k < 2 else dmu1
+        dsigma = w[RHS + k] + w[CHANGE + k]
+        dstate1[k] = w[TRIAL + k] - (dsigma - dmu * w[ELASTIC + k]) / mu
+        w[RHS + k] = dsigma
+    for k in range(5, 9):
+        dstate1[k] = 0.0
+    for i in range(9):
+        total = V[5, i] * dsigma_volume + dV[5, i] * bulk * w[VOLUME]
+        for k in range(5):
+            total += V[k, i] * w[RHS + k] + dV[k, i] * w[STRESS + k]
+        dP[i] = total

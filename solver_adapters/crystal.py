@@ -1,0 +1,76 @@
+"""The 24 slip systems of a BCC crystal, and Bunge angles."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+N_SYSTEMS = 24
+N_110 = 12
+
+# Order of Code_Aster's BCC24: twelve {110}<111>, then twelve {112}<111>.
+_NORMALS_DIRECTIONS = (
+    ((0, 1, 1), (1, 1, -1)),
+    ((1, 0, 1), (1, 1, -1)),
+    ((1, -1, 0), (1, 1, -1)),
+    ((0, 1, -1), (1, -1, -1)),
+    ((1, 0, 1), (1, -1, -1)),
+    ((1, 1, 0), (1, -1, -1)),
+    ((0, 1, 1), (1, -1, 1)),
+    ((1, 0, -1), (1, -1, 1)),
+    ((1, 1, 0), (1, -1, 1)),
+    ((0, 1, -1), (1, 1, 1)),
+    ((1, 0, -1), (1, 1, 1)),
+    ((1, -1, 0), (1, 1, 1)),
+    ((2, -1, 1), (1, 1, -1)),
+    ((1, -2, -1), (1, 1, -1)),
+    ((1, 1, 2), (1, 1, -1)),
+    ((2, 1, 1), (1, -1, -1)),
+    ((1, 2, -1), (1, -1, -1)),
+    ((1, -1, 2), (1, -1, -1)),
+    ((2, 1, -1), (1, -1, 1)),
+    ((1, 2, 1), (1, -1, 1)),
+    ((1, -1, -2), (1, -1, 1)),
+    ((2, -1, -1), (1, 1, 1)),
+    ((1, -2, 1), (1, 1, 1)),
+    ((1, 1, -2), (1, 1, 1)),
+)
+
+
+def slip_systems() -> tuple[FloatArray, FloatArray]:
+    """Unit slip directions m and plane normals n in crystal axes, each of shape (24, 3)."""
+    table = np.array(_NORMALS_DIRECTIONS, dtype=np.float64)
+    unit = table / np.linalg.norm(table, axis=2, keepdims=True)
+    return unit[:, 1], unit[:, 0]
+
+
+def schmid_tensors() -> FloatArray:
+    """m ⊗ n of each system in crystal axes, shape (24, 3, 3)."""
+    directions, normals = slip_systems()
+    return np.einsum("si,sj->sij", directions, normals)
+
+
+def rotation_vector_matrix(vector: FloatArray) -> FloatArray:
+    """Rotation matrix of a rotation vector [rad], shape (3,) → (3, 3) (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(
+        np.eye(3)
+        + np.sinc(angle / np.pi) * cross
+        + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * cross @ cross
+    )
+
+
+def bunge_matrix(phi1: float, capital_phi: float, phi2: float) -> FloatArray:
+    """Crystal → sample rotation Rz(φ1)·Rx(Φ)·Rz(φ2) of Bunge angles in degrees, shape (3, 3).
+
+    The columns are the crystal axes in the sample frame.
+    """
+    a, b, c = np.deg2rad([phi1, capital_phi, phi2])
+    first = rotation_vector_matrix(np.array([0.0, 0.0, a]))
+    second = rotation_vector_matrix(np.array([b, 0.0, 0.0]))
+    third = rotation_vector_matrix(np.array([0.0, 0.0, c]))
+    return first @ second @ third

@@ -1,0 +1,162 @@
+"""The words that driver and solvers share: Simulation in, Response out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshes.prism_mesh import PrismMesh
+from solver_adapters.material import Material
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+
+class SolverError(Exception):
+    """A simulation that cannot be carried to its end; the message says where and what helps."""
+
+
+class UnsupportedError(SolverError):
+    """A parameter, option or direction that this adapter cannot honour."""
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """A tangent in the space of simulations, along which the response is differentiated.
+
+    Attributes:
+        name: label of the direction, unique in a simulation.
+        material: derivative of each named field of `Material`.
+        rotation: derivative of the rotation vector of each grain [rad], specimen frame
+            (the crystal turns by R ← exp(rotation) R), shape (n_grains, 3), or None.
+        motion: derivative of the prescribed motion [µm], shape of `Simulation.motion`, or None.
+        points: derivative of the node coordinates [µm], shape (n_nodes, 3), or None.
+    """
+
+    name: str
+    material: Mapping[str, float] = field(default_factory=dict)
+    rotation: FloatArray | None = None
+    motion: FloatArray | None = None
+    points: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """Everything that a solver needs, as one value.
+
+    Attributes:
+        mesh: the specimen, µm.
+        material: constants of the law, MPa and s.
+        orientations: crystal → specimen rotation of each grain (columns are the crystal axes
+            in the specimen frame), shape (n_grains, 3, 3).
+        times: instants of the loading history [s], increasing, shape (n_times,); motion is
+            linear between them.
+        motion_nodes: nodes whose motion is prescribed, shape (n_moved,).
+        motion_mask: which components of them are prescribed, shape (n_moved, 3).
+        motion: their displacement [µm] (ignored where the mask is false),
+            shape (n_times, n_moved, 3).
+        output: indices into `times` at which results are wanted, shape (n_output,).
+        output_nodes: nodes whose displacement is wanted, shape (n_output_nodes,).
+        directions: tangents for which derivatives are wanted.
+        steps_per_interval: smallest number of time steps between two instants.
+        tolerance: largest ratio of the residual to the reaction at convergence.
+    """
+
+    mesh: PrismMesh
+    material: Material
+    orientations: FloatArray
+    times: FloatArray
+    motion_nodes: IntArray
+    motion_mask: BoolArray
+    motion: FloatArray
+    output: IntArray
+    output_nodes: IntArray
+    directions: tuple[Direction, ...] = ()
+    steps_per_interval: int = 1
+    tolerance: float = 1e-7
+
+
+@dataclass(frozen=True)
+class Progress:
+    """State of a running simulation: time reached and end [s], steps, Newton iterations, cuts."""
+
+    time: float
+    end: float
+    steps: int
+    iterations: int
+    cuts: int
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """What a solver answers.
+
+    Attributes:
+        displacement: [µm], shape (n_output, n_output_nodes, 3).
+        force: force along Y on the face S_PLUS [µN], shape (n_output,).
+        d_displacement: derivative of the displacement along each direction,
+            shape (n_directions, n_output, n_output_nodes, 3).
+        d_force: derivative of the force, shape (n_directions, n_output).
+        steps: time steps taken.
+        iterations: Newton iterations in all.
+        cuts: steps that had to be cut.
+        seconds: wall-clock time by component [s].
+    """
+
+    displacement: FloatArray
+    force: FloatArray
+    d_displacement: FloatArray
+    d_force: FloatArray
+    steps: int = 0
+    iterations: int = 0
+    cuts: int = 0
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Capabilities:
+    """What an adapter can honour.
+
+    Attributes:
+        material: names of the material parameters that may leave their null value.
+        strain_measures: the strain measures on offer.
+        derivatives: whether directions are answered.
+    """
+
+    material: frozenset[str]
+    strain_measures: frozenset[str]
+    derivatives: bool
+
+
+class Adapter(Protocol):
+    """A solver that prismid can call."""
+
+    name: str
+
+    def capabilities(self) -> Capabilities:
+        """What this solver can honour."""
+        ...
+
+    def version(self) -> str:
+        """Identity of the solver, part of the job key."""
+        ...
+
+    def solve(
+        self,
+        simulation: Simulation,
+        workspace: Path | None = None,
+        progress: Callable[[Progress], None] | None = None,
+    ) -> Response:
+        """Run the simulation.
+
+        Raises:
+            UnsupportedError: the simulation asks for what this solver cannot honour.
+            SolverError: the run could not be finished.
+        """
+        ...

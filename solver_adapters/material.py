@@ -1,0 +1,54 @@
+"""Parameters of the crystal law (METHOD.md §2 and §8), each with its unit and its null value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Literal
+
+StrainMeasure = Literal["small", "finite"]
+
+
+@dataclass(frozen=True)
+class Material:
+    """Constants of the Méric–Cailletaud law; the extensions stand at their null values.
+
+    The critical resolved shear stress of system s in grain g at accumulated slip p_s is
+    ``tau0 * (tau0_112 if s is a {112} system) * (tau0_grain2 if g is the second grain)
+    + Q * (1 - exp(-b * p_s))``.
+
+    Attributes:
+        C11, C12, C44: cubic elastic constants [MPa].
+        K: viscous stress [MPa·s^(1/n)].
+        n: rate exponent [-].
+        tau0: initial critical resolved shear stress [MPa].
+        c: kinematic modulus [MPa].
+        d: recall of the back stress [-].
+        Q: saturated isotropic hardening [MPa], null 0.
+        b: rate of the isotropic hardening [-], used only where Q is not 0.
+        tau0_112: ratio of tau0 on {112}⟨111⟩ to {110}⟨111⟩ [-], null 1.
+        tau0_grain2: ratio of tau0 in the second grain to the first [-], null 1.
+        elastic_scale: factor on all elastic constants [-], null 1.
+        C44_scale: factor on C44 alone [-], null 1.
+        strain_measure: "small" or "finite".
+    """
+
+    C11: float = 233.5e3
+    C12: float = 135.5e3
+    C44: float = 118e3
+    K: float = 12.0
+    n: float = 10.0
+    tau0: float = 40.0
+    c: float = 40e3
+    d: float = 1500.0
+    Q: float = 0.0
+    b: float = 30.0
+    tau0_112: float = 1.0
+    tau0_grain2: float = 1.0
+    elastic_scale: float = 1.0
+    C44_scale: float = 1.0
+    strain_measure: StrainMeasure = "finite"
+
+
+MATERIAL_PARAMETERS: tuple[str, ...] = tuple(
+    field.name for field in fields(Material) if field.name != "strain_measure"
+)

@@ -1,0 +1,123 @@
+from __future__ import annotations
+
+import ast
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from meshes import system_libraries
+from meshes.gmsh_library import load_gmsh
+from meshes.system_libraries import (
+    ADMINISTRATOR_COMMAND,
+    PACKAGES,
+    SystemLibraryError,
+    missing_libraries,
+    preload,
+    private_folder,
+    provide,
+)
+
+SCRIPT = Path(system_libraries.__file__)
+C_LIBRARY = {"libc.so", "libm.so", "libdl.so", "librt.so", "libpthread.so"}
+linux_only = pytest.mark.skipif(sys.platform != "linux", reason="the other wheels bring their own")
+
+
+def needed_by(path: str, folder: Path) -> dict[str, str]:
+    """Name and place of each library that the loader maps for the file at `path`."""
+    listing = subprocess.run(
+        ["ldd", path], capture_output=True, text=True, env={"LD_LIBRARY_PATH": str(folder)}
+    ).stdout
+    pairs = (line.split() for line in listing.splitlines() if "=>" in line)
+    return {words[0]: words[2] for words in pairs}
+
+
+@linux_only
+def test_every_library_that_gmsh_maps_has_its_package_and_stands_after_what_it_needs() -> None:
+    gmsh = load_gmsh()
+    mapped = needed_by(gmsh.libpath, private_folder())
+    ours = {name: at for name, at in mapped.items() if name.rpartition(".")[0] not in C_LIBRARY}
+    assert set(ours) == set(PACKAGES)
+    order = list(PACKAGES)
+    for name, at in ours.items():
+        for needed in set(needed_by(at, private_folder())) & set(PACKAGES):
+            assert order.index(needed) < order.index(name)
+
+
+def test_load_gmsh_gives_a_module_that_meshes() -> None:
+    gmsh = load_gmsh()
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.occ.addBox(0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
+        gmsh.model.occ.synchronize()
+        gmsh.model.mesh.generate(3)
+        assert gmsh.model.mesh.getNodes()[0].size >= 8
+    finally:
+        gmsh.finalize()
+
+
+def test_a_library_that_gmsh_lacks_is_named_with_the_remedy(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(_: str) -> None:
+        raise OSError("libGLU.so.1: cannot open shared object file: No such file or directory")
+
+    monkeypatch.setattr("meshes.gmsh_library.importlib.import_module", fail)
+    with pytest.raises(SystemLibraryError, match=r"library libGLU\.so\.1, .*apt-get install"):
+        load_gmsh()
+
+
+@linux_only
+def test_without_apt_the_missing_libraries_and_the_administrators_command_are_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setitem(PACKAGES, "libprismid-absent.so.7", ("libprismid-absent7",))
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    with pytest.raises(SystemLibraryError) as caught:
+        provide(tmp_path)
+    assert "library libprismid-absent.so.7," in str(caught.value)
+    assert ADMINISTRATOR_COMMAND in str(caught.value)
+
+
+@linux_only
+def test_a_library_unpacked_without_root_is_found_by_its_name(tmp_path: Path) -> None:
+    name = "libprismid-private.so.1"
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("needs a C compiler to make a library of our own")
+    source = tmp_path / "empty.c"
+    source.write_text("int prismid_private(void) { return 7; }\n")
+    command = [compiler, "-shared", "-fPIC", f"-Wl,-soname,{name}", str(source)]
+    subprocess.run([*command, "-o", str(tmp_path / name)], check=True)
+    PACKAGES[name] = ("libprismid-private1",)
+    try:
+        assert name in missing_libraries()
+        preload(tmp_path)
+        assert name not in missing_libraries()
+    finally:
+        del PACKAGES[name]
+
+
+def test_the_set_up_script_imports_the_standard_library_only() -> None:
+    tree = ast.parse(SCRIPT.read_text(encoding="utf-8"))
+    imported = {
+        name.split(".")[0]
+        for node in ast.walk(tree)
+        for name in (
+            [alias.name for alias in node.names]
+            if isinstance(node, ast.Import)
+            else [node.module or ""]
+            if isinstance(node, ast.ImportFrom)
+            else []
+        )
+    }
+    assert "ctypes" in imported
+    assert imported <= sys.stdlib_module_names
+
+
+def test_the_set_up_script_is_silent_where_nothing_is_missing() -> None:
+    finished = subprocess.run([sys.executable, "-I", SCRIPT], capture_output=True, text=True)
+    assert (finished.returncode, finished.stdout, finished.stderr) == (0, "", "")
