@@ -65,8 +65,8 @@ def read_med(path: Path) -> PrismMesh:
         the mesh, every Jacobian positive.
 
     Raises:
-        ValueError: the file is no MED mesh, lacks groups, has other cells than tet10, a cell in
-            no grain or in two, or inverted cells.
+        ValueError: the file is no MED mesh, lacks groups, has other cells than tet10, inverted
+            ones, a cell in no grain or in two, or a node in no cell.
         FileNotFoundError: there is no such file.
     """
     file = _open(path)
@@ -84,6 +84,9 @@ def read_med(path: Path) -> PrismMesh:
     inverted = inverted_cells(points, cells)
     if len(inverted):
         raise ValueError(f"{path}: {len(inverted)} of {len(cells)} cells have a Jacobian ≤ 0")
+    loose = len(points) - len(np.unique(cells))
+    if loose:
+        raise ValueError(f"{path}: {loose} of {len(points)} nodes belong to no cell")
     all_faces = _connectivity(file, _FACES, mc.NORM_TRI6)
     faces = {name: all_faces[_members(file, _FACES, name)] for name in FACE_GROUPS}
     return PrismMesh(points, cells, _grains(path, file), faces, node_groups(points, faces))
@@ -172,7 +175,7 @@ def _members(file: Any, level: int, name: str) -> IntArray:
 
 
 def _grains(path: Path, file: Any) -> IntArray:
-    """Index of the grain of each cell, from the groups GRAIN1, GRAIN2, …"""
+    """Index of the grain of each cell, from its group GRAIN1, GRAIN2, …, shape (n_cells,)."""
     n_cells = file.getMeshAtLevel(_CELLS).getNumberOfCells()
     names = [name for name in _groups(file, _CELLS) if name.startswith("GRAIN")]
     counted = np.zeros(n_cells, dtype=np.int64)

@@ -158,7 +158,7 @@ def _tet10_by_gmsh(geometry: PrismGeometry, size: float) -> tuple[FloatArray, In
             "Mesh.ElementOrder": 2,
             # Improve most cells, not only slivers; gmsh's other optimiser (Netgen) would double
             # the number of cells and leave worse ones.
-            "Mesh.OptimizeThreshold": 0.9,
+            "Mesh.OptimizeThreshold": 0.6,
         }.items():
             gmsh.option.setNumber(option, value)
         _build(gmsh, geometry)
@@ -205,7 +205,8 @@ def _boundary_square(geometry: PrismGeometry) -> FloatArray:
     second = np.cross(normal, first)
     reach = 2 * float(np.linalg.norm(corners - centre, axis=1).max())
     signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    return origin + reach * (signs @ np.array([first, second]))
+    square: FloatArray = origin + reach * (signs @ np.array([first, second]))
+    return square
 
 
 def _tet10(gmsh: ModuleType) -> tuple[FloatArray, IntArray]:

@@ -73,16 +73,21 @@ def boundary_bow(mesh: PrismMesh, geometry: PrismGeometry) -> FloatArray:
     return _boundary_motion(mesh, geometry, 1 - (2 * mesh.points[:, 0] / geometry.width) ** 2)
 
 
-def depth_scale(mesh: PrismMesh) -> FloatArray:
+def depth_scale(mesh: PrismMesh, geometry: PrismGeometry) -> FloatArray:
     """Velocity of a relative change of depth, Z → Z (1 + δ).
+
+    A grain boundary is stretched along with the rest of the section.
 
     Args:
         mesh: the prism.
+        geometry: not needed here; every field of this module is called the same way.
 
     Returns:
         velocity (0, 0, Z) [µm per unit], shape (n_nodes, 3).
     """
-    return mesh.points * np.array([0.0, 0.0, 1.0])
+    velocity = np.zeros_like(mesh.points)
+    velocity[:, 2] = mesh.points[:, 2]
+    return velocity
 
 
 def apex_shift(mesh: PrismMesh, geometry: PrismGeometry) -> FloatArray:
@@ -123,9 +128,7 @@ def moved(mesh: PrismMesh, displacement: FloatArray) -> PrismMesh:
     return replace(mesh, points=points)
 
 
-def _boundary_motion(
-    mesh: PrismMesh, geometry: PrismGeometry, profile: FloatArray
-) -> FloatArray:
+def _boundary_motion(mesh: PrismMesh, geometry: PrismGeometry, profile: FloatArray) -> FloatArray:
     """Motion along Y by `profile` (n_nodes,) on the boundary, linear in Y to zero at the ends."""
     y = mesh.points[:, 1]
     height = _boundary_height(geometry, mesh.points)

@@ -47,9 +47,10 @@ def slip_systems() -> tuple[FloatArray, FloatArray]:
 
 
 def schmid_tensors() -> FloatArray:
-    """m ⊗ n of each system in crystal axes, shape (24, 3, 3)."""
+    """Schmid tensor m ⊗ n of each system in crystal axes, shape (24, 3, 3)."""
     directions, normals = slip_systems()
-    return np.einsum("si,sj->sij", directions, normals)
+    tensors: FloatArray = np.einsum("si,sj->sij", directions, normals)
+    return tensors
 
 
 def rotation_vector_matrix(vector: FloatArray) -> FloatArray:

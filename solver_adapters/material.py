@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Literal
 
+from solver_adapters.parameter import Parameter
+
 StrainMeasure = Literal["small", "finite"]
 
 
@@ -52,3 +54,19 @@ class Material:
 MATERIAL_PARAMETERS: tuple[str, ...] = tuple(
     field.name for field in fields(Material) if field.name != "strain_measure"
 )
+
+
+MATERIAL_DECLARATIONS: tuple[Parameter, ...] = (
+    Parameter("tau0", "MPa", 40.0, 1.0, 0.1, 2000.0, True),
+    Parameter("c", "MPa", 40e3, 1.0, 1.0, 1e7, True),
+    Parameter("d", "", 1500.0, 1.0, 1.0, 1e6, True),
+    Parameter("K", "MPa·s^(1/n)", 12.0, 0.3, 0.1, 1e3, True),
+    Parameter("n", "", 10.0, 0.3, 1.5, 60.0, True),
+    Parameter("Q", "MPa", 0.0, 10.0, 0.0, 2000.0),
+    Parameter("b", "", 30.0, 0.47, 1.0, 3000.0, True),
+    Parameter("tau0_112", "", 1.0, 0.10, 0.3, 3.0, True),
+    Parameter("tau0_grain2", "", 1.0, 0.10, 0.3, 3.0, True),
+    Parameter("elastic_scale", "", 1.0, 0.05, 0.3, 3.0, True),
+    Parameter("C44_scale", "", 1.0, 0.10, 0.5, 2.0, True),
+)
+"""The parameters of the law that can be identified or tried as a cause, with prior scales."""

@@ -18,7 +18,9 @@ _N = 30
 
 
 @batch_kernel
-def displacement_gradients(u, cells, gradients, H):  # type: ignore[no-untyped-def]
+def displacement_gradients(
+    u: FloatArray, cells: IntArray, gradients: FloatArray, H: FloatArray
+) -> None:
     """H[4e+q, 3i+j] = Σ_a u[a, i] G[e, q, a, j]; u (n_nodes, 3), H (n_points, 9)."""
     for e in prange(cells.shape[0]):
         for q in range(4):
@@ -31,8 +33,10 @@ def displacement_gradients(u, cells, gradients, H):  # type: ignore[no-untyped-d
 
 
 @batch_kernel
-def direction_gradients(du, cells, gradients, dH):  # type: ignore[no-untyped-def]
-    """Adds to dH[4e+q, k, 3i+j] the gradient of du (n_nodes, 3, k)."""
+def direction_gradients(
+    du: FloatArray, cells: IntArray, gradients: FloatArray, dH: FloatArray
+) -> None:
+    """Add to dH[4e+q, k, 3i+j] the gradient of du (n_nodes, 3, k)."""
     for e in prange(cells.shape[0]):
         for q in range(4):
             for a in range(10):
@@ -45,7 +49,9 @@ def direction_gradients(du, cells, gradients, dH):  # type: ignore[no-untyped-de
 
 
 @batch_kernel
-def element_forces(P, gradients, weights, forces):  # type: ignore[no-untyped-def]
+def element_forces(
+    P: FloatArray, gradients: FloatArray, weights: FloatArray, forces: FloatArray
+) -> None:
     """forces[e, 3a+i] = Σ_q w P[i, :]·G[a, :]."""
     for e in prange(weights.shape[0]):
         for a in range(10):
@@ -53,14 +59,14 @@ def element_forces(P, gradients, weights, forces):  # type: ignore[no-untyped-de
                 total = 0.0
                 for q in range(4):
                     for j in range(3):
-                        total += (
-                            weights[e, q] * P[4 * e + q, 3 * i + j] * gradients[e, q, a, j]
-                        )
+                        total += weights[e, q] * P[4 * e + q, 3 * i + j] * gradients[e, q, a, j]
                 forces[e, 3 * a + i] = total
 
 
 @batch_kernel
-def direction_forces(dP, gradients, weights, forces):  # type: ignore[no-untyped-def]
+def direction_forces(
+    dP: FloatArray, gradients: FloatArray, weights: FloatArray, forces: FloatArray
+) -> None:
     """forces[e, 3a+i, k] = Σ_q w dP[k, i, :]·G[a, :]."""
     for e in prange(weights.shape[0]):
         for a in range(10):
@@ -70,15 +76,15 @@ def direction_forces(dP, gradients, weights, forces):  # type: ignore[no-untyped
                     for q in range(4):
                         for j in range(3):
                             total += (
-                                weights[e, q]
-                                * dP[4 * e + q, k, 3 * i + j]
-                                * gradients[e, q, a, j]
+                                weights[e, q] * dP[4 * e + q, k, 3 * i + j] * gradients[e, q, a, j]
                             )
                     forces[e, 3 * a + i, k] = total
 
 
 @batch_kernel
-def element_stiffness(C, gradients, weights, K):  # type: ignore[no-untyped-def]
+def element_stiffness(
+    C: FloatArray, gradients: FloatArray, weights: FloatArray, K: FloatArray
+) -> None:
     """Lower triangle of each element stiffness, K (n_cells, 465)."""
     for e in prange(weights.shape[0]):
         half = np.empty((30, 9))
@@ -139,7 +145,8 @@ class Pattern:
 
     def node_sum(self, element_vectors: FloatArray, n_nodes: int) -> FloatArray:
         """Sum element vectors (n_cells, 30) into a vector of all degrees of freedom."""
-        return np.bincount(self.dofs.ravel(), element_vectors.ravel(), minlength=3 * n_nodes)
+        summed = np.bincount(self.dofs.ravel(), element_vectors.ravel(), minlength=3 * n_nodes)
+        return np.asarray(summed, dtype=np.float64)
 
     def node_sums(self, element_vectors: FloatArray, n_nodes: int) -> FloatArray:
         """Sum element vectors (n_cells, 30, k) into (3·n_nodes, k)."""
@@ -159,9 +166,7 @@ def stiffness_pattern(cells: IntArray, prescribed: BoolArray) -> Pattern:
     rows, columns = np.tril_indices(_N)
     first, second = number[dofs[:, rows]], number[dofs[:, columns]]
     inside = (first >= 0) & (second >= 0)
-    key = np.where(
-        inside, np.minimum(first, second) * free.size + np.maximum(first, second), -1
-    )
+    key = np.where(inside, np.minimum(first, second) * free.size + np.maximum(first, second), -1)
     unique, inverse = np.unique(key.ravel(), return_inverse=True)
     skipped = int(unique[0] == -1)
     unique = unique[skipped:]

@@ -28,7 +28,8 @@ def _cache_folder() -> Path:
     return root / "prismid" / f"kernels-{_sources_hash()}"
 
 
-numba.config.CACHE_DIR = str(_cache_folder())
+_config: Any = numba.config
+_config.CACHE_DIR = str(_cache_folder())
 
 
 def kernel(function: Any) -> Any:
@@ -38,6 +39,6 @@ def kernel(function: Any) -> Any:
 
 def batch_kernel(function: Any) -> Any:
     """Compile a loop over Gauss points or elements that Numba spreads over threads."""
-    return numba.njit(
-        cache=True, error_model="numpy", fastmath=_FAST, nogil=True, parallel=True
-    )(function)
+    return numba.njit(cache=True, error_model="numpy", fastmath=_FAST, nogil=True, parallel=True)(
+        function
+    )

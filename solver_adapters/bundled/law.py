@@ -53,11 +53,17 @@ STRAIN_MODES = np.array(
     ]
 )
 
-# Schmid tensors, component first: (9, 24); and their deviatoric modes: (5, 24).
-SCHMID = np.ascontiguousarray(schmid_tensors().reshape(NS, 9).T)
-SCHMID_MODES = np.ascontiguousarray(
-    np.einsum("kij,sij->ks", STRAIN_MODES[:5], schmid_tensors())
+_SPIN_MODES = _R2 * np.array(
+    [
+        [[0, 0, 0], [0, 0, 1], [0, -1, 0]],
+        [[0, 0, 1], [0, 0, 0], [-1, 0, 0]],
+        [[0, 1, 0], [-1, 0, 0], [0, 0, 0]],
+    ]
 )
+# Orthonormal tensors without trace: five strains, three spins.
+SLIP_MODES = np.concatenate([STRAIN_MODES[:5], _SPIN_MODES])
+# Schmid tensors in these modes, mode first, shape (8, 24); small strain needs the first five.
+SCHMID_MODES = np.ascontiguousarray(np.einsum("kij,sij->ks", SLIP_MODES, schmid_tensors()))
 
 
 def local_parameters(material: Material, n_grains: int) -> FloatArray:

@@ -61,7 +61,6 @@ class SymmetricSolver:
         self._matrix = spmatrix(1.0, rows, matrix(columns), (self._n, self._n))
         self._cholesky = cholmod.symbolic(self._matrix)
         self._backsolve: Callable[[FloatArray], FloatArray] | None = None
-        self._fell_back = False
         self.fallbacks = 0
 
     def factor(self, values: FloatArray) -> None:
@@ -94,14 +93,13 @@ class SymmetricSolver:
             self._fall_back()
         else:
             self._backsolve = self._cholesky_backsolve
-            self._fell_back = False
 
     def solve(self, rhs: FloatArray) -> FloatArray:
         """Solve A x = rhs with the values of the last `factor`.
 
         The residual of each column is compared with its right-hand side. A residual above
         `RESIDUAL` is met by iterative refinement, then by SuperLU, then by the error. (Rounding
-        alone leaves about 1e-18 times the condition number: 1e-10 asks for less than some 1e7.)
+        alone leaves about 5e-18 times the condition number: 1e-10 asks for less than some 1e7.)
 
         Args:
             rhs: right-hand sides, shape (n,) or (n, m).
@@ -124,7 +122,7 @@ class SymmetricSolver:
             raise LinearSolverError("the right-hand side has a value that is not finite")
         columns = rhs.reshape(self._n, 1) if rhs.ndim == 1 else rhs
         solution, error = self._refined(columns, self._backsolve)
-        if not error <= RESIDUAL and not self._fell_back:
+        if not error <= RESIDUAL and self._backsolve == self._cholesky_backsolve:
             solution, error = self._refined(columns, self._fall_back())
         if not error <= RESIDUAL:
             raise LinearSolverError(
@@ -177,7 +175,7 @@ class SymmetricSolver:
         if self._singular(np.abs(factors.U.diagonal())):
             raise LinearSolverError(f"singular matrix of {self._n} unknowns")
         backsolve: Callable[[FloatArray], FloatArray] = factors.solve
-        self._backsolve, self._fell_back = backsolve, True
+        self._backsolve = backsolve
         return backsolve
 
     def _singular(self, pivots: FloatArray) -> bool:

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from solver_adapters.bundled import finite_strain, small_strain
 from solver_adapters.bundled.compilation import batch_kernel
 from solver_adapters.bundled.law import (
-    N_LOCAL,
     N_STATE,
     NS,
-    SCHMID,
     SCHMID_MODES,
     STRAIN_MODES,
 )
@@ -35,7 +33,21 @@ _finite_prepare, _FINITE_SIZE = finite_strain.prepare, finite_strain.WORKSPACE
 
 
 @batch_kernel
-def _update_small(grain, frame, local, H, state0, guess, dt, state1, slips, P, C, count, table):  # type: ignore[no-untyped-def]
+def _update_small(
+    grain: IntArray,
+    frame: FloatArray,
+    local: FloatArray,
+    H: FloatArray,
+    state0: FloatArray,
+    guess: FloatArray,
+    dt: float,
+    state1: FloatArray,
+    slips: FloatArray,
+    P: FloatArray,
+    C: FloatArray,
+    count: IntArray,
+    table: FloatArray,
+) -> None:
     n = H.shape[0]
     for chunk in prange(_CHUNKS):
         w = np.zeros(_SMALL_SIZE)
@@ -51,26 +63,59 @@ def _update_small(grain, frame, local, H, state0, guess, dt, state1, slips, P, C
 
 
 @batch_kernel
-def _update_finite(grain, frame, local, H, state0, guess, dt, state1, slips, P, C, count, table):  # type: ignore[no-untyped-def]
+def _update_finite(
+    grain: IntArray,
+    frame: FloatArray,
+    local: FloatArray,
+    H: FloatArray,
+    state0: FloatArray,
+    guess: FloatArray,
+    dt: float,
+    state1: FloatArray,
+    slips: FloatArray,
+    P: FloatArray,
+    C: FloatArray,
+    count: IntArray,
+    table: FloatArray,
+) -> None:
     n = H.shape[0]
     for chunk in prange(_CHUNKS):
         w = np.zeros(_FINITE_SIZE)
         _finite_prepare(w, table)
-        zero = np.zeros(N_LOCAL)
         for i in range(chunk * n // _CHUNKS, (chunk + 1) * n // _CHUNKS):
             p = local[grain[i]]
             count[i] = _finite_update(
-                w, H[i], frame[grain[i]], p, dt, state0[i], guess[i], SLIP_TOLERANCE,
+                w,
+                H[i],
+                frame[grain[i]],
+                p,
+                dt,
+                state0[i],
+                guess[i],
+                SLIP_TOLERANCE,
                 MOST_ITERATIONS,
             )
             _finite_store(w, state1[i], slips[i], P[i])
-            _finite_tangent(w, zero, p, C[i])
+            _finite_tangent(w, p, C[i])
 
 
 @batch_kernel
-def _derive_small(  # type: ignore[no-untyped-def]
-    grain, frame, local, H, state0, slips, dt, dH, dframe, dlocal, dstate0, dP, dstate1, table
-):
+def _derive_small(
+    grain: IntArray,
+    frame: FloatArray,
+    local: FloatArray,
+    H: FloatArray,
+    state0: FloatArray,
+    slips: FloatArray,
+    dt: float,
+    dH: FloatArray,
+    dframe: FloatArray,
+    dlocal: FloatArray,
+    dstate0: FloatArray,
+    dP: FloatArray,
+    dstate1: FloatArray,
+    table: FloatArray,
+) -> None:
     n = H.shape[0]
     for chunk in prange(_CHUNKS):
         w = np.zeros(_SMALL_SIZE)
@@ -80,15 +125,37 @@ def _derive_small(  # type: ignore[no-untyped-def]
             _small_update(w, H[i], frame[g], local[g], dt, state0[i], slips[i], 0.0, 0)
             for k in range(dH.shape[1]):
                 _small_derivative(
-                    w, H[i], frame[g], local[g], dt, dH[i, k], dframe[g, k], dlocal[g, k],
-                    dstate0[i, k], dP[i, k], dstate1[i, k],
+                    w,
+                    H[i],
+                    frame[g],
+                    local[g],
+                    dt,
+                    dH[i, k],
+                    dframe[g, k],
+                    dlocal[g, k],
+                    dstate0[i, k],
+                    dP[i, k],
+                    dstate1[i, k],
                 )
 
 
 @batch_kernel
-def _derive_finite(  # type: ignore[no-untyped-def]
-    grain, frame, local, H, state0, slips, dt, dH, dframe, dlocal, dstate0, dP, dstate1, table
-):
+def _derive_finite(
+    grain: IntArray,
+    frame: FloatArray,
+    local: FloatArray,
+    H: FloatArray,
+    state0: FloatArray,
+    slips: FloatArray,
+    dt: float,
+    dH: FloatArray,
+    dframe: FloatArray,
+    dlocal: FloatArray,
+    dstate0: FloatArray,
+    dP: FloatArray,
+    dstate1: FloatArray,
+    table: FloatArray,
+) -> None:
     n = H.shape[0]
     for chunk in prange(_CHUNKS):
         w = np.zeros(_FINITE_SIZE)
@@ -98,8 +165,15 @@ def _derive_finite(  # type: ignore[no-untyped-def]
             _finite_update(w, H[i], frame[g], local[g], dt, state0[i], slips[i], 0.0, 0)
             for k in range(dH.shape[1]):
                 _finite_derivative(
-                    w, local[g], dt, dH[i, k], dframe[g, k], dlocal[g, k],
-                    dstate0[i, k], dP[i, k], dstate1[i, k],
+                    w,
+                    local[g],
+                    dt,
+                    dH[i, k],
+                    dframe[g, k],
+                    dlocal[g, k],
+                    dstate0[i, k],
+                    dP[i, k],
+                    dstate1[i, k],
                 )
 
 
@@ -153,8 +227,19 @@ class Points:
         C, count = np.empty((n, 9, 9)), np.empty(n, dtype=np.int64)
         run = _update_finite if self.strain_measure == "finite" else _update_small
         run(
-            self.grain, self.frame(self.rotation), self.local, H, state0, guess, dt,
-            state1, slips, P, C, count, self._table(),
+            self.grain,
+            self.frame(self.rotation),
+            self.local,
+            H,
+            state0,
+            guess,
+            dt,
+            state1,
+            slips,
+            P,
+            C,
+            count,
+            SCHMID_MODES,
         )
         return state1, slips, P, C, count
 
@@ -172,7 +257,9 @@ class Points:
         """Derivatives of a solved step along k directions.
 
         Args:
-            H, state0, dt: as in `update`.
+            H: as in `update`.
+            state0: as in `update`.
+            dt: as in `update`.
             slips: converged slips of the step, (n_points, 24).
             dH: derivative of H, (n_points, k, 9).
             drotation: derivative of the rotations, (n_grains, k, 3, 3).
@@ -185,10 +272,19 @@ class Points:
         dP, dstate1 = np.empty(dH.shape), np.empty(dstate0.shape)
         run = _derive_finite if self.strain_measure == "finite" else _derive_small
         run(
-            self.grain, self.frame(self.rotation), self.local, H, state0, slips, dt,
-            dH, self.frame(drotation), dlocal, dstate0, dP, dstate1, self._table(),
+            self.grain,
+            self.frame(self.rotation),
+            self.local,
+            H,
+            state0,
+            slips,
+            dt,
+            dH,
+            self.frame(drotation),
+            dlocal,
+            dstate0,
+            dP,
+            dstate1,
+            SCHMID_MODES,
         )
         return dP, dstate1
-
-    def _table(self) -> FloatArray:
-        return SCHMID if self.strain_measure == "finite" else SCHMID_MODES

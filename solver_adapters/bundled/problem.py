@@ -67,7 +67,7 @@ class Tangents:
     @property
     def count(self) -> int:
         """Number of directions."""
-        return self.local.shape[1]
+        return int(self.local.shape[1])
 
 
 def build_problem(simulation: Simulation) -> Problem:

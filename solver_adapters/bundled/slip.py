@@ -42,7 +42,7 @@ RESIDUAL = 9 * NS
 XHAT = 10 * NS  # S_s x_s at the end of the step
 VISCOUS = 11 * NS  # K (Δp/Δt)^(1/n)
 D_TAU = 12 * NS  # change of τ
-LOAD = 13 * NS  # S w f, right-hand side of the condensed system
+LOAD = 13 * NS  # right-hand side of the condensed system
 EXPLICIT = 14 * NS  # derivative of the residual at fixed Δp
 D_SLIP = 15 * NS  # derivative of Δp
 N_SLIP_ROWS = 16 * NS
@@ -100,16 +100,20 @@ def evaluate_systems(w: FloatArray, dt: float, p: FloatArray, activate: bool) ->
         slip = max(g if moving else dt * power, 1e-30)
         q = 1.0 / (1.0 + d * slip)
         xhat = (sign * x0 + slip) * q
-        stiffness = (
-            K * n_inverse * v / slip + c * (1.0 - d * sign * x0) * q * q + w[SLOPE + s]
-        )
+        stiffness = K * n_inverse * v / slip + c * (1.0 - d * sign * x0) * q * q + w[SLOPE + s]
         w[WEIGHT + s] = 1.0 / stiffness if active else 0.0
         w[RESIDUAL + s] = (sign * tau - c * xhat - resistance - K * v) if active else 0.0
         w[SIGN + s] = sign
         w[SLIP + s] = slip if active else 0.0
         w[XHAT + s] = xhat if active else sign * x0
         w[VISCOUS + s] = K * v
-        w[LOAD + s] = sign * w[WEIGHT + s] * w[RESIDUAL + s]
+
+
+@kernel
+def newton_load(w: FloatArray) -> None:
+    """Right-hand side of the condensed system for a Newton step: LOAD = S w f."""
+    for s in range(NS):
+        w[LOAD + s] = w[SIGN + s] * w[WEIGHT + s] * w[RESIDUAL + s]
 
 
 @kernel
@@ -125,7 +129,8 @@ def advance_slips(w: FloatArray, p: FloatArray) -> float:
     for s in range(NS):
         g = w[SLIP + s]
         step = w[WEIGHT + s] * (w[RESIDUAL + s] + w[SIGN + s] * w[D_TAU + s])
-        change = max(change, abs(max(step, -g)))
+        size = abs(max(step, -g))
+        change = size if size > change else change
         shrink = max(1.0 + step / max(g, 1e-30) * n_inverse, 0.1)
         lowered = g * fast_exp(n * fast_log(min(shrink, 1.0)))
         new = lowered if step < 0.0 else g + step
@@ -183,9 +188,7 @@ def finish_derivative(
         w[D_SLIP + s] = slip
         dx0 = dstate0[S_X + s]
         growth = (1.0 - d * sign * w[X0 + s]) * q * q
-        dstate1[S_X + s] = (
-            dx0 * q - sign * w[XHAT + s] * g * q * dp[P_D] + sign * growth * slip
-        )
+        dstate1[S_X + s] = dx0 * q - sign * w[XHAT + s] * g * q * dp[P_D] + sign * growth * slip
         dstate1[S_ACC + s] = dstate0[S_ACC + s] + slip
 
 

@@ -8,8 +8,6 @@ Steps of an update (modes: the orthonormal tensors in which cubic elasticity is 
 5. consistent tangent (1/μ + Σ w P Pᵀ)⁻¹ in the same modes.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +28,7 @@ from solver_adapters.bundled.slip import (
     explicit_derivative,
     finish_derivative,
     load_point,
+    newton_load,
     store_slips,
 )
 
@@ -40,11 +39,11 @@ TRIAL = MODES + 5 * NS  # e*, 5
 ELASTIC = TRIAL + 5  # elastic strain modes, 5
 STRESS = ELASTIC + 5  # stress modes, 5
 RHS = STRESS + 5  # 5
-MATRIX = RHS + 5  # Cholesky factor with inverse pivots, 5 × 5
-CHANGE = MATRIX + 25  # 5
+INVERSE = RHS + 5  # (1/μ + Σ w P Pᵀ)⁻¹, 5 × 5
+CHANGE = INVERSE + 25  # 5
 VOLUME = CHANGE + 5  # trace mode of the strain, 1
-INVERSE = VOLUME + 1  # 5 × 5
-WORKSPACE = INVERSE + 25
+BALANCE = VOLUME + 1  # 5
+WORKSPACE = BALANCE + 5
 
 
 @kernel
@@ -83,46 +82,42 @@ def _resolve(w: FloatArray, source: int, target: int) -> None:
 @kernel
 def _condense(w: FloatArray, mu0: float, mu1: float) -> None:
     for i in range(5):
-        for j in range(i + 1):
+        for s in range(NS):
+            w[LOAD + s] = w[MODES + i * NS + s] * w[WEIGHT + s]
+        for j in range(5):
             total = 0.0
             for s in range(NS):
-                total += w[MODES + i * NS + s] * w[MODES + j * NS + s] * w[WEIGHT + s]
-            w[MATRIX + 5 * i + j] = total
-        w[MATRIX + 6 * i] += 1.0 / (mu0 if i < 2 else mu1)
-    for j in range(5):
-        pivot = w[MATRIX + 6 * j]
-        for k in range(j):
-            pivot -= w[MATRIX + 5 * j + k] ** 2
-        inverse = 1.0 / math.sqrt(pivot)
-        w[MATRIX + 6 * j] = inverse
-        for i in range(j + 1, 5):
-            t = w[MATRIX + 5 * i + j]
-            for k in range(j):
-                t -= w[MATRIX + 5 * i + k] * w[MATRIX + 5 * j + k]
-            w[MATRIX + 5 * i + j] = t * inverse
+                total += w[LOAD + s] * w[MODES + j * NS + s]
+            w[INVERSE + 5 * i + j] = total
+        w[INVERSE + 6 * i] += 1.0 / (mu0 if i < 2 else mu1)
+    # Gauss–Jordan; a symmetric positive definite matrix needs no pivoting.
+    for k in range(5):
+        inverse = 1.0 / w[INVERSE + 6 * k]
+        w[INVERSE + 6 * k] = 1.0
+        for j in range(5):
+            w[INVERSE + 5 * k + j] *= inverse
+        for i in range(5):
+            if i != k:
+                ratio = w[INVERSE + 5 * i + k]
+                w[INVERSE + 5 * i + k] = 0.0
+                for j in range(5):
+                    w[INVERSE + 5 * i + j] -= ratio * w[INVERSE + 5 * k + j]
 
 
 @kernel
-def _solve(w: FloatArray, b: int) -> None:
-    for i in range(5):
-        t = w[b + i]
-        for k in range(i):
-            t -= w[MATRIX + 5 * i + k] * w[b + k]
-        w[b + i] = t * w[MATRIX + 6 * i]
-    for i in range(4, -1, -1):
-        t = w[b + i]
-        for k in range(i + 1, 5):
-            t -= w[MATRIX + 5 * k + i] * w[b + k]
-        w[b + i] = t * w[MATRIX + 6 * i]
-
-
-@kernel
-def _condensed_load(w: FloatArray) -> None:
+def _stress_change(w: FloatArray) -> None:
+    """CHANGE = −(1/μ + Σ w P Pᵀ)⁻¹ Σ LOAD P, D_TAU = P·CHANGE."""
     for k in range(5):
         total = 0.0
         for s in range(NS):
-            total += w[MODES + k * NS + s] * w[LOAD + s]
-        w[CHANGE + k] = -total
+            total -= w[MODES + k * NS + s] * w[LOAD + s]
+        w[BALANCE + k] = total
+    for k in range(5):
+        total = 0.0
+        for m in range(5):
+            total += w[INVERSE + 5 * k + m] * w[BALANCE + m]
+        w[CHANGE + k] = total
+    _resolve(w, CHANGE, D_TAU)
 
 
 @kernel
@@ -165,9 +160,8 @@ def update(
         _resolve(w, STRESS, TAU)
         evaluate_systems(w, dt, p, True)
         _condense(w, mu0, mu1)
-        _condensed_load(w)
-        _solve(w, CHANGE)
-        _resolve(w, CHANGE, D_TAU)
+        newton_load(w)
+        _stress_change(w)
         change = advance_slips(w, p)
         count += 1
     _stress(w, mu0, mu1)
@@ -204,12 +198,6 @@ def store(
 @kernel
 def tangent(w: FloatArray, V: FloatArray, p: FloatArray, C: FloatArray) -> None:
     """Consistent tangent ∂P/∂H (9, 9)."""
-    for j in range(5):
-        for k in range(5):
-            w[RHS + k] = 1.0 if k == j else 0.0
-        _solve(w, RHS)
-        for k in range(5):
-            w[INVERSE + 5 * k + j] = w[RHS + k]
     bulk = p[P_C11] + 2.0 * p[P_C12]
     for i in range(9):
         for k in range(5):
@@ -217,12 +205,11 @@ def tangent(w: FloatArray, V: FloatArray, p: FloatArray, C: FloatArray) -> None:
             for m in range(5):
                 total += w[INVERSE + 5 * k + m] * V[m, i]
             w[RHS + k] = total
-        for j in range(i + 1):
+        for j in range(9):
             total = bulk * V[5, i] * V[5, j]
             for k in range(5):
                 total += w[RHS + k] * V[k, j]
             C[i, j] = total
-            C[j, i] = total
 
 
 @kernel
@@ -249,17 +236,15 @@ def derivative(
         for i in range(9):
             de += V[k, i] * dH[i] + dV[k, i] * H[i]
         w[TRIAL + k] = de  # the trial modes are not needed any more
-        w[RHS + k] = (mu0 if k < 2 else mu1) * (de - dstate0[k]) + (
-            dmu0 if k < 2 else dmu1
-        ) * w[ELASTIC + k]
+        w[RHS + k] = (mu0 if k < 2 else mu1) * (de - dstate0[k]) + (dmu0 if k < 2 else dmu1) * w[
+            ELASTIC + k
+        ]
     _resolve(w, RHS, EXPLICIT)
     for s in range(NS):
         w[EXPLICIT + s] *= w[SIGN + s]
     explicit_derivative(w, dt, p, dp, dstate0)
     derivative_load(w)
-    _condensed_load(w)
-    _solve(w, CHANGE)
-    _resolve(w, CHANGE, D_TAU)
+    _stress_change(w)
     finish_derivative(w, p, dp, dstate0, dstate1)
     bulk = p[P_C11] + 2.0 * p[P_C12]
     dbulk = dp[P_C11] + 2.0 * dp[P_C12]

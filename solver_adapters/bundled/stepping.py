@@ -48,8 +48,16 @@ class Increment:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """State at an instant: displacement (n_nodes, 3), point states (n_points, 57), force [µN],
-    and their derivatives along k directions (n_nodes, 3, k), (n_points, k, 57), (k,).
+    """State at an instant, and its derivatives along k directions.
+
+    Attributes:
+        time: the instant [s].
+        u: displacement [µm], (n_nodes, 3).
+        state: states of the Gauss points, (n_points, 57).
+        force: force on the pulled face [µN].
+        du: derivative of the displacement, (n_nodes, 3, k).
+        dstate: derivative of the states, (n_points, k, 57).
+        dforce: derivative of the force, (k,).
     """
 
     time: float
@@ -214,7 +222,9 @@ class Stepper:
         self.statistics.clock("solution", clock)
         return solution
 
-    def _predict(self, frame: Frame, motion: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
+    def _predict(
+        self, frame: Frame, motion: FloatArray, dt: float
+    ) -> tuple[FloatArray, FloatArray]:
         """Start of a step: the last step of its kind scaled, or one tangent step."""
         p = self.problem
         moved = motion - frame.u.ravel()[p.prescribed]

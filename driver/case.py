@@ -1,0 +1,171 @@
+"""The case: one frozen model of `case.toml`, read and checked at the border."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
+
+from driver.case_errors import refusal, sentences
+from driver.case_tables import (
+    Boundary,
+    DiagnosisTable,
+    Dic,
+    Execution,
+    Grain,
+    HistoryTable,
+    Identification,
+    Images,
+    Loads,
+    MaterialTable,
+    Orientation,
+    Sections,
+    Solver,
+    Specimen,
+    Table,
+    Vector,
+)
+from driver.errors import InputError, sentence
+from templates import render
+
+FloatArray = NDArray[np.float64]
+
+
+class CaseError(InputError):
+    """A case file that cannot be used: one sentence a line, with file, key, found, expected."""
+
+
+class Case(Table):
+    """Everything that the user states about a specimen, its test and its analysis."""
+
+    specimen: Specimen = Specimen()
+    grains: tuple[Grain, ...] = Field(
+        min_length=1, max_length=2, description="one or two tables [[grains]]"
+    )
+    orientation: Orientation = Orientation()
+    material: MaterialTable = MaterialTable()
+    images: Images
+    history: HistoryTable = HistoryTable()
+    sections: Sections = Sections()
+    loads: Loads = Loads()
+    boundary: Boundary = Boundary()
+    solver: Solver = Solver()
+    identification: Identification = Identification()
+    diagnosis: DiagnosisTable = DiagnosisTable()
+    dic: Dic = Dic()
+    execution: Execution = Execution()
+
+    _folder: Path = PrivateAttr(default=Path())
+
+    def model_post_init(self, context: Any) -> None:
+        """Keep the folder of the case file, against which its paths are resolved."""
+        if context:
+            self._folder = context["folder"]
+
+    @model_validator(mode="after")
+    def _boundary_parts_the_grains(self) -> Self:
+        given = self.specimen.boundary_point_um is not None
+        if given != (len(self.grains) == 2):
+            raise refusal(
+                "two tables [[grains]], for specimen.boundary_point_um is given"
+                if given
+                else "one table [[grains]], or specimen.boundary_point_um and boundary_normal",
+                "grains",
+                f"{len(self.grains)} of them",
+            )
+        return self
+
+    def path(self, name: str) -> Path:
+        """A path of the case file, relative to the folder of the case."""
+        return self._folder / name
+
+    @property
+    def section(self) -> float:
+        """Section of the specimen that scales the force [µm²]."""
+        given = self.sections.specimen_um2
+        return given if given is not None else self.specimen.area
+
+    @property
+    def force_scale(self) -> float:
+        """Force at the specimen for a macroscopic newton [µN/N]: 2.31 for 4√3 µm² and 3 mm²."""
+        return self.section / self.sections.macroscopic_mm2
+
+    @property
+    def orientations(self) -> FloatArray:
+        """Crystal → specimen rotation of each grain, shape (n_grains, 3, 3).
+
+        Columns are the crystal axes in the specimen frame: Q · Rz(φ1) · Rx(Φ) · Rz(φ2), with Q
+        the rotation from the EBSD frame to the specimen frame.
+        """
+        return np.array(
+            [self.orientation.rotation @ bunge_matrix(grain.euler_deg) for grain in self.grains]
+        )
+
+
+def bunge_matrix(euler_deg: Vector) -> FloatArray:
+    """Crystal → sample rotation Rz(φ1) · Rx(Φ) · Rz(φ2) of Bunge angles [°], shape (3, 3).
+
+    Columns are the crystal axes in the sample frame (the transpose of Bunge's matrix g).
+    """
+    (c1, c, c2), (s1, s, s2) = np.cos(np.radians(euler_deg)), np.sin(np.radians(euler_deg))
+    about_z1 = np.array([[c1, -s1, 0.0], [s1, c1, 0.0], [0.0, 0.0, 1.0]])
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    about_z2 = np.array([[c2, -s2, 0.0], [s2, c2, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(about_z1 @ about_x @ about_z2, dtype=np.float64)
+
+
+def load_case(path: Path) -> Case:
+    """Read and validate a case file.
+
+    Raises:
+        CaseError: the file is absent or no TOML, or a key is unknown, absent or out of range.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise CaseError(
+            sentence(path, "file", "nothing", "a case file (`prismid init DIR` writes one)")
+        ) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise CaseError(sentence(path, "file", f"“{error}”", "a TOML file in UTF-8")) from None
+    try:
+        return Case.model_validate(data, context={"folder": path.parent})
+    except ValidationError as error:
+        raise CaseError(sentences(path, Case, data, error)) from None
+
+
+def case_text(case: Case) -> str:
+    """The commented case file of a case; reading it back gives an equal case."""
+    return render("case.toml.j2", **case.model_dump(mode="json"))
+
+
+def write_case(case: Case, path: Path) -> None:
+    """Write a case file; its editor schema is expected beside it as `case.schema.json`."""
+    path.write_text(case_text(case), encoding="utf-8")
+
+
+def default_case() -> Case:
+    """The case that `prismid init` writes: two grains, every other value at its default."""
+    return Case(
+        specimen=Specimen(boundary_point_um=(0.0, 6.0, 0.0), boundary_normal=(0.0, 1.0, 0.0)),
+        grains=(
+            Grain(name="grain 1", euler_deg=(0.0, 0.0, 0.0)),
+            Grain(name="grain 2", euler_deg=(30.0, 0.0, 0.0)),
+        ),
+        images=Images(frames="images.tif", flats="flats.tif", repeats="repeats.tif"),
+    )
+
+
+def schema() -> dict[str, Any]:
+    """JSON schema of the case file, for editors."""
+    return Case.model_json_schema()
+
+
+def schema_text() -> str:
+    """The JSON schema as a text."""
+    return json.dumps(schema(), indent=2, ensure_ascii=False) + "\n"

@@ -1,0 +1,355 @@
+"""The tables of the case file: units in the key names outside, µm, MPa, s, µN inside."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+from driver.case_errors import refusal
+from solver_adapters.material import MATERIAL_PARAMETERS, Material
+
+FloatArray = NDArray[np.float64]
+Number = Annotated[float, Field(strict=True)]
+Positive = Annotated[float, Field(strict=True, gt=0)]
+NonNegative = Annotated[float, Field(strict=True, ge=0)]
+Count = Annotated[int, Field(strict=True, ge=1)]
+Vector = tuple[Number, Number, Number]
+Axis = Literal["+X", "-X", "+Y", "-Y"]
+_AXES = {f"{sign}{name}": (1.0 if sign == "+" else -1.0) * np.eye(3)[axis]
+         for axis, name in enumerate("XYZ") for sign in "+-"}  # fmt: skip
+
+
+def _known_parameters(names: tuple[str, ...]) -> tuple[str, ...]:
+    for name in names:
+        if name not in MATERIAL_PARAMETERS:
+            raise refusal("one of " + ", ".join(MATERIAL_PARAMETERS), found=f'"{name}"')
+    if not names:
+        raise refusal("at least one name of a material parameter")
+    return names
+
+
+Parameters = Annotated[tuple[str, ...], AfterValidator(_known_parameters)]
+
+
+class Table(BaseModel):
+    """A frozen table of the case file that refuses unknown keys."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Specimen(Table):
+    """Geometry of the prism and of its grain boundary [µm], and the sizes of the two meshes."""
+
+    length_um: Positive = Field(default=12.0, description="length along Y")
+    width_um: Positive = Field(default=4.0, description="width of the measured face along X")
+    depth_um: Positive | None = Field(
+        default=None, description="depth along −Z, default width·√3/2"
+    )
+    mesh_size_um: Positive = Field(
+        default=1.6, description="edge of the elements of the working mesh"
+    )
+    fine_mesh_size_um: Positive = Field(
+        default=1.1, description="edge of the elements of the finer mesh"
+    )
+    boundary_point_um: Vector | None = Field(
+        default=None, description="a list of three numbers [X, Y, Z], a point of the grain boundary"
+    )
+    boundary_normal: Vector | None = Field(
+        default=None,
+        description="a list of three numbers, the normal that points into the second grain",
+    )
+
+    @property
+    def length(self) -> float:
+        """Length along Y [µm]."""
+        return self.length_um
+
+    @property
+    def width(self) -> float:
+        """Width along X [µm]."""
+        return self.width_um
+
+    @property
+    def mesh_size(self) -> float:
+        """Edge of the elements of the working mesh [µm]."""
+        return self.mesh_size_um
+
+    @property
+    def fine_mesh_size(self) -> float:
+        """Edge of the elements of the finer mesh [µm]."""
+        return self.fine_mesh_size_um
+
+    @property
+    def depth(self) -> float:
+        """Depth of the apex below the measured face [µm]."""
+        return self.depth_um if self.depth_um is not None else self.width_um * 3**0.5 / 2
+
+    @property
+    def area(self) -> float:
+        """Area of the triangular section [µm²]."""
+        return self.width * self.depth / 2
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.fine_mesh_size_um >= self.mesh_size_um:
+            raise refusal(f"a number < mesh_size_um = {self.mesh_size_um:g}", "fine_mesh_size_um")
+        if (self.boundary_point_um is None) != (self.boundary_normal is None):
+            absent = "boundary_point_um" if self.boundary_point_um is None else "boundary_normal"
+            raise refusal("a list of three numbers, as the other half of the boundary", absent)
+        if self.boundary_normal is not None and not any(self.boundary_normal):
+            raise refusal("a normal other than zero", "boundary_normal")
+        return self
+
+
+class Grain(Table):
+    """A grain and its measured orientation."""
+
+    name: str = Field(description="a text in quotes, the label of the grain")
+    euler_deg: Vector = Field(
+        description="a list of three numbers [φ1, Φ, φ2], Bunge, sample → crystal, in degrees"
+    )
+
+
+class Orientation(Table):
+    """The rotation from the EBSD frame to the specimen frame."""
+
+    ebsd_to_specimen: tuple[Vector, Vector, Vector] = Field(
+        default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+        description="three rows of three numbers, x_specimen = matrix · x_EBSD",
+    )
+
+    @property
+    def rotation(self) -> FloatArray:
+        """The proper rotation nearest to the given matrix (it may be rounded), shape (3, 3)."""
+        left, _, right = np.linalg.svd(np.array(self.ebsd_to_specimen))
+        return np.asarray(left @ right, dtype=np.float64)
+
+    @model_validator(mode="after")
+    def _proper(self) -> Self:
+        matrix = np.array(self.ebsd_to_specimen)
+        if np.abs(matrix @ matrix.T - np.eye(3)).max() > 1e-3:
+            raise refusal("a proper rotation: orthonormal rows (to 1e-3)", "ebsd_to_specimen")
+        if np.linalg.det(matrix) < 0:
+            raise refusal(
+                "a proper rotation of determinant +1; this one has −1 and mirrors the crystal",
+                "ebsd_to_specimen",
+            )
+        return self
+
+
+class MaterialTable(Table):
+    """Constants of the crystal law, `solver_adapters.material.Material` with units in the names."""
+
+    C11_GPa: Positive = Field(default=233.5, description="cubic elastic constant")
+    C12_GPa: Positive = Field(default=135.5, description="cubic elastic constant")
+    C44_GPa: Positive = Field(default=118.0, description="cubic elastic constant")
+    K: Positive = Field(default=12.0, description="viscous stress in MPa·s^(1/n)")
+    n: Positive = Field(default=10.0, description="rate exponent")
+    tau0_MPa: Positive = Field(default=40.0, description="critical resolved shear stress")
+    c_MPa: NonNegative = Field(default=40e3, description="kinematic modulus")
+    d: NonNegative = Field(default=1500.0, description="recall of the back stress")
+    Q_MPa: Number = Field(default=0.0, description="saturated isotropic hardening")
+    b: Positive = Field(default=30.0, description="rate of the isotropic hardening")
+    tau0_112: Positive = Field(default=1.0, description="ratio of tau0 on {112} to {110}")
+    tau0_grain2: Positive = Field(default=1.0, description="ratio of tau0 in grain 2 to grain 1")
+    elastic_scale: Positive = Field(default=1.0, description="factor on all elastic constants")
+    C44_scale: Positive = Field(default=1.0, description="factor on C44 alone")
+    strain_measure: Literal["small", "finite"] = Field(
+        default="finite", description="strain measure"
+    )
+
+    @model_validator(mode="after")
+    def _stable(self) -> Self:
+        if self.C11_GPa <= self.C12_GPa:
+            raise refusal(f"a number > C12_GPa = {self.C12_GPa:g} (a stable crystal)", "C11_GPa")
+        return self
+
+    def to_material(self) -> Material:
+        """The constants in MPa and s."""
+        return Material(
+            C11=self.C11_GPa * 1e3, C12=self.C12_GPa * 1e3, C44=self.C44_GPa * 1e3,
+            K=self.K, n=self.n, tau0=self.tau0_MPa, c=self.c_MPa, d=self.d, Q=self.Q_MPa,
+            b=self.b, tau0_112=self.tau0_112, tau0_grain2=self.tau0_grain2,
+            elastic_scale=self.elastic_scale, C44_scale=self.C44_scale,
+            strain_measure=self.strain_measure,
+        )  # fmt: skip
+
+
+class Images(Table):
+    """Where the height maps are, and how they lie on the specimen."""
+
+    frames: str = Field(description="a text in quotes, the stack, pattern or folder of the images")
+    flats: str | None = Field(default=None, description="images of a flat reference surface")
+    repeats: str | None = Field(default=None, description="repeated images before loading")
+    pixel_size_nm: Positive = Field(default=110.0, description="side of a pixel")
+    height_per_level_nm: Positive = Field(default=6.5, description="height of one digital level")
+    origin_pixel: tuple[Number, Number] = Field(
+        default=(35.5, 21.0),
+        description="a list of two numbers [row, column], the pixel of X = 0, Y = 0",
+    )
+    rows_along: Axis = Field(default="+X", description="specimen axis along which row numbers grow")
+    columns_along: Axis = Field(default="+Y", description="specimen axis along which columns grow")
+    heights: Literal["+Z", "-Z"] = Field(default="+Z", description="axis along which levels grow")
+    mask: str | None = Field(
+        default=None, description="an image that is 0 where pixels are not used"
+    )
+    noise_nm: Positive = Field(
+        default=9.0, description="nominal standard deviation of the height noise"
+    )
+
+    @property
+    def pixel_um(self) -> float:
+        """Side of a pixel [µm]."""
+        return self.pixel_size_nm * 1e-3
+
+    @property
+    def level_um(self) -> float:
+        """Height of one digital level [µm]."""
+        return self.height_per_level_nm * 1e-3
+
+    @property
+    def gamma_f(self) -> float:
+        """Nominal standard deviation of the height noise [µm]."""
+        return self.noise_nm * 1e-3
+
+    @model_validator(mode="after")
+    def _right_handed(self) -> Self:
+        rows, columns, heights = (
+            _AXES[axis] for axis in (self.rows_along, self.columns_along, self.heights)
+        )
+        if np.dot(np.cross(rows, columns), heights) <= 0:
+            raise refusal(
+                "a right-handed arrangement (rows × columns = heights, as +X, +Y, +Z); "
+                "a left-handed one mirrors the crystal",
+                "rows_along",
+                f"rows {self.rows_along}, columns {self.columns_along}, heights {self.heights}",
+            )
+        return self
+
+
+class HistoryTable(Table):
+    """Where the loading history is."""
+
+    file: str = Field(
+        default="history.csv",
+        description="a text in quotes, CSV of time_s, stage_um, image, force_N",
+    )
+
+
+class Sections(Table):
+    """The sections by which the macroscopic force is scaled to the specimen."""
+
+    macroscopic_mm2: Positive = Field(default=3.0, description="section of the macroscopic sample")
+    specimen_um2: Positive | None = Field(
+        default=None, description="section of the prism, default drawn"
+    )
+    relative_uncertainty: NonNegative = Field(
+        default=0.0, description="relative standard deviation of the ratio of the sections"
+    )
+
+
+class Loads(Table):
+    """Noise of the loads."""
+
+    noise_uN: Positive = Field(default=5.97, description="standard deviation at specimen scale")
+    autocorrelation: Annotated[float, Field(strict=True, ge=0, lt=1)] = Field(
+        default=0.0, description="correlation of the noise from one image to the next"
+    )
+
+    @property
+    def gamma_F(self) -> float:
+        """Standard deviation of the load at the specimen [µN]."""
+        return self.noise_uN
+
+
+class LambdaStart(Table):
+    """Starts of the apex amplitudes λ."""
+
+    plus_Y: Number = Field(default=1.0, description="apex of S+ along Y")
+    plus_Z: Number = Field(default=1.0, description="apex of S+ along Z")
+    minus_Y: Number = Field(default=1.0, description="apex of S− along Y")
+    minus_Z: Number = Field(default=1.0, description="apex of S− along Z")
+
+
+class Boundary(Table):
+    """Motion of the end faces."""
+
+    gauge: Literal["translation", "rigid"] = Field(
+        default="translation", description="what is removed"
+    )
+    U_X: Literal["held", "free"] = Field(
+        default="held", description="lateral motion of the end faces"
+    )
+    lambda_start: LambdaStart = LambdaStart()
+
+
+class Solver(Table):
+    """The solver and its time steps."""
+
+    name: str = Field(
+        default="bundled", description="a text in quotes, the name of a solver adapter"
+    )
+    steps_per_interval: Count = Field(
+        default=1, description="time steps between two rows of the history"
+    )
+    fine_steps_per_interval: Count = Field(
+        default=2, description="the same in the finer simulation"
+    )
+
+
+class Identification(Table):
+    """Unknowns of the identification and their priors."""
+
+    parameters: Parameters = Field(
+        default=("tau0", "c", "d"),
+        description="a list of names of material parameters",
+    )
+    prior_width: dict[str, Positive] = Field(
+        default_factory=dict,
+        description="standard deviation of the logarithm of a parameter, 1.0 where not given",
+    )
+    max_iterations: Count = Field(
+        default=12, description="largest number of Gauss–Newton iterations"
+    )
+
+    def width(self, parameter: str) -> float:
+        """Prior standard deviation of log(p/p0) [-]."""
+        return self.prior_width.get(parameter, 1.0)
+
+    @model_validator(mode="after")
+    def _widths_of_parameters(self) -> Self:
+        for name in self.prior_width:
+            if name not in self.parameters:
+                raise refusal(
+                    "one of " + ", ".join(self.parameters), "prior_width", f'the name "{name}"'
+                )
+        return self
+
+
+class DiagnosisTable(Table):
+    """Which causes are tried and how."""
+
+    causes: Literal["all"] | tuple[str, ...] = Field(
+        default="all", description='"all" or a list of names of causes'
+    )
+    held_out_cycle: Literal["last", "none"] | Count = Field(
+        default="last", description='"last", "none" or the number of a cycle'
+    )
+    refit: Count = Field(default=5, description="number of causes refitted nonlinearly")
+
+
+class Dic(Table):
+    """Element sizes of the digital image correlation."""
+
+    element_px: Count = Field(default=16, description="element of the in-plane motion, pixels")
+    height_element_px: Count = Field(default=8, description="element of the height change, pixels")
+
+
+class Execution(Table):
+    """Use of the machine."""
+
+    processes: Count = Field(default=2, description="simulations side by side")
+    threads: Count = Field(default=1, description="threads of each process")

@@ -1,0 +1,155 @@
+"""The command line: `prismid init`, `check`, `run`, `report`, `export`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from time import perf_counter
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from driver.case import CaseError, default_case, schema_text, write_case
+from driver.errors import InputError, sentence
+from driver.stages import write_whole
+from meshes.system_libraries import SystemLibraryError
+from solver_adapters.interface import SolverError
+
+_MARKS = {"ok": "ok     ", "warning": "WARNING", "error": "ERROR  "}
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+CaseArgument = Annotated[Path, typer.Argument(metavar="CASE", help="case.toml or its folder")]
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"prismid {version('prismid')}")
+        raise typer.Exit
+
+
+@app.callback()
+def main(
+    show_version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
+    ] = False,
+) -> None:
+    """Identify crystal plasticity from a micro-prism in tension, and name what the model lacks."""
+
+
+@app.command()
+def init(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="folder of the new case")],
+) -> None:
+    """Write a commented case.toml, and its schema for editors, into DIR."""
+    with _told_in_one_line():
+        path = folder / "case.toml"
+        if path.exists():
+            raise CaseError(sentence(path, "file", "a case", "none: it is not overwritten"))
+        folder.mkdir(parents=True, exist_ok=True)
+        write_case(default_case(), path)
+        write_whole(folder / "case.schema.json", schema_text())
+        typer.echo(f"{path} written: fill it in, then `prismid check {path}`")
+
+
+@app.command()
+def check(case: CaseArgument) -> None:
+    """Validate CASE, its files, solver and libraries; estimate the cost; draw the set-up."""
+    from driver.check import check as find
+
+    with _told_in_one_line():
+        findings = find(_case_file(case))
+        for finding in findings:
+            typer.echo(f"{_MARKS[finding.level]} {finding.subject}: {finding.message}")
+    if any(finding.level == "error" for finding in findings):
+        raise typer.Exit(1)
+
+
+@app.command()
+def run(
+    cases: Annotated[list[Path], typer.Argument(metavar="CASE...", help="cases or folders")],
+    until: Annotated[str | None, typer.Option(help="last stage to run")] = None,
+    force: Annotated[bool, typer.Option("--force", help="run finished stages again")] = False,
+) -> None:
+    """Run the stages of one CASE or many; what is done and unchanged is not done again."""
+    from driver import pipeline
+
+    failed = False
+    for case in cases:
+        # A bad case does not keep the next one from running.
+        try:
+            with _told_in_one_line(), _progress(case, alone=len(cases) == 1) as log:
+                pipeline.run(_case_file(case), until, force, log)
+        except typer.Exit:
+            failed = True
+    if failed:
+        raise typer.Exit(1)
+
+
+@app.command()
+def report(case: CaseArgument) -> None:
+    """Write the report page of CASE anew from its results."""
+    from driver import pipeline
+
+    with _told_in_one_line():
+        pipeline.report(_case_file(case))
+
+
+@app.command()
+def export(
+    case: CaseArgument,
+    to: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="folder, default results/export")
+    ] = None,
+) -> None:
+    """Write the results of CASE in the formats of other programs."""
+    from driver import pipeline
+
+    path = _case_file(case)
+    with _told_in_one_line():
+        pipeline.export(path, to if to is not None else path.parent / "results" / "export")
+
+
+def _case_file(case: Path) -> Path:
+    """The case file, where the folder of the case was given."""
+    return case / "case.toml" if case.is_dir() else case
+
+
+@contextmanager
+def _told_in_one_line() -> Iterator[None]:
+    """Turn what a user can mend into a line on standard error and the exit code 1."""
+    from driver.images.heightmaps import ImageError
+
+    try:
+        yield
+    except (InputError, ImageError, SolverError, SystemLibraryError, OSError) as error:
+        typer.echo(f"prismid: {error}", err=True)
+        raise typer.Exit(1) from None
+
+
+@contextmanager
+def _progress(case: Path, alone: bool) -> Iterator[Callable[[str], None]]:
+    """A log of lines; on a terminal with the running step and its time below them."""
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    start = perf_counter()
+    prefix = "" if alone else f"{case}: "
+    status = console.status("starting") if console.is_terminal else None
+
+    def log(line: str) -> None:
+        console.print(f"{perf_counter() - start:7.1f} s  {prefix}{line}")
+        if status is not None:
+            status.update(escape(prefix + line))
+
+    if status is None:
+        yield log
+    else:
+        with status:
+            yield log

@@ -1,0 +1,192 @@
+"""The library of causes: each names parameters of the general model and says a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+Category = Literal["material", "microstructure", "boundary", "instrument", "numerics"]
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A possible reason of a model error.
+
+    Attributes:
+        name: unique name.
+        category: which kind of people would mend it.
+        parameters: the parameters that leave their null, one or more.
+        companions: parameters that exist only under the alternative and are freed in the refit.
+        one_sided: whether the (single) parameter can only be above its null.
+        sentence: what a person would say.
+        check: the physical check that would confirm it.
+    """
+
+    name: str
+    category: Category
+    parameters: tuple[str, ...]
+    sentence: str
+    check: str
+    companions: tuple[str, ...] = ()
+    one_sided: bool = False
+
+
+def _axes(what: str) -> tuple[str, ...]:
+    return tuple(f"{what}_{axis}" for axis in "xyz")
+
+
+LIBRARY: tuple[Cause, ...] = (
+    Cause(
+        "isotropic_hardening", "material", ("Q",),
+        "the slip systems harden isotropically",
+        "a test with load reversals: isotropic hardening widens the elastic range",
+        companions=("b",), one_sided=True,
+    ),
+    Cause(
+        "family_112", "material", ("tau0_112",),
+        "the {112} systems have another critical resolved shear stress than the {110} systems",
+        "slip traces on the deformed face: which planes carry the steps",
+    ),
+    Cause(
+        "grain_contrast", "material", ("tau0_grain2",),
+        "the two grains have different critical resolved shear stresses",
+        "nano-indentation of both grains, or their chemistry (interstitials) by atom probe",
+    ),
+    Cause(
+        "rate_sensitivity", "material", ("n", "K"),
+        "the flow stress depends on the rate otherwise than assumed",
+        "a jump of the stage speed, or a longer hold, in the plastic range",
+    ),
+    Cause(
+        "elastic_stiffness", "material", ("elastic_scale",),
+        "the crystal is stiffer or softer than its elastic constants say",
+        "the slope of an unloading with the section measured beforehand",
+    ),
+    Cause(
+        "elastic_anisotropy", "material", ("C44_scale",),
+        "the elastic anisotropy is not that of the constants",
+        "the elastic slopes of specimens of two orientations",
+    ),
+    Cause(
+        "misorientation_grain1", "microstructure", _axes("rotation_grain1"),
+        "grain 1 is oriented otherwise than its EBSD says",
+        "EBSD of grain 1 anew, on the prism itself",
+    ),
+    Cause(
+        "misorientation_grain2", "microstructure", _axes("rotation_grain2"),
+        "grain 2 is oriented otherwise than its EBSD says",
+        "EBSD of grain 2 anew, on the prism itself",
+    ),
+    Cause(
+        "ebsd_frame", "microstructure", _axes("rotation_frame"),
+        "the EBSD frame is turned against the specimen",
+        "the angle between the EBSD map and the edges of the prism",
+    ),
+    Cause(
+        "boundary_position", "microstructure", ("boundary_shift",),
+        "the grain boundary lies elsewhere along the specimen",
+        "EBSD of the face and of both sides of the prism",
+    ),
+    Cause(
+        "boundary_tilt", "microstructure", ("boundary_tilt_x", "boundary_tilt_z"),
+        "the grain boundary is inclined otherwise",
+        "the trace of the boundary on the sides of the prism",
+    ),
+    Cause(
+        "boundary_bow", "microstructure", ("boundary_bow",),
+        "the grain boundary is curved",
+        "the trace of the boundary on the sides of the prism",
+    ),
+    Cause(
+        "section_depth", "microstructure", ("depth_scale",),
+        "the section is deeper or shallower than drawn",
+        "an image of the broken section, or of the end of the prism",
+    ),
+    Cause(
+        "apex_off_centre", "microstructure", ("apex_shift",),
+        "the apex line is not below the middle of the face",
+        "an image of the broken section, or of the end of the prism",
+    ),
+    Cause(
+        "apex_not_proportional", "boundary", ("apex_curvature",),
+        "the apex of the moving end does not follow its edge in proportion",
+        "images of the sides of the prism during loading",
+    ),
+    Cause(
+        "end_rotation", "boundary", ("end_rotation",),
+        "an end face turns in the plane of the images",
+        "the motion of the rim on both sides of the end",
+    ),
+    Cause(
+        "end_shear", "boundary", ("end_shear",),
+        "an end face moves sideways",
+        "the motion of the rim beyond the end",
+    ),
+    Cause(
+        "stretch_not_proportional", "boundary", ("stretch_curvature",),
+        "the elongation is not proportional to the stage travel within a loading phase",
+        "the elongation of each image by correlation of the rim",
+    ),
+    Cause(
+        "load_gain", "instrument", ("load_gain",),
+        "the load cell's gain or the section ratio is off",
+        "calibrate the load cell; measure both sections",
+    ),
+    Cause(
+        "load_offset", "instrument", ("load_offset",),
+        "the load has a constant offset",
+        "read the load before mounting and after failure",
+    ),
+    Cause(
+        "load_drift", "instrument", ("load_drift",),
+        "the load drifts with time",
+        "record the load of an unloaded cell for as long as the test",
+    ),
+    Cause(
+        "height_scale", "instrument", ("height_scale",),
+        "the heights are scaled wrongly",
+        "a step-height standard under the same optics",
+    ),
+    Cause(
+        "magnification_drift", "instrument", ("magnification_drift",),
+        "the magnification drifts with time",
+        "images of an unloaded surface over the same time",
+    ),
+    Cause(
+        "scan_distortion", "instrument", ("scan_shear_drift",),
+        "the field of the images is sheared more and more",
+        "images of an unloaded surface over the same time",
+    ),
+    Cause(
+        "tilt_drift", "instrument", ("tilt_drift",),
+        "the field of the images tilts across the specimen with time",
+        "images of an unloaded surface over the same time",
+    ),
+)  # fmt: skip
+
+NUMERICS = Cause(
+    "discretisation", "numerics", ("discretisation",),
+    "the mesh or the time steps of the simulation are too coarse",
+    "the same simulation on a finer mesh and with smaller steps",
+)  # fmt: skip
+"""Scored along the finer-minus-working difference; its parameter is the missing share of it."""
+
+
+def causes_of(known: Collection[str], fitted: Collection[str], wanted: Sequence[str] | None) -> (
+    tuple[Cause, ...]
+):
+    """The causes that this specimen can have and that are not fitted already.
+
+    Args:
+        known: parameters of the general model that this specimen has.
+        fitted: parameters that are fitted in the baseline.
+        wanted: names of the causes to try, None for all.
+    """
+    return tuple(
+        cause
+        for cause in LIBRARY
+        if set(cause.parameters) <= set(known)
+        and not set(cause.parameters) & set(fitted)
+        and (wanted is None or cause.name in wanted)
+    )

@@ -1,0 +1,1 @@
+"""Global digital image correlation of height maps."""

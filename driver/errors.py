@@ -1,0 +1,21 @@
+"""Bad input, told in one sentence: where, what was found, what was expected."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+
+class InputError(ValueError):
+    """An input that cannot be used; each line of the message is one sentence."""
+
+
+def show(value: object) -> str:
+    """A value as it would stand in a TOML file, cut to a length that fits a sentence."""
+    text = json.dumps(value, default=str, ensure_ascii=False)
+    return text if len(text) <= 80 else text[:77] + "…"
+
+
+def sentence(path: Path, place: str, found: str, expected: str) -> str:
+    """The one sentence about a bad input: file, key or row, what was found and expected."""
+    return f"{path}: {place}: found {found}, expected {expected}"

@@ -1,0 +1,80 @@
+"""What a run will cost: a coarse model of its time and memory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from driver.case import Case
+
+# Gauss points of a tet10, and its nodes per cell in a mesh of a few hundred cells.
+_POINTS_PER_CELL = 4
+_NODES_PER_CELL = 2.2
+# Seconds of one core for one integration of the crystal law at one Gauss point.
+_POINT_SECONDS = {"small": 2.3e-6, "finite": 5.5e-6}
+# Numeric factorisation: 39 ms at 7000 unknowns, growing with the power 1.5 (a long thin body).
+_FACTOR_SECONDS, _FACTOR_UNKNOWNS, _FACTOR_POWER = 0.039, 7000.0, 1.5
+# Newton iterations of a step; share of a step that one direction of differentiation adds.
+_ITERATIONS = 4
+_DIRECTION_SHARE = 0.05
+# Simulations of a run: Gauss–Newton iterations use this share of their limit, each refit of a
+# cause needs this many, and the finer mesh is run this often.
+_ITERATION_SHARE = 0.7
+_PER_REFIT = 6
+_FINE_RUNS = 3
+# Seconds of one core of the correlation for one pixel of one image, all iterations.
+_PIXEL_SECONDS = 8e-6
+# Libraries of one process [bytes]; copies of the images held at a time.
+_PROCESS_BYTES = 250e6
+_IMAGE_COPIES = 3
+# Directions of the boundary motion: 4 λ's and the knots of three cycles (6 for each of 4 motions).
+_BOUNDARY_DIRECTIONS = 4 + 4 * 6
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a run will cost.
+
+    Attributes:
+        seconds: wall-clock time of all stages [s], to a factor of two or so.
+        memory: largest resident memory of all processes together [bytes].
+        simulations: number of simulations on the working mesh.
+    """
+
+    seconds: float
+    memory: float
+    simulations: int
+
+
+def estimate(case: Case, n_cells: int, n_images: int, n_pixels: int = 0) -> Estimate:
+    """Time and memory of a run.
+
+    Args:
+        case: the case.
+        n_cells: tet10 cells of the working mesh.
+        n_images: images of the history, each after one move and one hold of the stage.
+        n_pixels: pixels of all stacks together.
+    """
+    directions = len(case.identification.parameters) + _BOUNDARY_DIRECTIONS
+    intervals = 2 * n_images
+    working = _simulation(case, n_cells, intervals * case.solver.steps_per_interval, directions)
+    finer = n_cells * (case.specimen.mesh_size / case.specimen.fine_mesh_size) ** 2
+    fine = _simulation(case, round(finer), intervals * case.solver.fine_steps_per_interval, 0)
+    fits = round(_ITERATION_SHARE * case.identification.max_iterations)
+    refits = case.diagnosis.refit * _PER_REFIT
+    # Only the refits are independent of each other and run side by side.
+    solving = working * (fits + refits / case.execution.processes) + _FINE_RUNS * fine
+    face = case.specimen.length * case.specimen.width / case.images.pixel_um**2
+    correlation = _PIXEL_SECONDS * face * n_images
+    nodes = finer * _NODES_PER_CELL
+    response = 8.0 * n_images * 3 * nodes * (directions + 1)
+    memory = case.execution.processes * (_PROCESS_BYTES + response) + _IMAGE_COPIES * 8.0 * n_pixels
+    return Estimate(solving + correlation, memory, fits + refits)
+
+
+def _simulation(case: Case, n_cells: int, steps: int, directions: int) -> float:
+    """Seconds of one simulation."""
+    points = n_cells * _POINTS_PER_CELL * _POINT_SECONDS[case.material.strain_measure]
+    unknowns = 3 * n_cells * _NODES_PER_CELL
+    factor: float = _FACTOR_SECONDS * (unknowns / _FACTOR_UNKNOWNS) ** _FACTOR_POWER
+    iteration = points / case.execution.threads + factor
+    return steps * (_ITERATIONS + _DIRECTION_SHARE * directions) * iteration

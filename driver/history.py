@@ -1,0 +1,191 @@
+"""The loading history: times, stage travel, images and loads, its cycles and its knots."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.errors import InputError, sentence
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+COLUMNS = ("time_s", "stage_um", "image", "force_N")
+# The stage has turned when it has gone back by this share of its whole range: less is play
+# or encoder noise.
+_REVERSAL = 0.02
+
+
+class HistoryError(InputError):
+    """A loading history that cannot be used: file, row, what was found, what was expected."""
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """What was done to the specimen, and when it was looked at.
+
+    Attributes:
+        time: instants [s], increasing, shape (n_rows,).
+        stage: stage travel [µm], shape (n_rows,).
+        image_row: row of each image, shape (n_images,).
+        force: macroscopic force at each image [N], shape (n_images,).
+        turning: rows at which the stage turns, each at the end of its hold, with the first and
+            the last row of the history, shape (n_knots,).
+        cycle: cycle of each image, a loading with the unloading after it, counted from 1,
+            shape (n_images,).
+    """
+
+    time: FloatArray
+    stage: FloatArray
+    image_row: IntArray
+    force: FloatArray
+    turning: IntArray
+    cycle: IntArray
+
+    @property
+    def n_images(self) -> int:
+        """Number of images."""
+        return self.image_row.size
+
+    @property
+    def n_knots(self) -> int:
+        """Number of turning points."""
+        return self.turning.size
+
+
+def read_history(path: Path) -> History:
+    """Read a history of columns time_s, stage_um, image, force_N.
+
+    Image and force stand only in the rows where an image was taken.
+
+    Raises:
+        HistoryError: the file is absent, a column is missing, a cell is no number, times do not
+            increase, images are not numbered 0, 1, 2, …, an image has no load, or the stage
+            never moves.
+    """
+    rows = _read_rows(path)
+    time = np.array([_number(path, row, "time_s") for row in rows])
+    stage = np.array([_number(path, row, "stage_um") for row in rows])
+    for index in range(1, len(rows)):
+        if time[index] <= time[index - 1]:
+            found, before = rows[index]["time_s"], rows[index - 1]["time_s"]
+            raise _error(path, rows[index], "time_s", found, f"more than the {before} s before it")
+    image_row: list[int] = []
+    force: list[float] = []
+    for index, row in enumerate(rows):
+        if not row["image"]:
+            continue
+        if row["image"] != str(len(image_row)):
+            raise _error(path, row, "image", row["image"],
+                         f"{len(image_row)}, for images are numbered 0, 1, 2, …")  # fmt: skip
+        if not row["force_N"]:
+            raise _error(path, row, "force_N", "nothing", f"the load of image {row['image']}")
+        image_row.append(index)
+        force.append(_number(path, row, "force_N"))
+    if len(image_row) < 2:
+        raise HistoryError(
+            sentence(path, "image", f"{len(image_row)} images", "image 0 and at least one more")
+        )
+    if np.ptp(stage) == 0:
+        raise HistoryError(
+            sentence(path, "stage_um", f"{stage[0]:g} in every row", "a stage that moves")
+        )
+    turning = turning_points(stage)
+    rows_of_images = np.array(image_row, dtype=np.int64)
+    return History(
+        time=time,
+        stage=stage,
+        image_row=rows_of_images,
+        force=np.array(force),
+        turning=turning,
+        cycle=_segment(turning, rows_of_images) // 2 + 1,
+    )
+
+
+def turning_points(stage: FloatArray) -> IntArray:
+    """Rows of the first point, of each reversal (the end of its hold) and of the last point.
+
+    Args:
+        stage: stage travel [µm], shape (n_rows,).
+    """
+    tolerance = _REVERSAL * np.ptp(stage)
+    turning, direction, best = [0], 0.0, 0
+    for row in range(1, stage.size):
+        if direction == 0.0:
+            if abs(stage[row] - stage[0]) > tolerance:
+                direction, best = math.copysign(1.0, stage[row] - stage[0]), row
+        elif direction * (stage[row] - stage[best]) >= 0:
+            best = row
+        elif direction * (stage[best] - stage[row]) > tolerance:
+            turning.append(best)
+            direction, best = -direction, row
+    turning.append(stage.size - 1)
+    return np.array(turning, dtype=np.int64)
+
+
+def knot_weights(history: History) -> FloatArray:
+    """Weights of the knots in each row: linear in stage travel between the turning points.
+
+    A motion that is piecewise linear in stage travel, and constant where the stage holds, is
+    ``weights @ knots``, with its values at the turning points as knots.
+
+    Returns:
+        Weights, each row summing to one, shape (n_rows, n_knots).
+    """
+    rows = np.arange(history.stage.size)
+    segment = _segment(history.turning, rows)
+    start = history.stage[history.turning[segment]]
+    end = history.stage[history.turning[segment + 1]]
+    share = np.clip((history.stage - start) / (end - start), 0.0, 1.0)
+    weights = np.zeros((rows.size, history.n_knots))
+    weights[rows, segment] = 1.0 - share
+    weights[rows, segment + 1] = share
+    return weights
+
+
+def _segment(turning: IntArray, rows: IntArray) -> IntArray:
+    """Between which turning points each row lies; a turning point ends its segment."""
+    return np.maximum(np.searchsorted(turning, rows, side="left") - 1, 0)
+
+
+def _read_rows(path: Path) -> list[dict[str, str]]:
+    """The rows with their line number under the key "line"."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.DictReader(file, skipinitialspace=True)
+            names = [name.strip() for name in reader.fieldnames or ()]
+            reader.fieldnames = names
+            missing = [name for name in COLUMNS if name not in names]
+            if missing:
+                found = ",".join(names) or "no columns"
+                raise HistoryError(sentence(path, "row 1", found, "the column " + missing[0]))
+            return [
+                {name: (row[name] or "").strip() for name in COLUMNS}
+                | {"line": str(reader.line_num)}
+                for row in reader
+            ]
+    except FileNotFoundError:
+        expected = "a CSV file of " + ", ".join(COLUMNS)
+        raise HistoryError(sentence(path, "file", "nothing", expected)) from None
+    except UnicodeDecodeError as error:
+        raise HistoryError(sentence(path, "file", f"“{error}”", "a text in UTF-8")) from None
+
+
+def _number(path: Path, row: dict[str, str], column: str) -> float:
+    text = row[column]
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise _error(path, row, column, f'"{text}"' if text else "nothing", "a number")
+    return value
+
+
+def _error(path: Path, row: dict[str, str], column: str, found: str, expected: str) -> HistoryError:
+    return HistoryError(sentence(path, f"row {row['line']}, {column}", found, expected))

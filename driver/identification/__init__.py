@@ -1,0 +1,1 @@
+"""Parameters from images and loads together (integrated digital image correlation)."""

@@ -1,0 +1,214 @@
+"""Images and loads as one whitened residual vector.
+
+Image part: with ρ = f + w − g(x + u) of a predicted motion, b_j = Σ_pixels (∇f·ψ_j) ρ tests the
+residual with the functions of the correlation mesh. Its noise covariance is σ² M, M_jk =
+Σ (∇f·ψ_j)(∇f·ψ_k), times (δ_tt' + 1/n) between frames, for all share the reference, a mean of n
+images. The stage re-centres between images: what a rigid motion explains is projected out.
+Load part: (F_measured − F_predicted)/γ_F, whitened for AR(1) noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from driver.dic.basis import Basis
+from driver.dic.surface_images import SurfaceImages
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+Gauge = Literal["translation", "rigid"]
+_SHIFT_ITERATIONS = 3
+# Modes of M this much weaker than the strongest carry no information.
+_WEAKEST_MODE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class ImageData:
+    """The image part of the residual.
+
+    Attributes:
+        images: the corrected series with its low-noise gradient.
+        test: ∇f·ψ_j at the pixels, shape (n_pix, n_functions).
+        rigid: motion of unit rigid motions at the pixels, shape (n_rigid, n_pix, 3).
+        whiten: what turns b into independent unit numbers, rigid motions projected out,
+            shape (n_z, n_functions).
+        operator: whitened effect of a motion of the surface nodes, shape (n_z, 3·n_surface).
+        noise_factor: estimated noise over the noise of the repeats.
+    """
+
+    images: SurfaceImages
+    test: sp.csr_array
+    rigid: FloatArray
+    whiten: FloatArray
+    operator: FloatArray
+    noise_factor: float = 1.0
+
+    @property
+    def n_z(self) -> int:
+        """Whitened numbers of one image."""
+        return self.whiten.shape[0]
+
+    def residual(
+        self, motion: FloatArray, index: IntArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Whitened residual of a predicted motion.
+
+        Args:
+            motion: u, v, w at the pixels [µm] of the frames in `index`, (T, n_pix, 3).
+            index: the frames, shape (T,).
+
+        Returns:
+            z (T, n_z) without the correlation in time; the rigid motion that each frame needed
+            (T, n_rigid) [µm]; ρ after it (T, n_pix) [µm].
+        """
+        slope = np.concatenate([self.images.gradient, -np.ones((len(self.images.xy), 1))], axis=1)
+        seen = np.einsum("rpc,pc->pr", self.rigid, slope)
+        inverse = np.linalg.inv(seen.T @ seen)
+        shift = np.zeros((len(index), len(self.rigid)))
+        for _ in range(_SHIFT_ITERATIONS):
+            moved = motion + np.einsum("tr,rpc->tpc", shift, self.rigid)
+            rho = self.images.residual(moved, index)
+            step = rho @ seen @ inverse
+            shift += step
+        rho = rho - step @ seen.T  # the last, small step to first order
+        z = (rho @ self.test) @ self.whiten.T / self.noise_factor
+        return np.asarray(z), shift, rho
+
+    def sensitivity(self, d_surface: FloatArray) -> FloatArray:
+        """Whitened effect of surface-node motions, (k, T, n, 3) → (k, T, n_z)."""
+        k, T, n, _ = d_surface.shape
+        return np.asarray(d_surface.reshape(k, T, 3 * n) @ self.operator.T) / self.noise_factor
+
+
+def build_image_data(
+    images: SurfaceImages,
+    basis_uv: Basis,
+    basis_w: Basis,
+    projection: sp.csr_array,
+    gauge: Gauge,
+) -> ImageData:
+    """Prepare test functions, whitening and the operator on surface-node motions.
+
+    Args:
+        images: the series, gradient refined.
+        basis_uv: functions of u and v at the pixels.
+        basis_w: functions of w at the pixels.
+        projection: surface nodes → pixels, shape (n_pix, n_surface).
+        gauge: "translation" removes the mean motion of each image, "rigid" rotations too.
+    """
+    fx, fy = images.gradient.T
+    test = sp.hstack(
+        [
+            sp.diags_array(fx) @ basis_uv.values,
+            sp.diags_array(fy) @ basis_uv.values,
+            -1.0 * basis_w.values,
+        ]
+    ).tocsr()
+    rigid = _rigid_motions(images.xy, gauge)
+    slope = np.concatenate([images.gradient, -np.ones((len(images.xy), 1))], axis=1)
+    matrix = (test.T @ test).toarray()
+    eigenvalue, vector = np.linalg.eigh(matrix)
+    kept = eigenvalue > _WEAKEST_MODE * eigenvalue[-1]
+    root = (vector[:, kept] / np.sqrt(eigenvalue[kept])).T / images.sigma
+    seen = root @ (test.T @ np.einsum("rpc,pc->pr", rigid, slope))
+    left = np.linalg.svd(seen, full_matrices=True)[0]
+    whiten = left[:, seen.shape[1] :].T @ root
+    effect = [
+        (test.T @ (sp.diags_array(slope[:, component]) @ projection)).toarray()
+        for component in range(3)
+    ]
+    surface = np.stack(effect, axis=2).reshape(test.shape[1], -1)
+    return ImageData(images, test, rigid, whiten, whiten @ surface)
+
+
+def _rigid_motions(xy: FloatArray, gauge: Gauge) -> FloatArray:
+    unit = np.broadcast_to(np.eye(3)[:, None, :], (3, len(xy), 3))
+    if gauge == "translation":
+        return np.array(unit)
+    x, y = (xy - xy.mean(axis=0)).T
+    turns = np.zeros((3, len(xy), 3))
+    turns[0, :, 0], turns[0, :, 1] = -y, x
+    turns[1, :, 2], turns[2, :, 2] = x, y
+    return np.concatenate([unit, turns])
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """All measurements of a case, or of some of its frames.
+
+    Attributes:
+        image: the image part.
+        load: measured loads [µN] of all frames, shape (T_all,).
+        load_noise: γ_F [µN].
+        autocorrelation: of the load noise from one image to the next.
+        index: the frames in use, shape (T,).
+        with_loads: whether the loads are part of the residual.
+    """
+
+    image: ImageData
+    load: FloatArray
+    load_noise: float
+    autocorrelation: float
+    index: IntArray
+    with_loads: bool = True
+
+    @property
+    def n_load(self) -> int:
+        """Numbers in the load part."""
+        return self.index.size if self.with_loads else 0
+
+    def images_alone(self) -> Data:
+        """The same frames without their loads."""
+        return replace(self, with_loads=False)
+
+    def frames(self, index: IntArray) -> Data:
+        """Some of the frames."""
+        return replace(self, index=index)
+
+    def residual(self, motion: FloatArray, load: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Whitened residual of a prediction for all frames.
+
+        Args:
+            motion: at the pixels [µm], shape (T_all, n_pix, 3).
+            load: predicted reading [µN], shape (T_all,).
+
+        Returns:
+            residual [loads | images] (n,), and ρ (T, n_pix) [µm].
+        """
+        z, _, rho = self.image.residual(motion[self.index], self.index)
+        parts = [self._whiten_images(z).ravel()]
+        if self.with_loads:
+            parts.insert(0, self._whiten_loads((self.load - load)[self.index]))
+        return np.concatenate(parts), rho
+
+    def sensitivity(self, d_surface: FloatArray, d_load: FloatArray) -> FloatArray:
+        """Whitened derivatives of the prediction, (k, T_all, n, 3) and (k, T_all) → (k, n)."""
+        z = self._whiten_images(self.image.sensitivity(d_surface[:, self.index]))
+        parts = [z.reshape(len(z), self.index.size * self.image.n_z)]
+        if self.with_loads:
+            parts.insert(0, self._whiten_loads(d_load[:, self.index]))
+        return np.concatenate(parts, axis=1)
+
+    def image_part(self, residual: FloatArray) -> FloatArray:
+        """The image part of a residual, shape (T, n_z)."""
+        return residual[self.n_load :].reshape(self.index.size, self.image.n_z)
+
+    def _whiten_images(self, z: FloatArray) -> FloatArray:
+        """(I + 11ᵀ/n)^(−1/2) over the frames, axis −2."""
+        T = self.index.size
+        shrink = 1.0 - 1.0 / np.sqrt(1.0 + T / self.image.images.n_reference)
+        return np.asarray(z - shrink * z.mean(axis=-2, keepdims=True))
+
+    def _whiten_loads(self, load: FloatArray) -> FloatArray:
+        white = load / self.load_noise
+        if self.autocorrelation:
+            a = self.autocorrelation
+            rest = (white[..., 1:] - a * white[..., :-1]) / np.sqrt(1 - a * a)
+            white = np.concatenate([white[..., :1], rest], axis=-1)
+        return np.asarray(white)

@@ -1,0 +1,318 @@
+"""Gauss–Newton on the whitened residual with a Gaussian prior (the Hessian of METHOD is JᵀJ + P).
+
+The variable of each parameter is θ (`Parameter.theta`): a logarithm or a scaled difference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.identification.data import Data
+from driver.model import ForwardModel, Prediction
+from solver_adapters.interface import SolverError
+from solver_adapters.parameter import Parameter
+
+FloatArray = NDArray[np.float64]
+
+DECREMENT = 0.1  # Newton decrement at convergence: a tenth of a standard deviation
+MOST_HALVINGS = 5
+LARGEST_STEP_LOG = 0.6
+LARGEST_STEP = 8.0  # prior scales
+Log = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """Finer minus working prediction, added to every working prediction (defect correction).
+
+    Attributes:
+        motion: at the pixels [µm], shape (T, n_pix, 3), or 0.
+        load: [µN], shape (T,), or 0.
+    """
+
+    motion: FloatArray | float = 0.0
+    load: FloatArray | float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Objective:
+    """What is minimised.
+
+    Attributes:
+        model: the forward model.
+        data: the measurements.
+        parameters: declarations by name.
+        prior: mean (value) and standard deviation (in θ) of the parameters that have a prior.
+        correction: finer minus working prediction.
+    """
+
+    model: ForwardModel
+    data: Data
+    parameters: Mapping[str, Parameter]
+    prior: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    correction: Correction = Correction()
+
+    def evaluate(self, values: Mapping[str, float], free: Sequence[str]) -> Evaluation:
+        """Simulate and compare.
+
+        Raises:
+            SolverError, ValueError: as `ForwardModel.predict`.
+        """
+        prediction = self.model.predict(values, free)
+        return self.compare(prediction, values, free)
+
+    def compare(
+        self, prediction: Prediction, values: Mapping[str, float], free: Sequence[str]
+    ) -> Evaluation:
+        """Residual and Jacobian of a prediction."""
+        motion = self.model.at_pixels(prediction.surface) + self.correction.motion
+        load = prediction.load + self.correction.load
+        residual, rho = self.data.residual(motion, load)
+        slopes = np.array([self.parameters[name].slope(values[name]) for name in free])
+        jacobian = self.data.sensitivity(prediction.d_surface, prediction.d_load)
+        jacobian *= slopes[:, None]
+        gap, weight = self._prior_at(values, free)
+        return Evaluation(
+            values=dict(values),
+            free=tuple(free),
+            residual=residual,
+            jacobian=jacobian,
+            prior_gap=gap,
+            prior_weight=weight,
+            n_load=self.data.n_load,
+            load=load,
+            motion=motion,
+            rho=rho,
+            prediction=prediction,
+        )
+
+    def restrict(self, evaluation: Evaluation, free: Sequence[str]) -> Evaluation:
+        """An evaluation as if only some of its parameters were free, with this prior."""
+        rows = [evaluation.free.index(name) for name in free]
+        gap, weight = self._prior_at(evaluation.values, free)
+        return replace(
+            evaluation,
+            free=tuple(free),
+            jacobian=evaluation.jacobian[rows],
+            prior_gap=gap,
+            prior_weight=weight,
+        )
+
+    def _prior_at(
+        self, values: Mapping[str, float], free: Sequence[str]
+    ) -> tuple[FloatArray, FloatArray]:
+        gap, weight = np.zeros(len(free)), np.zeros(len(free))
+        for i, name in enumerate(free):
+            if name in self.prior:
+                mean, width = self.prior[name]
+                gap[i] = self.parameters[name].theta(mean, values[name])
+                weight[i] = width**-2
+        return gap, weight
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A prediction held against the data, k free parameters, n whitened numbers.
+
+    Attributes:
+        values: every parameter.
+        free: names of the free ones.
+        residual: whitened, loads first, shape (n,).
+        jacobian: derivative of the whitened prediction with respect to θ, shape (k, n).
+        prior_gap: prior mean minus value in θ, shape (k,).
+        prior_weight: prior precision in θ, shape (k,).
+        n_load: numbers of the load part.
+        load: predicted readings [µN], corrected, shape (T_all,).
+        motion: predicted motion at the pixels [µm], corrected, shape (T_all, n_pix, 3).
+        rho: image residual of the frames in use [µm], shape (T, n_pix).
+        prediction: the prediction itself.
+    """
+
+    values: dict[str, float]
+    free: tuple[str, ...]
+    residual: FloatArray
+    jacobian: FloatArray
+    prior_gap: FloatArray
+    prior_weight: FloatArray
+    n_load: int
+    load: FloatArray
+    motion: FloatArray
+    rho: FloatArray
+    prediction: Prediction
+
+    @property
+    def misfit(self) -> float:
+        """‖r‖², the prior left out."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def cost(self) -> float:
+        """‖r‖² with the prior."""
+        return self.misfit + float(self.prior_weight @ self.prior_gap**2)
+
+    @property
+    def chi_load(self) -> float:
+        """χ_F: root mean square of the whitened load residual."""
+        return float(np.sqrt(np.mean(self.residual[: self.n_load] ** 2))) if self.n_load else 0.0
+
+    @property
+    def chi_image(self) -> float:
+        """Root mean square of the whitened image residual on the correlation basis."""
+        return float(np.sqrt(np.mean(self.residual[self.n_load :] ** 2)))
+
+    @property
+    def hessian(self) -> FloatArray:
+        """JᵀJ + prior, shape (k, k)."""
+        return np.asarray(self.jacobian @ self.jacobian.T + np.diag(self.prior_weight))
+
+    @property
+    def gradient(self) -> FloatArray:
+        """Downhill direction Jᵀr + prior, shape (k,)."""
+        return np.asarray(self.jacobian @ self.residual + self.prior_weight * self.prior_gap)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The end of a fit.
+
+    Attributes:
+        best: the evaluation at the optimum.
+        converged: whether the Newton decrement fell below a tenth.
+        reason: why the iteration ended.
+        history: values of the free parameters, cost and χ after each iteration.
+    """
+
+    best: Evaluation
+    converged: bool
+    reason: str
+    history: tuple[dict[str, float], ...]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Every parameter at the optimum."""
+        return self.best.values
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance H⁻¹ of θ, shape (k, k)."""
+        return np.linalg.inv(self.best.hessian)
+
+    def sigma(self, name: str, parameters: Mapping[str, Parameter]) -> float:
+        """Standard deviation of a value (to first order)."""
+        index = self.best.free.index(name)
+        slope = parameters[name].slope(self.values[name])
+        return float(np.sqrt(self.covariance[index, index]) * slope)
+
+
+def fit(
+    objective: Objective,
+    values: Mapping[str, float],
+    free: Sequence[str],
+    most: int,
+    log: Log,
+    start: Evaluation | None = None,
+    tolerance: float = DECREMENT,
+) -> Fit:
+    """Minimise the cost; a step that fails or climbs is halved.
+
+    Args:
+        objective: model and data.
+        values: every parameter at the start.
+        free: names of the parameters to identify.
+        most: largest number of iterations.
+        log: takes one line for each iteration.
+        start: evaluation at `values` with `free`, where it is known already.
+        tolerance: Newton decrement at which the fit has converged [σ].
+
+    Raises:
+        SolverError, ValueError: the model cannot be evaluated at the start.
+    """
+    here = start if start is not None else objective.evaluate(values, free)
+    history = [_record(here)]
+    log(_line(0, here, None))
+    for iteration in range(1, most + 1):
+        step = _bounded_step(here, objective.parameters)
+        decrement = float(np.sqrt(max(step @ here.gradient, 0.0)))
+        if decrement < tolerance:
+            return Fit(here, True, f"the Newton decrement is {decrement:.2g} σ", tuple(history))
+        ahead = _descend(objective, here, step)
+        if ahead is None:
+            reason = f"no shorter step lowers the cost (decrement {decrement:.2g} σ)"
+            return Fit(here, False, reason, tuple(history))
+        here = ahead
+        history.append(_record(here))
+        log(_line(iteration, here, decrement))
+    step = _bounded_step(here, objective.parameters)
+    decrement = float(np.sqrt(max(step @ here.gradient, 0.0)))
+    reason = f"the limit of {most} iterations, decrement {decrement:.2g} σ"
+    return Fit(here, decrement < tolerance, reason, tuple(history))
+
+
+def _bounded_step(here: Evaluation, parameters: Mapping[str, Parameter]) -> FloatArray:
+    """Gauss–Newton step, damped until no parameter leaves its trusted range.
+
+    Damping in units of the range shortens the weak directions, along which a linearised model
+    runs far, and leaves the strong ones alone. A parameter at its bound that the step would
+    push further is held there.
+    """
+    limits = np.array(
+        [LARGEST_STEP_LOG if parameters[n].logarithmic else LARGEST_STEP for n in here.free]
+    )
+    held = np.zeros(len(here.free), dtype=bool)
+    hessian, gradient = here.hessian * np.outer(limits, limits), here.gradient * limits
+    damping = 1e-12 * float(np.max(np.diag(hessian), initial=1.0))
+    while True:
+        step = np.zeros(len(here.free))
+        active = np.flatnonzero(~held)
+        damped = hessian[np.ix_(active, active)] + damping * np.eye(active.size)
+        step[active] = np.linalg.solve(damped, gradient[active])
+        outward = np.array(
+            [
+                not low and _at_bound(parameters[name], here.values[name], change)
+                for name, change, low in zip(here.free, step, held, strict=True)
+            ],
+            dtype=bool,
+        )
+        if outward.any():
+            held |= outward
+        elif np.max(np.abs(step), initial=0.0) <= 1.0:
+            return np.asarray(limits * step)
+        else:
+            damping = max(10.0 * damping, 1e-2)
+
+
+def _at_bound(parameter: Parameter, value: float, change: float) -> bool:
+    return (value <= parameter.lower and change < 0) or (value >= parameter.upper and change > 0)
+
+
+def _descend(objective: Objective, here: Evaluation, step: FloatArray) -> Evaluation | None:
+    length = 1.0
+    for _ in range(MOST_HALVINGS):
+        values = dict(here.values)
+        for name, change in zip(here.free, length * step, strict=True):
+            values[name] = objective.parameters[name].value(change, here.values[name])
+        try:
+            ahead = objective.evaluate(values, here.free)
+        except (SolverError, ValueError):
+            ahead = None
+        if ahead is not None and ahead.cost < here.cost:
+            return ahead
+        length *= 0.4
+    return None
+
+
+def _record(here: Evaluation) -> dict[str, float]:
+    record = {name: here.values[name] for name in here.free}
+    return record | {
+        "cost": here.cost, "chi_load": here.chi_load, "chi_image": here.chi_image
+    }  # fmt: skip
+
+
+def _line(iteration: int, here: Evaluation, decrement: float | None) -> str:
+    loads = f"χ_F {here.chi_load:7.2f}  " if here.n_load else ""
+    step = "" if decrement is None else f"  step {decrement:.3g} σ"
+    return f"  iteration {iteration}: {loads}χ of images {here.chi_image:.3f}{step}"

@@ -1,0 +1,152 @@
+"""The identification: λ's and knots from images, the law with loads, then all together.
+
+A. apex amplitudes and knots, from the images alone; the law stays free within its prior, for
+   amplitudes fitted under a wrong law would bend to make up for it;
+B. parameters of the law, from images and loads, knots free, amplitudes held;
+C. all together; then again with the finer-minus-working correction taken at the result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.boundary import LAMBDAS, elongation_names, tilt_names
+from driver.identification.data import Data
+from driver.identification.fit import Correction, Fit, Objective, fit
+from driver.model import ForwardModel
+
+FloatArray = NDArray[np.float64]
+Log = Callable[[str], None]
+
+START = 1.0  # Newton decrement of a stage that only starts the next one [σ]
+LAMBDA_PRIOR = 0.5  # standard deviation about the start: λ = −0.5 … 2.5 is all that was ever seen
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Result of the procedure.
+
+    Attributes:
+        objective: model, data, priors and the correction of the last stage.
+        stages: the fits of stages A, B, C and of C with the correction.
+        noise_factor: noise of the images on the correlation basis over that of the repeats.
+    """
+
+    objective: Objective
+    stages: Mapping[str, Fit]
+    noise_factor: float
+
+    @property
+    def final(self) -> Fit:
+        """The last fit."""
+        return self.stages["C"]
+
+
+def knot_start(weights: FloatArray, motion: FloatArray, names: Sequence[str]) -> dict[str, float]:
+    """Least-squares knots of a measured difference between the edges [µm], first knot at zero.
+
+    Args:
+        weights: knot weights at the images, shape (T, n_knots).
+        motion: measured difference at each image, shape (T,).
+        names: names of the knots after the first.
+    """
+    # The unloaded state is knot 0; the measured motion may carry the noise of the reference.
+    knots = np.linalg.lstsq(weights, motion, rcond=None)[0]
+    return dict(zip(names, (knots - knots[0])[1:].tolist(), strict=True))
+
+
+def identify(
+    working: ForwardModel,
+    finer: ForwardModel,
+    objective: Objective,
+    start: Mapping[str, float],
+    law: Sequence[str],
+    knots: Sequence[str],
+    most: int,
+    log: Log,
+) -> Identification:
+    """Run stages A, B and C.
+
+    Args:
+        working: the model that is fitted.
+        finer: finer mesh and steps, for the correction.
+        objective: data and priors, without a correction.
+        start: every parameter at the start.
+        law: names of the law's parameters (and of nuisances of the loads).
+        knots: names of the free knots.
+        most: largest number of iterations of each stage.
+        log: takes one line of progress.
+
+    Raises:
+        SolverError: the model cannot be evaluated at the start.
+    """
+    log("stage A: apex amplitudes and knots from the images")
+    images_alone = replace(objective, data=objective.data.images_alone())
+    everything = (*LAMBDAS, *knots, *law)
+    stage_a = fit(images_alone, start, everything, most, log, tolerance=START)
+    log("stage B: the law from images and loads, knots free")
+    stage_b = fit(objective, stage_a.values, (*knots, *law), most, log, tolerance=START)
+    log("stage C: all together")
+    first = fit(objective, stage_b.values, everything, most, log, tolerance=START)
+    factor = temporal_noise(first, objective.data)
+    data = replace(
+        objective.data, image=replace(objective.data.image, noise_factor=factor)
+    )
+    log("finer mesh and steps at the result, for the correction")
+    corrected = replace(
+        objective, data=data, correction=correction(working, finer, first, log)
+    )
+    log("stage C with the correction")
+    last = fit(corrected, first.values, everything, most, log)
+    return Identification(
+        corrected, {"A": stage_a, "B": stage_b, "C uncorrected": first, "C": last}, factor
+    )
+
+
+def correction(
+    working: ForwardModel, finer: ForwardModel, at: Fit, log: Log
+) -> Correction:
+    """Finer minus working prediction at a result."""
+    fine = finer.predict(at.values)
+    coarse = at.best.prediction
+    motion = finer.at_pixels(fine.surface) - working.at_pixels(coarse.surface)
+    load = fine.load - coarse.load
+    log(
+        f"  finer − working: load {np.sqrt(np.mean(load**2)):.2f} µN rms, "
+        f"motion {1e3 * np.sqrt(np.mean(motion**2)):.2f} nm rms"
+    )
+    return Correction(motion, load)
+
+
+def temporal_noise(fit_: Fit, data: Data) -> float:
+    """Noise of the whitened images from the fast half of their spectrum in time.
+
+    A model error is slow, noise is white: the estimate does not need the model to be right.
+    """
+    z = data.image_part(fit_.best.residual)
+    T = len(z)
+    row = np.arange(T)
+    modes = np.sqrt(2 / T) * np.cos(np.pi * np.outer(np.arange(T // 2, T), row + 0.5) / T)
+    return float(np.sqrt(np.mean((modes @ z) ** 2)))
+
+
+def start_values(
+    model: ForwardModel, elongation: FloatArray, tilt: FloatArray
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Null values with knots from the measured edges; names of the free knots.
+
+    Args:
+        model: the forward model.
+        elongation: v(S+) − v(S−) of each image [µm], shape (T,).
+        tilt: w(S+) − w(S−) of each image [µm], shape (T,).
+    """
+    weights = model.boundary.weights[model.image_row]
+    n = weights.shape[1]
+    along, out = elongation_names(n), tilt_names(n)
+    values = model.null_values()
+    values |= knot_start(weights, elongation, along) | knot_start(weights, tilt, out)
+    return values, (*along, *out)

@@ -1,0 +1,1 @@
+"""Height maps before correlation: reading, fixed pattern, noise, rigid motion."""

@@ -1,0 +1,113 @@
+"""Rigid translation between two height maps."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from driver.images.heightmaps import ImageError, fill_off_surface, on_surface
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+SMOOTHING = 1.0  # px; of the gradient only, against noise that would dampen the steps
+BANDWIDTH = 0.12  # cycles/px; phases beyond are noise on a pattern of several pixels
+TOLERANCE = 1e-5  # px
+MAX_ITERATIONS = 60
+
+
+class Shift(NamedTuple):
+    """Translation of the surface from the reference to the image: dx, dy, dz [µm]."""
+
+    dx: float
+    dy: float
+    dz: float
+
+
+def shift_between(
+    reference: FloatArray, image: FloatArray, pixel: float, mask: BoolArray | None = None
+) -> Shift:
+    """Translation (dx, dy, dz) such that image(x + dx, y + dy) = reference(x, y) + dz.
+
+    Phase correlation over the bounding box of the mask finds the start; Gauss–Newton on the
+    heights over the mask finishes. x runs along the rows' index, y along the columns' index.
+
+    Args:
+        reference: heights [µm], shape (rows, cols).
+        image: heights [µm], same shape.
+        pixel: size of a pixel [µm].
+        mask: pixels of the reference to use; all if None.
+
+    Raises:
+        ImageError: the shapes differ, a map has no height, or the masked surface has no relief.
+    """
+    if reference.shape != image.shape:
+        raise ImageError(f"image of shape {image.shape}; the reference has {reference.shape}.")
+    valid = [on_surface(heights) for heights in (reference, image)]
+    if not all(v.any() for v in valid):
+        raise ImageError("an image holds no height: every pixel is empty or at level 0.")
+    f = fill_off_surface(reference, valid[0])
+    g = fill_off_surface(image, valid[1])
+    rows, cols = np.nonzero(np.ones(f.shape, bool) if mask is None else mask)
+    box = np.s_[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]
+    start = phase_correlation(f[box], g[box])
+    return _gauss_newton(f, g, start, rows, cols, pixel)
+
+
+def phase_correlation(f: FloatArray, g: FloatArray) -> tuple[float, float]:
+    """Shift (rows, cols) [px] of g against f, to a fraction of a pixel, |shift| < size/2.
+
+    The cross-power spectrum is whitened within the band of the pattern only, and the peak is
+    interpolated by a parabola in each direction.
+    """
+    taper = np.outer(np.hanning(f.shape[0] + 2)[1:-1], np.hanning(f.shape[1] + 2)[1:-1])
+    spectra = [np.fft.fft2((h - h.mean()) * taper) for h in (f, g)]
+    cross = np.conj(spectra[0]) * spectra[1]
+    frequency = np.hypot(*np.meshgrid(*map(np.fft.fftfreq, f.shape), indexing="ij"))
+    band = np.exp(-0.5 * (frequency / BANDWIDTH) ** 2)
+    magnitude = np.abs(cross)
+    whitened = np.divide(cross, magnitude, out=np.zeros_like(cross), where=magnitude > 0)
+    peak = np.fft.ifft2(whitened * band).real
+    top = np.unravel_index(int(peak.argmax()), peak.shape)
+    shift = []
+    for axis, at in enumerate(top):
+        n = peak.shape[axis]
+        line = np.take(peak, top[1 - axis], axis=1 - axis)
+        before, here, after = line[at - 1], line[at], line[(at + 1) % n]
+        curvature = before - 2.0 * here + after
+        offset = 0.5 * (before - after) / curvature if curvature < 0 else 0.0
+        shift.append(float((at + n // 2) % n - n // 2 + offset))
+    return shift[0], shift[1]
+
+
+def _gauss_newton(
+    f: FloatArray,
+    g: FloatArray,
+    start: tuple[float, float],
+    rows: NDArray[np.int64],
+    cols: NDArray[np.int64],
+    pixel: float,
+) -> Shift:
+    gradient = [
+        ndimage.gaussian_filter(f, SMOOTHING, order=order)[rows, cols] for order in ((1, 0), (0, 1))
+    ]
+    # ρ = f + w − g(x + u): its Jacobian is −∇f with ∇f = (∂f/∂x, ∂f/∂y, −1).
+    jacobian = np.column_stack([*gradient, -np.ones(len(rows))])
+    if np.linalg.matrix_rank(jacobian) < 3:
+        raise ImageError("the reference surface has no relief: a shift cannot be measured.")
+    hessian = jacobian.T @ jacobian
+    coefficients = ndimage.spline_filter(g, order=3, mode="mirror")
+    shift = np.array([*start, 0.0])
+    for _ in range(MAX_ITERATIONS):
+        moved = ndimage.map_coordinates(
+            coefficients, [rows + shift[0], cols + shift[1]], mode="mirror", prefilter=False
+        )
+        residual = f[rows, cols] + shift[2] - moved
+        update = np.linalg.solve(hessian, jacobian.T @ residual)
+        shift = shift + update
+        if np.abs(update[:2]).max() < TOLERANCE:
+            break
+    return Shift(float(shift[0] * pixel), float(shift[1] * pixel), float(shift[2]))

@@ -1,0 +1,83 @@
+"""What the instruments make of motion and force: gains, offsets and drifts, null when perfect."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver_adapters.parameter import Parameter
+
+FloatArray = NDArray[np.float64]
+
+LOAD_DECLARATIONS: tuple[Parameter, ...] = (
+    Parameter("load_gain", "", 0.0, 0.03, -0.9, 2.0),
+    Parameter("load_offset", "µN", 0.0, 10.0),
+    Parameter("load_drift", "µN", 0.0, 20.0),
+)
+IMAGE_DECLARATIONS: tuple[Parameter, ...] = (
+    Parameter("height_scale", "", 0.0, 0.03, -0.5, 0.5),
+    Parameter("magnification_drift", "", 0.0, 5e-4, -0.05, 0.05),
+    Parameter("scan_shear_drift", "", 0.0, 5e-4, -0.05, 0.05),
+    Parameter("tilt_drift", "", 0.0, 5e-4, -0.05, 0.05),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Instrument:
+    """Where and when the instruments looked.
+
+    Attributes:
+        xy: positions on the surface [µm], shape (n, 2).
+        progress: time of each image over the duration of the test, 0 to 1, shape (T,).
+        centre: X, Y about which the field is magnified, sheared and tilted [µm].
+    """
+
+    xy: FloatArray
+    progress: FloatArray
+    centre: tuple[float, float]
+
+    def reading(self, force: FloatArray, values: Mapping[str, float]) -> FloatArray:
+        """Load that is read [µN] when the specimen carries `force`, shape (T,)."""
+        return np.asarray(
+            (1 + values["load_gain"]) * force
+            + values["load_offset"]
+            + values["load_drift"] * self.progress
+        )
+
+    def appearance(self, motion: FloatArray, values: Mapping[str, float]) -> FloatArray:
+        """Motion that the images show [µm], shape (T, n, 3)."""
+        seen = motion.copy()
+        seen[..., 2] *= 1 + values["height_scale"]
+        for name in ("magnification_drift", "scan_shear_drift", "tilt_drift"):
+            if values[name] != 0.0:
+                seen += values[name] * self._pattern(name)
+        return seen
+
+    def reading_derivative(self, name: str, force: FloatArray) -> FloatArray:
+        """∂reading/∂(load parameter)."""
+        if name == "load_gain":
+            return force
+        return np.ones_like(force) if name == "load_offset" else self.progress
+
+    def appearance_derivative(self, name: str, motion: FloatArray) -> FloatArray:
+        """∂appearance/∂(image parameter)."""
+        if name == "height_scale":
+            change = np.zeros_like(motion)
+            change[..., 2] = motion[..., 2]
+            return change
+        return self._pattern(name)
+
+    def _pattern(self, name: str) -> FloatArray:
+        """Apparent motion at unit drift, growing with time."""
+        offset = self.xy - np.array(self.centre)
+        field = np.zeros((len(self.xy), 3))
+        if name == "magnification_drift":
+            field[:, :2] = offset
+        elif name == "scan_shear_drift":
+            field[:, 0] = offset[:, 1]
+        else:
+            field[:, 2] = offset[:, 0]
+        return np.asarray(self.progress[:, None, None] * field)

@@ -1,0 +1,134 @@
+"""Geometry and orientations as parameters: the same mesh, its nodes and crystals moved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meshes.prism import PrismGeometry
+from meshes.prism_mesh import PrismMesh
+from meshes.velocity import (
+    apex_shift,
+    boundary_bow,
+    boundary_shift,
+    boundary_tilt,
+    depth_scale,
+    moved,
+)
+from solver_adapters.crystal import rotation_vector_matrix
+from solver_adapters.parameter import Parameter
+
+FloatArray = NDArray[np.float64]
+
+_DEGREE = np.pi / 180
+
+GEOMETRY_DECLARATIONS: tuple[Parameter, ...] = (
+    Parameter("boundary_shift", "µm", 0.0, 0.3, -3.0, 3.0),
+    Parameter("boundary_tilt_x", "", 0.0, 0.15, -1.0, 1.0),
+    Parameter("boundary_tilt_z", "", 0.0, 0.15, -1.0, 1.0),
+    Parameter("boundary_bow", "µm", 0.0, 0.3, -2.0, 2.0),
+    Parameter("depth_scale", "", 0.0, 0.05, -0.4, 0.4),
+    Parameter("apex_shift", "µm", 0.0, 0.2, -1.0, 1.0),
+)
+ORIENTATION_DECLARATIONS: tuple[Parameter, ...] = tuple(
+    Parameter(f"{what}_{axis}", "rad", 0.0, 2 * _DEGREE, -0.5, 0.5)
+    for what in ("rotation_grain1", "rotation_grain2", "rotation_frame")
+    for axis in "xyz"
+)
+_OF_BOUNDARY = ("boundary_shift", "boundary_tilt_x", "boundary_tilt_z", "boundary_bow")
+
+
+def _vector(values: Mapping[str, float], what: str) -> FloatArray:
+    return np.array([values[f"{what}_{axis}"] for axis in "xyz"])
+
+
+def _left_jacobian(vector: FloatArray) -> FloatArray:
+    """exp(ω + dω) = exp(J dω)·exp(ω) to first order (Rodrigues)."""
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    first = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    second = (1 - np.sinc(angle / np.pi)) / angle**2 if angle > 1e-4 else 1 / 6
+    return np.asarray(np.eye(3) + first * cross + second * cross @ cross)
+
+
+@dataclass(frozen=True, eq=False)
+class Microstructure:
+    """Drawn mesh, measured orientations, and the velocities of the nodes.
+
+    Attributes:
+        mesh: the prism as drawn.
+        orientations: measured crystal → specimen rotations, shape (n_grains, 3, 3).
+        velocities: node velocity for each geometric parameter, shape (n_nodes, 3).
+    """
+
+    mesh: PrismMesh
+    orientations: FloatArray
+    velocities: Mapping[str, FloatArray]
+
+    @property
+    def parameters(self) -> frozenset[str]:
+        """Names of the parameters that can be moved in this specimen."""
+        names = set(self.velocities)
+        for what in ("rotation_grain1", "rotation_grain2")[: len(self.orientations)]:
+            names |= {f"{what}_{axis}" for axis in "xyz"}
+        if len(self.orientations) > 1:
+            names |= {f"rotation_frame_{axis}" for axis in "xyz"}
+        return frozenset(names)
+
+    def moved_mesh(self, values: Mapping[str, float]) -> PrismMesh:
+        """The mesh with its nodes where the parameters put them.
+
+        Raises:
+            ValueError: the change would turn a cell inside out.
+        """
+        active = {name: v for name, v in self.velocities.items() if values[name] != 0.0}
+        if not active:
+            return self.mesh
+        shift = sum((values[name] * v for name, v in active.items()), np.zeros((1, 3)))
+        return moved(self.mesh, np.asarray(shift))
+
+    def rotated(self, values: Mapping[str, float]) -> FloatArray:
+        """Orientations with the grain rotations and the turn of the EBSD frame."""
+        frame = rotation_vector_matrix(_vector(values, "rotation_frame"))
+        return np.stack(
+            [
+                frame
+                @ rotation_vector_matrix(_vector(values, f"rotation_grain{grain + 1}"))
+                @ orientation
+                for grain, orientation in enumerate(self.orientations)
+            ]
+        )
+
+    def rotation_rate(self, values: Mapping[str, float], name: str) -> FloatArray:
+        """Rotation rate of each grain for a unit rate of one parameter, shape (n_grains, 3)."""
+        what, axis = name.rsplit("_", 1)
+        unit = np.eye(3)["xyz".index(axis)]
+        frame = _vector(values, "rotation_frame")
+        rates = np.zeros((len(self.orientations), 3))
+        if what == "rotation_frame":
+            rates[:] = _left_jacobian(frame) @ unit
+        else:
+            grain = int(what[-1]) - 1
+            own = _left_jacobian(_vector(values, what)) @ unit
+            rates[grain] = rotation_vector_matrix(frame) @ own
+        return rates
+
+
+def build_microstructure(
+    mesh: PrismMesh, geometry: PrismGeometry, orientations: FloatArray
+) -> Microstructure:
+    """Collect the geometric parameters that the specimen has."""
+    velocities = {"depth_scale": depth_scale(mesh, geometry), "apex_shift": apex_shift(mesh, geometry)}
+    if geometry.boundary_point is not None:
+        fields = (
+            boundary_shift(mesh, geometry),
+            boundary_tilt(mesh, geometry, "x"),
+            boundary_tilt(mesh, geometry, "z"),
+            boundary_bow(mesh, geometry),
+        )
+        velocities |= dict(zip(_OF_BOUNDARY, fields, strict=True))
+    return Microstructure(mesh, orientations, velocities)

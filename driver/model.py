@@ -1,0 +1,178 @@
+"""The forward model: parameters in, what images and load cell should show out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from driver.boundary import (
+    BOUNDARY_DECLARATIONS,
+    BoundaryMotion,
+    knot_declarations,
+)
+from driver.instrument import IMAGE_DECLARATIONS, LOAD_DECLARATIONS, Instrument
+from driver.microstructure import (
+    GEOMETRY_DECLARATIONS,
+    ORIENTATION_DECLARATIONS,
+    Microstructure,
+)
+from solver_adapters.interface import Adapter, Direction, Progress, Response, Simulation
+from solver_adapters.material import MATERIAL_DECLARATIONS, MATERIAL_PARAMETERS, Material
+from solver_adapters.parameter import Parameter
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+Values = Mapping[str, float]
+
+
+def declared_parameters(n_knots: int) -> dict[str, Parameter]:
+    """Every parameter of the general model by name."""
+    declared = (
+        *MATERIAL_DECLARATIONS,
+        *BOUNDARY_DECLARATIONS,
+        *knot_declarations(n_knots),
+        *GEOMETRY_DECLARATIONS,
+        *ORIENTATION_DECLARATIONS,
+        *LOAD_DECLARATIONS,
+        *IMAGE_DECLARATIONS,
+    )
+    return {parameter.name: parameter for parameter in declared}
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What the model expects, T images, n surface nodes, k free parameters.
+
+    Attributes:
+        surface: motion of the surface nodes as the images show it [µm], shape (T, n, 3).
+        load: load reading [µN], shape (T,).
+        d_surface: derivative for each free parameter, shape (k, T, n, 3).
+        d_load: derivative of the load, shape (k, T).
+        response: statistics and raw fields of the solver.
+    """
+
+    surface: FloatArray
+    load: FloatArray
+    d_surface: FloatArray
+    d_load: FloatArray
+    response: Response
+
+
+@dataclass(frozen=True, eq=False)
+class ForwardModel:
+    """One specimen, one history, one solver.
+
+    Attributes:
+        material: constants of the case; parameters override them by name.
+        microstructure: mesh and orientations with their parameters.
+        boundary: motion of the end faces with its parameters.
+        instrument: load cell and images, on the surface nodes.
+        times: instants of the history [s], shape (n_times,).
+        image_row: index of the instant of each image, shape (T,).
+        surface_nodes: nodes of the measured face, shape (n,).
+        adapter: the solver.
+        steps_per_interval: time steps between two instants.
+        projection: surface nodes → region-of-interest pixels, shape (n_pix, n).
+    """
+
+    material: Material
+    microstructure: Microstructure
+    boundary: BoundaryMotion
+    instrument: Instrument
+    times: FloatArray
+    image_row: IntArray
+    surface_nodes: IntArray
+    adapter: Adapter
+    steps_per_interval: int
+    projection: sp.csr_array
+
+    def null_values(self) -> dict[str, float]:
+        """Every parameter at its null, material constants as in the case, knots at zero."""
+        declared = declared_parameters(self.boundary.weights.shape[1])
+        values = {name: parameter.null for name, parameter in declared.items()}
+        return values | {p.name: getattr(self.material, p.name) for p in MATERIAL_DECLARATIONS}
+
+    def simulation(self, values: Values, free: Sequence[str] = ()) -> Simulation:
+        """The hand-over to a solver, with a direction for each free parameter that it needs."""
+        changes = {name: values[name] for name in MATERIAL_PARAMETERS if name in values}
+        return Simulation(
+            mesh=self.microstructure.moved_mesh(values),
+            material=replace(self.material, **changes),
+            orientations=self.microstructure.rotated(values),
+            times=self.times,
+            motion_nodes=self.boundary.nodes,
+            motion_mask=self.boundary.mask,
+            motion=self.boundary.evaluate(values),
+            output=self.image_row,
+            output_nodes=self.surface_nodes,
+            directions=tuple(self._direction(values, n) for n in free if self.simulated(n)),
+            steps_per_interval=self.steps_per_interval,
+        )
+
+    def predict(
+        self,
+        values: Values,
+        free: Sequence[str] = (),
+        progress: Callable[[Progress], None] | None = None,
+    ) -> Prediction:
+        """Simulate and observe.
+
+        Raises:
+            SolverError: the simulation could not be finished.
+            ValueError: a geometric parameter turns a cell inside out.
+        """
+        response = self.adapter.solve(self.simulation(values, free), progress=progress)
+        return self.observe(response, values, free)
+
+    def observe(self, response: Response, values: Values, free: Sequence[str]) -> Prediction:
+        """What the instruments make of a response."""
+        T, n = response.displacement.shape[:2]
+        d_surface, d_load = np.zeros((len(free), T, n, 3)), np.zeros((len(free), T))
+        row = 0
+        for index, name in enumerate(free):
+            if self.simulated(name):
+                d_surface[index] = response.d_displacement[row]
+                d_surface[index, ..., 2] *= 1 + values["height_scale"]
+                d_load[index] = (1 + values["load_gain"]) * response.d_force[row]
+                row += 1
+            elif name in _LOAD_NAMES:
+                d_load[index] = self.instrument.reading_derivative(name, response.force)
+            else:
+                d_surface[index] = self.instrument.appearance_derivative(
+                    name, response.displacement
+                )
+        return Prediction(
+            surface=self.instrument.appearance(response.displacement, values),
+            load=self.instrument.reading(response.force, values),
+            d_surface=d_surface,
+            d_load=d_load,
+            response=response,
+        )
+
+    def at_pixels(self, surface: FloatArray) -> FloatArray:
+        """Motion at the pixels of the region of interest, (T, n, 3) → (T, n_pix, 3)."""
+        T, n, _ = surface.shape
+        flat = self.projection @ surface.transpose(1, 0, 2).reshape(n, 3 * T)
+        return np.ascontiguousarray(flat.reshape(-1, T, 3).transpose(1, 0, 2))
+
+    def simulated(self, name: str) -> bool:
+        """Whether a parameter enters the simulation (and not only the observation)."""
+        return name not in _LOAD_NAMES and name not in _IMAGE_NAMES
+
+    def _direction(self, values: Values, name: str) -> Direction:
+        if name in MATERIAL_PARAMETERS:
+            return Direction(name, material={name: 1.0})
+        if name in self.microstructure.velocities:
+            return Direction(name, points=self.microstructure.velocities[name])
+        if name.startswith("rotation_"):
+            return Direction(name, rotation=self.microstructure.rotation_rate(values, name))
+        return Direction(name, motion=self.boundary.derivative(values, name))
+
+
+_LOAD_NAMES = frozenset(p.name for p in LOAD_DECLARATIONS)
+_IMAGE_NAMES = frozenset(p.name for p in IMAGE_DECLARATIONS)

@@ -1,0 +1,78 @@
+"""Independent jobs in processes of their own, each with its share of the threads."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from typing import TypeVar
+
+import numba
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+# Numerical libraries that would each start as many threads as there are cores.
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def side_by_side(
+    work: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    processes: int,
+    threads: int = 1,
+    done: Callable[[int, Result], None] | None = None,
+) -> list[Result]:
+    """Results of `work` on each task, in the order of the tasks.
+
+    Args:
+        work: a function of a module (it is sent to the processes by name).
+        tasks: what it is called with.
+        processes: how many run at a time.
+        threads: threads of each.
+        done: called with index and result as each task ends.
+
+    Raises:
+        Whatever the first failing task raised; the others are cancelled.
+    """
+    if min(processes, len(tasks)) <= 1:
+        results = []
+        for index, task in enumerate(tasks):
+            results.append(work(task))
+            if done is not None:
+                done(index, results[-1])
+        return results
+    with _few_threads(threads), ProcessPoolExecutor(
+        max_workers=min(processes, len(tasks)),
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=numba.set_num_threads,
+        initargs=(threads,),
+    ) as pool:
+        futures = {pool.submit(work, task): index for index, task in enumerate(tasks)}
+        found: dict[int, Result] = {}
+        try:
+            for future in as_completed(futures):
+                found[futures[future]] = future.result()
+                if done is not None:
+                    done(futures[future], found[futures[future]])
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return [found[index] for index in range(len(tasks))]
+
+
+@contextmanager
+def _few_threads(threads: int) -> Iterator[None]:
+    """Processes that start inside inherit the limit."""
+    before = {name: os.environ.get(name) for name in _THREAD_VARIABLES}
+    os.environ.update({name: str(threads) for name in _THREAD_VARIABLES})
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

@@ -1,0 +1,136 @@
+"""From a case to the objects that compute with it: geometry, meshes, images, forward model."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.boundary import BoundaryMotion
+from driver.case import Case
+from driver.dic.surface_images import SurfaceImages, prepare
+from driver.errors import InputError
+from driver.experiment import Experiment
+from driver.history import History, knot_weights
+from driver.images.flatfield import flat_pattern
+from driver.instrument import Instrument
+from driver.microstructure import build_microstructure
+from driver.model import ForwardModel
+from meshes.prism import PrismGeometry
+from meshes.prism_mesh import PrismMesh
+from meshes.surface import interpolation, trace
+from solver_adapters.interface import Adapter
+from solver_adapters.registry import find_adapter
+
+FloatArray = NDArray[np.float64]
+
+# Pixels this near to a side of the face may show its rounded edge [pixels].
+_MARGIN = 0.5
+
+
+def geometry_of(case: Case) -> PrismGeometry:
+    """The prism and its grain boundary."""
+    s = case.specimen
+    return PrismGeometry(s.length, s.width, s.depth, s.boundary_point_um, s.boundary_normal)
+
+
+def adapter_of(case: Case) -> Adapter:
+    """The solver that the case names, able to do what the case asks.
+
+    Raises:
+        InputError: there is no such solver, or it lacks the strain measure.
+    """
+    adapter = find_adapter(case.solver.name)
+    wanted = case.material.strain_measure
+    if wanted not in adapter.capabilities().strain_measures:
+        offered = ", ".join(sorted(adapter.capabilities().strain_measures))
+        raise InputError(
+            f'material.strain_measure: found "{wanted}", expected one of {offered} '
+            f"(what the solver {case.solver.name} offers)"
+        )
+    return adapter
+
+
+def surface_images(case: Case, experiment: Experiment) -> SurfaceImages:
+    """The corrected images over the measured face.
+
+    Raises:
+        ImageError: the images do not fit together, or show no part of the face.
+    """
+    half, margin = case.specimen.width / 2, _MARGIN * experiment.pixel_um
+    frames = experiment.frames
+    repeats = experiment.repeats
+    if repeats is None:
+        raise InputError(
+            "images.repeats: found nothing, expected repeated images of the unloaded surface "
+            "(their mean is the reference, their scatter the noise)"
+        )
+    return prepare(
+        frames,
+        repeats,
+        None if experiment.flats is None else flat_pattern(experiment.flats),
+        experiment.pixel_um,
+        experiment.origin,
+        (-half + margin, half - margin, 0.0, case.specimen.length),
+        experiment.mask,
+    )
+
+
+def build_model(
+    case: Case,
+    mesh: PrismMesh,
+    history: History,
+    pixels: FloatArray,
+    adapter: Adapter,
+    steps_per_interval: int,
+) -> ForwardModel:
+    """The forward model of a specimen.
+
+    Args:
+        case: the case.
+        mesh: mesh of the specimen.
+        history: times and stage travel.
+        pixels: X, Y of the pixels of the region of interest [µm], shape (n_pix, 2).
+        adapter: the solver.
+        steps_per_interval: time steps between two rows of the history.
+    """
+    surface = trace(mesh)
+    projection, inside = interpolation(surface, pixels)
+    if not inside.all():
+        raise InputError(
+            f"images.origin_pixel: found {np.count_nonzero(~inside)} pixels of the region of "
+            "interest off the measured face, expected none"
+        )
+    duration = history.time[-1] - history.time[0]
+    return ForwardModel(
+        material=case.material.to_material(),
+        microstructure=build_microstructure(mesh, geometry_of(case), case.orientations),
+        boundary=_boundary_motion(case, mesh, knot_weights(history)),
+        instrument=Instrument(
+            surface.points,
+            (history.time[history.image_row] - history.time[0]) / duration,
+            (0.0, case.specimen.length / 2),
+        ),
+        times=history.time,
+        image_row=history.image_row,
+        surface_nodes=surface.nodes,
+        adapter=adapter,
+        steps_per_interval=steps_per_interval,
+        projection=projection,
+    )
+
+
+def _boundary_motion(case: Case, mesh: PrismMesh, weights: FloatArray) -> BoundaryMotion:
+    minus, plus = mesh.nodes["S_MINUS"], mesh.nodes["S_PLUS"]
+    nodes = np.concatenate([minus, plus])
+    mask = np.ones((nodes.size, 3), dtype=bool)
+    if case.boundary.U_X == "free":
+        # Y and Z are prescribed on both ends: only the translation along X is left to pin.
+        mask[:, 0] = np.isin(nodes, mesh.nodes["P_MINUS"])
+    return BoundaryMotion(
+        nodes=nodes,
+        side=np.repeat([-1.0, 1.0], [minus.size, plus.size]),
+        zeta=-mesh.points[nodes, 2] / case.specimen.depth,
+        across=mesh.points[nodes, 0] / (case.specimen.width / 2),
+        weights=weights,
+        mask=mask,
+    )

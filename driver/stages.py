@@ -1,0 +1,228 @@
+"""Stages of a run: each is done once for its inputs, and its results appear whole or not at all."""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TypedDict
+
+from driver.case import Case, load_case
+from driver.errors import InputError
+
+RESULTS = "results"
+_RECORD = "stages.json"
+
+
+class StageError(InputError):
+    """A stage that cannot be run: what was found and what was expected."""
+
+
+@dataclass(frozen=True)
+class StageContext:
+    """What a stage works with.
+
+    Attributes:
+        case: the case.
+        case_path: its file.
+        results: the folder of the finished results of all stages.
+        workdir: an empty folder; every file left in it becomes a result of the stage.
+        log: takes one line of progress.
+    """
+
+    case: Case
+    case_path: Path
+    results: Path
+    workdir: Path
+    log: Callable[[str], None]
+
+    def result(self, name: str) -> Path:
+        """A result of an earlier stage.
+
+        Raises:
+            StageError: there is no such file.
+        """
+        path = self.results / name
+        if not path.is_file():
+            raise StageError(f"{path}: found nothing, expected the result of an earlier stage")
+        return path
+
+
+def _no_files(case: Case) -> Sequence[Path]:
+    return ()
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of a run.
+
+    Attributes:
+        name: as it is called on the command line and in the record.
+        version: revision of its code; a new one makes old results stale.
+        sections: tables of the case file on which its results depend.
+        run: does the work and writes its results into `StageContext.workdir`.
+        files: the files (folders, patterns) that it reads beside the case.
+    """
+
+    name: str
+    version: str
+    sections: tuple[str, ...]
+    run: Callable[[StageContext], None]
+    files: Callable[[Case], Sequence[Path]] = field(default=_no_files)
+
+
+class _Done(TypedDict):
+    key: str
+    outputs: list[str]
+    finished: str
+    seconds: float
+
+
+def measured_files(case: Case) -> tuple[Path, ...]:
+    """The images and the history that a case names."""
+    images = case.images
+    names = (images.frames, images.flats, images.repeats, images.mask, case.history.file)
+    return tuple(case.path(name) for name in names if name is not None)
+
+
+def run_stages(
+    case_path: Path,
+    stages: Sequence[Stage],
+    until: str | None = None,
+    force: bool = False,
+    report: Callable[[str], None] = print,
+) -> None:
+    """Run the stages in their order, leaving out those that are done and unchanged.
+
+    A stage is left out if its key is that of its last run and its results are there. The key
+    is a hash of the version of its code, its tables of the case, the content of its files and
+    the key of the stage before it. Results are written aside and moved into `results/`, beside
+    the case, once the stage has ended; a stage that fails leaves the results of its last run.
+
+    Args:
+        case_path: the case file.
+        stages: all stages, each building on the ones before it.
+        until: name of the last stage to run, None for all.
+        force: run the stages even if they are done and unchanged.
+        report: takes one line of progress.
+
+    Raises:
+        CaseError: the case cannot be used.
+        StageError: there is no stage of the name `until`, or two results have one name.
+    """
+    names = [stage.name for stage in stages]
+    if until is not None and until not in names:
+        raise StageError(f'--until: found "{until}", expected one of {", ".join(names)}')
+    case = load_case(case_path)
+    results = case_path.parent / RESULTS
+    results.mkdir(exist_ok=True)
+    last = len(names) if until is None else names.index(until) + 1
+    key = ""
+    for stage in stages[:last]:
+        key = stage_key(stage, case, key)
+        done = _read_record(results)
+        if not force and _is_done(done.get(stage.name), key, results):
+            report(f"{stage.name}: done and unchanged")
+            continue
+        _run_stage(stage, case, case_path, results, key, report)
+
+
+def stage_key(stage: Stage, case: Case, key_before: str) -> str:
+    """SHA-256 of all on which the results of a stage depend."""
+    content = {
+        "stage": stage.name,
+        "version": stage.version,
+        "case": case.model_dump(mode="json", include=set(stage.sections)),
+        "files": [_content_hash(path) for path in stage.files(case)],
+        "before": key_before,
+    }
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _run_stage(
+    stage: Stage,
+    case: Case,
+    case_path: Path,
+    results: Path,
+    key: str,
+    report: Callable[[str], None],
+) -> None:
+    workdir = results / f"{stage.name}.partial"
+    shutil.rmtree(workdir, ignore_errors=True)
+    workdir.mkdir()
+    report(f"{stage.name}: started")
+    start = time.perf_counter()
+    stage.run(StageContext(case, case_path, results, workdir, report))
+    seconds = time.perf_counter() - start
+    outputs = sorted(
+        str(path.relative_to(workdir)) for path in workdir.rglob("*") if path.is_file()
+    )
+    done = _read_record(results)
+    old = done.pop(stage.name, None)
+    for other, entry in done.items():
+        shared = set(outputs) & set(entry["outputs"])
+        if shared:
+            raise StageError(
+                f"{stage.name}: found a result {min(shared)}, which belongs to {other}, "
+                "expected another name"
+            )
+    # Until the record is written anew, a stage whose files are being replaced counts as not done.
+    _write_record(results, done)
+    for name in outputs:
+        (results / name).parent.mkdir(parents=True, exist_ok=True)
+        os.replace(workdir / name, results / name)
+    for name in set(old["outputs"] if old else ()) - set(outputs):
+        (results / name).unlink(missing_ok=True)
+    done[stage.name] = {
+        "key": key,
+        "outputs": outputs,
+        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+        "seconds": round(seconds, 2),
+    }
+    _write_record(results, done)
+    shutil.rmtree(workdir)
+    report(f"{stage.name}: finished in {seconds:.1f} s")
+
+
+def _is_done(entry: _Done | None, key: str, results: Path) -> bool:
+    return (
+        entry is not None
+        and entry["key"] == key
+        and all((results / name).is_file() for name in entry["outputs"])
+    )
+
+
+def _read_record(results: Path) -> dict[str, _Done]:
+    path = results / _RECORD
+    if not path.is_file():
+        return {}
+    record: dict[str, _Done] = json.loads(path.read_text(encoding="utf-8"))
+    return record
+
+
+def _write_record(results: Path, record: dict[str, _Done]) -> None:
+    write_whole(results / _RECORD, json.dumps(record, indent=2) + "\n")
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file so that it is there whole or as it was before."""
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(text, encoding="utf-8")
+    os.replace(partial, path)
+
+
+def _content_hash(path: Path) -> str:
+    """Hash of a file, or of all files of a folder or pattern with their names."""
+    if path.is_file():
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    files = sorted(path.iterdir()) if path.is_dir() else sorted(map(Path, glob.glob(str(path))))
+    parts = [f"{file.name} {_content_hash(file)}" for file in files if file.is_file()]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()

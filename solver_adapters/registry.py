@@ -1,0 +1,28 @@
+"""Solvers by name: every installed entry point of the group `prismid.solvers`."""
+
+from __future__ import annotations
+
+from importlib.metadata import entry_points
+
+from solver_adapters.interface import Adapter, UnsupportedError
+
+GROUP = "prismid.solvers"
+
+
+def adapter_names() -> tuple[str, ...]:
+    """Names of the installed solvers."""
+    return tuple(sorted({point.name for point in entry_points(group=GROUP)}))
+
+
+def find_adapter(name: str) -> Adapter:
+    """The solver of a name.
+
+    Raises:
+        UnsupportedError: no installed package registers it.
+    """
+    for point in entry_points(group=GROUP):
+        if point.name == name:
+            adapter: Adapter = point.load()()
+            return adapter
+    known = ", ".join(adapter_names()) or "none: is prismid installed?"
+    raise UnsupportedError(f'solver.name: found "{name}", expected one of {known}')

@@ -1,0 +1,163 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from driver.dic.series import measure, sensitivity
+from driver.dic.surface_images import SurfaceImages, prepare
+from driver.images.heightmaps import read_stack
+
+DATA = Path(__file__).parents[2] / "data" / "dic"
+PIXEL, LEVEL = 0.11, 0.0065
+Field = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+Scene = Callable[..., SurfaceImages]
+
+
+def constant(value: float) -> Field:
+    return lambda x, y: np.full(np.broadcast_shapes(x.shape, y.shape), value)
+
+
+def linear(slope_x: float, slope_y: float) -> Field:
+    return lambda x, y: slope_x * x + slope_y * y
+
+
+STILL = constant(0.0)
+
+
+@pytest.mark.parametrize("component", [0, 1, 2])
+def test_each_component_has_its_sign_and_size(scene: Scene, component: int) -> None:
+    motion = [STILL, STILL, STILL]
+    motion[component] = linear(0.004, -0.007)
+    images = scene([tuple(motion)], noise=1e-5)
+    measured = measure(images)
+    truth = np.zeros((len(images.xy), 3))
+    truth[:, component] = motion[component](*images.xy.T)
+    error = measured.at_pixels()[0] - truth
+    assert measured.converged.all()
+    assert np.abs(error[:, :2]).max() < 3e-3 * PIXEL
+    assert np.abs(error[:, 2]).max() < 3e-4
+
+
+def test_an_exact_translation_is_met_within_a_thousandth_pixel(scene: Scene) -> None:
+    u, v, w = 0.37 * PIXEL, -0.21 * PIXEL, 0.02
+    images = scene([(constant(u), constant(v), constant(w))], noise=1e-6)
+    error = measure(images).at_pixels()[0] - [u, v, w]
+    rms = np.sqrt(np.mean(error**2, axis=0))
+    assert rms[0] < 1e-3 * PIXEL and rms[1] < 1e-3 * PIXEL and rms[2] < 1e-4
+
+
+def test_a_large_jump_of_the_stage_between_two_frames_is_followed(scene: Scene) -> None:
+    jumps = [(constant(a * PIXEL), constant(b * PIXEL), constant(c))
+             for a, b, c in ((3.3, -2.6, 0.1), (-3.1, 3.4, -0.08))]  # fmt: skip
+    measured = measure(scene(jumps, noise=0.003))
+    mean = measured.at_pixels().mean(axis=1)
+    assert measured.converged.all() and measured.chi.max() < 1.1
+    assert mean[:, 0] / PIXEL == pytest.approx([3.3, -3.1], abs=0.02)
+    assert mean[:, 1] / PIXEL == pytest.approx([-2.6, 3.4], abs=0.02)
+
+
+@pytest.mark.parametrize("roughness", [np.inf, 0.05])
+def test_covariance_agrees_with_the_scatter_over_noise_draws(
+    scene: Scene, roughness: float
+) -> None:
+    n_draws = 48
+    shift = (constant(0.37 * PIXEL), constant(-0.21 * PIXEL), STILL)
+    images = scene([shift] * n_draws, noise=0.009, seed=3)
+    measured = measure(images, roughness=roughness)
+    p, covariance = measured.coefficients, measured.covariance_one
+    n = p.shape[1]
+    scatter = p - p.mean(axis=0)
+    precision = np.linalg.inv(covariance)
+    ratio = np.einsum("ti,ij,tj->", scatter, precision, scatter) / (n * (n_draws - 1))
+    # sampling error of the ratio √(2/(n·47)) < 2 %; the pattern's noise and interpolation < 5 %
+    assert ratio == pytest.approx(1.0, abs=0.08)
+    n_uv = len(measured.basis_uv.nodes)
+    for part in (slice(0, n_uv), slice(n_uv, 2 * n_uv), slice(2 * n_uv, n)):
+        variance = scatter[:, part].var(axis=0).mean() * n_draws / (n_draws - 1)
+        assert variance == pytest.approx(covariance.diagonal()[part].mean(), rel=0.2)
+    # what the frames share is the noise of the reference: covariance_one (1/n_ref + 1/T)
+    truth = np.repeat([0.37 * PIXEL, -0.21 * PIXEL, 0.0], [n_uv, n_uv, n - 2 * n_uv])
+    shared = p.mean(axis=0) - truth
+    expected = 1 / images.n_reference + 1 / n_draws
+    chi2 = shared @ precision @ shared / (n * expected)
+    assert chi2 == pytest.approx(1.0, abs=4 * np.sqrt(2 / n))
+    assert measured.chi.mean() == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_hessian_is_not_inflated_by_noise_in_the_gradient(scene: Scene) -> None:
+    shift = (constant(0.37 * PIXEL), constant(-0.21 * PIXEL), STILL)
+    noisy = measure(scene([shift] * 40, noise=0.009, seed=4), roughness=np.inf)
+    clean = measure(scene([shift], noise=1e-6), roughness=np.inf)
+    n = 2 * len(noisy.basis_uv.nodes)
+    ratio = noisy.covariance_one.diagonal()[:n] / clean.covariance_one.diagonal()[:n]
+    ratio *= (1e-6 / 0.009) ** 2
+    assert ratio.mean() == pytest.approx(1.0, abs=0.06)
+
+
+def test_sensitivity_is_minus_the_derivative_of_the_residual(scene: Scene) -> None:
+    images = scene([(STILL, STILL, STILL)], noise=1e-9)
+    bases = measure(images)
+    n = bases.coefficients.shape[1]
+    step = 1e-4 * np.random.default_rng(5).normal(size=(n,))
+    n_uv = len(bases.basis_uv.nodes)
+    parts = (step[:n_uv], step[n_uv : 2 * n_uv], step[2 * n_uv :])
+    functions = (bases.basis_uv, bases.basis_uv, bases.basis_w)
+    motion = np.stack(
+        [basis.values @ part for basis, part in zip(functions, parts, strict=True)], axis=-1
+    )
+    change = images.residual(motion[None])[0] - images.residual(0 * motion[None])[0]
+    gradient = images.frames.gradient(0, images.xy[:, 0], images.xy[:, 1])
+    predicted = -(sensitivity(gradient, bases.basis_uv, bases.basis_w) @ step)
+    assert change == pytest.approx(predicted, abs=3e-3 * np.abs(predicted).max())
+
+
+def pair(name: str) -> tuple[SurfaceImages, NDArray[np.float64]]:
+    """A reference pair of a single noisy reference, and its true u, v, w [µm] at the pixels."""
+    truth = np.load(DATA / f"{name}_truth.npz")
+    f, g = (read_stack(DATA / f"{name}_{which}.tif") * LEVEL for which in "fg")
+    (col0, row0), (col1, row1) = truth["roi"]
+    size = ((row1 - row0 - 1) * PIXEL, (col1 - col0 - 1) * PIXEL)
+    # Two copies that differ by a hair stand in for repeats; the true noise is stated after.
+    hair = 1e-9 * np.random.default_rng(0).normal(size=f.shape)
+    images = prepare(
+        g, np.concatenate([f + hair, f - hair]), None, PIXEL,
+        (float(row0), float(col0)), (-1e-9, size[0] + 1e-9, -1e-9, size[1] + 1e-9),
+    )  # fmt: skip
+    images = replace(images, sigma=float(np.hypot(0.009, LEVEL / 12**0.5)), n_reference=1)
+    at = images.rows, images.cols
+    motion = [truth["v"][at] * PIXEL, truth["u"][at] * PIXEL, truth["w"][at] * LEVEL]
+    return images, np.stack(motion, axis=-1).astype(np.float64)
+
+
+def rms_px(images: SurfaceImages, truth: NDArray[np.float64], size_w: float) -> tuple[float, float]:
+    """Error of the component along the columns and along the rows [px]."""
+    error = measure(images, 16 * PIXEL, size_w).at_pixels()[0] - truth
+    u, v, _ = np.sqrt(np.mean(error**2, axis=0)) / PIXEL
+    return float(v), float(u)
+
+
+def test_a_heterogeneous_motion_is_measured_as_well_as_the_mesh_allows() -> None:
+    along, across = rms_px(*pair("s_HN"), 16 * PIXEL)
+    assert along < 0.05 and across < 0.05
+
+
+def test_a_finer_height_basis_keeps_roughening_out_of_the_plane() -> None:
+    images, truth = pair("s_HW")
+    same, fine = (rms_px(images, truth, size * PIXEL)[0] for size in (16, 8))
+    assert fine < 0.06
+    assert fine < 0.5 * same
+
+
+def test_functions_that_see_no_pixel_are_held_by_a_stated_ridge(scene: Scene) -> None:
+    images = scene([(constant(0.02), STILL, STILL)], noise=0.002)
+    assert measure(images).ridge == 0.0
+    wide = replace(images, bounds=(-1.76, 1.76, 0.0, 12.0))
+    measured = measure(wide, roughness=np.inf)
+    assert measured.ridge > 0.0
+    assert measured.converged.all()
+    assert measured.at_pixels()[0, :, 0].mean() == pytest.approx(0.02, abs=1e-3)

@@ -1,0 +1,138 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from driver.dic.surface_images import SurfaceImages, prepare, refine_gradient
+from driver.images.flatfield import FlatField
+from driver.images.heightmaps import ImageError
+
+PIXEL, ORIGIN, BOUNDS = 0.11, (19.5, 5.0), (-1.5, 1.5, 0.0, 5.0)
+ROW, COL = np.indices((40, 56), dtype=float)
+SIGMA = 0.009
+
+
+def surface(row: np.ndarray, col: np.ndarray) -> np.ndarray:
+    return np.asarray(
+        0.5
+        + 0.03 * np.sin(0.7 * row + 0.2 * col)
+        + 0.03 * np.cos(0.6 * col - 0.1 * row)
+        + 0.02 * np.sin(0.5 * (row - col))
+    )
+
+
+def noisy(seed: int, n: int, row_shift: float = 0.0, col_shift: float = 0.0) -> np.ndarray:
+    clean = surface(ROW - row_shift, COL - col_shift)
+    return clean + SIGMA * np.random.default_rng(seed).normal(size=(n, *ROW.shape))
+
+
+def constant_motion(images: SurfaceImages, u: float, v: float, w: float) -> np.ndarray:
+    return np.tile([u, v, w], (images.n_frames, len(images.xy), 1))
+
+
+def test_the_region_is_what_lies_in_bounds_and_mask() -> None:
+    mask = COL != 20
+    images = prepare(noisy(1, 1), noisy(2, 3), None, PIXEL, ORIGIN, BOUNDS, mask)
+    x, y = images.xy.T
+    assert x == pytest.approx((images.rows - 19.5) * PIXEL)
+    assert y == pytest.approx((images.cols - 5.0) * PIXEL)
+    assert x.min() == pytest.approx(-13.5 * PIXEL) and x.max() == pytest.approx(13.5 * PIXEL)
+    assert y.min() == 0.0 and y.max() == pytest.approx(45 * PIXEL)
+    assert len(x) == 28 * 45 and 20 not in images.cols
+
+
+def test_noise_and_residual_agree_with_what_was_put_in() -> None:
+    images = prepare(noisy(3, 6, 0.4, 0.3), noisy(4, 10), None, PIXEL, ORIGIN, BOUNDS)
+    motion = constant_motion(images, 0.4 * PIXEL, 0.3 * PIXEL, 0.0)
+    # 9 × 1300 degrees of freedom: 0.65 %
+    assert images.sigma == pytest.approx(SIGMA, rel=0.02)
+    assert images.residual(motion).shape == (6, len(images.xy))
+    # 1288 pixels, weakly correlated by interpolation: 2–3 % a frame
+    assert images.chi(motion) == pytest.approx(np.ones(6), abs=0.09)
+    # in the gain, a whole-pixel shift differs from a fractional one
+    whole = images.expected_residual_variance(0 * motion)
+    assert whole == pytest.approx(np.full(whole.shape, images.sigma**2 * 1.1))
+    assert np.all(images.expected_residual_variance(motion) < 0.75 * whole)
+
+
+def test_a_frame_with_an_artefact_is_named_by_its_chi() -> None:
+    frames = noisy(5, 5)
+    frames[3, 20:24] += 0.04
+    images = prepare(frames, noisy(6, 10), None, PIXEL, ORIGIN, BOUNDS)
+    chi = images.chi(constant_motion(images, 0, 0, 0))
+    assert int(chi.argmax()) == 3 and chi[3] > 1.5 and np.delete(chi, 3).max() < 1.1
+
+
+def test_the_flat_pattern_is_taken_off_every_image() -> None:
+    pattern = 0.02 * np.sin(0.3 * ROW)
+    plain = prepare(noisy(7, 2), noisy(8, 4), None, PIXEL, ORIGIN, BOUNDS)
+    flat = FlatField(pattern, 0.0)
+    patterned = prepare(noisy(7, 2) + pattern, noisy(8, 4) + pattern, flat, PIXEL, ORIGIN, BOUNDS)
+    assert patterned.reference == pytest.approx(plain.reference, abs=1e-12)
+    assert patterned.frames.coefficients == pytest.approx(plain.frames.coefficients, abs=1e-10)
+
+
+def test_a_trench_neither_rings_into_the_surface_nor_enters_the_region() -> None:
+    def trenched(stack: np.ndarray, shift: float) -> np.ndarray:
+        return np.where(np.abs(ROW - shift - 19.5) < 14, stack, 0.0)
+
+    frames = trenched(noisy(9, 4, 0.6, -0.4), 0.6)
+    images = prepare(frames, trenched(noisy(10, 10), 0.0), None, PIXEL, ORIGIN, BOUNDS)
+    assert images.rows.min() == 8 and images.rows.max() == 31  # measured: rows 6 to 33
+    motion = constant_motion(images, 0.6 * PIXEL, -0.4 * PIXEL, 0.0)
+    edge = np.isin(images.rows, (8, 31))
+    squares = images.residual(motion) ** 2 / images.expected_residual_variance(motion)
+    assert squares[:, edge].mean() == pytest.approx(1.0, abs=0.25)  # 4 × 92 values
+
+
+def test_repeats_that_moved_are_registered_and_the_noise_is_not_inflated() -> None:
+    shifts = [0.0, 0.8, -1.3, 0.5]
+    repeats = np.concatenate([noisy(20 + k, 1, s, -s) for k, s in enumerate(shifts)])
+    images = prepare(noisy(30, 1), repeats, None, PIXEL, ORIGIN, BOUNDS)
+    assert images.sigma == pytest.approx(SIGMA, rel=0.05)
+    truth = surface(images.rows.astype(float), images.cols.astype(float))
+    assert np.std(images.reference - truth) < 0.7 * SIGMA
+
+
+def test_the_refined_gradient_has_less_error_than_the_first() -> None:
+    images = prepare(noisy(11, 40, 0.4, 0.3), noisy(12, 10), None, PIXEL, ORIGIN, BOUNDS)
+    refined = refine_gradient(images, constant_motion(images, 0.4 * PIXEL, 0.3 * PIXEL, 0.0))
+    row, col = images.rows.astype(float), images.cols.astype(float)
+    step = 1e-4
+    truth = np.column_stack(
+        [
+            surface(row + step, col) - surface(row - step, col),
+            surface(row, col + step) - surface(row, col - step),
+        ]
+    ) / (2 * step * PIXEL)
+
+    def error(candidate: SurfaceImages) -> float:
+        return float(np.sqrt(np.mean((candidate.gradient - truth) ** 2)))
+
+    # spline slope of white noise: 0.96 σ/px, of 10 + 40 images, those between pixels smoother
+    assert error(refined) < 0.96 * SIGMA / PIXEL / np.sqrt(50) * 1.15
+    assert error(refined) < 0.5 * error(images)
+    assert np.array_equal(refined.reference, images.reference)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda a: a | {"frames": a["frames"][:, 1:]}, "frames of"),
+        (lambda a: a | {"flat": FlatField(np.zeros((3, 3)), 0.0)}, "flat pattern of"),
+        (lambda a: a | {"mask": np.ones((3, 3), bool)}, "mask of"),
+        (lambda a: a | {"bounds": (90.0, 91.0, 0.0, 5.0)}, "no pixel of the images"),
+        (lambda a: a | {"frames": 0 * a["frames"]}, "frame 0: no pixel carries a height"),
+    ],
+)
+def test_input_that_does_not_fit_is_named(
+    change: Callable[[dict[str, object]], dict[str, object]], message: str
+) -> None:
+    arguments = {
+        "frames": noisy(13, 2), "repeats": noisy(14, 3), "flat": None, "pixel": PIXEL,
+        "origin": ORIGIN, "bounds": BOUNDS,
+    }  # fmt: skip
+    with pytest.raises(ImageError, match=message):
+        prepare(**change(arguments))  # type: ignore[arg-type]

@@ -1,0 +1,118 @@
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from driver import check as check_module
+from driver.case import load_case
+from driver.check import check
+from driver.check_picture import boundary_trace
+from driver.estimate import estimate
+from solver_adapters.interface import Capabilities
+
+ALPHA = Path(__file__).parents[2] / "examples" / "alpha"
+
+
+class SmallStrainSolver:
+    name = "bundled"
+
+    def capabilities(self):
+        return Capabilities(frozenset({"tau0", "c", "d"}), frozenset({"small"}), True)
+
+    def version(self):
+        return "1.2"
+
+
+@pytest.fixture
+def case_path(tmp_path, monkeypatch):
+    """A copy of the example, and a solver that offers small strain only."""
+    monkeypatch.setattr(check_module, "solvers", lambda: {"bundled": SmallStrainSolver})
+    for name in ("case.toml", "images.tif", "flats.tif", "repeats.tif", "history.csv"):
+        shutil.copy(ALPHA / name, tmp_path / name)
+    return tmp_path / "case.toml"
+
+
+def edit(path, old, new):
+    text = path.read_text("utf-8")
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def found(path, level):
+    # Whether the distribution is installed is not the matter of the case.
+    return [
+        finding.message
+        for finding in check(path)
+        if finding.level == level and finding.subject != "libraries"
+    ]
+
+
+def test_the_example_is_in_order_and_drawn(case_path):
+    assert found(case_path, "error") == [] and found(case_path, "warning") == []
+    picture = imread(case_path.parent / "results" / "check.png")
+    assert picture.shape[0] > 400 and picture.shape[1] > 1000
+    # The grain boundary stands in the picture in its own colour.
+    orange = np.all(np.abs(picture[..., :3] - (1.0, 0.541, 0.122)) < 0.02, axis=-1)
+    assert orange.sum() > 200
+
+
+def test_the_trace_of_the_grain_boundary_lies_on_its_plane():
+    trace = boundary_trace(load_case(ALPHA / "case.toml"))
+    assert trace is not None
+    points = np.column_stack([trace, np.zeros(2)])
+    np.testing.assert_allclose((points - (0, 5.4, 0)) @ (0.15, 1, 0.30), 0.0, atol=1e-12)
+    assert trace[:, 0].tolist() == [-2.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("width_um = 4.0", "width_um = 0", "specimen.width_um: found 0, expected a number > 0"),
+        ('frames = "images.tif"', 'frames = "frames_*.tif"', "frames_*.tif: no image found"),
+        ("origin_pixel = [35.5, 21.0]", "origin_pixel = [35.5, 60.0]",
+         "images.origin_pixel: found the measured face at rows 17.3 … 53.7, columns 60.0 … 169.1, "
+         "expected it inside 72 × 152 px"),
+        ('name = "bundled"', 'name = "abaqus"',
+         'solver.name: found "abaqus", expected one of bundled'),
+        ('strain_measure = "small"', 'strain_measure = "finite"',
+         'material.strain_measure: found "finite", expected one that bundled offers: small'),
+        ('parameters = ["tau0", "c", "d"]', 'parameters = ["tau0", "n"]',
+         'identification.parameters: found "n", expected one that bundled honours: c, d, tau0'),
+        ('held_out_cycle = "last"', "held_out_cycle = 4",
+         "diagnosis.held_out_cycle: found 4, expected one of the 3 cycle(s)"),
+        ("boundary_point_um = [0.0, 5.4, 0.0]", "boundary_point_um = [0.0, 54, 0.0]", "specimen: "),
+    ],
+)  # fmt: skip
+def test_what_would_stop_a_run_is_found_before_it(case_path, old, new, sentence):
+    edit(case_path, old, new)
+    (message,) = found(case_path, "error")
+    assert sentence in message
+
+
+def test_loads_that_end_early_are_found(case_path):
+    history = case_path.parent / "history.csv"
+    lines = history.read_text().splitlines()
+    lines[-1] = lines[-1].rsplit(",", 1)[0] + ","
+    history.write_text("\n".join(lines))
+    (message,) = found(case_path, "error")
+    assert message.endswith("force_N: found nothing, expected the load of image 96")
+
+
+def test_a_face_drawn_over_a_trench_and_missing_stacks_are_warned_of(case_path):
+    edit(case_path, "origin_pixel = [35.5, 21.0]", "origin_pixel = [28.0, 21.0]")
+    edit(case_path, 'repeats = "repeats.tif"', "")
+    repeats, trench = found(case_path, "warning")
+    assert repeats == "images.repeats is not given: noise is nominal"
+    assert "of the measured face" in trench and "is at level 0" in trench
+
+
+def test_the_estimate_grows_with_the_work():
+    case = load_case(ALPHA / "case.toml")
+    base = estimate(case, 264, 97)
+    assert estimate(case, 528, 97).seconds > 1.9 * base.seconds
+    assert estimate(case, 264, 194).seconds == pytest.approx(2 * base.seconds)
+    assert estimate(case, 264, 97, n_pixels=10**8).memory - base.memory == pytest.approx(2.4e9)
+    fewer = case.diagnosis.model_copy(update={"refit": 1})
+    assert estimate(case.model_copy(update={"diagnosis": fewer}), 264, 97).seconds < base.seconds

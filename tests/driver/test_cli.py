@@ -1,0 +1,117 @@
+import sys
+from types import SimpleNamespace
+
+import pytest
+from typer.testing import CliRunner
+
+import driver
+from driver.case import CaseError, load_case
+from driver.check import Finding
+from driver.cli import app
+from solver_adapters.interface import SolverError
+
+
+@pytest.fixture
+def pipeline(monkeypatch):
+    """A pipeline that keeps what it was called with."""
+    calls = []
+
+    def run(case_path, until, force, log):
+        load_case(case_path)
+        calls.append(("run", case_path, until, force))
+        log("mesh: started")
+
+    fake = SimpleNamespace(
+        calls=calls,
+        run=run,
+        report=lambda case_path: calls.append(("report", case_path)),
+        export=lambda case_path, folder: calls.append(("export", case_path, folder)),
+    )
+    monkeypatch.setitem(sys.modules, "driver.pipeline", fake)
+    monkeypatch.setattr(driver, "pipeline", fake, raising=False)
+    return fake
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def case_path(tmp_path):
+    assert invoke("init", tmp_path / "a").exit_code == 0
+    return tmp_path / "a" / "case.toml"
+
+
+def test_init_writes_a_valid_case_and_its_schema_and_overwrites_nothing(case_path):
+    assert len(load_case(case_path).grains) == 2
+    assert (case_path.parent / "case.schema.json").is_file()
+    case_path.write_text("mine")
+    again = invoke("init", case_path.parent)
+    assert again.exit_code == 1 and "it is not overwritten" in again.stderr
+    assert case_path.read_text() == "mine"
+
+
+def test_run_takes_a_case_or_its_folder_and_hands_on_the_options(pipeline, case_path):
+    result = invoke("run", case_path.parent, "--until", "measure", "--force")
+    assert result.exit_code == 0 and result.stdout.rstrip().endswith("s  mesh: started")
+    assert pipeline.calls == [("run", case_path, "measure", True)]
+
+
+def test_a_bad_case_is_one_line_on_standard_error_and_the_others_are_run(
+    pipeline, case_path, tmp_path
+):
+    bad = tmp_path / "bad.toml"
+    bad.write_text(case_path.read_text("utf-8").replace("refit = 5", "refit = 0"), "utf-8")
+    result = invoke("run", bad, case_path)
+    assert result.exit_code == 1
+    assert result.stderr == (
+        f"prismid: {bad}: diagnosis.refit: found 0, expected a number ≥ 1 "
+        "(number of causes refitted nonlinearly)\n"
+    )
+    assert pipeline.calls == [("run", case_path, None, False)]
+    assert f"{case_path}: mesh: started" in result.stdout
+
+
+@pytest.mark.parametrize("error", [SolverError, CaseError, FileNotFoundError])
+def test_an_expected_error_shows_no_traceback(pipeline, case_path, error):
+    def failing(case_path):
+        raise error("what went wrong")
+
+    pipeline.report = failing
+    result = invoke("report", case_path)
+    assert (result.exit_code, result.stderr) == (1, "prismid: what went wrong\n")
+
+
+def test_a_mistake_of_the_program_is_not_hidden(pipeline, case_path):
+    def failing(case_path):
+        raise KeyError("a bug")
+
+    pipeline.report = failing
+    assert isinstance(invoke("report", case_path).exception, KeyError)
+
+
+def test_report_and_export_find_their_case(pipeline, case_path, tmp_path):
+    assert invoke("report", case_path.parent).exit_code == 0
+    assert invoke("export", case_path).exit_code == 0
+    assert invoke("export", case_path, "--to", tmp_path / "there").exit_code == 0
+    assert pipeline.calls == [
+        ("report", case_path),
+        ("export", case_path, case_path.parent / "results" / "export"),
+        ("export", case_path, tmp_path / "there"),
+    ]
+
+
+def test_check_prints_each_finding_and_fails_on_an_error(case_path, monkeypatch):
+    findings = [Finding("ok", "case", "valid"), Finding("warning", "images", "no flats")]
+    monkeypatch.setattr("driver.check.check", lambda path: findings)
+    good = invoke("check", case_path)
+    assert good.exit_code == 0
+    assert good.stdout.splitlines() == ["ok      case: valid", "WARNING images: no flats"]
+    findings.append(Finding("error", "solver", "none"))
+    bad = invoke("check", case_path)
+    assert bad.exit_code == 1 and bad.stdout.splitlines()[-1] == "ERROR   solver: none"
+
+
+def test_the_version_is_that_of_the_distribution(monkeypatch):
+    monkeypatch.setattr("driver.cli.version", lambda name: {"prismid": "3.2.1"}[name])
+    assert invoke("--version").stdout == "prismid 3.2.1\n"

@@ -1,0 +1,103 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from driver.history import HistoryError, knot_weights, read_history, turning_points
+
+ALPHA = Path(__file__).parents[2] / "examples" / "alpha" / "history.csv"
+# Two cycles with a hold before each image; the last cycle ends unloaded.
+ROWS = [
+    "0,0,0,0.5",
+    "10,5,,", "40,5,1,100",
+    "50,10,,", "80,10,2,150",
+    "90,5,,", "120,5,3,20",
+    "130,10,,", "160,10,4,120",
+    "170,20,,", "200,20,5,180",
+    "210,15,,", "240,15,6,30",
+]  # fmt: skip
+
+
+def write(tmp_path, rows=ROWS, header="time_s,stage_um,image,force_N"):
+    path = tmp_path / "history.csv"
+    path.write_text("\n".join([header, *rows]) + "\n")
+    return path
+
+
+def test_turning_points_stand_at_the_end_of_their_holds(tmp_path):
+    history = read_history(write(tmp_path))
+    assert history.turning.tolist() == [0, 4, 6, 10, 12]
+    assert history.stage[history.turning].tolist() == [0, 10, 5, 20, 15]
+
+
+def test_a_cycle_is_a_loading_and_the_unloading_after_it(tmp_path):
+    history = read_history(write(tmp_path))
+    assert history.cycle.tolist() == [1, 1, 1, 1, 2, 2, 2]
+    assert history.image_row.tolist() == [0, 2, 4, 6, 8, 10, 12]
+    assert history.force.tolist() == [0.5, 100, 150, 20, 120, 180, 30]
+
+
+def test_the_example_has_three_cycles_and_seven_knots():
+    history = read_history(ALPHA)
+    assert history.stage[history.turning].tolist() == [0, 130, 100, 230, 200, 330, 300]
+    assert np.bincount(history.cycle).tolist() == [0, 33, 32, 32]
+
+
+def test_knot_weights_sum_to_one_and_reproduce_what_is_linear_in_stage_travel(tmp_path):
+    history = read_history(write(tmp_path))
+    weights = knot_weights(history)
+    assert weights.shape == (13, 5)
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-15)
+    np.testing.assert_allclose(weights @ history.stage[history.turning], history.stage)
+    # Each knot is the value at its own turning point.
+    np.testing.assert_array_equal(weights[history.turning], np.eye(5))
+
+
+def test_a_motion_of_knots_is_constant_in_holds_and_halfway_at_half_the_travel(tmp_path):
+    history = read_history(write(tmp_path))
+    motion = knot_weights(history) @ np.array([0.0, 8.0, 7.0, 16.0, 15.0])
+    np.testing.assert_allclose(motion[[1, 2]], 4.0)
+    np.testing.assert_array_equal(motion[1::2], motion[2::2])
+
+
+def test_encoder_noise_in_a_hold_is_no_reversal():
+    up_and_down = np.r_[np.linspace(0, 100, 41), np.linspace(97.5, 50, 20)]
+    clean = turning_points(up_and_down)
+    assert clean.tolist() == [0, 40, 60]
+    noisy = up_and_down + 0.3 * (-1.0) ** np.arange(up_and_down.size)
+    np.testing.assert_array_equal(turning_points(noisy), clean)
+
+
+@pytest.mark.parametrize(
+    ("row", "text", "place", "found", "expected"),
+    [
+        (4, "80,10,2,", "row 6, force_N", "nothing", "the load of image 2"),
+        (4, "80,10,3,150", "row 6, image", "3", "2, for images are numbered 0, 1, 2"),
+        (3, "40,10,,", "row 5, time_s", "40", "more than the 40 s before it"),
+        (3, "50,ten,,", "row 5, stage_um", '"ten"', "a number"),
+        (3, "nan,10,,", "row 5, time_s", '"nan"', "a number"),
+        (3, "50", "row 5, stage_um", "nothing", "a number"),
+    ],
+)
+def test_a_wrong_row_is_named_with_file_row_found_and_expected(
+    tmp_path, row, text, place, found, expected
+):
+    path = write(tmp_path, [*ROWS[:row], text, *ROWS[row + 1 :]])
+    with pytest.raises(HistoryError) as error:
+        read_history(path)
+    assert str(error.value).startswith(f"{path}: {place}: found {found}, expected {expected}")
+
+
+def test_a_missing_column_and_a_missing_file_are_named(tmp_path):
+    path = write(tmp_path, header="time_s,stage_mm,image,force_N")
+    with pytest.raises(HistoryError, match="row 1: found time_s,stage_mm.* the column stage_um"):
+        read_history(path)
+    with pytest.raises(HistoryError, match="absent.csv: file: found nothing, expected a CSV"):
+        read_history(tmp_path / "absent.csv")
+
+
+def test_a_stage_that_never_moves_and_a_lone_image_are_refused(tmp_path):
+    with pytest.raises(HistoryError, match="stage_um: found 5 in every row, expected a stage that"):
+        read_history(write(tmp_path, ["0,5,0,1", "10,5,1,2"]))
+    with pytest.raises(HistoryError, match="image: found 1 images, expected image 0 and at least"):
+        read_history(write(tmp_path, ["0,0,0,1", "10,5,,"]))

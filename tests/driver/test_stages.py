@@ -1,0 +1,169 @@
+import json
+from dataclasses import replace
+
+import pytest
+
+from driver.case import CaseError, default_case, write_case
+from driver.stages import Stage, StageError, measured_files, run_stages
+
+
+class Workshop:
+    """Two stages, the second built on the first, that count how often they are run."""
+
+    def __init__(self, folder):
+        self.folder, self.case_path, self.runs, self.lines = folder, folder / "case.toml", [], []
+        write_case(default_case(), self.case_path)
+        for name in ("images.tif", "flats.tif", "repeats.tif", "history.csv"):
+            (folder / name).write_text(name)
+        self.stages = [
+            Stage("mesh", "1", ("specimen",), self.mesh),
+            Stage("measure", "1", ("images", "dic"), self.measure, measured_files),
+        ]
+
+    def mesh(self, context):
+        self.runs.append("mesh")
+        (context.workdir / "mesh.txt").write_text(str(context.case.specimen.length))
+
+    def measure(self, context):
+        self.runs.append("measure")
+        (context.workdir / "maps").mkdir()
+        (context.workdir / "maps" / "motion.txt").write_text(
+            context.result("mesh.txt").read_text() + " motion"
+        )
+
+    def run(self, **options):
+        """The stages that did run."""
+        self.runs.clear()
+        run_stages(self.case_path, self.stages, report=self.lines.append, **options)
+        return list(self.runs)
+
+    def edit(self, old, new):
+        text = self.case_path.read_text("utf-8")
+        assert text.count(old) == 1
+        self.case_path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+@pytest.fixture
+def workshop(tmp_path):
+    return Workshop(tmp_path)
+
+
+def test_what_is_done_and_unchanged_is_not_done_again(workshop):
+    assert workshop.run() == ["mesh", "measure"]
+    results = workshop.folder / "results"
+    assert (results / "maps" / "motion.txt").read_text() == "12.0 motion"
+    assert workshop.run() == []
+    assert workshop.lines[-2:] == ["mesh: done and unchanged", "measure: done and unchanged"]
+
+
+def test_a_change_reruns_the_stages_that_depend_on_it(workshop):
+    workshop.run()
+    workshop.edit("element_px = 16", "element_px = 20")
+    assert workshop.run() == ["measure"]
+    (workshop.folder / "flats.tif").write_text("other flats")
+    assert workshop.run() == ["measure"]
+    workshop.edit("length_um = 12.0", "length_um = 10.0")
+    assert workshop.run() == ["mesh", "measure"]
+    workshop.edit("max_iterations = 12", "max_iterations = 3")
+    assert workshop.run() == []
+
+
+def test_comments_of_the_case_and_its_place_on_the_disk_do_not_matter(workshop, tmp_path):
+    workshop.run()
+    workshop.edit("[dic]", "# a comment\n[dic]")
+    assert workshop.run() == []
+    workshop.case_path = workshop.folder.rename(tmp_path.with_name("moved")) / "case.toml"
+    assert workshop.run() == []
+
+
+def test_new_code_reruns_its_stage_and_those_after_it(workshop):
+    workshop.run()
+    workshop.stages[0] = replace(workshop.stages[0], version="2")
+    assert workshop.run() == ["mesh", "measure"]
+
+
+def test_a_result_that_is_gone_is_made_again(workshop):
+    workshop.run()
+    (workshop.folder / "results" / "mesh.txt").unlink()
+    assert workshop.run() == ["mesh"]
+
+
+def test_force_reruns_and_until_stops(workshop):
+    assert workshop.run(until="mesh") == ["mesh"]
+    assert workshop.run() == ["measure"]
+    assert workshop.run(until="mesh", force=True) == ["mesh"]
+    assert workshop.run(force=True) == ["mesh", "measure"]
+    with pytest.raises(StageError, match='--until: found "mash", expected one of mesh, measure'):
+        workshop.run(until="mash")
+
+
+def test_a_stage_that_fails_leaves_the_results_of_its_last_run(workshop):
+    workshop.run()
+
+    def failing(context):
+        (context.workdir / "mesh.txt").write_text("half")
+        raise RuntimeError("no convergence")
+
+    good = workshop.stages[0]
+    workshop.stages[0] = replace(good, version="2", run=failing)
+    with pytest.raises(RuntimeError, match="no convergence"):
+        workshop.run()
+    assert (workshop.folder / "results" / "mesh.txt").read_text() == "12.0"
+    workshop.stages[0] = good
+    assert workshop.run() == []
+
+
+def test_a_crash_while_results_are_replaced_makes_the_stage_count_as_not_done(
+    workshop, monkeypatch
+):
+    workshop.run()
+    workshop.edit("length_um = 12.0", "length_um = 10.0")
+    move = __import__("os").replace
+
+    def crash(source, target):
+        if str(target).endswith("mesh.txt"):
+            raise OSError("disk full")
+        move(source, target)
+
+    monkeypatch.setattr("driver.stages.os.replace", crash)
+    with pytest.raises(OSError, match="disk full"):
+        workshop.run()
+    monkeypatch.undo()
+    workshop.edit("length_um = 10.0", "length_um = 12.0")
+    assert workshop.run() == ["mesh"]
+
+
+def test_results_that_are_no_longer_made_go_and_those_of_others_are_kept(workshop):
+    workshop.run()
+
+    def renamed(context):
+        (context.workdir / "prism.txt").write_text("a mesh")
+
+    workshop.stages = [replace(workshop.stages[0], version="2", run=renamed)]
+    workshop.run()
+    results = workshop.folder / "results"
+    assert not (results / "mesh.txt").exists() and (results / "maps" / "motion.txt").exists()
+    record = json.loads((results / "stages.json").read_text())
+    assert record["mesh"]["outputs"] == ["prism.txt"]
+
+
+def test_one_name_for_two_results_is_refused(workshop):
+    workshop.stages[1] = replace(workshop.stages[1], run=workshop.mesh)
+    with pytest.raises(
+        StageError, match=r"measure: found a result mesh.txt, which belongs to mesh"
+    ):
+        workshop.run()
+    assert (workshop.folder / "results" / "mesh.txt").exists()
+
+
+def test_a_result_that_no_stage_has_made_is_named(workshop):
+    workshop.stages = workshop.stages[1:]
+    with pytest.raises(StageError, match="mesh.txt: found nothing, expected the result of an earl"):
+        workshop.run()
+
+
+def test_a_bad_case_stops_before_anything_is_written(workshop):
+    workshop.edit("length_um = 12.0", "length_um = -1")
+    with pytest.raises(CaseError, match="specimen.length_um"):
+        workshop.run()
+    assert not (workshop.folder / "results").exists()

@@ -1,0 +1,16 @@
+"""The prism that most tests of meshes use: the reference grain boundary, a coarse mesh."""
+
+import pytest
+
+from meshes.prism import PrismGeometry, generate
+from meshes.prism_mesh import PrismMesh
+
+
+@pytest.fixture(scope="session")
+def geometry() -> PrismGeometry:
+    return PrismGeometry(boundary_point=(0, 5.4, 0), boundary_normal=(0.15, 1, 0.30))
+
+
+@pytest.fixture(scope="session")
+def mesh(geometry: PrismGeometry) -> PrismMesh:
+    return generate(geometry, 1.65)

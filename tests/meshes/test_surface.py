@@ -1,0 +1,63 @@
+"""The trace of the measured face, and interpolation on it."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from meshes.prism_mesh import PrismMesh
+from meshes.surface import SurfaceMesh, interpolation, trace
+
+
+@pytest.fixture(scope="module")
+def surface(mesh: PrismMesh) -> SurfaceMesh:
+    return trace(mesh)
+
+
+def quadratic(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    x, y = xy.T
+    result: NDArray[np.float64] = 1.5 - x + 0.3 * y + 0.2 * x**2 - 0.7 * x * y + 0.05 * y**2
+    return result
+
+
+def test_the_trace_holds_the_nodes_and_faces_of_the_top(
+    mesh: PrismMesh, surface: SurfaceMesh
+) -> None:
+    assert np.array_equal(surface.nodes, mesh.nodes["TOP"])
+    assert np.array_equal(surface.nodes[surface.cells], mesh.faces["TOP"])
+    assert np.array_equal(surface.points, mesh.points[surface.nodes, :2])
+
+
+def test_a_quadratic_field_is_interpolated_exactly(surface: SurfaceMesh) -> None:
+    xy = np.random.default_rng(1).uniform((-2, 0), (2, 12), (5000, 2))
+    matrix, inside = interpolation(surface, xy)
+    assert inside.all()
+    np.testing.assert_allclose(matrix @ quadratic(surface.points), quadratic(xy), atol=1e-12)
+
+
+def test_interpolation_at_the_nodes_is_the_identity(surface: SurfaceMesh) -> None:
+    matrix, inside = interpolation(surface, surface.points)
+    assert inside.all()
+    np.testing.assert_allclose(matrix.toarray(), np.eye(len(surface.points)), atol=1e-12)
+
+
+def test_points_off_the_face_have_empty_rows(surface: SurfaceMesh) -> None:
+    xy = np.random.default_rng(2).uniform((-3, -1), (3, 13), (4000, 2))
+    matrix, inside = interpolation(surface, xy)
+    on_face = (np.abs(xy[:, 0]) <= 2) & (xy[:, 1] >= 0) & (xy[:, 1] <= 12)
+    assert np.array_equal(inside, on_face)
+    assert matrix.shape == (4000, len(surface.points))
+    np.testing.assert_allclose(matrix.sum(axis=1), on_face, atol=1e-12)
+    assert (np.diff(matrix.indptr) == 6 * on_face).all()
+
+
+def test_the_rim_belongs_to_the_face_within_its_tolerance(surface: SurfaceMesh) -> None:
+    rim = np.array([[-2, 0], [2, 12], [0.3, 0], [2, 5.5], [-2 - 1e-11, 3], [1, 12 + 1e-11]])
+    off = np.array([[-2 - 1e-6, 3], [1, 12 + 1e-6], [0.3, -1e-6]])
+    assert interpolation(surface, rim)[1].all()
+    assert not interpolation(surface, off)[1].any()
+
+
+def test_no_points_give_an_empty_matrix(surface: SurfaceMesh) -> None:
+    matrix, inside = interpolation(surface, np.empty((0, 2)))
+    assert matrix.shape == (0, len(surface.points))
+    assert inside.shape == (0,)

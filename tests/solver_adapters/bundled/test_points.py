@@ -1,0 +1,155 @@
+"""One step of the law at a Gauss point against its equations and their complex step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from solver_adapters.bundled.law import N_LOCAL, N_STATE, local_parameters
+from solver_adapters.bundled.points import Points
+from solver_adapters.crystal import bunge_matrix
+from solver_adapters.material import Material, StrainMeasure
+from tests.solver_adapters.bundled import reference_law as reference
+
+AnyArray = NDArray[Any]
+ROTATIONS = np.stack([bunge_matrix(281, 8, 47), bunge_matrix(211, 45, 150)])
+N_POINTS = 6
+GRAIN = np.arange(N_POINTS) % 2
+DT = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """The last of a few steps, at six points, as the kernel solved it."""
+
+    points: Points
+    H: AnyArray
+    state: AnyArray
+    slips: AnyArray
+    P: AnyArray
+    tangent: AnyArray
+    end: AnyArray
+
+    def step(self, i: int) -> reference.Step:
+        R = self.points.rotation[GRAIN[i]]
+        constants = self.points.local[GRAIN[i]]
+        return reference.Step(
+            self.points.strain_measure,
+            self.H[i].reshape(3, 3) @ R.T,
+            R,
+            constants,
+            self.state[i],
+            DT,
+        )
+
+
+def _solve(measure: StrainMeasure, loading: tuple[float, ...], seed: int = 0) -> Solved:
+    """Strain by the multiples in `loading` of about 0.3 %, different at each point."""
+    material = Material(Q=15.0, b=40.0, tau0_112=1.07, tau0_grain2=0.9, strain_measure=measure)
+    points = Points(measure, GRAIN, local_parameters(material, 2), ROTATIONS)
+    noise = np.random.default_rng(seed).normal(size=(N_POINTS, 3, 3))
+    pull = 0.003 * (np.diag([-0.4, 1.0, -0.4]) + 0.2 * noise)
+    end, slips = points.initial_state(), np.zeros((N_POINTS, 24))
+    for multiple in loading:
+        H = (multiple * pull @ ROTATIONS[GRAIN]).reshape(N_POINTS, 9)
+        state = end
+        end, slips, P, tangent, count = points.update(H, state, slips, DT)
+        assert count.min() > 0
+    return Solved(points, H, state, slips, P, tangent, end)
+
+
+LOADINGS = {"elastic": (0.1,), "plastic": (0.5, 1.0, 2.0), "reversed": (1.0, 3.0, 2.4)}
+
+
+@pytest.fixture(scope="module", params=["small", "finite"])
+def measure(request: pytest.FixtureRequest) -> StrainMeasure:
+    name: StrainMeasure = request.param
+    return name
+
+
+@pytest.fixture(scope="module", params=list(LOADINGS))
+def solved(request: pytest.FixtureRequest, measure: StrainMeasure) -> Solved:
+    return _solve(measure, LOADINGS[request.param])
+
+
+def test_the_slips_of_a_step_solve_the_equations_of_the_law(solved: Solved) -> None:
+    for i in range(N_POINTS):
+        step, slips = solved.step(i), solved.slips[i]
+        assert reference.overstress_at_rest(step, slips).max() < 0.5  # K (1e-14/dt)^(1/n)
+        exact = reference.corrected(step, slips, reference.jacobian(step, slips)).real
+        np.testing.assert_allclose(slips, exact, rtol=0, atol=1e-13)
+        stress, state = reference.response(step, exact)
+        np.testing.assert_allclose(solved.P[i], stress, rtol=0, atol=1e-8)
+        np.testing.assert_allclose(solved.end[i], state, rtol=0, atol=1e-13)
+
+
+def test_many_systems_slip_in_the_plastic_step(measure: StrainMeasure) -> None:
+    slips = _solve(measure, LOADINGS["plastic"]).slips
+    assert (np.count_nonzero(slips, axis=1) >= 6).all()
+
+
+def test_the_tangent_is_the_complex_step_of_the_equations(solved: Solved) -> None:
+    for i in range(N_POINTS):
+        step, slips = solved.step(i), solved.slips[i]
+        matrix = reference.jacobian(step, slips)
+        expected = np.empty((9, 9))
+        for j in range(9):
+            unit = np.zeros(9)
+            unit[j] = 1.0
+            # The kernel differentiates in ∂u/∂X·R.
+            expected[:, j], _ = reference.derivative(
+                step, slips, matrix, H=unit.reshape(3, 3) @ step.R.T
+            )
+        scale = abs(expected).max()
+        np.testing.assert_allclose(solved.tangent[i], expected, rtol=0, atol=1e-11 * scale)
+
+
+def test_the_tangent_is_symmetric(solved: Solved) -> None:
+    difference = solved.tangent - solved.tangent.transpose(0, 2, 1)
+    assert abs(difference).max() < 1e-12 * abs(solved.tangent).max()
+
+
+def test_directional_derivatives_are_the_complex_step_of_the_equations(solved: Solved) -> None:
+    """Along every parameter, every number of the history, every motion and every rotation."""
+    spins = np.array(
+        [
+            [[0, 0, 0], [0, 0, -1], [0, 1, 0]],
+            [[0, 0, 1], [0, 0, 0], [-1, 0, 0]],
+            [[0, -1, 0], [1, 0, 0], [0, 0, 0]],
+        ]
+    )
+    count = N_LOCAL + N_STATE + 9 + 3
+    local, state = np.zeros((2, count, N_LOCAL)), np.zeros((N_POINTS, count, N_STATE))
+    H, rotation = np.zeros((N_POINTS, count, 9)), np.zeros((2, count, 3, 3))
+    local[:, np.arange(N_LOCAL), np.arange(N_LOCAL)] = 1.0
+    state[:, N_LOCAL + np.arange(N_STATE), np.arange(N_STATE)] = 1.0
+    H[:, N_LOCAL + N_STATE + np.arange(9), np.arange(9)] = 1.0
+    for row, spin in enumerate(spins, start=N_LOCAL + N_STATE + 9):
+        rotation[:, row] = spin @ ROTATIONS
+        gradient = solved.H.reshape(-1, 3, 3) @ ROTATIONS[GRAIN].transpose(0, 2, 1)
+        H[:, row] = (gradient @ rotation[GRAIN, row]).reshape(-1, 9)
+    dP, dstate = solved.points.derive(
+        solved.H, solved.state, solved.slips, DT, H, rotation, local, state
+    )
+    for i in range(N_POINTS):
+        step, slips = solved.step(i), solved.slips[i]
+        matrix = reference.jacobian(step, slips)
+        for k in range(count):
+            turn = rotation[GRAIN[i], k]
+            gradient = H[i, k].reshape(3, 3) - step.H @ turn
+            stress, end = reference.derivative(
+                step,
+                slips,
+                matrix,
+                constants=local[GRAIN[i], k],
+                state=state[i, k],
+                H=gradient @ step.R.T,
+                R=turn,
+            )
+            for found, expected in ((dP[i, k], stress), (dstate[i, k], end)):
+                scale = abs(expected).max()
+                np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * scale + 1e-25)

@@ -1,0 +1,31 @@
+import jinja2
+import pytest
+
+import templates
+from templates import render
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(templates._ENVIRONMENT, "loader", jinja2.FileSystemLoader(tmp_path))
+    templates._ENVIRONMENT.cache.clear()
+    yield tmp_path
+    templates._ENVIRONMENT.cache.clear()
+
+
+def test_values_are_escaped_in_pages_only(folder):
+    for name in ("page.html.j2", "deck.comm.j2"):
+        (folder / name).write_text("{{ value }}\n")
+    assert render("page.html.j2", value="a < b") == "a &lt; b\n"
+    assert render("deck.comm.j2", value="a < b") == "a < b\n"
+
+
+def test_a_value_that_is_not_given_is_an_error(folder):
+    (folder / "deck.j2").write_text("{{ given }} {{ forgotten }}")
+    with pytest.raises(jinja2.UndefinedError, match="forgotten"):
+        render("deck.j2", given=1)
+
+
+def test_the_last_line_break_of_a_deck_is_kept(folder):
+    (folder / "deck.j2").write_text("FIN();\n")
+    assert render("deck.j2") == "FIN();\n"
