@@ -57,6 +57,10 @@ class Case(Table):
     solver: Solver = Solver()
     identification: Identification = Identification()
     diagnosis: DiagnosisTable = DiagnosisTable()
+    extensions: dict[str, Number] = Field(
+        default_factory=dict,
+        description="starts of parameters of the general model that are freed beside the law",
+    )
     dic: Dic = Dic()
     execution: Execution = Execution()
 

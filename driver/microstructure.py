@@ -122,7 +122,10 @@ def build_microstructure(
     mesh: PrismMesh, geometry: PrismGeometry, orientations: FloatArray
 ) -> Microstructure:
     """Collect the geometric parameters that the specimen has."""
-    velocities = {"depth_scale": depth_scale(mesh, geometry), "apex_shift": apex_shift(mesh, geometry)}
+    velocities = {
+        "depth_scale": depth_scale(mesh, geometry),
+        "apex_shift": apex_shift(mesh, geometry),
+    }
     if geometry.boundary_point is not None:
         fields = (
             boundary_shift(mesh, geometry),

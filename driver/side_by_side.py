@@ -44,12 +44,15 @@ def side_by_side(
             if done is not None:
                 done(index, results[-1])
         return results
-    with _few_threads(threads), ProcessPoolExecutor(
-        max_workers=min(processes, len(tasks)),
-        mp_context=multiprocessing.get_context("spawn"),
-        initializer=numba.set_num_threads,
-        initargs=(threads,),
-    ) as pool:
+    with (
+        _few_threads(threads),
+        ProcessPoolExecutor(
+            max_workers=min(processes, len(tasks)),
+            mp_context=multiprocessing.get_context("spawn"),
+            initializer=numba.set_num_threads,
+            initargs=(threads,),
+        ) as pool,
+    ):
         futures = {pool.submit(work, task): index for index, task in enumerate(tasks)}
         found: dict[int, Result] = {}
         try:

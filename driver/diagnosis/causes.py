@@ -173,9 +173,9 @@ NUMERICS = Cause(
 """Scored along the finer-minus-working difference; its parameter is the missing share of it."""
 
 
-def causes_of(known: Collection[str], fitted: Collection[str], wanted: Sequence[str] | None) -> (
-    tuple[Cause, ...]
-):
+def causes_of(
+    known: Collection[str], fitted: Collection[str], wanted: Sequence[str] | None
+) -> tuple[Cause, ...]:
     """The causes that this specimen can have and that are not fitted already.
 
     Args:

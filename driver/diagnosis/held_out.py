@@ -77,7 +77,8 @@ def predict_held_out(task: HeldOutTask) -> HeldOut:
     )
 
 
-def knots_of_cycle(frames: IntArray, weights: NDArray[np.float64], cycle: int, names: Sequence[str]
+def knots_of_cycle(
+    frames: IntArray, weights: NDArray[np.float64], cycle: int, names: Sequence[str]
 ) -> tuple[str, ...]:
     """Knots that move images of this cycle and of no other.
 

@@ -216,6 +216,7 @@ def fit(
     log: Log,
     start: Evaluation | None = None,
     tolerance: float = DECREMENT,
+    share: float = 0.0,
 ) -> Fit:
     """Minimise the cost; a step that fails or climbs is halved.
 
@@ -227,6 +228,8 @@ def fit(
         log: takes one line for each iteration.
         start: evaluation at `values` with `free`, where it is known already.
         tolerance: Newton decrement at which the fit has converged [σ].
+        share: the fit also ends when a further step would lower the misfit by less than this
+            share of it: enough for a fit that only starts another one.
 
     Raises:
         SolverError, ValueError: the model cannot be evaluated at the start.
@@ -237,7 +240,7 @@ def fit(
     for iteration in range(1, most + 1):
         step = _bounded_step(here, objective.parameters)
         decrement = float(np.sqrt(max(step @ here.gradient, 0.0)))
-        if decrement < tolerance:
+        if decrement < max(tolerance, np.sqrt(share * here.misfit)):
             return Fit(here, True, f"the Newton decrement is {decrement:.2g} σ", tuple(history))
         ahead = _descend(objective, here, step)
         if ahead is None:

@@ -22,7 +22,7 @@ from driver.model import ForwardModel
 FloatArray = NDArray[np.float64]
 Log = Callable[[str], None]
 
-START = 1.0  # Newton decrement of a stage that only starts the next one [σ]
+START = 0.02  # a stage that only starts the next one ends when its misfit falls by less
 LAMBDA_PRIOR = 0.5  # standard deviation about the start: λ = −0.5 … 2.5 is all that was ever seen
 
 
@@ -87,19 +87,15 @@ def identify(
     log("stage A: apex amplitudes and knots from the images")
     images_alone = replace(objective, data=objective.data.images_alone())
     everything = (*LAMBDAS, *knots, *law)
-    stage_a = fit(images_alone, start, everything, most, log, tolerance=START)
+    stage_a = fit(images_alone, start, everything, most, log, share=START)
     log("stage B: the law from images and loads, knots free")
-    stage_b = fit(objective, stage_a.values, (*knots, *law), most, log, tolerance=START)
+    stage_b = fit(objective, stage_a.values, (*knots, *law), most, log, share=START)
     log("stage C: all together")
-    first = fit(objective, stage_b.values, everything, most, log, tolerance=START)
+    first = fit(objective, stage_b.values, everything, most, log, share=START)
     factor = temporal_noise(first, objective.data)
-    data = replace(
-        objective.data, image=replace(objective.data.image, noise_factor=factor)
-    )
+    data = replace(objective.data, image=replace(objective.data.image, noise_factor=factor))
     log("finer mesh and steps at the result, for the correction")
-    corrected = replace(
-        objective, data=data, correction=correction(working, finer, first, log)
-    )
+    corrected = replace(objective, data=data, correction=correction(working, finer, first, log))
     log("stage C with the correction")
     last = fit(corrected, first.values, everything, most, log)
     return Identification(
@@ -107,9 +103,7 @@ def identify(
     )
 
 
-def correction(
-    working: ForwardModel, finer: ForwardModel, at: Fit, log: Log
-) -> Correction:
+def correction(working: ForwardModel, finer: ForwardModel, at: Fit, log: Log) -> Correction:
     """Finer minus working prediction at a result."""
     fine = finer.predict(at.values)
     coarse = at.best.prediction

@@ -84,9 +84,7 @@ def prepare(w: FloatArray, schmid: FloatArray) -> None:
 
 
 @kernel
-def _left(
-    w: FloatArray, c: int, a: int, turn_a: bool, b: int, turn_b: bool, width: int
-) -> None:
+def _left(w: FloatArray, c: int, a: int, turn_a: bool, b: int, turn_b: bool, width: int) -> None:
     """c_m = a·b_m of each direction m; a or b transposed where asked."""
     row, column = (1, 3) if turn_a else (3, 1)
     a0, a1, a2 = w[a], w[a + column], w[a + 2 * column]
@@ -109,9 +107,7 @@ def _left(
 
 
 @kernel
-def _right(
-    w: FloatArray, c: int, b: int, turn_b: bool, a: int, turn_a: bool, width: int
-) -> None:
+def _right(w: FloatArray, c: int, b: int, turn_b: bool, a: int, turn_a: bool, width: int) -> None:
     """c_m = b_m·a of each direction m; a or b transposed where asked."""
     row, column = (1, 3) if turn_a else (3, 1)
     a0, a1, a2 = w[a], w[a + column], w[a + 2 * column]
@@ -172,7 +168,7 @@ def _tensors(w: FloatArray, c: int, a: int, width: int) -> None:
 
 @kernel
 def _cubic(w: FloatArray, s: int, e: int, p: FloatArray, width: int) -> None:
-    """s = C : sym(e)."""
+    """S = C : sym(e)."""
     difference, C12, C44 = p[P_C11] - p[P_C12], p[P_C12], p[P_C44]
     for m in range(width):
         x, y, z = w[e + m], w[e + 4 * width + m], w[e + 8 * width + m]

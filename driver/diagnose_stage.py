@@ -1,0 +1,259 @@
+"""Stage 4: what the simulation gets wrong, written as numbers, words and an extended case."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import h5py
+import numpy as np
+
+from driver.boundary import LAMBDAS
+from driver.case import Case, CaseError, write_case
+from driver.diagnosis.causes import LIBRARY
+from driver.diagnosis.diagnose import Diagnosis, Settings, Step, diagnose
+from driver.diagnosis.omnibus import Omnibus
+from driver.diagnosis.score import Score
+from driver.errors import sentence
+from driver.identification.fit import Evaluation, Fit, fit
+from driver.identify_stage import (
+    IDENTIFY,
+    error_budget,
+    fit_arrays,
+    load_workbench,
+    saved_correction,
+)
+from driver.measure_stage import MEASURE
+from driver.results import read_hdf5, write_hdf5
+from driver.stages import StageContext
+from driver.workbench import Workbench
+from solver_adapters.material import MATERIAL_PARAMETERS
+
+DIAGNOSIS, DIAGNOSIS_H5, EXTENDED = "diagnosis.json", "diagnosis.h5", "extended.toml"
+
+
+def run_diagnose(context: StageContext) -> None:
+    """Diagnose the identified model; write `diagnosis.json` and `extended.toml`."""
+    case = context.case
+    wanted = _wanted(context)
+    bench = load_workbench(context)
+    identified = read_hdf5(context.result(IDENTIFY))
+    free_chi = read_hdf5(context.result(MEASURE))["chi"]
+    with h5py.File(context.result(IDENTIFY), "r") as file:
+        values = json.loads(file.attrs["all_values"])
+        free = tuple(json.loads(file.attrs["names"]))
+    data = bench.objective.data
+    objective = replace(
+        bench.objective,
+        correction=saved_correction(identified),
+        data=replace(
+            data, image=replace(data.image, noise_factor=float(identified["noise_factor"]))
+        ),
+    )
+    baseline = fit(objective, values, free, case.identification.max_iterations, context.log)
+    cycles = bench.experiment.history.cycle
+    settings = Settings(
+        wanted=wanted,
+        refit=case.diagnosis.refit,
+        held_out=_held_out(case, int(cycles.max())),
+        processes=case.execution.processes,
+        threads=case.execution.threads,
+        free_chi=float(np.sqrt(np.mean(free_chi**2))),
+    )
+    found = diagnose(baseline, objective, bench.finer, cycles, settings, context.log)
+    context.log(f"verdict: {found.verdict.kind}. {found.verdict.text}")
+    for name in added_parameters(found):
+        sigma = found.extended.sigma(name, objective.parameters)
+        context.log(f"  {name} = {found.extended.values[name]:.4g} ± {sigma:.2g}")
+    if found.held_out is not None:
+        before, after = found.held_out
+        context.log(
+            f"  held-out cycle {before.cycle}: χ_F {before.chi_load:.2f} → {after.chi_load:.2f}"
+        )
+    context.log(f"  next: {found.verdict.next}")
+    budgets = (
+        error_budget(bench, found.baseline.best, free_chi),
+        error_budget(bench, found.extended.best, free_chi),
+    )
+    record = diagnosis_record(found, bench, budgets)
+    (context.workdir / DIAGNOSIS).write_text(
+        json.dumps(record, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+    )
+    arrays = fit_arrays(found.baseline, bench, "before") | fit_arrays(
+        found.extended, bench, "after"
+    )
+    write_hdf5(context.workdir / DIAGNOSIS_H5, arrays)
+    write_case(extended_case(case, found), context.workdir / EXTENDED)
+
+
+def added_parameters(found: Diagnosis) -> tuple[str, ...]:
+    """Names of the parameters that the extension freed."""
+    return tuple(n for cause in found.causes for n in (*cause.parameters, *cause.companions))
+
+
+def extended_case(case: Case, found: Diagnosis) -> Case:
+    """The case with the fitted values as starts and the added causes freed.
+
+    It stands in `results/`: its paths lead one folder up.
+    """
+    values = found.extended.values
+    names = {"tau0": "tau0_MPa", "c": "c_MPa", "Q": "Q_MPa"}
+    constants = {
+        names.get(name, name): values[name]
+        for name in MATERIAL_PARAMETERS
+        if name in case.identification.parameters
+    }
+    lambdas = dict(
+        zip(("plus_Y", "plus_Z", "minus_Y", "minus_Z"), (values[n] for n in LAMBDAS), strict=True)
+    )
+    added = {name: values[name] for name in added_parameters(found)}
+    images = case.images
+    moved = {
+        key: f"../{getattr(images, key)}"
+        for key in ("frames", "flats", "repeats", "mask")
+        if getattr(images, key) is not None
+    }
+    lambda_start = case.boundary.lambda_start.model_copy(update=lambdas)
+    return case.model_copy(
+        update={
+            "material": case.material.model_copy(update=constants),
+            "boundary": case.boundary.model_copy(update={"lambda_start": lambda_start}),
+            "extensions": case.extensions | added,
+            "images": images.model_copy(update=moved),
+            "history": case.history.model_copy(update={"file": f"../{case.history.file}"}),
+        }
+    )
+
+
+def diagnosis_record(
+    found: Diagnosis, bench: Workbench, budgets: tuple[dict[str, float], dict[str, float]]
+) -> dict[str, Any]:
+    """What `diagnosis.json` holds."""
+    parameters = bench.objective.parameters
+
+    def fitted(fit_: Fit) -> dict[str, dict[str, Any]]:
+        return {
+            name: {
+                "value": fit_.values[name],
+                "sigma": fit_.sigma(name, parameters),
+                "unit": parameters[name].unit,
+            }
+            for name in fit_.best.free
+        }
+
+    before, after = found.baseline, found.extended
+    shifts = {
+        name: (after.values[name] - before.values[name]) / before.sigma(name, parameters)
+        for name in bench.law
+    }
+    gain: dict[str, Any] = {
+        "share_of_excess_explained": _number(found.explained),
+        "log_bayes_factor": found.log_evidence,
+        "budget_before": budgets[0],
+        "budget_after": budgets[1],
+        "shift_in_sigma": shifts,
+    }
+    if found.held_out is not None:
+        gain["held_out"] = {
+            "cycle": found.held_out[0].cycle,
+            "chi_load_before": found.held_out[0].chi_load,
+            "chi_load_after": found.held_out[1].chi_load,
+            "chi_image_before": found.held_out[0].chi_image,
+            "chi_image_after": found.held_out[1].chi_image,
+        }
+    return {
+        "verdict": found.verdict.kind,
+        "causes": list(found.verdict.causes),
+        "text": found.verdict.text,
+        "next": found.verdict.next,
+        "added": {n: fitted(after)[n] for n in added_parameters(found)},
+        "gain": gain,
+        "numerics": {
+            "effect_sigma": found.gate.effect,
+            "on": found.gate.cause,
+            "passed": found.gate.passed,
+        },
+        "baseline": fitted(before) | {"reason": before.reason},
+        "extended": fitted(after) | {"reason": after.reason},
+        "steps": [_step_record(step, bench) for step in found.steps],
+    }
+
+
+def _step_record(step: Step, bench: Workbench) -> dict[str, Any]:
+    refits = {refit.cause.name: refit for refit in step.refits}
+    parameters = bench.objective.parameters
+
+    def refitted(name: str) -> dict[str, Any] | None:
+        if name not in refits:
+            return None
+        fit_, cause = refits[name].fit, refits[name].cause
+        best: Evaluation = fit_.best
+        return {
+            "log_evidence": refits[name].log_evidence,
+            "chi_load": best.chi_load,
+            "chi_image": best.chi_image,
+            "values": {n: fit_.values[n] for n in (*cause.parameters, *cause.companions)},
+            "sigma": {n: fit_.sigma(n, parameters) for n in (*cause.parameters, *cause.companions)},
+        }
+
+    def scored(s: Score) -> dict[str, Any]:
+        scales = [parameters[n].scale if n in parameters else 1.0 for n in s.cause.parameters]
+        units = [parameters[n].unit if n in parameters else "" for n in s.cause.parameters]
+        return {
+            "cause": s.cause.name,
+            "category": s.cause.category,
+            "sentence": s.cause.sentence,
+            "parameters": list(s.cause.parameters),
+            "units": units,
+            "statistic": s.statistic,
+            "degrees": s.degrees,
+            "p_family": s.p,
+            "log_evidence": s.log_evidence,
+            "estimate": [float(e * k) for e, k in zip(s.estimate, scales, strict=True)],
+            "smallest_visible": [_number(v * k) for v, k in zip(s.visible, scales, strict=True)],
+            "refit": refitted(s.cause.name),
+        }
+
+    return {
+        "chi_load": step.chi_load,
+        "chi_image": step.chi_image,
+        "omnibus": _omnibus_record(step.omnibus),
+        "named": list(step.named),
+        "causes": [scored(s) for s in step.scores],
+    }
+
+
+def _omnibus_record(tests: Omnibus) -> dict[str, Any]:
+    return {
+        "load_slow_p": tests.load_slow,
+        "load_serial_p": tests.load_serial,
+        "image_slow_p": tests.image_slow,
+        "accepted": tests.accepted,
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _wanted(context: StageContext) -> tuple[str, ...] | None:
+    wanted = context.case.diagnosis.causes
+    if wanted == "all":
+        return None
+    known = tuple(cause.name for cause in LIBRARY)
+    for name in wanted:
+        if name not in known:
+            raise CaseError(
+                sentence(context.case_path, "diagnosis.causes", f'"{name}"',
+                         "one of " + ", ".join(known))
+            )  # fmt: skip
+    return tuple(wanted)
+
+
+def _held_out(case: Case, cycles: int) -> int | None:
+    asked = case.diagnosis.held_out_cycle
+    if asked == "none" or cycles < 2:
+        return None
+    return cycles if asked == "last" else int(asked)

@@ -1,0 +1,387 @@
+"""The diagnosis from a fitted baseline: screen, refit, name, extend, test, measure the gain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from driver.diagnosis.causes import LIBRARY, NUMERICS, Cause, causes_of
+from driver.diagnosis.held_out import HeldOut, HeldOutTask, knots_of_cycle, predict_held_out
+from driver.diagnosis.omnibus import FAMILY_LEVEL, Omnibus, omnibus
+from driver.diagnosis.refit import Refit, refit_causes
+from driver.diagnosis.score import Score, cosine, prior_scaled, score
+from driver.diagnosis.verdict import MOST_ADDITIONS, Verdict, decide
+from driver.identification.fit import Correction, Evaluation, Fit, Objective, fit
+from driver.identification.procedure import correction
+from driver.model import ForwardModel
+from driver.side_by_side import side_by_side
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Log = Callable[[str], None]
+
+WITHIN = 3.0  # log evidence within which causes are not told apart
+PARALLEL = 0.95  # cosine beyond which they cannot be
+IMAGING = 1.2  # χ of free correlation beyond which imaging errors dominate
+GATE = 1.0  # largest effect of the change of the correction on a score [σ]
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One round of screening, and the cause that it added (or None).
+
+    Attributes:
+        scores: every cause that was tried, best log evidence first.
+        refits: the nonlinear refits, best first.
+        named: the cause that was added and those that cannot be told from it, or empty.
+        omnibus: tests of the baseline of this round.
+        chi_load, chi_image: of that baseline.
+    """
+
+    scores: tuple[Score, ...]
+    refits: tuple[Refit, ...]
+    named: tuple[str, ...]
+    omnibus: Omnibus
+    chi_load: float
+    chi_image: float
+
+
+@dataclass(frozen=True, eq=False)
+class Gate:
+    """Change of the finer-minus-working difference from the baseline to the extended model.
+
+    Attributes:
+        effect: largest effect on the score of any cause [σ].
+        cause: the cause whose score it would change most.
+    """
+
+    effect: float
+    cause: str
+
+    @property
+    def passed(self) -> bool:
+        """Whether no score could have been moved by more than one σ."""
+        return self.effect <= GATE
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """All that was found.
+
+    Attributes:
+        baseline: the fit that was examined.
+        extended: the fit with the causes that were added (the baseline where there are none).
+        objective: the objective of the extended fit.
+        steps: the rounds.
+        causes: the causes that were added.
+        gate: the test of the simulation's own error.
+        held_out: score of the held-out cycle before and after, None where none is held out.
+        explained: share of the excess misfit that the extension explains (NaN without excess).
+        log_evidence: log Bayes factor of the extended model against the baseline.
+        verdict: the answer.
+    """
+
+    baseline: Fit
+    extended: Fit
+    objective: Objective
+    steps: tuple[Step, ...]
+    causes: tuple[Cause, ...]
+    gate: Gate
+    held_out: tuple[HeldOut, HeldOut] | None
+    explained: float
+    log_evidence: float
+    verdict: Verdict
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """How a diagnosis is run.
+
+    Attributes:
+        wanted: names of the causes to try, None for all.
+        refit: how many causes are refitted in a round.
+        held_out: number of the cycle to hold out, None for none.
+        processes: processes side by side.
+        threads: threads of each.
+        free_chi: χ of free correlation.
+    """
+
+    wanted: tuple[str, ...] | None
+    refit: int
+    held_out: int | None
+    processes: int
+    threads: int
+    free_chi: float
+
+
+def diagnose(
+    baseline: Fit,
+    objective: Objective,
+    finer: ForwardModel,
+    cycles: IntArray,
+    settings: Settings,
+    log: Log,
+) -> Diagnosis:
+    """Find out what the baseline gets wrong.
+
+    Args:
+        baseline: converged fit with the correction.
+        objective: its objective.
+        finer: the finer model behind the correction.
+        cycles: number of the cycle of each image, shape (T,).
+        settings: how to run.
+        log: takes one line of progress.
+
+    Raises:
+        SolverError: the model cannot be evaluated at the baseline.
+    """
+    model = objective.model
+    limited = settings.free_chi > IMAGING
+    if limited:
+        objective = _inflated(objective, settings.free_chi)
+        baseline = fit(objective, baseline.values, baseline.best.free, 5, log)
+    here, steps, causes, evidence = baseline, [], [], 0.0
+    current = objective
+    accepted = False
+    while True:
+        log(f"screening at χ_F {here.best.chi_load:.2f}, χ of images {here.best.chi_image:.3f}")
+        step, winner = _round(here, current, model, causes, settings, log)
+        steps.append(step)
+        accepted = step.omnibus.accepted
+        if winner is None or len(causes) == MOST_ADDITIONS:
+            break
+        causes.append(winner.cause)
+        evidence += winner.log_evidence
+        here, current = winner.fit, winner.objective
+        log(f"added {winner.cause.name}, log evidence {winner.log_evidence:+.1f}")
+        here, current, causes = _eliminate(here, current, causes, log)
+    log("finer mesh and steps at the result, and the held-out cycle")
+    gate, held_out = _gate_and_held_out(
+        objective, current, finer, baseline, here, steps[-1].scores, cycles, settings, log
+    )
+    numerics = None
+    if not gate.passed:
+        numerics = (
+            f"between the baseline and the result its own error changes by {gate.effect:.1f} σ "
+            f"along {gate.cause}; a mesh and time steps half as large are needed"
+        )
+    groups = [step.named for step in steps if step.named and step.named[0] in _names(causes)]
+    every = (*LIBRARY, NUMERICS)
+    verdict = decide(
+        groups, accepted, limited, numerics,
+        {cause.name: cause.sentence for cause in every},
+        {cause.name: cause.check for cause in every},
+    )  # fmt: skip
+    return Diagnosis(
+        baseline=baseline,
+        extended=here,
+        objective=current,
+        steps=tuple(steps),
+        causes=tuple(causes),
+        gate=gate,
+        held_out=held_out,
+        explained=_explained(baseline.best, here.best) if causes else float("nan"),
+        log_evidence=evidence,
+        verdict=verdict,
+    )
+
+
+def _names(causes: Sequence[Cause]) -> tuple[str, ...]:
+    return tuple(cause.name for cause in causes)
+
+
+def _inflated(objective: Objective, chi: float) -> Objective:
+    image = objective.data.image
+    louder = replace(image, noise_factor=image.noise_factor * chi)
+    return replace(objective, data=replace(objective.data, image=louder))
+
+
+def _round(
+    here: Fit,
+    objective: Objective,
+    model: ForwardModel,
+    added: Sequence[Cause],
+    settings: Settings,
+    log: Log,
+) -> tuple[Step, Refit | None]:
+    """Screen all causes, refit the best, and pick the one to add."""
+    known = (
+        frozenset(p for p in objective.parameters if not model.simulated(p))
+        | model.boundary.parameters
+        | model.microstructure.parameters
+        | model.adapter.capabilities().material
+    )
+    candidates = causes_of(known, here.best.free, settings.wanted)
+    scores, screening = screen(here, objective, candidates)
+    tests = omnibus(here.best, objective.data)
+    significant = [s for s in scores if s.p < FAMILY_LEVEL and s.cause.name != NUMERICS.name]
+    chosen = significant[: settings.refit]
+    for s in scores[:5]:
+        log(f"  {s.cause.name}: log evidence {s.log_evidence:+.1f}, p {s.p:.2g}")
+    refits: list[Refit] = []
+    if chosen and len(added) < MOST_ADDITIONS:
+        log(f"refitting {', '.join(s.cause.name for s in chosen)}")
+        refits = refit_causes(
+            chosen, screening, here.best, objective, settings.processes, settings.threads, log
+        )
+        refits.sort(key=lambda r: -r.log_evidence)
+    winner = refits[0] if refits and refits[0].log_evidence > 0 else None
+    named: tuple[str, ...] = ()
+    if winner is not None:
+        named = _set_of(winner, refits, scores)
+    step = Step(tuple(scores), tuple(refits), named, tests, here.best.chi_load, here.best.chi_image)
+    return step, winner
+
+
+def screen(
+    here: Fit, objective: Objective, candidates: Sequence[Cause]
+) -> tuple[list[Score], Evaluation]:
+    """Score every candidate, and the discretisation, with one simulation.
+
+    Returns:
+        scores, best log evidence first, and the evaluation with every parameter free.
+    """
+    names = list(here.best.free)
+    for cause in candidates:
+        names += [n for n in (*cause.parameters, *cause.companions) if n not in names]
+    screening = objective.evaluate(here.values, names)
+    family = len(candidates) + 1
+    scores = []
+    for cause in candidates:
+        rows = [names.index(n) for n in cause.parameters]
+        scaled = prior_scaled(screening.jacobian[rows], cause.parameters, objective.parameters)
+        scores.append(score(cause, scaled, here.best, family))
+    if isinstance(objective.correction.load, np.ndarray):
+        along = whitened_difference(objective, here.best, objective.correction, Correction())
+        scores.append(score(NUMERICS, along[None], here.best, family))
+    scores.sort(key=lambda s: -s.log_evidence)
+    return scores, screening
+
+
+def whitened_difference(
+    objective: Objective, at: Evaluation, one: Correction, other: Correction
+) -> FloatArray:
+    """Change of the whitened prediction between two corrections, shape (n,)."""
+    data = objective.data
+    here, _ = data.residual(at.motion, at.load)
+    motion = np.asarray(one.motion) - np.asarray(other.motion)
+    load = np.asarray(one.load) - np.asarray(other.load)
+    there, _ = data.residual(at.motion + motion, at.load + load)
+    return np.asarray(here - there)
+
+
+def _set_of(winner: Refit, refits: Sequence[Refit], scores: Sequence[Score]) -> tuple[str, ...]:
+    """The winner, and the causes that cannot be told from it, best first."""
+    by_name = {s.cause.name: s for s in scores}
+    best = by_name[winner.cause.name]
+    names = [winner.cause.name]
+    for other in refits[1:]:
+        close = winner.log_evidence - other.log_evidence < WITHIN
+        if close or cosine(best, by_name[other.cause.name]) > PARALLEL:
+            names.append(other.cause.name)
+    refitted = {r.cause.name for r in refits}
+    names += [
+        s.cause.name
+        for s in scores
+        if s.cause.name not in refitted
+        and s.cause.name != NUMERICS.name
+        and s.degrees == best.degrees
+        and cosine(best, s) > PARALLEL
+    ]
+    return tuple(names)
+
+
+def _eliminate(
+    here: Fit, objective: Objective, causes: list[Cause], log: Log
+) -> tuple[Fit, Objective, list[Cause]]:
+    """Drop an earlier cause that the later ones have made superfluous (Wald test)."""
+    for cause in causes[:-1]:
+        rows = [here.best.free.index(name) for name in cause.parameters]
+        theta = np.array(
+            [
+                objective.parameters[n].theta(here.values[n], objective.parameters[n].null)
+                for n in cause.parameters
+            ]
+        )
+        covariance = here.covariance[np.ix_(rows, rows)]
+        statistic = float(theta @ np.linalg.solve(covariance, theta))
+        if chi2.sf(statistic, len(rows)) < FAMILY_LEVEL:
+            continue
+        log(f"{cause.name} is not needed any more")
+        freed = (*cause.parameters, *cause.companions)
+        free = tuple(name for name in here.best.free if name not in freed)
+        nulls = {name: objective.parameters[name].null for name in freed}
+        prior = {name: p for name, p in objective.prior.items() if name not in freed}
+        objective = replace(objective, prior=prior)
+        here = fit(objective, here.values | nulls, free, 5, log)
+        causes = [c for c in causes if c is not cause]
+    return here, objective, causes
+
+
+def _explained(before: Evaluation, after: Evaluation) -> float:
+    """Share of the misfit above its expectation that is gone."""
+    expected = before.residual.size - len(before.free)
+    excess = before.misfit - expected
+    return float((before.misfit - after.misfit) / excess) if excess > 0 else float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class _Refresh:
+    working: ForwardModel
+    finer: ForwardModel
+    at: Fit
+
+
+def _run(task: _Refresh | HeldOutTask) -> Correction | HeldOut:
+    if isinstance(task, HeldOutTask):
+        return predict_held_out(task)
+    return correction(task.working, task.finer, task.at, lambda line: None)
+
+
+def _gate_and_held_out(
+    objective: Objective,
+    current: Objective,
+    finer: ForwardModel,
+    baseline: Fit,
+    here: Fit,
+    scores: Sequence[Score],
+    cycles: IntArray,
+    settings: Settings,
+    log: Log,
+) -> tuple[Gate, tuple[HeldOut, HeldOut] | None]:
+    model = objective.model
+    tasks: list[_Refresh | HeldOutTask] = []
+    extended = here is not baseline
+    if extended:
+        tasks.append(_Refresh(model, finer, here))
+    if settings.held_out is not None:
+        weights = model.boundary.weights[model.image_row]
+        names = [n for n in baseline.best.free if n.startswith(("elongation", "tilt"))]
+        knots = knots_of_cycle(cycles, weights, settings.held_out, names)
+        fits = [(objective, baseline), (current, here)] if extended else [(objective, baseline)]
+        tasks += [HeldOutTask(o, f, settings.held_out, cycles, knots) for o, f in fits]
+    results = side_by_side(_run, tasks, settings.processes, settings.threads)
+    gate = Gate(0.0, NUMERICS.name)
+    for result in results:
+        if isinstance(result, Correction):
+            gate = _gate(current, here.best, result, scores)
+            log(f"  change of the simulation's own error: {gate.effect:.2f} σ along {gate.cause}")
+    held = [result for result in results if isinstance(result, HeldOut)]
+    for label, result in zip(("before", "after"), held, strict=False):
+        log(f"  held-out cycle {result.cycle} {label}: χ_F {result.chi_load:.2f}")
+    return gate, (held[0], held[-1]) if held else None
+
+
+def _gate(objective: Objective, at: Evaluation, fresh: Correction, scores: Sequence[Score]) -> Gate:
+    change = whitened_difference(objective, at, fresh, objective.correction)
+    effects = [
+        (float(np.linalg.norm(s.directions @ change)) / np.sqrt(max(s.degrees, 1)), s.cause.name)
+        for s in scores
+        if s.degrees and s.cause.name != NUMERICS.name
+    ]
+    effect, cause = max(effects, default=(0.0, NUMERICS.name))
+    return Gate(effect, cause)

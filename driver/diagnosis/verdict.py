@@ -1,0 +1,127 @@
+"""The answer in one word and one paragraph, with what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal[
+    "nothing wrong",
+    "named",
+    "one of this set",
+    "named, but something is left",
+    "unexplained",
+    "imaging-limited",
+    "numerics",
+]
+
+MOST_ADDITIONS = 3
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer of a diagnosis.
+
+    Attributes:
+        kind: the answer.
+        causes: the causes that it names; of a set, the best first.
+        text: a paragraph for a person.
+        next: what to do next.
+    """
+
+    kind: Kind
+    causes: tuple[str, ...]
+    text: str
+    next: str
+
+
+def decide(
+    added: Sequence[Sequence[str]],
+    accepted: bool,
+    imaging_limited: bool,
+    numerics: str | None,
+    sentences: dict[str, str],
+    checks: dict[str, str],
+) -> Verdict:
+    """Put the outcome of the steps into words.
+
+    Args:
+        added: for each addition the set of causes that cannot be told apart, the best first.
+        accepted: whether the omnibus tests accept what is left.
+        imaging_limited: whether the images carry errors that no motion explains.
+        numerics: the refinement that the simulation needs, or None if it is fine enough.
+        sentences: what a person would say of each cause.
+        checks: the physical check of each cause.
+    """
+    if numerics is not None:
+        return Verdict(
+            "numerics", ("discretisation",),
+            f"The simulation itself is not exact enough to judge: {numerics}.",
+            "Refine as said, then run again.",
+        )  # fmt: skip
+    if not added:
+        return _without_a_name(accepted, imaging_limited)
+    names = tuple(group[0] for group in added)
+    said = "; and ".join(_said(group, sentences) for group in added)
+    sets = [group for group in added if len(group) > 1]
+    if len(added) >= MOST_ADDITIONS:
+        return Verdict(
+            "unexplained", names,
+            f"Three or more causes were needed ({', '.join(names)}): their sum describes the "
+            "data, but so many at once are more likely the shadow of one that is not in the "
+            "library.",
+            "Look at the maps of what is left, and think of a cause of your own.",
+        )  # fmt: skip
+    do_next = " ".join(f"Confirm {name}: {checks[name]}." for name in names)
+    if not accepted:
+        return Verdict(
+            "named, but something is left", names,
+            f"{_capital(said)}. This explains a part; what is left is still not noise.",
+            do_next + " Then look at the maps of what is left.",
+        )  # fmt: skip
+    if sets:
+        every = tuple(name for group in added for name in group)
+        apart = " or ".join(sets[0])
+        return Verdict(
+            "one of this set", every, f"{_capital(said)}.",
+            f"These data cannot tell {apart}. " + " ".join(
+                f"Check {name}: {checks[name]}." for name in sets[0]
+            ),
+        )  # fmt: skip
+    return Verdict("named", names, f"{_capital(said)}.", do_next)
+
+
+def _without_a_name(accepted: bool, imaging_limited: bool) -> Verdict:
+    if imaging_limited:
+        return Verdict(
+            "imaging-limited", (),
+            "Even free correlation leaves more than noise in the images: errors of the imaging "
+            "dominate, and with them counted no cause stands out.",
+            "Look at the residual maps of the free correlation: focus, dust, scan lines, drift.",
+        )  # fmt: skip
+    if accepted:
+        return Verdict(
+            "nothing wrong", (),
+            "What is left is noise: no cause of the library is needed, and no structure remains "
+            "in loads or images.",
+            "Read the table of the smallest magnitudes that would have been seen: a cause "
+            "smaller than that can still be there.",
+        )  # fmt: skip
+    return Verdict(
+        "unexplained", (),
+        "The residual is not noise, yet no cause of the library explains it.",
+        "Look at the maps of what is left: where and when it stands tells what to think of.",
+    )  # fmt: skip
+
+
+def _said(group: Sequence[str], sentences: dict[str, str]) -> str:
+    first = sentences[group[0]]
+    if len(group) == 1:
+        return first
+    others = ", or ".join(sentences[name] for name in group[1:])
+    return f"{first}, or {others}"
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -1,0 +1,128 @@
+"""Stage 3: boundary motion and parameters of the law, with their uncertainty."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.identification.fit import Correction, Evaluation, Fit
+from driver.identification.procedure import Identification, identify
+from driver.measure_stage import MEASURE
+from driver.mesh_stage import FINE_MESH, MESH
+from driver.results import read_hdf5, write_csv, write_hdf5
+from driver.stages import StageContext
+from driver.workbench import Workbench, build_workbench
+from meshes.files import read_med
+
+IDENTIFY, IDENTIFY_CSV, HISTORY_JSON = "identify.h5", "identify.csv", "identify_history.json"
+FloatArray = NDArray[np.float64]
+
+
+def load_workbench(context: StageContext) -> Workbench:
+    """The workbench of a case from the results of the first two stages."""
+    measured = read_hdf5(context.result(MEASURE))
+    return build_workbench(
+        context.case,
+        read_med(context.result(MESH)),
+        read_med(context.result(FINE_MESH)),
+        measured["motion"],
+        measured["elongation"],
+        measured["tilt"],
+    )
+
+
+def run_identify(context: StageContext) -> None:
+    """Identify, and write parameters, covariance, budget and predictions."""
+    bench = load_workbench(context)
+    found = identify(
+        bench.working, bench.finer, bench.objective, bench.start, bench.law, bench.knots,
+        context.case.identification.max_iterations, context.log,
+    )  # fmt: skip
+    final = found.final
+    budget = error_budget(bench, final.best, read_hdf5(context.result(MEASURE))["chi"])
+    for name in bench.law:
+        sigma = final.sigma(name, bench.objective.parameters)
+        context.log(f"  {name} = {final.values[name]:.5g} ± {sigma:.2g}")
+    context.log(
+        f"  budget: noise 1, free correlation {budget['free']:.2f}, "
+        f"this model {budget['model']:.2f} (images), {budget['load']:.2f} (loads)"
+    )
+    _write(context, bench, found, budget)
+
+
+def error_budget(bench: Workbench, best: Evaluation, free_chi: FloatArray) -> dict[str, float]:
+    """χ at pixel level from noise over free correlation to the model, and χ_F of the loads."""
+    images = bench.images
+    variance = images.expected_residual_variance(best.motion)[bench.objective.data.index]
+    return {
+        "noise": 1.0,
+        "free": float(np.sqrt(np.mean(free_chi**2))),
+        "model": float(np.sqrt(np.mean(best.rho**2 / variance))),
+        "basis": best.chi_image,
+        "load": best.chi_load,
+    }
+
+
+def saved_correction(results: dict[str, FloatArray]) -> Correction:
+    """The correction of a finished identification."""
+    return Correction(results["correction/motion"], results["correction/load"])
+
+
+def fit_arrays(
+    fit: Fit, bench: Workbench, prefix: str
+) -> dict[str, tuple[NDArray[np.generic] | float, str]]:
+    """Predictions and residuals of a fit for the results file."""
+    best, data = fit.best, bench.objective.data
+    return {
+        f"{prefix}/load": (best.load, "µN"),
+        f"{prefix}/load_residual": (data.load - best.load, "µN"),
+        f"{prefix}/motion": (best.motion.astype(np.float32), "µm"),
+        f"{prefix}/rho": (best.rho.astype(np.float32), "µm"),
+    }
+
+
+def _write(
+    context: StageContext, bench: Workbench, found: Identification, budget: dict[str, float]
+) -> None:
+    final, parameters = found.final, bench.objective.parameters
+    names = final.best.free
+    covariance = final.covariance
+    deviation = np.sqrt(np.diag(covariance))
+    sigma = np.array([final.sigma(name, parameters) for name in names])
+    values = np.array([final.values[name] for name in names])
+    correction = found.objective.correction
+    write_hdf5(
+        context.workdir / IDENTIFY,
+        {
+            "values": (values, "see units"),
+            "sigma": (sigma, "see units"),
+            "start": (np.array([bench.start[name] for name in names]), "see units"),
+            "covariance": (covariance, "of θ"),
+            "correlation": (covariance / np.outer(deviation, deviation), "1"),
+            "correction/motion": (np.asarray(correction.motion), "µm"),
+            "correction/load": (np.asarray(correction.load), "µN"),
+            "noise_factor": (found.noise_factor, "1"),
+            **{f"budget/{key}": (value, "1") for key, value in budget.items()},
+            **fit_arrays(final, bench, "final"),
+        },
+        {
+            "names": json.dumps(names),
+            "units": json.dumps([parameters[name].unit for name in names]),
+            "all_values": json.dumps(final.values),
+            "reason": final.reason,
+        },
+    )
+    write_csv(
+        context.workdir / IDENTIFY_CSV,
+        {
+            "parameter": list(names),
+            "value": values.tolist(),
+            "sigma": sigma.tolist(),
+            "unit": [parameters[name].unit for name in names],
+        },
+    )
+    record = {stage: {"reason": fit.reason, "iterations": fit.history}
+              for stage, fit in found.stages.items()}  # fmt: skip
+    (context.workdir / HISTORY_JSON).write_text(json.dumps(record, indent=1), encoding="utf-8")

@@ -1,0 +1,63 @@
+"""The stages of a run: mesh → measure → identify → diagnose → report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numba
+
+from driver.case import Case
+from driver.diagnose_stage import run_diagnose
+from driver.identify_stage import run_identify
+from driver.measure_stage import run_measure
+from driver.mesh_stage import run_mesh
+from driver.report.stage import run_report
+from driver.stages import Stage, measured_files, run_stages
+
+Log = Callable[[str], None]
+
+_MESH = ("specimen",)
+_MEASURE = ("specimen", "images", "history", "dic", "sections", "loads")
+_IDENTIFY = (
+    "grains", "orientation", "material", "boundary", "solver", "identification", "extensions",
+)  # fmt: skip
+_REPORT = (*_MESH, *_MEASURE, *_IDENTIFY, "diagnosis")
+
+
+def stages(case: Case) -> Sequence[Stage]:
+    """All stages of a case, in their order."""
+    return (
+        Stage("mesh", "1", _MESH, run_mesh),
+        Stage("measure", "1", _MEASURE, run_measure, measured_files),
+        Stage("identify", "1", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, measured_files),
+        Stage("diagnose", "1", ("diagnosis",), run_diagnose, measured_files),
+        Stage("report", "1", _REPORT, run_report, measured_files),
+    )
+
+
+def run(case_path: Path, until: str | None, force: bool, log: Log) -> None:
+    """Run the stages of a case.
+
+    Raises:
+        InputError: the case or a measured file cannot be used.
+        SolverError: a simulation could not be finished.
+    """
+    from driver.case import load_case
+
+    case = load_case(case_path)
+    cores = min(numba.config.NUMBA_NUM_THREADS, case.execution.processes * case.execution.threads)
+    numba.set_num_threads(cores)
+    run_stages(case_path, stages(case), until, force, log)
+
+
+def report(case_path: Path) -> None:
+    """Write the report page anew from the results that are there."""
+    run(case_path, "report", False, print)
+
+
+def export(case_path: Path, folder: Path) -> None:
+    """Write the results in the formats of other programs."""
+    from driver.export import export_case
+
+    export_case(case_path, folder)

@@ -1,0 +1,1 @@
+"""Pictures and one self-contained page from the results of a case."""

@@ -1,0 +1,129 @@
+"""What identification and diagnosis start from, put together from a case and earlier results."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.boundary import LAMBDAS
+from driver.case import Case
+from driver.dic.basis import grid_basis
+from driver.dic.surface_images import SurfaceImages, refine_gradient
+from driver.experiment import Experiment, read_experiment
+from driver.identification.data import Data, build_image_data
+from driver.identification.fit import Objective
+from driver.identification.procedure import LAMBDA_PRIOR, start_values
+from driver.model import ForwardModel, declared_parameters
+from driver.specimen import adapter_of, build_model, surface_images
+from meshes.prism_mesh import PrismMesh
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Workbench:
+    """Models, data and starts of a case.
+
+    Attributes:
+        experiment: what was measured.
+        images: the corrected images with the low-noise gradient.
+        working: the model that is fitted.
+        finer: finer mesh and steps.
+        objective: data, priors; no correction yet.
+        start: every parameter at the start.
+        law: names of the free parameters of law, section and extensions.
+        knots: names of the free knots.
+    """
+
+    experiment: Experiment
+    images: SurfaceImages
+    working: ForwardModel
+    finer: ForwardModel
+    objective: Objective
+    start: dict[str, float]
+    law: tuple[str, ...]
+    knots: tuple[str, ...]
+
+
+def build_workbench(
+    case: Case,
+    mesh: PrismMesh,
+    fine_mesh: PrismMesh,
+    motion: FloatArray,
+    elongation: FloatArray,
+    tilt: FloatArray,
+) -> Workbench:
+    """Put a case together.
+
+    Args:
+        case: the case.
+        mesh: working mesh.
+        fine_mesh: finer mesh.
+        motion: motion of the free correlation at the pixels [µm], shape (T, n_pix, 3).
+        elongation: measured v(S+) − v(S−) of each image [µm], shape (T,).
+        tilt: measured w(S+) − w(S−) of each image [µm], shape (T,).
+    """
+    experiment = read_experiment(case)
+    images = refine_gradient(surface_images(case, experiment), motion)
+    adapter, history = adapter_of(case), experiment.history
+    steps, fine_steps = case.solver.steps_per_interval, case.solver.fine_steps_per_interval
+    working = build_model(case, mesh, history, images.xy, adapter, steps)
+    finer = build_model(case, fine_mesh, history, images.xy, adapter, fine_steps)
+    pixel = case.images.pixel_um
+    image_data = build_image_data(
+        images,
+        grid_basis(images.xy, images.bounds, case.dic.element_px * pixel),
+        grid_basis(images.xy, images.bounds, case.dic.height_element_px * pixel),
+        working.projection,
+        case.boundary.gauge,
+    )
+    data = Data(
+        image_data,
+        experiment.force,
+        experiment.gamma_F,
+        case.loads.autocorrelation,
+        np.arange(history.n_images),
+    )
+    parameters = declared_parameters(history.n_knots)
+    start, knots = start_values(working, elongation, tilt)
+    if case.boundary.gauge == "rigid":
+        # The tilt between the edges is a rigid rotation, and is not part of the motion.
+        knots = tuple(name for name in knots if name.startswith("elongation"))
+        start |= {name: 0.0 for name in start if name.startswith("tilt_") and name[5:].isdigit()}
+    table = case.boundary.lambda_start
+    start |= dict(
+        zip(LAMBDAS, (table.plus_Y, table.plus_Z, table.minus_Y, table.minus_Z), strict=True)
+    )
+    start |= case.extensions
+    law = _law(case)
+    prior = {name: (start[name], LAMBDA_PRIOR / parameters[name].scale) for name in LAMBDAS}
+    prior |= {
+        name: (start[name], case.identification.width(name))
+        for name in case.identification.parameters
+    }
+    for name in case.extensions:
+        parameter = parameters[name]
+        prior[name] = (parameter.null, parameter.scale if parameter.logarithmic else 1.0)
+    uncertainty = case.sections.relative_uncertainty
+    if uncertainty:
+        prior["load_gain"] = (0.0, uncertainty / parameters["load_gain"].scale)
+    return Workbench(
+        experiment=experiment,
+        images=images,
+        working=working,
+        finer=finer,
+        objective=Objective(working, data, parameters, prior),
+        start=start,
+        law=law,
+        knots=knots,
+    )
+
+
+def _law(case: Case) -> tuple[str, ...]:
+    names: Sequence[str] = (*case.identification.parameters, *case.extensions)
+    if case.sections.relative_uncertainty:
+        names = (*names, "load_gain")
+    return tuple(dict.fromkeys(names))
