@@ -23,6 +23,7 @@ from driver.case_tables import (
     Images,
     Loads,
     MaterialTable,
+    Number,
     Orientation,
     Sections,
     Solver,

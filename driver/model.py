@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,7 +21,12 @@ from driver.microstructure import (
     Microstructure,
 )
 from solver_adapters.interface import Adapter, Direction, Progress, Response, Simulation
-from solver_adapters.material import MATERIAL_DECLARATIONS, MATERIAL_PARAMETERS, Material
+from solver_adapters.material import (
+    MATERIAL_DECLARATIONS,
+    MATERIAL_PARAMETERS,
+    Material,
+    with_parameters,
+)
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
@@ -99,10 +104,9 @@ class ForwardModel:
 
     def simulation(self, values: Values, free: Sequence[str] = ()) -> Simulation:
         """The hand-over to a solver, with a direction for each free parameter that it needs."""
-        changes = {name: values[name] for name in MATERIAL_PARAMETERS if name in values}
         return Simulation(
             mesh=self.microstructure.moved_mesh(values),
-            material=replace(self.material, **changes),
+            material=with_parameters(self.material, values),
             orientations=self.microstructure.rotated(values),
             times=self.times,
             motion_nodes=self.boundary.nodes,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numba
 
-from driver.case import Case
+from driver.case import Case, load_case
 from driver.diagnose_stage import run_diagnose
 from driver.identify_stage import run_identify
 from driver.measure_stage import run_measure
@@ -43,11 +44,9 @@ def run(case_path: Path, until: str | None, force: bool, log: Log) -> None:
         InputError: the case or a measured file cannot be used.
         SolverError: a simulation could not be finished.
     """
-    from driver.case import load_case
-
     case = load_case(case_path)
-    cores = min(numba.config.NUMBA_NUM_THREADS, case.execution.processes * case.execution.threads)
-    numba.set_num_threads(cores)
+    asked = case.execution.processes * case.execution.threads
+    numba.set_num_threads(min(os.cpu_count() or 1, asked))
     run_stages(case_path, stages(case), until, force, log)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
 from typing import Literal
 
 from solver_adapters.parameter import Parameter
@@ -54,6 +55,12 @@ class Material:
 MATERIAL_PARAMETERS: tuple[str, ...] = tuple(
     field.name for field in fields(Material) if field.name != "strain_measure"
 )
+
+
+def with_parameters(material: Material, values: Mapping[str, float]) -> Material:
+    """The material with some of its constants replaced; other names are left alone."""
+    changes = {name: values[name] for name in MATERIAL_PARAMETERS if name in values}
+    return Material(**{**asdict(material), **changes})
 
 
 MATERIAL_DECLARATIONS: tuple[Parameter, ...] = (

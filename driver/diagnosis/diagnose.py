@@ -144,7 +144,9 @@ def diagnose(
     if limited:
         objective = _inflated(objective, settings.free_chi)
         baseline = fit(objective, baseline.values, baseline.best.free, 5, log)
-    here, steps, causes, evidence = baseline, [], [], 0.0
+    here, evidence = baseline, 0.0
+    steps: list[Step] = []
+    causes: list[Cause] = []
     current = objective
     accepted = False
     while True:

@@ -45,7 +45,7 @@ class Omnibus:
 
 def omnibus(fitted: Evaluation, data: Data) -> Omnibus:
     """Test a fitted residual; degrees of freedom taken by the fit are counted."""
-    hat = np.linalg.solve(fitted.hessian, fitted.jacobian)
+    hat = np.asarray(np.linalg.solve(fitted.hessian, fitted.jacobian), dtype=np.float64)
     loads = fitted.residual[: fitted.n_load]
     images = data.image_part(fitted.residual)
     J_load = fitted.jacobian[:, : fitted.n_load]

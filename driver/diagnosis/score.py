@@ -80,7 +80,7 @@ def score(
     along = vector[:, kept].T @ g
     statistic = float(np.sum(along**2 / eigenvalue[kept]))
     inflated = A + np.eye(len(g))
-    estimate = np.linalg.solve(inflated, g)
+    estimate: FloatArray = np.asarray(np.linalg.solve(inflated, g), dtype=np.float64)
     evidence = 0.5 * float(g @ estimate) - 0.5 * float(np.linalg.slogdet(inflated)[1])
     degrees = int(kept.sum())
     p = float(chi2.sf(statistic, degrees)) if degrees else 1.0
@@ -121,4 +121,4 @@ def prior_scaled(
 ) -> FloatArray:
     """∂/∂θ → derivative per prior scale: θ of a logarithm is measured in its scale."""
     scales = [parameters[n].scale if parameters[n].logarithmic else 1.0 for n in names]
-    return jacobian * np.array(scales)[:, None]
+    return np.asarray(jacobian * np.array(scales)[:, None])

@@ -52,7 +52,7 @@ class ImageData:
     @property
     def n_z(self) -> int:
         """Whitened numbers of one image."""
-        return self.whiten.shape[0]
+        return int(self.whiten.shape[0])
 
     def residual(
         self, motion: FloatArray, index: IntArray

@@ -5,6 +5,7 @@ The variable of each parameter is θ (`Parameter.theta`): a logarithm or a scale
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -19,6 +20,9 @@ from solver_adapters.parameter import Parameter
 FloatArray = NDArray[np.float64]
 
 DECREMENT = 0.1  # Newton decrement at convergence: a tenth of a standard deviation
+# A model error leaves an excess misfit, and makes convergence slow (its residual is large where
+# the model is curved). A step that would lower the excess by a thousandth changes no answer.
+NEGLIGIBLE = math.sqrt(1e-3)
 MOST_HALVINGS = 5
 LARGEST_STEP_LOG = 0.6
 LARGEST_STEP = 8.0  # prior scales
@@ -150,6 +154,11 @@ class Evaluation:
         return float(self.residual @ self.residual)
 
     @property
+    def excess(self) -> float:
+        """‖r‖² above its expectation from noise alone, at least 0."""
+        return max(self.misfit - (self.residual.size - len(self.free)), 0.0)
+
+    @property
     def cost(self) -> float:
         """‖r‖² with the prior."""
         return self.misfit + float(self.prior_weight @ self.prior_gap**2)
@@ -181,7 +190,7 @@ class Fit:
 
     Attributes:
         best: the evaluation at the optimum.
-        converged: whether the Newton decrement fell below a tenth.
+        converged: whether the Newton decrement became negligible.
         reason: why the iteration ended.
         history: values of the free parameters, cost and χ after each iteration.
     """
@@ -199,7 +208,7 @@ class Fit:
     @property
     def covariance(self) -> FloatArray:
         """Covariance H⁻¹ of θ, shape (k, k)."""
-        return np.linalg.inv(self.best.hessian)
+        return np.asarray(np.linalg.inv(self.best.hessian), dtype=np.float64)
 
     def sigma(self, name: str, parameters: Mapping[str, Parameter]) -> float:
         """Standard deviation of a value (to first order)."""
@@ -239,8 +248,9 @@ def fit(
     log(_line(0, here, None))
     for iteration in range(1, most + 1):
         step = _bounded_step(here, objective.parameters)
-        decrement = float(np.sqrt(max(step @ here.gradient, 0.0)))
-        if decrement < max(tolerance, np.sqrt(share * here.misfit)):
+        decrement = math.sqrt(max(float(step @ here.gradient), 0.0))
+        enough = max(tolerance, math.sqrt(share * here.misfit), math.sqrt(here.excess) * NEGLIGIBLE)
+        if decrement < enough:
             return Fit(here, True, f"the Newton decrement is {decrement:.2g} σ", tuple(history))
         ahead = _descend(objective, here, step)
         if ahead is None:
@@ -250,7 +260,7 @@ def fit(
         history.append(_record(here))
         log(_line(iteration, here, decrement))
     step = _bounded_step(here, objective.parameters)
-    decrement = float(np.sqrt(max(step @ here.gradient, 0.0)))
+    decrement = math.sqrt(max(float(step @ here.gradient), 0.0))
     reason = f"the limit of {most} iterations, decrement {decrement:.2g} σ"
     return Fit(here, decrement < tolerance, reason, tuple(history))
 

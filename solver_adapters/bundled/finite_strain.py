@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver_adapters.bundled.compilation import kernel
+from solver_adapters.bundled.dense import factor, solve
 from solver_adapters.bundled.law import NS, P_C11, P_C12, P_C44
 from solver_adapters.bundled.slip import (
     D_TAU,
@@ -25,16 +26,16 @@ from solver_adapters.bundled.slip import (
     LOAD,
     N_SLIP_ROWS,
     SIGN,
-    SLIP,
+    SIGNED,
     TAU,
     WEIGHT,
+    WEIGHTED,
     advance_slips,
     derivative_load,
     evaluate_systems,
     explicit_derivative,
     finish_derivative,
     load_point,
-    newton_load,
     store_slips,
 )
 
@@ -52,20 +53,20 @@ FES = STRESS + 9  # Fe·S
 CONJUGATE = FES + 9  # T
 GAIN = CONJUGATE + 9  # I − A
 FP1 = GAIN + 9
-MODES = FP1 + 9  # eight modes of a tensor
+D_FP0 = FP1 + 9
+MODES = D_FP0 + 9  # eight modes of a tensor
 FORCE = MODES + NM  # eight modes of a tensor
 UNIT = FORCE + NM  # the eight modes themselves as tensors, 9 × 8
 SLIP_STIFFNESS = UNIT + 9 * NM  # H, 8 × 8
 SOFTENING = SLIP_STIFFNESS + NM * NM  # Y, 8 × 8
-INVERSE = SOFTENING + NM * NM  # (I + H·Y)⁻¹, 8 × 8
-D_TRIAL = INVERSE + NM * NM
+FACTOR = SOFTENING + NM * NM  # LU of I + H·Y, 8 × 8
+D_TRIAL = FACTOR + NM * NM
 D_FE = D_TRIAL + 81
 D_S = D_FE + 81
 D_T = D_S + 81
 D_A = D_T + 81
 D_MODES = D_A + 81
-D_LOAD = D_MODES + 81
-ONE = D_LOAD + 81
+ONE = D_MODES + 81
 TWO = ONE + 81
 WORKSPACE = TWO + 81
 
@@ -81,6 +82,20 @@ def prepare(w: FloatArray, schmid: FloatArray) -> None:
     for k in range(NM):
         w[D_MODES + NM * k + k] = 1.0
     _tensors(w, UNIT, D_MODES, NM)
+
+
+@kernel
+def _product(w: FloatArray, c: int, a: int, turn_a: bool, b: int, turn_b: bool) -> None:
+    """c = a·b of single tensors; a or b transposed where asked."""
+    row_a, column_a = (1, 3) if turn_a else (3, 1)
+    row_b, column_b = (1, 3) if turn_b else (3, 1)
+    for i in range(3):
+        for j in range(3):
+            w[c + 3 * i + j] = (
+                w[a + row_a * i] * w[b + column_b * j]
+                + w[a + row_a * i + column_a] * w[b + column_b * j + row_b]
+                + w[a + row_a * i + 2 * column_a] * w[b + column_b * j + 2 * row_b]
+            )
 
 
 @kernel
@@ -227,24 +242,40 @@ def _contract(w: FloatArray, source: int, target: int) -> None:
 
 
 @kernel
+def _project(w: FloatArray, target: int, source: int) -> None:
+    """target = Σ source_s (m⊗n)_s, a sum over the systems in modes."""
+    t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = 0.0
+    for s in range(NS):
+        x = w[source + s]
+        t0 += w[SCHMID + s] * x
+        t1 += w[SCHMID + NS + s] * x
+        t2 += w[SCHMID + 2 * NS + s] * x
+        t3 += w[SCHMID + 3 * NS + s] * x
+        t4 += w[SCHMID + 4 * NS + s] * x
+        t5 += w[SCHMID + 5 * NS + s] * x
+        t6 += w[SCHMID + 6 * NS + s] * x
+        t7 += w[SCHMID + 7 * NS + s] * x
+    w[target], w[target + 1], w[target + 2], w[target + 3] = t0, t1, t2, t3
+    w[target + 4], w[target + 5], w[target + 6], w[target + 7] = t4, t5, t6, t7
+
+
+@kernel
 def _stresses(w: FloatArray, p: FloatArray) -> None:
-    for k in range(NM):
-        total = 0.0
-        for s in range(NS):
-            total -= w[SCHMID + k * NS + s] * w[SIGN + s] * w[SLIP + s]
-        w[MODES + k] = total
-    _tensors(w, GAIN, MODES, 1)
+    _project(w, MODES, SIGNED)
+    _tensors(w, ONE, MODES, 1)
+    for i in range(9):
+        w[GAIN + i] = -w[ONE + i]
     for i in range(3):
         w[GAIN + 4 * i] += 1.0
-    _left(w, FE, TRIAL, False, GAIN, False, 1)
-    _left(w, STRAIN, FE, True, FE, False, 1)
+    _product(w, FE, TRIAL, False, GAIN, False)
+    _product(w, STRAIN, FE, True, FE, False)
     for i in range(3):
         w[STRAIN + 4 * i] -= 1.0
     for i in range(9):
         w[STRAIN + i] *= 0.5
     _cubic(w, STRESS, STRAIN, p, 1)
-    _left(w, FES, FE, False, STRESS, False, 1)
-    _left(w, CONJUGATE, TRIAL, True, FES, False, 1)
+    _product(w, FES, FE, False, STRESS, False)
+    _product(w, CONJUGATE, TRIAL, True, FES, False)
     _modes(w, MODES, CONJUGATE, 1)
     _contract(w, MODES, TAU)
 
@@ -263,43 +294,25 @@ def _force_change(w: FloatArray, p: FloatArray, width: int) -> None:
 def _condense(w: FloatArray, p: FloatArray) -> None:
     for i in range(NM):
         for s in range(NS):
-            w[LOAD + s] = w[SCHMID + i * NS + s] * w[WEIGHT + s]
-        for j in range(NM):
-            total = 0.0
-            for s in range(NS):
-                total += w[LOAD + s] * w[SCHMID + j * NS + s]
-            w[SLIP_STIFFNESS + NM * i + j] = total
+            w[WEIGHTED + s] = w[SCHMID + i * NS + s] * w[WEIGHT + s]
+        _project(w, SLIP_STIFFNESS + NM * i, WEIGHTED)
     _left(w, D_FE, TRIAL, False, UNIT, False, NM)
     _force_change(w, p, NM)
     _left(w, TWO, TRIAL, True, ONE, False, NM)
     _modes(w, SOFTENING, TWO, NM)
-    _over_modes(w, INVERSE, SLIP_STIFFNESS, SOFTENING, NM)
+    _over_modes(w, FACTOR, SLIP_STIFFNESS, SOFTENING, NM)
     for k in range(NM):
-        w[INVERSE + (NM + 1) * k] += 1.0
-    # Gauss–Jordan. No pivoting: in these modes Y is near the diagonal of the elastic constants
-    # (and near 0 for the spins), and H is positive, so that the pivots stay ≥ 1 or close to it.
-    for k in range(NM):
-        inverse = 1.0 / w[INVERSE + (NM + 1) * k]
-        w[INVERSE + (NM + 1) * k] = 1.0
-        for j in range(NM):
-            w[INVERSE + NM * k + j] *= inverse
-        for i in range(NM):
-            if i != k:
-                ratio = w[INVERSE + NM * i + k]
-                w[INVERSE + NM * i + k] = 0.0
-                for j in range(NM):
-                    w[INVERSE + NM * i + j] -= ratio * w[INVERSE + NM * k + j]
+        w[FACTOR + (NM + 1) * k] += 1.0
+    # No pivoting: in these modes Y is near the diagonal of the elastic constants (near 0 for the
+    # spins) and H is positive, so that the pivots are ≥ 1 or close to it.
+    factor(w, FACTOR, NM)
 
 
 @kernel
 def _slip_gradient(w: FloatArray) -> None:
     """D_MODES = (I + H·Y)⁻¹ Σ LOAD m⊗n, then D_TAU = −(m⊗n) : Y D_MODES."""
-    for k in range(NM):
-        total = 0.0
-        for s in range(NS):
-            total += w[SCHMID + k * NS + s] * w[LOAD + s]
-        w[MODES + k] = total
-    _over_modes(w, D_MODES, INVERSE, MODES, 1)
+    _project(w, D_MODES, LOAD)
+    solve(w, FACTOR, NM, D_MODES, 1)
     _over_modes(w, FORCE, SOFTENING, D_MODES, 1)
     for k in range(NM):
         w[FORCE + k] = -w[FORCE + k]
@@ -326,14 +339,13 @@ def update(
     for i in range(9):
         w[FT + i] = R[i] + H[i]
         w[FP0 + i] = state0[i]
-    _left(w, TRIAL, FT, False, FP0, False, 1)
+    _product(w, TRIAL, FT, False, FP0, False)
     count = 0
     change = 1.0
     while change > tolerance and count < most:
         _stresses(w, p)
         evaluate_systems(w, dt, p, True)
         _condense(w, p)
-        newton_load(w)
         _slip_gradient(w)
         change = advance_slips(w, p)
         count += 1
@@ -351,11 +363,11 @@ def store(
     P: FloatArray,
 ) -> None:
     """First Piola–Kirchhoff stress times R (9) and the state at the end of the step."""
-    _left(w, ONE, FES, False, GAIN, True, 1)
-    _left(w, TWO, ONE, False, FP0, True, 1)
+    _product(w, ONE, FES, False, GAIN, True)
+    _product(w, TWO, ONE, False, FP0, True)
     for i in range(9):
         P[i] = w[TWO + i]
-    _left(w, FP1, FP0, False, GAIN, False, 1)
+    _product(w, FP1, FP0, False, GAIN, False)
     scale = _determinant(w, FP1) ** (-1.0 / 3.0)
     for i in range(9):
         state1[i] = w[FP1 + i] * scale
@@ -418,9 +430,9 @@ def tangent(w: FloatArray, p: FloatArray, C: FloatArray) -> None:
             for k in range(3):
                 w[D_TRIAL + 9 * (3 * row + k) + 3 * row + column] = w[FP0 + 3 * column + k]
     _trial_change(w, p, 9)
-    _modes(w, D_MODES, D_T, 9)
-    _over_modes(w, D_LOAD, SLIP_STIFFNESS, D_MODES, 9)
-    _over_modes(w, D_MODES, INVERSE, D_LOAD, 9)
+    _modes(w, ONE, D_T, 9)
+    _over_modes(w, D_MODES, SLIP_STIFFNESS, ONE, 9)
+    solve(w, FACTOR, NM, D_MODES, 9)
     _stress_change(w, p, 9)
     _right(w, ONE, TWO, False, FP0, True, 9)
     for i in range(9):
@@ -443,15 +455,15 @@ def derivative(
     """Directional derivative of stress and state of the step that is in the workspace."""
     for i in range(9):
         w[ONE + i] = dH[i] + dR[i]
-        w[D_LOAD + i] = dstate0[i]
+        w[D_FP0 + i] = dstate0[i]
     # 1. the trial and T at fixed slips; FP1 holds the change of Fe·S owed to the constants
-    _right(w, D_TRIAL, ONE, False, FP0, False, 1)
-    _left(w, TWO, FT, False, D_LOAD, False, 1)
+    _product(w, D_TRIAL, ONE, False, FP0, False)
+    _product(w, TWO, FT, False, D_FP0, False)
     _add(w, D_TRIAL, TWO, 1.0, 1)
     _trial_change(w, p, 1)
     _cubic(w, ONE, STRAIN, dp, 1)
-    _left(w, FP1, FE, False, ONE, False, 1)
-    _left(w, TWO, TRIAL, True, FP1, False, 1)
+    _product(w, FP1, FE, False, ONE, False)
+    _product(w, TWO, TRIAL, True, FP1, False)
     _add(w, D_T, TWO, 1.0, 1)
     # 2. the slips
     _modes(w, MODES, D_T, 1)
@@ -464,20 +476,20 @@ def derivative(
     finish_derivative(w, p, dp, dstate0, dstate1)
     # 3. the stress
     _stress_change(w, p, 1)
-    _left(w, ONE, FP1, False, GAIN, True, 1)
+    _product(w, ONE, FP1, False, GAIN, True)
     _add(w, TWO, ONE, 1.0, 1)
-    _left(w, ONE, TWO, False, FP0, True, 1)
+    _product(w, ONE, TWO, False, FP0, True)
     for i in range(9):
         dP[i] = w[ONE + i]
-    _left(w, ONE, FES, False, GAIN, True, 1)
-    _left(w, TWO, ONE, False, D_LOAD, True, 1)
+    _product(w, ONE, FES, False, GAIN, True)
+    _product(w, TWO, ONE, False, D_FP0, True)
     for i in range(9):
         dP[i] += w[TWO + i]
     # 4. Fp⁻¹ = Fp⁰⁻¹·(I − A), scaled to unit determinant
-    _left(w, ONE, D_LOAD, False, GAIN, False, 1)
-    _left(w, TWO, FP0, False, D_A, False, 1)
+    _product(w, ONE, D_FP0, False, GAIN, False)
+    _product(w, TWO, FP0, False, D_A, False)
     _add(w, ONE, TWO, -1.0, 1)
-    _left(w, FP1, FP0, False, GAIN, False, 1)
+    _product(w, FP1, FP0, False, GAIN, False)
     determinant = _determinant(w, FP1)
     growth = _determinant_change(w, FP1, ONE) / (3.0 * determinant)
     scale = determinant ** (-1.0 / 3.0)

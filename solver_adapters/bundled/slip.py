@@ -1,7 +1,8 @@
 """The 24 scalar equations of a Gauss point: evaluation, Newton update and derivative.
 
 Everything of a point lives in one flat workspace with constant offsets, so that LLVM sees that
-the rows do not overlap and vectorises the loops over systems.
+the rows do not overlap and vectorises the loops over systems. It does so where a loop does much:
+a short body is unrolled first and then stays scalar, hence sums over systems in one loop each.
 """
 
 import numpy as np
@@ -44,8 +45,9 @@ VISCOUS = 11 * NS  # K (Δp/Δt)^(1/n)
 D_TAU = 12 * NS  # change of τ
 LOAD = 13 * NS  # right-hand side of the condensed system
 EXPLICIT = 14 * NS  # derivative of the residual at fixed Δp
-D_SLIP = 15 * NS  # derivative of Δp
-N_SLIP_ROWS = 16 * NS
+SIGNED = 15 * NS  # S Δp
+WEIGHTED = 16 * NS  # w times one mode of the Schmid tensors
+N_SLIP_ROWS = 17 * NS
 
 
 @kernel
@@ -60,6 +62,7 @@ def load_point(w: FloatArray, state: FloatArray, p: FloatArray, guess: FloatArra
         g = guess[s]
         w[SLIP + s] = abs(g) if abs(g) > SLIP_AT_REST else 0.0
         w[SIGN + s] = 1.0 if g >= 0.0 else -1.0
+        w[SIGNED + s] = w[SIGN + s] * w[SLIP + s]
 
 
 @kernel
@@ -107,18 +110,12 @@ def evaluate_systems(w: FloatArray, dt: float, p: FloatArray, activate: bool) ->
         w[SLIP + s] = slip if active else 0.0
         w[XHAT + s] = xhat if active else sign * x0
         w[VISCOUS + s] = K * v
-
-
-@kernel
-def newton_load(w: FloatArray) -> None:
-    """Right-hand side of the condensed system for a Newton step: LOAD = S w f."""
-    for s in range(NS):
-        w[LOAD + s] = w[SIGN + s] * w[WEIGHT + s] * w[RESIDUAL + s]
+        w[LOAD + s] = sign * w[WEIGHT + s] * w[RESIDUAL + s]
 
 
 @kernel
 def advance_slips(w: FloatArray, p: FloatArray) -> float:
-    """Newton update of the slips from D_TAU; returns the largest change of a slip.
+    """Newton update of the slips from D_TAU; returns the sum of their changes.
 
     A decrease is taken in the variable Δp^(1/n), an increase in Δp: the residual is convex in
     the one and concave in the other, so neither direction overshoots.
@@ -129,12 +126,13 @@ def advance_slips(w: FloatArray, p: FloatArray) -> float:
     for s in range(NS):
         g = w[SLIP + s]
         step = w[WEIGHT + s] * (w[RESIDUAL + s] + w[SIGN + s] * w[D_TAU + s])
-        size = abs(max(step, -g))
-        change = size if size > change else change
+        change += abs(max(step, -g))
         shrink = max(1.0 + step / max(g, 1e-30) * n_inverse, 0.1)
         lowered = g * fast_exp(n * fast_log(min(shrink, 1.0)))
         new = lowered if step < 0.0 else g + step
-        w[SLIP + s] = new if new > SLIP_AT_REST else 0.0
+        new = new if new > SLIP_AT_REST else 0.0
+        w[SLIP + s] = new
+        w[SIGNED + s] = w[SIGN + s] * new
     return change
 
 
@@ -185,7 +183,6 @@ def finish_derivative(
         q = 1.0 / (1.0 + d * g)
         sign = w[SIGN + s]
         slip = w[WEIGHT + s] * (w[EXPLICIT + s] + sign * w[D_TAU + s])
-        w[D_SLIP + s] = slip
         dx0 = dstate0[S_X + s]
         growth = (1.0 - d * sign * w[X0 + s]) * q * q
         dstate1[S_X + s] = dx0 * q - sign * w[XHAT + s] * g * q * dp[P_D] + sign * growth * slip

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver_adapters.bundled.compilation import kernel
+from solver_adapters.bundled.dense import factor, solve
 from solver_adapters.bundled.law import NS, P_C11, P_C12, P_C44
 from solver_adapters.bundled.slip import (
     D_TAU,
@@ -19,16 +20,16 @@ from solver_adapters.bundled.slip import (
     LOAD,
     N_SLIP_ROWS,
     SIGN,
-    SLIP,
+    SIGNED,
     TAU,
     WEIGHT,
+    WEIGHTED,
     advance_slips,
     derivative_load,
     evaluate_systems,
     explicit_derivative,
     finish_derivative,
     load_point,
-    newton_load,
     store_slips,
 )
 
@@ -39,11 +40,12 @@ TRIAL = MODES + 5 * NS  # e*, 5
 ELASTIC = TRIAL + 5  # elastic strain modes, 5
 STRESS = ELASTIC + 5  # stress modes, 5
 RHS = STRESS + 5  # 5
-INVERSE = RHS + 5  # (1/μ + Σ w P Pᵀ)⁻¹, 5 × 5
-CHANGE = INVERSE + 25  # 5
+FACTOR = RHS + 5  # LU of 1/μ + Σ w P Pᵀ, 5 × 5
+CHANGE = FACTOR + 25  # 5
 VOLUME = CHANGE + 5  # trace mode of the strain, 1
 BALANCE = VOLUME + 1  # 5
-WORKSPACE = BALANCE + 5
+ROWS = BALANCE + 5  # 5 × 9
+WORKSPACE = ROWS + 45
 
 
 @kernel
@@ -55,12 +57,25 @@ def prepare(w: FloatArray, modes: FloatArray) -> None:
 
 
 @kernel
+def _project(w: FloatArray, target: int, source: int) -> None:
+    """target = Σ source_s P_s, a sum over the systems in modes."""
+    t0 = t1 = t2 = t3 = t4 = 0.0
+    for s in range(NS):
+        x = w[source + s]
+        t0 += w[MODES + s] * x
+        t1 += w[MODES + NS + s] * x
+        t2 += w[MODES + 2 * NS + s] * x
+        t3 += w[MODES + 3 * NS + s] * x
+        t4 += w[MODES + 4 * NS + s] * x
+    w[target], w[target + 1], w[target + 2] = t0, t1, t2
+    w[target + 3], w[target + 4] = t3, t4
+
+
+@kernel
 def _stress(w: FloatArray, mu0: float, mu1: float) -> None:
+    _project(w, BALANCE, SIGNED)
     for k in range(5):
-        plastic = 0.0
-        for s in range(NS):
-            plastic += w[MODES + k * NS + s] * w[SIGN + s] * w[SLIP + s]
-        e = w[TRIAL + k] - plastic
+        e = w[TRIAL + k] - w[BALANCE + k]
         w[ELASTIC + k] = e
         w[STRESS + k] = (mu0 if k < 2 else mu1) * e
 
@@ -83,40 +98,19 @@ def _resolve(w: FloatArray, source: int, target: int) -> None:
 def _condense(w: FloatArray, mu0: float, mu1: float) -> None:
     for i in range(5):
         for s in range(NS):
-            w[LOAD + s] = w[MODES + i * NS + s] * w[WEIGHT + s]
-        for j in range(5):
-            total = 0.0
-            for s in range(NS):
-                total += w[LOAD + s] * w[MODES + j * NS + s]
-            w[INVERSE + 5 * i + j] = total
-        w[INVERSE + 6 * i] += 1.0 / (mu0 if i < 2 else mu1)
-    # Gauss–Jordan; a symmetric positive definite matrix needs no pivoting.
-    for k in range(5):
-        inverse = 1.0 / w[INVERSE + 6 * k]
-        w[INVERSE + 6 * k] = 1.0
-        for j in range(5):
-            w[INVERSE + 5 * k + j] *= inverse
-        for i in range(5):
-            if i != k:
-                ratio = w[INVERSE + 5 * i + k]
-                w[INVERSE + 5 * i + k] = 0.0
-                for j in range(5):
-                    w[INVERSE + 5 * i + j] -= ratio * w[INVERSE + 5 * k + j]
+            w[WEIGHTED + s] = w[MODES + i * NS + s] * w[WEIGHT + s]
+        _project(w, FACTOR + 5 * i, WEIGHTED)
+        w[FACTOR + 6 * i] += 1.0 / (mu0 if i < 2 else mu1)
+    factor(w, FACTOR, 5)
 
 
 @kernel
 def _stress_change(w: FloatArray) -> None:
     """CHANGE = −(1/μ + Σ w P Pᵀ)⁻¹ Σ LOAD P, D_TAU = P·CHANGE."""
+    _project(w, CHANGE, LOAD)
+    solve(w, FACTOR, 5, CHANGE, 1)
     for k in range(5):
-        total = 0.0
-        for s in range(NS):
-            total -= w[MODES + k * NS + s] * w[LOAD + s]
-        w[BALANCE + k] = total
-    for k in range(5):
-        total = 0.0
-        for m in range(5):
-            total += w[INVERSE + 5 * k + m] * w[BALANCE + m]
-        w[CHANGE + k] = total
+        w[CHANGE + k] = -w[CHANGE + k]
     _resolve(w, CHANGE, D_TAU)
 
 
@@ -160,7 +154,6 @@ def update(
         _resolve(w, STRESS, TAU)
         evaluate_systems(w, dt, p, True)
         _condense(w, mu0, mu1)
-        newton_load(w)
         _stress_change(w)
         change = advance_slips(w, p)
         count += 1
@@ -198,18 +191,23 @@ def store(
 @kernel
 def tangent(w: FloatArray, V: FloatArray, p: FloatArray, C: FloatArray) -> None:
     """Consistent tangent ∂P/∂H (9, 9)."""
+    for k in range(5):
+        for i in range(9):
+            w[ROWS + 9 * k + i] = V[k, i]
+    solve(w, FACTOR, 5, ROWS, 9)
     bulk = p[P_C11] + 2.0 * p[P_C12]
     for i in range(9):
-        for k in range(5):
-            total = 0.0
-            for m in range(5):
-                total += w[INVERSE + 5 * k + m] * V[m, i]
-            w[RHS + k] = total
+        v0, v1, v2, v3, v4 = V[0, i], V[1, i], V[2, i], V[3, i], V[4, i]
+        volume = bulk * V[5, i]
         for j in range(9):
-            total = bulk * V[5, i] * V[5, j]
-            for k in range(5):
-                total += w[RHS + k] * V[k, j]
-            C[i, j] = total
+            C[i, j] = (
+                volume * V[5, j]
+                + v0 * w[ROWS + j]
+                + v1 * w[ROWS + 9 + j]
+                + v2 * w[ROWS + 18 + j]
+                + v3 * w[ROWS + 27 + j]
+                + v4 * w[ROWS + 36 + j]
+            )
 
 
 @kernel
