@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 LAMBDAS = ("lambda_plus_Y", "lambda_plus_Z", "lambda_minus_Y", "lambda_minus_Z")
-_TINY = 1e-30  # complex step: the motion is a polynomial in its parameters
+_TINY = 1e-30  # complex step: the motion is a rational function of its parameters
 
 BOUNDARY_DECLARATIONS: tuple[Parameter, ...] = (
     *(Parameter(name, "", 1.0, 0.1, -3.0, 5.0) for name in LAMBDAS),
@@ -94,7 +94,7 @@ class BoundaryMotion:
             self.weights @ stretch_knots + values["stretch_curvature"] * products @ phases
         )
         half_tilt = 0.5 * (self.weights @ tilt_knots)
-        largest = np.real(stretch_knots).max() or 1.0
+        largest = stretch_knots[np.argmax(np.real(stretch_knots))] or 1.0
         progress = (self.weights @ stretch_knots) / largest
         plus = self.side > 0
         lam_Y = np.where(plus, values["lambda_plus_Y"], values["lambda_minus_Y"])

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
+from driver.boundary import LAMBDAS
 from driver.case_errors import refusal, sentences
 from driver.case_tables import (
     Boundary,
@@ -32,9 +33,15 @@ from driver.case_tables import (
     Vector,
 )
 from driver.errors import InputError, sentence
+from driver.model import declared_parameters
+from driver.surface_view import POSE_DECLARATIONS
 from templates import render
 
 FloatArray = NDArray[np.float64]
+
+
+# Parameters that a single grain does not have, by the beginning of their names.
+_OF_TWO_GRAINS = ("boundary_", "rotation_grain2", "rotation_frame", "tau0_grain2")
 
 
 class CaseError(InputError):
@@ -83,6 +90,26 @@ class Case(Table):
                 "grains",
                 f"{len(self.grains)} of them",
             )
+        return self
+
+    @model_validator(mode="after")
+    def _extensions_of_the_model(self) -> Self:
+        declared = declared_parameters(n_knots=1)
+        always = (*LAMBDAS, *(parameter.name for parameter in POSE_DECLARATIONS))
+        taken = {*always, *self.identification.parameters}
+        known = [
+            name
+            for name in declared
+            if name not in taken and (len(self.grains) == 2 or not name.startswith(_OF_TWO_GRAINS))
+        ]
+        for name, value in self.extensions.items():
+            if name not in known:
+                raise refusal("one of " + ", ".join(known), "extensions", f'the name "{name}"')
+            lower, upper = declared[name].lower, declared[name].upper
+            if not lower <= value <= upper:
+                raise refusal(
+                    f"a number from {lower:g} to {upper:g}", "extensions", f"{name} = {value:g}"
+                )
         return self
 
     def path(self, name: str) -> Path:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from driver.case_errors import refusal
-from solver_adapters.material import MATERIAL_PARAMETERS, Material
+from solver_adapters.material import MATERIAL_DECLARATIONS, Material
 
 FloatArray = NDArray[np.float64]
 Number = Annotated[float, Field(strict=True)]
@@ -23,9 +23,10 @@ _AXES = {f"{sign}{name}": (1.0 if sign == "+" else -1.0) * np.eye(3)[axis]
 
 
 def _known_parameters(names: tuple[str, ...]) -> tuple[str, ...]:
+    known = [parameter.name for parameter in MATERIAL_DECLARATIONS]
     for name in names:
-        if name not in MATERIAL_PARAMETERS:
-            raise refusal("one of " + ", ".join(MATERIAL_PARAMETERS), found=f'"{name}"')
+        if name not in known:
+            raise refusal("one of " + ", ".join(known), found=f'"{name}"')
     if not names:
         raise refusal("at least one name of a material parameter")
     return names
@@ -189,6 +190,9 @@ class Images(Table):
     origin_pixel: tuple[Number, Number] = Field(
         default=(35.5, 21.0),
         description="a list of two numbers [row, column], the pixel of X = 0, Y = 0",
+    )
+    origin_uncertainty_px: Positive = Field(
+        default=0.5, description="standard deviation of the origin"
     )
     rows_along: Axis = Field(default="+X", description="specimen axis along which row numbers grow")
     columns_along: Axis = Field(default="+Y", description="specimen axis along which columns grow")

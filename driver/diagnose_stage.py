@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
 from driver.boundary import LAMBDAS
-from driver.case import Case, CaseError, write_case
+from driver.case import Case, CaseError, schema_text, write_case
 from driver.diagnosis.causes import LIBRARY
 from driver.diagnosis.diagnose import Diagnosis, Settings, Step, diagnose
 from driver.diagnosis.omnibus import Omnibus
 from driver.diagnosis.score import Score
 from driver.errors import sentence
 from driver.identification.fit import Evaluation, Fit, fit
+from driver.identification.procedure import with_correction
 from driver.identify_stage import (
     IDENTIFY,
     error_budget,
@@ -32,6 +33,7 @@ from driver.workbench import Workbench
 from solver_adapters.material import MATERIAL_PARAMETERS
 
 DIAGNOSIS, DIAGNOSIS_H5, EXTENDED = "diagnosis.json", "diagnosis.h5", "extended.toml"
+SCHEMA = "case.schema.json"  # the name by which every case file knows its schema
 
 
 def run_diagnose(context: StageContext) -> None:
@@ -44,23 +46,23 @@ def run_diagnose(context: StageContext) -> None:
     with h5py.File(context.result(IDENTIFY), "r") as file:
         values = json.loads(file.attrs["all_values"])
         free = tuple(json.loads(file.attrs["names"]))
-    data = bench.objective.data
-    objective = replace(
+    sizes = (case.specimen.mesh_size, case.specimen.fine_mesh_size)
+    objective = with_correction(
         bench.objective,
-        correction=saved_correction(identified),
-        data=replace(
-            data, image=replace(data.image, noise_factor=float(identified["noise_factor"]))
-        ),
+        float(identified["noise_factor"]),
+        saved_correction(identified),
+        sizes,
     )
     baseline = fit(objective, values, free, case.identification.max_iterations, context.log)
     cycles = bench.experiment.history.cycle
     settings = Settings(
         wanted=wanted,
         refit=case.diagnosis.refit,
-        held_out=_held_out(case, int(cycles.max())),
+        held_out=_held_out(context, int(cycles.max())),
         processes=case.execution.processes,
         threads=case.execution.threads,
         free_chi=float(np.sqrt(np.mean(free_chi**2))),
+        sizes=sizes,
     )
     found = diagnose(baseline, objective, bench.finer, cycles, settings, context.log)
     context.log(f"verdict: {found.verdict.kind}. {found.verdict.text}")
@@ -86,6 +88,7 @@ def run_diagnose(context: StageContext) -> None:
     )
     write_hdf5(context.workdir / DIAGNOSIS_H5, arrays)
     write_case(extended_case(case, found), context.workdir / EXTENDED)
+    (context.workdir / SCHEMA).write_text(schema_text(), encoding="utf-8")
 
 
 def added_parameters(found: Diagnosis) -> tuple[str, ...]:
@@ -108,23 +111,28 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     lambdas = dict(
         zip(("plus_Y", "plus_Z", "minus_Y", "minus_Z"), (values[n] for n in LAMBDAS), strict=True)
     )
-    added = {name: values[name] for name in added_parameters(found)}
+    freed = {name: values[name] for name in (*case.extensions, *added_parameters(found))}
     images = case.images
     moved = {
-        key: f"../{getattr(images, key)}"
+        key: _from_results(getattr(images, key))
         for key in ("frames", "flats", "repeats", "mask")
         if getattr(images, key) is not None
     }
+    history = case.history.model_copy(update={"file": _from_results(case.history.file)})
     lambda_start = case.boundary.lambda_start.model_copy(update=lambdas)
     return case.model_copy(
         update={
             "material": case.material.model_copy(update=constants),
             "boundary": case.boundary.model_copy(update={"lambda_start": lambda_start}),
-            "extensions": case.extensions | added,
+            "extensions": freed,
             "images": images.model_copy(update=moved),
-            "history": case.history.model_copy(update={"file": f"../{case.history.file}"}),
+            "history": history,
         }
     )
+
+
+def _from_results(name: str) -> str:
+    return name if Path(name).is_absolute() else f"../{name}"
 
 
 def diagnosis_record(
@@ -252,8 +260,13 @@ def _wanted(context: StageContext) -> tuple[str, ...] | None:
     return tuple(wanted)
 
 
-def _held_out(case: Case, cycles: int) -> int | None:
-    asked = case.diagnosis.held_out_cycle
+def _held_out(context: StageContext, cycles: int) -> int | None:
+    asked = context.case.diagnosis.held_out_cycle
+    if isinstance(asked, int) and asked > cycles:
+        raise CaseError(
+            sentence(context.case_path, "diagnosis.held_out_cycle", str(asked),
+                     f"one of the {cycles} cycle(s)")
+        )  # fmt: skip
     if asked == "none" or cycles < 2:
         return None
-    return cycles if asked == "last" else int(asked)
+    return cycles if asked == "last" else asked

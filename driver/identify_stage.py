@@ -38,6 +38,7 @@ def run_identify(context: StageContext) -> None:
     bench = load_workbench(context)
     found = identify(
         bench.working, bench.finer, bench.objective, bench.start, bench.law, bench.knots,
+        (context.case.specimen.mesh_size, context.case.specimen.fine_mesh_size),
         context.case.identification.max_iterations, context.log,
     )  # fmt: skip
     final = found.final
@@ -55,7 +56,9 @@ def run_identify(context: StageContext) -> None:
 def error_budget(bench: Workbench, best: Evaluation, free_chi: FloatArray) -> dict[str, float]:
     """χ at pixel level from noise over free correlation to the model, and χ_F of the loads."""
     images = bench.images
-    variance = images.expected_residual_variance(best.motion)[bench.objective.data.index]
+    data = bench.objective.data
+    found = best.motion[data.index] + np.einsum("tr,rpc->tpc", best.shift, data.image.rigid)
+    variance = images.expected_residual_variance(found)
     return {
         "noise": 1.0,
         "free": float(np.sqrt(np.mean(free_chi**2))),
@@ -103,7 +106,7 @@ def _write(
             "correlation": (covariance / np.outer(deviation, deviation), "1"),
             "correction/motion": (np.asarray(correction.motion), "µm"),
             "correction/load": (np.asarray(correction.load), "µN"),
-            "noise_factor": (found.noise_factor, "1"),
+            "noise_factor": (found.objective.data.image.noise_factor, "1"),
             **{f"budget/{key}": (value, "1") for key, value in budget.items()},
             **fit_arrays(final, bench, "final"),
         },

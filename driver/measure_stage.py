@@ -25,13 +25,16 @@ def run_measure(context: StageContext) -> None:
     )
     pixel = case.images.pixel_um
     motion = measure(images, case.dic.element_px * pixel, case.dic.height_element_px * pixel)
-    edges = edge_motion(motion, images, 0.0, case.specimen.length)
+    # The region of interest ends short of the edges: its mean stretch is carried on to them.
+    lower, upper = images.bounds[2:]
+    reach = case.specimen.length / (upper - lower)
+    edges = edge_motion(motion, images, lower, upper)
     refined = refine_gradient(images, motion.at_pixels())
     history = experiment.history
     rows = history.image_row
     context.log(
         f"  χ of free correlation {np.sqrt(np.mean(motion.chi**2)):.3f}, elongation "
-        f"± {1e3 * edges.elongation_sigma:.1f} nm an image, "
+        f"± {1e3 * reach * edges.elongation_sigma:.1f} nm an image, "
         f"{np.count_nonzero(~motion.converged)} frames not converged"
     )
     outliers = np.flatnonzero(motion.chi > 1.5 * np.median(motion.chi))
@@ -59,10 +62,10 @@ def run_measure(context: StageContext) -> None:
             "nodes_uv": (motion.basis_uv.nodes, "µm"),
             "nodes_w": (motion.basis_w.nodes, "µm"),
             "chi": (motion.chi, "1"),
-            "elongation": (edges.elongation, "µm"),
-            "elongation_sigma": (edges.elongation_sigma, "µm"),
-            "tilt": (edges.tilt, "µm"),
-            "tilt_sigma": (edges.tilt_sigma, "µm"),
+            "elongation": (reach * edges.elongation, "µm"),
+            "elongation_sigma": (reach * edges.elongation_sigma, "µm"),
+            "tilt": (reach * edges.tilt, "µm"),
+            "tilt_sigma": (reach * edges.tilt_sigma, "µm"),
         },
     )
     write_csv(
@@ -72,8 +75,8 @@ def run_measure(context: StageContext) -> None:
             "time_s": history.time[rows].tolist(),
             "stage_um": history.stage[rows].tolist(),
             "force_uN": experiment.force.tolist(),
-            "elongation_nm": (1e3 * edges.elongation).tolist(),
-            "tilt_nm": (1e3 * edges.tilt).tolist(),
+            "elongation_nm": (1e3 * reach * edges.elongation).tolist(),
+            "tilt_nm": (1e3 * reach * edges.tilt).tolist(),
             "chi": motion.chi.tolist(),
         },
     )

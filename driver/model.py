@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from driver.boundary import (
@@ -20,6 +19,7 @@ from driver.microstructure import (
     ORIENTATION_DECLARATIONS,
     Microstructure,
 )
+from driver.surface_view import POSE_DECLARATIONS, Look, SurfaceView, apply
 from solver_adapters.interface import Adapter, Direction, Progress, Response, Simulation
 from solver_adapters.material import (
     MATERIAL_DECLARATIONS,
@@ -45,6 +45,7 @@ def declared_parameters(n_knots: int) -> dict[str, Parameter]:
         *ORIENTATION_DECLARATIONS,
         *LOAD_DECLARATIONS,
         *IMAGE_DECLARATIONS,
+        *POSE_DECLARATIONS,
     )
     return {parameter.name: parameter for parameter in declared}
 
@@ -58,6 +59,10 @@ class Prediction:
         load: load reading [µN], shape (T,).
         d_surface: derivative for each free parameter, shape (k, T, n, 3).
         d_load: derivative of the load, shape (k, T).
+        carried: what the images see besides, where a parameter moves the surface under the
+            pixels: derivative of the motion at the pixels by index of the parameter,
+            each of shape (T, n_pix, 3).
+        look: operators from the nodes to the pixels.
         response: statistics and raw fields of the solver.
     """
 
@@ -65,7 +70,14 @@ class Prediction:
     load: FloatArray
     d_surface: FloatArray
     d_load: FloatArray
+    carried: Mapping[int, FloatArray]
+    look: Look
     response: Response
+
+    @property
+    def motion(self) -> FloatArray:
+        """Motion at the pixels [µm], shape (T, n_pix, 3)."""
+        return apply(self.look.value, self.surface)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +94,7 @@ class ForwardModel:
         surface_nodes: nodes of the measured face, shape (n,).
         adapter: the solver.
         steps_per_interval: time steps between two instants.
-        projection: surface nodes → region-of-interest pixels, shape (n_pix, n).
+        view: where the pixels are on the face.
     """
 
     material: Material
@@ -94,7 +106,7 @@ class ForwardModel:
     surface_nodes: IntArray
     adapter: Adapter
     steps_per_interval: int
-    projection: sp.csr_array
+    view: SurfaceView
 
     def null_values(self) -> dict[str, float]:
         """Every parameter at its null, material constants as in the case, knots at zero."""
@@ -144,29 +156,46 @@ class ForwardModel:
                 d_surface[index, ..., 2] *= 1 + values["height_scale"]
                 d_load[index] = (1 + values["load_gain"]) * response.d_force[row]
                 row += 1
+            elif name in _POSE_NAMES:
+                continue
             elif name in _LOAD_NAMES:
                 d_load[index] = self.instrument.reading_derivative(name, response.force)
             else:
                 d_surface[index] = self.instrument.appearance_derivative(
                     name, response.displacement
                 )
+        surface = self.instrument.appearance(response.displacement, values)
+        points = self.microstructure.moved_mesh(values).points[self.surface_nodes, :2]
+        look = self.view.look(points, values)
         return Prediction(
-            surface=self.instrument.appearance(response.displacement, values),
+            surface=surface,
             load=self.instrument.reading(response.force, values),
             d_surface=d_surface,
             d_load=d_load,
+            carried=self._carried(surface, look, free),
+            look=look,
             response=response,
         )
 
-    def at_pixels(self, surface: FloatArray) -> FloatArray:
-        """Motion at the pixels of the region of interest, (T, n, 3) → (T, n_pix, 3)."""
-        T, n, _ = surface.shape
-        flat = self.projection @ surface.transpose(1, 0, 2).reshape(n, 3 * T)
-        return np.ascontiguousarray(flat.reshape(-1, T, 3).transpose(1, 0, 2))
+    def _carried(
+        self, surface: FloatArray, look: Look, free: Sequence[str]
+    ) -> dict[int, FloatArray]:
+        """∂(motion at the pixels) from moving the pixels over the surface, or it under them."""
+        carried: dict[int, FloatArray] = {}
+        for index, name in enumerate(free):
+            if name in _POSE_NAMES:
+                slope = look.slope_X if name == "origin_X" else look.slope_Y
+                carried[index] = apply(slope, surface)
+            elif name in self.microstructure.velocities:
+                flow = look.value @ self.microstructure.velocities[name][self.surface_nodes, :2]
+                if np.any(flow):
+                    along_X = apply(look.slope_X, surface) * flow[None, :, :1]
+                    carried[index] = -along_X - apply(look.slope_Y, surface) * flow[None, :, 1:]
+        return carried
 
     def simulated(self, name: str) -> bool:
         """Whether a parameter enters the simulation (and not only the observation)."""
-        return name not in _LOAD_NAMES and name not in _IMAGE_NAMES
+        return name not in _LOAD_NAMES | _IMAGE_NAMES | _POSE_NAMES
 
     def _direction(self, values: Values, name: str) -> Direction:
         if name in MATERIAL_PARAMETERS:
@@ -180,3 +209,4 @@ class ForwardModel:
 
 _LOAD_NAMES = frozenset(p.name for p in LOAD_DECLARATIONS)
 _IMAGE_NAMES = frozenset(p.name for p in IMAGE_DECLARATIONS)
+_POSE_NAMES = frozenset(p.name for p in POSE_DECLARATIONS)

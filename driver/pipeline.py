@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from driver.identify_stage import run_identify
 from driver.measure_stage import run_measure
 from driver.mesh_stage import run_mesh
 from driver.report.stage import run_report
+from driver.side_by_side import possible_threads
 from driver.stages import Stage, measured_files, run_stages
 
 Log = Callable[[str], None]
@@ -30,8 +30,8 @@ def stages(case: Case) -> Sequence[Stage]:
     """All stages of a case, in their order."""
     return (
         Stage("mesh", "1", _MESH, run_mesh),
-        Stage("measure", "1", _MEASURE, run_measure, measured_files),
-        Stage("identify", "1", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, measured_files),
+        Stage("measure", "2", _MEASURE, run_measure, measured_files),
+        Stage("identify", "2", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, measured_files),
         Stage("diagnose", "1", ("diagnosis",), run_diagnose, measured_files),
         Stage("report", "1", _REPORT, run_report, measured_files),
     )
@@ -45,8 +45,7 @@ def run(case_path: Path, until: str | None, force: bool, log: Log) -> None:
         SolverError: a simulation could not be finished.
     """
     case = load_case(case_path)
-    asked = case.execution.processes * case.execution.threads
-    numba.set_num_threads(min(os.cpu_count() or 1, asked))
+    numba.set_num_threads(possible_threads(case.execution.processes * case.execution.threads))
     run_stages(case_path, stages(case), until, force, log)
 
 

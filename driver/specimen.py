@@ -15,16 +15,17 @@ from driver.images.flatfield import flat_pattern
 from driver.instrument import Instrument
 from driver.microstructure import build_microstructure
 from driver.model import ForwardModel
+from driver.surface_view import SurfaceView
 from meshes.prism import PrismGeometry
 from meshes.prism_mesh import PrismMesh
-from meshes.surface import interpolation, trace
+from meshes.surface import trace
 from solver_adapters.interface import Adapter
 from solver_adapters.registry import find_adapter
 
 FloatArray = NDArray[np.float64]
 
-# Pixels this near to a side of the face may show its rounded edge [pixels].
-_MARGIN = 0.5
+# Pixels this near to the edge of the face may lie off it, as the origin is known [pixels].
+_MARGIN = 1.0
 
 
 def geometry_of(case: Case) -> PrismGeometry:
@@ -70,7 +71,7 @@ def surface_images(case: Case, experiment: Experiment) -> SurfaceImages:
         None if experiment.flats is None else flat_pattern(experiment.flats),
         experiment.pixel_um,
         experiment.origin,
-        (-half + margin, half - margin, 0.0, case.specimen.length),
+        (-half + margin, half - margin, margin, case.specimen.length - margin),
         experiment.mask,
     )
 
@@ -94,12 +95,7 @@ def build_model(
         steps_per_interval: time steps between two rows of the history.
     """
     surface = trace(mesh)
-    projection, inside = interpolation(surface, pixels)
-    if not inside.all():
-        raise InputError(
-            f"images.origin_pixel: found {np.count_nonzero(~inside)} pixels of the region of "
-            "interest off the measured face, expected none"
-        )
+    half = case.specimen.width / 2
     duration = history.time[-1] - history.time[0]
     return ForwardModel(
         material=case.material.to_material(),
@@ -115,7 +111,7 @@ def build_model(
         surface_nodes=surface.nodes,
         adapter=adapter,
         steps_per_interval=steps_per_interval,
-        projection=projection,
+        view=SurfaceView(surface, pixels, (-half, half, 0.0, case.specimen.length)),
     )
 
 

@@ -18,6 +18,7 @@ from driver.identification.fit import Objective
 from driver.identification.procedure import LAMBDA_PRIOR, start_values
 from driver.model import ForwardModel, declared_parameters
 from driver.specimen import adapter_of, build_model, surface_images
+from driver.surface_view import POSE_DECLARATIONS
 from meshes.prism_mesh import PrismMesh
 
 FloatArray = NDArray[np.float64]
@@ -35,7 +36,7 @@ class Workbench:
         objective: data, priors; no correction yet.
         start: every parameter at the start.
         law: names of the free parameters of law, section and extensions.
-        knots: names of the free knots.
+        knots: names of the free knots, and of the position of the specimen in the images.
     """
 
     experiment: Experiment
@@ -77,7 +78,7 @@ def build_workbench(
         images,
         grid_basis(images.xy, images.bounds, case.dic.element_px * pixel),
         grid_basis(images.xy, images.bounds, case.dic.height_element_px * pixel),
-        working.projection,
+        motion.mean(axis=1),
         case.boundary.gauge,
     )
     data = Data(
@@ -104,9 +105,13 @@ def build_workbench(
         name: (start[name], case.identification.width(name))
         for name in case.identification.parameters
     }
+    null = working.null_values()
     for name in case.extensions:
         parameter = parameters[name]
-        prior[name] = (parameter.null, parameter.scale if parameter.logarithmic else 1.0)
+        prior[name] = (null[name], parameter.scale if parameter.logarithmic else 1.0)
+    pose = tuple(parameter.name for parameter in POSE_DECLARATIONS)
+    half_a_pixel = case.images.origin_uncertainty_px * pixel
+    prior |= {name: (0.0, half_a_pixel / parameters[name].scale) for name in pose}
     uncertainty = case.sections.relative_uncertainty
     if uncertainty:
         prior["load_gain"] = (0.0, uncertainty / parameters["load_gain"].scale)
@@ -118,7 +123,7 @@ def build_workbench(
         objective=Objective(working, data, parameters, prior),
         start=start,
         law=law,
-        knots=knots,
+        knots=(*pose, *knots),
     )
 
 

@@ -12,11 +12,11 @@ from scipy.stats import chi2
 from driver.diagnosis.causes import LIBRARY, NUMERICS, Cause, causes_of
 from driver.diagnosis.held_out import HeldOut, HeldOutTask, knots_of_cycle, predict_held_out
 from driver.diagnosis.omnibus import FAMILY_LEVEL, Omnibus, omnibus
-from driver.diagnosis.refit import Refit, refit_causes
+from driver.diagnosis.refit import Refit, log_bayes_factor, refit_causes
 from driver.diagnosis.score import Score, cosine, prior_scaled, score
 from driver.diagnosis.verdict import MOST_ADDITIONS, Verdict, decide
 from driver.identification.fit import Correction, Evaluation, Fit, Objective, fit
-from driver.identification.procedure import correction
+from driver.identification.procedure import correction, temporal_noise, with_correction
 from driver.model import ForwardModel
 from driver.side_by_side import side_by_side
 
@@ -27,6 +27,7 @@ Log = Callable[[str], None]
 WITHIN = 3.0  # log evidence within which causes are not told apart
 PARALLEL = 0.95  # cosine beyond which they cannot be
 IMAGING = 1.2  # χ of free correlation beyond which imaging errors dominate
+POLISH = 8  # Newton iterations of an extended model with its own correction
 GATE = 1.0  # largest effect of the change of the correction on a score [σ]
 
 
@@ -108,6 +109,7 @@ class Settings:
         processes: processes side by side.
         threads: threads of each.
         free_chi: χ of free correlation.
+        sizes: element sizes of the working and of the finer mesh [µm].
     """
 
     wanted: tuple[str, ...] | None
@@ -116,6 +118,7 @@ class Settings:
     processes: int
     threads: int
     free_chi: float
+    sizes: tuple[float, float]
 
 
 def diagnose(
@@ -144,7 +147,8 @@ def diagnose(
     if limited:
         objective = _inflated(objective, settings.free_chi)
         baseline = fit(objective, baseline.values, baseline.best.free, 5, log)
-    here, evidence = baseline, 0.0
+    here = baseline
+    gate = Gate(0.0, NUMERICS.name)
     steps: list[Step] = []
     causes: list[Cause] = []
     current = objective
@@ -157,20 +161,29 @@ def diagnose(
         if winner is None or len(causes) == MOST_ADDITIONS:
             break
         causes.append(winner.cause)
-        evidence += winner.log_evidence
-        here, current = winner.fit, winner.objective
         log(f"added {winner.cause.name}, log evidence {winner.log_evidence:+.1f}")
+        log("finer mesh and steps at the extended model")
+        change = correction(model, finer, winner.fit, log)
+        gate = _gate(winner.objective, winner.fit.best, change, step.scores, gate)
+        log(f"  change of the simulation's own error: {gate.effect:.2f} σ along {gate.cause}")
+        noise = winner.objective.data.image.noise_factor * temporal_noise(
+            winner.fit, winner.objective.data
+        )
+        current = with_correction(winner.objective, noise, change, settings.sizes)
+        here = fit(current, winner.fit.values, winner.fit.best.free, POLISH, log)
         here, current, causes = _eliminate(here, current, causes, log)
-    log("finer mesh and steps at the result, and the held-out cycle")
-    gate, held_out = _gate_and_held_out(
-        objective, current, finer, baseline, here, steps[-1].scores, cycles, settings, log
-    )
+    held_out = _held_out(objective, current, baseline, here, cycles, settings, log)
     numerics = None
     if not gate.passed:
         numerics = (
             f"between the baseline and the result its own error changes by {gate.effect:.1f} σ "
             f"along {gate.cause}; a mesh and time steps half as large are needed"
         )
+    # Before and after are compared under one covariance, that of the end.
+    before = replace(objective, data=current.data).compare(
+        baseline.best.prediction, baseline.values, baseline.best.free
+    )
+    added = [name for cause in causes for name in (*cause.parameters, *cause.companions)]
     groups = [step.named for step in steps if step.named and step.named[0] in _names(causes)]
     every = (*LIBRARY, NUMERICS)
     verdict = decide(
@@ -186,8 +199,8 @@ def diagnose(
         causes=tuple(causes),
         gate=gate,
         held_out=held_out,
-        explained=_explained(baseline.best, here.best) if causes else float("nan"),
-        log_evidence=evidence,
+        explained=_explained(before, here.best) if causes else float("nan"),
+        log_evidence=log_bayes_factor(before, here.best, current, added),
         verdict=verdict,
     )
 
@@ -269,10 +282,10 @@ def whitened_difference(
 ) -> FloatArray:
     """Change of the whitened prediction between two corrections, shape (n,)."""
     data = objective.data
-    here, _ = data.residual(at.motion, at.load)
+    here = data.residual(at.motion, at.load)[0]
     motion = np.asarray(one.motion) - np.asarray(other.motion)
     load = np.asarray(one.load) - np.asarray(other.load)
-    there, _ = data.residual(at.motion + motion, at.load + load)
+    there = data.residual(at.motion + motion, at.load + load)[0]
     return np.asarray(here - there)
 
 
@@ -301,13 +314,11 @@ def _eliminate(
     here: Fit, objective: Objective, causes: list[Cause], log: Log
 ) -> tuple[Fit, Objective, list[Cause]]:
     """Drop an earlier cause that the later ones have made superfluous (Wald test)."""
+    null = objective.model.null_values()
     for cause in causes[:-1]:
         rows = [here.best.free.index(name) for name in cause.parameters]
         theta = np.array(
-            [
-                objective.parameters[n].theta(here.values[n], objective.parameters[n].null)
-                for n in cause.parameters
-            ]
+            [objective.parameters[n].theta(here.values[n], null[n]) for n in cause.parameters]
         )
         covariance = here.covariance[np.ix_(rows, rows)]
         statistic = float(theta @ np.linalg.solve(covariance, theta))
@@ -316,69 +327,52 @@ def _eliminate(
         log(f"{cause.name} is not needed any more")
         freed = (*cause.parameters, *cause.companions)
         free = tuple(name for name in here.best.free if name not in freed)
-        nulls = {name: objective.parameters[name].null for name in freed}
+        back = {name: null[name] for name in freed}
         prior = {name: p for name, p in objective.prior.items() if name not in freed}
         objective = replace(objective, prior=prior)
-        here = fit(objective, here.values | nulls, free, 5, log)
+        here = fit(objective, here.values | back, free, 5, log)
         causes = [c for c in causes if c is not cause]
     return here, objective, causes
 
 
 def _explained(before: Evaluation, after: Evaluation) -> float:
     """Share of the misfit above its expectation that is gone."""
-    expected = before.residual.size - len(before.free)
-    excess = before.misfit - expected
-    return float((before.misfit - after.misfit) / excess) if excess > 0 else float("nan")
+    return (before.misfit - after.misfit) / before.excess if before.excess else float("nan")
 
 
-@dataclass(frozen=True, eq=False)
-class _Refresh:
-    working: ForwardModel
-    finer: ForwardModel
-    at: Fit
-
-
-def _run(task: _Refresh | HeldOutTask) -> Correction | HeldOut:
-    if isinstance(task, HeldOutTask):
-        return predict_held_out(task)
-    return correction(task.working, task.finer, task.at, lambda line: None)
-
-
-def _gate_and_held_out(
+def _held_out(
     objective: Objective,
     current: Objective,
-    finer: ForwardModel,
     baseline: Fit,
     here: Fit,
-    scores: Sequence[Score],
     cycles: IntArray,
     settings: Settings,
     log: Log,
-) -> tuple[Gate, tuple[HeldOut, HeldOut] | None]:
+) -> tuple[HeldOut, HeldOut] | None:
+    """Score of the held-out cycle before and after, both with the covariance of the end."""
+    if settings.held_out is None:
+        return None
+    log(f"predicting cycle {settings.held_out} from the others")
     model = objective.model
-    tasks: list[_Refresh | HeldOutTask] = []
-    extended = here is not baseline
-    if extended:
-        tasks.append(_Refresh(model, finer, here))
-    if settings.held_out is not None:
-        weights = model.boundary.weights[model.image_row]
-        names = [n for n in baseline.best.free if n.startswith(("elongation", "tilt"))]
-        knots = knots_of_cycle(cycles, weights, settings.held_out, names)
-        fits = [(objective, baseline), (current, here)] if extended else [(objective, baseline)]
-        tasks += [HeldOutTask(o, f, settings.held_out, cycles, knots) for o, f in fits]
-    results = side_by_side(_run, tasks, settings.processes, settings.threads)
-    gate = Gate(0.0, NUMERICS.name)
-    for result in results:
-        if isinstance(result, Correction):
-            gate = _gate(current, here.best, result, scores)
-            log(f"  change of the simulation's own error: {gate.effect:.2f} σ along {gate.cause}")
-    held = [result for result in results if isinstance(result, HeldOut)]
-    for label, result in zip(("before", "after"), held, strict=False):
-        log(f"  held-out cycle {result.cycle} {label}: χ_F {result.chi_load:.2f}")
-    return gate, (held[0], held[-1]) if held else None
+    weights = model.boundary.weights[model.image_row]
+    names = [n for n in baseline.best.free if n.startswith(("elongation", "tilt"))]
+    knots = knots_of_cycle(cycles, weights, settings.held_out, names)
+    fits = [(replace(objective, data=current.data), baseline)]
+    if here is not baseline:
+        fits.append((current, here))
+    tasks = [HeldOutTask(o, f, settings.held_out, cycles, knots) for o, f in fits]
+    found = side_by_side(predict_held_out, tasks, settings.processes, settings.threads)
+    return found[0], found[-1]
 
 
-def _gate(objective: Objective, at: Evaluation, fresh: Correction, scores: Sequence[Score]) -> Gate:
+def _gate(
+    objective: Objective,
+    at: Evaluation,
+    fresh: Correction,
+    scores: Sequence[Score],
+    before: Gate,
+) -> Gate:
+    """The larger of an earlier gate and the effect of a fresh correction on any score."""
     change = whitened_difference(objective, at, fresh, objective.correction)
     effects = [
         (float(np.linalg.norm(s.directions @ change)) / np.sqrt(max(s.degrees, 1)), s.cause.name)
@@ -386,4 +380,4 @@ def _gate(objective: Objective, at: Evaluation, fresh: Correction, scores: Seque
         if s.degrees and s.cause.name != NUMERICS.name
     ]
     effect, cause = max(effects, default=(0.0, NUMERICS.name))
-    return Gate(effect, cause)
+    return Gate(effect, cause) if effect > before.effect else before

@@ -42,11 +42,14 @@ class _Task:
 
 
 def with_prior(objective: Objective, cause: Cause) -> Objective:
-    """The objective with Gaussian priors of one prior scale about the null of a cause."""
-    prior = dict(objective.prior)
+    """The objective with Gaussian priors of one prior scale about the null of a cause.
+
+    The null of a constant of the law (of n, say) is its value in the case.
+    """
+    prior, nulls = dict(objective.prior), objective.model.null_values()
     for name in (*cause.parameters, *cause.companions):
         parameter = objective.parameters[name]
-        prior[name] = (parameter.null, parameter.scale if parameter.logarithmic else 1.0)
+        prior[name] = (nulls[name], parameter.scale if parameter.logarithmic else 1.0)
     return replace(objective, prior=prior)
 
 

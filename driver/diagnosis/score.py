@@ -40,7 +40,8 @@ class Score:
         log_evidence: natural log of the Bayes factor against the baseline.
         estimate: parameters in prior scales, shape (k,).
         sigma: their standard deviations in prior scales, shape (k,).
-        visible: smallest magnitude that would have been seen, in prior scales, shape (k,).
+        visible: smallest magnitude that would have been seen, in prior scales, infinite where
+            none would, shape (k,).
         directions: orthonormal projected sensitivities, shape (degrees, n).
     """
 
@@ -76,7 +77,8 @@ def score(
     A = sensitivity @ projected.T
     A = 0.5 * (A + A.T)
     eigenvalue, vector = np.linalg.eigh(A)
-    kept = eigenvalue > _RANK * max(float(np.trace(sensitivity @ sensitivity.T)), 1e-300)
+    floor = _RANK * max(float(np.sum(sensitivity**2)), 1e-300)
+    kept = eigenvalue > floor
     along = vector[:, kept].T @ g
     statistic = float(np.sum(along**2 / eigenvalue[kept]))
     inflated = A + np.eye(len(g))
@@ -90,8 +92,8 @@ def score(
             statistic, p, estimate = 0.0, 1.0, np.zeros_like(estimate)
             evidence = -0.5 * float(np.linalg.slogdet(inflated)[1])
     variance = np.diag(np.linalg.inv(inflated))
-    with np.errstate(divide="ignore"):
-        visible = _SEEN_AT / np.sqrt(np.maximum(np.diag(A), 0.0))
+    seen = np.diag(A) > floor
+    visible = np.where(seen, _SEEN_AT / np.sqrt(np.where(seen, np.diag(A), 1.0)), np.inf)
     basis = (vector[:, kept] / np.sqrt(eigenvalue[kept])).T @ projected
     norms = np.linalg.norm(basis, axis=1, keepdims=True)
     return Score(

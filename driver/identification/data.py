@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from driver.dic.basis import Basis
 from driver.dic.surface_images import SurfaceImages
+from driver.identification.simulation_error import SimulationError
+from driver.model import Prediction
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -36,17 +38,18 @@ class ImageData:
         images: the corrected series with its low-noise gradient.
         test: ∇f·ψ_j at the pixels, shape (n_pix, n_functions).
         rigid: motion of unit rigid motions at the pixels, shape (n_rigid, n_pix, 3).
+        mean_motion: mean motion of free correlation, by which the frames are found [µm],
+            shape (T, 3).
         whiten: what turns b into independent unit numbers, rigid motions projected out,
             shape (n_z, n_functions).
-        operator: whitened effect of a motion of the surface nodes, shape (n_z, 3·n_surface).
         noise_factor: estimated noise over the noise of the repeats.
     """
 
     images: SurfaceImages
     test: sp.csr_array
     rigid: FloatArray
+    mean_motion: FloatArray
     whiten: FloatArray
-    operator: FloatArray
     noise_factor: float = 1.0
 
     @property
@@ -67,10 +70,11 @@ class ImageData:
             z (T, n_z) without the correlation in time; the rigid motion that each frame needed
             (T, n_rigid) [µm]; ρ after it (T, n_pix) [µm].
         """
-        slope = np.concatenate([self.images.gradient, -np.ones((len(self.images.xy), 1))], axis=1)
-        seen = np.einsum("rpc,pc->pr", self.rigid, slope)
+        seen = np.einsum("rpc,pc->pr", self.rigid, self.slope)
         inverse = np.linalg.inv(seen.T @ seen)
+        # The stage re-centres by pixels: start where free correlation found each frame.
         shift = np.zeros((len(index), len(self.rigid)))
+        shift[:, :3] = self.mean_motion[index] - motion.mean(axis=1)
         for _ in range(_SHIFT_ITERATIONS):
             moved = motion + np.einsum("tr,rpc->tpc", shift, self.rigid)
             rho = self.images.residual(moved, index)
@@ -80,26 +84,50 @@ class ImageData:
         z = (rho @ self.test) @ self.whiten.T / self.noise_factor
         return np.asarray(z), shift, rho
 
-    def sensitivity(self, d_surface: FloatArray) -> FloatArray:
-        """Whitened effect of surface-node motions, (k, T, n, 3) → (k, T, n_z)."""
+    def sensitivity(self, d_surface: FloatArray, projection: sp.csr_array) -> FloatArray:
+        """Whitened effect of surface-node motions.
+
+        Args:
+            d_surface: motions, shape (k, T, n, 3).
+            projection: surface nodes → pixels, shape (n_pix, n).
+
+        Returns:
+            Shape (k, T, n_z).
+        """
         k, T, n, _ = d_surface.shape
-        return np.asarray(d_surface.reshape(k, T, 3 * n) @ self.operator.T) / self.noise_factor
+        effect = [
+            (self.test.T @ (sp.diags_array(slope) @ projection)).toarray() for slope in self.slope.T
+        ]
+        surface = np.stack(effect, axis=2).reshape(self.test.shape[1], 3 * n)
+        operator = self.whiten @ surface / self.noise_factor
+        return np.asarray(d_surface.reshape(k, T, 3 * n) @ operator.T)
+
+    def pixel_sensitivity(self, d_motion: FloatArray) -> FloatArray:
+        """Whitened effect of motions at the pixels, (..., n_pix, 3) → (..., n_z)."""
+        seen = np.einsum("...pc,pc->...p", d_motion, self.slope)
+        flat = seen.reshape(-1, seen.shape[-1]) @ self.test @ self.whiten.T / self.noise_factor
+        return np.asarray(flat.reshape(*seen.shape[:-1], self.n_z))
+
+    @property
+    def slope(self) -> FloatArray:
+        """(∂f/∂x, ∂f/∂y, −1) at the pixels, shape (n_pix, 3)."""
+        return np.concatenate([self.images.gradient, -np.ones((len(self.images.xy), 1))], axis=1)
 
 
 def build_image_data(
     images: SurfaceImages,
     basis_uv: Basis,
     basis_w: Basis,
-    projection: sp.csr_array,
+    mean_motion: FloatArray,
     gauge: Gauge,
 ) -> ImageData:
-    """Prepare test functions, whitening and the operator on surface-node motions.
+    """Prepare test functions and whitening.
 
     Args:
         images: the series, gradient refined.
         basis_uv: functions of u and v at the pixels.
         basis_w: functions of w at the pixels.
-        projection: surface nodes → pixels, shape (n_pix, n_surface).
+        mean_motion: mean motion of free correlation in each frame [µm], shape (T, 3).
         gauge: "translation" removes the mean motion of each image, "rigid" rotations too.
     """
     fx, fy = images.gradient.T
@@ -119,12 +147,7 @@ def build_image_data(
     seen = root @ (test.T @ np.einsum("rpc,pc->pr", rigid, slope))
     left = np.linalg.svd(seen, full_matrices=True)[0]
     whiten = left[:, seen.shape[1] :].T @ root
-    effect = [
-        (test.T @ (sp.diags_array(slope[:, component]) @ projection)).toarray()
-        for component in range(3)
-    ]
-    surface = np.stack(effect, axis=2).reshape(test.shape[1], -1)
-    return ImageData(images, test, rigid, whiten, whiten @ surface)
+    return ImageData(images, test, rigid, mean_motion, whiten)
 
 
 def _rigid_motions(xy: FloatArray, gauge: Gauge) -> FloatArray:
@@ -149,6 +172,7 @@ class Data:
         autocorrelation: of the load noise from one image to the next.
         index: the frames in use, shape (T,).
         with_loads: whether the loads are part of the residual.
+        simulation_error: covariance of what mesh and time steps leave wrong, None if neglected.
     """
 
     image: ImageData
@@ -157,6 +181,7 @@ class Data:
     autocorrelation: float
     index: IntArray
     with_loads: bool = True
+    simulation_error: SimulationError | None = None
 
     @property
     def n_load(self) -> int:
@@ -171,7 +196,9 @@ class Data:
         """Some of the frames."""
         return replace(self, index=index)
 
-    def residual(self, motion: FloatArray, load: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def residual(
+        self, motion: FloatArray, load: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Whitened residual of a prediction for all frames.
 
         Args:
@@ -179,20 +206,24 @@ class Data:
             load: predicted reading [µN], shape (T_all,).
 
         Returns:
-            residual [loads | images] (n,), and ρ (T, n_pix) [µm].
+            residual [loads | images] (n,); the rigid motion of each frame (T, n_rigid) [µm];
+            ρ (T, n_pix) [µm].
         """
-        z, _, rho = self.image.residual(motion[self.index], self.index)
+        z, shift, rho = self.image.residual(motion[self.index], self.index)
         parts = [self._whiten_images(z).ravel()]
         if self.with_loads:
             parts.insert(0, self._whiten_loads((self.load - load)[self.index]))
-        return np.concatenate(parts), rho
+        return np.concatenate(parts), shift, rho
 
-    def sensitivity(self, d_surface: FloatArray, d_load: FloatArray) -> FloatArray:
-        """Whitened derivatives of the prediction, (k, T_all, n, 3) and (k, T_all) → (k, n)."""
-        z = self._whiten_images(self.image.sensitivity(d_surface[:, self.index]))
+    def sensitivity(self, prediction: Prediction) -> FloatArray:
+        """Whitened derivatives of a prediction with respect to k parameters, shape (k, n)."""
+        z = self.image.sensitivity(prediction.d_surface[:, self.index], prediction.look.value)
+        for row, motion in prediction.carried.items():
+            z[row] += self.image.pixel_sensitivity(motion[self.index])
+        z = self._whiten_images(z)
         parts = [z.reshape(len(z), self.index.size * self.image.n_z)]
         if self.with_loads:
-            parts.insert(0, self._whiten_loads(d_load[:, self.index]))
+            parts.insert(0, self._whiten_loads(prediction.d_load[:, self.index]))
         return np.concatenate(parts, axis=1)
 
     def image_part(self, residual: FloatArray) -> FloatArray:
@@ -200,12 +231,26 @@ class Data:
         return residual[self.n_load :].reshape(self.index.size, self.image.n_z)
 
     def _whiten_images(self, z: FloatArray) -> FloatArray:
+        white = self._whiten_reference(z)
+        if self.simulation_error is None:
+            return white
+        shapes = self._whiten_reference(self.simulation_error.shapes[self.index])
+        return self.simulation_error.whiten_images(white, shapes)
+
+    def _whiten_reference(self, z: FloatArray) -> FloatArray:
         """(I + 11ᵀ/n)^(−1/2) over the frames, axis −2."""
         T = self.index.size
         shrink = 1.0 - 1.0 / np.sqrt(1.0 + T / self.image.images.n_reference)
         return np.asarray(z - shrink * z.mean(axis=-2, keepdims=True))
 
     def _whiten_loads(self, load: FloatArray) -> FloatArray:
+        white = self._whiten_series(load)
+        if self.simulation_error is None:
+            return white
+        pattern = self._whiten_series(self.simulation_error.load[self.index])
+        return self.simulation_error.whiten_loads(white, pattern)
+
+    def _whiten_series(self, load: FloatArray) -> FloatArray:
         white = load / self.load_noise
         if self.autocorrelation:
             a = self.autocorrelation

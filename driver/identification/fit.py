@@ -73,11 +73,11 @@ class Objective:
         self, prediction: Prediction, values: Mapping[str, float], free: Sequence[str]
     ) -> Evaluation:
         """Residual and Jacobian of a prediction."""
-        motion = self.model.at_pixels(prediction.surface) + self.correction.motion
+        motion = prediction.motion + self.correction.motion
         load = prediction.load + self.correction.load
-        residual, rho = self.data.residual(motion, load)
+        residual, shift, rho = self.data.residual(motion, load)
         slopes = np.array([self.parameters[name].slope(values[name]) for name in free])
-        jacobian = self.data.sensitivity(prediction.d_surface, prediction.d_load)
+        jacobian = self.data.sensitivity(prediction)
         jacobian *= slopes[:, None]
         gap, weight = self._prior_at(values, free)
         return Evaluation(
@@ -90,6 +90,7 @@ class Objective:
             n_load=self.data.n_load,
             load=load,
             motion=motion,
+            shift=shift,
             rho=rho,
             prediction=prediction,
         )
@@ -132,6 +133,7 @@ class Evaluation:
         n_load: numbers of the load part.
         load: predicted readings [µN], corrected, shape (T_all,).
         motion: predicted motion at the pixels [µm], corrected, shape (T_all, n_pix, 3).
+        shift: rigid motion that each frame in use needed [µm], shape (T, n_rigid).
         rho: image residual of the frames in use [µm], shape (T, n_pix).
         prediction: the prediction itself.
     """
@@ -145,6 +147,7 @@ class Evaluation:
     n_load: int
     load: FloatArray
     motion: FloatArray
+    shift: FloatArray
     rho: FloatArray
     prediction: Prediction
 
@@ -246,43 +249,51 @@ def fit(
     here = start if start is not None else objective.evaluate(values, free)
     history = [_record(here)]
     log(_line(0, here, None))
-    for iteration in range(1, most + 1):
-        step = _bounded_step(here, objective.parameters)
-        decrement = math.sqrt(max(float(step @ here.gradient), 0.0))
+    iteration = 0
+    while True:
+        step, decrement = _bounded_step(here, objective.parameters)
         enough = max(tolerance, math.sqrt(share * here.misfit), math.sqrt(here.excess) * NEGLIGIBLE)
         if decrement < enough:
             return Fit(here, True, f"the Newton decrement is {decrement:.2g} σ", tuple(history))
+        if iteration == most:
+            reason = f"the limit of {most} iterations, decrement {decrement:.2g} σ"
+            return Fit(here, False, reason, tuple(history))
         ahead = _descend(objective, here, step)
         if ahead is None:
             reason = f"no shorter step lowers the cost (decrement {decrement:.2g} σ)"
             return Fit(here, False, reason, tuple(history))
-        here = ahead
+        here, iteration = ahead, iteration + 1
         history.append(_record(here))
         log(_line(iteration, here, decrement))
-    step = _bounded_step(here, objective.parameters)
-    decrement = math.sqrt(max(float(step @ here.gradient), 0.0))
-    reason = f"the limit of {most} iterations, decrement {decrement:.2g} σ"
-    return Fit(here, decrement < tolerance, reason, tuple(history))
 
 
-def _bounded_step(here: Evaluation, parameters: Mapping[str, Parameter]) -> FloatArray:
+def _bounded_step(
+    here: Evaluation, parameters: Mapping[str, Parameter]
+) -> tuple[FloatArray, float]:
     """Gauss–Newton step, damped until no parameter leaves its trusted range.
 
     Damping in units of the range shortens the weak directions, along which a linearised model
     runs far, and leaves the strong ones alone. A parameter at its bound that the step would
     push further is held there.
+
+    Returns:
+        step in θ, shape (k,), and the Newton decrement: that of the step without damping, for
+        a short step is no sign of being near.
     """
     limits = np.array(
         [LARGEST_STEP_LOG if parameters[n].logarithmic else LARGEST_STEP for n in here.free]
     )
     held = np.zeros(len(here.free), dtype=bool)
     hessian, gradient = here.hessian * np.outer(limits, limits), here.gradient * limits
-    damping = 1e-12 * float(np.max(np.diag(hessian), initial=1.0))
+    least = damping = 1e-12 * float(np.max(np.diag(hessian), initial=1.0))
+    decrement = 0.0
     while True:
         step = np.zeros(len(here.free))
         active = np.flatnonzero(~held)
         damped = hessian[np.ix_(active, active)] + damping * np.eye(active.size)
         step[active] = np.linalg.solve(damped, gradient[active])
+        if damping == least:
+            decrement = math.sqrt(max(float(step @ gradient), 0.0))
         outward = np.array(
             [
                 not low and _at_bound(parameters[name], here.values[name], change)
@@ -292,8 +303,9 @@ def _bounded_step(here: Evaluation, parameters: Mapping[str, Parameter]) -> Floa
         )
         if outward.any():
             held |= outward
+            damping = least
         elif np.max(np.abs(step), initial=0.0) <= 1.0:
-            return np.asarray(limits * step)
+            return np.asarray(limits * step), decrement
         else:
             damping = max(10.0 * damping, 1e-2)
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from driver.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.identification.data import Data
 from driver.identification.fit import Correction, Fit, Objective, fit
+from driver.identification.simulation_error import simulation_error
 from driver.model import ForwardModel
 
 FloatArray = NDArray[np.float64]
@@ -34,12 +35,10 @@ class Identification:
     Attributes:
         objective: model, data, priors and the correction of the last stage.
         stages: the fits of stages A, B, C and of C with the correction.
-        noise_factor: noise of the images on the correlation basis over that of the repeats.
     """
 
     objective: Objective
     stages: Mapping[str, Fit]
-    noise_factor: float
 
     @property
     def final(self) -> Fit:
@@ -67,6 +66,7 @@ def identify(
     start: Mapping[str, float],
     law: Sequence[str],
     knots: Sequence[str],
+    sizes: tuple[float, float],
     most: int,
     log: Log,
 ) -> Identification:
@@ -79,6 +79,7 @@ def identify(
         start: every parameter at the start.
         law: names of the law's parameters (and of nuisances of the loads).
         knots: names of the free knots.
+        sizes: element sizes of the working and of the finer mesh [µm].
         most: largest number of iterations of each stage.
         log: takes one line of progress.
 
@@ -99,15 +100,35 @@ def identify(
     stage_b = fit(objective, unloaded, (*knots, *law), most, log, share=START)
     log("stage C: all together")
     first = fit(objective, stage_b.values, everything, most, log, share=START)
-    factor = temporal_noise(first, objective.data)
-    data = replace(objective.data, image=replace(objective.data.image, noise_factor=factor))
     log("finer mesh and steps at the result, for the correction")
-    corrected = replace(objective, data=data, correction=correction(working, finer, first, log))
+    corrected = with_correction(
+        objective, temporal_noise(first, objective.data), correction(working, finer, first, log),
+        sizes,
+    )  # fmt: skip
     log("stage C with the correction")
     last = fit(corrected, first.values, everything, most, log)
     return Identification(
-        corrected, {"A": stage_a, "B": stage_b, "C uncorrected": first, "C": last}, factor
+        corrected, {"A": stage_a, "B": stage_b, "C uncorrected": first, "C": last}
     )
+
+
+def with_correction(
+    objective: Objective, noise_factor: float, change: Correction, sizes: tuple[float, float]
+) -> Objective:
+    """The objective with a correction, the covariance of what it leaves wrong, and the noise.
+
+    Args:
+        objective: data and priors.
+        noise_factor: noise of the images over that of the repeats.
+        change: finer minus working prediction.
+        sizes: element sizes of the working and of the finer mesh [µm].
+    """
+    image = replace(objective.data.image, noise_factor=noise_factor)
+    error = simulation_error(
+        image, np.asarray(change.motion), np.asarray(change.load), sizes[1], sizes[1] / sizes[0]
+    )
+    data = replace(objective.data, image=image, simulation_error=error)
+    return replace(objective, data=data, correction=change)
 
 
 def elastic_stiffness(model: ForwardModel, values: Mapping[str, float]) -> float:
@@ -150,7 +171,7 @@ def correction(working: ForwardModel, finer: ForwardModel, at: Fit, log: Log) ->
     """Finer minus working prediction at a result."""
     fine = finer.predict(at.values)
     coarse = at.best.prediction
-    motion = finer.at_pixels(fine.surface) - working.at_pixels(coarse.surface)
+    motion = fine.motion - coarse.motion
     load = fine.load - coarse.load
     log(
         f"  finer − working: load {np.sqrt(np.mean(load**2)):.2f} µN rms, "

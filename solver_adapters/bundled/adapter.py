@@ -102,12 +102,12 @@ def _interpolate(instant: float, times: FloatArray, values: FloatArray) -> Float
 def _refuse_bad_constants(simulation: Simulation) -> None:
     m = simulation.material
     for name in ("C44", "K", "n", "tau0", "tau0_112", "tau0_grain2", "elastic_scale", "C44_scale"):
-        if getattr(m, name) <= 0:
+        if not 0 < getattr(m, name) < np.inf:
             raise UnsupportedError(f"{name} is {getattr(m, name):g}; expected a positive number")
     for name in ("c", "d", "Q", "b"):
-        if getattr(m, name) < 0:
+        if not 0 <= getattr(m, name) < np.inf:
             raise UnsupportedError(f"{name} is {getattr(m, name):g}; expected zero or more")
-    if m.C11 <= abs(m.C12) or m.C11 + 2 * m.C12 <= 0:
+    if not (abs(m.C12) < m.C11 < np.inf and m.C11 + 2 * m.C12 > 0):
         raise UnsupportedError(
             f"C11 = {m.C11:g}, C12 = {m.C12:g} MPa do not make a positive definite stiffness; "
             "expected C11 > |C12| and C11 + 2 C12 > 0"

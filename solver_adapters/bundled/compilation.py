@@ -34,7 +34,17 @@ _config.CACHE_DIR = str(_cache_folder())
 
 def kernel(function: Any) -> Any:
     """Compile a scalar kernel that is inlined into the batch loops by LLVM."""
-    return numba.njit(cache=True, error_model="numpy", fastmath=_FAST, nogil=True)(function)
+    return numba.njit(
+        cache=True,
+        error_model="numpy",
+        fastmath=_FAST,
+        nogil=True,
+    )(function)
+
+
+def ordered_kernel(function: Any) -> Any:
+    """Compile a scalar kernel whose sums keep their order, as cancelled digits demand."""
+    return numba.njit(cache=True, error_model="numpy", fastmath={"contract"}, nogil=True)(function)
 
 
 def batch_kernel(function: Any) -> Any:

@@ -5,14 +5,14 @@ Both are accurate to 2 units in the last place for finite arguments of normal si
 
 import numpy as np
 
-from solver_adapters.bundled.compilation import kernel
+from solver_adapters.bundled.compilation import ordered_kernel
 
 _LN2_HIGH = 0.6931471803691238
 _LN2_LOW = 1.9082149292705877e-10
 _SQRT_HALF_BITS = 0x3FE6A09E667F3BCD
 
 
-@kernel
+@ordered_kernel
 def fast_exp(x: float) -> float:
     """exp(x) by reduction to |r| ≤ ln(2)/2 and the Taylor polynomial of degree 12."""
     k = np.int64(x * 1.4426950408889634 + 2048.5) - 2048
@@ -33,7 +33,7 @@ def fast_exp(x: float) -> float:
     return p * np.int64((k + 1023) << 52).view(np.float64)
 
 
-@kernel
+@ordered_kernel
 def fast_log(x: float) -> float:
     """log(x) from the exponent bits and the artanh series of the mantissa."""
     bits = np.float64(x).view(np.int64)

@@ -58,7 +58,7 @@ def prepare(w: FloatArray, modes: FloatArray) -> None:
 
 @kernel
 def _project(w: FloatArray, target: int, source: int) -> None:
-    """target = Σ source_s P_s, a sum over the systems in modes."""
+    """Sum over the systems in modes: target = Σ source_s P_s."""
     t0 = t1 = t2 = t3 = t4 = 0.0
     for s in range(NS):
         x = w[source + s]

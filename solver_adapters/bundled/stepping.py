@@ -16,7 +16,7 @@ from solver_adapters.bundled.assembly import (
     element_forces,
     element_stiffness,
 )
-from solver_adapters.bundled.law import N_STATE, NS
+from solver_adapters.bundled.law import N_STATE, NS, P_C11
 from solver_adapters.bundled.linear import LinearSolverError, SymmetricSolver
 from solver_adapters.bundled.problem import Problem, Tangents
 from solver_adapters.interface import SolverError
@@ -27,6 +27,8 @@ MOST_NEWTON = 14
 MOST_HALVINGS = 10
 # A residual this far below the reaction is rounding, whatever tolerance was asked for.
 ROUNDING = 1e-12
+# Strain that rounding leaves behind: of its force nothing better can be asked.
+ROUNDED_STRAIN = 1e-15
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +113,7 @@ class Stepper:
         self.tangents = tangents
         self.tolerance = tolerance
         self.statistics = Statistics()
+        self._least = _rounded_force(problem)
         self._solver = SymmetricSolver(problem.pattern.indptr, problem.pattern.indices)
         self._last: dict[bool, Increment] = {}
 
@@ -153,13 +156,13 @@ class Stepper:
                 frame = self._step(frame, target, motion(target), motion_tangent)
                 size = min(2 * size, whole)
             except _NotConverged as failure:
+                if 0.5 * size < whole / 2**MOST_HALVINGS:
+                    raise SolverError(
+                        f"no solution at t = {target:.6g} s with steps cut to {size:.3g} s: "
+                        f"{failure}"
+                    ) from None
                 self.statistics.cuts += 1
                 size *= 0.5
-                if size < whole / 2**MOST_HALVINGS:
-                    raise SolverError(
-                        f"no solution at t = {frame.time + size:.6g} s with steps cut to "
-                        f"{size:.3g} s: {failure}"
-                    ) from None
         return frame
 
     def _step(
@@ -199,26 +202,26 @@ class Stepper:
         failed = int(np.argmin(count)) if count.min() < 0 else None
         return _Trial(u, H, state, slips, P, C, total, failed)
 
-    def _factor(self, C: FloatArray) -> FloatArray:
-        """Factor the tangent; returns the element matrices."""
+    def _factor(self, trial: _Trial) -> None:
+        """Factor the tangent of a trial."""
         p, clock = self.problem, time.perf_counter()
         K = np.empty((len(p.cells), 465))
-        element_stiffness(C, p.gradients, p.weights, K)
+        element_stiffness(trial.C, p.gradients, p.weights, K)
         values = p.pattern.values(K)
         clock = self.statistics.clock("assembly", clock)
         try:
             self._solver.factor(values)
         except LinearSolverError as error:
-            raise _NotConverged(f"the stiffness could not be factored ({error})") from None
+            raise _NotConverged(self._where(trial, str(error))) from None
         self.statistics.clock("factorisation", clock)
-        return K
 
-    def _solve(self, rhs: FloatArray) -> FloatArray:
+    def _solve(self, trial: _Trial, rhs: FloatArray) -> FloatArray:
+        """Solve with the factors of the tangent of a trial."""
         clock = time.perf_counter()
         try:
             solution = self._solver.solve(rhs)
         except LinearSolverError as error:
-            raise _NotConverged(f"the linear system could not be solved ({error})") from None
+            raise _NotConverged(self._where(trial, str(error))) from None
         self.statistics.clock("solution", clock)
         return solution
 
@@ -241,7 +244,7 @@ class Stepper:
                 return u, ratio * last.slips
         rest = np.zeros((p.points.grain.size, NS))
         trial = self._evaluate(frame, frame.u, rest, dt)
-        self._factor(trial.C)
+        self._factor(trial)
         lifted = np.zeros((p.n_nodes, 3))
         lifted.ravel()[p.prescribed] = moved
         H = np.empty((p.points.grain.size, 9))
@@ -250,49 +253,48 @@ class Stepper:
         forces = np.empty((len(p.cells), 30))
         element_forces(stress, p.gradients, p.weights, forces)
         residual = trial.forces + p.pattern.node_sum(forces, p.n_nodes)
-        lifted.ravel()[p.pattern.free] = self._solve(-residual[p.pattern.free])
+        lifted.ravel()[p.pattern.free] = self._solve(trial, -residual[p.pattern.free])
         return frame.u + lifted, rest
 
     def _newton(self, frame: Frame, motion: FloatArray, dt: float) -> _Trial:
         free, prescribed = self.problem.pattern.free, self.problem.prescribed
         u, guess = self._predict(frame, motion, dt)
         trial = self._evaluate(frame, u, guess, dt)
-        norm = float(np.linalg.norm(trial.forces[free]))
+        norm = _norm(trial.forces[free])
         for _ in range(MOST_NEWTON):
-            reaction = float(np.linalg.norm(trial.forces[prescribed]))
-            small = norm <= max(self.tolerance, ROUNDING) * reaction or norm == 0.0
+            reaction = _norm(trial.forces[prescribed])
+            small = norm <= max(max(self.tolerance, ROUNDING) * reaction, self._least)
             if small and trial.local_failure is None:
                 return trial
-            if not np.isfinite(norm):
-                raise _NotConverged("the internal forces are not finite")
-            self._factor(trial.C)
-            step = self._solve(-trial.forces[free])
+            self._factor(trial)
+            step = self._solve(trial, -trial.forces[free])
             self.statistics.iterations += 1
             trial, norm = self._line_search(frame, trial, step, norm, dt)
-        raise _NotConverged(self._where(trial, norm))
+        raise _NotConverged(self._where(trial, _stalled(norm)))
 
     def _line_search(
         self, frame: Frame, trial: _Trial, step: FloatArray, norm: float, dt: float
     ) -> tuple[_Trial, float]:
+        """Halve the step while the residual grows; the best of four, even if it grew in all."""
         free = self.problem.pattern.free
         best, length = None, 1.0
         for _ in range(4):
             u = trial.u.copy()
             u.ravel()[free] += length * step
             candidate = self._evaluate(frame, u, trial.slips, dt)
-            new = float(np.linalg.norm(candidate.forces[free]))
+            new = _norm(candidate.forces[free])
             usable = np.isfinite(new) and candidate.local_failure is None
             if usable and (best is None or new < best[1]):
                 best = (candidate, new)
-            # Far from the solution Newton's full step may first raise the residual.
-            if usable and new <= 2.0 * norm:
+            if usable and new <= norm:
                 break
             length *= 0.5
         if best is None:
-            raise _NotConverged(self._where(candidate, new))
+            raise _NotConverged(self._where(candidate, _stalled(new)))
         return best
 
-    def _where(self, trial: _Trial, norm: float) -> str:
+    def _where(self, trial: _Trial, what: str) -> str:
+        """Complete a message with the element that fails, or that is furthest from equilibrium."""
         p = self.problem
         if trial.local_failure is not None:
             cell = trial.local_failure // 4
@@ -302,7 +304,6 @@ class Stepper:
             force[p.pattern.free] = trial.forces[p.pattern.free]
             node = int(np.argmax(np.linalg.norm(force.reshape(-1, 3), axis=1)))
             cell = int(np.flatnonzero((p.cells == node).any(axis=1))[0])
-            what = f"the equilibrium iteration stalled at a residual of {norm:.3g} µN"
         grain = int(p.points.grain[4 * cell]) + 1
         return f"{what} (element {cell}, grain {grain})"
 
@@ -316,7 +317,7 @@ class Stepper:
         3. change of the states and of the pulled force with the whole du.
         """
         p, t = self.problem, self.tangents
-        self._factor(trial.C)
+        self._factor(trial)
         clock = time.perf_counter()
         du = np.zeros((p.n_nodes, 3, t.count))
         flat = du.reshape(3 * p.n_nodes, t.count)
@@ -331,7 +332,7 @@ class Stepper:
         dP, _ = self._point_derivative(frame, trial, dt, dH)
         change = self._force_change(trial, dP)
         clock = self.statistics.clock("derivatives", clock)
-        flat[p.pattern.free] = self._solve(-change[p.pattern.free])
+        flat[p.pattern.free] = self._solve(trial, -change[p.pattern.free])
         clock = time.perf_counter()
         direction_gradients(du, p.cells, p.gradients, dH0)
         dP, dstate = self._point_derivative(frame, trial, dt, dH0)
@@ -358,3 +359,20 @@ class Stepper:
             element_forces(trial.P, t.gradients[slot], p.weights, part)
             forces[:, :, index] += part
         return p.pattern.node_sums(forces, p.n_nodes)
+
+
+def _norm(forces: FloatArray) -> float:
+    # A hopeless trial may overflow: its norm is infinite, and it is refused for that.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float(np.linalg.norm(forces))
+
+
+def _stalled(norm: float) -> str:
+    return f"the equilibrium iteration stalled at a residual of {norm:.3g} µN"
+
+
+def _rounded_force(problem: Problem) -> float:
+    """Norm of the nodal forces that a strain of `ROUNDED_STRAIN` would make [µN]."""
+    areas = np.abs(problem.gradients).sum(axis=3) * problem.weights[:, :, None]
+    nodal = np.bincount(problem.cells.ravel(), areas.sum(axis=1).ravel())
+    return ROUNDED_STRAIN * float(problem.points.local[:, P_C11].max() * np.linalg.norm(nodal))

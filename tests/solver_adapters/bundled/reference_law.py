@@ -118,13 +118,13 @@ def jacobian(step: Step, slip: AnyArray) -> AnyArray:
     return np.stack(columns, axis=1) if columns else np.zeros((0, 0))
 
 
-def corrected(step: Step, slip: AnyArray, matrix: AnyArray, rounds: int = 3) -> AnyArray:
-    """Slips after Newton iterations from `slip` with the real Jacobian `matrix`."""
+def corrected(step: Step, slip: AnyArray) -> AnyArray:
+    """Slips after one Newton step, with the Jacobian at `slip`."""
     active = np.flatnonzero(slip.real)
-    slip = slip.astype(complex)
-    for _ in range(rounds):
-        slip[active] -= np.linalg.solve(matrix, residuals(step, slip)[active])
-    return slip
+    change = np.linalg.solve(jacobian(step, slip), residuals(step, slip)[active])
+    better = slip.copy()
+    better[active] -= change
+    return better
 
 
 def response(step: Step, slip: AnyArray) -> tuple[AnyArray, AnyArray]:
@@ -136,10 +136,16 @@ def response(step: Step, slip: AnyArray) -> tuple[AnyArray, AnyArray]:
 def derivative(
     step: Step, slip: AnyArray, matrix: AnyArray, **tangents: AnyArray
 ) -> tuple[AnyArray, AnyArray]:
-    """Derivative of `response` along tangents of the fields of the step, slips following."""
+    """Derivative of `response` along tangents of the fields of the step.
+
+    The slips follow by the implicit function theorem, with their Jacobian `matrix`.
+    """
     moved = {
         name: getattr(step, name) + 1j * COMPLEX_STEP * value for name, value in tangents.items()
     }
     turned = replace(step, **moved)
-    stress, state = response(turned, corrected(turned, slip, matrix))
+    active = np.flatnonzero(slip)
+    following = slip.astype(complex)
+    following[active] -= 1j * np.linalg.solve(matrix, residuals(turned, slip).imag[active])
+    stress, state = response(turned, following)
     return stress.imag / COMPLEX_STEP, state.imag / COMPLEX_STEP

@@ -20,6 +20,7 @@ ROTATIONS = np.stack([bunge_matrix(281, 8, 47), bunge_matrix(211, 45, 150)])
 N_POINTS = 6
 GRAIN = np.arange(N_POINTS) % 2
 DT = 1.5
+TIGHT = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +81,7 @@ def test_the_slips_of_a_step_solve_the_equations_of_the_law(solved: Solved) -> N
     for i in range(N_POINTS):
         step, slips = solved.step(i), solved.slips[i]
         assert reference.overstress_at_rest(step, slips).max() < 0.5  # K (1e-14/dt)^(1/n)
-        exact = reference.corrected(step, slips, reference.jacobian(step, slips)).real
+        exact = reference.corrected(step, slips)
         np.testing.assert_allclose(slips, exact, rtol=0, atol=1e-13)
         stress, state = reference.response(step, exact)
         np.testing.assert_allclose(solved.P[i], stress, rtol=0, atol=1e-8)
@@ -105,7 +106,7 @@ def test_the_tangent_is_the_complex_step_of_the_equations(solved: Solved) -> Non
                 step, slips, matrix, H=unit.reshape(3, 3) @ step.R.T
             )
         scale = abs(expected).max()
-        np.testing.assert_allclose(solved.tangent[i], expected, rtol=0, atol=1e-11 * scale)
+        np.testing.assert_allclose(solved.tangent[i], expected, rtol=0, atol=TIGHT * scale)
 
 
 def test_the_tangent_is_symmetric(solved: Solved) -> None:
@@ -151,5 +152,6 @@ def test_directional_derivatives_are_the_complex_step_of_the_equations(solved: S
                 R=turn,
             )
             for found, expected in ((dP[i, k], stress), (dstate[i, k], end)):
-                scale = abs(expected).max()
-                np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * scale + 1e-25)
+                # In an elastic step two changes of size dH cancel in the state.
+                tolerance = 20 * TIGHT * abs(expected).max() + 1e-15 * abs(H[i, k]).max()
+                np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance)

@@ -1,0 +1,280 @@
+"""Results for other programs: the measured face for ParaView, the volume mesh, tables as CSV."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.boundary import elongation_names, tilt_names
+from driver.case import Case, load_case
+from driver.diagnose_stage import DIAGNOSIS, DIAGNOSIS_H5
+from driver.errors import InputError, sentence
+from driver.history import History, read_history
+from driver.identify_stage import IDENTIFY
+from driver.measure_stage import MEASURE
+from driver.mesh_stage import MESH
+from driver.paraview import SERIES, FittedModel, aligned, write_surface
+from driver.pipeline import stages
+from driver.results import prismid_version, read_hdf5, write_csv
+from driver.stages import RESULTS, stage_key
+
+FloatArray = NDArray[np.float64]
+
+_NEEDED, _OPTIONAL = ("mesh", "measure", "identify"), "diagnose"
+_README, _VOLUME = "README.txt", "mesh.vtu"
+_TITLE = "Results of prismid for other programs"
+
+
+class ExportError(InputError):
+    """Results that cannot be exported: what was found and what was expected."""
+
+
+def export_case(case_path: Path, folder: Path) -> None:
+    """Write the finished results of a case in the formats of other programs.
+
+    The folder is made if need be. Files of an earlier export are replaced, each of them whole,
+    and other files are left alone. Without a finished diagnosis of the case as it is, what
+    belongs to the extended model is left out.
+
+    Args:
+        case_path: the case file; its results are in `results/` beside it.
+        folder: where to write.
+
+    Raises:
+        CaseError: the case cannot be used.
+        ExportError: a stage has no results for the case as it is, or the folder cannot take them.
+        ResultError: a result file cannot be read.
+    """
+    case = load_case(case_path)
+    results = case_path.parent / RESULTS
+    diagnosed = _finished(case_path, case, results)
+    measured = read_hdf5(results / MEASURE)
+    models = [_identified(results)]
+    if diagnosed:
+        models.append(_extended(results, models[0]))
+    history = read_history(case.path(case.history.file))
+    _make_folder(folder)
+    with tempfile.TemporaryDirectory(prefix="partial-", dir=folder) as aside:
+        written = Path(aside)
+        write_surface(written, measured, models, case.boundary.gauge == "rigid")
+        shutil.copyfile((results / MESH).with_suffix(".vtu"), written / _VOLUME)
+        _write_tables(written, measured, models, history, results)
+        _write_readme(written / _README, case_path, diagnosed)
+        _move(written, folder)
+
+
+def _finished(case_path: Path, case: Case, results: Path) -> bool:
+    """Whether the diagnosis is finished, too."""
+    path = results / "stages.json"
+    record = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    key = ""
+    for stage in stages(case):
+        key = stage_key(stage, case, key)
+        done = record.get(stage.name, {"key": None, "outputs": []})
+        there = all((results / name).is_file() for name in done["outputs"])
+        if done["key"] == key and there:
+            if stage.name == _OPTIONAL:
+                return True
+        elif stage.name in _NEEDED:
+            found = "results of another state of the case or its files"
+            raise ExportError(
+                sentence(
+                    results,
+                    f"stage {stage.name}",
+                    found if done["key"] is not None and there else "no results",
+                    f"those of the case as it is (`prismid run {case_path} --until "
+                    f"{_NEEDED[-1]}` makes them)",
+                )
+            )
+    return False
+
+
+def _identified(results: Path) -> FittedModel:
+    path = results / IDENTIFY
+    arrays = read_hdf5(path)
+    with h5py.File(path, "r") as file:
+        names, units, values = (
+            json.loads(file.attrs[name]) for name in ("names", "units", "all_values")
+        )
+    return FittedModel(
+        label="model",
+        **_predictions(arrays, "final"),
+        values=values,
+        sigma=dict(zip(names, arrays["sigma"].tolist(), strict=True)),
+        units=dict(zip(names, units, strict=True)),
+    )
+
+
+def _extended(results: Path, model: FittedModel) -> FittedModel:
+    record = json.loads((results / DIAGNOSIS).read_text(encoding="utf-8"))["extended"]
+    fitted = {name: entry for name, entry in record.items() if name != "reason"}
+    return FittedModel(
+        label="extended",
+        **_predictions(read_hdf5(results / DIAGNOSIS_H5), "after"),
+        values={**model.values, **{name: entry["value"] for name, entry in fitted.items()}},
+        sigma={name: entry["sigma"] for name, entry in fitted.items()},
+        units={name: entry["unit"] for name, entry in fitted.items()},
+    )
+
+
+def _predictions(arrays: Mapping[str, FloatArray], prefix: str) -> dict[str, Any]:
+    return {name: arrays[f"{prefix}/{name}"] for name in ("load", "load_residual", "motion", "rho")}
+
+
+def _write_tables(
+    folder: Path,
+    measured: Mapping[str, FloatArray],
+    models: Sequence[FittedModel],
+    history: History,
+    results: Path,
+) -> None:
+    image: dict[str, Sequence[object] | FloatArray] = {
+        "image": range(len(measured["time"])),
+        "time_s": measured["time"],
+        "stage_um": measured["stage"],
+        "cycle": measured["cycle"],
+    }
+    loads = {**image, "load_measured_uN": measured["force"]}
+    for model in models:
+        loads[f"load_{model.label}_uN"] = model.load
+        loads[f"residual_{model.label}_uN"] = model.load_residual
+    write_csv(folder / "loads.csv", loads)
+    _write_images(folder / "images.csv", image, measured, models[0])
+    _write_knots(folder / "knots.csv", models, history)
+    _write_parameters(folder / "parameters.csv", models, read_hdf5(results / IDENTIFY)["start"])
+
+
+def _write_images(
+    path: Path,
+    image: Mapping[str, Sequence[object] | FloatArray],
+    measured: Mapping[str, FloatArray],
+    model: FittedModel,
+) -> None:
+    _, removed = aligned(measured["motion"], model.motion, measured["xy"], rigid=True)
+    shift = 1e3 * removed[:, :3]
+    turn = 1e6 * removed[:, 3:]
+    columns = {
+        **image,
+        "elongation_nm": 1e3 * measured["elongation"],
+        "tilt_nm": 1e3 * measured["tilt"],
+        "chi": measured["chi"],
+        **{f"shift_{axis}_nm": shift[:, i] for i, axis in enumerate("XYZ")},
+        **{f"slope_{name}_urad": turn[:, i] for i, name in enumerate(("vX", "wX", "wY"))},
+    }
+    write_csv(path, columns)
+
+
+def _write_knots(path: Path, models: Sequence[FittedModel], history: History) -> None:
+    n = history.n_knots
+    columns: dict[str, Sequence[object] | FloatArray] = {
+        "knot": range(n),
+        "time_s": history.time[history.turning],
+        "stage_um": history.stage[history.turning],
+    }
+    for model in models:
+        for what, names in (("elongation", elongation_names(n)), ("tilt", tilt_names(n))):
+            values = [0.0, *(1e3 * model.values[name] for name in names)]
+            sigma = [1e3 * model.sigma[name] if name in model.sigma else "" for name in names]
+            columns[f"{what}_{model.label}_nm"] = values
+            columns[f"{what}_{model.label}_sigma_nm"] = ["", *sigma]
+    write_csv(path, columns)
+
+
+def _write_parameters(path: Path, models: Sequence[FittedModel], start: FloatArray) -> None:
+    starts = dict(zip(models[0].sigma, start.tolist(), strict=True))
+    units = {name: unit for model in models for name, unit in model.units.items()}
+    names = [name for name in units if not name.startswith(("elongation_", "tilt_"))]
+    columns: dict[str, Sequence[object]] = {
+        "parameter": names,
+        "unit": [units[name] for name in names],
+        "start": [starts.get(name, "") for name in names],
+    }
+    for model in models:
+        free = model.sigma
+        columns[f"{model.label}"] = [model.values[n] if n in free else "" for n in names]
+        columns[f"{model.label}_sigma"] = [free.get(n, "") for n in names]
+    write_csv(path, columns)
+
+
+def _write_readme(path: Path, case_path: Path, diagnosed: bool) -> None:
+    case = f"{case_path.resolve().parent.name}/{case_path.name}"
+    made = datetime.now(UTC).isoformat(timespec="seconds")
+    path.write_text(
+        f"{_TITLE}\n\nCase {case}, prismid {prismid_version()}, {made}\n\n"
+        f"{_FRAME}{_DIAGNOSED if diagnosed else _NOT_DIAGNOSED}\n{_FILES}",
+        encoding="utf-8",
+    )
+
+
+_FRAME = """\
+Specimen frame: X across the width, Y along the loading axis, Z out of the measured face.
+Coordinates are in µm; units of all else stand in the names.
+"model" is the model as it was identified.
+"""
+_DIAGNOSED = """\
+"extended" is the model with the causes that the diagnosis added (the same model fitted again,
+where it added none).
+"""
+_NOT_DIAGNOSED = """\
+There was no finished diagnosis of this case: `prismid run` makes one, and an export then holds
+the extended model, too.
+"""
+_FILES = """\
+surface.pvd       open this one in ParaView: the measured face over time [s], of the files below
+surface/*.vtu     one file an image; points are the pixels of the region of interest, undeformed
+  height_um               reference height of the surface
+  motion_measured_um      u, v, w by free image correlation, moved rigidly onto the model (below)
+  motion_model_um         u, v, w of the model, as the images would show it
+  residual_model_nm       f + w − g(x + u) of the model: heights that it does not explain
+  motion_extended_um, residual_extended_nm   the same of the extended model
+mesh.vtu          working mesh of the simulation (10-node tetrahedra), undeformed, cell field grain
+loads.csv         an image a row: load measured at the specimen, loads of the models,
+                  residual = measured − model [µN]
+images.csv        an image a row: elongation and tilt of the face between its end edges [nm], chi of
+                  free correlation (1 is noise), and the rigid motion between measurement and
+                  model: shift [nm] and slopes ∂v/∂X, ∂w/∂X, ∂w/∂Y [µrad]
+knots.csv         a turning point of the stage a row: elongation and tilt of the boundary motion,
+                  with one standard deviation [nm]; empty where it is not a free parameter
+parameters.csv    the other parameters: unit, start, value and one standard deviation
+
+The stage re-centres and refocuses between the images, so that a rigid motion of each image is
+unknown. What parts measurement and model rigidly (least squares over the pixels; a translation,
+with boundary.gauge = "rigid" the slopes, too) is taken off motion_measured_um.
+"""
+
+
+def _make_folder(folder: Path) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise ExportError(sentence(folder, "--to", "a file", "a folder, or nothing"))
+    folder.mkdir(parents=True, exist_ok=True)
+
+
+def _move(written: Path, folder: Path) -> None:
+    """Replace files one by one: first the one that shows whose they are, last the series."""
+    names = sorted(
+        (path.relative_to(written) for path in written.rglob("*") if path.is_file()),
+        key=lambda name: (name.name == SERIES, name.name != _README, str(name)),
+    )
+    readme = folder / _README
+    if not (readme.is_file() and readme.read_bytes().startswith(_TITLE.encode())):
+        for name in names:
+            if (folder / name).exists():
+                raise ExportError(
+                    sentence(
+                        folder, "--to", f"a file {name} that is no export of prismid",
+                        "a folder without files of that name",
+                    )
+                )  # fmt: skip
+    for name in names:
+        (folder / name).parent.mkdir(exist_ok=True)
+        os.replace(written / name, folder / name)

@@ -1,0 +1,202 @@
+"""What the earlier stages found, read back for the report."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.boundary import BoundaryMotion
+from driver.case import Case
+from driver.diagnose_stage import DIAGNOSIS, DIAGNOSIS_H5, EXTENDED
+from driver.dic.interpolation import variance_gain
+from driver.history import History, knot_weights, read_history
+from driver.identify_stage import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
+from driver.measure_stage import MEASURE, MEASURE_CSV
+from driver.mesh_stage import FINE_MESH, MESH
+from driver.results import ResultError, read_hdf5
+from driver.stages import StageContext
+from meshes.files import read_med
+from meshes.prism_mesh import PrismMesh
+
+FloatArray = NDArray[np.float64]
+Record = dict[str, Any]
+
+FILES = {
+    MESH: "working mesh, for Salome and Code_Aster",
+    FINE_MESH: "finer mesh behind the correction",
+    MEASURE: "motion by free correlation, with covariance",
+    MEASURE_CSV: "elongation, tilt and load of each image",
+    IDENTIFY: "parameters, covariance, predictions",
+    IDENTIFY_CSV: "parameters with standard deviations",
+    HISTORY_JSON: "iterations of each stage",
+    DIAGNOSIS: "verdict, evidence of every cause, gain",
+    DIAGNOSIS_H5: "loads, motion and image residuals before and after",
+    EXTENDED: "the case with the causes that were added",
+}
+
+_READ = (MESH, MEASURE, IDENTIFY, HISTORY_JSON, DIAGNOSIS, DIAGNOSIS_H5)
+_MEASURED = (
+    "time", "stage", "cycle", "force", "reference", "pixel", "origin", "xy", "rows", "cols",
+    "sigma", "n_reference", "motion", "chi", "elongation", "elongation_sigma", "tilt",
+    "tilt_sigma",
+)  # fmt: skip
+_FITTED = ("before/load", "before/motion", "before/rho", "after/load", "after/motion", "after/rho")
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """Results of a case, T images, n_pix pixels, k identified parameters.
+
+    Attributes:
+        case: the case.
+        mesh: the working mesh.
+        history: the loading history.
+        measured: datasets of `measure.h5`.
+        fitted: datasets of `diagnosis.h5`: "before/…", "after/…".
+        names: identified parameters of the baseline, length k.
+        units: their units.
+        start: their values at the start, shape (k,).
+        correlation: their correlation matrix, shape (k, k).
+        values: every parameter of the general model at the baseline.
+        noise_factor: noise on the correlation basis over that of the repeats.
+        iterations: iterations of each stage of the identification.
+        diagnosis: content of `diagnosis.json`.
+    """
+
+    case: Case
+    mesh: PrismMesh
+    history: History
+    measured: dict[str, FloatArray]
+    fitted: dict[str, FloatArray]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    start: FloatArray
+    correlation: FloatArray
+    values: dict[str, float]
+    noise_factor: float
+    iterations: Record
+    diagnosis: Record
+
+    @property
+    def extended(self) -> bool:
+        """Whether causes were added to the model."""
+        return bool(self.diagnosis["added"])
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """The models to be shown: before and, where causes were added, after."""
+        return ("before", "after") if self.extended else ("before",)
+
+    @property
+    def load_noise(self) -> float:
+        """γ_F [µN]."""
+        return self.case.loads.gamma_F
+
+    def fitted_values(self, side: str) -> dict[str, float]:
+        """Every parameter of the general model before or after."""
+        record = self.diagnosis["baseline" if side == "before" else "extended"]
+        return self.values | {n: v["value"] for n, v in record.items() if n != "reason"}
+
+    def residual(self, side: str) -> FloatArray:
+        """ρ in units of the standard deviation that noise alone gives it, shape (T, n_pix).
+
+        Var ρ = σ²(gain + 1/n): interpolation lowers the noise of a frame by a known gain, the
+        reference adds that of its mean of n images. The gain depends on where the pixels fell,
+        so the stage's translation counts: it is what free correlation saw beyond the model.
+        """
+        m, motion = self.measured, self.fitted[f"{side}/motion"][..., :2]
+        shift = np.mean(m["motion"][..., :2] - motion, axis=1, keepdims=True)
+        moved = (m["xy"] + motion + shift) / m["pixel"] + m["origin"]
+        gain = variance_gain(moved[..., 0], moved[..., 1])
+        return np.asarray(
+            self.fitted[f"{side}/rho"] / (m["sigma"] * np.sqrt(gain + 1.0 / m["n_reference"]))
+        )
+
+    def edges(self, side: str) -> FloatArray:
+        """Identified elongation and tilt in each row of the history [µm], shape (n_rows, 2)."""
+        weights = knot_weights(self.history)
+        boundary = BoundaryMotion(
+            nodes=np.array([0, 1]),
+            side=np.array([1.0, -1.0]),
+            zeta=np.zeros(2),
+            across=np.zeros(2),
+            weights=weights,
+            mask=np.ones((2, 3), dtype=bool),
+        )
+        motion = boundary.evaluate(self.fitted_values(side))
+        return np.asarray(motion[:, 0, 1:] - motion[:, 1, 1:])
+
+    @property
+    def peaks(self) -> NDArray[np.int64]:
+        """The image at the largest stage travel of each cycle."""
+        stage, cycle = self.measured["stage"], self.measured["cycle"]
+        of_cycle = [np.flatnonzero(cycle == c) for c in np.unique(cycle)]
+        return np.array([images[np.argmax(stage[images])] for images in of_cycle])
+
+
+def read_findings(context: StageContext) -> Findings:
+    """Read all results that the report shows.
+
+    Raises:
+        StageError: a result is absent.
+        ResultError: a result is damaged or lacks what the report shows.
+        HistoryError: the history cannot be used.
+    """
+    paths = {name: context.result(name) for name in _READ}
+    identified = _datasets(paths[IDENTIFY], ("start", "correlation", "noise_factor"))
+    names, units, values = _texts(paths[IDENTIFY], ("names", "units", "all_values"))
+    return Findings(
+        case=context.case,
+        mesh=read_med(paths[MESH]),
+        history=read_history(context.case.path(context.case.history.file)),
+        measured=_datasets(paths[MEASURE], _MEASURED),
+        fitted=_datasets(paths[DIAGNOSIS_H5], _FITTED),
+        names=tuple(names),
+        units=tuple(units),
+        start=identified["start"],
+        correlation=identified["correlation"],
+        values=values,
+        noise_factor=float(identified["noise_factor"]),
+        iterations=_record(paths[HISTORY_JSON], ("C",)),
+        diagnosis=_record(paths[DIAGNOSIS], ("verdict", "added", "gain", "steps")),
+    )
+
+
+def _datasets(path: Path, expected: tuple[str, ...]) -> dict[str, FloatArray]:
+    found = read_hdf5(path)
+    for name in expected:
+        if name not in found:
+            raise _damaged(path, f"no dataset {name}")
+    return found
+
+
+def _texts(path: Path, expected: tuple[str, ...]) -> list[Any]:
+    with h5py.File(path, "r") as file:
+        for name in expected:
+            if name not in file.attrs:
+                raise _damaged(path, f"no attribute {name}")
+        return [json.loads(file.attrs[name]) for name in expected]
+
+
+def _record(path: Path, expected: tuple[str, ...]) -> Record:
+    try:
+        record: Record = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise _damaged(path, f"no readable JSON ({error})") from None
+    for name in expected:
+        if name not in record:
+            raise _damaged(path, f"no entry {name}")
+    return record
+
+
+def _damaged(path: Path, found: str) -> ResultError:
+    return ResultError(
+        f"{path}: found {found}, expected a result of this version of prismid; "
+        "`prismid run --force` makes it anew"
+    )

@@ -1,0 +1,251 @@
+"""The report page: what stands in it, and its rendering."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from driver.diagnosis.diagnose import GATE, IMAGING
+from driver.model import declared_parameters
+from driver.report.findings import Findings
+from driver.report.inference_figures import signed_evidence
+from driver.report.references import REFERENCES
+from driver.report.style import INDEXED, data_uri
+from driver.report.tables import added_rows, cause_rows, measure, parameter_rows
+from driver.report.wording import cause_label, chi, joined, label, number, probability, readable
+from templates import render
+
+TEMPLATE = "report.html.j2"
+Row = dict[str, Any]
+
+# How a verdict is coloured: settled, to be settled, or open.
+_TONES = {
+    "nothing wrong": "settled",
+    "named": "settled",
+    "one of this set": "between",
+    "named, but something is left": "open",
+    "unexplained": "open",
+    "imaging-limited": "between",
+    "numerics": "between",
+}
+
+
+def report_page(
+    findings: Findings,
+    figures: Mapping[str, bytes],
+    title: str,
+    date: str,
+    version: str,
+    files: Mapping[str, str],
+) -> str:
+    """The page as HTML.
+
+    Args:
+        findings: the results.
+        figures: PNG files by name; those of the rounds are "evidence_1", "evidence_2", …
+        title: name of the case.
+        date: when the report was written.
+        version: version of prismid.
+        files: what each result file holds, by name.
+    """
+    diagnosis = findings.diagnosis
+    declared = declared_parameters(findings.history.n_knots)
+    causes = {cause["cause"] for step in diagnosis["steps"] for cause in step["causes"]}
+    said = [readable(text, causes) for text in verdict_texts(diagnosis)]
+    if findings.extended:
+        said.append(gain_text(diagnosis))
+    page = render(
+        TEMPLATE,
+        title=title,
+        date=date,
+        version=version,
+        extended=findings.extended,
+        kind=diagnosis["verdict"],
+        tone=_TONES[diagnosis["verdict"]],
+        headline=said[0],
+        paragraphs=said[1:],
+        next=readable(diagnosis["next"], causes),
+        added=added_rows(findings),
+        tiles=tiles(diagnosis),
+        checks=checks(findings),
+        facts=facts(findings),
+        rounds=[
+            {
+                "number": index,
+                "figure": f"evidence_{index}",
+                "chi_load": chi(step["chi_load"]),
+                "chi_image": chi(step["chi_image"]),
+                "named": [cause_label(name) for name in step["named"]],
+                "omnibus": _omnibus(step["omnibus"]),
+                "accepted": step["omnibus"]["accepted"],
+                "rows": cause_rows(step, declared),
+            }
+            for index, step in enumerate(diagnosis["steps"], start=1)
+        ],
+        groups=parameter_rows(findings),
+        figures={name: data_uri(image) for name, image in figures.items()},
+        references=REFERENCES,
+        files=files,
+    )
+    return INDEXED.sub(r"\1<sub>\2</sub>", page)
+
+
+def verdict_texts(diagnosis: Row) -> list[str]:
+    """The verdict in one sentence, and the paragraph below it."""
+    summary = headline(diagnosis["verdict"], diagnosis["causes"])
+    if diagnosis["verdict"] == "named":
+        return [diagnosis["text"], summary]
+    return [summary, diagnosis["text"]]
+
+
+def gain_text(diagnosis: Row) -> str:
+    """What the extension has gained, in words."""
+    gain = diagnosis["gain"]
+    before, after = gain["budget_before"], gain["budget_after"]
+    added = joined(
+        [
+            f"{label(name)} = {measure(name, entry['unit'], entry['value'], entry['sigma'])}"
+            for name, entry in diagnosis["added"].items()
+        ]
+    )
+    text = (
+        f"With {added} the residual of the loads goes from χ_F = {chi(before['load'])} to "
+        f"{chi(after['load'])}, that of the images from χ = {chi(before['basis'])} to "
+        f"{chi(after['basis'])} (1 is noise)."
+    )
+    if "held_out" in gain:
+        held = gain["held_out"]
+        text += (
+            f" Cycle {held['cycle']}, predicted from the other cycles and not fitted, goes from "
+            f"χ_F = {chi(held['chi_load_before'])} to {chi(held['chi_load_after'])}."
+        )
+    return text
+
+
+def headline(kind: str, causes: Sequence[str]) -> str:
+    """The kind of a verdict as a sentence."""
+    names = joined([cause_label(name) for name in causes]) if causes else ""
+    several = len(causes) > 1
+    sentences = {
+        "nothing wrong": "Nothing wrong: the model leaves only noise.",
+        "named": f"{'Together these causes explain' if several else 'One cause explains'} "
+        f"the misfit: {names}.",
+        "one of this set": f"One of these explains the misfit, and these data cannot say which: "
+        f"{names}.",
+        "named, but something is left": f"Found: {names}; but something is left that is not noise.",
+        "unexplained": "Unexplained: the model misses something that no cause of the library "
+        "accounts for.",
+        "imaging-limited": "The images are the limit: their errors outweigh those of the model.",
+        "numerics": "The simulation is not exact enough to judge the model.",
+    }
+    return sentences[kind]
+
+
+def tiles(diagnosis: Row) -> list[Row]:
+    """The figures that a reader looks for first."""
+    gain, added = diagnosis["gain"], bool(diagnosis["added"])
+    before, after = gain["budget_before"], gain["budget_after"]
+    found = []
+    if added:
+        share = gain["share_of_excess_explained"]
+        found += [
+            _tile(
+                "log Bayes factor", signed_evidence(gain["log_bayes_factor"]),
+                "of the extended model against the identified one",
+            ),
+            _tile(
+                "excess explained", "–" if share is None else f"{number(100.0 * share)} %",
+                "share of the misfit above noise that is gone",
+            ),
+        ]  # fmt: skip
+    if "held_out" in gain:
+        held = gain["held_out"]
+        load = held["chi_load_before"], held["chi_load_after"]
+        image = held["chi_image_before"], held["chi_image_after"]
+        found.append(
+            _tile(f"held-out cycle {held['cycle']}: χ_F", _change(load, added),
+                  f"predicted, not fitted; images: χ {_change(image, added)}")
+        )  # fmt: skip
+    found += [
+        _tile("loads: χ_F", _change((before["load"], after["load"]), added),
+              "1 where only the noise of the load cell is left"),
+        _tile("images: χ", _change((before["basis"], after["basis"]), added),
+              "on the correlation mesh, 1 where only noise is left"),
+    ]  # fmt: skip
+    return found
+
+
+def checks(findings: Findings) -> list[Row]:
+    """What had to hold for the verdict to be trusted, and whether it did."""
+    diagnosis = findings.diagnosis
+    gate, last = diagnosis["numerics"], diagnosis["steps"][-1]["omnibus"]
+    free = diagnosis["gain"]["budget_before"]["free"]
+    effect = number(gate["effect_sigma"], 2)
+    rows = [
+        {
+            "what": "mesh and time steps",
+            "passed": gate["passed"],
+            "text": f"their error changes by {effect} σ from the identified to the extended model "
+            f"(at most {GATE:g} σ is tolerated)",
+        },
+        {
+            "what": "images",
+            "passed": free <= IMAGING,
+            "text": f"free correlation leaves χ = {chi(free)}",
+        },
+        {
+            "what": "what is left",
+            "passed": last["accepted"],
+            "text": f"{_omnibus(last)} (rejected below a family-wise 1 %)",
+        },
+    ]
+    for name, key in (("identified model", "baseline"), ("extended model", "extended")):
+        if key == "baseline" or findings.extended:
+            reason = diagnosis[key]["reason"]
+            rows.append({"what": f"fit of the {name}", "passed": None, "text": f"ended: {reason}"})
+    return rows
+
+
+def facts(findings: Findings) -> list[tuple[str, str]]:
+    """Specimen, images and simulation in a few lines."""
+    case, m = findings.case, findings.measured
+    s = case.specimen
+    grains = "; ".join(
+        f"{grain.name} ({', '.join(f'{angle:g}°' for angle in grain.euler_deg)})"
+        for grain in case.grains
+    )
+    peaks = m["force"].max()
+    return [
+        ("prism", f"{s.length:g} × {s.width:g} × {s.depth:.3g} µm (Y, X, Z), "
+                  f"section {number(case.section)} µm²"),
+        ("grains (Bunge angles)", grains),
+        ("mesh", f"{len(findings.mesh.cells)} quadratic tetrahedra, "
+                 f"{len(findings.mesh.points)} nodes"),
+        ("solver", f"{case.solver.name}, {case.material.strain_measure} strain, "
+                   f"time steps of an interval: {case.solver.steps_per_interval}"),
+        ("images", f"{len(m['time'])} of {m['reference'].shape[0]} × {m['reference'].shape[1]} px, "
+                   f"{1e3 * float(m['pixel']):g} nm a pixel, {m['rows'].size} px used"),
+        ("noise", f"height {number(1e3 * float(m['sigma']))} nm an image "
+                  f"(reference: mean of {float(m['n_reference']):g}), load "
+                  f"{number(findings.load_noise)} µN; on the correlation mesh "
+                  f"{number(findings.noise_factor)} times that of the repeats"),
+        ("test", f"{int(m['cycle'].max())} cycles, stage travel up to {m['stage'].max():g} µm, "
+                 f"load up to {number(float(peaks), 4)} µN"),
+    ]  # fmt: skip
+
+
+def _tile(title: str, value: str, note: str) -> Row:
+    return {"title": title, "value": value, "note": note}
+
+
+def _change(pair: tuple[float, float], changed: bool) -> str:
+    before, after = (chi(value) for value in pair)
+    return f"{before} → {after}" if changed else before
+
+
+def _omnibus(tests: Row) -> str:
+    return (
+        f"slow part of the load p = {probability(tests['load_slow_p'])}, "
+        f"its serial correlation p = {probability(tests['load_serial_p'])}, "
+        f"slow part of the images p = {probability(tests['image_slow_p'])}"
+    )

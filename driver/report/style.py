@@ -1,0 +1,95 @@
+"""One look for all figures: colours that the colour-blind can tell apart, type, PNG."""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Callable
+from functools import wraps
+from io import BytesIO
+from typing import Any, ParamSpec
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+_P = ParamSpec("_P")
+
+# Okabe and Ito's palette.
+MEASURED, BEFORE, AFTER = "#000000", "#d55e00", "#0072b2"
+CYCLES = ("#56b4e9", "#009e73", "#cc79a7", "#e69f00", "#7f7f7f")
+CATEGORIES = {
+    "material": "#0072b2",
+    "microstructure": "#009e73",
+    "boundary": "#e69f00",
+    "instrument": "#cc79a7",
+    "numerics": "#7f7f7f",
+}
+SIGNED = "RdBu_r"  # around zero
+GREY = "#6b6b6b"
+
+INDEXED = re.compile("([χγU])_([FYZ])")  # symbols with an index, as they stand in texts
+
+WIDTH = 9.6  # in; shown at about 100 pixels per inch, so that 10 pt reads as on the page
+DPI = 150
+
+_STYLE: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 10.0,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.labelsize": 10.0,
+    "xtick.labelsize": 9.0,
+    "ytick.labelsize": 9.0,
+    "legend.fontsize": 9.0,
+    "legend.frameon": False,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.7,
+    "figure.facecolor": "white",
+}
+
+
+def styled(draw: Callable[_P, Figure]) -> Callable[_P, Figure]:
+    """Give what a function draws the common look."""
+
+    @wraps(draw)
+    def drawn(*args: _P.args, **kwargs: _P.kwargs) -> Figure:
+        with rc_context(_STYLE):
+            return draw(*args, **kwargs)
+
+    return drawn
+
+
+def new_figure(height: float, width: float = WIDTH) -> Figure:
+    """An empty figure [in] that needs no display."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def typeset(text: str) -> str:
+    """A text of a figure with χ_F, γ_F, U_Y and U_Z as indexed symbols."""
+    return INDEXED.sub(r"$\\mathregular{\1_\2}$", text)
+
+
+def grid(axes: Axes) -> None:
+    """Light lines in both directions."""
+    axes.grid(True)
+
+
+def png(figure: Figure) -> bytes:
+    """The figure as a PNG file."""
+    buffer = BytesIO()
+    with rc_context(_STYLE):
+        figure.savefig(buffer, format="png", dpi=DPI)
+    return buffer.getvalue()
+
+
+def data_uri(image: bytes) -> str:
+    """A PNG file as an address that holds the picture itself."""
+    return "data:image/png;base64," + base64.b64encode(image).decode("ascii")

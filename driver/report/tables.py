@@ -1,0 +1,158 @@
+"""Rows of the tables of the report, every number already a text."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from driver.boundary import LAMBDAS
+from driver.report.findings import Findings
+from driver.report.inference_figures import signed_evidence
+from driver.report.wording import (
+    cause_label,
+    change,
+    label,
+    number,
+    probability,
+    reading_unit,
+    signed,
+    smallest,
+    with_sigma,
+    with_unit,
+)
+from solver_adapters.material import MATERIAL_DECLARATIONS
+from solver_adapters.parameter import Parameter
+
+Row = dict[str, Any]
+_LAW = frozenset(parameter.name for parameter in MATERIAL_DECLARATIONS)
+Declared = Mapping[str, Parameter]
+
+
+def cause_rows(step: Row, declared: Declared) -> list[Row]:
+    """The causes of a round: refitted ones first, then by their screening.
+
+    Args:
+        step: a round of `diagnosis.json`.
+        declared: the parameters of the general model.
+    """
+    return [_cause_row(cause, step["named"], declared) for cause in ordered(step["causes"])]
+
+
+def ordered(causes: Sequence[Row]) -> list[Row]:
+    """Refitted causes by their evidence, then the others by their screening."""
+
+    def key(cause: Row) -> tuple[bool, float]:
+        refit = cause["refit"]
+        return (refit is None, -(cause if refit is None else refit)["log_evidence"])
+
+    return sorted(causes, key=key)
+
+
+def _cause_row(cause: Row, named: Sequence[str], declared: Declared) -> Row:
+    refit = cause["refit"]
+    parameters = []
+    for name, unit, estimate, visible in zip(
+        cause["parameters"], cause["units"], cause["estimate"], cause["smallest_visible"],
+        strict=True,
+    ):  # fmt: skip
+        logarithmic = name in declared and declared[name].logarithmic
+        parameters.append(
+            {
+                "label": label(name),
+                "estimate": change(name, unit, estimate, logarithmic),
+                "refit": None if refit is None else _refitted(name, unit, refit),
+                "visible": smallest(name, unit, visible, logarithmic),
+            }
+        )
+    return {
+        "name": cause["cause"],
+        "label": cause_label(cause["cause"]),
+        "sentence": cause["sentence"],
+        "category": cause["category"],
+        "p": probability(cause["p_family"]),
+        "score": signed_evidence(cause["log_evidence"]),
+        "refit": None if refit is None else signed_evidence(refit["log_evidence"]),
+        "parameters": parameters,
+        "winner": bool(named) and cause["cause"] == named[0],
+        "in_set": cause["cause"] in named[1:],
+    }
+
+
+def _refitted(name: str, unit: str, refit: Row) -> str:
+    return measure(name, unit, refit["values"][name], refit["sigma"][name])
+
+
+def measure(name: str, unit: str, value: float, sigma: float | None) -> str:
+    """“value ± σ unit” in the unit in which the parameter is read."""
+    factor, shown = reading_unit(name, unit)
+    text = with_sigma(factor * value, None if sigma is None else factor * sigma)
+    return with_unit(text, shown)
+
+
+def added_rows(findings: Findings) -> list[Row]:
+    """The parameters that the extension has freed."""
+    rows = []
+    for name, record in findings.diagnosis["added"].items():
+        unit, null = record["unit"], findings.values[name]
+        factor, shown = reading_unit(name, unit)
+        rows.append(
+            {
+                "label": label(name),
+                "name": name,
+                "value": measure(name, unit, record["value"], record["sigma"]),
+                "null": with_unit(number(factor * null, 4), shown),
+                "sigmas": number(abs(record["value"] - null) / record["sigma"], 2),
+            }
+        )
+    return rows
+
+
+def parameter_rows(findings: Findings) -> list[tuple[str, list[Row]]]:
+    """Groups of parameters with start, value before and after, and their shift in σ."""
+    before, after = findings.diagnosis["baseline"], findings.diagnosis["extended"]
+    starts = dict(zip(findings.names, findings.start.tolist(), strict=True))
+    groups: dict[str, list[Row]] = {}
+    for name in dict.fromkeys((*before, *after)):
+        if name == "reason":
+            continue
+        unit = (before.get(name) or after[name])["unit"]
+        factor, shown = reading_unit(name, unit)
+        start = starts.get(name, findings.values[name])
+        groups.setdefault(_group(name, findings.diagnosis["added"]), []).append(
+            {
+                "label": label(name),
+                "name": name,
+                "unit": shown,
+                "start": number(factor * start, 4),
+                "before": _pair(before.get(name), factor),
+                "after": _pair(after.get(name), factor) if findings.extended else None,
+                "shift": _shift(before.get(name), after.get(name)),
+            }
+        )
+    order = ("Law", "Added", "Apex amplitudes", "Elongation knots", "Tilt knots",
+             "Instrument and geometry")  # fmt: skip
+    return [(group, groups[group]) for group in order if group in groups]
+
+
+def _group(name: str, added: Mapping[str, Any]) -> str:
+    if name in added:
+        return "Added"
+    if name in LAMBDAS:
+        return "Apex amplitudes"
+    if name.startswith("elongation_"):
+        return "Elongation knots"
+    if name.startswith("tilt_") and name[5:].isdigit():
+        return "Tilt knots"
+    return "Law" if name in _LAW else "Instrument and geometry"
+
+
+def _pair(record: Row | None, factor: float) -> str:
+    if record is None:
+        return "–"
+    return with_sigma(factor * record["value"], factor * record["sigma"])
+
+
+def _shift(before: Row | None, after: Row | None) -> str:
+    if before is None or after is None or before["sigma"] <= 0:
+        return "–"
+    return signed((after["value"] - before["value"]) / before["sigma"], 2)

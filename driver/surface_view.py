@@ -1,0 +1,76 @@
+"""The measured face as the pixels see it: nodal fields of a mesh at fixed places in space."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from meshes.surface import SurfaceMesh, interpolation
+from solver_adapters.parameter import Parameter
+
+FloatArray = NDArray[np.float64]
+
+_STEP = 1e-3  # half step of the difference quotient of the shape functions [µm]
+_INSET = 2e-3  # pixels stay this far inside the face [µm]
+
+POSE_DECLARATIONS: tuple[Parameter, ...] = (
+    Parameter("origin_X", "µm", 0.0, 0.05, -1.0, 1.0),
+    Parameter("origin_Y", "µm", 0.0, 0.05, -1.0, 1.0),
+)
+"""By how much the pixels lie further along X and Y on the specimen than the case says."""
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """Operators from nodes of the face to pixels, each of shape (n_pix, n_nodes).
+
+    Attributes:
+        value: nodal values → values at the pixels.
+        slope_X, slope_Y: nodal values → derivatives along X and Y [1/µm].
+    """
+
+    value: sp.csr_array
+    slope_X: sp.csr_array
+    slope_Y: sp.csr_array
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceView:
+    """Where the pixels are.
+
+    Attributes:
+        surface: the face of the mesh as drawn.
+        pixels: X, Y of the pixels as the case says [µm], shape (n_pix, 2).
+        bounds: extent (x0, x1, y0, y1) of the face [µm].
+    """
+
+    surface: SurfaceMesh
+    pixels: FloatArray
+    bounds: tuple[float, float, float, float]
+
+    def look(self, points: FloatArray, values: Mapping[str, float]) -> Look:
+        """Operators for nodes of the face at `points` (n_nodes, 2) and the pose in `values`."""
+        surface = SurfaceMesh(points, self.surface.cells, self.surface.nodes)
+        x0, x1, y0, y1 = self.bounds
+        places = np.clip(
+            self.pixels + np.array([values["origin_X"], values["origin_Y"]]),
+            [x0 + _INSET, y0 + _INSET],
+            [x1 - _INSET, y1 - _INSET],
+        )
+        slopes = []
+        for axis in np.eye(2):
+            ahead = interpolation(surface, places + _STEP * axis)[0]
+            behind = interpolation(surface, places - _STEP * axis)[0]
+            slopes.append(((ahead - behind) * (0.5 / _STEP)).tocsr())
+        return Look(interpolation(surface, places)[0], slopes[0], slopes[1])
+
+
+def apply(operator: sp.csr_array, nodal: FloatArray) -> FloatArray:
+    """An operator on a history of nodal vectors, (T, n_nodes, 3) → (T, n_pix, 3)."""
+    T, n, _ = nodal.shape
+    flat = operator @ nodal.transpose(1, 0, 2).reshape(n, 3 * T)
+    return np.ascontiguousarray(flat.reshape(-1, T, 3).transpose(1, 0, 2))

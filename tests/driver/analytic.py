@@ -1,0 +1,84 @@
+"""Objectives and evaluations given by formulas, for tests of what only looks at residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.identification.fit import Evaluation, Objective
+from solver_adapters.parameter import Parameter
+
+FloatArray = NDArray[np.float64]
+Curve = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+_NOTHING = cast(Any, None)
+
+
+def evaluation(
+    residual: FloatArray,
+    jacobian: FloatArray,
+    prior_weight: FloatArray | None = None,
+    prior_gap: FloatArray | None = None,
+    n_load: int = 0,
+    free: Sequence[str] = (),
+    values: Mapping[str, float] | None = None,
+) -> Evaluation:
+    """An evaluation of which only residual (n,), Jacobian (k, n) and prior matter."""
+    k = len(jacobian)
+    return Evaluation(
+        values=dict(values or {}),
+        free=tuple(free) or tuple(f"p{i}" for i in range(k)),
+        residual=residual,
+        jacobian=jacobian,
+        prior_gap=np.zeros(k) if prior_gap is None else prior_gap,
+        prior_weight=np.zeros(k) if prior_weight is None else prior_weight,
+        n_load=n_load,
+        load=np.zeros(0),
+        motion=np.zeros((0, 0, 3)),
+        rho=np.zeros((0, 0)),
+        prediction=_NOTHING,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Formula(Objective):
+    """Measured minus `curve(p)`, p in the order of the parameters.
+
+    Attributes:
+        measured: whitened measurements, shape (n,).
+        curve: values (n,) and derivatives with respect to the values of p (k, n).
+        tried: every point that was evaluated.
+    """
+
+    measured: FloatArray = field(kw_only=True)
+    curve: Curve = field(kw_only=True)
+    tried: list[dict[str, float]] = field(default_factory=list)
+
+    def evaluate(self, values: Mapping[str, float], free: Sequence[str]) -> Evaluation:
+        """Residual and Jacobian with respect to θ of the free parameters."""
+        self.tried.append(dict(values))
+        names = list(self.parameters)
+        predicted, derivative = self.curve(np.array([values[name] for name in names]))
+        rows = [names.index(name) for name in free]
+        slopes = np.array([self.parameters[name].slope(values[name]) for name in free])
+        gap, weight = self._prior_at(values, free)
+        return evaluation(
+            self.measured - predicted, derivative[rows] * slopes[:, None], weight, gap,
+            free=free, values=values,
+        )  # fmt: skip
+
+
+def formula(
+    curve: Curve,
+    measured: FloatArray,
+    parameters: Sequence[Parameter],
+    prior: Mapping[str, tuple[float, float]] | None = None,
+) -> Formula:
+    """The objective of a formula."""
+    return Formula(
+        _NOTHING, _NOTHING, {p.name: p for p in parameters}, prior or {},
+        measured=measured, curve=curve,
+    )  # fmt: skip

@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import kstest
+
+from driver.diagnosis.omnibus import Omnibus, omnibus
+from driver.identification.data import Data
+from tests.driver.analytic import evaluation
+
+FloatArray = NDArray[np.float64]
+
+T, N_Z, K = 60, 12, 11
+CLOCK = np.linspace(0, 1, T)
+
+
+def jacobian() -> FloatArray:
+    """Six knots that loads and images feel, and five smooth parameters of the law."""
+    rng = np.random.default_rng(6)
+    knots = np.maximum(0, 1 - 6 * np.abs(CLOCK[None] - np.linspace(0, 1, 7)[1:, None]))
+    law = np.array([np.sin(np.pi * (k + 0.5) * CLOCK) for k in range(5)])
+    in_time = np.concatenate([knots, law])
+    images = in_time[:, :, None] * rng.standard_normal((K, 1, N_Z))
+    return np.concatenate([20 * in_time, images.reshape(K, T * N_Z)], axis=1)
+
+
+J = jacobian()
+DATA = Data(cast(Any, SimpleNamespace(n_z=N_Z)), np.zeros(T), 1.0, 0.0, np.arange(T))
+
+
+def tested(load: FloatArray, images: FloatArray) -> Omnibus:
+    """The tests of what a least-squares fit with J leaves."""
+    data = np.concatenate([load, images.ravel()])
+    rest = data - J.T @ np.linalg.solve(J @ J.T, J @ data)
+    return omnibus(evaluation(rest, J, n_load=T), DATA)
+
+
+@pytest.fixture(scope="module")
+def noise() -> list[Omnibus]:
+    rng = np.random.default_rng(0)
+    return [
+        tested(rng.standard_normal(T), rng.standard_normal((T, N_Z))) for _ in range(2000)
+    ]
+
+
+def test_noise_is_taken_for_noise_in_99_of_100_cases(noise: list[Omnibus]) -> None:
+    # 1 % of 2000 are 20 ± 4.5
+    assert sum(not found.accepted for found in noise) < 34
+
+
+@pytest.mark.parametrize("name", ["load_slow", "image_slow"])
+def test_what_the_fit_has_taken_is_counted(noise: list[Omnibus], name: str) -> None:
+    p = np.array([getattr(found, name) for found in noise])
+    assert kstest(p, "uniform").pvalue > 1e-3
+
+
+def test_the_serial_test_does_not_cry_wolf_over_fitted_knots(noise: list[Omnibus]) -> None:
+    p = np.array([found.load_serial for found in noise])
+    assert np.mean(p < 0.01) < 0.02 and np.mean(p < 0.1) < 0.13
+
+
+def test_an_error_of_the_noise_level_changes_nothing() -> None:
+    rng = np.random.default_rng(1)
+    load, images = rng.standard_normal(T), rng.standard_normal((T, N_Z))
+    right, loud = tested(load, images), tested(1.1 * load, 0.9 * images)
+    assert right.load_serial == pytest.approx(loud.load_serial, rel=1e-9)
+    # The fit weighs both by the wrong noise: what it takes shifts a little, no more.
+    assert right.load_slow == pytest.approx(loud.load_slow, rel=0.2)
+    assert right.image_slow == pytest.approx(loud.image_slow, rel=0.2)
+    scaled = omnibus(evaluation(np.full(T * (1 + N_Z), 1.0) * 1.1, J, n_load=T), DATA)
+    assert scaled.accepted in (True, False)
+
+
+def test_a_slow_error_is_seen_in_its_own_signal() -> None:
+    rng = np.random.default_rng(2)
+    slow = np.sin(7 * np.pi * CLOCK)  # between the knots
+    load, images = rng.standard_normal(T), rng.standard_normal((T, N_Z))
+    in_load = tested(load + 3 * slow, images)
+    assert not in_load.accepted and in_load.load_slow < 1e-3 and in_load.image_slow > 0.01
+    in_images = tested(load, images + 1.5 * slow[:, None] * np.ones(N_Z))
+    assert not in_images.accepted and in_images.image_slow < 1e-6 and in_images.load_slow > 0.01
+
+
+def test_serial_correlation_of_the_load_is_seen() -> None:
+    rng = np.random.default_rng(3)
+    rejected = 0
+    for _ in range(100):
+        load = np.zeros(T)
+        load[0], steps = rng.standard_normal(), rng.standard_normal(T)
+        for t in range(1, T):
+            load[t] = 0.7 * load[t - 1] + np.sqrt(1 - 0.7**2) * steps[t]
+        found = tested(load, rng.standard_normal((T, N_Z)))
+        rejected += not found.accepted
+    assert rejected > 40
+
+
+def test_too_few_images_for_a_serial_test_have_none() -> None:
+    few = 12
+    data = Data(cast(Any, SimpleNamespace(n_z=N_Z)), np.zeros(few), 1.0, 0.0, np.arange(few))
+    rng = np.random.default_rng(4)
+    jacobian = rng.standard_normal((5, few * (1 + N_Z)))
+    found = omnibus(evaluation(np.sin(np.arange(few * (1 + N_Z)) / 9), jacobian, n_load=few), data)
+    assert found.load_serial == 1.0

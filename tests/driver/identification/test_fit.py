@@ -1,0 +1,221 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from driver.identification.fit import (
+    DECREMENT,
+    LARGEST_STEP,
+    LARGEST_STEP_LOG,
+    MOST_HALVINGS,
+    Fit,
+    fit,
+)
+from solver_adapters.interface import SolverError
+from solver_adapters.parameter import Parameter
+from tests.driver.analytic import Curve, Formula, formula
+
+FloatArray = NDArray[np.float64]
+
+RNG = np.random.default_rng(4)
+A = RNG.standard_normal((3, 40))
+PLAIN = [Parameter(name, "", 0.0, scale) for name, scale in (("a", 1.0), ("b", 0.5), ("c", 2.0))]
+ZERO = dict.fromkeys("abc", 0.0)
+
+
+def silent(line: str) -> None:
+    pass
+
+
+def linear(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return p @ A, A
+
+
+def rosenbrock(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return np.array([10 * (p[1] - p[0] ** 2), p[0]]), np.array([[-20 * p[0], 1.0], [10.0, 0.0]])
+
+
+def exponential(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+    t = np.linspace(0, 1, 20)
+    decay = np.exp(-p[1] * t)
+    return 50 * p[0] * decay, 50 * np.stack([decay, -p[0] * t * decay])
+
+
+def costs(found: Fit) -> list[float]:
+    return [record["cost"] for record in found.history]
+
+
+def test_a_linear_gaussian_problem_is_solved_in_one_step_with_its_prior() -> None:
+    prior = {"a": (0.3, 0.2), "c": (1.0, 0.4)}
+    measured = np.array([0.5, -0.2, 0.8]) @ A + RNG.standard_normal(40)
+    found = fit(formula(linear, measured, PLAIN, prior), ZERO, "abc", 5, silent)
+    # Bayes in the values: prior deviations are widths (in θ) times the scales.
+    precision = np.diag([1 / 0.2**2, 0.0, 1 / (0.4 * 2.0) ** 2])
+    covariance = np.linalg.inv(A @ A.T + precision)
+    mean = covariance @ (A @ measured + precision @ [0.3, 0.0, 1.0])
+    assert found.converged and len(found.history) == 2
+    np.testing.assert_allclose([found.values[n] for n in "abc"], mean, rtol=1e-9)
+    sigma = [found.sigma(n, {p.name: p for p in PLAIN}) for n in "abc"]
+    np.testing.assert_allclose(sigma, np.sqrt(np.diag(covariance)), rtol=1e-9)
+
+
+def test_parameters_that_are_not_free_stay() -> None:
+    found = fit(formula(linear, np.ones(40), PLAIN), ZERO | {"b": 0.7}, ("a", "c"), 5, silent)
+    assert found.values["b"] == 0.7 and found.best.free == ("a", "c")
+
+
+def test_a_curved_valley_is_followed_to_its_end_and_never_uphill() -> None:
+    objective = formula(rosenbrock, np.array([0.0, 1.0]), PLAIN[:2])
+    found = fit(objective, {"a": -1.2, "b": 1.0}, "ab", 100, silent, tolerance=1e-6)
+    assert found.converged
+    np.testing.assert_allclose([found.values["a"], found.values["b"]], 1.0, atol=1e-5)
+    assert np.all(np.diff(costs(found)) < 0)
+
+
+def test_a_logarithmic_parameter_is_found_from_far_away_and_stays_positive() -> None:
+    parameters = [
+        Parameter("amplitude", "", 1.0, 1.0, 1e-3, 1e3, True),
+        Parameter("rate", "", 1.0, 1.0, 1e-3, 1e3, True),
+    ]
+    objective = formula(exponential, exponential(np.array([2.0, 3.0]))[0], parameters)
+    found = fit(objective, {"amplitude": 0.2, "rate": 0.3}, ("amplitude", "rate"), 30, silent)
+    assert found.converged
+    np.testing.assert_allclose([found.values["amplitude"], found.values["rate"]], [2, 3], rtol=1e-3)
+    assert all(value > 0 for point in objective.tried for value in point.values())
+
+
+@pytest.mark.parametrize("logarithmic", [True, False])
+def test_no_step_leaves_the_trusted_range(logarithmic: bool) -> None:
+    def steep(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return 1e3 * p, np.array([[1e3]])
+
+    parameter = Parameter("p", "", 1.0, 0.01, -1e9, 1e9, logarithmic)
+    objective = formula(steep, np.array([1e6]), [parameter])
+    fit(objective, {"p": 1.0}, ("p",), 1, silent)
+    start, first = (point["p"] for point in objective.tried[:2])
+    moved = parameter.theta(first, start)
+    limit = LARGEST_STEP_LOG if logarithmic else LARGEST_STEP
+    assert 0.5 * limit < moved <= limit * (1 + 1e-12)
+
+
+def test_damping_shortens_the_weak_direction_and_spares_the_strong() -> None:
+    # b is hardly seen: the linear solution lies 1000 scales away.
+    def weak(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return np.array([100 * p[0], 0.01 * p[1]]), np.diag([100.0, 0.01])
+
+    objective = formula(weak, np.array([100.0, 5.0]), PLAIN[:2])
+    fit(objective, {"a": 0.0, "b": 0.0}, "ab", 1, silent)
+    first = objective.tried[1]
+    assert first["a"] == pytest.approx(1.0, rel=1e-3) and 0 <= first["b"] <= LARGEST_STEP * 0.5
+
+
+def test_a_parameter_is_held_at_its_bound_while_the_others_are_fitted() -> None:
+    bounded = [Parameter("a", "", 0.0, 1.0, -1.0, 0.25), *PLAIN[1:]]
+    measured = np.array([0.5, -0.2, 0.8]) @ A
+    found = fit(formula(linear, measured, bounded), ZERO, "abc", 10, silent)
+    others = np.linalg.lstsq(A[1:].T, measured - 0.25 * A[0], rcond=None)[0]
+    assert found.converged and found.values["a"] == 0.25
+    # To first order in the decrement at which the fit ends.
+    np.testing.assert_allclose([found.values["b"], found.values["c"]], others, atol=DECREMENT / 3)
+
+
+def test_a_parameter_leaves_its_bound_when_the_data_pull_it_inside() -> None:
+    bounded = [Parameter("a", "", 0.0, 1.0, 0.0, 10.0), *PLAIN[1:]]
+    found = fit(formula(linear, np.array([0.5, -0.2, 0.8]) @ A, bounded), ZERO, "abc", 5, silent)
+    assert found.values["a"] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("error", [SolverError, ValueError])
+def test_a_trial_that_cannot_be_simulated_is_shortened(error: type[Exception]) -> None:
+    def brittle(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        if p[0] > 0.7:
+            raise error("the step could not be solved")
+        return 10 * p, np.array([[10.0]])
+
+    objective = formula(brittle, np.array([10.0]), PLAIN[:1])
+    found = fit(objective, {"a": 0.0}, "a", 3, silent)
+    assert [point["a"] for point in objective.tried[:3]] == pytest.approx([0.0, 1.0, 0.4])
+    assert 0.4 <= found.values["a"] <= 0.7 and np.all(np.diff(costs(found)) < 0)
+    assert not found.converged and "σ" in found.reason
+
+
+def test_a_start_that_cannot_be_simulated_is_told() -> None:
+    def never(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        raise SolverError("no")
+
+    with pytest.raises(SolverError):
+        fit(formula(never, np.zeros(1), PLAIN[:1]), {"a": 0.0}, "a", 3, silent)
+
+
+def test_the_end_has_its_reason() -> None:
+    def wrong_slope(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return -10 * p, np.array([[10.0]])
+
+    def reason(curve: Curve, most: int) -> tuple[bool, str]:
+        start = np.array([-1.2, 1.0])
+        objective = formula(curve, np.array([0.0, 1.0]), PLAIN[:2])
+        values = dict(zip("ab", start, strict=True))
+        found = fit(objective, values, "ab", most, silent, tolerance=1e-6)
+        return found.converged, found.reason
+
+    assert reason(rosenbrock, 100) == (True, reason(rosenbrock, 100)[1])
+    assert reason(rosenbrock, 100)[1].startswith("the Newton decrement is")
+    assert reason(rosenbrock, 2)[1].startswith("the limit of 2 iterations, decrement")
+    assert reason(rosenbrock, 2)[0] is False
+    objective = formula(wrong_slope, np.array([10.0]), PLAIN[:1])
+    found = fit(objective, {"a": 0.0}, "a", 5, silent)
+    assert not found.converged and found.values["a"] == 0.0
+    assert found.reason.startswith("no shorter step lowers the cost")
+    assert len(objective.tried) == 1 + MOST_HALVINGS
+
+
+def displaced(noise: float, by: float) -> tuple[Formula, dict[str, float]]:
+    """A linear problem of one parameter, started `by` standard deviations off its optimum."""
+    measured = noise * np.random.default_rng(0).standard_normal(40)
+    length = np.linalg.norm(A[0])
+    return formula(linear, measured, PLAIN), ZERO | {
+        "a": float(A[0] @ measured / length**2 + by / length)
+    }
+
+
+def test_a_fit_that_only_starts_another_ends_early() -> None:
+    objective, start = displaced(noise=1.0, by=3.0)
+    early = fit(objective, start, "a", 5, silent, share=0.5)
+    assert early.converged and len(early.history) == 1
+    assert len(fit(objective, start, "a", 5, silent, share=0.01).history) == 2
+
+
+def test_where_a_model_error_stays_a_step_that_changes_nothing_is_not_taken() -> None:
+    objective, start = displaced(noise=300.0, by=3.0)
+    found = fit(objective, start, "a", 5, silent)
+    assert found.converged and len(found.history) == 1
+    objective, start = displaced(noise=1.0, by=3.0)
+    assert len(fit(objective, start, "a", 5, silent).history) == 2
+
+
+def test_a_short_step_is_no_sign_of_being_near() -> None:
+    """A parameter 10⁵ trusted ranges away lowers the cost little in each step, and goes on."""
+    objective = formula(lambda p: (1e3 * p, np.array([[1e3]])), np.array([1e6]), PLAIN[:1])
+    found = fit(objective, {"a": 0.0}, "a", 4, silent)
+    assert not found.converged and found.reason.startswith("the limit of 4 iterations")
+    assert found.values["a"] == pytest.approx(4 * LARGEST_STEP, rel=0.5)
+
+
+def test_an_evaluation_that_is_known_already_is_not_repeated() -> None:
+    objective = formula(linear, np.ones(40), PLAIN)
+    start = objective.evaluate(ZERO, "abc")
+    objective.tried.clear()
+    found = fit(objective, ZERO, "abc", 0, silent, start=start)
+    assert objective.tried == [] and found.best is start
+
+
+def test_restricting_an_evaluation_is_evaluating_with_fewer_free() -> None:
+    objective = formula(linear, np.ones(40), PLAIN, {"b": (0.1, 0.3)})
+    values = ZERO | {"b": 0.4}
+    fewer = objective.restrict(objective.evaluate(values, "abc"), ("c", "b"))
+    anew = objective.evaluate(values, ("c", "b"))
+    assert fewer.free == anew.free
+    np.testing.assert_array_equal(fewer.hessian, anew.hessian)
+    np.testing.assert_array_equal(fewer.gradient, anew.gradient)
+    assert fewer.cost == pytest.approx(anew.cost)

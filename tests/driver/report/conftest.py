@@ -1,0 +1,267 @@
+"""Results of a small invented case, in the layout in which the stages write them."""
+
+import copy
+import csv
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from driver.case import default_case, load_case, write_case
+from driver.diagnosis.causes import LIBRARY, NUMERICS
+from driver.model import declared_parameters
+from driver.results import write_hdf5
+from driver.specimen import geometry_of
+from driver.stages import StageContext
+from meshes.files import write_med
+from meshes.prism import generate
+
+STAGE = (0.0, 10.0, 20.0, 30.0, 20.0, 10.0, 25.0, 40.0, 55.0, 45.0, 35.0)
+CYCLE = (1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2)
+PEAKS = (3, 8)
+KNOTS = (0.030, 0.018, 0.060, 0.042)  # elongation at the turning points after the first [µm]
+PIXEL, ORIGIN = 0.11, (20.0, 6.0)
+LAW = ("tau0", "c", "d")
+LAMBDAS = ("lambda_plus_Y", "lambda_plus_Z", "lambda_minus_Y", "lambda_minus_Z")
+VALUES = {"tau0": 21.34, "c": 44120.0, "d": 1140.0} | dict.fromkeys(LAMBDAS, 0.97)
+SIGMAS = {"tau0": 0.12, "c": 350.0, "d": 13.0} | dict.fromkeys(LAMBDAS, 0.021)
+SEED = 3
+
+
+@dataclass
+class Results:
+    """A case folder with results of all stages before the report."""
+
+    folder: Path
+
+    @property
+    def results(self):
+        return self.folder / "results"
+
+    def context(self, workdir):
+        workdir.mkdir(exist_ok=True)
+        path = self.folder / "case.toml"
+        return StageContext(load_case(path), path, self.results, workdir, lambda line: None)
+
+    def edit_diagnosis(self, **changes):
+        """Replace entries of `diagnosis.json`."""
+        path = self.results / "diagnosis.json"
+        path.write_text(json.dumps(json.loads(path.read_text("utf-8")) | changes), "utf-8")
+
+
+@pytest.fixture(scope="session")
+def written(tmp_path_factory):
+    """The results, written once."""
+    folder = tmp_path_factory.mktemp("prisms") / "invented"
+    (folder / "results").mkdir(parents=True)
+    case = default_case()
+    write_case(case, folder / "case.toml")
+    write_med(generate(geometry_of(case), 3.0), folder / "results" / "mesh.med")
+    time = np.arange(len(STAGE)) * 40.0
+    with (folder / "history.csv").open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(("time_s", "stage_um", "image", "force_N"))
+        rows.writerows(
+            (t, s, k, 10.0 * s) for k, (t, s) in enumerate(zip(time, STAGE, strict=True))
+        )
+    rng = np.random.default_rng(SEED)
+    _write_measured(folder / "results" / "measure.h5", time, rng)
+    _write_identified(folder / "results")
+    _write_diagnosed(folder / "results", rng)
+    return Results(folder)
+
+
+@pytest.fixture
+def results(written, tmp_path):
+    """A copy of the results that a test may change."""
+    copied = Results(tmp_path / "invented")
+    copied.results.mkdir(parents=True)
+    for path in (*written.folder.glob("*.*"), *written.results.glob("*")):
+        if path.is_file():
+            (copied.folder / path.relative_to(written.folder)).write_bytes(path.read_bytes())
+    return copied
+
+
+def pixels():
+    """Rows and columns of the region of interest."""
+    rows, cols = np.meshgrid(np.arange(5, 36), np.arange(8, 112), indexing="ij")
+    return rows.ravel(), cols.ravel()
+
+
+def _write_measured(path, time, rng):
+    rows, cols = pixels()
+    T, n_pix = len(STAGE), rows.size
+    xy = np.column_stack([(rows - ORIGIN[0]) * PIXEL, (cols - ORIGIN[1]) * PIXEL])
+    elongation = np.interp(np.arange(T), (0, 3, 5, 8, 10), (0.0, *KNOTS))
+    motion = np.zeros((T, n_pix, 3))
+    motion[..., 1] = elongation[:, None] * (xy[:, 1] / 12 - 0.5)
+    write_hdf5(
+        path,
+        {
+            "time": (time, "s"),
+            "stage": (np.array(STAGE), "µm"),
+            "cycle": (np.array(CYCLE), "1"),
+            "force": (23.1 * np.array(STAGE), "µN"),
+            "reference": (0.01 * rng.standard_normal((41, 120)), "µm"),
+            "pixel": (PIXEL, "µm"),
+            "origin": (np.array(ORIGIN), "pixel"),
+            "xy": (xy, "µm"),
+            "rows": (rows, "pixel"),
+            "cols": (cols, "pixel"),
+            "sigma": (0.009, "µm"),
+            "n_reference": (10.0, "1"),
+            "motion": (motion, "µm"),
+            "chi": (1.0 + 0.02 * rng.standard_normal(T), "1"),
+            "elongation": (elongation + 0.005 * rng.standard_normal(T), "µm"),
+            "elongation_sigma": (0.005, "µm"),
+            "tilt": (0.001 * rng.standard_normal(T), "µm"),
+            "tilt_sigma": (0.001, "µm"),
+        },
+    )
+
+
+def _knot_names():
+    n = len(KNOTS)
+    return [f"elongation_{k + 1}" for k in range(n)] + [f"tilt_{k + 1}" for k in range(n)]
+
+
+def _fitted(extra=()):
+    declared = declared_parameters(len(KNOTS) + 1)
+    values = VALUES | dict(zip(_knot_names(), (*KNOTS, *np.zeros(len(KNOTS))), strict=True))
+    sigmas = SIGMAS | dict.fromkeys(_knot_names(), 2e-4)
+    record = {
+        name: {"value": values[name], "sigma": sigmas[name], "unit": declared[name].unit}
+        for name in (*LAMBDAS, *_knot_names(), *LAW)
+    }
+    return record | dict(extra) | {"reason": "the Newton decrement is 0.04 σ"}
+
+
+def _write_identified(folder):
+    names = [*LAMBDAS, *_knot_names(), *LAW]
+    declared = declared_parameters(len(KNOTS) + 1)
+    fitted = _fitted()
+    correlation = np.eye(len(names))
+    correlation[-1, -2] = correlation[-2, -1] = -0.93
+    null = {name: parameter.null for name, parameter in declared.items()}
+    everything = null | {name: fitted[name]["value"] for name in names}
+    write_hdf5(
+        folder / "identify.h5",
+        {
+            "start": (np.array([null[name] for name in names]), "see units"),
+            "correlation": (correlation, "1"),
+            "noise_factor": (1.04, "1"),
+        },
+        {
+            "names": json.dumps(names),
+            "units": json.dumps([declared[name].unit for name in names]),
+            "all_values": json.dumps(everything),
+            "reason": "the Newton decrement is 0.04 σ",
+        },
+    )
+    iteration = {name: fitted[name]["value"] for name in names}
+    stages = {
+        stage: {
+            "reason": "the Newton decrement is 0.04 σ",
+            "iterations": [
+                iteration
+                | {"tau0": 40.0 - 5 * k, "cost": 10.0, "chi_image": 2.0 - 0.3 * k}
+                | {"chi_load": 0.0 if stage == "A" else 30.0 / (k + 1)}
+                for k in range(3)
+            ],
+        }
+        for stage in ("A", "B", "C uncorrected", "C")
+    }
+    (folder / "identify_history.json").write_text(json.dumps(stages), "utf-8")
+
+
+def _write_diagnosed(folder, rng):
+    rows, _ = pixels()
+    T = len(STAGE)
+    load = 23.1 * np.array(STAGE)
+    arrays = {}
+    for side, off, noise in (("before", 40.0, 0.012), ("after", 4.0, 0.009)):
+        arrays[f"{side}/load"] = (load + off * rng.standard_normal(T), "µN")
+        arrays[f"{side}/motion"] = (np.zeros((T, rows.size, 3), np.float32), "µm")
+        rho = noise * rng.standard_normal((T, rows.size))
+        arrays[f"{side}/rho"] = (rho.astype(np.float32), "µm")
+    write_hdf5(folder / "diagnosis.h5", arrays)
+    (folder / "diagnosis.json").write_text(json.dumps(diagnosis()), "utf-8")
+
+
+def diagnosis():
+    """A verdict that names one cause, found in two rounds."""
+    added = {"tau0_grain2": {"value": 1.1493, "sigma": 0.0041, "unit": ""}}
+    omnibus = {"load_slow_p": 0.4, "load_serial_p": 0.2, "image_slow_p": 0.6, "accepted": True}
+    found = omnibus | {"load_slow_p": 3e-7, "accepted": False}
+    return {
+        "verdict": "named",
+        "causes": ["grain_contrast"],
+        "text": "The two grains have different critical resolved shear stresses.",
+        "next": "Confirm grain_contrast: nano-indentation of both grains.",
+        "added": added,
+        "gain": {
+            "share_of_excess_explained": 0.987,
+            "log_bayes_factor": 312.4,
+            "budget_before": {"noise": 1, "free": 1.01, "model": 1.31, "basis": 1.6, "load": 6.7},
+            "budget_after": {"noise": 1, "free": 1.01, "model": 1.02, "basis": 1.03, "load": 0.98},
+            "shift_in_sigma": {"tau0": 0.0, "c": 0.0, "d": 0.0},
+            "held_out": {
+                "cycle": 2,
+                "chi_load_before": 5.31,
+                "chi_load_after": 1.07,
+                "chi_image_before": 1.52,
+                "chi_image_after": 1.04,
+            },
+        },
+        "numerics": {"effect_sigma": 0.31, "on": "grain_contrast", "passed": True},
+        "baseline": _fitted(),
+        "extended": _fitted(copy.deepcopy(added).items()),
+        "steps": [
+            {
+                "chi_load": 6.7, "chi_image": 1.6, "omnibus": found,
+                "named": ["grain_contrast", "family_112"],
+                "causes": _causes(("grain_contrast", "family_112"), ()),
+            },
+            {
+                "chi_load": 0.98, "chi_image": 1.03, "omnibus": omnibus, "named": [],
+                "causes": _causes((), ("grain_contrast",)),
+            },
+        ],
+    }  # fmt: skip
+
+
+def _causes(refitted, without):
+    declared = declared_parameters(len(KNOTS) + 1)
+    records = []
+    for rank, cause in enumerate((*LIBRARY, NUMERICS)):
+        if cause.name in without:
+            continue
+        names = cause.parameters
+        records.append(
+            {
+                "cause": cause.name,
+                "category": cause.category,
+                "sentence": cause.sentence,
+                "parameters": list(names),
+                "units": [declared[n].unit if n in declared else "" for n in names],
+                "statistic": 4.0,
+                "degrees": len(names),
+                "p_family": 10.0 ** (-12 + rank) if rank < 12 else 1.0,
+                "log_evidence": 40.0 - 4.0 * rank,
+                "estimate": [0.14 for _ in names],
+                "smallest_visible": [None if cause.name == "load_drift" else 0.02 for _ in names],
+                "refit": {
+                    "log_evidence": 300.0 - 200.0 * refitted.index(cause.name),
+                    "chi_load": 1.0,
+                    "chi_image": 1.0,
+                    "values": dict.fromkeys(names, 1.1493),
+                    "sigma": dict.fromkeys(names, 0.0041),
+                }
+                if cause.name in refitted
+                else None,
+            }
+        )
+    records.sort(key=lambda record: -record["log_evidence"])
+    return records

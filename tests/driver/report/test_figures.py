@@ -1,0 +1,153 @@
+import numpy as np
+import pytest
+
+from driver.report import figures, inference_figures, maps
+from driver.report.style import CATEGORIES, png
+
+T = 9
+STAGE = np.r_[np.linspace(0, 40, 5), np.linspace(30, 0, 4)]
+TIME = np.arange(T) * 40.0
+
+
+def texts(axes):
+    return [text.get_text() for text in axes.texts]
+
+
+def test_the_budget_writes_every_chi_above_its_bar():
+    before = {"model": 1.31, "basis": 1.6, "load": 58.0}
+    after = {"model": 1.02, "basis": 1.03, "load": 0.98}
+    pixels, mesh, loads = figures.budget(1.01, {"before": before, "after": after}).axes
+    assert texts(pixels) == ["1.00", "1.01", "1.31", "1.02"]
+    assert texts(mesh) == ["1.00", "1.60", "1.03"]
+    assert texts(loads) == ["1.00", "58.0", "0.98"]
+    assert all(axes.get_ylim()[0] == 0.0 for axes in (pixels, mesh, loads))
+    assert (pixels.get_ylabel(), loads.get_ylabel()) == ("χ [1]", r"$\mathregular{χ_F}$ [1]")
+
+
+def test_motion_is_drawn_in_nanometres_over_stage_travel():
+    measured = np.column_stack([STAGE * 1e-3, STAGE * 2e-4])
+    identified = {"before": measured * 0.9, "after": measured}
+    figure = figures.motion(
+        STAGE, np.ones(T, int), measured, np.array([0.02, 0.001]), STAGE, identified,
+        np.array([0, 4, 8]),
+    )  # fmt: skip
+    elongation, tilt = figure.axes
+    assert elongation.get_ylabel() == "elongation [nm]" and tilt.get_ylabel() == "tilt [nm]"
+    assert elongation.get_xlabel() == "stage travel [µm]"
+    knots = next(line for line in elongation.lines if line.get_label() == "knots")
+    assert np.allclose(knots.get_xydata(), [[0, 0], [40, 40], [0, 0]])
+    band = np.concatenate([c.get_paths()[0].vertices[:, 1] for c in elongation.collections])
+    assert band.min() == pytest.approx(-20.0) and band.max() == pytest.approx(60.0)
+
+
+def test_the_residual_of_the_load_is_measured_minus_model_with_the_noise_as_a_band():
+    measured = 20.0 * STAGE
+    figure = figures.loads(STAGE, TIME, measured, {"before": measured - 7.0}, 5.97)
+    loop, residual = figure.axes
+    line = next(line for line in residual.lines if line.get_label() == "identified model")
+    assert np.allclose(line.get_ydata(), 7.0)
+    assert residual.patches[0].get_height() == pytest.approx(2 * 5.97)
+    assert loop.get_ylabel() == "load on the specimen [µN]"
+    assert residual.get_ylabel() == "measured − model [µN]"
+
+
+def test_evidence_marks_the_best_refit_and_the_line_three_below_it():
+    score, refit = np.array([20.0, 30.0, 4.0, -1.0]), np.array([41.0, 12.0, np.nan, np.nan])
+    figure = inference_figures.evidence(
+        ["a", "b", "c", "d"], ["material", "boundary", "instrument", "numerics"], score, refit
+    )
+    axes = figure.axes[0]
+    assert texts(axes) == ["+41.0", "+12.0", "+4.0", "−1.0"]
+    assert [bar.get_linewidth() for bar in axes.patches] == [2.0, 0.6, 0.6, 0.6]
+    verticals = [line.get_xdata()[0] for line in axes.lines if len(set(line.get_xdata())) == 1]
+    assert 0.0 in verticals and 38.0 in verticals
+    assert axes.get_xscale() == "linear"
+    colour = axes.patches[1].get_facecolor()[:3]
+    assert np.allclose(
+        colour, [int(CATEGORIES["boundary"][k : k + 2], 16) / 255 for k in (1, 3, 5)]
+    )
+
+
+def test_evidence_in_the_thousands_is_drawn_logarithmically_and_says_so():
+    figure = inference_figures.evidence(
+        ["a", "b"], ["material", "material"], np.array([3000.0, 2.0]), np.full(2, np.nan)
+    )
+    axes = figure.axes[0]
+    assert axes.get_xscale() == "symlog" and "logarithmic beyond" in axes.get_xlabel()
+
+
+def test_without_a_refit_that_pays_nothing_is_marked_as_the_best():
+    figure = inference_figures.evidence(
+        ["a", "b"], ["material", "material"], np.array([-1.0, -2.0]), np.array([-0.5, np.nan])
+    )
+    assert {bar.get_linewidth() for bar in figure.axes[0].patches} == {0.6}
+
+
+def test_strong_correlations_are_written_and_the_scale_is_symmetric():
+    matrix = np.array([[1.0, -0.93, 0.2], [-0.93, 1.0, 0.1], [0.2, 0.1, 1.0]])
+    figure = inference_figures.correlation(["τ₀", "c", "d"], matrix)
+    axes = figure.axes[0]
+    assert texts(axes) == ["−.93", "−.93"]
+    assert axes.images[0].get_clim() == (-1.0, 1.0)
+
+
+def face():
+    rows, cols = np.meshgrid(np.arange(3, 23), np.arange(5, 65), indexing="ij")
+    return maps.Face(rows.ravel(), cols.ravel(), 0.1, (12.5, 4.5), np.array([[-1, 2.0], [1, 3.0]]))
+
+
+def test_maps_are_in_micrometres_with_y_to_the_right_and_x_down():
+    seen = face()
+    values = seen.rows * 1.0
+    figure = maps.residual_maps(seen, ["peak"], {"before": values[None]}, {"before": values})
+    axes = figure.axes[0]
+    left, right, bottom, top = axes.images[0].get_extent()
+    assert (left, right) == pytest.approx((0.0, 6.0))
+    assert (bottom, top) == pytest.approx((1.0, -1.0))
+    assert axes.images[0].get_clim() == (-4.0, 4.0)
+    shown = axes.images[0].get_array()
+    assert np.all(shown[0] == 3.0) and np.all(shown[-1] == 22.0)
+
+
+def test_pixels_off_the_region_stay_blank():
+    rows, cols = np.array([0, 0, 1]), np.array([0, 1, 1])
+    image = maps.Face(rows, cols, 0.1, (0.0, 0.0), None).grid(np.array([1.0, 2.0, 3.0]))
+    assert np.array_equal(image, [[1.0, 2.0], [np.nan, 3.0]], equal_nan=True)
+
+
+def test_displacements_share_one_scale_around_zero_and_are_in_nanometres():
+    seen = face()
+    motion = np.zeros((seen.rows.size, 3))
+    motion[:, 1] = 0.1 * np.linspace(-1.0, 1.0, seen.rows.size) + 5.0
+    figure = maps.fields(seen, {"free correlation": motion, "model": 0.5 * motion})
+    limits = [axes.images[0].get_clim() for axes in figure.axes if axes.images]
+    v = [limit for limit in limits if limit[1] > 90.0]
+    assert len(v) == 2 and v[0] == v[1] and v[0][0] == -v[0][1]
+    assert "v − mean [nm]" in [axes.get_xlabel() for axes in figure.axes]
+
+
+def two_tetrahedra():
+    """Two tetrahedra that share the face x + y + z = 1, each a grain of its own."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1.0]])
+    return points, np.array([[0, 1, 2, 3], [1, 2, 3, 4]])
+
+
+def test_only_outer_faces_towards_the_viewer_are_drawn():
+    points, cells = two_tetrahedra()
+    for height, expected in (
+        (-1.0, {(0, 1, 2): 0, (1, 2, 4): 1}),
+        (1.0, {(1, 3, 4): 1, (2, 3, 4): 1}),
+    ):
+        faces, owner = maps.visible_faces(points, cells, np.array([0.0, 0.0, height]))
+        corners = [tuple(sorted(corner.tolist())) for corner in faces]
+        assert dict(zip(corners, owner.tolist(), strict=True)) == expected
+
+
+def test_the_grain_boundary_is_where_faces_of_two_grains_meet():
+    faces = np.array([[0, 1, 2], [1, 3, 2], [1, 4, 3]])
+    assert maps.boundary_edges(faces, np.array([0, 1, 1])).tolist() == [[1, 2]]
+    assert maps.boundary_edges(faces, np.zeros(3, int)).size == 0
+
+
+def test_a_figure_becomes_a_png_file():
+    assert png(inference_figures.correlation(["a"], np.eye(1))).startswith(b"\x89PNG")

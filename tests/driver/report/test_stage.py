@@ -1,0 +1,176 @@
+import base64
+import json
+import re
+
+import h5py
+import numpy as np
+import pytest
+
+from driver.diagnosis.causes import LIBRARY
+from driver.report.findings import FILES, read_findings
+from driver.report.page import headline
+from driver.report.stage import run_report
+from driver.report.wording import cause_label
+from driver.results import ResultError
+from driver.stages import StageError
+
+FIGURES = (
+    "budget", "specimen", "reference", "motion", "fields", "loads", "residual_maps",
+    "residual_history", "evidence_1", "evidence_2", "correlation", "convergence",
+)  # fmt: skip
+KINDS = (
+    "nothing wrong", "named", "one of this set", "named, but something is left", "unexplained",
+    "imaging-limited", "numerics",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def made(written, tmp_path_factory):
+    """The folder with the report of the invented case."""
+    folder = tmp_path_factory.mktemp("report")
+    run_report(written.context(folder))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(made):
+    return (made / "report.html").read_text("utf-8")
+
+
+def shown(page):
+    """What a reader sees, without tags."""
+    body = page.split("</style>")[1].replace("<sub>", "_").replace("</sub>", "")
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", body))
+
+
+def test_the_page_holds_all_that_it_shows(page):
+    assert not re.findall(r"https?://|<script|<link|@import|url\(", page)
+    sources = re.findall(r'src="([^"]*)"', page)
+    assert len(sources) == len(FIGURES)
+    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    targets = re.findall(r'href="([^"]*)"', page)
+    assert all(target[0] == "#" and f'id="{target[1:]}"' in page for target in targets)
+
+
+def test_every_figure_stands_in_the_page_and_beside_it(made, page):
+    assert {path.name for path in made.iterdir()} == {
+        "report.html", *(f"report_{name}.png" for name in FIGURES)
+    }  # fmt: skip
+    for name in FIGURES:
+        image = (made / f"report_{name}.png").read_bytes()
+        assert image.startswith(b"\x89PNG")
+        assert base64.b64encode(image).decode() in page
+
+
+def test_the_verdict_and_the_gain_come_first(page):
+    text = shown(page)
+    words = (
+        "invented", "Verdict: named",
+        "The two grains have different critical resolved shear stresses.",
+        "One cause explains the misfit: grain contrast.", "1.149 ± 0.004",
+        "What to do next. Confirm grain contrast: nano-indentation of both grains.",
+        "+312", "98.7 %", "5.31 → 1.07", "6.70 → 0.98", "Error budget",
+    )  # fmt: skip
+    places = [text.index(word) for word in words]
+    assert places == sorted(places)
+
+
+def test_every_cause_stands_in_the_table_with_its_sentence(page):
+    text = shown(page)
+    for cause in LIBRARY:
+        assert cause_label(cause.name) in text
+        assert f"{cause.category}: {cause.sentence}".replace("'", "&#39;") in text
+    assert "grain contrast (best)" in text and "{112} family (not told from the best)" in text
+    assert "load drift over the test +0.140 µN not visible" in text
+
+
+def test_parameters_are_written_with_their_uncertainty_and_unit(page):
+    text = shown(page)
+    assert "τ₀ tau0 MPa 40.00 21.34 ± 0.12 21.34 ± 0.12 0" in text
+    assert "c c GPa 40.00 44.1 ± 0.4 44.1 ± 0.4 0" in text
+    assert "ΔU_Y, knot 1 elongation_1 nm 0 30.00 ± 0.20" in text
+    assert "tau0_grain2 1.000 – 1.149 ± 0.004 –" in text
+
+
+def test_only_files_that_are_there_are_listed(page):
+    assert "diagnosis.json" in page and "mesh_fine.med" in FILES
+    assert "mesh_fine.med" not in page
+
+
+def test_without_an_addition_one_model_is_shown(results, tmp_path):
+    diagnosis = json.loads((results.results / "diagnosis.json").read_text("utf-8"))
+    gain = diagnosis["gain"] | {"share_of_excess_explained": None, "log_bayes_factor": 0.0}
+    gain.pop("held_out")
+    results.edit_diagnosis(
+        verdict="nothing wrong", causes=[], added={}, gain=gain, steps=diagnosis["steps"][1:],
+        extended=diagnosis["baseline"], text="What is left is noise.", next="Read the table.",
+    )  # fmt: skip
+    run_report(results.context(tmp_path / "work"))
+    text = shown((tmp_path / "work" / "report.html").read_text("utf-8"))
+    assert "Nothing wrong: the model leaves only noise. What is left is noise." in text
+    assert "Identified" in text and "log Bayes factor" not in text and "→" not in text
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_verdict_is_said_in_one_sentence(kind):
+    sentence = headline(kind, ["load_gain", "section_depth"])
+    assert sentence.endswith(".") and "\n" not in sentence
+    if kind.startswith(("named", "one of")):
+        assert "load gain and depth of the section" in sentence
+
+
+@pytest.mark.parametrize(
+    "name", ["mesh.med", "measure.h5", "identify.h5", "diagnosis.json", "diagnosis.h5"]
+)
+def test_a_missing_result_is_named_in_one_sentence(results, tmp_path, name):
+    (results.results / name).unlink()
+    with pytest.raises(StageError, match=rf"{name}: found nothing, expected the result of"):
+        run_report(results.context(tmp_path / "work"))
+
+
+def test_results_of_another_version_are_refused_with_what_to_do(results, tmp_path):
+    with h5py.File(results.results / "diagnosis.h5", "a") as file:
+        del file["after/rho"]
+    with pytest.raises(ResultError, match="found no dataset after/rho.*run --force"):
+        run_report(results.context(tmp_path / "work"))
+
+
+def test_a_damaged_verdict_is_named_in_one_sentence(results, tmp_path):
+    (results.results / "diagnosis.json").write_text("{", "utf-8")
+    with pytest.raises(ResultError, match=r"diagnosis.json: found no readable JSON"):
+        run_report(results.context(tmp_path / "work"))
+
+
+def test_the_residual_of_pure_noise_is_one_wherever_the_stage_has_moved(results, tmp_path):
+    rng = np.random.default_rng(0)
+    with h5py.File(results.results / "measure.h5", "a") as file:
+        motion = np.zeros(file["motion"].shape)
+        motion[1::2] = [0.5 * 0.11, 0.5 * 0.11, 0.0]  # between pixels, noise is averaged
+        file["motion"][...] = motion
+    # At half a pixel the cubic spline passes this share of the variance of white noise.
+    gain = np.where(np.arange(len(motion)) % 2, spline_gain() ** 2, 1.0)
+    with h5py.File(results.results / "diagnosis.h5", "a") as file:
+        noise = rng.standard_normal(file["before/rho"].shape)
+        file["before/rho"][...] = 0.009 * np.sqrt(gain + 0.1)[:, None] * noise
+    residual = read_findings(results.context(tmp_path / "work")).residual("before")
+    rms = np.sqrt(np.mean(residual**2, axis=1))
+    assert rms == pytest.approx(np.ones(len(rms)), abs=0.04)
+
+
+def spline_gain():
+    """Σ h² of the interpolating cubic spline at half a pixel, along one axis.
+
+    h is its cardinal function, from the B-spline filter 1/(2/3 + 1/3 cos ω) on the samples.
+    """
+    n = 512
+    omega = 2 * np.pi * np.fft.fftfreq(n)
+    half = (46 * np.cos(omega / 2) + 2 * np.cos(1.5 * omega)) / 48
+    return float(np.mean((half / (2 / 3 + np.cos(omega) / 3)) ** 2))
+
+
+def test_the_identified_motion_passes_through_its_knots(written, tmp_path):
+    findings = read_findings(written.context(tmp_path / "work"))
+    at_knots = findings.edges("before")[findings.history.turning]
+    assert at_knots[:, 0] == pytest.approx([0.0, 0.030, 0.018, 0.060, 0.042])
+    assert at_knots[:, 1] == pytest.approx(np.zeros(5))
+    assert findings.peaks.tolist() == [3, 8]

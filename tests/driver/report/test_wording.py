@@ -1,0 +1,84 @@
+import math
+
+import pytest
+
+from driver.diagnosis.causes import LIBRARY
+from driver.model import declared_parameters
+from driver.report.wording import (
+    change,
+    chi,
+    label,
+    number,
+    probability,
+    readable,
+    reading_unit,
+    signed,
+    smallest,
+    with_sigma,
+)
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "text"),
+    [
+        (21.3412, 0.1234, "21.34 ± 0.12"),
+        (1.14932, 0.0041, "1.149 ± 0.004"),
+        (44123.4, 350.0, "44100 ± 400"),
+        (44123.4, 2500.0, "44100 ± 2500"),
+        (-3.2, 0.96, "−3.2 ± 1.0"),
+        (0.0, 0.2, "0.00 ± 0.20"),
+        (3.2e-7, 1.4e-8, "(3.20 ± 0.14)·10⁻⁷"),
+        (12.3456, 0.0, "12.35"),
+        (12.3456, None, "12.35"),
+        (12.3456, math.nan, "12.35"),
+    ],
+)
+def test_a_value_shows_the_digits_that_its_sigma_leaves(value, sigma, text):
+    assert with_sigma(value, sigma) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"), (1.0, "1.00"), (-0.05, "−0.0500"), (1270.5, "1270"), (2.31e7, "2.31·10⁷"),
+        (-9.999e-6, "−1.00·10⁻⁵"), (None, "–"), (math.inf, "–"),
+    ],
+)  # fmt: skip
+def test_a_number_has_three_digits(value, text):
+    assert number(value) == text
+
+
+def test_signs_probabilities_and_chi_are_written_as_in_print():
+    assert (signed(0.14), signed(-2.0), signed(0.0)) == ("+0.140", "−2.00", "0")
+    assert [probability(p) for p in (1.0, 0.234, 3.2e-7, 9.6e-7, 0.0)] == [
+        "1", "0.23", "3·10⁻⁷", "1·10⁻⁶", "< 10⁻⁹⁹",
+    ]  # fmt: skip
+    assert [chi(x) for x in (0.98, 6.7, 58.1, 123.0)] == ["0.98", "6.70", "58.1", "123"]
+
+
+def test_parameters_are_read_in_the_units_of_the_workshop():
+    assert change("rotation_grain1_x", "rad", math.radians(2.0), False) == "+2.00°"
+    assert smallest("rotation_grain1_x", "rad", math.radians(0.5), False) == "0.50°"
+    assert reading_unit("elongation_3", "µm") == (1e3, "nm")
+    assert reading_unit("tilt_drift", "") == (1e3, "mrad")
+    assert reading_unit("boundary_shift", "µm") == (1.0, "µm")
+    assert change("load_gain", "", 0.031, False) == "+3.10 %"
+
+
+def test_a_logarithm_is_read_as_a_change_in_percent():
+    assert change("tau0_grain2", "", math.log(1.15), True) == "+15.0 %"
+    assert smallest("K", "MPa·s^(1/n)", math.log(1.02), True) == "2.0 %"
+    assert smallest("K", "MPa·s^(1/n)", 40.0, True) == "not visible below a factor of 3"
+    assert smallest("K", "MPa·s^(1/n)", None, True) == "not visible"
+
+
+def test_every_parameter_that_can_be_shown_has_a_label_without_underscores():
+    labels = {name: label(name) for name in declared_parameters(4)}
+    assert not [name for name, text in labels.items() if "_" in text.replace("ΔU_", "")]
+    assert len(set(labels.values())) == len(labels)
+
+
+def test_names_of_causes_in_a_text_become_words():
+    names = [cause.name for cause in LIBRARY]
+    text = readable("Check load_gain; check tilt_drift and boundary_tilt.", names)
+    assert text == "Check load gain; check tilt drift and tilt of the grain boundary."

@@ -1,0 +1,112 @@
+"""Small boxes of ten-node tetrahedra, made by hand, and simulations that pull them along Y."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import permutations
+
+import numpy as np
+
+from meshes.prism_mesh import PrismMesh
+from solver_adapters.crystal import bunge_matrix
+from solver_adapters.interface import FloatArray, IntArray, Simulation
+from solver_adapters.material import Material
+
+ORIENTATIONS = np.stack([bunge_matrix(281, 8, 47), bunge_matrix(211, 45, 150)])
+EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
+
+
+def box(
+    shape: tuple[int, int, int] = (1, 2, 1),
+    size: tuple[float, float, float] = (2.0, 4.0, 2.0),
+    jitter: float = 0.0,
+) -> PrismMesh:
+    """A box from the origin to `size` [µm], six tetrahedra to a brick; grain 1 is the upper half.
+
+    Inner corners are moved by up to `jitter` of a brick, edges stay straight.
+    """
+    n = np.array(shape)
+    grid = np.stack(np.meshgrid(*[np.arange(k + 1) for k in n], indexing="ij"), axis=-1)
+    corners = grid.reshape(-1, 3)
+    inside = ((corners > 0) & (corners < n)).all(axis=1)
+    moves = np.random.default_rng(3).uniform(-jitter, jitter, corners.shape)
+    points = (corners + moves * inside[:, None]) * np.array(size) / n
+    number = np.arange(len(corners)).reshape(n + 1)
+    cells = []
+    for base in np.ndindex(*shape):
+        for axes in permutations(range(3)):
+            path = [np.array(base)]
+            for axis in axes:
+                path.append(path[-1] + np.eye(3, dtype=int)[axis])
+            tet = [int(number[tuple(corner)]) for corner in path]
+            edges = points[tet[1:]] - points[tet[0]]
+            cells.append(tet if np.linalg.det(edges) > 0 else [tet[0], tet[2], tet[1], tet[3]])
+    linear = np.array(cells)
+    pairs = np.sort(linear[:, EDGES].reshape(-1, 2), axis=1)
+    unique, inverse = np.unique(pairs, axis=0, return_inverse=True)
+    middle = len(points) + inverse.reshape(len(linear), 6)
+    points = np.concatenate([points, points[unique].mean(axis=1)])
+    y = points[:, 1]
+    centre = points[linear].mean(axis=1)[:, 1]
+    return PrismMesh(
+        points=points,
+        cells=np.concatenate([linear, middle], axis=1),
+        grain=(centre > size[1] / 2).astype(np.int64),
+        faces={},
+        nodes={
+            "S_MINUS": np.flatnonzero(y < 1e-9),
+            "S_PLUS": np.flatnonzero(y > size[1] - 1e-9),
+        },
+    )
+
+
+def skin(mesh: PrismMesh) -> IntArray:
+    """Nodes on the surface of a box."""
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    return np.flatnonzero(((mesh.points < low + 1e-9) | (mesh.points > high - 1e-9)).any(axis=1))
+
+
+def moved(
+    mesh: PrismMesh,
+    material: Material,
+    nodes: IntArray,
+    displacement: Callable[[float, FloatArray], FloatArray],
+    times: FloatArray,
+    tolerance: float = 1e-9,
+    steps: int = 1,
+) -> Simulation:
+    """The displacement (time, points) → (n, 3) prescribed on `nodes`; all else is free."""
+    return Simulation(
+        mesh=mesh,
+        material=material,
+        orientations=ORIENTATIONS[: mesh.n_grains],
+        times=times,
+        motion_nodes=nodes,
+        motion_mask=np.ones((len(nodes), 3), dtype=np.bool_),
+        motion=np.stack([displacement(float(t), mesh.points[nodes]) for t in times]),
+        output=np.arange(len(times)),
+        output_nodes=np.arange(len(mesh.points)),
+        steps_per_interval=steps,
+        tolerance=tolerance,
+    )
+
+
+def pulled(
+    mesh: PrismMesh,
+    material: Material,
+    strains: tuple[float, ...],
+    interval: float = 1.0,
+    tolerance: float = 1e-9,
+    steps: int = 1,
+) -> Simulation:
+    """Clamped ends; the upper one moves along Y by `strains` of the length, one each interval."""
+    ends = np.concatenate([mesh.nodes["S_MINUS"], mesh.nodes["S_PLUS"]])
+    length = float(mesh.points[:, 1].max())
+    history = np.array([0.0, *strains])
+    times = interval * np.arange(len(history))
+
+    def displacement(time: float, points: FloatArray) -> FloatArray:
+        strain = np.interp(time, times, history)
+        return strain * points * [0.0, 1.0, 0.0] * (points[:, [1]] > length / 2)
+
+    return moved(mesh, material, ends, displacement, times, tolerance, steps)

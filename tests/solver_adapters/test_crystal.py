@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_adapters.crystal import (
+    N_110,
+    N_SYSTEMS,
+    bunge_matrix,
+    rotation_vector_matrix,
+    schmid_tensors,
+    slip_systems,
+)
+
+CODE_ASTER = Path(__file__).parents[1] / "data" / "solver" / "bcc24_slip_systems.csv"
+
+
+def test_the_systems_and_their_order_are_those_of_code_aster() -> None:
+    with CODE_ASTER.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == N_SYSTEMS
+    directions, normals = slip_systems()
+    for row, m, n in zip(rows, directions, normals, strict=True):
+        for letter, found in (("m", m), ("n", n)):
+            expected = np.array([float(row[f"{letter}{axis}"]) for axis in "123"])
+            np.testing.assert_allclose(found, expected / np.linalg.norm(expected), atol=1e-15)
+    families = [row["family"] for row in rows]
+    assert families == ["{110}<111>"] * N_110 + ["{112}<111>"] * (N_SYSTEMS - N_110)
+
+
+def test_slip_is_isochoric_and_its_schmid_tensors_have_unit_norm() -> None:
+    schmid = schmid_tensors()
+    np.testing.assert_allclose(np.trace(schmid, axis1=1, axis2=2), 0, atol=1e-15)
+    np.testing.assert_allclose(np.linalg.norm(schmid, axis=(1, 2)), 1, rtol=1e-14)
+
+
+def test_no_system_comes_twice() -> None:
+    schmid = schmid_tensors().reshape(N_SYSTEMS, 9)
+    alignment = abs(schmid @ schmid.T) - np.eye(N_SYSTEMS)
+    assert alignment.max() < 0.99
+
+
+def test_the_columns_of_a_bunge_matrix_are_the_crystal_axes_in_the_sample() -> None:
+    """φ1 = 30° turns [100] towards Y; Φ = 90° then stands [001] on −Y', φ2 turns about it."""
+    np.testing.assert_allclose(bunge_matrix(30, 0, 0)[:, 0], [np.sqrt(3) / 2, 0.5, 0], atol=1e-15)
+    np.testing.assert_allclose(bunge_matrix(0, 90, 0)[:, 2], [0, -1, 0], atol=1e-15)
+    tilted = bunge_matrix(40, 60, 0)
+    np.testing.assert_allclose(bunge_matrix(40, 60, 70)[:, 2], tilted[:, 2], atol=1e-15)
+    # Against the closed form of Bunge (1982): g = R^T, g13 = sin φ2 sin Φ, g31 = sin φ1 sin Φ.
+    a, b, c = np.deg2rad([281, 8, 47])
+    g = bunge_matrix(281, 8, 47).T
+    np.testing.assert_allclose(g[0, 2], np.sin(c) * np.sin(b), atol=1e-15)
+    np.testing.assert_allclose(g[2, 0], np.sin(a) * np.sin(b), atol=1e-15)
+    first = np.cos(a) * np.cos(c) - np.sin(a) * np.sin(c) * np.cos(b)
+    np.testing.assert_allclose(g[0, 0], first, atol=1e-15)
+
+
+@pytest.mark.parametrize("vector", [[0.3, -0.2, 0.5], [0, 0, np.pi], [1e-9, 2e-9, 0], [0, 0, 0]])
+def test_a_rotation_vector_gives_the_rotation_about_itself_by_its_length(
+    vector: list[float],
+) -> None:
+    axis = np.array(vector, dtype=np.float64)
+    angle = np.linalg.norm(axis)
+    rotation = rotation_vector_matrix(axis)
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(rotation @ axis, axis, atol=1e-15)
+    np.testing.assert_allclose(np.trace(rotation), 1 + 2 * np.cos(angle), atol=1e-14)
+    skew = [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0]]
+    np.testing.assert_allclose(skew, 2 * np.sinc(angle / np.pi) * axis[:2], atol=1e-15)
+    assert rotation[1, 0] - rotation[0, 1] >= -1e-15

@@ -1,0 +1,40 @@
+from __future__ import annotations
+
+from importlib.metadata import EntryPoint
+
+import pytest
+
+from solver_adapters import registry
+from solver_adapters.interface import UnsupportedError
+from solver_adapters.registry import GROUP, adapter_names, find_adapter
+
+POINTS = (
+    EntryPoint("second", "solver_adapters.bundled.adapter:BundledAdapter", GROUP),
+    EntryPoint("bundled", "solver_adapters.bundled.adapter:BundledAdapter", GROUP),
+)
+
+
+@pytest.fixture
+def installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = {GROUP: POINTS}
+    monkeypatch.setattr(registry, "entry_points", lambda group: asked.get(group, ()))
+
+
+@pytest.mark.usefixtures("installed")
+def test_a_solver_is_found_by_the_name_of_its_entry_point() -> None:
+    assert adapter_names() == ("bundled", "second")
+    assert find_adapter("bundled").name == "bundled"
+    assert find_adapter("second").capabilities().derivatives
+
+
+@pytest.mark.usefixtures("installed")
+def test_an_unknown_solver_is_refused_with_those_that_are_known() -> None:
+    with pytest.raises(UnsupportedError) as error:
+        find_adapter("abaqus")
+    assert str(error.value) == 'solver.name: found "abaqus", expected one of bundled, second'
+
+
+def test_without_any_solver_the_installation_is_questioned(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry, "entry_points", lambda group: ())
+    with pytest.raises(UnsupportedError, match="is prismid installed"):
+        find_adapter("bundled")
