@@ -151,7 +151,8 @@ def _write_tables(
     write_csv(folder / "loads.csv", loads)
     _write_images(folder / "images.csv", image, measured, models[0])
     _write_knots(folder / "knots.csv", models, history)
-    _write_parameters(folder / "parameters.csv", models, read_hdf5(results / IDENTIFY)["start"])
+    start = read_hdf5(results / IDENTIFY)["start"]
+    _write_parameters(folder / "parameters.csv", models, start, history.n_knots)
 
 
 def _write_images(
@@ -190,10 +191,13 @@ def _write_knots(path: Path, models: Sequence[FittedModel], history: History) ->
     write_csv(path, columns)
 
 
-def _write_parameters(path: Path, models: Sequence[FittedModel], start: FloatArray) -> None:
+def _write_parameters(
+    path: Path, models: Sequence[FittedModel], start: FloatArray, n_knots: int
+) -> None:
     starts = dict(zip(models[0].sigma, start.tolist(), strict=True))
     units = {name: unit for model in models for name, unit in model.units.items()}
-    names = [name for name in units if not name.startswith(("elongation_", "tilt_"))]
+    knots = (*elongation_names(n_knots), *tilt_names(n_knots))
+    names = [name for name in units if name not in knots]
     columns: dict[str, Sequence[object]] = {
         "parameter": names,
         "unit": [units[name] for name in names],
@@ -201,7 +205,7 @@ def _write_parameters(path: Path, models: Sequence[FittedModel], start: FloatArr
     }
     for model in models:
         free = model.sigma
-        columns[f"{model.label}"] = [model.values[n] if n in free else "" for n in names]
+        columns[model.label] = [model.values[n] if n in free else "" for n in names]
         columns[f"{model.label}_sigma"] = [free.get(n, "") for n in names]
     write_csv(path, columns)
 

@@ -102,7 +102,7 @@ def aligned(
     """A motion less the rigid motion that parts it from another one, by least squares.
 
     The stage re-centres and refocuses between the images, so a rigid motion of each image is
-    unknown; the identification removes it in the same way.
+    unknown, and no part of what a model predicts.
 
     Args:
         motion: measured motion [µm], shape (T, n_pix, 3).

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from driver.boundary import elongation_names, tilt_names
 from driver.diagnosis.causes import LIBRARY, NUMERICS, Cause, causes_of
 from driver.diagnosis.held_out import HeldOut, HeldOutTask, knots_of_cycle, predict_held_out
 from driver.diagnosis.omnibus import FAMILY_LEVEL, Omnibus, omnibus
@@ -81,7 +82,8 @@ class Diagnosis:
         causes: the causes that were added.
         gate: the test of the simulation's own error.
         held_out: score of the held-out cycle before and after, None where none is held out.
-        explained: share of the excess misfit that the extension explains (NaN without excess).
+        explained: share of the excess misfit that the extension explains (NaN where the
+            excess is within the scatter of noise).
         log_evidence: log Bayes factor of the extended model against the baseline.
         verdict: the answer.
     """
@@ -336,8 +338,9 @@ def _eliminate(
 
 
 def _explained(before: Evaluation, after: Evaluation) -> float:
-    """Share of the misfit above its expectation that is gone."""
-    return (before.misfit - after.misfit) / before.excess if before.excess else float("nan")
+    """Share of the misfit above its expectation that is gone; NaN if it was within the noise."""
+    scatter = np.sqrt(2.0 * before.residual.size)
+    return 1.0 - after.excess / before.excess if before.excess > 3 * scatter else float("nan")
 
 
 def _held_out(
@@ -355,7 +358,9 @@ def _held_out(
     log(f"predicting cycle {settings.held_out} from the others")
     model = objective.model
     weights = model.boundary.weights[model.image_row]
-    names = [n for n in baseline.best.free if n.startswith(("elongation", "tilt"))]
+    n_knots = weights.shape[1]
+    every = (*elongation_names(n_knots), *tilt_names(n_knots))
+    names = [name for name in every if name in baseline.best.free]
     knots = knots_of_cycle(cycles, weights, settings.held_out, names)
     fits = [(replace(objective, data=current.data), baseline)]
     if here is not baseline:

@@ -21,6 +21,7 @@ FloatArray = NDArray[np.float64]
 LAGS = 10
 SLOW_SHARE = 8  # the slowest eighth of the modes against the fastest half
 FAMILY_LEVEL = 0.01
+_LEFT = 0.1  # share of the variance below which the fit has taken a direction
 
 
 @dataclass(frozen=True)
@@ -44,20 +45,19 @@ class Omnibus:
 
 
 def omnibus(fitted: Evaluation, data: Data) -> Omnibus:
-    """Test a fitted residual; degrees of freedom taken by the fit are counted."""
-    hat = np.asarray(np.linalg.solve(fitted.hessian, fitted.jacobian), dtype=np.float64)
-    loads = fitted.residual[: fitted.n_load]
-    images = data.image_part(fitted.residual)
-    J_load = fitted.jacobian[:, : fitted.n_load]
-    hat_load = hat[:, : fitted.n_load]
+    """Test a fitted residual; what the fit has taken from it is counted exactly.
+
+    The residual of a linear fit has the covariance I − BᵀB, B = L⁻¹J with LLᵀ the Hessian.
+    """
     k = len(fitted.free)
-    shape = (k, *images.shape)
-    J_image = fitted.jacobian[:, fitted.n_load :].reshape(shape)
-    hat_image = hat[:, fitted.n_load :].reshape(shape)
+    taken = np.linalg.solve(np.linalg.cholesky(fitted.hessian), fitted.jacobian)
+    loads, of_loads = fitted.residual[: fitted.n_load], taken[:, : fitted.n_load]
+    images = data.image_part(fitted.residual)
+    of_images = taken[:, fitted.n_load :].reshape(k, *images.shape)
     return Omnibus(
-        load_slow=_slow_against_fast(loads[:, None], J_load[..., None], hat_load[..., None]),
-        load_serial=_ljung_box(loads, k),
-        image_slow=_slow_against_fast(images, J_image, hat_image),
+        load_slow=_slow_against_fast(loads[:, None], of_loads[..., None]),
+        load_serial=_serial(loads, np.eye(loads.size) - of_loads.T @ of_loads),
+        image_slow=_slow_against_fast(images, of_images),
     )
 
 
@@ -68,29 +68,45 @@ def _modes(T: int, orders: NDArray[np.int64]) -> FloatArray:
     return np.asarray(modes)
 
 
-def _slow_against_fast(signal: FloatArray, J: FloatArray, hat: FloatArray) -> float:
-    T = len(signal)
+def _slow_against_fast(signal: FloatArray, taken: FloatArray) -> float:
+    """F test on a signal (T, n) from which a fit has taken (k, T, n)."""
+    T, k = len(signal), len(taken)
     powers, degrees = [], []
     for orders in (np.arange(T // SLOW_SHARE), np.arange(T // 2, T)):
         modes = _modes(T, orders)
-        in_modes = modes @ signal
-        taken = np.einsum("kmz,kmz->", modes @ hat, modes @ J)
-        powers.append(float(np.sum(in_modes**2)))
-        degrees.append(max(float(in_modes.size - taken), 1.0))
+        power, free = _free_power((modes @ signal).ravel(), (modes @ taken).reshape(k, -1))
+        powers.append(power)
+        degrees.append(free)
+    if not all(degrees):
+        return 1.0
     ratio = (powers[0] / degrees[0]) / (powers[1] / degrees[1])
     return float(f.sf(ratio, degrees[0], degrees[1]))
 
 
-def _ljung_box(loads: FloatArray, fitted: int) -> float:
-    """Serial correlation of the load residual over ten lags.
+def _free_power(x: FloatArray, taken: FloatArray) -> tuple[float, int]:
+    """Σ x² in units of its variance I − takenᵀ taken, and in how many directions."""
+    _, strength, across = np.linalg.svd(taken, full_matrices=False)
+    along, left = across @ x, 1.0 - strength**2
+    free = left > _LEFT
+    power = float(x @ x - along @ along + np.sum(along[free] ** 2 / left[free]))
+    return power, x.size - int(np.count_nonzero(~free))
 
-    The smooth parameters (elongation knots, law) leave short lags almost untouched: the
-    degrees of freedom are those of the lags.
+
+def _serial(loads: FloatArray, covariance: FloatArray) -> float:
+    """Portmanteau test over ten lags, for a residual whose own covariance R is not quite white.
+
+    The autocorrelations u_l = zᵀA_l z/zᵀz have the means m_l = tr(A_l R)/tr R and, with
+    B_l = A_l − m_l I, the covariances V_lm = 2 tr(B_l R B_m R)/(tr R)². Without a fit Σ u_l²/V_ll
+    is the statistic of Ljung and Box; its χ² has the mean and the variance that V gives.
     """
-    T = loads.size
-    if T <= LAGS + fitted // 2:
+    T, trace = loads.size, float(np.trace(covariance))
+    if trace < 2 * LAGS:
         return 1.0
-    z = loads - loads.mean()
-    variance = float(z @ z)
-    total = sum(float(z[lag:] @ z[:-lag]) ** 2 / (T - lag) for lag in range(1, LAGS + 1))
-    return float(chi2.sf(T * (T + 2) * total / variance**2, LAGS))
+    lagged = [0.5 * (np.eye(T, k=lag) + np.eye(T, k=-lag)) for lag in range(1, LAGS + 1)]
+    means = np.array([np.sum(A * covariance) / trace for A in lagged])
+    spread = [(A - m * np.eye(T)) @ covariance for A, m in zip(lagged, means, strict=True)]
+    V = np.array([[np.sum(a * b.T) for b in spread] for a in spread]) * 2 / trace**2
+    u = np.array([loads @ A @ loads for A in lagged]) / float(loads @ loads) - means
+    variance = np.diag(V)
+    stretch = float(np.sum(V**2 / np.outer(variance, variance))) / LAGS
+    return float(chi2.sf(np.sum(u**2 / variance) / stretch, LAGS / stretch))

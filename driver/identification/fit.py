@@ -240,8 +240,8 @@ def fit(
         log: takes one line for each iteration.
         start: evaluation at `values` with `free`, where it is known already.
         tolerance: Newton decrement at which the fit has converged [σ].
-        share: the fit also ends when a further step would lower the misfit by less than this
-            share of it: enough for a fit that only starts another one.
+        share: the fit also ends when a step lowers the misfit, or would, by less than this share
+            of it: enough for a fit that only starts another one.
 
     Raises:
         SolverError, ValueError: the model cannot be evaluated at the start.
@@ -262,9 +262,13 @@ def fit(
         if ahead is None:
             reason = f"no shorter step lowers the cost (decrement {decrement:.2g} σ)"
             return Fit(here, False, reason, tuple(history))
+        fallen = 1.0 - ahead.misfit / here.misfit
         here, iteration = ahead, iteration + 1
         history.append(_record(here))
         log(_line(iteration, here, decrement))
+        if fallen < share:
+            reason = f"the last step lowered the misfit by {fallen:.1%}"
+            return Fit(here, True, reason, tuple(history))
 
 
 def _bounded_step(

@@ -23,7 +23,7 @@ from driver.model import ForwardModel
 FloatArray = NDArray[np.float64]
 Log = Callable[[str], None]
 
-START = 0.02  # a stage that only starts the next one ends when its misfit falls by less
+START = 0.05  # a stage that only starts the next one ends when its misfit falls by less
 _MINUTE = 1e-5  # elongation of a step that stays elastic [µm]
 LAMBDA_PRIOR = 0.5  # standard deviation about the start: λ = −0.5 … 2.5 is all that was ever seen
 

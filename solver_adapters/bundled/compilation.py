@@ -11,7 +11,11 @@ import os
 from pathlib import Path
 from typing import Any
 
-import numba
+# GNU's OpenMP threads spin while they wait: on a machine with other work that makes every parallel
+# loop ten times slower. It must be said before the first loop loads the library.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+import numba  # noqa: E402
 
 _FAST = {"contract", "reassoc", "nsz", "arcp", "nnan"}
 

@@ -117,6 +117,10 @@ def _derive_small(
     table: FloatArray,
 ) -> None:
     n = H.shape[0]
+    turned = np.zeros(dframe.shape[:2], dtype=np.bool_)
+    for g in range(dframe.shape[0]):
+        for k in range(dframe.shape[1]):
+            turned[g, k] = np.any(dframe[g, k] != 0.0)
     for chunk in prange(_CHUNKS):
         w = np.zeros(_SMALL_SIZE)
         _small_prepare(w, table)
@@ -131,6 +135,7 @@ def _derive_small(
                     local[g],
                     dt,
                     dH[i, k],
+                    turned[g, k],
                     dframe[g, k],
                     dlocal[g, k],
                     dstate0[i, k],

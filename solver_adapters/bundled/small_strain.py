@@ -36,8 +36,8 @@ from solver_adapters.bundled.slip import (
 FloatArray = NDArray[np.float64]
 
 MODES = N_SLIP_ROWS  # Schmid modes, 5 × 24
-TRIAL = MODES + 5 * NS  # e*, 5
-ELASTIC = TRIAL + 5  # elastic strain modes, 5
+TRIAL = MODES + 5 * NS  # e* and the trace mode, 6
+ELASTIC = TRIAL + 6  # elastic strain modes, 5
 STRESS = ELASTIC + 5  # stress modes, 5
 RHS = STRESS + 5  # 5
 FACTOR = RHS + 5  # LU of 1/μ + Σ w P Pᵀ, 5 × 5
@@ -115,16 +115,42 @@ def _stress_change(w: FloatArray) -> None:
 
 
 @kernel
-def _trial(w: FloatArray, H: FloatArray, V: FloatArray, state: FloatArray) -> None:
-    for k in range(5):
-        e = 0.0
-        for i in range(9):
-            e += V[k, i] * H[i]
-        w[TRIAL + k] = e - state[k]
-    volume = 0.0
+def _strain_modes(w: FloatArray, target: int, V: FloatArray, H: FloatArray) -> None:
+    """Six modes of the strain of H."""
+    t0 = t1 = t2 = t3 = t4 = t5 = 0.0
     for i in range(9):
-        volume += V[5, i] * H[i]
-    w[VOLUME] = volume
+        h = H[i]
+        t0 += V[0, i] * h
+        t1 += V[1, i] * h
+        t2 += V[2, i] * h
+        t3 += V[3, i] * h
+        t4 += V[4, i] * h
+        t5 += V[5, i] * h
+    w[target], w[target + 1], w[target + 2] = t0, t1, t2
+    w[target + 3], w[target + 4], w[target + 5] = t3, t4, t5
+
+
+@kernel
+def _add_stress(P: FloatArray, V: FloatArray, w: FloatArray, source: int, volume: float) -> None:
+    """Add to P the tensor of five modes and a trace mode."""
+    s0, s1, s2, s3, s4 = w[source], w[source + 1], w[source + 2], w[source + 3], w[source + 4]
+    for i in range(9):
+        P[i] += (
+            V[0, i] * s0
+            + V[1, i] * s1
+            + V[2, i] * s2
+            + V[3, i] * s3
+            + V[4, i] * s4
+            + V[5, i] * volume
+        )
+
+
+@kernel
+def _trial(w: FloatArray, H: FloatArray, V: FloatArray, state: FloatArray) -> None:
+    _strain_modes(w, TRIAL, V, H)
+    w[VOLUME] = w[TRIAL + 5]
+    for k in range(5):
+        w[TRIAL + k] -= state[k]
 
 
 @kernel
@@ -177,10 +203,8 @@ def store(
     """Stress σ·R (9) and the state at the end of the step."""
     sigma_volume = (p[P_C11] + 2.0 * p[P_C12]) * w[VOLUME]
     for i in range(9):
-        total = V[5, i] * sigma_volume
-        for k in range(5):
-            total += V[k, i] * w[STRESS + k]
-        P[i] = total
+        P[i] = 0.0
+    _add_stress(P, V, w, STRESS, sigma_volume)
     for k in range(5):
         state1[k] = state0[k] + w[TRIAL + k] - w[ELASTIC + k]
     for k in range(5, 9):
@@ -218,22 +242,29 @@ def derivative(
     p: FloatArray,
     dt: float,
     dH: FloatArray,
+    turned: bool,
     dV: FloatArray,
     dp: FloatArray,
     dstate0: FloatArray,
     dP: FloatArray,
     dstate1: FloatArray,
 ) -> None:
-    """Directional derivative of stress and state of the step that is in the workspace."""
+    """Directional derivative of stress and state of the step that is in the workspace.
+
+    turned: whether the crystal turns along the direction, that is, whether dV is not null.
+    """
     mu0 = p[P_C11] - p[P_C12]
     mu1 = 2.0 * p[P_C44]
     dmu0 = dp[P_C11] - dp[P_C12]
     dmu1 = 2.0 * dp[P_C44]
+    _strain_modes(w, TRIAL, V, dH)  # the trial modes are not needed any more
+    if turned:
+        _strain_modes(w, ROWS, dV, H)
+        for k in range(6):
+            w[TRIAL + k] += w[ROWS + k]
+    dvolume = w[TRIAL + 5]
     for k in range(5):
-        de = 0.0
-        for i in range(9):
-            de += V[k, i] * dH[i] + dV[k, i] * H[i]
-        w[TRIAL + k] = de  # the trial modes are not needed any more
+        de = w[TRIAL + k]
         w[RHS + k] = (mu0 if k < 2 else mu1) * (de - dstate0[k]) + (dmu0 if k < 2 else dmu1) * w[
             ELASTIC + k
         ]
@@ -246,9 +277,6 @@ def derivative(
     finish_derivative(w, p, dp, dstate0, dstate1)
     bulk = p[P_C11] + 2.0 * p[P_C12]
     dbulk = dp[P_C11] + 2.0 * dp[P_C12]
-    dvolume = 0.0
-    for i in range(9):
-        dvolume += V[5, i] * dH[i] + dV[5, i] * H[i]
     dsigma_volume = bulk * dvolume + dbulk * w[VOLUME]
     for k in range(5):
         mu = mu0 if k < 2 else mu1
@@ -259,7 +287,7 @@ def derivative(
     for k in range(5, 9):
         dstate1[k] = 0.0
     for i in range(9):
-        total = V[5, i] * dsigma_volume + dV[5, i] * bulk * w[VOLUME]
-        for k in range(5):
-            total += V[k, i] * w[RHS + k] + dV[k, i] * w[STRESS + k]
-        dP[i] = total
+        dP[i] = 0.0
+    _add_stress(dP, V, w, RHS, dsigma_volume)
+    if turned:
+        _add_stress(dP, dV, w, STRESS, bulk * w[VOLUME])

@@ -39,6 +39,7 @@ def evaluation(
         load=np.zeros(0),
         motion=np.zeros((0, 0, 3)),
         rho=np.zeros((0, 0)),
+        shift=np.zeros((0, 0)),
         prediction=_NOTHING,
     )
 

@@ -15,15 +15,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.boundary import elongation_names, tilt_names
+from driver.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.case import Case, default_case
 from driver.dic.basis import grid_basis
 from driver.dic.surface_images import SurfaceImages, prepare
 from driver.history import History, turning_points
 from driver.identification.data import Data, build_image_data
-from driver.identification.fit import Objective
+from driver.identification.fit import Fit, Objective, fit
+from driver.identification.procedure import LAMBDA_PRIOR, correction, with_correction
 from driver.model import ForwardModel, declared_parameters
 from driver.specimen import build_model, geometry_of
+from driver.surface_view import POSE_DECLARATIONS
 from meshes.prism import generate
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.crystal import rotation_vector_matrix
@@ -37,18 +39,28 @@ PIXEL = 0.11
 ORIGIN = (13.5, 6.0)
 SHAPE = (28, 49)
 BOUNDS = (PIXEL - WIDTH / 2, WIDTH / 2 - PIXEL, PIXEL, LENGTH - PIXEL)
-SIGMA, N_REPEATS = 0.009, 10
-LOAD_NOISE = 2.0
+SIGMA, N_REPEATS = 0.002, 10
+LOAD_NOISE = 1.0
 KNOTS = (0.020, 0.0176, 0.048, 0.0455)
 TILTS = (0.004, 0.003, 0.010, 0.009)
 LAW = ("tau0", "c", "d")
+SIZES = (1.2, 1.0)
 _STEP = 1e-6
 
 
 class ClosedFormSolver:
-    """Motion and load in closed form; derivatives by central differences along directions."""
+    """Motion and load in closed form; derivatives by central differences along directions.
+
+    Attributes:
+        finer: by how much the answer differs from that of the working model, as the load of a
+            finer mesh would [relative]; the motion differs by as many micrometres of plastic
+            strain in the middle of the face.
+    """
 
     name = "closed form"
+
+    def __init__(self, finer: float = 0.0) -> None:
+        self.finer = finer
 
     def capabilities(self) -> Capabilities:
         return Capabilities(
@@ -64,18 +76,25 @@ class ClosedFormSolver:
         workspace: Path | None = None,
         progress: Callable[[Progress], None] | None = None,
     ) -> Response:
-        u, force = answer(simulation)
+        u, force = self.answer(simulation)
         n = len(simulation.directions)
         du, df = np.zeros((n, *u.shape)), np.zeros((n, *force.shape))
         for k, direction in enumerate(simulation.directions):
             h = _STEP * _size(simulation.material, direction)
-            above, below = (answer(stepped(simulation, direction, s)) for s in (h, -h))
+            above, below = (self.answer(stepped(simulation, direction, s)) for s in (h, -h))
             du[k], df[k] = (above[0] - below[0]) / (2 * h), (above[1] - below[1]) / (2 * h)
         return Response(u, force, du, df)
 
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        """Displacement of the output nodes (T, n, 3) and load (T,)."""
+        signals, load = time_signals(simulation)
+        points = simulation.mesh.points[simulation.output_nodes]
+        signals["contrast"] = signals["contrast"] + self.finer * signals["plastic"]
+        return field(signals, points[:, 0], points[:, 1]), (1 - self.finer) * load
+
 
 def _size(material: Material, direction: Direction) -> float:
-    return max([1.0, *(abs(getattr(material, name)) for name in direction.material)])
+    return max([1.0, *(abs(float(getattr(material, name))) for name in direction.material)])
 
 
 def stepped(simulation: Simulation, direction: Direction, step: float) -> Simulation:
@@ -95,13 +114,6 @@ def stepped(simulation: Simulation, direction: Direction, step: float) -> Simula
         moved = replace(mesh, points=mesh.points + step * direction.points)
         simulation = replace(simulation, mesh=moved)
     return simulation
-
-
-def answer(simulation: Simulation) -> tuple[FloatArray, FloatArray]:
-    """Displacement of the output nodes (T, n, 3) and load (T,)."""
-    signals, load = time_signals(simulation)
-    points = simulation.mesh.points[simulation.output_nodes]
-    return field(signals, points[:, 0], points[:, 1]), load
 
 
 def field(signals: Mapping[str, FloatArray], x: FloatArray, y: FloatArray) -> FloatArray:
@@ -159,6 +171,7 @@ def time_signals(simulation: Simulation) -> tuple[dict[str, FloatArray], FloatAr
         "side": plus[:, 0, 0],
         "turn": plus[:, 2, 1],
         "strain": strain,
+        "plastic": plastic,
         "bend": 0.5 * (plus[:, 1, 1] - minus[:, 1, 1]),
         "skew": 0.3 * (plus[:, 1, 1] + minus[:, 1, 1]),
         "bend_Z": 0.3 * plus[:, 1, 2] - 0.2 * minus[:, 1, 2],
@@ -228,7 +241,7 @@ def history() -> History:
     rows = np.arange(stage.size)
     turning = turning_points(stage)
     return History(
-        time=10.0 * rows,
+        time=np.asarray(10.0 * rows, dtype=np.float64),
         stage=stage,
         image_row=rows,
         force=np.zeros(stage.size),
@@ -242,7 +255,8 @@ def small_case() -> Case:
     case = default_case()
     specimen = case.specimen.model_copy(
         update={
-            "length_um": LENGTH, "width_um": WIDTH, "mesh_size_um": 1.2, "fine_mesh_size_um": 1.0,
+            "length_um": LENGTH, "width_um": WIDTH,
+            "mesh_size_um": SIZES[0], "fine_mesh_size_um": SIZES[1],
             "boundary_point_um": (0.0, 2.0, 0.0), "boundary_normal": (0.1, 1.0, 0.2),
         }
     )  # fmt: skip
@@ -271,9 +285,9 @@ def pixels() -> FloatArray:
     return np.asarray(xy[inside])
 
 
-def bench() -> Bench:
-    """The specimen, with every parameter at its null but the knots."""
-    case, h = small_case(), history()
+def bench(case: Case | None = None) -> Bench:
+    """The specimen of a case (`small_case`), with every parameter at its null but the knots."""
+    case, h = case or small_case(), history()
     mesh = generate(geometry_of(case), case.specimen.mesh_size)
     model = build_model(case, mesh, h, pixels(), ClosedFormSolver(), 1)
     n = len(KNOTS) + 1
@@ -299,7 +313,7 @@ def height_maps(b: Bench, values: Mapping[str, float], seed: int) -> tuple[Float
     centre = np.array(b.model.instrument.centre)
 
     def appearance(x: FloatArray, y: FloatArray) -> FloatArray:
-        x, y = x + values["origin_X"], y + values["origin_Y"]
+        x, y = np.add(x, values["origin_X"]), np.add(y, values["origin_Y"])
         motion = field(signals, x, y)
         p = b.model.instrument.progress[:, None]
         drift = {n: values[n] * p for n in ("magnification_drift", "scan_shear_drift")}
@@ -308,12 +322,14 @@ def height_maps(b: Bench, values: Mapping[str, float], seed: int) -> tuple[Float
         motion[..., 0] += drift["scan_shear_drift"] * (y - centre[1])
         motion[..., 1] += drift["magnification_drift"] * (y - centre[1])
         motion[..., 2] += values["tilt_drift"] * p * (x - centre[0])
-        return motion
+        return np.asarray(motion + stage_error(b)[:, None])
 
-    x, y = np.broadcast_to(seen_x, (b.history.n_images, seen_x.size)), seen_y
+    x = np.broadcast_to(seen_x, (b.history.n_images, seen_x.size))
+    y = np.broadcast_to(seen_y, x.shape)
     for _ in range(8):
         motion = appearance(x, y)
-        x, y = seen_x - motion[..., 0], seen_y - motion[..., 1]
+        x = np.asarray(seen_x - motion[..., 0], dtype=np.float64)
+        y = np.asarray(seen_y - motion[..., 1], dtype=np.float64)
     frames = (relief(x, y) + appearance(x, y)[..., 2]).reshape(-1, *SHAPE)
     repeats = np.repeat(relief(seen_x, seen_y).reshape(1, *SHAPE), N_REPEATS, axis=0)
     rng = np.random.default_rng(seed)
@@ -321,6 +337,12 @@ def height_maps(b: Bench, values: Mapping[str, float], seed: int) -> tuple[Float
         frames + SIGMA * rng.standard_normal(frames.shape),
         repeats + SIGMA * rng.standard_normal(repeats.shape),
     )
+
+
+def stage_error(b: Bench) -> FloatArray:
+    """Rigid motion of each frame after the stage has re-centred and refocused [µm], (T, 3)."""
+    error = np.random.default_rng(77).uniform(-0.3, 0.3, (b.history.n_images, 3))
+    return error * [PIXEL, PIXEL, 0.1]
 
 
 def readings(b: Bench, values: Mapping[str, float], seed: int) -> FloatArray:
@@ -351,8 +373,33 @@ def objective(b: Bench, values: Mapping[str, float], seed: int = 0) -> Objective
         images,
         grid_basis(images.xy, images.bounds, 12 * PIXEL),
         grid_basis(images.xy, images.bounds, 8 * PIXEL),
+        b.model.predict(values).motion.mean(axis=1) + stage_error(b),
         "translation",
     )
     load = readings(b, values, seed)
     data = Data(image, load, LOAD_NOISE, 0.0, np.arange(b.history.n_images))
     return Objective(b.model, data, declared_parameters(len(KNOTS) + 1))
+
+
+def priors(b: Bench, start: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+    """Priors of the apex amplitudes, of the law and of the pose, as in a run."""
+    parameters = declared_parameters(len(KNOTS) + 1)
+    prior = {name: (start[name], LAMBDA_PRIOR / parameters[name].scale) for name in LAMBDAS}
+    prior |= {name: (start[name], 1.0) for name in LAW}
+    return prior | {p.name: (0.0, 1.0) for p in POSE_DECLARATIONS}
+
+
+def identified(b: Bench, made_with: Objective, finer: ForwardModel) -> tuple[Objective, Fit]:
+    """The baseline of a diagnosis: all but the extensions fitted, with the correction."""
+    n = len(KNOTS) + 1
+    pose = tuple(p.name for p in POSE_DECLARATIONS)
+    free = (*LAMBDAS, *pose, *elongation_names(n), *tilt_names(n), *LAW)
+    start = replace(made_with, prior=priors(b, b.truth))
+    first = fit(start, b.truth, free, 12, _silent)
+    change = correction(b.model, finer, first, _silent)
+    corrected = with_correction(start, 1.0, change, SIZES)
+    return corrected, fit(corrected, first.values, free, 12, _silent)
+
+
+def _silent(line: str) -> None:
+    pass

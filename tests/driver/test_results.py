@@ -6,6 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from driver.results import ResultError, prismid_version, read_hdf5, write_csv, write_hdf5
 
@@ -15,7 +16,7 @@ NOISE = np.random.default_rng(0).standard_normal((60, 40))
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     path = tmp_path / "some.h5"
-    arrays = {
+    arrays: dict[str, tuple[NDArray[np.generic] | float, str]] = {
         "time": (np.arange(3.0), "s"),
         "after/load": (np.array([1.0, np.nan, -np.inf]), "µN"),
         "after/motion": (NOISE.astype(np.float32), "µm"),

@@ -246,7 +246,10 @@ class _Moving:
 
 @dataclass(frozen=True, eq=False)
 class _Optics:
-    """The microscope: where its pixels look, its fixed pattern, its noise and its levels."""
+    """The microscope: where its pixels look, its fixed pattern, its noise and its levels.
+
+    The specimen lies within half a pixel of where the case says.
+    """
 
     x: FloatArray
     y: FloatArray
@@ -258,6 +261,7 @@ class _Optics:
     def random(rng: np.random.Generator, case: Case) -> _Optics:
         pixel, (row, column) = case.images.pixel_um, case.images.origin_pixel
         columns = round(case.specimen.length / pixel) + 1 + 2 * RIM
+        row, column = np.array([row, column]) + rng.uniform(-0.5, 0.5, 2)
         x, y = np.meshgrid(
             (np.arange(ROWS) - row) * pixel, (np.arange(columns) - column) * pixel, indexing="ij"
         )

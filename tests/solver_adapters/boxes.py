@@ -28,9 +28,9 @@ def box(
     n = np.array(shape)
     grid = np.stack(np.meshgrid(*[np.arange(k + 1) for k in n], indexing="ij"), axis=-1)
     corners = grid.reshape(-1, 3)
-    inside = ((corners > 0) & (corners < n)).all(axis=1)
+    inside = ((corners > 0) & (corners < n)).all(axis=1, keepdims=True)
     moves = np.random.default_rng(3).uniform(-jitter, jitter, corners.shape)
-    points = (corners + moves * inside[:, None]) * np.array(size) / n
+    points = (corners + moves * inside) * np.array(size) / n
     number = np.arange(len(corners)).reshape(n + 1)
     cells = []
     for base in np.ndindex(*shape):
@@ -103,10 +103,10 @@ def pulled(
     ends = np.concatenate([mesh.nodes["S_MINUS"], mesh.nodes["S_PLUS"]])
     length = float(mesh.points[:, 1].max())
     history = np.array([0.0, *strains])
-    times = interval * np.arange(len(history))
+    times = interval * np.arange(len(history), dtype=np.float64)
 
     def displacement(time: float, points: FloatArray) -> FloatArray:
         strain = np.interp(time, times, history)
-        return strain * points * [0.0, 1.0, 0.0] * (points[:, [1]] > length / 2)
+        return np.asarray(strain * points * [0.0, 1.0, 0.0] * (points[:, [1]] > length / 2))
 
     return moved(mesh, material, ends, displacement, times, tolerance, steps)

@@ -51,7 +51,7 @@ class Step:
 
 def cubic_stress(strain: AnyArray, p: AnyArray) -> AnyArray:
     """C : strain, all in crystal axes."""
-    stress = 2 * p[P_C44] * strain
+    stress: AnyArray = 2 * p[P_C44] * strain
     diagonal = np.diag(strain)
     np.fill_diagonal(stress, (p[P_C11] - p[P_C12]) * diagonal + p[P_C12] * diagonal.sum())
     return stress

@@ -101,7 +101,7 @@ def test_turning_the_specimen_while_it_is_pulled_changes_no_finite_strain_force(
     start = plain.mesh.points[ends]
     motion = plain.motion.copy()
     for row, time in enumerate(plain.times):
-        turn = rotation_vector_matrix(np.array([0.0, 0.01 * time, 0.0]))
+        turn = rotation_vector_matrix(np.array([0.0, 0.003 * time, 0.0]))
         motion[row] = (start + plain.motion[row]) @ turn.T - start
     # A cut would replace a part of the turn by a straight line.
     turned = solve(replace(plain, motion=motion))
@@ -139,8 +139,8 @@ def test_a_free_bar_yields_at_the_load_of_schmid() -> None:
     at = mesh.points[nodes]
     mask = np.zeros((len(nodes), 3), dtype=np.bool_)
     mask[:, 1] = True  # the ends slide freely but for one node, and one that stops the spin
-    mask[np.flatnonzero((at == [0, 0, 0]).all(axis=1)), :] = True
-    mask[np.flatnonzero((at == [2, 0, 0]).all(axis=1)), 2] = True
+    mask[np.flatnonzero((at == np.array([0, 0, 0])).all(axis=1)), :] = True
+    mask[np.flatnonzero((at == np.array([2, 0, 0])).all(axis=1)), 2] = True
     response = solve(replace(plain, motion_mask=mask))
     axis = ORIENTATIONS[0].T @ [0.0, 1.0, 0.0]
     factor = abs(np.einsum("i,sij,j->s", axis, schmid_tensors(), axis)).max()
@@ -166,10 +166,10 @@ def test_a_step_that_is_too_long_is_cut_and_ends_near_the_answer_of_many(
 
 
 def test_steps_grow_back_after_a_cut() -> None:
-    """The steps after a cut are shorter than the interval, yet fewer than if none grew."""
-    response = solve(pulled(box(), Material(strain_measure="small"), (0.05, 0.051, 0.052)))
+    """Five cuts make steps of 1/32: without growth there would be 32 of them."""
+    response = solve(pulled(box(), Material(strain_measure="small"), (0.5,)))
     assert response.cuts >= 4
-    assert response.steps < 2**response.cuts
+    assert response.steps < 2 ** (response.cuts - 1)
 
 
 def test_a_step_without_solution_names_time_element_and_grain(measure: StrainMeasure) -> None:
@@ -193,7 +193,7 @@ def test_only_the_wanted_instants_and_nodes_are_answered() -> None:
     nodes = np.array([7, 3])
     part = solve(replace(simulation, output=np.array([3, 1]), output_nodes=nodes))
     np.testing.assert_array_equal(part.force, whole.force[[3, 1]])
-    np.testing.assert_array_equal(part.displacement, whole.displacement[np.ix_([3, 1], nodes)])
+    np.testing.assert_array_equal(part.displacement, whole.displacement[np.ix_(np.array([3, 1]), nodes)])
 
 
 @pytest.mark.parametrize(

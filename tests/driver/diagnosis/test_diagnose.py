@@ -1,0 +1,180 @@
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from driver.diagnosis.causes import LIBRARY, NUMERICS
+from driver.diagnosis.diagnose import Diagnosis, Settings, diagnose, screen
+from driver.identification.fit import Fit
+from tests.driver import closed_form
+
+FloatArray = NDArray[np.float64]
+
+BENCH = closed_form.bench()
+SETTINGS = Settings(
+    wanted=None, refit=5, held_out=2, processes=1, threads=1, free_chi=1.0, sizes=closed_form.SIZES
+)
+
+
+def silent(line: str) -> None:
+    pass
+
+
+def diagnosed(
+    injected: Mapping[str, float],
+    in_load: FloatArray | float = 0.0,
+    finer: float = 0.001,
+    settings: Settings = SETTINGS,
+) -> Diagnosis:
+    """The diagnosis of data made with some parameters off their null."""
+    made = closed_form.objective(BENCH, BENCH.truth | injected)
+    made = replace(made, data=replace(made.data, load=made.data.load + in_load))
+    fine = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(finer))
+    objective, baseline = closed_form.identified(BENCH, made, fine)
+    return diagnose(baseline, objective, fine, BENCH.history.cycle, settings, silent)
+
+
+@cache
+def null() -> Diagnosis:
+    return diagnosed({})
+
+
+@cache
+def curved() -> Diagnosis:
+    return diagnosed({"stretch_curvature": 0.1})
+
+
+def sigma(found: Diagnosis, name: str) -> float:
+    return found.extended.sigma(name, found.objective.parameters)
+
+
+def test_nothing_is_wrong_where_nothing_was_put_in() -> None:
+    found = null()
+    assert found.verdict.kind == "nothing wrong" and not found.causes
+    assert found.extended is found.baseline and found.log_evidence == 0
+    assert np.isnan(found.explained) and len(found.steps) == 1
+    assert found.held_out is not None and found.held_out[0] == found.held_out[1]
+
+
+def test_every_cause_has_its_score_and_the_smallest_effect_that_would_have_been_seen() -> None:
+    (step,) = null().steps
+    scores = {s.cause.name: s for s in step.scores}
+    assert set(scores) == {cause.name for cause in (*LIBRARY, NUMERICS)}
+    evidence = [s.log_evidence for s in step.scores]
+    assert evidence == sorted(evidence, reverse=True)
+    # This solver does not know how the grain boundary is tilted or bowed.
+    for name in ("boundary_tilt", "boundary_bow"):
+        assert scores[name].p == 1.0 and np.isinf(scores[name].visible).all()
+    assert scores["stretch_not_proportional"].visible[0] < 1
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value", "cause", "category"),
+    [
+        ("tilt_drift", 2e-3, "tilt_drift", "instrument"),
+        ("apex_curvature", 0.3, "apex_not_proportional", "boundary"),
+        ("Q", 25.0, "isotropic_hardening", "material"),
+    ],
+)
+def test_what_was_put_in_is_named_and_measured(
+    parameter: str, value: float, cause: str, category: str
+) -> None:
+    found = diagnosed({parameter: value})
+    assert found.verdict.kind == "named" and found.verdict.causes == (cause,)
+    assert found.causes[0].category == category
+    # The prior draws a weakly seen parameter towards its null.
+    assert abs(found.extended.values[parameter] - value) < 3.5 * sigma(found, parameter)
+    assert found.log_evidence > 5 and found.gate.passed
+    assert found.steps[0].named[0] == cause and found.steps[-1].named == ()
+
+
+def test_the_gain_is_measured_on_all_images_and_on_a_cycle_that_was_not_fitted() -> None:
+    found = curved()
+    assert found.verdict.causes == ("stretch_not_proportional",)
+    assert found.extended.values["stretch_curvature"] == pytest.approx(0.1, abs=0.01)
+    assert found.explained == pytest.approx(1.0, abs=0.1)
+    assert found.baseline.best.chi_load > 3 and found.extended.best.chi_load < 1.2
+    assert found.held_out is not None
+    before, after = found.held_out
+    assert before.cycle == after.cycle == 2 and after.chi_load < 0.3 * before.chi_load
+    assert found.steps[0].refits and found.steps[-1].omnibus.accepted
+    assert not found.steps[0].omnibus.accepted
+
+
+def test_causes_that_scale_the_load_alike_are_one_set() -> None:
+    found = diagnosed({"elastic_scale": 1.2})
+    assert found.verdict.kind == "one of this set"
+    assert {"elastic_stiffness", "load_gain", "section_depth"} <= set(found.verdict.causes)
+
+
+def test_two_effects_come_out_as_two() -> None:
+    found = diagnosed({"tilt_drift": 2e-3, "load_drift": 50.0})
+    assert found.verdict.kind == "named"
+    assert set(found.verdict.causes) == {"tilt_drift", "load_drift"}
+    assert found.steps[0].named == ("tilt_drift",) and len(found.steps) == 3
+
+
+def test_what_is_not_in_the_library_is_not_explained_away() -> None:
+    progress = BENCH.model.instrument.progress
+    found = diagnosed({}, in_load=20 * np.sin(6 * np.pi * progress))
+    assert found.verdict.kind in ("unexplained", "named, but something is left")
+    assert not found.steps[-1].omnibus.accepted and found.explained < 0.7
+
+
+def test_only_wanted_causes_are_tried() -> None:
+    found = diagnosed(
+        {"tilt_drift": 2e-3},
+        settings=replace(SETTINGS, wanted=("load_gain", "end_rotation"), held_out=None),
+    )
+    tried = {s.cause.name for s in found.steps[0].scores}
+    assert tried == {"load_gain", "end_rotation", NUMERICS.name}
+    assert "tilt_drift" not in found.verdict.causes and found.held_out is None
+
+
+def test_images_that_free_correlation_cannot_follow_limit_what_is_named() -> None:
+    """The same tilt, 40 σ with good images, is not seen if they are ten times worse than noise."""
+    found = diagnosed({"tilt_drift": 2e-3}, settings=replace(SETTINGS, free_chi=20.0))
+    assert found.verdict.kind == "imaging-limited" and not found.causes
+    assert found.objective.data.image.noise_factor == pytest.approx(20.0)
+
+
+def test_a_simulation_that_changes_its_own_error_is_refused_a_verdict() -> None:
+    found = diagnosed({"stretch_curvature": 0.1}, finer=0.5)
+    assert found.verdict.kind == "numerics" and not found.gate.passed
+    assert f"by {found.gate.effect:.1f} σ along {found.gate.cause}" in found.verdict.text
+    assert curved().gate.passed
+
+
+def test_scores_of_small_effects_are_what_a_refit_finds() -> None:
+    made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": 4e-4})
+    fine = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.001))
+    objective, baseline = closed_form.identified(BENCH, made, fine)
+    cause = next(c for c in LIBRARY if c.name == "tilt_drift")
+    scores, screening = screen(baseline, objective, [cause])
+    score = next(s for s in scores if s.cause is cause)
+    assert screening.free == (*baseline.best.free, "tilt_drift")
+    settings = replace(SETTINGS, wanted=("tilt_drift",), held_out=None)
+    found = diagnose(baseline, objective, fine, BENCH.history.cycle, settings, silent)
+    (refit,) = found.steps[0].refits
+    assert refit.log_evidence == pytest.approx(score.log_evidence, rel=0.05)
+    scale = objective.parameters["tilt_drift"].scale
+    assert refit.fit.values["tilt_drift"] / scale == pytest.approx(score.estimate[0], rel=0.05)
+
+
+def test_a_drift_that_is_fitted_is_no_knot_of_the_held_out_cycle() -> None:
+    """`tilt_drift` sounds like a knot, `tilt_1` is one."""
+    made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": 2e-3})
+    fine = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.001))
+    objective, baseline = closed_form.identified(BENCH, made, fine)
+    objective = replace(objective, prior={**objective.prior, "tilt_drift": (0.0, 1.0)})
+    free = ("tilt_drift", *baseline.best.free)
+    fitted: Fit = closed_form.fit(objective, baseline.values, free, 8, silent)
+    settings = replace(SETTINGS, held_out=1)
+    found = diagnose(fitted, objective, fine, BENCH.history.cycle, settings, silent)
+    assert found.verdict.kind == "nothing wrong" and found.held_out is not None
+    assert found.held_out[0].chi_image < 1.5

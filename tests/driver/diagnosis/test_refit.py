@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from driver.diagnosis.causes import Cause
+from driver.diagnosis.refit import log_bayes_factor, with_prior
+from driver.diagnosis.score import score
+from driver.identification.fit import Evaluation, Fit, fit
+from solver_adapters.parameter import Parameter
+from tests.driver import closed_form
+from tests.driver.analytic import formula
+
+FloatArray = NDArray[np.float64]
+
+RNG = np.random.default_rng(9)
+A = RNG.standard_normal((4, 50))
+PARAMETERS = [
+    Parameter("a", "", 0.0, 1.0), Parameter("b", "", 0.0, 0.5), Parameter("Q", "MPa", 0.0, 10.0),
+    Parameter("load_drift", "µN", 0.0, 20.0),
+]  # fmt: skip
+ZERO = {p.name: 0.0 for p in PARAMETERS}
+
+
+def fitted(measured: FloatArray, free: tuple[str, ...]) -> Fit:
+    prior = {"b": (0.2, 0.4)} | {name: (0.0, 1.0) for name in ("Q", "load_drift")}
+    objective = formula(lambda p: (p @ A, A), measured, PARAMETERS, prior)
+    return fit(objective, ZERO, free, 3, lambda line: None, tolerance=1e-9)
+
+
+@pytest.mark.parametrize("added", [("Q",), ("Q", "load_drift")])
+def test_where_the_model_is_linear_the_refit_has_the_evidence_of_the_score(
+    added: tuple[str, ...],
+) -> None:
+    measured = A.T @ [0.5, 0.1, 0.05, 0.0] + RNG.standard_normal(50)
+    baseline, extended = fitted(measured, ("a", "b")).best, fitted(measured, ("a", "b", *added))
+    screening = fitted(measured, ("a", "b", *added)).best
+    # The Jacobian is per prior scale: θ of a plain parameter.
+    found = score(Cause("x", "material", added, "", ""), screening.jacobian[2:], baseline, 1)
+    objective = formula(
+        lambda p: (p @ A, A), measured, PARAMETERS, {name: (0.0, 1.0) for name in added}
+    )
+    evidence = log_bayes_factor(baseline, extended.best, objective, added)
+    assert evidence == pytest.approx(found.log_evidence, abs=1e-6)
+
+
+def test_a_wider_prior_costs_evidence() -> None:
+    measured = A.T @ [0.5, 0.1, 0.3, 0.0] + RNG.standard_normal(50)
+
+    def evidence(width: float) -> float:
+        prior = {"Q": (0.0, width)}
+        objective = formula(lambda p: (p @ A, A), measured, PARAMETERS, prior)
+
+        def best(free: tuple[str, ...]) -> Evaluation:
+            return fit(objective, ZERO, free, 3, lambda line: None, tolerance=1e-9).best
+
+        return log_bayes_factor(best(("a",)), best(("a", "Q")), objective, ("Q",))
+
+    assert evidence(10.0) - evidence(100.0) == pytest.approx(np.log(10), abs=0.1)
+
+
+def test_priors_of_a_cause_stand_about_the_case_with_the_scale_of_the_library() -> None:
+    b = closed_form.bench()
+    material = b.case.material.model_copy(update={"n": 20.0})
+    model = closed_form.bench(b.case.model_copy(update={"material": material})).model
+    objective = closed_form.objective(b, b.truth)
+    rates = Cause("rates", "material", ("n", "K"), "", "", companions=("b",))
+    prior = with_prior(type(objective)(model, objective.data, objective.parameters), rates).prior
+    assert prior == {"n": (20.0, 0.3), "K": (12.0, 0.3), "b": (30.0, 0.47)}
+    drift = with_prior(objective, Cause("drift", "instrument", ("load_drift",), "", ""))
+    assert drift.prior == {"load_drift": (0.0, 1.0)} and objective.prior == {}

@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+
+from driver.diagnosis.causes import LIBRARY
+from driver.diagnosis.verdict import MOST_ADDITIONS, Verdict, decide
+
+SENTENCES = {cause.name: cause.sentence for cause in LIBRARY}
+CHECKS = {cause.name: cause.check for cause in LIBRARY}
+CONTRAST, GAIN, DRIFT = ("grain_contrast",), ("load_gain", "section_depth"), ("tilt_drift",)
+
+
+def of(
+    *added: Sequence[str],
+    accepted: bool = True,
+    imaging: bool = False,
+    numerics: str | None = None,
+) -> Verdict:
+    return decide(added, accepted, imaging, numerics, SENTENCES, CHECKS)
+
+
+@pytest.mark.parametrize(
+    ("found", "kind", "causes"),
+    [
+        (of(), "nothing wrong", ()),
+        (of(accepted=False), "unexplained", ()),
+        (of(imaging=True), "imaging-limited", ()),
+        (of(imaging=True, accepted=False), "imaging-limited", ()),
+        (of(CONTRAST), "named", ("grain_contrast",)),
+        (of(CONTRAST, imaging=True), "named", ("grain_contrast",)),
+        (of(CONTRAST, DRIFT), "named", ("grain_contrast", "tilt_drift")),
+        (of(GAIN), "one of this set", GAIN),
+        (of(CONTRAST, GAIN), "one of this set", ("grain_contrast", *GAIN)),
+        (of(CONTRAST, accepted=False), "named, but something is left", ("grain_contrast",)),
+        (of(GAIN, accepted=False), "named, but something is left", ("load_gain",)),
+        (of(CONTRAST, DRIFT, GAIN), "unexplained", ("grain_contrast", "tilt_drift", "load_gain")),
+        (of(CONTRAST, numerics="a finer mesh is needed"), "numerics", ("discretisation",)),
+    ],
+)
+def test_the_kind_of_the_answer(found: Verdict, kind: str, causes: tuple[str, ...]) -> None:
+    assert found.kind == kind and found.causes == causes
+    assert found.text[0].isupper() and found.text.endswith(".") and found.next.endswith(".")
+
+
+def test_as_many_additions_as_are_allowed_explain_nothing() -> None:
+    assert MOST_ADDITIONS == 3
+    assert "shadow of one that is not in the library" in of(CONTRAST, DRIFT, GAIN).text
+
+
+def test_what_is_named_is_said_and_can_be_confirmed() -> None:
+    found = of(CONTRAST, DRIFT)
+    assert found.text.startswith("The two grains have different critical resolved shear stresses")
+    assert SENTENCES["tilt_drift"] in found.text
+    assert CHECKS["grain_contrast"] in found.next and CHECKS["tilt_drift"] in found.next
+
+
+def test_what_cannot_be_told_apart_is_said_with_the_check_of_each() -> None:
+    found = of(GAIN)
+    assert f", or {SENTENCES['section_depth']}" in found.text
+    assert found.next.startswith("These data cannot tell load_gain or section_depth.")
+    assert CHECKS["load_gain"] in found.next and CHECKS["section_depth"] in found.next
+
+
+def test_what_is_left_is_said() -> None:
+    assert "still not noise" in of(GAIN, accepted=False).text
+    assert "maps of what is left" in of(accepted=False).next
+
+
+def test_a_coarse_simulation_says_what_it_needs() -> None:
+    found = of(CONTRAST, numerics="a mesh half as large is needed")
+    assert "a mesh half as large is needed." in found.text

@@ -1,0 +1,372 @@
+from __future__ import annotations
+
+import csv
+import json
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from driver import export, pipeline
+from driver.case import default_case, load_case, write_case
+from driver.export import ExportError, export_case
+from driver.paraview import aligned, pixel_squares
+from driver.results import ResultError, write_hdf5
+from driver.stages import stage_key
+
+Arrays = dict[str, tuple[NDArray[np.generic] | float, str]]
+PIXEL = 0.11
+TIME = np.array([0.0, 40.5, 81.0])
+STAGE = np.array([0.0, 10.0, 4.0])
+FORCE = np.array([1.5, 302.0, 120.25])
+SHIFT = np.array([[0.0, 0.0, 0.0], [0.02, -0.05, 0.01], [-0.03, 0.04, 0.2]])
+# Seven pixels of a field of 3 × 3: one is masked in the middle of the first row, one at a corner.
+ROWS, COLS = np.array([0, 1, 1, 1, 2, 2, 2]), np.array([0, 0, 1, 2, 0, 1, 2])
+XY = np.column_stack([(ROWS - 1) * PIXEL, COLS * PIXEL])
+OUTPUTS = {
+    "mesh": ("mesh.med", "mesh.vtu"),
+    "measure": ("measure.h5",),
+    "identify": ("identify.h5",),
+    "diagnose": ("diagnosis.json", "diagnosis.h5"),
+}
+
+
+class Results:
+    """A small case of three images whose results are known; both models stretch the face."""
+
+    def __init__(self, folder: Path) -> None:
+        self.case_path, self.folder = folder / "case.toml", folder / "results"
+        self.to = folder / "to"
+        folder.mkdir(exist_ok=True)
+        self.folder.mkdir()
+        write_case(default_case(), self.case_path)
+        rows = "".join(
+            f"{t},{s},{i},{f / 2}\n"
+            for i, (t, s, f) in enumerate(zip(TIME, STAGE, FORCE, strict=True))
+        )
+        (folder / "history.csv").write_text("time_s,stage_um,image,force_N\n" + rows)
+        stretch = np.zeros((3, 7, 3))
+        stretch[..., 1] = np.outer([0.0, 0.01, 0.005], XY[:, 1])
+        self.motion = {"final": stretch, "after": 1.1 * stretch}
+        self.rho = {key: np.arange(21.0).reshape(3, 7) * 1e-3 for key in self.motion}
+        self.load = {"final": np.array([0.0, 300.0, 130.0]), "after": np.array([0.5, 302.5, 120.0])}
+        self.measured = stretch + SHIFT[:, None, :]
+        self.reference = np.arange(9.0).reshape(3, 3) / 100
+        self.write_measure()
+        names = ["tau0", "elongation_1", "elongation_2"]
+        everything = {"tau0": 21.0, "elongation_1": 0.064, "elongation_2": 0.056, "tilt_1": 0.0,
+                      "tilt_2": 0.0, "tau0_grain2": 1.0}  # fmt: skip
+        write_hdf5(
+            self.folder / "identify.h5",
+            {
+                "sigma": (np.array([0.5, 1e-3, 2e-3]), "see units"),
+                "start": (np.array([40.0, 0.0, 0.0]), "see units"),
+                **self.predictions("final"),
+            },
+            {
+                "names": json.dumps(names),
+                "units": json.dumps(["MPa", "µm", "µm"]),
+                "all_values": json.dumps(everything),
+            },
+        )
+        write_hdf5(self.folder / "diagnosis.h5", self.predictions("after"))
+        extended = {
+            "tau0": {"value": 20.0, "sigma": 0.4, "unit": "MPa"},
+            "elongation_1": {"value": 0.065, "sigma": 1e-3, "unit": "µm"},
+            "elongation_2": {"value": 0.057, "sigma": 1e-3, "unit": "µm"},
+            "tau0_grain2": {"value": 1.15, "sigma": 0.02, "unit": ""},
+            "tilt_drift": {"value": 1e-3, "sigma": 1e-4, "unit": ""},
+            "reason": "the Newton decrement is 0.01 σ",
+        }
+        (self.folder / "diagnosis.json").write_text(json.dumps({"extended": extended}))
+        (self.folder / "mesh.med").write_bytes(b"not read by an export")
+        corners = np.vstack([np.zeros(3), np.eye(3)])
+        pairs = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]
+        points = np.vstack([corners, [corners[list(pair)].mean(axis=0) for pair in pairs]])
+        cells = [("tetra10", np.arange(10)[None])]
+        meshio.Mesh(points, cells, cell_data={"grain": [np.array([2])]}).write(
+            self.folder / "mesh.vtu"
+        )
+        self.record("mesh", "measure", "identify", "diagnose")
+
+    def predictions(self, prefix: str) -> Arrays:
+        return {
+            f"{prefix}/load": (self.load[prefix], "µN"),
+            f"{prefix}/load_residual": (FORCE - self.load[prefix], "µN"),
+            f"{prefix}/motion": (self.motion[prefix], "µm"),
+            f"{prefix}/rho": (self.rho[prefix], "µm"),
+        }
+
+    def write_measure(self) -> None:
+        write_hdf5(
+            self.folder / "measure.h5",
+            {
+                "time": (TIME, "s"),
+                "stage": (STAGE, "µm"),
+                "cycle": (np.array([1, 1, 1]), "1"),
+                "force": (FORCE, "µN"),
+                "reference": (self.reference, "µm"),
+                "xy": (XY, "µm"),
+                "rows": (ROWS, "pixel"),
+                "cols": (COLS, "pixel"),
+                "motion": (self.measured, "µm"),
+                "chi": (np.array([1.0, 1.1, 0.9]), "1"),
+                "elongation": (np.array([0.0, 0.07, 0.05]), "µm"),
+                "tilt": (np.array([0.0, 0.02, 0.01]), "µm"),
+            },
+        )
+
+    def record(self, *finished: str) -> None:
+        """What `run_stages` would have written after these stages."""
+        case, key = load_case(self.case_path), ""
+        entries: dict[str, dict[str, object]] = {}
+        for stage in pipeline.stages(case):
+            key = stage_key(stage, case, key)
+            if stage.name in finished:
+                entries[stage.name] = {"key": key, "outputs": OUTPUTS[stage.name]}
+        (self.folder / "stages.json").write_text(json.dumps(entries))
+
+    def edit(self, old: str, new: str) -> None:
+        text = self.case_path.read_text("utf-8")
+        assert text.count(old) == 1
+        self.case_path.write_text(text.replace(old, new), encoding="utf-8")
+
+    def frames(self) -> list[tuple[float, meshio.Mesh]]:
+        """Time and mesh of each step of the exported series."""
+        sets = ElementTree.parse(self.to / "surface.pvd").getroot().findall("Collection/DataSet")
+        return [
+            (float(s.attrib["timestep"]), meshio.read(self.to / s.attrib["file"])) for s in sets
+        ]
+
+    def table(self, name: str) -> list[dict[str, str]]:
+        with (self.to / name).open(encoding="utf-8", newline="") as file:
+            return list(csv.DictReader(file))
+
+    def numbers(self, name: str, column: str) -> NDArray[np.float64]:
+        return np.array([float(row[column]) for row in self.table(name)])
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Results:
+    return Results(tmp_path / "alpha")
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+
+
+def test_the_series_holds_every_image_at_its_time_with_all_fields(results: Results) -> None:
+    pipeline.export(results.case_path, results.to)
+    frames = results.frames()
+    assert [time for time, _ in frames] == TIME.tolist()
+    for t, (_, mesh) in enumerate(frames):
+        assert mesh.points == pytest.approx(np.column_stack([XY, np.zeros(7)]))
+        fields = mesh.point_data
+        assert fields["motion_model_um"] == pytest.approx(results.motion["final"][t], abs=1e-9)
+        assert fields["motion_extended_um"] == pytest.approx(results.motion["after"][t], abs=1e-9)
+        assert fields["residual_model_nm"] == pytest.approx(1e3 * results.rho["final"][t])
+        assert fields["residual_extended_nm"] == pytest.approx(1e3 * results.rho["after"][t])
+        assert fields["height_um"] == pytest.approx(results.reference[ROWS, COLS])
+
+
+def test_the_shift_of_the_stage_is_taken_off_the_measured_motion_and_kept(results: Results) -> None:
+    export_case(results.case_path, results.to)
+    for _, mesh in results.frames():
+        motion = mesh.point_data
+        assert motion["motion_measured_um"] == pytest.approx(motion["motion_model_um"], abs=1e-8)
+    for i, axis in enumerate("XYZ"):
+        column = results.numbers("images.csv", f"shift_{axis}_nm")
+        assert column == pytest.approx(1e3 * SHIFT[:, i], abs=1e-6)
+
+
+def test_rotations_are_taken_off_in_the_rigid_gauge_alone(results: Results) -> None:
+    x, y = (XY - XY.mean(axis=0)).T
+    results.measured[1] += np.column_stack([-2e-3 * y, 2e-3 * x, 5e-3 * x - 4e-3 * y])
+    results.write_measure()
+    export_case(results.case_path, results.to)
+    shown = results.frames()[1][1].point_data
+    left = np.abs(shown["motion_measured_um"] - shown["motion_model_um"]).max()
+    assert left > 2e-4
+    expected = {"slope_vX_urad": 2000.0, "slope_wX_urad": 5000.0, "slope_wY_urad": -4000.0}
+    for name, slope in expected.items():
+        assert results.numbers("images.csv", name)[1] == pytest.approx(slope)
+    results.edit('gauge = "translation"', 'gauge = "rigid"')
+    results.record("mesh", "measure", "identify", "diagnose")
+    export_case(results.case_path, results.to)
+    shown = results.frames()[1][1].point_data
+    assert shown["motion_measured_um"] == pytest.approx(shown["motion_model_um"], abs=1e-8)
+
+
+def test_what_is_removed_is_rigid_and_nothing_of_a_stretch_is() -> None:
+    motion = np.zeros((1, 7, 3))
+    motion[0, :, 1] = XY[:, 1] - XY[:, 1].mean()
+    kept, _ = aligned(motion, np.zeros_like(motion), XY, rigid=False)
+    assert kept == pytest.approx(motion, abs=1e-15)
+
+
+def test_squares_face_the_viewer_and_leave_masked_pixels_out() -> None:
+    squares = pixel_squares(ROWS, COLS)
+    assert len(squares) == 2  # two of the four squares of the field touch a masked pixel
+    for square in squares:
+        x, y = XY[square].T
+        area = 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1))
+        assert area == pytest.approx(PIXEL**2)
+
+
+def test_the_volume_mesh_keeps_its_grains(results: Results) -> None:
+    export_case(results.case_path, results.to)
+    mesh = meshio.read(results.to / "mesh.vtu")
+    assert mesh.cells_dict["tetra10"].tolist() == [list(range(10))]
+    assert mesh.cell_data["grain"][0].tolist() == [2]
+
+
+@pytest.mark.parametrize("label", ["model", "extended"])
+def test_model_and_residual_make_up_the_measured_load(results: Results, label: str) -> None:
+    export_case(results.case_path, results.to)
+    made_up = results.numbers("loads.csv", f"load_{label}_uN")
+    made_up = made_up + results.numbers("loads.csv", f"residual_{label}_uN")
+    assert made_up == pytest.approx(results.numbers("loads.csv", "load_measured_uN"))
+    assert results.numbers("loads.csv", "load_measured_uN") == pytest.approx(FORCE)
+    assert results.numbers("loads.csv", "time_s") == pytest.approx(TIME)
+
+
+def test_knots_stand_at_the_turning_points_in_nanometres(results: Results) -> None:
+    export_case(results.case_path, results.to)
+    assert results.numbers("knots.csv", "stage_um").tolist() == [0.0, 10.0, 4.0]
+    assert results.numbers("knots.csv", "elongation_model_nm") == pytest.approx([0, 64, 56])
+    assert results.numbers("knots.csv", "elongation_extended_nm") == pytest.approx([0, 65, 57])
+    rows = results.table("knots.csv")
+    assert [row["elongation_model_sigma_nm"] for row in rows] == ["", "1", "2"]
+    # Tilt knots are not free here: they have a value and no standard deviation.
+    assert [(row["tilt_model_nm"], row["tilt_model_sigma_nm"]) for row in rows] == [("0", "")] * 3
+
+
+def test_parameters_of_both_models_stand_side_by_side(results: Results) -> None:
+    export_case(results.case_path, results.to)
+    columns = ("parameter", "unit", "start", "model", "model_sigma", "extended", "extended_sigma")
+    assert [tuple(row[name] for name in columns) for row in results.table("parameters.csv")] == [
+        ("tau0", "MPa", "40", "21", "0.5", "20", "0.4"),
+        ("tau0_grain2", "", "", "", "", "1.15", "0.02"),
+        ("tilt_drift", "", "", "", "", "0.001", "0.0001"),
+    ]
+
+
+def test_the_readme_names_every_file_field_and_column_group(results: Results) -> None:
+    export_case(results.case_path, results.to)
+    text = (results.to / "README.txt").read_text("utf-8")
+    for path in results.to.iterdir():
+        assert path.name == "README.txt" or path.name in text
+    for field in results.frames()[0][1].point_data:
+        assert field in text
+
+
+@pytest.mark.parametrize("missing", ["mesh", "measure", "identify"])
+def test_a_missing_stage_is_named_with_the_command_that_makes_it(
+    results: Results, missing: str
+) -> None:
+    results.record(*({"mesh", "measure", "identify"} - {missing}))
+    with pytest.raises(ExportError) as error:
+        export_case(results.case_path, results.to)
+    assert str(error.value) == (
+        f"{results.folder}: stage {missing}: found no results, expected those of the case as it "
+        f"is (`prismid run {results.case_path} --until identify` makes them)"
+    )
+    assert not results.to.exists()
+
+
+def test_a_case_that_was_never_run_is_told_so(tmp_path: Path) -> None:
+    write_case(default_case(), tmp_path / "case.toml")
+    with pytest.raises(ExportError, match="stage mesh: found no results"):
+        export_case(tmp_path / "case.toml", tmp_path / "to")
+
+
+def test_a_lost_result_file_counts_as_missing(results: Results) -> None:
+    (results.folder / "identify.h5").unlink()
+    with pytest.raises(ExportError, match="stage identify: found no results"):
+        export_case(results.case_path, results.to)
+
+
+def test_results_of_an_edited_case_are_not_passed_off_as_its_own(results: Results) -> None:
+    results.edit("tau0_MPa = 40.0", "tau0_MPa = 30.0")
+    with pytest.raises(ExportError, match="stage identify: found results of another state"):
+        export_case(results.case_path, results.to)
+
+
+@pytest.mark.parametrize("why", ["never run", "of another state"])
+def test_without_a_diagnosis_of_the_case_the_rest_is_exported(results: Results, why: str) -> None:
+    if why == "never run":
+        results.record("mesh", "measure", "identify")
+    else:
+        results.edit("refit = 5", "refit = 3")
+    export_case(results.case_path, results.to)
+    names = [*results.frames()[0][1].point_data, *results.table("loads.csv")[0],
+             *results.table("knots.csv")[0], *results.table("parameters.csv")[0]]  # fmt: skip
+    assert "load_model_uN" in names and not [name for name in names if "extended" in name]
+    assert "no finished diagnosis" in (results.to / "README.txt").read_text("utf-8")
+
+
+def test_files_of_others_are_left_alone_and_an_earlier_export_is_replaced(results: Results) -> None:
+    results.to.mkdir()
+    (results.to / "notes.md").write_text("mine")
+    export_case(results.case_path, results.to)
+    before = contents(results.to)
+    results.load["after"] += 1.0
+    write_hdf5(results.folder / "diagnosis.h5", results.predictions("after"))
+    export_case(results.case_path, results.to)
+    after = contents(results.to)
+    assert after.keys() == before.keys() and after["notes.md"] == b"mine"
+    assert after["loads.csv"] != before["loads.csv"]
+    assert after["knots.csv"] == before["knots.csv"]
+
+
+@pytest.mark.parametrize("name", ["README.txt", "loads.csv"])
+def test_a_file_of_others_is_never_overwritten(results: Results, name: str) -> None:
+    results.to.mkdir()
+    (results.to / name).write_text("mine")
+    with pytest.raises(ExportError, match=f"--to: found a file {name} that is no export"):
+        export_case(results.case_path, results.to)
+    assert contents(results.to) == {name: b"mine"}
+
+
+def test_a_file_in_the_place_of_the_folder_is_refused(results: Results) -> None:
+    results.to.write_text("mine")
+    with pytest.raises(ExportError, match="--to: found a file, expected a folder"):
+        export_case(results.case_path, results.to)
+    assert results.to.read_text() == "mine"
+
+
+def test_a_broken_result_leaves_the_earlier_export_as_it_was(results: Results) -> None:
+    export_case(results.case_path, results.to)
+    before = contents(results.to)
+    whole = (results.folder / "identify.h5").read_bytes()
+    (results.folder / "identify.h5").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ResultError, match="identify.h5"):
+        export_case(results.case_path, results.to)
+    assert contents(results.to) == before
+
+
+def test_an_export_that_breaks_off_leaves_the_earlier_one_and_nothing_else(
+    results: Results, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    export_case(results.case_path, results.to)
+    before = contents(results.to)
+    results.load["after"] += 1.0
+    write_hdf5(results.folder / "diagnosis.h5", results.predictions("after"))
+
+    def full(path: Path, columns: Mapping[str, object]) -> None:
+        path.write_text("half of it")
+        raise OSError("No space left on device")
+
+    monkeypatch.setattr(export, "write_csv", full)
+    with pytest.raises(OSError, match="No space"):
+        export_case(results.case_path, results.to)
+    assert contents(results.to) == before
+    assert not list(results.to.glob("partial-*"))

@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+
+from driver.case import default_case, schema
+from driver.diagnosis.causes import LIBRARY, NUMERICS
+from driver.diagnosis.verdict import Kind
+from driver.model import declared_parameters
+from driver.report.findings import FILES
+from solver_adapters.material import MATERIAL_PARAMETERS
+from solver_adapters.parameter import Parameter
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+CASE_FILE, METHOD, RESULTS = (
+    (DOCS / f"{name}.md").read_text(encoding="utf-8") for name in ("case-file", "method", "results")
+)
+# Open tables: their keys are names of parameters.
+OPEN = {"extensions", "identification.prior_width"}
+
+
+def schema_keys() -> dict[str, Any]:
+    """Every key of the schema as "table.key", with its default (None where there is none)."""
+    whole = schema()
+    keys: dict[str, Any] = {}
+
+    def follow(node: dict[str, Any], table: str) -> None:
+        for key, field in node["properties"].items():
+            name = f"{table}.{key}".lstrip(".")
+            reference = field.get("$ref") or field.get("items", {}).get("$ref")
+            if reference:
+                follow(whole["$defs"][reference.split("/")[-1]], name)
+            elif name not in OPEN:
+                keys[name] = field.get("default", "required" if key in node["required"] else None) \
+                    if "required" in node else field.get("default")  # fmt: skip
+
+    follow(whole, "")
+    return keys
+
+
+def documented() -> dict[str, str]:
+    """Every key of the tables of docs/case-file.md with its default."""
+    keys: dict[str, str] = {}
+    for section in CASE_FILE.split("\n## ")[1:]:
+        heading = re.match(r"`\[+([\w.]+)\]+`", section)
+        if heading:
+            for key, default in re.findall(r"^\| `(\w+)` \| (.*?) \|", section, re.MULTILINE):
+                keys[f"{heading[1]}.{key}"] = default
+    return keys
+
+
+def test_every_key_of_the_schema_is_documented_with_its_default_and_no_other() -> None:
+    expected = {}
+    for key, default in schema_keys().items():
+        text = default if default == "required" else json.dumps(default, ensure_ascii=False)
+        expected[key] = "—" if default is None else text
+    found = documented()
+    found.pop("identification.prior_width")
+    assert found == expected
+
+
+def test_the_open_tables_of_the_case_are_documented() -> None:
+    written = default_case().model_dump()
+    assert "extensions" in written and "prior_width" in written["identification"]
+    assert all(f"`[{name}]`" in CASE_FILE for name in OPEN)
+
+
+@pytest.mark.parametrize(
+    "parameter",
+    [p for p in declared_parameters(2).values() if not p.name.endswith("_1")],
+    ids=lambda p: p.name,
+)
+def test_every_parameter_is_documented_with_unit_null_and_scale(parameter: Parameter) -> None:
+    (row,) = re.findall(rf"^\| `{parameter.name}` \|(.*)\|$", CASE_FILE.split("## Param")[1], re.M)
+    unit, null, scale, _ = (cell.strip() for cell in row.split("|"))
+    assert unit == parameter.unit
+    assert null == ("case" if parameter.name in MATERIAL_PARAMETERS else f"{parameter.null:g}")
+    number, *log = scale.split()
+    assert float(number) == pytest.approx(parameter.scale, rel=1e-3)
+    assert log == (["log"] if parameter.logarithmic else [])
+
+
+@pytest.mark.parametrize("cause", [*LIBRARY, NUMERICS], ids=lambda cause: cause.name)
+def test_every_cause_is_listed_with_its_parameters(cause: Any) -> None:
+    (row,) = re.findall(rf"^\| \w+ \| `{cause.name}` \|(.*)\|$", METHOD, re.M)
+    if cause is not NUMERICS:
+        names = re.findall(r"`(\w+)`", row)
+        assert names == [*cause.parameters, *cause.companions]
+
+
+@pytest.mark.parametrize("kind", get_args(Kind))
+def test_every_verdict_is_explained(kind: str) -> None:
+    assert f"**{kind}**" in METHOD
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_result_file_is_described(name: str) -> None:
+    assert f"`{name}`" in RESULTS
+
+
+def test_links_between_the_documents_lead_somewhere() -> None:
+    for text in (CASE_FILE, METHOD, RESULTS):
+        for name, anchor in re.findall(r"\]\(([\w-]+\.md)?#?([\w-]*)\)", text):
+            target = (DOCS / name).read_text(encoding="utf-8") if name else text
+            headings = re.findall(r"^#+ (.*)$", target, re.MULTILINE)
+            anchors = {re.sub(r"[^\w\s-]", "", h).strip().lower().replace(" ", "-") for h in headings}
+            assert not anchor or anchor in anchors
