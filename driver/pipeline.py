@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import numba
-
 from driver.case import Case, load_case
 from driver.diagnose_stage import run_diagnose
 from driver.identify_stage import run_identify

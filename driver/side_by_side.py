@@ -9,7 +9,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-import numba
+from solver_adapters.bundled.compilation import use_threads
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -50,7 +50,7 @@ def side_by_side(
         ProcessPoolExecutor(
             max_workers=min(processes, len(tasks)),
             mp_context=multiprocessing.get_context("spawn"),
-            initializer=numba.set_num_threads,
+            initializer=use_threads,
             initargs=(threads,),
         ) as pool,
     ):

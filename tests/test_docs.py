@@ -35,8 +35,8 @@ def schema_keys() -> dict[str, Any]:
             if reference:
                 follow(whole["$defs"][reference.split("/")[-1]], name)
             elif name not in OPEN:
-                keys[name] = field.get("default", "required" if key in node["required"] else None) \
-                    if "required" in node else field.get("default")  # fmt: skip
+                required = key in node.get("required", ())
+                keys[name] = "required" if required else field["default"]
 
     follow(whole, "")
     return keys
@@ -107,5 +107,7 @@ def test_links_between_the_documents_lead_somewhere() -> None:
         for name, anchor in re.findall(r"\]\(([\w-]+\.md)?#?([\w-]*)\)", text):
             target = (DOCS / name).read_text(encoding="utf-8") if name else text
             headings = re.findall(r"^#+ (.*)$", target, re.MULTILINE)
-            anchors = {re.sub(r"[^\w\s-]", "", h).strip().lower().replace(" ", "-") for h in headings}
+            anchors = {
+                re.sub(r"[^\w\s-]", "", h).strip().lower().replace(" ", "-") for h in headings
+            }
             assert not anchor or anchor in anchors

@@ -380,7 +380,7 @@ def _gate(
     """The larger of an earlier gate and the effect of a fresh correction on any score."""
     change = whitened_difference(objective, at, fresh, objective.correction)
     effects = [
-        (float(np.linalg.norm(s.directions @ change)) / np.sqrt(max(s.degrees, 1)), s.cause.name)
+        (float(np.linalg.norm(s.directions @ change) / np.sqrt(s.degrees)), s.cause.name)
         for s in scores
         if s.degrees and s.cause.name != NUMERICS.name
     ]

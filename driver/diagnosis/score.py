@@ -26,6 +26,7 @@ FloatArray = NDArray[np.float64]
 # A one-σ-per-family threshold of 1 % over tens of causes is near 3.5 σ; one more σ for power.
 _SEEN_AT = 4.5
 _RANK = 1e-9
+_FAINT = 1e-8  # a prior scale that moves the data by less than 1e-4 σ leaves no trace
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +78,7 @@ def score(
     A = sensitivity @ projected.T
     A = 0.5 * (A + A.T)
     eigenvalue, vector = np.linalg.eigh(A)
-    floor = _RANK * max(float(np.sum(sensitivity**2)), 1e-300)
+    floor = max(_RANK * float(np.sum(sensitivity**2)), _FAINT)
     kept = eigenvalue > floor
     along = vector[:, kept].T @ g
     statistic = float(np.sum(along**2 / eigenvalue[kept]))

@@ -56,3 +56,8 @@ def batch_kernel(function: Any) -> Any:
     return numba.njit(cache=True, error_model="numpy", fastmath=_FAST, nogil=True, parallel=True)(
         function
     )
+
+
+def use_threads(count: int) -> None:
+    """Let the parallel loops of this process run on `count` threads, no more than there are."""
+    numba.set_num_threads(max(1, min(count, os.cpu_count() or 1)))

@@ -52,9 +52,9 @@ class ClosedFormSolver:
     """Motion and load in closed form; derivatives by central differences along directions.
 
     Attributes:
-        finer: by how much the answer differs from that of the working model, as the load of a
-            finer mesh would [relative]; the motion differs by as many micrometres of plastic
-            strain in the middle of the face.
+        finer: by how much each time step in an interval changes the answer, as those of a finer
+            simulation do: the load [relative], and the motion in the middle of the face
+            [µm for a plastic strain of one].
     """
 
     name = "closed form"
@@ -89,8 +89,9 @@ class ClosedFormSolver:
         """Displacement of the output nodes (T, n, 3) and load (T,)."""
         signals, load = time_signals(simulation)
         points = simulation.mesh.points[simulation.output_nodes]
-        signals["contrast"] = signals["contrast"] + self.finer * signals["plastic"]
-        return field(signals, points[:, 0], points[:, 1]), (1 - self.finer) * load
+        change = self.finer * simulation.steps_per_interval
+        signals["contrast"] = signals["contrast"] + change * signals["plastic"]
+        return field(signals, points[:, 0], points[:, 1]), (1 - change) * load
 
 
 def _size(material: Material, direction: Direction) -> float:
@@ -309,7 +310,8 @@ def height_maps(b: Bench, values: Mapping[str, float], seed: int) -> tuple[Float
     """Frames (T, rows, cols) and repeats [µm] of a specimen with these parameters."""
     signals, _ = time_signals(b.model.simulation(values))
     row, col = np.indices(SHAPE)
-    seen_x, seen_y = (row.ravel() - ORIGIN[0]) * PIXEL, (col.ravel() - ORIGIN[1]) * PIXEL
+    seen_x = np.asarray((row.ravel() - ORIGIN[0]) * PIXEL, dtype=np.float64)
+    seen_y = np.asarray((col.ravel() - ORIGIN[1]) * PIXEL, dtype=np.float64)
     centre = np.array(b.model.instrument.centre)
 
     def appearance(x: FloatArray, y: FloatArray) -> FloatArray:

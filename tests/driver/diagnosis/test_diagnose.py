@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 
 from driver.diagnosis.causes import LIBRARY, NUMERICS
 from driver.diagnosis.diagnose import Diagnosis, Settings, diagnose, screen
-from driver.identification.fit import Fit
+from driver.identification.fit import fit
 from tests.driver import closed_form
 
 FloatArray = NDArray[np.float64]
@@ -26,7 +25,7 @@ def silent(line: str) -> None:
 
 
 def diagnosed(
-    injected: Mapping[str, float],
+    injected: dict[str, float],
     in_load: FloatArray | float = 0.0,
     finer: float = 0.001,
     settings: Settings = SETTINGS,
@@ -173,7 +172,7 @@ def test_a_drift_that_is_fitted_is_no_knot_of_the_held_out_cycle() -> None:
     objective, baseline = closed_form.identified(BENCH, made, fine)
     objective = replace(objective, prior={**objective.prior, "tilt_drift": (0.0, 1.0)})
     free = ("tilt_drift", *baseline.best.free)
-    fitted: Fit = closed_form.fit(objective, baseline.values, free, 8, silent)
+    fitted = fit(objective, baseline.values, free, 8, silent)
     settings = replace(SETTINGS, held_out=1)
     found = diagnose(fitted, objective, fine, BENCH.history.cycle, settings, silent)
     assert found.verdict.kind == "nothing wrong" and found.held_out is not None

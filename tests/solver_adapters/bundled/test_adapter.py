@@ -193,7 +193,9 @@ def test_only_the_wanted_instants_and_nodes_are_answered() -> None:
     nodes = np.array([7, 3])
     part = solve(replace(simulation, output=np.array([3, 1]), output_nodes=nodes))
     np.testing.assert_array_equal(part.force, whole.force[[3, 1]])
-    np.testing.assert_array_equal(part.displacement, whole.displacement[np.ix_(np.array([3, 1]), nodes)])
+    np.testing.assert_array_equal(
+        part.displacement, whole.displacement[np.ix_(np.array([3, 1]), nodes)]
+    )
 
 
 @pytest.mark.parametrize(

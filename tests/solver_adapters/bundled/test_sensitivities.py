@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_adapters.bundled import stepping
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.crystal import rotation_vector_matrix
 from solver_adapters.interface import Direction, Response, Simulation
@@ -117,13 +118,13 @@ def test_derivatives_of_a_cycle_are_its_difference_quotients(measure: StrainMeas
     _check(simulation, lambda cuts: cuts == 0)
 
 
-@pytest.mark.parametrize(
-    ("measure", "strains"), [("small", (0.04, 0.037)), ("finite", (0.05, 0.048))]
-)
+@pytest.mark.parametrize("measure", ["small", "finite"])
 def test_derivatives_pass_through_a_step_that_was_cut(
-    measure: StrainMeasure, strains: tuple[float, ...]
+    measure: StrainMeasure, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _check(_simulation(measure, strains), lambda cuts: cuts > 0)
+    """An impatient Newton iteration cuts the step of first yield."""
+    monkeypatch.setattr(stepping, "MOST_NEWTON", 6)
+    _check(_simulation(measure, (0.004, 0.0035)), lambda cuts: cuts > 0)
 
 
 def test_asking_for_derivatives_does_not_change_the_answer() -> None:

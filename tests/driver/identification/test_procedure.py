@@ -1,0 +1,150 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from driver.boundary import LAMBDAS, elongation_names, tilt_names
+from driver.history import knot_weights
+from driver.identification.data import Data
+from driver.identification.fit import Fit
+from driver.identification.procedure import (
+    Identification,
+    correction,
+    elastic_stiffness,
+    identify,
+    knot_start,
+    start_values,
+    temporal_noise,
+    unload_elastically,
+)
+from driver.surface_view import POSE_DECLARATIONS
+from tests.driver import closed_form
+from tests.driver.analytic import evaluation
+from tests.driver.closed_form import KNOTS, LAW, LENGTH, SIZES, TILTS, WIDTH
+
+FloatArray = NDArray[np.float64]
+
+BENCH = closed_form.bench()
+WEIGHTS = knot_weights(BENCH.history)
+NAMES = elongation_names(5)
+TRUE = {"tau0": 46.0, "c": 34e3, "d": 1300.0, "lambda_plus_Y": 0.9, "lambda_minus_Z": 1.1}
+
+
+def silent(line: str) -> None:
+    pass
+
+
+def test_knots_are_read_off_a_measured_motion_whatever_its_reference() -> None:
+    motion = WEIGHTS @ [0.0, *KNOTS] + 0.004
+    assert knot_start(WEIGHTS, motion, NAMES) == pytest.approx(dict(zip(NAMES, KNOTS, strict=True)))
+
+
+def test_every_parameter_starts_at_its_null_but_the_knots() -> None:
+    values, free = start_values(BENCH.model, WEIGHTS @ [0.0, *KNOTS], WEIGHTS @ [0.0, *TILTS])
+    assert values == pytest.approx(BENCH.truth)
+    assert free == (*NAMES, *tilt_names(5))
+
+
+def test_an_unloading_is_as_long_as_its_drop_of_load() -> None:
+    values = dict(zip(NAMES, (0.020, 0.030, 0.050, 0.020), strict=True)) | {"tau0": 40.0}
+    load = WEIGHTS @ [0.0, 200.0, 20.0, 260.0, 30.0]
+    found = unload_elastically(values, 90e3, WEIGHTS, load)
+    expected = (0.020, 0.020 - 180 / 90e3, 0.050, 0.050 - 230 / 90e3)
+    assert [found[name] for name in NAMES] == pytest.approx(list(expected))
+    assert found["tau0"] == 40.0 and values["elongation_2"] == 0.030
+
+
+def test_the_stiffness_is_that_of_the_unyielded_specimen() -> None:
+    m = BENCH.model.material
+    modulus = 0.6 * (m.C11 + m.C44) + 0.3 * m.c
+    section = WIDTH * BENCH.case.specimen.depth / 2
+    # One step from rest: whatever the start of the knots and of the law.
+    values = BENCH.truth | {"elongation_1": 0.5, "tau0": 4000.0}
+    found = elastic_stiffness(BENCH.model, values)
+    assert found == pytest.approx(modulus * section / LENGTH, rel=0.02)
+
+
+@pytest.mark.parametrize("noise", [0.8, 1.3])
+def test_the_noise_is_recovered_under_a_slow_model_error(noise: float) -> None:
+    T, n_z = 80, 40
+    rng = np.random.default_rng(5)
+    clock = np.linspace(0, 1, T)[:, None]
+    slow = 20 * (clock**2 - 0.3 * np.cos(3 * clock)) * rng.standard_normal(n_z)
+    images = slow + noise * rng.standard_normal((T, n_z))
+    image: Any = type("Image", (), {"n_z": n_z})
+    data = Data(cast(Any, image), np.zeros(T), 1.0, 0.0, np.arange(T))
+    residual = np.concatenate([1e3 * np.ones(T), images.ravel()])
+    best = evaluation(residual, np.zeros((1, residual.size)), n_load=T)
+    assert temporal_noise(Fit(best, True, "", ()), data) == pytest.approx(noise, rel=0.05)
+    assert np.sqrt(np.mean(images**2)) > 3
+
+
+def test_the_correction_is_finer_minus_working() -> None:
+    finer = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.01))
+    objective = closed_form.objective(BENCH, BENCH.truth)
+    at = Fit(objective.evaluate(BENCH.truth, ()), True, "", ())
+    found = correction(BENCH.model, finer, at, silent)
+    np.testing.assert_allclose(found.load, -0.01 * at.best.load, atol=1e-9)
+    motion = np.asarray(found.motion)
+    assert 1e-5 < np.abs(motion[..., 1]).max() < 1e-3 and np.abs(motion[..., 0]).max() < 1e-15
+
+
+@cache
+def identification() -> tuple[Identification, tuple[str, ...]]:
+    """The whole procedure on a specimen that differs from the start in law and amplitudes."""
+    truth = BENCH.truth | TRUE
+    made = closed_form.objective(BENCH, truth, seed=1)
+    rng = np.random.default_rng(2)
+    measured = [
+        WEIGHTS @ [0.0, *knots] + 0.002 * rng.standard_normal(len(WEIGHTS))
+        for knots in (KNOTS, TILTS)
+    ]
+    start, knots = start_values(BENCH.model, *measured)
+    made = replace(made, prior=closed_form.priors(BENCH, start))
+    pose = tuple(p.name for p in POSE_DECLARATIONS)
+    finer = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.002))
+    lines: list[str] = []
+    found = identify(BENCH.model, finer, made, start, LAW, (*pose, *knots), SIZES, 15, lines.append)
+    return found, tuple(lines)
+
+
+def test_law_knots_and_amplitudes_are_found_within_their_uncertainty() -> None:
+    found, _ = identification()
+    final, parameters = found.final, found.objective.parameters
+    # The data have no discretisation error, the correction says they have: compare before it.
+    before = found.stages["C uncorrected"]
+    for name, value in TRUE.items():
+        assert abs(before.values[name] - value) < 3.5 * before.sigma(name, parameters), name
+    for name in NAMES:
+        assert abs(before.values[name] - BENCH.truth[name]) < 3.5 * before.sigma(name, parameters)
+        assert before.sigma(name, parameters) < 5e-4  # loads resolve a fraction of a nanometre
+    assert before.best.chi_load == pytest.approx(1.0, abs=0.3)
+    assert final.converged and found.objective.data.image.noise_factor == pytest.approx(1, abs=0.1)
+
+
+def test_the_correction_is_part_of_the_last_stage() -> None:
+    found, _ = identification()
+    change = found.objective.correction
+    np.testing.assert_allclose(
+        np.asarray(change.load), -0.002 * found.stages["C uncorrected"].best.load, atol=1e-6
+    )
+    error = found.objective.data.simulation_error
+    assert error is not None and np.abs(error.load).max() > 0
+    # A load 0.2 % too small in the finer simulation is made up for by a stronger law.
+    assert found.final.values["tau0"] > found.stages["C uncorrected"].values["tau0"]
+
+
+def test_stages_free_what_they_say() -> None:
+    found, lines = identification()
+    stages = found.stages
+    assert list(stages) == ["A", "B", "C uncorrected", "C"]
+    assert stages["A"].best.n_load == 0 and stages["B"].best.n_load == BENCH.history.n_images
+    assert not set(LAMBDAS) & set(stages["B"].best.free)
+    assert all(stages["B"].values[name] == stages["A"].values[name] for name in LAMBDAS)
+    assert set(stages["C"].best.free) == {*LAMBDAS, *stages["B"].best.free}
+    assert sum(line.startswith("stage ") for line in lines) == 4

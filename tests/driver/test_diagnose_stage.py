@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from driver.case import Case, load_case, write_case
+from driver.diagnose_stage import added_parameters, extended_case
+from driver.diagnosis.causes import LIBRARY, Cause
+from driver.model import declared_parameters
+from solver_adapters.material import MATERIAL_DECLARATIONS
+from tests.driver import closed_form
+
+LAW = [p.name for p in MATERIAL_DECLARATIONS]
+BY_NAME = {cause.name: cause for cause in LIBRARY}
+
+
+def extended(case: Case, values: dict[str, float], *causes: Cause) -> Case:
+    """The extended case of a diagnosis that ended at these values."""
+    null = {name: p.null for name, p in declared_parameters(5).items()}
+    found: Any = SimpleNamespace(extended=SimpleNamespace(values=null | values), causes=causes)
+    return extended_case(case, cast(Any, found))
+
+
+def fitting(*names: str) -> Case:
+    case = closed_form.small_case()
+    table = case.identification.model_copy(update={"parameters": names})
+    return case.model_copy(update={"identification": table})
+
+
+@pytest.mark.parametrize("name", LAW)
+def test_a_fitted_constant_stands_in_the_extended_case_in_the_unit_of_its_key(
+    name: str, tmp_path: Path
+) -> None:
+    value = 1.25 * getattr(fitting(name).material.to_material(), name) + 0.5
+    path = tmp_path / "extended.toml"
+    write_case(extended(fitting(name), {name: value}), path)
+    material = load_case(path).material.to_material()
+    assert getattr(material, name) == pytest.approx(value)
+    default = closed_form.small_case().material.to_material()
+    for other in set(LAW) - {name}:
+        assert getattr(material, other) == getattr(default, other)
+
+
+def test_the_apex_amplitudes_start_where_they_were_found() -> None:
+    case = extended(fitting("tau0"), {"lambda_plus_Y": 0.81, "lambda_minus_Z": 1.02})
+    start = case.boundary.lambda_start
+    assert (start.plus_Y, start.plus_Z, start.minus_Y, start.minus_Z) == (0.81, 1.0, 1.0, 1.02)
+
+
+def test_added_causes_and_earlier_extensions_start_where_they_were_found(tmp_path: Path) -> None:
+    earlier = fitting("tau0").model_copy(update={"extensions": {"load_gain": 0.01}})
+    values = {"load_gain": 0.04, "Q": 12.0, "b": 25.0, "rotation_grain1_x": 0.03,
+              "rotation_grain1_y": 0.0, "rotation_grain1_z": -0.02}  # fmt: skip
+    causes = (BY_NAME["isotropic_hardening"], BY_NAME["misorientation_grain1"])
+    path = tmp_path / "extended.toml"
+    write_case(extended(earlier, values, *causes), path)
+    assert load_case(path).extensions == values
+
+
+def test_what_a_cause_frees_includes_its_companions() -> None:
+    found: Any = SimpleNamespace(causes=(BY_NAME["isotropic_hardening"], BY_NAME["load_gain"]))
+    assert added_parameters(cast(Any, found)) == ("Q", "b", "load_gain")
+
+
+def test_paths_lead_from_the_results_to_the_files_and_absolute_ones_stay() -> None:
+    case = fitting("tau0")
+    images = case.images.model_copy(
+        update={"frames": "raw/frame_*.tif", "flats": "/data/flats.tif", "mask": "mask.tif"}
+    )
+    found = extended(case.model_copy(update={"images": images}), {})
+    assert found.images.frames == "../raw/frame_*.tif"
+    assert found.images.flats == "/data/flats.tif"
+    assert (found.images.repeats, found.images.mask) == ("../repeats.tif", "../mask.tif")
+    assert found.history.file == "../history.csv"
+
+
+@pytest.mark.parametrize("cause", LIBRARY, ids=list(BY_NAME))
+def test_every_cause_can_be_an_extension_of_a_case(cause: Cause, tmp_path: Path) -> None:
+    declared = declared_parameters(5)
+    freed = (*cause.parameters, *cause.companions)
+    values = {name: 1.01 * declared[name].null + 0.001 for name in freed}
+    path = tmp_path / "extended.toml"
+    write_case(extended(fitting("tau0"), values, cause), path)
+    assert load_case(path).extensions == pytest.approx(values)

@@ -1,0 +1,196 @@
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from driver.boundary import elongation_names, tilt_names
+from driver.history import History, turning_points
+from driver.model import ForwardModel, Prediction, declared_parameters
+from driver.specimen import build_model, geometry_of
+from driver.surface_view import apply
+from meshes.prism import generate
+from solver_adapters.bundled.adapter import BundledAdapter
+from solver_adapters.interface import Progress, Response, Simulation
+from solver_adapters.material import MATERIAL_DECLARATIONS
+from tests.driver import closed_form
+
+FloatArray = NDArray[np.float64]
+
+# One of each kind: law, orientation, boundary motion, geometry, load cell, images, pose.
+STEPS = {
+    "tau0": 1e-2, "n": 1e-3, "c": 20.0, "C44_scale": 1e-4,
+    "rotation_grain2_x": 1e-4, "rotation_frame_z": 1e-4,
+    "lambda_plus_Y": 1e-3, "elongation_2": 1e-5, "tilt_1": 1e-5, "stretch_curvature": 1e-4,
+    "depth_scale": 1e-4, "boundary_shift": 1e-4, "apex_shift": 1e-4,
+    "load_gain": 1e-4, "load_drift": 1e-2, "height_scale": 1e-4, "tilt_drift": 1e-5,
+    "origin_Y": 1e-4,
+}  # fmt: skip
+CARRIED = ("boundary_shift", "origin_Y")
+VALUES = {
+    "tau0": 35.0, "rotation_grain1_y": 0.05, "rotation_frame_z": -0.03, "lambda_plus_Y": 0.8,
+    "lambda_minus_Z": 1.2, "depth_scale": 0.04, "boundary_shift": 0.1, "load_gain": 0.1,
+    "height_scale": -0.05, "magnification_drift": 1e-3, "origin_X": 0.02,
+}  # fmt: skip
+
+
+class Exact(BundledAdapter):
+    """The bundled solver iterated so far that differences of its answers are derivatives."""
+
+    def solve(
+        self,
+        simulation: Simulation,
+        workspace: Path | None = None,
+        progress: Callable[[Progress], None] | None = None,
+    ) -> Response:
+        return super().solve(replace(simulation, tolerance=1e-11), workspace, progress)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread() -> Iterator[None]:
+    """So few cells are no work for more."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    yield
+    numba.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def model() -> ForwardModel:
+    """Six steps of the bundled solver on a few cells: load, hold, unload."""
+    case = closed_form.small_case()
+    stage = np.array([0.0, 20.0, 40.0, 40.0, 30.0, 20.0])
+    history = History(
+        time=10.0 * np.arange(6.0), stage=stage, image_row=np.array([0, 2, 3, 5]),
+        force=np.zeros(4), turning=turning_points(stage), cycle=np.ones(4, dtype=np.int64),
+    )  # fmt: skip
+    mesh = generate(geometry_of(case), 2.0)
+    return build_model(case, mesh, history, closed_form.pixels(), Exact(), 1)
+
+
+@pytest.fixture(scope="module")
+def values(model: ForwardModel) -> dict[str, float]:
+    knots = dict(zip((*elongation_names(3), *tilt_names(3)), (0.03, 0.02, 0.004, 0.003),
+                     strict=True))  # fmt: skip
+    return model.null_values() | knots | VALUES
+
+
+@pytest.fixture(scope="module")
+def prediction(model: ForwardModel, values: dict[str, float]) -> Prediction:
+    return model.predict(values, tuple(STEPS))
+
+
+def test_the_specimen_has_yielded(prediction: Prediction, model: ForwardModel) -> None:
+    """The tests below would say little about an elastic one."""
+    elastic = model.predict(model.null_values() | {"elongation_1": 0.03, "tau0": 1e4})
+    assert np.abs(prediction.load).max() < 0.5 * np.abs(elastic.load).max()
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_derivatives_are_those_of_the_prediction(
+    model: ForwardModel, values: dict[str, float], prediction: Prediction, name: str
+) -> None:
+    row, h = list(STEPS).index(name), STEPS[name]
+    above, below = (model.predict(values | {name: values[name] + s}) for s in (h, -h))
+    for derivative, high, low in (
+        (prediction.d_load[row], above.load, below.load),
+        (prediction.d_surface[row], above.surface, below.surface),
+    ):
+        difference = (high - low) / (2 * h)
+        scale = np.abs(derivative).max() + 1e-9 * np.abs(high).max() / h
+        assert np.abs(difference - derivative).max() < 1e-4 * scale
+    d_motion = apply(prediction.look.value, prediction.d_surface[row])
+    d_motion = d_motion + prediction.carried.get(row, 0.0)
+    difference = (above.motion - below.motion) / (2 * h)
+    # Where the surface slides under the pixels, some of them change their cell within a step.
+    close = 2e-2 if name in CARRIED else 1e-4
+    assert np.linalg.norm(difference - d_motion) <= close * np.linalg.norm(d_motion) + 1e-9
+    assert (row in prediction.carried) == (name in CARRIED)
+
+
+def test_every_direction_acts_on_the_data(prediction: Prediction) -> None:
+    for row, name in enumerate(STEPS):
+        acts = np.abs(prediction.d_load[row]).max() + np.abs(prediction.d_surface[row]).max()
+        assert acts > 0 or name in CARRIED, name
+
+
+def test_free_parameters_do_not_change_the_prediction(
+    model: ForwardModel, values: dict[str, float], prediction: Prediction
+) -> None:
+    alone = model.predict(values)
+    np.testing.assert_allclose(alone.load, prediction.load, rtol=1e-9)
+    np.testing.assert_allclose(alone.surface, prediction.surface, atol=1e-12)
+    assert alone.d_surface.shape[0] == 0 and not alone.carried
+
+
+def test_a_solver_gets_one_direction_for_each_parameter_that_it_feels(
+    model: ForwardModel, values: dict[str, float]
+) -> None:
+    simulation = model.simulation(values, tuple(STEPS))
+    named = [direction.name for direction in simulation.directions]
+    observed = {"load_gain", "load_drift", "height_scale", "tilt_drift", "origin_Y"}
+    assert named == [name for name in STEPS if name not in observed]
+    kinds = {
+        d.name: (bool(d.material), d.rotation is not None, d.motion is not None,
+                 d.points is not None)
+        for d in simulation.directions
+    }  # fmt: skip
+    assert kinds["tau0"] == (True, False, False, False)
+    assert kinds["rotation_frame_z"] == (False, True, False, False)
+    assert kinds["elongation_2"] == (False, False, True, False)
+    assert kinds["depth_scale"] == (False, False, False, True)
+
+
+def test_nulls_are_those_of_the_declarations_but_for_the_constants_of_the_case(
+    model: ForwardModel,
+) -> None:
+    changed = replace(model, material=replace(model.material, n=20.0, tau0_112=1.1))
+    nulls, declared = changed.null_values(), declared_parameters(3)
+    assert set(nulls) == set(declared)
+    assert nulls["n"] == 20.0 and nulls["tau0_112"] == 1.1
+    constants = {p.name for p in MATERIAL_DECLARATIONS}
+    assert all(nulls[n] == p.null for n, p in declared.items() if n not in constants)
+
+
+def test_a_quadratic_motion_is_exact_at_the_pixels(model: ForwardModel) -> None:
+    look = model.view.look(model.view.surface.points, model.null_values())
+
+    def field(xy: FloatArray) -> FloatArray:
+        x, y = xy.T
+        u = np.column_stack([1 + x * y, y**2 - 3 * x, x**2 + 0.5 * x * y - y])
+        return np.asarray(np.arange(1, 4)[:, None, None] * u)
+
+    seen = apply(look.value, field(model.view.surface.points))
+    np.testing.assert_allclose(seen, field(model.view.pixels), atol=1e-12)
+    # Slopes are differences over 2 nm; a pixel on an edge of the mesh sees both of its sides.
+    x, y = model.view.pixels.T
+    slope = apply(look.slope_X, field(model.view.surface.points))[0]
+    np.testing.assert_allclose(slope[:, 1], -3.0, atol=1e-9)
+    np.testing.assert_allclose(slope[:, 0], y, atol=1e-9)
+    slope = apply(look.slope_Y, field(model.view.surface.points))[0]
+    np.testing.assert_allclose(slope[:, 2], 0.5 * x - 1, atol=1e-9)
+
+
+def test_a_shift_of_the_nodes_alone_is_no_motion(model: ForwardModel) -> None:
+    """The grain boundary of a specimen that strains uniformly can be anywhere."""
+    surface, shifted = model.view.surface, model.view.surface.points.copy()
+    velocity = model.microstructure.velocities["boundary_shift"][surface.nodes, :2]
+    shifted += 0.3 * velocity
+    look = model.view.look(shifted, model.null_values())
+    strain = np.column_stack([-0.3 * shifted[:, 0], shifted[:, 1], 0 * shifted[:, 0]])[None]
+    seen = apply(look.value, strain)[0]
+    np.testing.assert_allclose(seen[:, :2], model.view.pixels * [-0.3, 1.0], atol=1e-12)
+
+
+def test_pixels_off_the_face_see_its_rim(model: ForwardModel) -> None:
+    pose = model.null_values() | {"origin_Y": 0.3}
+    look = model.view.look(model.view.surface.points, pose)
+    np.testing.assert_allclose(look.value.sum(axis=1), 1.0, atol=1e-12)
+    ys = look.value @ model.view.surface.points[:, 1]
+    expected = np.minimum(model.view.pixels[:, 1] + 0.3, closed_form.LENGTH - 2e-3)
+    np.testing.assert_allclose(ys, expected, atol=1e-12)

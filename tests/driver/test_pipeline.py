@@ -1,0 +1,254 @@
+"""All stages before the report, on files, with the solver in closed form."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from driver import pipeline, specimen
+from driver.case import Case, CaseError, load_case, schema, write_case
+from driver.results import read_hdf5
+from driver.stages import StageError, run_stages, stage_key
+from meshes.files import read_med
+from tests.driver import closed_form
+from tests.driver.closed_form import KNOTS
+
+CURVATURE = 0.1
+
+
+@dataclass
+class Run:
+    """A folder with a case, and what its stages said."""
+
+    folder: Path
+    lines: list[str] = field(default_factory=list)
+
+    @property
+    def path(self) -> Path:
+        return self.folder / "case.toml"
+
+    @property
+    def results(self) -> Path:
+        return self.folder / "results"
+
+    def __call__(self, until: str = "diagnose") -> list[str]:
+        """The stages that were run."""
+        self.lines.clear()
+        run_stages(
+            self.path, pipeline.stages(load_case(self.path)), until, report=self.lines.append
+        )
+        return [line.split(":")[0] for line in self.lines if line.endswith(": started")]
+
+    def edit(self, old: str, new: str) -> None:
+        text = self.path.read_text("utf-8")
+        assert text.count(old) == 1, old
+        self.path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def write_files(folder: Path) -> None:
+    """A specimen whose elongation is curved in stage travel, as a user would measure it."""
+    b = closed_form.bench()
+    case = b.case.model_copy(
+        update={
+            "images": b.case.images.model_copy(update={"flats": None}),
+            "identification": b.case.identification.model_copy(update={"max_iterations": 15}),
+            "diagnosis": b.case.diagnosis.model_copy(update={"refit": 2}),
+        }
+    )
+    write_case(case, folder / "case.toml")
+    truth = b.truth | {"stretch_curvature": CURVATURE, "tau0": 44.0}
+    frames, repeats = closed_form.height_maps(b, truth, 0)
+    level = case.images.level_um
+    for name, heights in (("images", frames), ("repeats", repeats)):
+        tifffile.imwrite(folder / f"{name}.tif", (heights / level).astype(np.float32))
+    force = closed_form.readings(b, truth, 0) / case.force_scale
+    rows = zip(b.history.time, b.history.stage, range(force.size), force, strict=True)
+    lines = ["time_s,stage_um,image,force_N", *(",".join(map(str, row)) for row in rows)]
+    (folder / "history.csv").write_text("\n".join(lines), encoding="utf-8")
+
+
+def solver(name: str) -> closed_form.ClosedFormSolver:
+    return closed_form.ClosedFormSolver(0.001)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A case of which mesh, measure, identify and diagnose have run."""
+    run = Run(tmp_path_factory.mktemp("curved"))
+    write_files(run.folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(specimen, "find_adapter", solver)
+        assert run() == ["mesh", "measure", "identify", "diagnose"]
+    return run
+
+
+@pytest.fixture
+def copied(finished: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """A copy of the finished case that a test may change."""
+    monkeypatch.setattr(specimen, "find_adapter", solver)
+    shutil.copytree(finished.folder, tmp_path / "case")
+    return Run(tmp_path / "case")
+
+
+def test_both_meshes_are_written_for_solvers_and_for_eyes(finished: Run) -> None:
+    working, fine = (read_med(finished.results / name) for name in ("mesh.med", "mesh_fine.med"))
+    assert len(fine.cells) > len(working.cells) and working.n_grains == 2
+    assert (finished.results / "mesh.vtu").is_file()
+    assert (finished.results / "mesh_fine.vtu").is_file()
+
+
+def test_the_elongation_is_measured(finished: Run) -> None:
+    measured = read_hdf5(finished.results / "measure.h5")
+    history = closed_form.history()
+    at_knots = measured["elongation"][history.turning] - measured["elongation"][0]
+    sigma = float(measured["elongation_sigma"])
+    assert sigma < 2e-3
+    np.testing.assert_allclose(at_knots, [0, *KNOTS], atol=4.5 * sigma)
+    assert np.sqrt(np.mean(measured["chi"] ** 2)) == pytest.approx(1.0, abs=0.05)
+    np.testing.assert_array_equal(measured["cycle"], history.cycle)
+    table = np.genfromtxt(finished.results / "measure.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(table["elongation_nm"], 1e3 * measured["elongation"], rtol=1e-4)
+
+
+def test_the_identification_is_written_with_its_uncertainty(finished: Run) -> None:
+    found = read_hdf5(finished.results / "identify.h5")
+    n = len(found["values"])
+    assert found["covariance"].shape == (n, n) and np.linalg.eigvalsh(found["covariance"])[0] > 0
+    np.testing.assert_allclose(np.diag(found["correlation"]), 1.0)
+    assert float(found["budget/model"]) == pytest.approx(1.0, abs=0.1)
+    assert float(found["budget/load"]) > 2  # the elongation is not proportional to stage travel
+    text = (finished.results / "identify.csv").read_text("utf-8").splitlines()
+    assert text[0] == "parameter,value,sigma,unit" and len(text) == n + 1
+    stages = json.loads((finished.results / "identify_history.json").read_text("utf-8"))
+    assert list(stages) == ["A", "B", "C uncorrected", "C"]
+    assert all("σ" in stage["reason"] for stage in stages.values())
+
+
+def test_the_cause_is_named_in_the_record(finished: Run) -> None:
+    record = json.loads((finished.results / "diagnosis.json").read_text("utf-8"))
+    assert record["verdict"] == "named" and record["causes"] == ["stretch_not_proportional"]
+    added = record["added"]["stretch_curvature"]
+    assert added["value"] == pytest.approx(CURVATURE, abs=4 * added["sigma"] + 0.005)
+    gain = record["gain"]
+    assert gain["share_of_excess_explained"] == pytest.approx(1.0, abs=0.2)
+    assert gain["budget_before"]["load"] > 2 > gain["budget_after"]["load"]
+    assert gain["held_out"]["chi_load_after"] < gain["held_out"]["chi_load_before"]
+    assert set(gain["shift_in_sigma"]) == {"tau0", "c", "d"}
+    scored = {cause["cause"]: cause for cause in record["steps"][0]["causes"]}
+    assert scored["boundary_tilt"]["smallest_visible"] == [None, None]
+    assert scored["stretch_not_proportional"]["refit"]["values"]["stretch_curvature"] > 0.05
+    arrays = read_hdf5(finished.results / "diagnosis.h5")
+    assert arrays["before/load"].shape == arrays["after/load"].shape == (44,)
+
+
+def test_the_extended_case_stands_by_itself(copied: Run) -> None:
+    extended = copied.results / "extended.toml"
+    case = load_case(extended)
+    assert case.extensions == {"stretch_curvature": pytest.approx(CURVATURE, abs=0.01)}
+    assert case.path(case.images.frames).is_file() and case.path(case.history.file).is_file()
+    beside = json.loads((copied.results / "case.schema.json").read_text("utf-8"))
+    assert extended.read_text("utf-8").startswith("#:schema ./case.schema.json")
+    assert beside == schema()
+    # It can be run: the cause is part of the model now, and nothing is wrong any more.
+    again = copied.folder / "results" / "extended.toml"
+    lines: list[str] = []
+    run_stages(again, pipeline.stages(case), "diagnose", report=lines.append)
+    record = json.loads((copied.results / "results" / "diagnosis.json").read_text("utf-8"))
+    assert record["verdict"] == "nothing wrong"
+    assert record["baseline"]["stretch_curvature"]["value"] == pytest.approx(CURVATURE, abs=0.01)
+
+
+def test_a_changed_diagnosis_reruns_nothing_before_it(copied: Run) -> None:
+    assert copied() == []
+    copied.edit("refit = 2", "refit = 1")
+    assert copied() == ["diagnose"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('causes = "all"', 'causes = ["load_gain", "magic"]',
+         'diagnosis.causes: found "magic", expected one of isotropic_hardening, family_112'),
+        ('held_out_cycle = "last"', "held_out_cycle = 4",
+         "diagnosis.held_out_cycle: found 4, expected one of the 2 cycle(s)"),
+    ],
+)  # fmt: skip
+def test_a_diagnosis_that_cannot_be_asked_for_is_one_sentence(
+    copied: Run, old: str, new: str, sentence: str
+) -> None:
+    copied.edit(old, new)
+    with pytest.raises(CaseError) as error:
+        copied()
+    assert str(error.value).startswith(f"{copied.path}: {sentence}")
+    # What was found before is still there.
+    assert (copied.results / "diagnosis.json").is_file()
+
+
+def test_a_lost_result_of_an_earlier_stage_is_made_again(copied: Run) -> None:
+    (copied.results / "measure.h5").unlink()
+    assert copied("identify")[0] == "measure"
+
+
+def test_the_stages_are_known_by_name(copied: Run) -> None:
+    with pytest.raises(StageError, match='found "fit", expected one of mesh, measure, identify'):
+        pipeline.run(copied.path, "fit", False, copied.lines.append)
+
+
+def test_a_run_takes_the_case_from_its_file(copied: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    threads: list[int] = []
+    monkeypatch.setattr(pipeline.numba, "set_num_threads", threads.append)
+    copied.edit("threads = 1", "threads = 4000")
+    lines: list[str] = []
+    pipeline.run(copied.path, "mesh", True, lines.append)
+    assert lines[0] == "mesh: started" and lines[-1].startswith("mesh: finished in")
+    assert 1 <= threads[0] < 4000
+
+
+# Which tables of the case each stage depends on, and with it all stages after it.
+FIRST_STAGE = {
+    "specimen": "mesh", "images": "measure", "history": "measure", "sections": "measure",
+    "loads": "measure", "dic": "measure", "grains": "identify", "orientation": "identify",
+    "material": "identify", "boundary": "identify", "solver": "identify",
+    "identification": "identify", "extensions": "identify", "diagnosis": "diagnose",
+}  # fmt: skip
+CHANGES: dict[str, dict[str, object]] = {
+    "specimen": {"mesh_size_um": 1.3}, "images": {"noise_nm": 8.0}, "history": {"file": "h.csv"},
+    "sections": {"macroscopic_mm2": 2.9}, "loads": {"noise_uN": 5.0}, "dic": {"element_px": 11},
+    "orientation": {"ebsd_to_specimen": ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))},
+    "material": {"tau0_MPa": 41.0}, "boundary": {"U_X": "free"}, "solver": {"name": "other"},
+    "identification": {"max_iterations": 7}, "diagnosis": {"refit": 1},
+    "execution": {"processes": 7},
+}  # fmt: skip
+
+
+def keys(case: Case) -> dict[str, str]:
+    found: dict[str, str] = {}
+    key = ""
+    for stage in pipeline.stages(case):
+        key = found[stage.name] = stage_key(stage, case, key)
+    return found
+
+
+@pytest.mark.parametrize("table", Case.model_fields)
+def test_a_stage_and_those_after_it_depend_on_its_tables_and_no_others(table: str) -> None:
+    case = closed_form.small_case()
+    if table == "grains":
+        grain = case.grains[0].model_copy(update={"euler_deg": (1.0, 2.0, 3.0)})
+        changed = case.model_copy(update={"grains": (grain, case.grains[1])})
+    elif table == "extensions":
+        changed = case.model_copy(update={"extensions": {"load_gain": 0.01}})
+    else:
+        update = getattr(case, table).model_copy(update=CHANGES[table])
+        changed = case.model_copy(update={table: update})
+    before, after = keys(case), keys(changed)
+    names = list(before)
+    assert names == ["mesh", "measure", "identify", "diagnose", "report"]
+    stale = [name for name in names if before[name] != after[name]]
+    first = FIRST_STAGE.get(table)  # how the machine is used changes no result
+    assert stale == (names[names.index(first) :] if first else [])
