@@ -11,8 +11,8 @@ from driver.identify_stage import run_identify
 from driver.measure_stage import run_measure
 from driver.mesh_stage import run_mesh
 from driver.report.stage import run_report
-from driver.side_by_side import possible_threads
 from driver.stages import Stage, measured_files, run_stages
+from solver_adapters.bundled.compilation import use_threads
 
 Log = Callable[[str], None]
 
@@ -43,7 +43,7 @@ def run(case_path: Path, until: str | None, force: bool, log: Log) -> None:
         SolverError: a simulation could not be finished.
     """
     case = load_case(case_path)
-    numba.set_num_threads(possible_threads(case.execution.processes * case.execution.threads))
+    use_threads(case.execution.processes * case.execution.threads)
     run_stages(case_path, stages(case), until, force, log)
 
 

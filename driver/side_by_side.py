@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from solver_adapters.bundled.compilation import use_threads
 
@@ -44,7 +44,6 @@ def side_by_side(
             if done is not None:
                 done(index, results[-1])
         return results
-    threads = possible_threads(threads)
     with (
         _few_threads(threads),
         ProcessPoolExecutor(
@@ -65,12 +64,6 @@ def side_by_side(
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     return [found[index] for index in range(len(tasks))]
-
-
-def possible_threads(wanted: int) -> int:
-    """As many threads as are wanted, but no more than this process may have."""
-    config: Any = numba.config
-    return min(wanted, int(config.NUMBA_NUM_THREADS))
 
 
 @contextmanager

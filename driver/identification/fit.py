@@ -21,8 +21,8 @@ FloatArray = NDArray[np.float64]
 
 DECREMENT = 0.1  # Newton decrement at convergence: a tenth of a standard deviation
 # A model error leaves an excess misfit, and makes convergence slow (its residual is large where
-# the model is curved). A step that would lower the excess by a thousandth changes no answer.
-NEGLIGIBLE = math.sqrt(1e-3)
+# the model is curved). A step that would lower the excess by a hundredth changes no answer.
+NEGLIGIBLE = math.sqrt(1e-2)
 MOST_HALVINGS = 5
 LARGEST_STEP_LOG = 0.6
 LARGEST_STEP = 8.0  # prior scales
@@ -240,7 +240,7 @@ def fit(
         log: takes one line for each iteration.
         start: evaluation at `values` with `free`, where it is known already.
         tolerance: Newton decrement at which the fit has converged [σ].
-        share: the fit also ends when a step lowers the misfit, or would, by less than this share
+        share: the fit also ends when a step lowers the cost, or would, by less than this share
             of it: enough for a fit that only starts another one.
 
     Raises:
@@ -252,7 +252,7 @@ def fit(
     iteration = 0
     while True:
         step, decrement = _bounded_step(here, objective.parameters)
-        enough = max(tolerance, math.sqrt(share * here.misfit), math.sqrt(here.excess) * NEGLIGIBLE)
+        enough = max(tolerance, math.sqrt(share * here.cost), math.sqrt(here.excess) * NEGLIGIBLE)
         if decrement < enough:
             return Fit(here, True, f"the Newton decrement is {decrement:.2g} σ", tuple(history))
         if iteration == most:
@@ -262,12 +262,12 @@ def fit(
         if ahead is None:
             reason = f"no shorter step lowers the cost (decrement {decrement:.2g} σ)"
             return Fit(here, False, reason, tuple(history))
-        fallen = 1.0 - ahead.misfit / here.misfit
+        fallen = 1.0 - ahead.cost / here.cost
         here, iteration = ahead, iteration + 1
         history.append(_record(here))
         log(_line(iteration, here, decrement))
         if fallen < share:
-            reason = f"the last step lowered the misfit by {fallen:.1%}"
+            reason = f"the last step lowered the cost by {fallen:.1%}"
             return Fit(here, True, reason, tuple(history))
 
 

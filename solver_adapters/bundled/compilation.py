@@ -60,4 +60,4 @@ def batch_kernel(function: Any) -> Any:
 
 def use_threads(count: int) -> None:
     """Let the parallel loops of this process run on `count` threads, no more than there are."""
-    numba.set_num_threads(max(1, min(count, os.cpu_count() or 1)))
+    numba.set_num_threads(min(count, int(_config.NUMBA_NUM_THREADS)))

@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import tifffile
 from numpy.typing import NDArray
 
 from driver.boundary import LAMBDAS, elongation_names, tilt_names
-from driver.case import Case, default_case
+from driver.case import Case, default_case, write_case
 from driver.dic.basis import grid_basis
 from driver.dic.surface_images import SurfaceImages, prepare
 from driver.history import History, turning_points
@@ -381,6 +382,28 @@ def objective(b: Bench, values: Mapping[str, float], seed: int = 0) -> Objective
     load = readings(b, values, seed)
     data = Data(image, load, LOAD_NOISE, 0.0, np.arange(b.history.n_images))
     return Objective(b.model, data, declared_parameters(len(KNOTS) + 1))
+
+
+def write_files(folder: Path, injected: Mapping[str, float]) -> None:
+    """Case, images and history of the specimen with some parameters off their null."""
+    b = bench()
+    case = b.case.model_copy(
+        update={
+            "images": b.case.images.model_copy(update={"flats": None}),
+            "identification": b.case.identification.model_copy(update={"max_iterations": 15}),
+            "diagnosis": b.case.diagnosis.model_copy(update={"refit": 2}),
+        }
+    )
+    write_case(case, folder / "case.toml")
+    truth = {**b.truth, **injected}
+    frames, repeats = height_maps(b, truth, 0)
+    for name, heights in (("images", frames), ("repeats", repeats)):
+        levels = (heights / case.images.level_um).astype(np.float32)
+        tifffile.imwrite(folder / f"{name}.tif", levels)
+    force = readings(b, truth, 0) / case.force_scale
+    rows = zip(b.history.time, b.history.stage, range(force.size), force, strict=True)
+    lines = ["time_s,stage_um,image,force_N", *(",".join(map(str, row)) for row in rows)]
+    (folder / "history.csv").write_text("\n".join(lines), encoding="utf-8")
 
 
 def priors(b: Bench, start: Mapping[str, float]) -> dict[str, tuple[float, float]]:

@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from driver.side_by_side import possible_threads, side_by_side
+from driver.side_by_side import side_by_side
 
 
 @pytest.mark.parametrize("processes", [1, 2])
@@ -36,7 +36,6 @@ def test_each_process_has_its_threads_and_this_one_keeps_its_own(
 
 def test_more_threads_than_the_machine_has_are_as_many_as_it_has() -> None:
     assert side_by_side(math.sqrt, [4.0, 9.0], 2, threads=4096) == [2.0, 3.0]
-    assert 1 <= possible_threads(4096) < 4096 and possible_threads(1) == 1
 
 
 def test_no_tasks_have_no_results() -> None:

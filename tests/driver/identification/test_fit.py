@@ -186,6 +186,28 @@ def test_a_fit_that_only_starts_another_ends_early() -> None:
     assert len(fit(objective, start, "a", 5, silent, share=0.01).history) == 2
 
 
+def test_a_fit_that_only_starts_another_ends_after_a_step_that_brought_little() -> None:
+    objective, start = displaced(noise=1.0, by=3.0)
+    found = fit(objective, start, "a", 5, silent, share=0.2, tolerance=1e-9)
+    assert found.converged and found.reason.startswith("the Newton decrement")
+    # A curve that flattens: each step promises more than it brings.
+    slow = formula(lambda p: (100 + 50 / (1 + p), -50 / (1 + p)[None] ** 2), np.zeros(1), PLAIN[:1])
+    found = fit(slow, {"a": 0.0}, "a", 50, silent, share=0.05)
+    assert found.converged and found.reason.startswith("the last step lowered the cost by")
+
+
+def test_a_prior_may_raise_the_misfit() -> None:
+    """From the optimum of the data to that of data and prior: the cost falls all the same."""
+    measured = RNG.standard_normal(40)
+    prior = {"a": (3.0, 0.05)}
+    start = np.linalg.lstsq(A.T, measured, rcond=None)[0]
+    objective = formula(linear, measured, PLAIN, prior)
+    found = fit(objective, dict(zip("abc", start, strict=True)), "abc", 9, silent)
+    assert found.converged and found.reason.startswith("the Newton decrement is")
+    assert found.best.misfit > objective.evaluate(found.values | {"a": start[0]}, "abc").misfit
+    assert found.values["a"] > 2.5
+
+
 def test_where_a_model_error_stays_a_step_that_changes_nothing_is_not_taken() -> None:
     objective, start = displaced(noise=300.0, by=3.0)
     found = fit(objective, start, "a", 5, silent)

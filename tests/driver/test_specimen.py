@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from driver import specimen
+from driver.case import Case, load_case
+from driver.errors import InputError
+from driver.experiment import read_experiment
+from driver.specimen import adapter_of, geometry_of, surface_images
+from solver_adapters.interface import Capabilities, UnsupportedError
+from tests.driver import closed_form
+from tests.driver.closed_form import LENGTH, PIXEL, WIDTH
+
+
+class SmallStrainSolver(closed_form.ClosedFormSolver):
+    def capabilities(self) -> Capabilities:
+        return Capabilities(frozenset({"tau0"}), frozenset({"small"}), derivatives=True)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("specimen")
+    closed_form.write_files(folder, {})
+    return folder
+
+
+def changed(case: Case, table: str, **update: object) -> Case:
+    return case.model_copy(update={table: getattr(case, table).model_copy(update=update)})
+
+
+def test_the_geometry_is_that_of_the_case() -> None:
+    geometry = geometry_of(closed_form.small_case())
+    assert (geometry.length, geometry.width) == (LENGTH, WIDTH)
+    assert geometry.depth == pytest.approx(WIDTH * np.sqrt(3) / 2)
+    assert geometry.boundary_point == (0.0, 2.0, 0.0)
+
+
+def test_a_strain_measure_that_the_solver_lacks_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(specimen, "find_adapter", lambda name: SmallStrainSolver())
+    case = closed_form.small_case()
+    with pytest.raises(InputError) as error:
+        adapter_of(case)
+    assert str(error.value) == (
+        'material.strain_measure: found "finite", expected one of small '
+        "(what the solver bundled offers)"
+    )
+    assert adapter_of(changed(case, "material", strain_measure="small")).name == "closed form"
+
+
+def test_an_unknown_solver_is_refused() -> None:
+    with pytest.raises(UnsupportedError, match='solver.name: found "none"'):
+        adapter_of(changed(closed_form.small_case(), "solver", name="none"))
+
+
+def test_the_images_show_the_face_less_a_pixel_on_each_side(folder: Path) -> None:
+    case = load_case(folder / "case.toml")
+    images = surface_images(case, read_experiment(case))
+    x, y = images.xy.T
+    assert x.min() >= PIXEL - WIDTH / 2 and x.max() <= WIDTH / 2 - PIXEL
+    assert y.min() >= PIXEL and y.max() <= LENGTH - PIXEL
+    assert x.max() > WIDTH / 2 - 2.01 * PIXEL and y.max() > LENGTH - 2.01 * PIXEL
+    assert images.sigma == pytest.approx(closed_form.SIGMA, rel=0.05)
+    assert images.n_reference == closed_form.N_REPEATS
+
+
+def test_without_repeats_there_is_no_reference(folder: Path) -> None:
+    case = load_case(folder / "case.toml")
+    experiment = replace(read_experiment(case), repeats=None)
+    with pytest.raises(InputError) as error:
+        surface_images(case, experiment)
+    assert str(error.value).startswith("images.repeats: found nothing, expected repeated images")
+
+
+def test_the_ends_of_the_mesh_are_where_the_motion_is_prescribed() -> None:
+    b = closed_form.bench()
+    motion, points = b.model.boundary, b.mesh.points
+    at = points[motion.nodes]
+    np.testing.assert_allclose(at[motion.side > 0, 1], LENGTH, atol=1e-12)
+    np.testing.assert_allclose(at[motion.side < 0, 1], 0.0, atol=1e-12)
+    for end in ("PLUS", "MINUS"):
+        rows = {name: np.isin(motion.nodes, b.mesh.nodes[f"{name}_{end}"]) for name in "LP"}
+        np.testing.assert_allclose(motion.zeta[rows["L"]], 0.0, atol=1e-12)
+        np.testing.assert_allclose(motion.zeta[rows["P"]], 1.0, atol=1e-12)
+        assert motion.across[rows["L"]].min() == pytest.approx(-1.0)
+        assert motion.across[rows["L"]].max() == pytest.approx(1.0)
+
+
+def test_the_instrument_knows_the_clock_and_the_middle_of_the_face() -> None:
+    instrument = closed_form.bench().model.instrument
+    assert instrument.progress[0] == 0.0 and instrument.progress[-1] == 1.0
+    assert instrument.centre == (0.0, LENGTH / 2)

@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from driver import specimen
+from driver.case import Case, load_case
+from driver.identification.procedure import LAMBDA_PRIOR
+from driver.workbench import Workbench, build_workbench
+from meshes.prism import generate
+from tests.driver import closed_form
+from tests.driver.closed_form import KNOTS, LAW, TILTS
+
+BENCH = closed_form.bench()
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
+    folder = tmp_path_factory.mktemp("workbench")
+    closed_form.write_files(folder, {})
+    return load_case(folder / "case.toml")
+
+
+@pytest.fixture(autouse=True)
+def solver(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(specimen, "find_adapter", lambda name: closed_form.ClosedFormSolver())
+
+
+def built(case: Case, **tables: dict[str, object]) -> Workbench:
+    update = {name: getattr(case, name).model_copy(update=u) for name, u in tables.items()}
+    weights = BENCH.model.boundary.weights
+    return build_workbench(
+        case.model_copy(update=update),
+        BENCH.mesh,
+        generate(specimen.geometry_of(case), 1.0),
+        BENCH.model.predict(BENCH.truth).motion,
+        weights @ [0.0, *KNOTS],
+        weights @ [0.0, *TILTS],
+    )
+
+
+def test_knots_start_as_measured_and_all_else_at_its_null(case: Case) -> None:
+    bench = built(case)
+    assert bench.start == pytest.approx(BENCH.truth)
+    assert bench.law == LAW and set(bench.knots) >= {"elongation_4", "tilt_4", "origin_X"}
+    assert bench.finer.steps_per_interval == 2 and bench.working.steps_per_interval == 1
+    assert bench.finer.surface_nodes.size > bench.working.surface_nodes.size
+
+
+def test_at_the_truth_only_noise_is_left(case: Case) -> None:
+    bench = built(case)
+    found = bench.objective.evaluate(BENCH.truth, ())
+    assert found.chi_load == pytest.approx(1.0, abs=0.3)
+    assert found.chi_image == pytest.approx(1.0, abs=0.1)
+
+
+def test_priors_have_the_widths_of_the_case(case: Case) -> None:
+    prior = built(
+        case,
+        identification={"prior_width": {"tau0": 0.2}},
+        boundary={"lambda_start": case.boundary.lambda_start.model_copy(update={"plus_Z": 1.1})},
+        images={"origin_uncertainty_px": 0.25},
+    ).objective.prior
+    assert prior["tau0"] == (40.0, 0.2) and prior["c"] == (40e3, 1.0)
+    parameters = BENCH.model.null_values()
+    assert set(prior) == {name for name in parameters if name.startswith("lambda_")} | {
+        *LAW, "origin_X", "origin_Y",
+    }  # fmt: skip
+    # Widths are in θ: λ has a scale of 0.1, the origin one of 0.05 µm.
+    assert prior["lambda_plus_Z"] == pytest.approx((1.1, LAMBDA_PRIOR / 0.1))
+    assert prior["origin_Y"] == pytest.approx((0.0, 0.25 * 0.11 / 0.05))
+
+
+def test_a_poorly_known_section_is_a_free_gain_of_the_load(case: Case) -> None:
+    bench = built(case, sections={"relative_uncertainty": 0.3})
+    assert bench.law == (*LAW, "load_gain")
+    # A gain has a scale of 0.03: 30 % are ten of them.
+    assert bench.objective.prior["load_gain"] == pytest.approx((0.0, 10.0))
+
+
+def test_extensions_are_freed_from_their_start_with_a_prior_about_their_null(case: Case) -> None:
+    extended = case.model_copy(update={"extensions": {"tau0_112": 1.2, "tilt_drift": 1e-3}})
+    bench = built(extended, material={"tau0_112": 1.05})
+    assert bench.law == (*LAW, "tau0_112", "tilt_drift")
+    assert bench.start["tau0_112"] == 1.2 and bench.start["tilt_drift"] == 1e-3
+    assert bench.objective.prior["tau0_112"] == (1.05, 0.10)
+    assert bench.objective.prior["tilt_drift"] == (0.0, 1.0)
+
+
+def test_in_the_rigid_gauge_there_is_no_tilt_to_find(case: Case) -> None:
+    bench = built(case, boundary={"gauge": "rigid"})
+    assert not [name for name in bench.knots if name.startswith("tilt")]
+    assert all(bench.start[f"tilt_{k}"] == 0.0 for k in range(1, 5))
+    assert bench.objective.data.image.rigid.shape[0] == 6
+    turned = replace(bench.objective).evaluate(bench.start | {"tilt_2": 0.004}, ())
+    still = bench.objective.evaluate(bench.start, ())
+    assert np.abs(turned.residual - still.residual).max() < 0.1
