@@ -93,6 +93,23 @@ class Case(Table):
         return self
 
     @model_validator(mode="after")
+    def _identified_inside_bounds(self) -> Self:
+        declared, constants = declared_parameters(n_knots=1), self.material.to_material()
+        for name in self.identification.parameters:
+            lower, upper, value = (
+                declared[name].lower,
+                declared[name].upper,
+                getattr(constants, name),
+            )
+            if not lower <= value <= upper:
+                raise refusal(
+                    f"a start from {lower:g} to {upper:g}, for {name} is identified",
+                    "material",
+                    f"{name} = {value:g}",
+                )
+        return self
+
+    @model_validator(mode="after")
     def _extensions_of_the_model(self) -> Self:
         declared = declared_parameters(n_knots=1)
         always = (*LAMBDAS, *(parameter.name for parameter in POSE_DECLARATIONS))

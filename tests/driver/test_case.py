@@ -61,6 +61,8 @@ def refused(tmp_path, *changes):
          "identification.parameters", '"C11"', "one of tau0, c, d, K"),
         ("[extensions]", "[extensions]\ntau0_gr2 = 1.0", "extensions", 'the name "tau0_gr2"',
          "one of K, n, Q, b, tau0_112, tau0_grain2"),
+        ("c_MPa = 40000.0", "c_MPa = 0", "material", "c = 0",
+         "a start from 1 to 1e+07, for c is identified"),
         ("[extensions]", "[extensions]\ntau0 = 40.0", "extensions", 'the name "tau0"',
          "one of K, n"),
         ("[extensions]", "[extensions]\nelongation_1 = 0.1", "extensions",
