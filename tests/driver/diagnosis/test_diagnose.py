@@ -143,7 +143,13 @@ def test_images_that_free_correlation_cannot_follow_limit_what_is_named() -> Non
 
 
 def test_a_simulation_that_changes_its_own_error_is_refused_a_verdict() -> None:
-    found = diagnosed({"stretch_curvature": 0.1}, finer=0.5)
+    """The correction was taken with a finer simulation that agreed; at the result it does not."""
+    agreed = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.001))
+    objective, baseline = closed_form.identified(
+        BENCH, closed_form.objective(BENCH, BENCH.truth), agreed
+    )
+    differs = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.5))
+    found = diagnose(baseline, objective, differs, BENCH.history.cycle, SETTINGS, silent)
     assert found.verdict.kind == "numerics" and not found.gate.passed
     assert f"by {found.gate.effect:.1f} σ along {found.gate.cause}" in found.verdict.text
     assert curved().gate.passed

@@ -1,0 +1,101 @@
+"""An effect is hidden in a virtual experiment; the real stages, from files to verdict, find it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from driver.case import Case
+from driver.pipeline import run
+from tests.driver.virtual_experiment import Course, pull, record, small_case, true_case
+
+Record = dict[str, Any]
+Diagnose = Callable[[str, int], Record]
+
+CYCLES = ((8, 2), (8, 2))
+ELONGATION = (0.045, 0.039, 0.090, 0.083)  # µm at the turning points
+EFFECTS = {  # cause: parameter, null, truth
+    "grain_contrast": ("tau0_grain2", 1.0, 1.25),
+    "boundary_position": ("boundary_shift", 0.0, 0.6),
+    "load_offset": ("load_offset", 0.0, 60.0),
+}
+SEED = 1
+
+
+def moved_boundary(truth: Case) -> Case:
+    """The boundary not moved by a parameter, but drawn elsewhere and meshed there."""
+    point = truth.specimen.boundary_point_um
+    assert point is not None
+    by = EFFECTS["boundary_position"][2]
+    moved = {"boundary_point_um": (point[0], point[1] + by, point[2])}
+    return truth.model_copy(update={"specimen": truth.specimen.model_copy(update=moved)})
+
+
+@cache
+def course(effect: str) -> Course:
+    truth = true_case(small_case())
+    if effect == "load_offset":
+        unbiased = course("nothing")
+        return replace(unbiased, load=unbiased.load + EFFECTS[effect][2])
+    if effect == "boundary_position":
+        truth = moved_boundary(truth)
+    hidden = {"tau0_grain2": EFFECTS[effect][2]} if effect == "grain_contrast" else {}
+    return pull(truth, CYCLES, ELONGATION, hidden)
+
+
+@pytest.fixture(scope="module")
+def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Diagnose:
+    """What `diagnosis.json` says of an experiment with an effect, by its name and a seed."""
+
+    @cache
+    def diagnose(effect: str, seed: int) -> Record:
+        folder: Path = tmp_path_factory.mktemp(effect)
+        case = record(folder, small_case(), course(effect), seed)
+        run(case, "diagnose", False, print)
+        found: Record = json.loads((folder / "results" / "diagnosis.json").read_text("utf-8"))
+        return found
+
+    return diagnose
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_a_hidden_effect_is_named_and_its_size_recovered(effect: str, diagnosed: Diagnose) -> None:
+    found = diagnosed(effect, SEED)
+    assert found["verdict"] in ("named", "one of this set")
+    assert found["causes"][0] == effect
+    name, null, truth = EFFECTS[effect]
+    fitted = found["added"][name]
+    assert abs(fitted["value"] - truth) < 3 * fitted["sigma"]
+    assert abs(fitted["value"] - null) > 5 * fitted["sigma"]
+    before, after = found["steps"][0], found["steps"][-1]
+    assert after["omnibus"]["accepted"] and after["chi_load"] < before["chi_load"]
+
+
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_without_the_effect_the_finding_is_gone(effect: str, diagnosed: Diagnose) -> None:
+    """The same relief, stage errors and noise; only the effect is taken out."""
+    found = diagnosed("nothing", SEED)
+    assert found["verdict"] == "nothing wrong"
+    scored = {cause["cause"]: cause for cause in found["steps"][0]["causes"]}
+    (estimate,), (visible,) = scored[effect]["estimate"], scored[effect]["smallest_visible"]
+    _, null, truth = EFFECTS[effect]
+    assert abs(estimate) < visible < 0.8 * abs(truth - null)
+
+
+def test_a_sound_model_gets_nothing_wrong_and_the_true_law(diagnosed: Diagnose) -> None:
+    for seed in (SEED, SEED + 1):
+        found = diagnosed("nothing", seed)
+        assert found["verdict"] == "nothing wrong" and found["steps"][0]["omnibus"]["accepted"]
+        assert len(found["steps"][0]["causes"]) > 20
+        truth = true_case(small_case())
+        law = {"tau0": truth.material.tau0_MPa, "c": truth.material.c_MPa, "d": truth.material.d}
+        law["lambda_plus_Y"] = truth.boundary.lambda_start.plus_Y
+        for name, value in law.items():
+            fitted = found["baseline"][name]
+            assert abs(fitted["value"] - value) < 4 * fitted["sigma"]
