@@ -13,11 +13,11 @@ import numpy as np
 from driver.boundary import LAMBDAS
 from driver.case import Case, CaseError, schema_text, write_case
 from driver.diagnosis.causes import LIBRARY
-from driver.diagnosis.diagnose import Diagnosis, Settings, Step, diagnose
+from driver.diagnosis.diagnose import Diagnosis, Settings, Step, diagnose, screened
 from driver.diagnosis.omnibus import Omnibus
 from driver.diagnosis.score import Score
 from driver.errors import sentence
-from driver.identification.fit import Evaluation, Fit, fit
+from driver.identification.fit import Evaluation, Fit
 from driver.identification.procedure import with_correction
 from driver.identify_stage import (
     IDENTIFY,
@@ -46,6 +46,9 @@ def run_diagnose(context: StageContext) -> None:
     with h5py.File(context.result(IDENTIFY), "r") as file:
         values = json.loads(file.attrs["all_values"])
         free = tuple(json.loads(file.attrs["names"]))
+        converged, reason = bool(file.attrs["converged"]), str(file.attrs["reason"])
+    if not converged:
+        context.log(f"  the baseline has not converged ({reason}): read the verdict with care")
     sizes = (case.specimen.mesh_size, case.specimen.fine_mesh_size)
     objective = with_correction(
         bench.objective,
@@ -53,7 +56,9 @@ def run_diagnose(context: StageContext) -> None:
         saved_correction(identified),
         sizes,
     )
-    baseline = fit(objective, values, free, case.identification.max_iterations, context.log)
+    # One simulation gives the baseline and the sensitivities of every cause.
+    wide = objective.evaluate(values, screened(objective.model, free, wanted)[1])
+    baseline = Fit(objective.restrict(wide, free), converged, reason, ())
     cycles = bench.experiment.history.cycle
     settings = Settings(
         wanted=wanted,
@@ -64,7 +69,7 @@ def run_diagnose(context: StageContext) -> None:
         free_chi=float(np.sqrt(np.mean(free_chi**2))),
         sizes=sizes,
     )
-    found = diagnose(baseline, objective, bench.finer, cycles, settings, context.log)
+    found = diagnose(baseline, objective, bench.finer, cycles, settings, context.log, wide)
     context.log(f"verdict: {found.verdict.kind}. {found.verdict.text}")
     for name in added_parameters(found):
         sigma = found.extended.sigma(name, objective.parameters)

@@ -115,6 +115,7 @@ def _write(
             "units": json.dumps([parameters[name].unit for name in names]),
             "all_values": json.dumps(final.values),
             "reason": final.reason,
+            "converged": "yes" if final.converged else "",
         },
     )
     write_csv(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +73,13 @@ class Prediction:
     carried: Mapping[int, FloatArray]
     look: Look
     response: Response
+
+    def restrict(self, rows: Sequence[int]) -> Prediction:
+        """The prediction with the derivatives of some of its parameters, in the given order."""
+        carried = {new: self.carried[old] for new, old in enumerate(rows) if old in self.carried}
+        return replace(
+            self, d_surface=self.d_surface[rows], d_load=self.d_load[rows], carried=carried
+        )
 
     @property
     def motion(self) -> FloatArray:

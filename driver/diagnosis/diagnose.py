@@ -130,6 +130,7 @@ def diagnose(
     cycles: IntArray,
     settings: Settings,
     log: Log,
+    wide: Evaluation | None = None,
 ) -> Diagnosis:
     """Find out what the baseline gets wrong.
 
@@ -140,6 +141,7 @@ def diagnose(
         cycles: number of the cycle of each image, shape (T,).
         settings: how to run.
         log: takes one line of progress.
+        wide: evaluation at the baseline with the parameters of `screened` free, if known.
 
     Raises:
         SolverError: the model cannot be evaluated at the baseline.
@@ -148,7 +150,7 @@ def diagnose(
     limited = settings.free_chi > IMAGING
     if limited:
         objective = _inflated(objective, settings.free_chi)
-        baseline = fit(objective, baseline.values, baseline.best.free, 5, log)
+        baseline, wide = fit(objective, baseline.values, baseline.best.free, 5, log), None
     here = baseline
     steps: list[Step] = []
     causes: list[Cause] = []
@@ -156,7 +158,8 @@ def diagnose(
     accepted = False
     while True:
         log(f"screening at χ_F {here.best.chi_load:.2f}, χ of images {here.best.chi_image:.3f}")
-        step, winner = _round(here, current, model, causes, settings, log)
+        step, winner = _round(here, current, causes, settings, wide, log)
+        wide = None
         steps.append(step)
         accepted = step.omnibus.accepted
         if winner is None or len(causes) == MOST_ADDITIONS:
@@ -224,20 +227,15 @@ def _inflated(objective: Objective, chi: float) -> Objective:
 def _round(
     here: Fit,
     objective: Objective,
-    model: ForwardModel,
     added: Sequence[Cause],
     settings: Settings,
+    wide: Evaluation | None,
     log: Log,
 ) -> tuple[Step, Refit | None]:
     """Screen all causes, refit the best, and pick the one to add."""
-    known = (
-        frozenset(p for p in objective.parameters if not model.simulated(p))
-        | model.boundary.parameters
-        | model.microstructure.parameters
-        | model.adapter.capabilities().material
-    )
-    candidates = causes_of(known, here.best.free, settings.wanted)
-    scores, screening = screen(here, objective, candidates)
+    candidates, names = screened(objective.model, here.best.free, settings.wanted)
+    screening = wide if wide is not None else objective.evaluate(here.values, names)
+    scores = screen(here, objective, candidates, screening)
     tests = omnibus(here.best, objective.data)
     significant = [s for s in scores if s.p < FAMILY_LEVEL and s.cause.name != NUMERICS.name]
     chosen = significant[: settings.refit]
@@ -258,18 +256,35 @@ def _round(
     return step, winner
 
 
-def screen(
-    here: Fit, objective: Objective, candidates: Sequence[Cause]
-) -> tuple[list[Score], Evaluation]:
-    """Score every candidate, and the discretisation, with one simulation.
-
-    Returns:
-        scores, best log evidence first, and the evaluation with every parameter free.
-    """
-    names = list(here.best.free)
+def screened(
+    model: ForwardModel, fitted: Sequence[str], wanted: Sequence[str] | None
+) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
+    """The causes that a model can have, and the parameters that screening needs free."""
+    known = (
+        frozenset(p for p in model.null_values() if not model.simulated(p))
+        | model.boundary.parameters
+        | model.microstructure.parameters
+        | model.adapter.capabilities().material
+    )
+    candidates = causes_of(known, fitted, wanted)
+    names = [*fitted]
     for cause in candidates:
         names += [n for n in (*cause.parameters, *cause.companions) if n not in names]
-    screening = objective.evaluate(here.values, names)
+    return candidates, tuple(names)
+
+
+def screen(
+    here: Fit, objective: Objective, candidates: Sequence[Cause], screening: Evaluation
+) -> list[Score]:
+    """Score every candidate, and the discretisation; best log evidence first.
+
+    Args:
+        here: the fit that is examined.
+        objective: its objective.
+        candidates: the causes.
+        screening: evaluation at the fit with the parameters of every cause free.
+    """
+    names = screening.free
     family = len(candidates) + 1
     scores = []
     for cause in candidates:
@@ -279,8 +294,7 @@ def screen(
     if isinstance(objective.correction.load, np.ndarray):
         along = whitened_difference(objective, here.best, objective.correction, Correction())
         scores.append(score(NUMERICS, along[None], here.best, family))
-    scores.sort(key=lambda s: -s.log_evidence)
-    return scores, screening
+    return sorted(scores, key=lambda s: -s.log_evidence)
 
 
 def whitened_difference(
@@ -296,14 +310,15 @@ def whitened_difference(
 
 
 def _set_of(winner: Refit, refits: Sequence[Refit], scores: Sequence[Score]) -> tuple[str, ...]:
-    """The winner, and the causes that cannot be told from it, best first."""
+    """The winner, and the causes that cannot be told from it, best first.
+
+    Where a cause was refitted its evidence decides; the angle between linearised effects stands
+    in for the refit of those that were not.
+    """
     by_name = {s.cause.name: s for s in scores}
     best = by_name[winner.cause.name]
     names = [winner.cause.name]
-    for other in refits[1:]:
-        close = winner.log_evidence - other.log_evidence < WITHIN
-        if close or cosine(best, by_name[other.cause.name]) > PARALLEL:
-            names.append(other.cause.name)
+    names += [r.cause.name for r in refits[1:] if winner.log_evidence - r.log_evidence < WITHIN]
     refitted = {r.cause.name for r in refits}
     names += [
         s.cause.name

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,8 +22,8 @@ class Refit:
 
     Attributes:
         cause: the cause.
-        objective: the objective with the cause's prior.
-        fit: the fit.
+        objective: the objective with the cause's prior, as wide as the effect was found large.
+        fit: the fit, with a prior of one scale.
         log_evidence: natural log of the Bayes factor against the baseline (Laplace).
     """
 
@@ -50,6 +50,25 @@ def with_prior(objective: Objective, cause: Cause) -> Objective:
     for name in (*cause.parameters, *cause.companions):
         parameter = objective.parameters[name]
         prior[name] = (nulls[name], parameter.scale if parameter.logarithmic else 1.0)
+    return replace(objective, prior=prior)
+
+
+def as_wide_as_found(objective: Objective, cause: Cause, values: Mapping[str, float]) -> Objective:
+    """The objective with the prior of a cause widened to the size of its effect.
+
+    A prior of one scale decides whether there is an effect. It would then draw an effect of
+    many scales towards zero, by the share that its variance has in that of the prior.
+    """
+    sizes = [
+        objective.parameters[name].theta(values[name], objective.prior[name][0])
+        / objective.prior[name][1]
+        for name in cause.parameters
+    ]
+    factor = max(1.0, float(np.sqrt(np.mean(np.square(sizes)))))
+    prior = dict(objective.prior)
+    for name in cause.parameters:
+        null, width = prior[name]
+        prior[name] = (null, factor * width)
     return replace(objective, prior=prior)
 
 
@@ -107,7 +126,8 @@ def _refit(task: _Task) -> Refit:
     )  # fmt: skip
     added = (*task.cause.parameters, *task.cause.companions)
     evidence = log_bayes_factor(task.baseline, result.best, task.objective, added)
-    return Refit(task.cause, task.objective, result, evidence)
+    widened = as_wide_as_found(task.objective, task.cause, result.values)
+    return Refit(task.cause, widened, result, evidence)
 
 
 def _silent(line: str) -> None:

@@ -105,6 +105,7 @@ class Objective:
             jacobian=evaluation.jacobian[rows],
             prior_gap=gap,
             prior_weight=weight,
+            prediction=evaluation.prediction.restrict(rows),
         )
 
     def _prior_at(

@@ -3,7 +3,7 @@
 A. apex amplitudes and knots, from the images alone; the law stays free within its prior, for
    amplitudes fitted under a wrong law would bend to make up for it;
 B. parameters of the law, from images and loads, knots free, amplitudes held;
-C. all together; then again with the finer-minus-working correction taken at the result.
+C. all together, with the finer-minus-working correction taken at the result of B.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Identification:
 
     Attributes:
         objective: model, data, priors and the correction of the last stage.
-        stages: the fits of stages A, B, C and of C with the correction.
+        stages: the fits of stages A, B and C.
     """
 
     objective: Objective
@@ -98,18 +98,13 @@ def identify(
     log("stage B: the law from images and loads, knots free")
     unloaded = unload_elastically(stage_a.values, stiffness, weights, load)
     stage_b = fit(objective, unloaded, (*knots, *law), most, log, share=START)
-    log("stage C: all together")
-    first = fit(objective, stage_b.values, everything, most, log, share=START)
     log("finer mesh and steps at the result, for the correction")
-    corrected = with_correction(
-        objective, temporal_noise(first, objective.data), correction(working, finer, first, log),
-        sizes,
-    )  # fmt: skip
-    log("stage C with the correction")
-    last = fit(corrected, first.values, everything, most, log)
-    return Identification(
-        corrected, {"A": stage_a, "B": stage_b, "C uncorrected": first, "C": last}
-    )
+    noise = temporal_noise(stage_b, objective.data)
+    change = correction(working, finer, stage_b, log)
+    corrected = with_correction(objective, noise, change, sizes)
+    log("stage C: all together, with the correction")
+    last = fit(corrected, stage_b.values, everything, most, log)
+    return Identification(corrected, {"A": stage_a, "B": stage_b, "C": last})
 
 
 def with_correction(

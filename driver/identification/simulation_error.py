@@ -1,11 +1,13 @@
 """Covariance of what mesh and time steps leave wrong in a prediction.
 
 The finer-minus-working difference is added to every prediction (defect correction). What the
-finer simulation itself leaves wrong is not known, but how large it is and when it occurs is: at
-second order in the size h, the error of the finer mesh is κ = r²/(1 − r²) times that difference,
-r = h_fine/h_working. In time it follows the difference; in space it is taken as a Gaussian field
-over the face, as rough as the finer elements and with the mean square of the difference in each
-of u, v, w. The loads get the pattern of their own difference, at amplitude κ.
+finer simulation itself leaves wrong is not known, but how large it is and when it occurs is: the
+root mean square falls with the first power of the size h (measured on two grains with meshes of
+262, 574 and 1414 cells: slip concentrates where meshes differ), so that of the finer mesh is
+κ = r/(1 − r) times that difference, r = h_fine/h_working. In time it follows the difference; in
+space it is taken as a Gaussian field over the face, as rough as the finer elements and with the
+mean square of the difference in each of u, v, w. The loads get the pattern of their own
+difference, at amplitude κ.
 
 Images resolve fractions of a nanometre where a mesh error lasts for a whole test. Without this
 term every cause that resembles a mesh error would be found significant.
@@ -70,7 +72,7 @@ def simulation_error(
         size: element size of the finer mesh [µm].
         ratio: element size of the finer over that of the working mesh.
     """
-    kappa = ratio**2 / (1.0 - ratio**2)
+    kappa = ratio / (1.0 - ratio)
     z = image.pixel_sensitivity(motion)
     left, amplitude, _ = np.linalg.svd(z, full_matrices=False)
     shapes = kappa * left[:, :_SHAPES] * amplitude[:_SHAPES]

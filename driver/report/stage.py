@@ -27,7 +27,6 @@ REPORT = "report.html"
 _STAGE_NAMES = {
     "A": "A: images",
     "B": "B: law, loads",
-    "C uncorrected": "C: all",
     "C": "C: corrected",
 }
 

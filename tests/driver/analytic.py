@@ -14,7 +14,16 @@ from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
 Curve = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-_NOTHING = cast(Any, None)
+
+
+class _Nothing:
+    """A prediction of which nobody asks more than to be restricted."""
+
+    def restrict(self, rows: Sequence[int]) -> _Nothing:
+        return self
+
+
+_NOTHING = cast(Any, _Nothing())
 
 
 def evaluation(

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.diagnosis.causes import LIBRARY, NUMERICS
-from driver.diagnosis.diagnose import Diagnosis, Settings, diagnose, screen
+from driver.diagnosis.diagnose import Diagnosis, Settings, diagnose, screen, screened
 from driver.identification.fit import fit
 from tests.driver import closed_form
 
@@ -160,9 +160,10 @@ def test_scores_of_small_effects_are_what_a_refit_finds() -> None:
     fine = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.001))
     objective, baseline = closed_form.identified(BENCH, made, fine)
     cause = next(c for c in LIBRARY if c.name == "tilt_drift")
-    scores, screening = screen(baseline, objective, [cause])
+    candidates, names = screened(objective.model, baseline.best.free, ("tilt_drift",))
+    assert candidates == (cause,) and names == (*baseline.best.free, "tilt_drift")
+    scores = screen(baseline, objective, candidates, objective.evaluate(baseline.values, names))
     score = next(s for s in scores if s.cause is cause)
-    assert screening.free == (*baseline.best.free, "tilt_drift")
     settings = replace(SETTINGS, wanted=("tilt_drift",), held_out=None)
     found = diagnose(baseline, objective, fine, BENCH.history.cycle, settings, silent)
     (refit,) = found.steps[0].refits

@@ -5,9 +5,9 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.diagnosis.causes import Cause
-from driver.diagnosis.refit import log_bayes_factor, with_prior
+from driver.diagnosis.refit import as_wide_as_found, log_bayes_factor, with_prior
 from driver.diagnosis.score import score
-from driver.identification.fit import Evaluation, Fit, fit
+from driver.identification.fit import Evaluation, Fit, Objective, fit
 from solver_adapters.parameter import Parameter
 from tests.driver import closed_form
 from tests.driver.analytic import formula
@@ -70,3 +70,21 @@ def test_priors_of_a_cause_stand_about_the_case_with_the_scale_of_the_library() 
     assert prior == {"n": (20.0, 0.3), "K": (12.0, 0.3), "b": (30.0, 0.47)}
     drift = with_prior(objective, Cause("drift", "instrument", ("load_drift",), "", ""))
     assert drift.prior == {"load_drift": (0.0, 1.0)} and objective.prior == {}
+
+
+def test_a_large_effect_is_not_drawn_towards_its_null() -> None:
+    """Ten prior scales, known to a third of one: the first prior takes a tenth of it away."""
+    response = 0.3 * np.eye(1, 50)  # per MPa, a tenth of a prior scale
+    measured = 100.0 * response[0]
+    parameters = [Parameter("Q", "MPa", 0.0, 10.0)]
+    objective = formula(lambda p: (p @ response, response), measured, parameters, {"Q": (0.0, 1.0)})
+    cause = Cause("x", "material", ("Q",), "", "")
+
+    def found(with_: Objective) -> float:
+        return fit(with_, {"Q": 0.0}, ("Q",), 9, lambda line: None, tolerance=1e-9).values["Q"]
+
+    first = found(objective)
+    assert first == pytest.approx(90.0)
+    widened = as_wide_as_found(objective, cause, {"Q": first})
+    assert found(widened) == pytest.approx(100.0, rel=2e-3)
+    assert as_wide_as_found(objective, cause, {"Q": 5.0}).prior == objective.prior

@@ -171,7 +171,7 @@ def _write_identified(folder):
                 for k in range(3)
             ],
         }
-        for stage in ("A", "B", "C uncorrected", "C")
+        for stage in ("A", "B", "C")
     }
     (folder / "identify_history.json").write_text(json.dumps(stages), "utf-8")
 
