@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from driver.specimen import geometry_of
+from driver.specimen import mesh_of
 from driver.stages import StageContext
 from meshes.files import write_med, write_vtu
-from meshes.prism import generate
 
 MESH, FINE_MESH = "mesh.med", "mesh_fine.med"
 
 
 def run_mesh(context: StageContext) -> None:
     """Generate both meshes, and write them as MED and VTU."""
-    geometry, specimen = geometry_of(context.case), context.case.specimen
+    specimen = context.case.specimen
     for name, size in ((MESH, specimen.mesh_size), (FINE_MESH, specimen.fine_mesh_size)):
-        mesh = generate(geometry, size)
+        mesh = mesh_of(context.case, size)
         path = context.workdir / name
         write_med(mesh, path)
         write_vtu(mesh, path.with_suffix(".vtu"))

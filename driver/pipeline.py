@@ -7,10 +7,13 @@ from pathlib import Path
 
 from driver.case import Case, load_case
 from driver.diagnose_stage import run_diagnose
+from driver.estimate import estimate
+from driver.history import read_history
 from driver.identify_stage import run_identify
 from driver.measure_stage import run_measure
 from driver.mesh_stage import run_mesh
 from driver.report.stage import run_report
+from driver.specimen import mesh_of
 from driver.stages import Stage, measured_files, run_stages
 from solver_adapters.bundled.compilation import use_threads
 
@@ -44,6 +47,12 @@ def run(case_path: Path, until: str | None, force: bool, log: Log) -> None:
     """
     case = load_case(case_path)
     use_threads(case.execution.processes * case.execution.threads)
+    n_cells = len(mesh_of(case, case.specimen.mesh_size).cells)
+    cost = estimate(case, n_cells, read_history(case.path(case.history.file)).n_images)
+    log(
+        f"all stages take about {cost.seconds / 60:.1f} min on free cores "
+        f"and {cost.memory / 1e9:.1f} GB of memory"
+    )
     run_stages(case_path, stages(case), until, force, log)
 
 

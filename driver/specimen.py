@@ -16,7 +16,7 @@ from driver.instrument import Instrument
 from driver.microstructure import build_microstructure
 from driver.model import ForwardModel
 from driver.surface_view import SurfaceView
-from meshes.prism import PrismGeometry
+from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import trace
 from solver_adapters.interface import Adapter
@@ -32,6 +32,18 @@ def geometry_of(case: Case) -> PrismGeometry:
     """The prism and its grain boundary."""
     s = case.specimen
     return PrismGeometry(s.length, s.width, s.depth, s.boundary_point_um, s.boundary_normal)
+
+
+def mesh_of(case: Case, size: float) -> PrismMesh:
+    """A mesh of the specimen with elements of a size [µm].
+
+    Raises:
+        InputError: the case does not describe a prism that can be meshed.
+    """
+    try:
+        return generate(geometry_of(case), size)
+    except ValueError as error:
+        raise InputError(f"specimen: {error}") from None
 
 
 def adapter_of(case: Case) -> Adapter:
