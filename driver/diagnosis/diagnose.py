@@ -312,13 +312,19 @@ def whitened_difference(
 def _set_of(winner: Refit, refits: Sequence[Refit], scores: Sequence[Score]) -> tuple[str, ...]:
     """The winner, and the causes that cannot be told from it, best first.
 
-    Where a cause was refitted its evidence decides; the angle between linearised effects stands
-    in for the refit of those that were not.
+    A refitted cause belongs to it by its evidence; or, if its linearised effect is parallel, by a
+    misfit that is as low (then only the priors differ). Of causes that were not refitted the
+    angle alone is known.
     """
     by_name = {s.cause.name: s for s in scores}
     best = by_name[winner.cause.name]
     names = [winner.cause.name]
-    names += [r.cause.name for r in refits[1:] if winner.log_evidence - r.log_evidence < WITHIN]
+    for other in refits[1:]:
+        close = winner.log_evidence - other.log_evidence < WITHIN
+        as_low = other.fit.best.misfit - winner.fit.best.misfit < 2 * WITHIN
+        parallel = cosine(best, by_name[other.cause.name]) > PARALLEL
+        if close or (parallel and as_low):
+            names.append(other.cause.name)
     refitted = {r.cause.name for r in refits}
     names += [
         s.cause.name
