@@ -18,7 +18,7 @@ POINT_GROUPS = ("P_PLUS", "P_MINUS")
 
 @dataclass(frozen=True, eq=False)
 class PrismMesh:
-    """A tet10 mesh of the prism in the specimen frame (METHOD.md §1).
+    """A tet10 mesh of the prism in the specimen frame (docs/method.md).
 
     Attributes:
         points: node coordinates [µm], shape (n_nodes, 3).

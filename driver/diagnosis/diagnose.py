@@ -28,6 +28,7 @@ Log = Callable[[str], None]
 WITHIN = 3.0  # log evidence within which causes are not told apart
 PARALLEL = 0.95  # cosine beyond which they cannot be
 IMAGING = 1.2  # χ of free correlation beyond which imaging errors dominate
+MOST_STEPS = 5  # rounds, where elimination keeps taking back what was added
 POLISH = 8  # Newton iterations of an extended model with its own correction
 GATE = 1.0  # largest effect of the change of the correction on a score [σ]
 
@@ -162,7 +163,7 @@ def diagnose(
         wide = None
         steps.append(step)
         accepted = step.omnibus.accepted
-        if winner is None or len(causes) == MOST_ADDITIONS:
+        if winner is None or len(causes) == MOST_ADDITIONS or len(steps) > MOST_STEPS:
             break
         causes.append(winner.cause)
         log(f"added {winner.cause.name}, log evidence {winner.log_evidence:+.1f}")
@@ -171,6 +172,8 @@ def diagnose(
         noise = winner.objective.data.image.noise_factor * temporal_noise(
             winner.fit, winner.objective.data
         )
+        if limited:
+            noise = max(noise, settings.free_chi)
         current = with_correction(winner.objective, noise, change, settings.sizes)
         here = fit(current, winner.fit.values, winner.fit.best.free, POLISH, log)
         here, current, causes = _eliminate(here, current, causes, log)
@@ -180,7 +183,9 @@ def diagnose(
     ends = side_by_side(_run, tasks, settings.processes, settings.threads)
     fresh = next(end for end in ends if isinstance(end, Correction))
     held = [end for end in ends if isinstance(end, HeldOut)]
-    gate = _gate(current, here.best, fresh, steps[-1].scores)
+    gate = _gate(
+        current, here.best, fresh, steps[-1].scores, [n for c in causes for n in c.parameters]
+    )
     log(f"  change of the simulation's own error: {gate.effect:.2f} σ along {gate.cause}")
     numerics = None
     if not gate.passed:
@@ -220,7 +225,7 @@ def _names(causes: Sequence[Cause]) -> tuple[str, ...]:
 
 def _inflated(objective: Objective, chi: float) -> Objective:
     image = objective.data.image
-    louder = replace(image, noise_factor=image.noise_factor * chi)
+    louder = replace(image, noise_factor=max(image.noise_factor, chi))
     return replace(objective, data=replace(objective.data, image=louder))
 
 
@@ -406,13 +411,23 @@ def _held_out_tasks(
     return [HeldOutTask(o, f, settings.held_out, cycles, knots) for o, f in fits]
 
 
-def _gate(objective: Objective, at: Evaluation, fresh: Correction, scores: Sequence[Score]) -> Gate:
-    """Effect of a fresh correction on the score of any cause."""
+def _gate(
+    objective: Objective,
+    at: Evaluation,
+    fresh: Correction,
+    scores: Sequence[Score],
+    named: Sequence[str],
+) -> Gate:
+    """Effect of a fresh correction on the score of any cause, and on the parameters named."""
     change = whitened_difference(objective, at, fresh, objective.correction)
     effects = [
         (float(np.linalg.norm(s.directions @ change) / np.sqrt(s.degrees)), s.cause.name)
         for s in scores
         if s.degrees and s.cause.name != NUMERICS.name
     ]
+    # What was named already is fitted: there the change moves the parameter itself.
+    shift = np.linalg.solve(at.hessian, at.jacobian @ change)
+    moved = np.abs(shift) / np.sqrt(np.diag(np.linalg.inv(at.hessian)))
+    effects += [(float(moved[at.free.index(name)]), name) for name in named]
     effect, cause = max(effects, default=(0.0, NUMERICS.name))
     return Gate(effect, cause)

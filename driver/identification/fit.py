@@ -1,4 +1,4 @@
-"""Gauss–Newton on the whitened residual with a Gaussian prior (the Hessian of METHOD is JᵀJ + P).
+"""Gauss–Newton on the whitened residual with a Gaussian prior (Hessian JJᵀ + P, J of shape (k, n)).
 
 The variable of each parameter is θ (`Parameter.theta`): a logarithm or a scaled difference.
 """
@@ -179,12 +179,12 @@ class Evaluation:
 
     @property
     def hessian(self) -> FloatArray:
-        """JᵀJ + prior, shape (k, k)."""
+        """JJᵀ + prior, shape (k, k)."""
         return np.asarray(self.jacobian @ self.jacobian.T + np.diag(self.prior_weight))
 
     @property
     def gradient(self) -> FloatArray:
-        """Downhill direction Jᵀr + prior, shape (k,)."""
+        """Downhill direction J r + prior, shape (k,)."""
         return np.asarray(self.jacobian @ self.residual + self.prior_weight * self.prior_gap)
 
 

@@ -31,12 +31,12 @@ _SHAPES = 3  # shapes in time that are kept: onset of yield, growth, what unload
 
 @dataclass(frozen=True, eq=False)
 class SimulationError:
-    """Σ = I + κ² (shapes shapesᵀ) ⊗ field for the images, I + load loadᵀ for the loads.
+    """Σ = I + (shapes shapesᵀ) ⊗ field for the images, I + load loadᵀ for the loads.
 
     Attributes:
-        shapes: shapes in time times their amplitudes, frames first, shape (T, m).
+        shapes: shapes in time times their amplitudes, κ included, frames first, shape (T, m).
         field: covariance over the whitened numbers of one image, trace 1, shape (n_z, n_z).
-        load: pattern of the load error [µN], shape (T,).
+        load: pattern of the load error, κ included [µN], shape (T,).
     """
 
     shapes: FloatArray

@@ -71,8 +71,8 @@ def small_case() -> Case:
     return Case(
         specimen=Specimen(
             length_um=8.0,
-            mesh_size_um=2.2,
-            fine_mesh_size_um=1.3,
+            mesh_size_um=2.0,
+            fine_mesh_size_um=1.0,
             boundary_point_um=(0.0, 3.6, 0.0),
             boundary_normal=(0.15, 1.0, 0.3),
         ),
