@@ -14,6 +14,7 @@ import numpy as np
 
 from driver.case import Case, load_case
 from driver.check_picture import draw
+from driver.diagnosis.causes import LIBRARY
 from driver.errors import InputError
 from driver.estimate import estimate
 from driver.experiment import Experiment, read_experiment
@@ -58,6 +59,7 @@ def check(case_path: Path) -> list[Finding]:
         return findings + [Finding("error", "case", line) for line in str(error).splitlines()]
     findings.append(Finding("ok", "case", f"{case_path} is valid"))
     findings += _orientation(case)
+    findings += _causes(case)
     findings += _solver(case)
     n_cells, mesh_finding = _mesh(case)
     findings.append(mesh_finding)
@@ -110,6 +112,16 @@ def _orientation(case: Case) -> Iterator[Finding]:
     for grain, rotation in zip(case.grains, case.orientations, strict=True):
         along = " ".join(f"{component:+.3f}" for component in rotation[1])
         yield Finding("ok", "orientation", f"{grain.name}: loading axis along crystal [{along}]")
+
+
+def _causes(case: Case) -> Iterator[Finding]:
+    known = {cause.name for cause in LIBRARY}
+    for name in case.diagnosis.causes if case.diagnosis.causes != "all" else ():
+        if name not in known:
+            expected = ", ".join(sorted(known))
+            yield Finding(
+                "error", "causes", f'diagnosis.causes: found "{name}", expected one of {expected}'
+            )
 
 
 def _solver(case: Case) -> Iterator[Finding]:

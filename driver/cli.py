@@ -51,12 +51,15 @@ def init(
 ) -> None:
     """Write a commented case.toml, and its schema for editors, into DIR."""
     with _told_in_one_line():
-        path = folder / "case.toml"
-        if path.exists():
-            raise CaseError(sentence(path, "file", "a case", "none: it is not overwritten"))
+        path, schema = folder / "case.toml", folder / "case.schema.json"
+        if folder.exists() and not folder.is_dir():
+            raise CaseError(sentence(folder, "DIR", "a file", "a folder, or nothing yet"))
+        for file in (path, schema):
+            if file.exists() or file.is_symlink():
+                raise CaseError(sentence(file, "file", "a file", "none: it is not overwritten"))
         folder.mkdir(parents=True, exist_ok=True)
         write_case(default_case(), path)
-        write_whole(folder / "case.schema.json", schema_text())
+        write_whole(schema, schema_text())
         typer.echo(f"{path} written: fill it in, then `prismid check {path}`")
 
 
@@ -90,6 +93,9 @@ def run(
                 pipeline.run(_case_file(case), until, force, log)
         except typer.Exit:
             failed = True
+        except KeyboardInterrupt:
+            typer.echo("prismid: stopped; finished stages are kept, run again to go on", err=True)
+            raise typer.Exit(130) from None
     if failed:
         raise typer.Exit(1)
 

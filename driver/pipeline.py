@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from driver.case import Case, load_case
-from driver.diagnose_stage import run_diagnose
+from driver.diagnose_stage import DIAGNOSIS, run_diagnose
+from driver.errors import sentence
 from driver.estimate import estimate
 from driver.history import read_history
 from driver.identify_stage import run_identify
@@ -14,7 +15,7 @@ from driver.measure_stage import run_measure
 from driver.mesh_stage import run_mesh
 from driver.report.stage import run_report
 from driver.specimen import mesh_of
-from driver.stages import Stage, measured_files, run_stages
+from driver.stages import RESULTS, Stage, StageError, measured_files, run_stages
 from solver_adapters.bundled.compilation import use_threads
 
 Log = Callable[[str], None]
@@ -57,8 +58,17 @@ def run(case_path: Path, until: str | None, force: bool, log: Log) -> None:
 
 
 def report(case_path: Path) -> None:
-    """Write the report page anew from the results that are there."""
-    run(case_path, "report", False, print)
+    """Write the report page anew from the results that are there.
+
+    Raises:
+        StageError: there is no diagnosis yet.
+    """
+    diagnosis = case_path.parent / RESULTS / DIAGNOSIS
+    if not diagnosis.is_file():
+        raise StageError(
+            sentence(diagnosis, "file", "nothing", f"the results of `prismid run {case_path}`")
+        )
+    run_stages(case_path, stages(load_case(case_path))[-1:], None, True, print)
 
 
 def export(case_path: Path, folder: Path) -> None:

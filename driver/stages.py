@@ -203,8 +203,13 @@ def _read_record(results: Path) -> dict[str, _Done]:
     path = results / _RECORD
     if not path.is_file():
         return {}
-    record: dict[str, _Done] = json.loads(path.read_text(encoding="utf-8"))
-    return record
+    try:
+        record: dict[str, _Done] = json.loads(path.read_text(encoding="utf-8"))
+        whole = all({"key", "outputs"} <= set(entry) for entry in record.values())
+    except (ValueError, TypeError, AttributeError):
+        whole = False
+    # A damaged record is no record: the stages are run again.
+    return record if whole else {}
 
 
 def _write_record(results: Path, record: dict[str, _Done]) -> None:

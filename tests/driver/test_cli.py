@@ -1,4 +1,5 @@
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -115,3 +116,21 @@ def test_check_prints_each_finding_and_fails_on_an_error(case_path, monkeypatch)
 def test_the_version_is_that_of_the_distribution(monkeypatch):
     monkeypatch.setattr("driver.cli.version", lambda name: {"prismid": "3.2.1"}[name])
     assert invoke("--version").stdout == "prismid 3.2.1\n"
+
+
+def test_init_overwrites_neither_a_case_nor_a_schema(tmp_path: Path) -> None:
+    for name in ("case.toml", "case.schema.json"):
+        folder = tmp_path / name.replace(".", "_")
+        folder.mkdir()
+        (folder / name).write_text("mine", encoding="utf-8")
+        found = CliRunner().invoke(app, ["init", str(folder)])
+        assert found.exit_code == 1 and name in found.output
+        assert [file.name for file in folder.iterdir()] == [name]
+        assert (folder / name).read_text(encoding="utf-8") == "mine"
+
+
+def test_a_report_without_results_is_refused_and_simulates_nothing(tmp_path: Path) -> None:
+    CliRunner().invoke(app, ["init", str(tmp_path / "new")])
+    found = CliRunner().invoke(app, ["report", str(tmp_path / "new")])
+    assert found.exit_code == 1 and "diagnosis.json" in found.output
+    assert not (tmp_path / "new" / "results").exists()

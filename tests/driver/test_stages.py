@@ -1,5 +1,6 @@
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -167,3 +168,11 @@ def test_a_bad_case_stops_before_anything_is_written(workshop):
     with pytest.raises(CaseError, match="specimen.length_um"):
         workshop.run()
     assert not (workshop.folder / "results").exists()
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"mesh": 3}', '{"mesh": {"key": "k"}}'])
+def test_a_damaged_record_is_no_record(tmp_path: Path, text: str) -> None:
+    from driver import stages
+
+    (tmp_path / "stages.json").write_text(text, encoding="utf-8")
+    assert stages._read_record(tmp_path) == {}
