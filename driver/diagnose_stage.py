@@ -107,7 +107,10 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     It stands in `results/`: its paths lead one folder up.
     """
     values = found.extended.values
-    names = {"tau0": "tau0_MPa", "c": "c_MPa", "Q": "Q_MPa"}
+    names = {
+        "tau0": "tau0_MPa", "c": "c_MPa", "Q": "Q_MPa", "c2": "c2_MPa",
+        "skin_thickness": "skin_thickness_um",
+    }  # fmt: skip
     constants = {
         names.get(name, name): values[name]
         for name in MATERIAL_PARAMETERS

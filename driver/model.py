@@ -20,7 +20,14 @@ from driver.microstructure import (
     Microstructure,
 )
 from driver.surface_view import POSE_DECLARATIONS, Look, SurfaceView, apply
-from solver_adapters.interface import Adapter, Direction, Progress, Response, Simulation
+from solver_adapters.interface import (
+    Adapter,
+    Direction,
+    Integration,
+    Progress,
+    Response,
+    Simulation,
+)
 from solver_adapters.material import (
     MATERIAL_DECLARATIONS,
     MATERIAL_PARAMETERS,
@@ -100,6 +107,7 @@ class ForwardModel:
         image_row: index of the instant of each image, shape (T,).
         surface_nodes: nodes of the measured face, shape (n,).
         adapter: the solver.
+        integration: how the law is integrated over a time step.
         steps_per_interval: time steps between two instants.
         view: where the pixels are on the face.
     """
@@ -112,6 +120,7 @@ class ForwardModel:
     image_row: IntArray
     surface_nodes: IntArray
     adapter: Adapter
+    integration: Integration
     steps_per_interval: int
     view: SurfaceView
 
@@ -134,6 +143,7 @@ class ForwardModel:
             output=self.image_row,
             output_nodes=self.surface_nodes,
             directions=tuple(self._direction(values, n) for n in free if self.simulated(n)),
+            integration=self.integration,
             steps_per_interval=self.steps_per_interval,
         )
 

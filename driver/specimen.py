@@ -122,6 +122,7 @@ def build_model(
         image_row=history.image_row,
         surface_nodes=surface.nodes,
         adapter=adapter,
+        integration=case.solver.integration,
         steps_per_interval=steps_per_interval,
         view=SurfaceView(surface, pixels, (-half, half, 0.0, case.specimen.length)),
     )

@@ -12,8 +12,9 @@ import meshio
 import numpy as np
 from numpy.typing import NDArray
 
+from meshes.cells import inverted_cells
 from meshes.prism_mesh import FACE_GROUPS, PrismMesh
-from meshes.tet10 import MIRRORED, inverted_cells, node_groups
+from meshes.tet10 import MIRRORED, node_groups
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -31,7 +32,11 @@ def write_med(mesh: PrismMesh, path: Path) -> None:
     Args:
         mesh: the prism.
         path: file to write; an existing one is replaced.
+
+    Raises:
+        ValueError: the cells are no tet10.
     """
+    _require_tet10(mesh, path)
     coordinates = mc.DataArrayDouble(np.ascontiguousarray(mesh.points))
     coordinates.setInfoOnComponents(["X [um]", "Y [um]", "Z [um]"])
     faces = np.concatenate([mesh.faces[name] for name in FACE_GROUPS])
@@ -105,7 +110,11 @@ def write_vtu(
         path: file to write, ending in .vtu.
         point_data: nodal fields, each of shape (n_nodes,) or (n_nodes, k).
         cell_data: cell fields, each of shape (n_cells,) or (n_cells, k).
+
+    Raises:
+        ValueError: the cells are no tet10.
     """
+    _require_tet10(mesh, path)
     fields = {"grain": mesh.grain + 1, **(cell_data or {})}
     meshio.Mesh(
         mesh.points,
@@ -113,6 +122,11 @@ def write_vtu(
         point_data=dict(point_data or {}),
         cell_data={name: [values] for name, values in fields.items()},
     ).write(path, file_format="vtu")
+
+
+def _require_tet10(mesh: PrismMesh, path: Path) -> None:
+    if mesh.cells.shape[1] != 10:
+        raise ValueError(f"{path}: only tet10 meshes can be written; this one is of wedge15 cells")
 
 
 def _med_cells(

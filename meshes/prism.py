@@ -1,22 +1,28 @@
-"""The two-grain triangular prism: its geometry, and its conforming tet10 mesh made by gmsh."""
+"""The two-grain triangular prism: its geometry and its conforming meshes.
+
+Tetrahedra are made by gmsh, wedges by sweeping a grid of the section.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import isfinite, sqrt
 from types import ModuleType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meshes.cells import inverted_cells
 from meshes.gmsh_library import load_gmsh
 from meshes.prism_mesh import PrismMesh
-from meshes.tet10 import inverted_cells, node_groups, outer_faces
+from meshes.tet10 import node_groups, outer_faces
+from meshes.wedge15 import swept
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Vector = tuple[float, float, float]
+CellKind = Literal["tet10", "wedge15"]
 
 _GMSH_TET10 = 11
 # gmsh numbers the mid-edge nodes of 13 and 23 the other way round than VTK.
@@ -90,27 +96,50 @@ class PrismGeometry:
         )
         return distance
 
+    def boundary_height(self, points: FloatArray) -> FloatArray:
+        """Y of the grain boundary [µm] at the X and Z of each point (n, 3), shape (n,).
 
-def generate(geometry: PrismGeometry, size: float) -> PrismMesh:
-    """Mesh the prism with straight-sided tet10 cells that conform to the grain boundary.
+        Raises:
+            ValueError: the grain boundary meets an end face at one of them, or there is none.
+        """
+        at_section = points * np.array([1.0, 0.0, 1.0])
+        distance = self.boundary_distance(at_section)
+        per_y = float(self.boundary_distance(at_section[0] + np.array([0, 1.0, 0])) - distance[0])
+        if per_y != 0:
+            height: FloatArray = -distance / per_y
+            if 0 < height.min() and height.max() < self.length:
+                return height
+        raise ValueError(
+            f"the grain boundary through {self.boundary_point} with normal "
+            f"{self.boundary_normal} meets an end face or a side along the whole prism: it is "
+            "expected to cross the prism from side to side"
+        )
+
+
+def generate(geometry: PrismGeometry, size: float, kind: CellKind = "tet10") -> PrismMesh:
+    """Mesh the prism with straight-sided quadratic cells that conform to the grain boundary.
 
     The same input always gives the same arrays.
 
     Args:
         geometry: the prism and its grain boundary.
         size: edge length of the cells [µm].
+        kind: tetrahedra, or wedges in layers along Y that lean with the grain boundary.
 
     Returns:
         the mesh, every Jacobian positive.
 
     Raises:
-        ValueError: the size is not positive, or the boundary leaves one grain empty.
+        ValueError: the size is not positive, the boundary leaves one grain empty, or it meets an
+            end face, which layers of wedges cannot follow.
         RuntimeError: gmsh could not mesh the prism.
     """
     if not (isfinite(size) and size > 0):
         raise ValueError(f"element size is {size} µm; it must be positive")
     if geometry.boundary_point is not None:
         _require_two_grains(geometry)
+    if kind == "wedge15":
+        return _layers(geometry, size)
     points, cells = _tet10_by_gmsh(geometry, size)
     if len(inverted_cells(points, cells)):
         raise RuntimeError(
@@ -122,6 +151,34 @@ def generate(geometry: PrismGeometry, size: float) -> PrismMesh:
         centres = points[cells[:, :4]].mean(axis=1)
         grain = (geometry.boundary_distance(centres) > 0).astype(np.int64)
     faces = _faces(geometry, points, cells)
+    return PrismMesh(points, cells, grain, faces, node_groups(points, faces))
+
+
+def _layers(geometry: PrismGeometry, size: float) -> PrismMesh:
+    """Wedges: the section in similar triangles, swept in layers of equal share of each grain."""
+    section, length = geometry.section(), geometry.length
+    first, second = section[1] - section[0], section[2] - section[0]
+    divisions = max(1, round(float(max(np.linalg.norm(first), np.linalg.norm(second))) / size))
+    if geometry.boundary_point is None:
+        below, above = max(1, round(length / size)), 0
+    else:
+        middle = np.array([[section[:, 0].mean(), 0.0, section[:, 1].mean()]])
+        geometry.boundary_height(_corners(geometry))
+        share = float(geometry.boundary_height(middle)[0])
+        below, above = (max(1, round(part / size)) for part in (share, length - share))
+    grid, cells, faces = swept(divisions, below + above)
+    across = grid[:, :2] / (2 * divisions)
+    points = np.zeros((len(grid), 3))
+    points[:, [0, 2]] = section[0] + across[:, [0]] * first + across[:, [1]] * second
+    height = geometry.boundary_height(points) if above else np.full(len(grid), length)
+    layer = grid[:, 2] / 2
+    points[:, 1] = np.where(
+        layer <= below,
+        height * layer / below,
+        height + (length - height) * (layer - below) / max(1, above),
+    )
+    points[grid[:, 2] == 2 * (below + above), 1] = length
+    grain = (layer[cells[:, 12]] > below).astype(np.int64)
     return PrismMesh(points, cells, grain, faces, node_groups(points, faces))
 
 

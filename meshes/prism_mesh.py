@@ -18,15 +18,17 @@ POINT_GROUPS = ("P_PLUS", "P_MINUS")
 
 @dataclass(frozen=True, eq=False)
 class PrismMesh:
-    """A tet10 mesh of the prism in the specimen frame (docs/method.md).
+    """A mesh of the prism, of tet10 or wedge15 cells, in the specimen frame (docs/method.md).
 
     Attributes:
         points: node coordinates [µm], shape (n_nodes, 3).
-        cells: tet10 connectivity in VTK order (4 corners, then the mid-edge nodes of
-            01, 12, 02, 03, 13, 23), shape (n_cells, 10), every Jacobian positive.
+        cells: connectivity in VTK order, every Jacobian positive: tet10, shape (n_cells, 10)
+            (4 corners, then the mid-edge nodes of 01, 12, 02, 03, 13, 23), or wedge15, shape
+            (n_cells, 15) (6 corners, then those of 01, 12, 20, 34, 45, 53, 03, 14, 25).
         grain: index of the grain of each cell (0 = GRAIN1), shape (n_cells,).
-        faces: for each of S_PLUS, S_MINUS, TOP the tri6 faces as node indices
-            (3 corners, then the mid-edge nodes of 01, 12, 20), shape (n, 6).
+        faces: for each of S_PLUS, S_MINUS, TOP the faces as node indices: tri6 (3 corners, then
+            the mid-edge nodes of 01, 12, 20), shape (n, 6); TOP of wedge15 cells is made of
+            quad8 (4 corners, then the mid-edge nodes of 01, 12, 23, 30), shape (n, 8).
         nodes: for every group (the faces above, L_PLUS, L_MINUS, P_PLUS, P_MINUS) the sorted
             indices of its nodes, mid-edge nodes included, shape (n,).
     """

@@ -39,7 +39,14 @@ def trace(mesh: PrismMesh, group: str = "TOP") -> SurfaceMesh:
     Args:
         mesh: the prism.
         group: name of the face.
+
+    Raises:
+        ValueError: the face is made of quad8, as TOP is in a mesh of wedges.
     """
+    if mesh.faces[group].shape[1] != 6:
+        raise ValueError(
+            f"the face {group} is made of quad8; a tri6 face, of a tet10 mesh, is expected"
+        )
     nodes, local = np.unique(mesh.faces[group], return_inverse=True)
     return SurfaceMesh(mesh.points[nodes, :2], local.reshape(-1, 6), nodes)
 

@@ -56,13 +56,16 @@ def jacobians(points: FloatArray, cells: IntArray) -> FloatArray:
     return determinants
 
 
-def inverted_cells(points: FloatArray, cells: IntArray) -> IntArray:
-    """Indices of the cells with a Jacobian that is not positive (NaN included), shape (n,)."""
-    return np.flatnonzero(~(jacobians(points, cells) > 0).all(axis=1))
-
-
 def outer_faces(cells: IntArray) -> IntArray:
-    """Faces that belong to one cell only, as tri6 with outward normal, shape (n, 6)."""
+    """Faces that belong to one cell only, as tri6 with outward normal, shape (n, 6).
+
+    Raises:
+        ValueError: the cells are no tet10.
+    """
+    if cells.shape[1] != 10:
+        raise ValueError(
+            f"the cells have {cells.shape[1]} nodes; outer faces are found for tet10 cells only"
+        )
     faces = cells[:, _FACES].reshape(-1, 6)
     _, first, count = np.unique(
         np.sort(faces[:, :3], axis=1), axis=0, return_index=True, return_counts=True
@@ -78,7 +81,7 @@ def node_groups(points: FloatArray, faces: Mapping[str, IntArray]) -> dict[str, 
 
     Args:
         points: node coordinates [µm], shape (n_nodes, 3).
-        faces: tri6 faces of S_PLUS, S_MINUS and TOP, shape (n, 6) each.
+        faces: faces of S_PLUS, S_MINUS and TOP, tri6 (n, 6) or quad8 (n, 8).
 
     Returns:
         sorted node indices of every group of `PrismMesh`.

@@ -13,9 +13,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from meshes.cells import EDGES, inverted_cells
 from meshes.prism import PrismGeometry
 from meshes.prism_mesh import PrismMesh
-from meshes.tet10 import EDGES, inverted_cells
 
 FloatArray = NDArray[np.float64]
 
@@ -131,25 +131,11 @@ def moved(mesh: PrismMesh, displacement: FloatArray) -> PrismMesh:
 def _boundary_motion(mesh: PrismMesh, geometry: PrismGeometry, profile: FloatArray) -> FloatArray:
     """Motion along Y by `profile` (n_nodes,) on the boundary, linear in Y to zero at the ends."""
     y = mesh.points[:, 1]
-    height = _boundary_height(geometry, mesh.points)
+    height = geometry.boundary_height(mesh.points)
     fade = np.where(y <= height, y / height, (geometry.length - y) / (geometry.length - height))
     velocity = np.zeros_like(mesh.points)
     velocity[:, 1] = fade * profile
-    velocity[mesh.cells[:, 4:]] = velocity[mesh.cells[:, EDGES]].mean(axis=2)
+    edges = EDGES[mesh.cells.shape[1]]
+    middle = mesh.cells[:, -len(edges) :]
+    velocity[middle] = velocity[mesh.cells[:, edges]].mean(axis=2)
     return velocity
-
-
-def _boundary_height(geometry: PrismGeometry, points: FloatArray) -> FloatArray:
-    """Y of the grain boundary [µm] at the X and Z of each point, shape (n,)."""
-    at_section = points * np.array([1.0, 0.0, 1.0])
-    distance = geometry.boundary_distance(at_section)
-    per_y = float(geometry.boundary_distance(at_section[0] + np.array([0, 1.0, 0])) - distance[0])
-    if per_y != 0:
-        height: FloatArray = -distance / per_y
-        if 0 < height.min() and height.max() < geometry.length:
-            return height
-    raise ValueError(
-        f"the grain boundary through {geometry.boundary_point} with normal "
-        f"{geometry.boundary_normal} meets an end face or a side along the whole prism: it can "
-        "only be moved where it crosses the prism from side to side"
-    )

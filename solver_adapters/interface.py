@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,25 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
+Integration = Literal["backward_euler", "exponential"]
+
 
 class SolverError(Exception):
     """A simulation that cannot be carried to its end; the message says where and what helps."""
+
+
+class UnfinishedError(SolverError):
+    """A simulation that stopped on its way.
+
+    Attributes:
+        response: what was reached: the rows of the outputs before `reached`.
+        reached: index into `Simulation.times` of the last instant that was reached.
+    """
+
+    def __init__(self, message: str, response: Response, reached: int) -> None:
+        super().__init__(message)
+        self.response = response
+        self.reached = reached
 
 
 class UnsupportedError(SolverError):
@@ -35,6 +51,8 @@ class Direction:
         material: derivative of each named field of `Material`.
         rotation: derivative of the rotation vector of each grain [rad], specimen frame
             (the crystal turns by R ← exp(rotation) R), shape (n_grains, 3), or None.
+        lattice_gradient: derivative of `Simulation.lattice_gradient` [rad/µm],
+            shape (n_grains, 3), or None.
         motion: derivative of the prescribed motion [µm], shape of `Simulation.motion`, or None.
         points: derivative of the node coordinates [µm], shape (n_nodes, 3), or None.
     """
@@ -42,6 +60,7 @@ class Direction:
     name: str
     material: Mapping[str, float] = field(default_factory=dict)
     rotation: FloatArray | None = None
+    lattice_gradient: FloatArray | None = None
     motion: FloatArray | None = None
     points: FloatArray | None = None
 
@@ -64,7 +83,16 @@ class Simulation:
         output: indices into `times` at which results are wanted, shape (n_output,).
         output_nodes: nodes whose displacement is wanted, shape (n_output_nodes,).
         directions: tangents for which derivatives are wanted.
+        lattice_gradient: how the crystal of each grain turns along Y, as a rotation vector in the
+            specimen frame for each µm from the centroid of the grain [rad/µm],
+            shape (n_grains, 3), or None for lattices without gradient.
+        integration: how the law is integrated over a time step: "backward_euler", as other codes
+            do, or "exponential", which follows back stress and relaxation exactly.
         steps_per_interval: smallest number of time steps between two instants.
+        accuracy: error of the force that a time step may make [µN], by which steps are refined;
+            None for the steps as given.
+        steps: ends of the time steps [s], increasing, through every instant, to be taken as they
+            are (the steps of an earlier `Response`), or None.
         tolerance: largest ratio of the residual to the reaction at convergence.
     """
 
@@ -78,19 +106,33 @@ class Simulation:
     output: IntArray
     output_nodes: IntArray
     directions: tuple[Direction, ...] = ()
+    lattice_gradient: FloatArray | None = None
+    integration: Integration = "exponential"
     steps_per_interval: int = 1
+    accuracy: float | None = None
+    steps: FloatArray | None = None
     tolerance: float = 1e-7
 
 
 @dataclass(frozen=True)
 class Progress:
-    """State of a running simulation: time reached and end [s], steps, Newton iterations, cuts."""
+    """State of a running simulation.
+
+    Attributes:
+        time: simulated time reached [s].
+        end: simulated time at the end [s].
+        steps: time steps taken.
+        iterations: Newton iterations in all.
+        cuts: steps that had to be cut, for convergence or for accuracy.
+        remaining: wall-clock time to the end at the speed so far [s].
+    """
 
     time: float
     end: float
     steps: int
     iterations: int
     cuts: int
+    remaining: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +147,9 @@ class Response:
         d_force: derivative of the force, shape (n_directions, n_output).
         steps: time steps taken.
         iterations: Newton iterations in all.
-        cuts: steps that had to be cut.
+        cuts: steps that had to be cut to converge.
+        refinements: steps that had to be cut for `Simulation.accuracy`.
+        ends: ends of the time steps taken [s], shape (steps,).
         seconds: wall-clock time by component [s].
     """
 
@@ -116,6 +160,8 @@ class Response:
     steps: int = 0
     iterations: int = 0
     cuts: int = 0
+    refinements: int = 0
+    ends: FloatArray = field(default_factory=lambda: np.zeros(0))
     seconds: Mapping[str, float] = field(default_factory=dict)
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
-from typing import Literal
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
 
 from solver_adapters.parameter import Parameter
 
@@ -15,9 +15,9 @@ StrainMeasure = Literal["small", "finite"]
 class Material:
     """Constants of the Méric–Cailletaud law; the extensions stand at their null values.
 
-    The critical resolved shear stress of system s in grain g at accumulated slip p_s is
+    The critical resolved shear stress of system s in grain g at accumulated slips p is
     ``tau0 * (tau0_112 if s is a {112} system) * (tau0_grain2 if g is the second grain)
-    + Q * (1 - exp(-b * p_s))``.
+    + Q * sum_r h_sr * (1 - exp(-b * p_r))``, h = interaction + h_latent off the diagonal.
 
     Attributes:
         C11, C12, C44: cubic elastic constants [MPa].
@@ -30,6 +30,23 @@ class Material:
         b: rate of the isotropic hardening [-], used only where Q is not 0.
         tau0_112: ratio of tau0 on {112}⟨111⟩ to {110}⟨111⟩ [-], null 1.
         tau0_grain2: ratio of tau0 in the second grain to the first [-], null 1.
+        tau0_grains: ratios of the third and later grains to the first [-]; 1 for those not named.
+        tau0_antitwinning: ratio of tau0 on {112} in the antitwinning sense to that in the
+            twinning sense [-], null 1.
+        a1: non-Schmid factor on {110}: a1 times the shear stress along the slip direction on the
+            {110} plane 60° away adds to the resolved shear stress [-], null 0
+            (Gröger, Bailey & Vitek, Acta Mater. 56 (2008) 5401).
+        h_latent: off-diagonal terms added to the interaction matrix [-], null 0.
+        interaction: interaction matrix (24 rows of 24) [-]; None is the identity.
+        c2: modulus of a second back stress [MPa], null 0.
+        d2: recall of the second back stress [-], used only where c2 is not 0.
+        x0: initial back strain of a system whose Schmid factor along Y is 1/2 [-], null 0;
+            of others in proportion to theirs.
+        eigenstrain: difference of axial eigenstrain (volume-preserving) between the apex line
+            and the measured face, linear along Z and without mean [-], null 0.
+        skin_tau0: ratio of tau0 at the free surface to that inside [-], null 1.
+        skin_thickness: depth over which the ratio fades as exp(−depth/thickness) [µm], used
+            only where skin_tau0 is not 1.
         elastic_scale: factor on all elastic constants [-], null 1.
         C44_scale: factor on C44 alone [-], null 1.
         strain_measure: "small" or "finite".
@@ -47,20 +64,32 @@ class Material:
     b: float = 30.0
     tau0_112: float = 1.0
     tau0_grain2: float = 1.0
+    tau0_grains: tuple[float, ...] = ()
+    tau0_antitwinning: float = 1.0
+    a1: float = 0.0
+    h_latent: float = 0.0
+    interaction: tuple[tuple[float, ...], ...] | None = None
+    c2: float = 0.0
+    d2: float = 150.0
+    x0: float = 0.0
+    eigenstrain: float = 0.0
+    skin_tau0: float = 1.0
+    skin_thickness: float = 0.3
     elastic_scale: float = 1.0
     C44_scale: float = 1.0
     strain_measure: StrainMeasure = "finite"
 
 
 MATERIAL_PARAMETERS: tuple[str, ...] = tuple(
-    field.name for field in fields(Material) if field.name != "strain_measure"
+    field.name for field in fields(Material) if isinstance(field.default, float)
 )
+"""Names of the scalars of the law."""
 
 
 def with_parameters(material: Material, values: Mapping[str, float]) -> Material:
     """The material with some of its constants replaced; other names are left alone."""
-    changes = {name: values[name] for name in MATERIAL_PARAMETERS if name in values}
-    return Material(**{**asdict(material), **changes})
+    changes: dict[str, Any] = {name: values[name] for name in MATERIAL_PARAMETERS if name in values}
+    return replace(material, **changes)
 
 
 MATERIAL_DECLARATIONS: tuple[Parameter, ...] = (
@@ -73,6 +102,15 @@ MATERIAL_DECLARATIONS: tuple[Parameter, ...] = (
     Parameter("b", "", 30.0, 0.47, 1.0, 3000.0, True),
     Parameter("tau0_112", "", 1.0, 0.10, 0.3, 3.0, True),
     Parameter("tau0_grain2", "", 1.0, 0.10, 0.3, 3.0, True),
+    Parameter("tau0_antitwinning", "", 1.0, 0.10, 0.3, 3.0, True),
+    Parameter("a1", "", 0.0, 0.10, -0.9, 0.9),
+    Parameter("h_latent", "", 0.0, 0.2, 0.0, 10.0),
+    Parameter("c2", "MPa", 0.0, 1500.0, 0.0, 1e6),
+    Parameter("d2", "", 150.0, 0.5, 1.0, 1e5, True),
+    Parameter("x0", "", 0.0, 7e-5, -2e-4, 2e-4),
+    Parameter("eigenstrain", "", 0.0, 2e-4, -5e-3, 5e-3),
+    Parameter("skin_tau0", "", 1.0, 0.15, 0.3, 5.0, True),
+    Parameter("skin_thickness", "µm", 0.3, 0.5, 0.01, 2.0, True),
     Parameter("elastic_scale", "", 1.0, 0.05, 0.3, 3.0, True),
     Parameter("C44_scale", "", 1.0, 0.10, 0.5, 2.0, True),
 )

@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 import hashlib
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from solver_adapters.bundled import restart
 from solver_adapters.bundled.problem import build_problem, build_tangents
+from solver_adapters.bundled.restart import simulation_key
 from solver_adapters.bundled.stepping import Stepper
 from solver_adapters.interface import (
     Capabilities,
     Progress,
     Response,
     Simulation,
-    UnsupportedError,
+    SolverError,
+    UnfinishedError,
 )
 from solver_adapters.material import MATERIAL_PARAMETERS
+from solver_adapters.validation import refuse_bad_simulation
 
 FloatArray = NDArray[np.float64]
+
+_BETWEEN_CHECKPOINTS = 60.0  # s
 
 
 class BundledAdapter:
@@ -49,66 +56,150 @@ class BundledAdapter:
         workspace: Path | None = None,
         progress: Callable[[Progress], None] | None = None,
     ) -> Response:
-        """Run a simulation in this process; nothing is written.
+        """Run a simulation in this process.
+
+        With a workspace the state is written there from time to time and on Ctrl-C, and a later
+        call with the same simulation goes on from it.
 
         Raises:
-            UnsupportedError: a constant is not positive or the stiffness is not positive definite.
-            SolverError: a step could not be solved; the message says where.
+            UnsupportedError: a value cannot be honoured, see `refuse_bad_simulation`.
+            BadSimulationError: the input is broken, see there.
+            UnfinishedError: a step could not be solved; the message says where.
         """
-        _refuse_bad_constants(simulation)
-        problem = build_problem(simulation)
-        tangents = build_tangents(simulation, problem)
-        stepper = Stepper(problem, tangents, simulation.tolerance)
-        times, wanted = simulation.times, np.asarray(simulation.output)
-        position = {int(index): row for row, index in enumerate(wanted)}
-        nodes, k = simulation.output_nodes, tangents.count
-        displacement = np.zeros((wanted.size, nodes.size, 3))
-        force = np.zeros(wanted.size)
-        d_displacement = np.zeros((k, wanted.size, nodes.size, 3))
-        d_force = np.zeros((k, wanted.size))
+        refuse_bad_simulation(simulation)
+        key = simulation_key(simulation, self.version()) if workspace else ""
+        run = _Run(simulation, restart.read(workspace, key) if workspace else None)
+        begun = written = time.monotonic()
+        first, last = run.index, len(simulation.times) - 1
+        try:
+            while run.index < last:
+                run.advance()
+                now = time.monotonic()
+                if progress is not None:
+                    s = run.stepper.statistics
+                    share = (run.index - first) / (last - first)
+                    progress(
+                        Progress(
+                            float(simulation.times[run.index]),
+                            float(simulation.times[-1]),
+                            s.steps,
+                            s.iterations,
+                            s.cuts + s.refinements,
+                            (now - begun) * (1 / share - 1),
+                        )
+                    )
+                if workspace and now - written > _BETWEEN_CHECKPOINTS:
+                    restart.write(workspace, key, run.checkpoint())
+                    written = time.monotonic()
+        except SolverError as error:
+            raise UnfinishedError(str(error), run.response(), run.index) from None
+        except KeyboardInterrupt:
+            if workspace:
+                restart.write(workspace, key, run.checkpoint())
+            raise
+        if workspace:
+            (workspace / restart.FILE).unlink(missing_ok=True)
+        return run.response()
 
-        def motion(instant: float) -> FloatArray:
-            return _interpolate(instant, times, problem.motion)
 
-        def motion_tangent(instant: float) -> FloatArray:
-            return _interpolate(instant, times, tangents.motion)
+class _Run:
+    """A simulation on its way from instant to instant.
 
-        frame = stepper.start(float(times[0]))
-        for index in range(1, len(times)):
-            frame = stepper.advance(
-                frame, float(times[index]), motion, motion_tangent, simulation.steps_per_interval
-            )
-            row = position.get(index)
-            if row is not None:
-                displacement[row] = frame.u[nodes]
-                force[row] = frame.force
-                d_displacement[:, row] = frame.du[nodes].transpose(2, 0, 1)
-                d_force[:, row] = frame.dforce
-            if progress is not None:
-                s = stepper.statistics
-                progress(Progress(frame.time, float(times[-1]), s.steps, s.iterations, s.cuts))
-        s = stepper.statistics
-        return Response(
-            displacement, force, d_displacement, d_force, s.steps, s.iterations, s.cuts, s.seconds
+    Attributes:
+        index: the last instant reached.
+    """
+
+    def __init__(self, simulation: Simulation, checkpoint: restart.Checkpoint | None) -> None:
+        self.simulation = simulation
+        self.problem = build_problem(simulation)
+        self.tangents = build_tangents(simulation, self.problem)
+        self.stepper = Stepper(
+            self.problem, self.tangents, simulation.tolerance, simulation.accuracy
         )
+        self._row = {int(index): row for row, index in enumerate(simulation.output)}
+        n, nodes = len(simulation.output), simulation.output_nodes.size
+        k = self.tangents.count
+        self._rows = {
+            "displacement": np.zeros((n, nodes, 3)),
+            "force": np.zeros(n),
+            "d_displacement": np.zeros((k, n, nodes, 3)),
+            "d_force": np.zeros((k, n)),
+        }
+        if checkpoint is None:
+            self.index = 0
+            self._frame = self.stepper.start(float(simulation.times[0]))
+            self._start = (self._frame.u, self._frame.du)
+            self._book()
+        else:
+            self.index, self._frame = checkpoint.index, checkpoint.frame
+            self._rows = checkpoint.rows
+            begin = self.stepper.start(float(simulation.times[0]))
+            self._start = (begin.u, begin.du)
+            self.stepper.resume(checkpoint.last, checkpoint.ends, checkpoint.counts)
+
+    def advance(self) -> None:
+        """Go to the next instant."""
+        s = self.simulation
+        begin, end = s.times[self.index], s.times[self.index + 1]
+        if s.steps is None:
+            ends = np.linspace(begin, end, s.steps_per_interval + 1)[1:]
+        else:
+            inside = (s.steps > begin) & (s.steps < end)
+            ends = np.append(s.steps[inside], end)
+        self._frame = self.stepper.advance(self._frame, ends, self._motion, self._motion_tangent)
+        self.index += 1
+        self._book()
+
+    def checkpoint(self) -> restart.Checkpoint:
+        """What is needed to go on later."""
+        s = self.stepper.statistics
+        return restart.Checkpoint(
+            self.index,
+            self._frame,
+            self.stepper.last,
+            self._rows,
+            s.ends,
+            (s.steps, s.iterations, s.cuts, s.refinements),
+        )
+
+    def response(self) -> Response:
+        """The outputs that have been reached."""
+        s = self.stepper.statistics
+        done = sum(index <= self.index for index in self._row)
+        rows = self._rows
+        return Response(
+            rows["displacement"][:done],
+            rows["force"][:done],
+            rows["d_displacement"][:, :done],
+            rows["d_force"][:, :done],
+            s.steps,
+            s.iterations,
+            s.cuts,
+            s.refinements,
+            np.array(s.ends),
+            s.seconds,
+        )
+
+    def _book(self) -> None:
+        """Keep what is wanted at this instant; displacements count from the first instant."""
+        row = self._row.get(self.index)
+        if row is None:
+            return
+        nodes, frame = self.simulation.output_nodes, self._frame
+        u0, du0 = self._start
+        self._rows["displacement"][row] = (frame.u - u0)[nodes]
+        self._rows["force"][row] = frame.force
+        self._rows["d_displacement"][:, row] = (frame.du - du0)[nodes].transpose(2, 0, 1)
+        self._rows["d_force"][:, row] = frame.dforce
+
+    def _motion(self, instant: float) -> FloatArray:
+        return _interpolate(instant, self.simulation.times, self.problem.motion)
+
+    def _motion_tangent(self, instant: float) -> FloatArray:
+        return _interpolate(instant, self.simulation.times, self.tangents.motion)
 
 
 def _interpolate(instant: float, times: FloatArray, values: FloatArray) -> FloatArray:
     index = int(np.clip(np.searchsorted(times, instant), 1, len(times) - 1))
     weight = (instant - times[index - 1]) / (times[index] - times[index - 1])
     return np.asarray((1 - weight) * values[index - 1] + weight * values[index])
-
-
-def _refuse_bad_constants(simulation: Simulation) -> None:
-    m = simulation.material
-    for name in ("C44", "K", "n", "tau0", "tau0_112", "tau0_grain2", "elastic_scale", "C44_scale"):
-        if not 0 < getattr(m, name) < np.inf:
-            raise UnsupportedError(f"{name} is {getattr(m, name):g}; expected a positive number")
-    for name in ("c", "d", "Q", "b"):
-        if not 0 <= getattr(m, name) < np.inf:
-            raise UnsupportedError(f"{name} is {getattr(m, name):g}; expected zero or more")
-    if not (abs(m.C12) < m.C11 < np.inf and m.C11 + 2 * m.C12 > 0):
-        raise UnsupportedError(
-            f"C11 = {m.C11:g}, C12 = {m.C12:g} MPa do not make a positive definite stiffness; "
-            "expected C11 > |C12| and C11 + 2 C12 > 0"
-        )

@@ -6,8 +6,11 @@ Steps of an update (F is the deformation gradient times the crystal rotation):
    T = −∂W/∂A makes the condensed system and the tangent symmetric;
 3. the 24 residuals, linearised in Δp and condensed to (I + H·Y) δA = Σ S w f N, H = Σ w N Nᵀ,
    Y = −∂T/∂A, in the eight orthonormal modes of a tensor without trace (8 × 8);
-4. slips updated from δτ = −N·Y δA; 2–4 repeated until no slip changes;
+4. slips updated from δτ = −N·Y δA; 2–4 repeated until the residuals ask for no more slip;
 5. first Piola–Kirchhoff stress P = Fe·S·(I − A)ᵀ·Fp⁰⁻ᵀ; Fp⁻¹ is scaled to unit determinant.
+
+With a non-Schmid term the second N of H is that of the driving stress; with latent hardening w is
+a matrix. Both make the tangent unsymmetric.
 
 Names with D_ are changes along `width` directions at once: the same formulas serve Y (8
 directions), the tangent (9) and a derivative (1).
@@ -18,24 +21,30 @@ from numpy.typing import NDArray
 
 from solver_adapters.bundled.compilation import kernel
 from solver_adapters.bundled.dense import factor, solve
-from solver_adapters.bundled.law import NS
+from solver_adapters.bundled.law import FIRST_112, NS, P_A1
 from solver_adapters.bundled.slip import (
     D_TAU,
     EXPLICIT,
     LOAD,
     N_SLIP_ROWS,
+    OTHER,
     SIGN,
     SIGNED,
+    STEP,
     TAU,
     WEIGHT,
     WEIGHTED,
     advance_slips,
-    derivative_load,
     evaluate_systems,
     explicit_derivative,
     finish_derivative,
+    is_sound,
     load_point,
+    prepare_slip,
+    slip_change,
     store_slips,
+    weigh_mode,
+    weigh_residual,
 )
 from solver_adapters.bundled.tensors import (
     NM,
@@ -53,7 +62,9 @@ from solver_adapters.bundled.tensors import (
 FloatArray = NDArray[np.float64]
 
 SCHMID = N_SLIP_ROWS  # modes of m⊗n, 8 × 24
-FT = SCHMID + NM * NS  # F
+CONJUGATE_SCHMID = SCHMID + NM * NS  # modes of the conjugate tensors, 8 × 24
+DRIVING = CONJUGATE_SCHMID + NM * NS  # modes of the driving stress where it is not Schmid's
+FT = DRIVING + NM * NS  # F
 FP0 = FT + 9  # Fp⁰⁻¹
 TRIAL = FP0 + 9  # Fe*
 FE = TRIAL + 9
@@ -82,22 +93,29 @@ WORKSPACE = TWO + 81
 
 
 @kernel
-def prepare(w: FloatArray, schmid: FloatArray) -> None:
-    """Put the modes (8, 24) of the Schmid tensors into a fresh workspace."""
+def prepare(
+    w: FloatArray,
+    schmid: FloatArray,
+    conjugate: FloatArray,
+    interaction: FloatArray,
+    sense: FloatArray,
+) -> None:
+    """Put what is constant into a fresh workspace: modes (8, 24) and the slip systems' tables."""
+    prepare_slip(w, interaction, sense)
     for k in range(NM):
         for s in range(NS):
             w[SCHMID + k * NS + s] = schmid[k, s]
+            w[CONJUGATE_SCHMID + k * NS + s] = conjugate[k, s]
     for k in range(NM):
         w[D_MODES + NM * k + k] = 1.0
     to_tensors(w, UNIT, D_MODES, NM)
 
 
 @kernel
-def _contract(w: FloatArray, source: int, target: int) -> None:
-    """Over the systems: target_s = source : (m⊗n)_s, both in modes."""
+def _contract(w: FloatArray, r: int, source: int, target: int) -> None:
+    """Over the systems: target_s = source : tensor_s, both in modes, those of tensors at r."""
     t0, t1, t2, t3 = w[source], w[source + 1], w[source + 2], w[source + 3]
     t4, t5, t6, t7 = w[source + 4], w[source + 5], w[source + 6], w[source + 7]
-    r = SCHMID
     for s in range(NS):
         w[target + s] = (
             w[r + s] * t0
@@ -109,6 +127,15 @@ def _contract(w: FloatArray, source: int, target: int) -> None:
             + w[r + 6 * NS + s] * t6
             + w[r + 7 * NS + s] * t7
         )
+
+
+@kernel
+def _drive(w: FloatArray, p: FloatArray, source: int, target: int) -> None:
+    """Change of the driving stress of each system along its sign."""
+    if p[P_A1] != 0.0:
+        _contract(w, DRIVING, source, target)
+    else:
+        _contract(w, SCHMID, source, target)
 
 
 @kernel
@@ -147,7 +174,25 @@ def _stresses(w: FloatArray, p: FloatArray) -> None:
     left(w, FES, FE, False, STRESS, False, 1)
     left(w, CONJUGATE, TRIAL, True, FES, False, 1)
     to_modes(w, MODES, CONJUGATE, 1)
-    _contract(w, MODES, TAU)
+    _contract(w, SCHMID, MODES, TAU)
+
+
+@kernel
+def _evaluate(w: FloatArray, p: FloatArray, dt: float, exponential: bool, coupled: bool) -> float:
+    """Residuals at the slips; returns how far from solved they are."""
+    _stresses(w, p)
+    error: float
+    if p[P_A1] == 0.0:
+        error = evaluate_systems(w, dt, p, exponential, coupled)
+        return error
+    _contract(w, CONJUGATE_SCHMID, MODES, OTHER)
+    error = evaluate_systems(w, dt, p, exponential, coupled)
+    for k in range(NM):
+        for s in range(NS):
+            schmid, other = w[SCHMID + k * NS + s], w[CONJUGATE_SCHMID + k * NS + s]
+            scale = 1.0 + 0.5 * p[P_A1] if s < FIRST_112 else 1.0
+            w[DRIVING + k * NS + s] = scale * schmid + w[SIGN + s] * p[P_A1] * other
+    return error
 
 
 @kernel
@@ -161,11 +206,18 @@ def _force_change(w: FloatArray, p: FloatArray, width: int) -> None:
 
 
 @kernel
-def _condense(w: FloatArray, p: FloatArray) -> None:
+def _condense(w: FloatArray, p: FloatArray, coupled: bool) -> None:
+    symmetric = p[P_A1] == 0.0 and not coupled
     for i in range(NM):
-        for s in range(NS):
-            w[WEIGHTED + s] = w[SCHMID + i * NS + s] * w[WEIGHT + s]
-        _project(w, SLIP_STIFFNESS + NM * i, WEIGHTED)
+        if symmetric:
+            for s in range(NS):
+                w[WEIGHTED + s] = w[SCHMID + i * NS + s] * w[WEIGHT + s]
+            _project(w, SLIP_STIFFNESS + NM * i, WEIGHTED)
+        else:
+            weigh_mode(w, (DRIVING if p[P_A1] != 0.0 else SCHMID) + i * NS, coupled)
+            _project(w, FORCE, WEIGHTED)
+            for k in range(NM):
+                w[SLIP_STIFFNESS + NM * k + i] = w[FORCE + k]
     left(w, D_FE, TRIAL, False, UNIT, False, NM)
     _force_change(w, p, NM)
     left(w, TWO, TRIAL, True, ONE, False, NM)
@@ -179,14 +231,14 @@ def _condense(w: FloatArray, p: FloatArray) -> None:
 
 
 @kernel
-def _slip_gradient(w: FloatArray) -> None:
+def _slip_gradient(w: FloatArray, p: FloatArray) -> None:
     """D_MODES = (I + H·Y)⁻¹ Σ LOAD m⊗n, then D_TAU = −(m⊗n) : Y D_MODES."""
     _project(w, D_MODES, LOAD)
     solve(w, FACTOR, NM, D_MODES, 1)
     over_modes(w, FORCE, SOFTENING, D_MODES, 1)
     for k in range(NM):
         w[FORCE + k] = -w[FORCE + k]
-    _contract(w, FORCE, D_TAU)
+    _drive(w, p, FORCE, D_TAU)
 
 
 @kernel
@@ -195,7 +247,10 @@ def update(
     H: FloatArray,
     R: FloatArray,
     p: FloatArray,
+    skin: float,
     dt: float,
+    exponential: bool,
+    coupled: bool,
     state0: FloatArray,
     guess: FloatArray,
     tolerance: float,
@@ -205,25 +260,22 @@ def update(
 
     H: displacement gradient ∂u/∂X·R (9); R: crystal → specimen rotation (9); guess: S Δp (24).
     """
-    load_point(w, state0, p, guess)
+    load_point(w, state0, p, skin, dt, exponential, guess, most == 0)
     for i in range(9):
         w[FT + i] = R[i] + H[i]
         w[FP0 + i] = state0[i]
     left(w, TRIAL, FT, False, FP0, False, 1)
     count = 0
-    change = 1.0
-    while change > tolerance and count < most:
-        _stresses(w, p)
-        evaluate_systems(w, dt, p, True)
-        _condense(w, p)
-        _slip_gradient(w)
-        change = advance_slips(w, p)
+    while True:
+        error = _evaluate(w, p, dt, exponential, coupled)
+        _condense(w, p, coupled)
+        if error <= tolerance or count >= most or not is_sound(w, error):
+            break
+        _slip_gradient(w, p)
+        advance_slips(w, p, exponential, coupled)
         count += 1
-    _stresses(w, p)
-    evaluate_systems(w, dt, p, False)
-    _condense(w, p)
     # An element that is turned inside out has no meaning, though its equations may have a solution.
-    valid = change <= tolerance and determinant_of(w, FT) > 0.0
+    valid = error <= tolerance and is_sound(w, error) and determinant_of(w, FT) > 0.0
     return count if valid else -max(count, 1)
 
 
@@ -269,8 +321,8 @@ def _stress_change(w: FloatArray, p: FloatArray, width: int) -> None:
 
 
 @kernel
-def tangent(w: FloatArray, p: FloatArray, C: FloatArray) -> None:
-    """Consistent tangent ∂P/∂H (9, 9)."""
+def _move(w: FloatArray, p: FloatArray) -> None:
+    """D_MODES (8, 9): change of A for each component of H; its D_T in modes goes to ONE."""
     for i in range(81):
         w[D_TRIAL + i] = 0.0
     for row in range(3):
@@ -281,6 +333,12 @@ def tangent(w: FloatArray, p: FloatArray, C: FloatArray) -> None:
     to_modes(w, ONE, D_T, 9)
     over_modes(w, D_MODES, SLIP_STIFFNESS, ONE, 9)
     solve(w, FACTOR, NM, D_MODES, 9)
+
+
+@kernel
+def tangent(w: FloatArray, p: FloatArray, C: FloatArray) -> None:
+    """Consistent tangent ∂P/∂H (9, 9)."""
+    _move(w, p)
     _stress_change(w, p, 9)
     right(w, ONE, TWO, False, FP0, True, 9)
     for i in range(9):
@@ -289,13 +347,46 @@ def tangent(w: FloatArray, p: FloatArray, C: FloatArray) -> None:
 
 
 @kernel
+def response(
+    w: FloatArray, p: FloatArray, coupled: bool, by_slip: FloatArray, by_state: FloatArray
+) -> None:
+    """How slips (24, 9) and kinematic state (9, 9) of the step in the workspace follow H."""
+    _move(w, p)
+    over_modes(w, TWO, SOFTENING, D_MODES, 9)
+    to_tensors(w, D_A, D_MODES, 9)
+    left(w, FP1, FP0, False, GAIN, False, 1)
+    determinant = determinant_of(w, FP1)
+    scale = determinant ** (-1.0 / 3.0)
+    for j in range(9):
+        for k in range(NM):
+            w[FORCE + k] = w[ONE + 9 * k + j] - w[TWO + 9 * k + j]
+        _drive(w, p, FORCE, D_TAU)
+        slip_change(w, coupled)
+        for s in range(NS):
+            by_slip[s, j] = w[STEP + s]
+        for i in range(3):
+            for k in range(3):
+                change = 0.0
+                for m in range(3):
+                    change -= w[FP0 + 3 * i + m] * w[D_A + 9 * (3 * m + k) + j]
+                w[D_FP0 + 3 * i + k] = change
+        growth = determinant_change(w, FP1, D_FP0) / (3.0 * determinant)
+        for i in range(9):
+            by_state[i, j] = scale * (w[D_FP0 + i] - w[FP1 + i] * growth)
+
+
+@kernel
 def derivative(
     w: FloatArray,
     p: FloatArray,
+    skin: float,
     dt: float,
+    exponential: bool,
+    coupled: bool,
     dH: FloatArray,
     dR: FloatArray,
     dp: FloatArray,
+    dskin: float,
     dstate0: FloatArray,
     dP: FloatArray,
     dstate1: FloatArray,
@@ -314,14 +405,21 @@ def derivative(
     left(w, TWO, TRIAL, True, FP1, False, 1)
     add(w, D_T, TWO, 1.0, 1)
     # 2. the slips
+    if dp[P_A1] != 0.0:
+        to_modes(w, MODES, CONJUGATE, 1)
+        _contract(w, CONJUGATE_SCHMID, MODES, OTHER)
     to_modes(w, MODES, D_T, 1)
-    _contract(w, MODES, EXPLICIT)
+    _drive(w, p, MODES, EXPLICIT)
     for s in range(NS):
         w[EXPLICIT + s] *= w[SIGN + s]
-    explicit_derivative(w, dt, p, dp, dstate0)
-    derivative_load(w)
-    _slip_gradient(w)
-    finish_derivative(w, p, dp, dstate0, dstate1)
+    if dp[P_A1] != 0.0:
+        for s in range(FIRST_112):
+            schmid = w[TAU + s] / (1.0 + 0.5 * p[P_A1])
+            w[EXPLICIT + s] += dp[P_A1] * (0.5 * w[SIGN + s] * schmid + w[OTHER + s])
+    explicit_derivative(w, dt, p, skin, exponential, coupled, dp, dskin, dstate0)
+    weigh_residual(w, EXPLICIT, coupled)
+    _slip_gradient(w, p)
+    finish_derivative(w, p, exponential, coupled, dp, dstate0, dstate1)
     # 3. the stress
     _stress_change(w, p, 1)
     left(w, ONE, FP1, False, GAIN, True, 1)

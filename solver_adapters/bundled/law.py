@@ -1,11 +1,17 @@
 """The crystal law at one Gauss point: constants, layout of parameters and state, local packing.
 
 Over a step of length Δt each active system s slips by Δγ_s = S_s Δp_s, Δp_s > 0, and satisfies,
-with everything at the end of the step (backward Euler, stress form),
+with everything at the end of the step (stress form),
 
-    S τ_s − c S x_s − r_s − K (Δp_s/Δt)^(1/n) = 0
-    x_s = (x_s⁰ + Δγ_s) / (1 + d Δp_s)
-    r_s = τ0_s + Q (1 − exp(−b (p_s⁰ + Δp_s)))
+    S τ_s − c S x_s − c2 S x2_s − r_s − v_s = 0
+    r_s = τ0_s + Q Σ_r h_sr (1 − exp(−b p_r))
+
+Back stress and overstress v follow from the slip of the step by one of two schemes:
+
+    backward Euler   x = (x⁰ + Δγ) / (1 + d Δp),   v = K (Δp/Δt)^(1/n)
+    exponential      x = S/d + (x⁰ − S/d) exp(−d Δp), which is exact while S stays; and where v
+                     falls, Δp/Δt = (v⁰ − v) / ∫_v^v⁰ (K/y)ⁿ dy, which is exact for the relaxation
+                     dv/dt ∝ −(v/K)ⁿ of a hold (else v as above)
 
 In stress form Newton's method needs a few iterations where the rate form, whose slope changes
 by ten orders of magnitude, needs tens.
@@ -16,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from solver_adapters.crystal import N_110, N_SYSTEMS, schmid_tensors
+from solver_adapters.crystal import N_110, N_SYSTEMS, schmid_tensors, slip_systems
 from solver_adapters.material import Material
 
 FloatArray = NDArray[np.float64]
@@ -25,14 +31,21 @@ NS = N_SYSTEMS
 
 # Local parameters of a grain.
 P_C11, P_C12, P_C44, P_K, P_N, P_C, P_D, P_Q, P_B, P_TAU110, P_TAU112 = range(11)
-N_LOCAL = 11
+# τ0 of {112} in the antitwinning sense less that in the twinning sense, halved.
+P_ASYMMETRY = 11
+P_A1, P_LATENT, P_C2, P_D2 = 12, 13, 14, 15
+N_LOCAL = 16
 
 # State of a point: nine kinematic numbers (small strain: five deviatoric modes of the plastic
-# strain; finite strain: Fp⁻¹ row by row), back strains x, accumulated slips p.
+# strain; finite strain: Fp⁻¹ row by row), back strains x, signed overstresses S v at the end of
+# the last step, accumulated slips p, second back strains. What comes last can be left out of
+# derivatives where it has no effect.
 S_KIN = 0
 S_X = 9
-S_ACC = S_X + NS
-N_STATE = S_ACC + NS
+S_OVER = S_X + NS
+S_ACC = S_OVER + NS
+S_X2 = S_ACC + NS
+N_STATE = S_X2 + NS
 
 # Slip below which a system counts as at rest.
 SLIP_AT_REST = 1e-15
@@ -66,56 +79,115 @@ SLIP_MODES = np.concatenate([STRAIN_MODES[:5], _SPIN_MODES])
 SCHMID_MODES = np.ascontiguousarray(np.einsum("kij,sij->ks", SLIP_MODES, schmid_tensors()))
 
 
+FIRST_112 = N_110
+
+
+def _conjugate_tensors() -> FloatArray:
+    """√3/2 m ⊗ (m × n) of the {110} systems, null for {112}, shape (24, 3, 3).
+
+    The {110} plane 60° away from n has the normal n/2 + S √3/2 (m × n) for slip of sign S: its
+    part along n scales τ, the rest is this tensor.
+    """
+    m, n = slip_systems()
+    tensors = np.sqrt(0.75) * np.einsum("si,sj->sij", m, np.cross(m, n))
+    tensors[FIRST_112:] = 0.0
+    return np.asarray(tensors)
+
+
+CONJUGATE_MODES = np.ascontiguousarray(np.einsum("kij,sij->ks", SLIP_MODES, _conjugate_tensors()))
+
+
+def _twinning_senses() -> FloatArray:
+    """+1 where positive slip shears a {112} system in the twinning sense, −1 against, 0 {110}."""
+    m, n = slip_systems()
+    senses = np.sign(np.prod(m * n, axis=1))
+    senses[:FIRST_112] = 0.0
+    return np.asarray(senses)
+
+
+TWINNING_SENSE = _twinning_senses()
+
+
+def grain_ratios(material: Material, n_grains: int) -> FloatArray:
+    """Ratio of tau0 in each grain to that in the first, shape (n_grains,)."""
+    ratio = np.ones(n_grains)
+    ratio[1:2] = material.tau0_grain2
+    further = material.tau0_grains[: max(n_grains - 2, 0)]
+    ratio[2 : 2 + len(further)] = further
+    return ratio
+
+
+def interaction_matrix(material: Material) -> FloatArray:
+    """The matrix h without h_latent, shape (24, 24)."""
+    if material.interaction is None:
+        return np.eye(NS)
+    return np.array(material.interaction, dtype=np.float64)
+
+
 def local_parameters(material: Material, n_grains: int) -> FloatArray:
-    """Constants of each grain in the order of the P_ indices, shape (n_grains, 11)."""
+    """Constants of each grain in the order of the P_ indices, shape (n_grains, 16)."""
     m = material
     table = np.empty((n_grains, N_LOCAL))
     table[:, P_C11] = m.C11 * m.elastic_scale
     table[:, P_C12] = m.C12 * m.elastic_scale
     table[:, P_C44] = m.C44 * m.elastic_scale * m.C44_scale
-    table[:, P_K] = m.K
-    table[:, P_N] = m.n
-    table[:, P_C] = m.c
-    table[:, P_D] = m.d
-    table[:, P_Q] = m.Q
-    table[:, P_B] = m.b
-    ratio = np.ones(n_grains)
-    ratio[1:] = m.tau0_grain2
-    table[:, P_TAU110] = m.tau0 * ratio
-    table[:, P_TAU112] = m.tau0 * ratio * m.tau0_112
+    for name, index in _DIRECT.items():
+        table[:, index] = getattr(m, name)
+    tau0 = m.tau0 * grain_ratios(m, n_grains)
+    table[:, P_TAU110] = tau0
+    table[:, P_TAU112] = tau0 * m.tau0_112 * (0.5 * (1.0 + m.tau0_antitwinning))
+    table[:, P_ASYMMETRY] = tau0 * m.tau0_112 * (0.5 * (m.tau0_antitwinning - 1.0))
     return table
 
 
+_DIRECT = {
+    "K": P_K,
+    "n": P_N,
+    "c": P_C,
+    "d": P_D,
+    "Q": P_Q,
+    "b": P_B,
+    "a1": P_A1,
+    "h_latent": P_LATENT,
+    "c2": P_C2,
+    "d2": P_D2,
+}
+_ELASTIC = ("C11", "C12", "C44", "elastic_scale", "C44_scale")
+_TAU0 = ("tau0", "tau0_112", "tau0_grain2", "tau0_antitwinning")
+
+
 def local_tangent(material: Material, n_grains: int, name: str) -> FloatArray:
-    """Derivative of `local_parameters` with respect to one field of the material."""
+    """Derivative of `local_parameters` with respect to one scalar of the material."""
     m = material
     tangent = np.zeros((n_grains, N_LOCAL))
-    ratio = np.ones(n_grains)
-    ratio[1:] = m.tau0_grain2
-    second = np.zeros(n_grains)
-    second[1:] = 1.0
-    elastic = np.array([m.C11, m.C12, m.C44 * m.C44_scale])
-    columns = [P_C11, P_C12, P_C44]
-    if name == "elastic_scale":
-        tangent[:, columns] = elastic
-    elif name == "C44_scale":
-        tangent[:, P_C44] = m.C44 * m.elastic_scale
-    elif name in ("C11", "C12"):
-        tangent[:, P_C11 if name == "C11" else P_C12] = m.elastic_scale
-    elif name == "C44":
-        tangent[:, P_C44] = m.elastic_scale * m.C44_scale
-    elif name == "tau0":
-        tangent[:, P_TAU110] = ratio
-        tangent[:, P_TAU112] = ratio * m.tau0_112
-    elif name == "tau0_112":
-        tangent[:, P_TAU112] = m.tau0 * ratio
-    elif name == "tau0_grain2":
-        tangent[:, P_TAU110] = m.tau0 * second
-        tangent[:, P_TAU112] = m.tau0 * second * m.tau0_112
-    else:
-        index = {"K": P_K, "n": P_N, "c": P_C, "d": P_D, "Q": P_Q, "b": P_B}[name]
-        tangent[:, index] = 1.0
+    if name in _DIRECT:
+        tangent[:, _DIRECT[name]] = 1.0
+    elif name in _ELASTIC:
+        scale, share = m.elastic_scale, m.C44_scale
+        if name == "elastic_scale":
+            tangent[:, [P_C11, P_C12, P_C44]] = m.C11, m.C12, m.C44 * share
+        elif name == "C44_scale":
+            tangent[:, P_C44] = m.C44 * scale
+        elif name == "C44":
+            tangent[:, P_C44] = scale * share
+        else:
+            tangent[:, P_C11 if name == "C11" else P_C12] = scale
+    elif name in _TAU0:
+        ratio = grain_ratios(m, n_grains)
+        first, family, anti = m.tau0, m.tau0_112, m.tau0_antitwinning
+        d_family, d_anti = 0.0, 0.0
+        d_tau0 = np.zeros(n_grains)
+        if name == "tau0":
+            d_tau0 = ratio
+        elif name == "tau0_grain2":
+            d_tau0[1:2] = first
+        elif name == "tau0_112":
+            d_family = 1.0
+        else:
+            d_anti = 1.0
+        tau0 = first * ratio
+        d_tau112 = d_tau0 * family + tau0 * d_family
+        tangent[:, P_TAU110] = d_tau0
+        tangent[:, P_TAU112] = 0.5 * (d_tau112 * (1.0 + anti) + tau0 * family * d_anti)
+        tangent[:, P_ASYMMETRY] = 0.5 * (d_tau112 * (anti - 1.0) + tau0 * family * d_anti)
     return tangent
-
-
-FIRST_112 = N_110

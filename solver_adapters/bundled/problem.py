@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from solver_adapters.bundled.assembly import Pattern, stiffness_pattern
+from solver_adapters.bundled.assembly import Pattern, displacement_gradients, stiffness_pattern
 from solver_adapters.bundled.element import shape_gradient_velocity, shape_gradients
-from solver_adapters.bundled.law import local_parameters, local_tangent
-from solver_adapters.bundled.points import Points
+from solver_adapters.bundled.fields import (
+    AT_REST,
+    Frames,
+    at_rest,
+    at_rest_change,
+    crystal_frames,
+    frame_change,
+)
+from solver_adapters.bundled.law import local_tangent
+from solver_adapters.bundled.points import Points, PointTangents, points_of_grains
 from solver_adapters.interface import Direction, Simulation
 
 FloatArray = NDArray[np.float64]
@@ -22,15 +30,21 @@ class Problem:
     """Geometry, law and prescribed motion of a simulation.
 
     Attributes:
-        cells: tet10 connectivity, (n_cells, 10).
+        cells: connectivity in VTK order, (n_cells, n) with n nodes a cell.
         n_nodes: number of nodes.
-        gradients: shape gradients turned into the crystal [1/µm], (n_cells, 4, 10, 3).
-        weights: Gauss weights [µm³], (n_cells, 4).
+        gradients: shape gradients turned into the crystal [1/µm], (n_cells, n_gauss, n, 3).
+        weights: Gauss weights [µm³], (n_cells, n_gauss).
         points: the crystal law at the Gauss points.
         pattern: sparsity of the stiffness on the free degrees of freedom.
         prescribed: prescribed degrees of freedom 3·node + component.
         motion: their displacement at each instant [µm], (n_times, n_prescribed).
         pulled: degrees of freedom whose sum of internal forces is the answered force.
+        pull: at each Gauss point its weight times the gradient of a unit motion of the pulled
+            face along Y, turned as H, (n_points, 9).
+        near_pulled: Gauss points where that is not null.
+        length: extent of the specimen along Y [µm].
+        state: state of the Gauss points at rest, (n_points, n_state).
+        strained: whether that state holds an eigenstrain, or a direction changes one.
     """
 
     cells: IntArray
@@ -42,6 +56,11 @@ class Problem:
     prescribed: IntArray
     motion: FloatArray
     pulled: IntArray
+    pull: FloatArray
+    near_pulled: IntArray
+    length: float
+    state: FloatArray
+    strained: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,16 +68,16 @@ class Tangents:
     """All directions of a simulation in the discrete terms of its problem, k directions.
 
     Attributes:
-        local: derivative of the local constants, (n_grains, k, 11).
-        rotation: derivative of the crystal rotations, (n_grains, k, 3, 3).
+        law: derivative of the law at the Gauss points.
+        state: derivative of the state at rest, (n_points, k, n_derived).
         motion: derivative of the prescribed motion, (n_times, n_prescribed, k).
         geometric: the directions that move nodes or turn crystals.
-        gradients: derivative of the turned shape gradients for those, (g, n_cells, 4, 10, 3).
-        weights: derivative of the weights for those, (g, n_cells, 4).
+        gradients: derivative of the turned shape gradients for those, (g, n_cells, n_gauss, n, 3).
+        weights: derivative of the weights for those, (g, n_cells, n_gauss).
     """
 
-    local: FloatArray
-    rotation: FloatArray
+    law: PointTangents
+    state: FloatArray
     motion: FloatArray
     geometric: IntArray
     gradients: FloatArray
@@ -67,7 +86,7 @@ class Tangents:
     @property
     def count(self) -> int:
         """Number of directions."""
-        return int(self.local.shape[1])
+        return int(self.law.local.shape[1])
 
 
 def build_problem(simulation: Simulation) -> Problem:
@@ -78,61 +97,92 @@ def build_problem(simulation: Simulation) -> Problem:
     """
     mesh = simulation.mesh
     gradients, weights = shape_gradients(mesh.points, mesh.cells)
-    turned = np.einsum("eqai,eij->eqaj", gradients, simulation.orientations[mesh.grain])
+    frames = crystal_frames(simulation)
+    turned = _turn(gradients, frames.rotation, frames.of_point)
     mask = np.zeros(3 * len(mesh.points), dtype=np.bool_)
     dofs = 3 * simulation.motion_nodes[:, None] + np.arange(3)
     mask[dofs[simulation.motion_mask]] = True
+    start = at_rest(simulation, frames)
+    strained = simulation.material.eigenstrain != 0.0 or any(
+        "eigenstrain" in direction.material for direction in simulation.directions
+    )
+    pulled = 3 * mesh.nodes["S_PLUS"] + 1
+    unit = np.zeros((len(mesh.points), 3))
+    unit.ravel()[pulled] = 1.0
+    pull = np.empty((weights.size, 9))
+    displacement_gradients(unit, mesh.cells, turned, pull)
+    pull *= weights.reshape(-1, 1)
     return Problem(
         cells=mesh.cells,
         n_nodes=len(mesh.points),
-        gradients=np.ascontiguousarray(turned),
+        gradients=turned,
         weights=weights,
-        points=Points(
-            simulation.material.strain_measure,
-            np.repeat(mesh.grain, 4),
-            local_parameters(simulation.material, mesh.n_grains),
-            simulation.orientations,
+        points=replace(
+            points_of_grains(
+                simulation.material,
+                simulation.integration,
+                np.repeat(mesh.grain, weights.shape[1]),
+                simulation.orientations,
+            ),
+            frame_of=frames.of_point,
+            rotation=frames.rotation,
+            skin=start.skin,
         ),
         pattern=stiffness_pattern(mesh.cells, mask),
         prescribed=dofs[simulation.motion_mask],
         motion=np.ascontiguousarray(simulation.motion[:, simulation.motion_mask]),
-        pulled=3 * mesh.nodes["S_PLUS"] + 1,
+        pulled=pulled,
+        pull=pull,
+        near_pulled=np.flatnonzero(pull.any(axis=1)),
+        length=float(np.ptp(mesh.points[:, 1])),
+        state=start.state,
+        strained=strained,
     )
-
-
-def _spin(vector: FloatArray) -> FloatArray:
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
     """Put the directions of a simulation into the terms of its problem."""
     mesh, k = simulation.mesh, len(simulation.directions)
-    n_grains = mesh.n_grains
-    local = np.zeros((n_grains, k, problem.points.local.shape[1]))
-    rotation = np.zeros((n_grains, k, 3, 3))
+    points = problem.points
+    frames = Frames(points.rotation, points.frame_of)
+    local = np.zeros((mesh.n_grains, k, points.local.shape[1]))
     motion = np.zeros((*problem.motion.shape, k))
+    rotations, skins = [np.zeros_like(points.rotation)], [np.zeros_like(points.skin)]
+    turn, skinned = np.zeros(k, dtype=np.int64), np.zeros(k, dtype=np.int64)
     geometric, gradients, weights = [], [], []
+    starts = np.zeros((points.grain.size, k, problem.state.shape[1]))
     plain, _ = shape_gradients(mesh.points, mesh.cells)
     for index, direction in enumerate(simulation.directions):
         for name, rate in direction.material.items():
-            local[:, index] += rate * local_tangent(simulation.material, n_grains, name)
+            if name not in AT_REST:
+                local[:, index] += rate * local_tangent(simulation.material, mesh.n_grains, name)
         if direction.motion is not None:
             motion[:, :, index] = direction.motion[:, simulation.motion_mask]
-        if direction.rotation is not None:
-            for grain, vector in enumerate(direction.rotation):
-                rotation[grain, index] = _spin(vector) @ simulation.orientations[grain]
-        if direction.rotation is not None or direction.points is not None:
+        moves = direction.points is not None
+        if (
+            direction.rotation is not None
+            or direction.lattice_gradient is not None
+            or (moves and len(points.rotation) > mesh.n_grains)
+        ):
+            turn[index] = len(rotations)
+            rotations.append(frame_change(simulation, direction))
+        change = at_rest_change(simulation, direction, frames, rotations[turn[index]])
+        if change is not None:
+            starts[:, index] = change.state
+            skinned[index] = len(skins)
+            skins.append(change.skin)
+        if turn[index] or moves:
             geometric.append(index)
-            change, weight_change = _geometric_change(
-                simulation, direction, plain, problem, rotation[:, index]
+            change_of_gradients, weight_change = _geometric_change(
+                direction, plain, problem, mesh.cells, rotations[turn[index]]
             )
-            gradients.append(change)
+            gradients.append(change_of_gradients)
             weights.append(weight_change)
+    law = PointTangents(local, turn, np.array(rotations), skinned, np.array(skins))
     shape = problem.gradients.shape
     return Tangents(
-        local=local,
-        rotation=rotation,
+        law=law,
+        state=np.ascontiguousarray(starts[:, :, : points.n_derived(problem.state.shape[1])]),
         motion=motion,
         geometric=np.array(geometric, dtype=np.int64),
         gradients=np.array(gradients).reshape(len(geometric), *shape),
@@ -140,19 +190,25 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
     )
 
 
+def _turn(gradients: FloatArray, rotation: FloatArray, frame_of: IntArray) -> FloatArray:
+    """Gradients (n_cells, n_gauss, n, 3) in the crystal axes of their points."""
+    of_points = rotation[frame_of].reshape(*gradients.shape[:2], 3, 3)
+    return np.ascontiguousarray(gradients @ of_points)
+
+
 def _geometric_change(
-    simulation: Simulation,
     direction: Direction,
     plain: FloatArray,
     problem: Problem,
+    cells: IntArray,
     rotation: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    grain = simulation.mesh.grain
-    change = np.einsum("eqai,eij->eqaj", plain, rotation[grain])
+    frame_of = problem.points.frame_of
+    change = _turn(plain, rotation, frame_of)
     weight_change = np.zeros_like(problem.weights)
     if direction.points is not None:
         moved, weight_change = shape_gradient_velocity(
-            plain, problem.weights, simulation.mesh.cells, direction.points
+            plain, problem.weights, cells, direction.points
         )
-        change += np.einsum("eqai,eij->eqaj", moved, simulation.orientations[grain])
+        change += _turn(moved, problem.points.rotation, frame_of)
     return change, weight_change

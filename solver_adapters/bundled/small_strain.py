@@ -4,8 +4,10 @@ Steps of an update (modes: the orthonormal tensors in which cubic elasticity is 
 1. trial modes e* = V·H − ep⁰, V the modes turned into the specimen, H the displacement gradient;
 2. stress modes σ = μ (e* − Σ S Δp P), resolved shear stresses τ = P·σ;
 3. the 24 residuals, linearised in Δp and condensed to (1/μ + Σ w P Pᵀ) δσ = −Σ S w f P (5 × 5);
-4. slips updated from δσ; 2–4 repeated until no slip changes;
+4. slips updated from δσ; 2–4 repeated until the residuals ask for no more slip;
 5. consistent tangent (1/μ + Σ w P Pᵀ)⁻¹ in the same modes.
+With a non-Schmid term the second P is that of the driving stress; with latent hardening w is a
+matrix. Both make the condensed system unsymmetric.
 """
 
 import numpy as np
@@ -13,30 +15,38 @@ from numpy.typing import NDArray
 
 from solver_adapters.bundled.compilation import kernel
 from solver_adapters.bundled.dense import factor, solve
-from solver_adapters.bundled.law import NS, P_C11, P_C12, P_C44
+from solver_adapters.bundled.law import FIRST_112, NS, P_A1, P_C11, P_C12, P_C44
 from solver_adapters.bundled.slip import (
     D_TAU,
     EXPLICIT,
     LOAD,
     N_SLIP_ROWS,
+    OTHER,
     SIGN,
     SIGNED,
+    STEP,
     TAU,
     WEIGHT,
     WEIGHTED,
     advance_slips,
-    derivative_load,
     evaluate_systems,
     explicit_derivative,
     finish_derivative,
+    is_sound,
     load_point,
+    prepare_slip,
+    slip_change,
     store_slips,
+    weigh_mode,
+    weigh_residual,
 )
 
 FloatArray = NDArray[np.float64]
 
 MODES = N_SLIP_ROWS  # Schmid modes, 5 × 24
-TRIAL = MODES + 5 * NS  # e* and the trace mode, 6
+CONJUGATE = MODES + 5 * NS  # modes of the conjugate tensors, 5 × 24
+DRIVING = CONJUGATE + 5 * NS  # modes of the driving stress, 5 × 24, where it is not Schmid's
+TRIAL = DRIVING + 5 * NS  # e* and the trace mode, 6
 ELASTIC = TRIAL + 6  # elastic strain modes, 5
 STRESS = ELASTIC + 5  # stress modes, 5
 RHS = STRESS + 5  # 5
@@ -49,11 +59,19 @@ WORKSPACE = ROWS + 45
 
 
 @kernel
-def prepare(w: FloatArray, modes: FloatArray) -> None:
-    """Put the constant Schmid modes into a fresh workspace."""
+def prepare(
+    w: FloatArray,
+    modes: FloatArray,
+    conjugate: FloatArray,
+    interaction: FloatArray,
+    sense: FloatArray,
+) -> None:
+    """Put what is constant into a fresh workspace: the modes are (8, 24), five of them used."""
+    prepare_slip(w, interaction, sense)
     for k in range(5):
         for s in range(NS):
             w[MODES + k * NS + s] = modes[k, s]
+            w[CONJUGATE + k * NS + s] = conjugate[k, s]
 
 
 @kernel
@@ -81,37 +99,81 @@ def _stress(w: FloatArray, mu0: float, mu1: float) -> None:
 
 
 @kernel
-def _resolve(w: FloatArray, source: int, target: int) -> None:
+def _resolve(w: FloatArray, modes: int, source: int, target: int) -> None:
     t0, t1, t2 = w[source], w[source + 1], w[source + 2]
     t3, t4 = w[source + 3], w[source + 4]
     for s in range(NS):
         w[target + s] = (
-            w[MODES + s] * t0
-            + w[MODES + NS + s] * t1
-            + w[MODES + 2 * NS + s] * t2
-            + w[MODES + 3 * NS + s] * t3
-            + w[MODES + 4 * NS + s] * t4
+            w[modes + s] * t0
+            + w[modes + NS + s] * t1
+            + w[modes + 2 * NS + s] * t2
+            + w[modes + 3 * NS + s] * t3
+            + w[modes + 4 * NS + s] * t4
         )
 
 
 @kernel
-def _condense(w: FloatArray, mu0: float, mu1: float) -> None:
-    for i in range(5):
+def _drive(w: FloatArray, p: FloatArray, source: int, target: int) -> None:
+    """Change of the driving stress of each system along its sign."""
+    if p[P_A1] != 0.0:
+        _resolve(w, DRIVING, source, target)
+    else:
+        _resolve(w, MODES, source, target)
+
+
+@kernel
+def _evaluate(
+    w: FloatArray,
+    mu0: float,
+    mu1: float,
+    p: FloatArray,
+    dt: float,
+    exponential: bool,
+    coupled: bool,
+) -> float:
+    """Residuals at the slips; returns how far from solved they are."""
+    _stress(w, mu0, mu1)
+    _resolve(w, MODES, STRESS, TAU)
+    error: float
+    if p[P_A1] == 0.0:
+        error = evaluate_systems(w, dt, p, exponential, coupled)
+        return error
+    _resolve(w, CONJUGATE, STRESS, OTHER)
+    error = evaluate_systems(w, dt, p, exponential, coupled)
+    for k in range(5):
         for s in range(NS):
-            w[WEIGHTED + s] = w[MODES + i * NS + s] * w[WEIGHT + s]
-        _project(w, FACTOR + 5 * i, WEIGHTED)
+            schmid, other = w[MODES + k * NS + s], w[CONJUGATE + k * NS + s]
+            scale = 1.0 + 0.5 * p[P_A1] if s < FIRST_112 else 1.0
+            w[DRIVING + k * NS + s] = scale * schmid + w[SIGN + s] * p[P_A1] * other
+    return error
+
+
+@kernel
+def _condense(w: FloatArray, mu0: float, mu1: float, p: FloatArray, coupled: bool) -> None:
+    symmetric = p[P_A1] == 0.0 and not coupled
+    for i in range(5):
+        if symmetric:
+            for s in range(NS):
+                w[WEIGHTED + s] = w[MODES + i * NS + s] * w[WEIGHT + s]
+            _project(w, FACTOR + 5 * i, WEIGHTED)
+        else:
+            weigh_mode(w, (DRIVING if p[P_A1] != 0.0 else MODES) + i * NS, coupled)
+            _project(w, BALANCE, WEIGHTED)
+            for k in range(5):
+                w[FACTOR + 5 * k + i] = w[BALANCE + k]
+    for i in range(5):
         w[FACTOR + 6 * i] += 1.0 / (mu0 if i < 2 else mu1)
     factor(w, FACTOR, 5)
 
 
 @kernel
-def _stress_change(w: FloatArray) -> None:
+def _stress_change(w: FloatArray, p: FloatArray) -> None:
     """CHANGE = −(1/μ + Σ w P Pᵀ)⁻¹ Σ LOAD P, D_TAU = P·CHANGE."""
     _project(w, CHANGE, LOAD)
     solve(w, FACTOR, 5, CHANGE, 1)
     for k in range(5):
         w[CHANGE + k] = -w[CHANGE + k]
-    _resolve(w, CHANGE, D_TAU)
+    _drive(w, p, CHANGE, D_TAU)
 
 
 @kernel
@@ -159,7 +221,10 @@ def update(
     H: FloatArray,
     V: FloatArray,
     p: FloatArray,
+    skin: float,
     dt: float,
+    exponential: bool,
+    coupled: bool,
     state0: FloatArray,
     guess: FloatArray,
     tolerance: float,
@@ -171,23 +236,19 @@ def update(
     """
     mu0 = p[P_C11] - p[P_C12]
     mu1 = 2.0 * p[P_C44]
-    load_point(w, state0, p, guess)
+    load_point(w, state0, p, skin, dt, exponential, guess, most == 0)
     _trial(w, H, V, state0)
     count = 0
-    change = 1.0
-    while change > tolerance and count < most:
-        _stress(w, mu0, mu1)
-        _resolve(w, STRESS, TAU)
-        evaluate_systems(w, dt, p, True)
-        _condense(w, mu0, mu1)
-        _stress_change(w)
-        change = advance_slips(w, p)
+    while True:
+        error = _evaluate(w, mu0, mu1, p, dt, exponential, coupled)
+        _condense(w, mu0, mu1, p, coupled)
+        if error <= tolerance or count >= most or not is_sound(w, error):
+            break
+        _stress_change(w, p)
+        advance_slips(w, p, exponential, coupled)
         count += 1
-    _stress(w, mu0, mu1)
-    _resolve(w, STRESS, TAU)
-    evaluate_systems(w, dt, p, False)
-    _condense(w, mu0, mu1)
-    return count if change <= tolerance else -count
+    valid = error <= tolerance and is_sound(w, error)
+    return count if valid else -max(count, 1)
 
 
 @kernel
@@ -240,11 +301,15 @@ def derivative(
     H: FloatArray,
     V: FloatArray,
     p: FloatArray,
+    skin: float,
     dt: float,
+    exponential: bool,
+    coupled: bool,
     dH: FloatArray,
     turned: bool,
     dV: FloatArray,
     dp: FloatArray,
+    dskin: float,
     dstate0: FloatArray,
     dP: FloatArray,
     dstate1: FloatArray,
@@ -268,13 +333,18 @@ def derivative(
         w[RHS + k] = (mu0 if k < 2 else mu1) * (de - dstate0[k]) + (dmu0 if k < 2 else dmu1) * w[
             ELASTIC + k
         ]
-    _resolve(w, RHS, EXPLICIT)
+    _drive(w, p, RHS, EXPLICIT)
     for s in range(NS):
         w[EXPLICIT + s] *= w[SIGN + s]
-    explicit_derivative(w, dt, p, dp, dstate0)
-    derivative_load(w)
-    _stress_change(w)
-    finish_derivative(w, p, dp, dstate0, dstate1)
+    if dp[P_A1] != 0.0:
+        _resolve(w, CONJUGATE, STRESS, OTHER)
+        for s in range(FIRST_112):
+            schmid = w[TAU + s] / (1.0 + 0.5 * p[P_A1])
+            w[EXPLICIT + s] += dp[P_A1] * (0.5 * w[SIGN + s] * schmid + w[OTHER + s])
+    explicit_derivative(w, dt, p, skin, exponential, coupled, dp, dskin, dstate0)
+    weigh_residual(w, EXPLICIT, coupled)
+    _stress_change(w, p)
+    finish_derivative(w, p, exponential, coupled, dp, dstate0, dstate1)
     bulk = p[P_C11] + 2.0 * p[P_C12]
     dbulk = dp[P_C11] + 2.0 * dp[P_C12]
     dsigma_volume = bulk * dvolume + dbulk * w[VOLUME]
@@ -291,3 +361,30 @@ def derivative(
     _add_stress(dP, V, w, RHS, dsigma_volume)
     if turned:
         _add_stress(dP, dV, w, STRESS, bulk * w[VOLUME])
+
+
+@kernel
+def response(
+    w: FloatArray,
+    V: FloatArray,
+    p: FloatArray,
+    coupled: bool,
+    by_slip: FloatArray,
+    by_state: FloatArray,
+) -> None:
+    """How slips (24, 9) and kinematic state (9, 9) of the step in the workspace follow H."""
+    for k in range(5):
+        for i in range(9):
+            w[ROWS + 9 * k + i] = V[k, i]
+    solve(w, FACTOR, 5, ROWS, 9)
+    mu0, mu1 = p[P_C11] - p[P_C12], 2.0 * p[P_C44]
+    for j in range(9):
+        for k in range(5):
+            w[CHANGE + k] = w[ROWS + 9 * k + j]
+            by_state[k, j] = V[k, j] - w[CHANGE + k] / (mu0 if k < 2 else mu1)
+        for k in range(5, 9):
+            by_state[k, j] = 0.0
+        _drive(w, p, CHANGE, D_TAU)
+        slip_change(w, coupled)
+        for s in range(NS):
+            by_slip[s, j] = w[STEP + s]

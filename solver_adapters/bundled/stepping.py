@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,14 @@ from solver_adapters.bundled.assembly import (
     direction_gradients,
     displacement_gradients,
     element_forces,
-    element_stiffness,
 )
-from solver_adapters.bundled.law import N_STATE, NS, P_C11
-from solver_adapters.bundled.linear import LinearSolverError, SymmetricSolver
+from solver_adapters.bundled.integration_error import stress_error
+from solver_adapters.bundled.law import NS, P_C11
+from solver_adapters.bundled.linear import LinearSolverError
 from solver_adapters.bundled.problem import Problem, Tangents
+from solver_adapters.bundled.statistics import Statistics
+from solver_adapters.bundled.tangent_system import TangentSystem
+from solver_adapters.bundled.triangles import RESIDUAL
 from solver_adapters.interface import SolverError
 
 FloatArray = NDArray[np.float64]
@@ -29,6 +32,10 @@ MOST_HALVINGS = 10
 ROUNDING = 1e-12
 # Strain that rounding leaves behind: of its force nothing better can be asked.
 ROUNDED_STRAIN = 1e-15
+# Accuracies between which the linear systems of the Newton iteration are solved.
+ROUGH, FINE = 1e-3, 1e-8
+# A time in which no system slips by a countable amount [s].
+_INSTANT = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,36 +62,22 @@ class Frame:
     Attributes:
         time: the instant [s].
         u: displacement [µm], (n_nodes, 3).
-        state: states of the Gauss points, (n_points, 57).
+        H: displacement gradients times the crystal rotations, (n_points, 9).
+        state: states of the Gauss points, (n_points, n_state).
         force: force on the pulled face [µN].
         du: derivative of the displacement, (n_nodes, 3, k).
-        dstate: derivative of the states, (n_points, k, 57).
+        dstate: derivative of the states, (n_points, k, n_derived).
         dforce: derivative of the force, (k,).
     """
 
     time: float
     u: FloatArray
+    H: FloatArray
     state: FloatArray
     force: float
     du: FloatArray
     dstate: FloatArray
     dforce: FloatArray
-
-
-@dataclass
-class Statistics:
-    """What a run has cost so far."""
-
-    steps: int = 0
-    iterations: int = 0
-    cuts: int = 0
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    def clock(self, name: str, since: float) -> float:
-        """Book the time since an earlier call; returns now."""
-        now = time.perf_counter()
-        self.seconds[name] = self.seconds.get(name, 0.0) + now - since
-        return now
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,122 +101,170 @@ class _NotConverged(Exception):
 class Stepper:
     """Advances one problem in time."""
 
-    def __init__(self, problem: Problem, tangents: Tangents, tolerance: float) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        tangents: Tangents,
+        tolerance: float,
+        accuracy: float | None = None,
+    ) -> None:
         self.problem = problem
         self.tangents = tangents
         self.tolerance = tolerance
+        self.accuracy = accuracy
         self.statistics = Statistics()
         self._least = _rounded_force(problem)
-        self._solver = SymmetricSolver(problem.pattern.indptr, problem.pattern.indices)
+        self._system = TangentSystem(problem, self.statistics)
         self._last: dict[bool, Increment] = {}
 
     def start(self, begin: float) -> Frame:
-        """The undeformed state at time `begin`."""
+        """The state at time `begin`: at rest, or in elastic equilibrium with its eigenstrain."""
         p, k = self.problem, self.tangents.count
         n_points = p.points.grain.size
-        return Frame(
+        frame = Frame(
             time=begin,
             u=np.zeros((p.n_nodes, 3)),
-            state=p.points.initial_state(),
+            H=np.zeros((n_points, 9)),
+            state=p.state,
             force=0.0,
             du=np.zeros((p.n_nodes, 3, k)),
-            dstate=np.zeros((n_points, k, N_STATE)),
+            dstate=self.tangents.state,
             dforce=np.zeros(k),
         )
+        if not p.strained:
+            return frame
+        # In no time nothing slips.
+        trial = self._newton(frame, np.zeros(p.prescribed.size), _INSTANT)
+        rest = np.zeros((p.prescribed.size, k))
+        return self._accept(frame, trial, begin, _INSTANT, rest)
+
+    def resume(
+        self,
+        last: dict[bool, Increment],
+        ends: list[float],
+        counts: tuple[int, int, int, int],
+    ) -> None:
+        """Take over what an earlier run has learnt and counted."""
+        self._last = dict(last)
+        s = self.statistics
+        s.ends = list(ends)
+        s.steps, s.iterations, s.cuts, s.refinements = counts
+
+    @property
+    def last(self) -> dict[bool, Increment]:
+        """The last increments, by whether the boundary moved."""
+        return self._last
 
     def advance(
         self,
         frame: Frame,
-        end: float,
+        ends: FloatArray,
         motion: Callable[[float], FloatArray],
         motion_tangent: Callable[[float], FloatArray],
-        steps: int,
     ) -> Frame:
-        """Go to time `end` in at least `steps` steps; cut where needed, regrow afterwards.
+        """Go through the ends of the asked steps; cut where needed, regrow afterwards.
+
+        A step is cut where it does not converge, and where its error is above `accuracy`.
 
         Raises:
             SolverError: a step of 1/1024 of the asked size does not converge; the message names
                 time, element and grain.
         """
-        whole = (end - frame.time) / steps
+        for end in ends:
+            frame = self._reach(frame, float(end), motion, motion_tangent)
+        return frame
+
+    def _reach(
+        self,
+        frame: Frame,
+        end: float,
+        motion: Callable[[float], FloatArray],
+        motion_tangent: Callable[[float], FloatArray],
+    ) -> Frame:
+        whole = end - frame.time
         size = whole
         while frame.time < end - 1e-9 * whole:
             size = min(size, end - frame.time)
+            target = frame.time + size
+            if end - target < 1e-9 * whole:
+                target = end
+            dt = target - frame.time
+            divisible = 0.5 * size >= whole / 2**MOST_HALVINGS
             try:
-                target = frame.time + size
-                if end - target < 1e-9 * whole:
-                    target = end
-                frame = self._step(frame, target, motion(target), motion_tangent)
-                size = min(2 * size, whole)
+                trial = self._newton(frame, motion(target), dt)
             except _NotConverged as failure:
-                if 0.5 * size < whole / 2**MOST_HALVINGS:
+                if not divisible:
                     raise SolverError(
                         f"no solution at t = {target:.6g} s with steps cut to {size:.3g} s: "
                         f"{failure}"
                     ) from None
                 self.statistics.cuts += 1
                 size *= 0.5
+                continue
+            error = 0.0 if self.accuracy is None else self._force_error(frame, trial, dt)
+            if self.accuracy is not None and error > self.accuracy and divisible:
+                self.statistics.refinements += 1
+                size *= 0.5
+                continue
+            tangent = motion_tangent(target) if self.tangents.count else None
+            frame = self._accept(frame, trial, target, dt, tangent)
+            self.statistics.steps += 1
+            self.statistics.ends.append(target)
+            if self.accuracy is None or error < 0.5 * self.accuracy:
+                size = min(2 * size, whole)
         return frame
 
-    def _step(
+    def _accept(
         self,
         frame: Frame,
+        trial: _Trial,
         end: float,
-        motion: FloatArray,
-        motion_tangent: Callable[[float], FloatArray],
+        dt: float,
+        motion_tangent: FloatArray | None,
     ) -> Frame:
-        dt = end - frame.time
-        trial = self._newton(frame, motion, dt)
+        """The frame at the end of a converged step, with its derivatives."""
         p = self.problem
-        increment = Increment(
-            trial.u - frame.u, trial.slips, motion - frame.u.ravel()[p.prescribed], dt
-        )
-        self._last[bool(np.any(increment.motion))] = increment
-        self.statistics.steps += 1
+        held = trial.u.ravel()[p.prescribed] - frame.u.ravel()[p.prescribed]
+        self._last[bool(np.any(held))] = Increment(trial.u - frame.u, trial.slips, held, dt)
         du, dstate, dforce = frame.du, frame.dstate, frame.dforce
-        if self.tangents.count:
-            du, dstate, dforce = self._derive(frame, trial, dt, motion_tangent(end))
+        if motion_tangent is not None and self.tangents.count:
+            du, dstate, dforce = self._derive(frame, trial, dt, motion_tangent)
         force = float(trial.forces[p.pulled].sum())
-        return Frame(end, trial.u, trial.state, force, du, dstate, dforce)
+        return Frame(end, trial.u, trial.H, trial.state, force, du, dstate, dforce)
+
+    def _force_error(self, frame: Frame, trial: _Trial, dt: float) -> float:
+        """Error of the force that the step may have made [µN]."""
+        p = self.problem
+        change = trial.H - frame.H
+        stress = stress_error(p.points, frame.state, trial.slips, change, dt)
+        return float(p.weights.ravel() @ stress) / p.length
 
     def _evaluate(self, frame: Frame, u: FloatArray, guess: FloatArray, dt: float) -> _Trial:
         p, clock = self.problem, time.perf_counter()
         H = np.empty((p.points.grain.size, 9))
         displacement_gradients(u, p.cells, p.gradients, H)
-        state, slips, P, C, count = p.points.update(H, frame.state, guess, dt)
-        if count.min() < 0:
-            # The guess of another step can mislead; a start from rest seldom does.
-            state, slips, P, C, count = p.points.update(H, frame.state, np.zeros_like(guess), dt)
+        state, slips, P, C, count = p.points.update(H, frame.state, guess, dt, frame.H)
         clock = self.statistics.clock("points", clock)
-        forces = np.empty((len(p.cells), 30))
+        forces = np.empty(p.pattern.dofs.shape)
         element_forces(P, p.gradients, p.weights, forces)
         total = p.pattern.node_sum(forces, p.n_nodes)
         self.statistics.clock("assembly", clock)
         failed = int(np.argmin(count)) if count.min() < 0 else None
         return _Trial(u, H, state, slips, P, C, total, failed)
 
-    def _factor(self, trial: _Trial) -> None:
-        """Factor the tangent of a trial."""
-        p, clock = self.problem, time.perf_counter()
-        K = np.empty((len(p.cells), 465))
-        element_stiffness(trial.C, p.gradients, p.weights, K)
-        values = p.pattern.values(K)
-        clock = self.statistics.clock("assembly", clock)
+    def _assemble(self, trial: _Trial, moves: bool, fresh: bool = False) -> None:
+        """Take the tangent of a trial."""
         try:
-            self._solver.factor(values)
+            self._system.assemble(trial.C, moves, fresh)
         except LinearSolverError as error:
             raise _NotConverged(self._where(trial, str(error))) from None
-        self.statistics.clock("factorisation", clock)
 
-    def _solve(self, trial: _Trial, rhs: FloatArray) -> FloatArray:
-        """Solve with the factors of the tangent of a trial."""
-        clock = time.perf_counter()
+    def _solve(self, trial: _Trial, rhs: FloatArray, accuracy: float = RESIDUAL) -> FloatArray:
+        """Solve with the tangent of a trial."""
         try:
-            solution = self._solver.solve(rhs)
+            return self._system.solve(rhs, accuracy)
         except LinearSolverError as error:
             raise _NotConverged(self._where(trial, str(error))) from None
-        self.statistics.clock("solution", clock)
-        return solution
 
     def _predict(
         self, frame: Frame, motion: FloatArray, dt: float
@@ -231,10 +272,11 @@ class Stepper:
         """Start of a step: the last step of its kind scaled, or one tangent step."""
         p = self.problem
         moved = motion - frame.u.ravel()[p.prescribed]
-        last = self._last.get(bool(np.any(moved)))
+        moves = bool(np.any(moved))
+        last = self._last.get(moves)
         u = frame.u.copy()
         if last is not None:
-            if np.any(moved):
+            if moves:
                 ratio = float(moved @ last.motion / (last.motion @ last.motion))
             else:
                 ratio = dt / last.dt
@@ -244,13 +286,13 @@ class Stepper:
                 return u, ratio * last.slips
         rest = np.zeros((p.points.grain.size, NS))
         trial = self._evaluate(frame, frame.u, rest, dt)
-        self._factor(trial)
+        self._assemble(trial, moves)
         lifted = np.zeros((p.n_nodes, 3))
         lifted.ravel()[p.prescribed] = moved
         H = np.empty((p.points.grain.size, 9))
         displacement_gradients(lifted, p.cells, p.gradients, H)
         stress = np.einsum("pij,pj->pi", trial.C, H)
-        forces = np.empty((len(p.cells), 30))
+        forces = np.empty(p.pattern.dofs.shape)
         element_forces(stress, p.gradients, p.weights, forces)
         residual = trial.forces + p.pattern.node_sum(forces, p.n_nodes)
         lifted.ravel()[p.pattern.free] = self._solve(trial, -residual[p.pattern.free])
@@ -258,16 +300,19 @@ class Stepper:
 
     def _newton(self, frame: Frame, motion: FloatArray, dt: float) -> _Trial:
         free, prescribed = self.problem.pattern.free, self.problem.prescribed
+        moves = bool(np.any(motion != frame.u.ravel()[prescribed]))
         u, guess = self._predict(frame, motion, dt)
         trial = self._evaluate(frame, u, guess, dt)
         norm = _norm(trial.forces[free])
         for _ in range(MOST_NEWTON):
             reaction = _norm(trial.forces[prescribed])
-            small = norm <= max(max(self.tolerance, ROUNDING) * reaction, self._least)
-            if small and trial.local_failure is None:
+            target = max(max(self.tolerance, ROUNDING) * reaction, self._least)
+            if norm <= target and trial.local_failure is None:
                 return trial
-            self._factor(trial)
-            step = self._solve(trial, -trial.forces[free])
+            self._assemble(trial, moves)
+            # No better than the last iteration needs.
+            accuracy = min(ROUGH, max(0.1 * target / norm, FINE))
+            step = self._solve(trial, -trial.forces[free], accuracy)
             self.statistics.iterations += 1
             trial, norm = self._line_search(frame, trial, step, norm, dt)
         raise _NotConverged(self._where(trial, _stalled(norm)))
@@ -297,14 +342,14 @@ class Stepper:
         """Complete a message with the element that fails, or that is furthest from equilibrium."""
         p = self.problem
         if trial.local_failure is not None:
-            cell = trial.local_failure // 4
+            cell = trial.local_failure // p.weights.shape[1]
             what = "the crystal law did not converge"
         else:
             force = np.zeros(3 * p.n_nodes)
             force[p.pattern.free] = trial.forces[p.pattern.free]
             node = int(np.argmax(np.linalg.norm(force.reshape(-1, 3), axis=1)))
             cell = int(np.flatnonzero((p.cells == node).any(axis=1))[0])
-        grain = int(p.points.grain[4 * cell]) + 1
+        grain = int(p.points.grain[p.weights.shape[1] * cell]) + 1
         return f"{what} (element {cell}, grain {grain})"
 
     def _derive(
@@ -314,46 +359,47 @@ class Stepper:
 
         1. explicit change of the forces at fixed free displacements;
         2. K du = −change on the free degrees of freedom;
-        3. change of the states and of the pulled force with the whole du.
+        3. what du adds to the states and to the pulled force.
         """
         p, t = self.problem, self.tangents
-        self._factor(trial)
+        moves = bool(np.any(trial.u.ravel()[p.prescribed] != frame.u.ravel()[p.prescribed]))
+        self._assemble(trial, moves, fresh=True)
         clock = time.perf_counter()
         du = np.zeros((p.n_nodes, 3, t.count))
         flat = du.reshape(3 * p.n_nodes, t.count)
         flat[p.prescribed] = motion_tangent
-        dH0 = np.zeros((trial.H.shape[0], t.count, 9))
+        dH = np.zeros((trial.H.shape[0], t.count, 9))
+        direction_gradients(du, p.cells, p.gradients, dH)
         for slot, index in enumerate(t.geometric):
             part = np.empty_like(trial.H)
             displacement_gradients(trial.u, p.cells, t.gradients[slot], part)
-            dH0[:, index] += part
-        dH = dH0.copy()
-        direction_gradients(du, p.cells, p.gradients, dH)
-        dP, _ = self._point_derivative(frame, trial, dt, dH)
+            dH[:, index] += part
+        dP, dstate, following = p.points.derive(
+            trial.H, frame.state, trial.slips, dt, dH, t.law, frame.dstate
+        )
         change = self._force_change(trial, dP)
         clock = self.statistics.clock("derivatives", clock)
-        flat[p.pattern.free] = self._solve(trial, -change[p.pattern.free])
+        follows = self._solve(trial, -change[p.pattern.free])
         clock = time.perf_counter()
-        direction_gradients(du, p.cells, p.gradients, dH0)
-        dP, dstate = self._point_derivative(frame, trial, dt, dH0)
-        dforce = self._force_change(trial, dP)[p.pulled].sum(axis=0)
+        flat[p.prescribed] = 0.0
+        flat[p.pattern.free] = follows
+        dH[:] = 0.0
+        direction_gradients(du, p.cells, p.gradients, dH)
+        following.add(dH, dstate)
+        # Virtual work of the pulled force: a unit motion of the pulled face against the stress.
+        near = p.near_pulled
+        added = np.einsum("pi,pij,pkj->k", p.pull[near], trial.C[near], dH[near], optimize=True)
+        dforce = change[p.pulled].sum(axis=0) + added
+        flat[p.prescribed] = motion_tangent
         self.statistics.clock("derivatives", clock)
         return du, dstate, dforce
 
-    def _point_derivative(
-        self, frame: Frame, trial: _Trial, dt: float, dH: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        t = self.tangents
-        return self.problem.points.derive(
-            trial.H, frame.state, trial.slips, dt, dH, t.rotation, t.local, frame.dstate
-        )
-
     def _force_change(self, trial: _Trial, dP: FloatArray) -> FloatArray:
         p, t = self.problem, self.tangents
-        forces = np.empty((len(p.cells), 30, t.count))
+        forces = np.empty((*p.pattern.dofs.shape, t.count))
         direction_forces(dP, p.gradients, p.weights, forces)
         for slot, index in enumerate(t.geometric):
-            part = np.empty((len(p.cells), 30))
+            part = np.empty(p.pattern.dofs.shape)
             element_forces(trial.P, p.gradients, t.weights[slot], part)
             forces[:, :, index] += part
             element_forces(trial.P, t.gradients[slot], p.weights, part)

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from driver.case import CaseError, bunge_matrix, case_text, default_case, load_case, schema
+from driver.case_tables import MaterialTable
+from solver_adapters.interaction import bcc24_classes, self_and_latent
 from solver_adapters.material import Material
 
 ALPHA = Path(__file__).parents[2] / "examples" / "alpha" / "case.toml"
@@ -61,6 +63,21 @@ def refused(tmp_path, *changes):
          "identification.parameters", '"C11"', "one of tau0, c, d, K"),
         ("[extensions]", "[extensions]\ntau0_gr2 = 1.0", "extensions", 'the name "tau0_gr2"',
          "one of K, n, Q, b, tau0_112, tau0_grain2"),
+        ("# interaction = [1, 1, 1, 1]", "interaction = [1, 1.4, 1]", "material.interaction",
+         "[1, 1.4, 1]", "24 rows of 24 numbers, or the four numbers [H1, H2, H3, H4]"),
+        ("# interaction = [1, 1, 1, 1]", 'interaction = "BCC24"', "material.interaction",
+         '"BCC24"', "24 rows of 24 numbers, or the four numbers [H1, H2, H3, H4]"),
+        ("# interaction = [1, 1, 1, 1]", "interaction = [1, 1, 1, nan]", "material.interaction",
+         "[1, 1, 1, NaN]", "24 rows of 24 numbers, or the four numbers [H1, H2, H3, H4]"),
+        ("# interaction = [1, 1, 1, 1]", f"interaction = {[[1.0] * 24] * 23}",
+         "material.interaction", "a list of 23 rows", "24 rows of 24 numbers, or the four"),
+        ("# interaction = [1, 1, 1, 1]", f"interaction = {[[1.0] * 24] * 23 + [[1.0, 2.0]]}",
+         "material.interaction", "row 24 as [1.0, 2.0]", "24 rows of 24 numbers, or the four"),
+        ("d2 = 150.0", "d2 = 0", "material.d2", "0", "> 0"),
+        ("tau0_antitwinning = 1.0", "tau0_antitwinning = -1", "material.tau0_antitwinning", "-1",
+         "> 0"),
+        ("c2_MPa = 0.0", "c2_MPa = -1", "material.c2_MPa", "-1", "≥ 0"),
+        ("x0 = 0.0", "x0 = -0.001", "material.x0", "-0.001", "smaller in size than 1/d = 0.000666"),
         ("c_MPa = 40000.0", "c_MPa = 0", "material", "c = 0",
          "a start from 1 to 1e+07, for c is identified"),
         ("[extensions]", "[extensions]\ntau0 = 40.0", "extensions", 'the name "tau0"',
@@ -116,6 +133,39 @@ def test_the_written_case_reads_back_equal(tmp_path):
     path = tmp_path / "case.toml"
     path.write_text(case_text(case), encoding="utf-8")
     assert load_case(path).model_dump() == case.model_dump()
+
+
+@pytest.mark.parametrize(
+    "interaction", [(1.0, 1.4, 1.0, 0.5), tuple(tuple(row) for row in self_and_latent(1.0, 1.4))]
+)
+def test_a_written_interaction_reads_back_equal(tmp_path, interaction):
+    case = default_case()
+    material = case.material.model_copy(update={"interaction": interaction})
+    case = case.model_copy(update={"material": material})
+    path = tmp_path / "case.toml"
+    path.write_text(case_text(case), encoding="utf-8")
+    assert load_case(path).material == material
+
+
+def test_four_numbers_are_the_classes_of_bcc24_and_24_rows_the_matrix_itself(tmp_path):
+    line = "# interaction = [1, 1, 1, 1]"
+    classes = load_case(write(tmp_path, (line, "interaction = [1, 1.4, 0.7, 0.5]")))
+    expected = bcc24_classes(1.0, 1.4, 0.7, 0.5)
+    assert np.array_equal(classes.material.to_material().interaction, expected)
+    rows = load_case(write(tmp_path, (line, f"interaction = {expected.tolist()}")))
+    assert rows.material.to_material() == classes.material.to_material()
+    assert load_case(write(tmp_path)).material.to_material().interaction is None
+
+
+def test_every_scalar_of_the_law_has_its_key_in_its_unit(tmp_path):
+    changed = MaterialTable(
+        h_latent=0.4, tau0_antitwinning=1.2, a1=0.3, c2_MPa=1500, d2=100, x0=-1e-4,
+        eigenstrain=1e-3, skin_tau0=1.5, skin_thickness_um=0.2,
+    )  # fmt: skip
+    assert changed.to_material() == Material(
+        h_latent=0.4, tau0_antitwinning=1.2, a1=0.3, c2=1500, d2=100, x0=-1e-4,
+        eigenstrain=1e-3, skin_tau0=1.5, skin_thickness=0.2,
+    )  # fmt: skip
 
 
 def test_every_key_stands_in_the_written_case():

@@ -34,7 +34,8 @@ def fitting(*names: str) -> Case:
 def test_a_fitted_constant_stands_in_the_extended_case_in_the_unit_of_its_key(
     name: str, tmp_path: Path
 ) -> None:
-    value = 1.25 * getattr(fitting(name).material.to_material(), name) + 0.5
+    parameter = declared_parameters(5)[name]
+    value = parameter.value(0.1, getattr(fitting(name).material.to_material(), name))
     path = tmp_path / "extended.toml"
     write_case(extended(fitting(name), {name: value}), path)
     material = load_case(path).material.to_material()
@@ -81,7 +82,7 @@ def test_paths_lead_from_the_results_to_the_files_and_absolute_ones_stay() -> No
 def test_every_cause_can_be_an_extension_of_a_case(cause: Cause, tmp_path: Path) -> None:
     declared = declared_parameters(5)
     freed = (*cause.parameters, *cause.companions)
-    values = {name: 1.01 * declared[name].null + 0.001 for name in freed}
+    values = {name: declared[name].value(0.01, declared[name].null) for name in freed}
     path = tmp_path / "extended.toml"
     write_case(extended(fitting("tau0"), values, cause), path)
     assert load_case(path).extensions == pytest.approx(values)

@@ -157,7 +157,7 @@ def test_a_boundary_that_meets_an_end_cannot_be_moved(
     point: tuple[float, float, float], normal: tuple[float, float, float]
 ) -> None:
     geometry = PrismGeometry(boundary_point=point, boundary_normal=normal)
-    with pytest.raises(ValueError, match="can only be moved where it crosses"):
+    with pytest.raises(ValueError, match="expected to cross the prism from side to side"):
         boundary_shift(generate(geometry, 2.0), geometry)
 
 

@@ -1,4 +1,4 @@
-"""Small boxes of ten-node tetrahedra, made by hand, and simulations that pull them along Y."""
+"""Small boxes of tet10 or wedge15 cells, made by hand, and simulations that pull them along Y."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from solver_adapters.material import Material
 
 ORIENTATIONS = np.stack([bunge_matrix(281, 8, 47), bunge_matrix(211, 45, 150)])
 EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
+WEDGE_EDGES = ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5))
 
 
 def box(
@@ -45,17 +46,21 @@ def box(
     pairs = np.sort(linear[:, EDGES].reshape(-1, 2), axis=1)
     unique, inverse = np.unique(pairs, axis=0, return_inverse=True)
     middle = len(points) + inverse.reshape(len(linear), 6)
-    points = np.concatenate([points, points[unique].mean(axis=1)])
+    return _named(np.concatenate([points, points[unique].mean(axis=1)]), linear, middle, size[1])
+
+
+def _named(points: FloatArray, corners: IntArray, middle: IntArray, length: float) -> PrismMesh:
+    """The mesh with its grains and its end faces."""
     y = points[:, 1]
-    centre = points[linear].mean(axis=1)[:, 1]
+    centre = points[corners].mean(axis=1)[:, 1]
     return PrismMesh(
         points=points,
-        cells=np.concatenate([linear, middle], axis=1),
-        grain=(centre > size[1] / 2).astype(np.int64),
+        cells=np.concatenate([corners, middle], axis=1),
+        grain=(centre > length / 2).astype(np.int64),
         faces={},
         nodes={
             "S_MINUS": np.flatnonzero(y < 1e-9),
-            "S_PLUS": np.flatnonzero(y > size[1] - 1e-9),
+            "S_PLUS": np.flatnonzero(y > length - 1e-9),
         },
     )
 
@@ -110,3 +115,32 @@ def pulled(
         return np.asarray(strain * points * [0.0, 1.0, 0.0] * (points[:, [1]] > length / 2))
 
     return moved(mesh, material, ends, displacement, times, tolerance, steps)
+
+
+def wedge_box(
+    shape: tuple[int, int, int] = (1, 2, 1),
+    size: tuple[float, float, float] = (2.0, 4.0, 2.0),
+    jitter: float = 0.0,
+) -> PrismMesh:
+    """The box of `box` in fifteen-node wedges along Y, two to a brick."""
+    n = np.array(shape)
+    grid = np.stack(np.meshgrid(*[np.arange(k + 1) for k in n], indexing="ij"), axis=-1)
+    corners = grid.reshape(-1, 3)
+    inside = ((corners > 0) & (corners < n)).all(axis=1, keepdims=True)
+    moves = np.random.default_rng(3).uniform(-jitter, jitter, corners.shape)
+    points = (corners + moves * inside) * np.array(size) / n
+    number = np.arange(len(corners)).reshape(n + 1)
+    cells = []
+    for i, j, k in np.ndindex(*shape):
+        # Seen along Y, Z × X is right-handed.
+        a, b, c, d = ((i, k), (i, k + 1), (i + 1, k + 1), (i + 1, k))
+        for triangle in ((a, b, c), (a, c, d)):
+            cells.append([int(number[x, y, z]) for y in (j, j + 1) for x, z in triangle])
+    linear = np.array(cells)
+    pairs = np.sort(linear[:, WEDGE_EDGES].reshape(-1, 2), axis=1)
+    unique, inverse = np.unique(pairs, axis=0, return_inverse=True)
+    middle = len(points) + inverse.reshape(len(linear), 9)
+    return _named(np.concatenate([points, points[unique].mean(axis=1)]), linear, middle, size[1])
+
+
+BOXES = {"tet10": box, "wedge15": wedge_box}

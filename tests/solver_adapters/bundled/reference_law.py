@@ -1,4 +1,4 @@
-"""One backward Euler step of the crystal law in plain NumPy, written from its equations.
+"""One time step of the general crystal law in plain NumPy, written from its equations.
 
 It shares nothing with the kernels but the layout of parameters and state. Every function takes
 complex numbers: the imaginary part carries a derivative without cancellation (complex step).
@@ -6,39 +6,48 @@ complex numbers: the imaginary part carries a derivative without cancellation (c
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from solver_adapters.bundled.law import (
+    P_A1,
+    P_ASYMMETRY,
     P_B,
     P_C,
+    P_C2,
     P_C11,
     P_C12,
     P_C44,
     P_D,
+    P_D2,
     P_K,
+    P_LATENT,
     P_N,
     P_Q,
     P_TAU110,
     P_TAU112,
     S_ACC,
+    S_OVER,
     S_X,
+    S_X2,
     STRAIN_MODES,
 )
-from solver_adapters.crystal import schmid_tensors
+from solver_adapters.crystal import schmid_tensors, slip_systems
 
 AnyArray = NDArray[Any]
 SCHMID = schmid_tensors()
+DIRECTIONS, NORMALS = slip_systems()
 COMPLEX_STEP = 1e-30
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
     """A step of one point: displacement gradient H (3, 3), crystal rotation R (3, 3), constants
-    (11,), state at the start (57,), length dt [s]; whatever is complex is differentiated.
+    (16,), state at the start (105,), length dt [s], factor on τ0, interaction matrix (24, 24);
+    whatever is complex is differentiated.
     """
 
     strain_measure: str
@@ -47,6 +56,9 @@ class Step:
     constants: AnyArray
     state: AnyArray
     dt: float
+    exponential: bool = False
+    skin: Any = 1.0
+    interaction: AnyArray = field(default_factory=lambda: np.eye(24))
 
 
 def cubic_stress(strain: AnyArray, p: AnyArray) -> AnyArray:
@@ -58,7 +70,7 @@ def cubic_stress(strain: AnyArray, p: AnyArray) -> AnyArray:
 
 
 def elastic_response(step: Step, slip: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """First Piola–Kirchhoff stress (3, 3), resolved shear stresses (24,), kinematic state (9,)."""
+    """First Piola–Kirchhoff stress (3, 3), stress that drives slip (3, 3), kinematic state (9,)."""
     gradient = np.einsum("s,sij->ij", slip, SCHMID)
     if step.strain_measure == "small":
         strain = step.R.T @ (step.H + step.H.T) @ step.R / 2
@@ -66,45 +78,117 @@ def elastic_response(step: Step, slip: AnyArray) -> tuple[AnyArray, AnyArray, An
         plastic = plastic + (gradient + gradient.T) / 2
         stress = cubic_stress(strain - plastic, step.constants)
         modes = np.einsum("kij,ij->k", STRAIN_MODES[:5], plastic)
-        tau = np.einsum("sij,ij->s", SCHMID, stress)
-        return step.R @ stress @ step.R.T, tau, np.concatenate([modes, np.zeros(4)])
+        return step.R @ stress @ step.R.T, stress, np.concatenate([modes, np.zeros(4)])
     trial = (np.eye(3) + step.H) @ step.R @ step.state[:9].reshape(3, 3)
     kept = np.eye(3) - gradient
     elastic = trial @ kept
     stress = cubic_stress((elastic.T @ elastic - np.eye(3)) / 2, step.constants)
-    tau = np.einsum("sij,ij->s", SCHMID, trial.T @ elastic @ stress)
+    conjugate = trial.T @ elastic @ stress
     inverse = step.state[:9].reshape(3, 3) @ kept
     piola = elastic @ stress @ inverse.T @ step.R.T
-    return piola, tau, (inverse * np.linalg.det(inverse) ** (-1 / 3)).ravel()
+    return piola, conjugate, (inverse * np.linalg.det(inverse) ** (-1 / 3)).ravel()
 
 
-def hardening(step: Step, slip: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Back strains and accumulated slips at the end, (24,) each."""
+def driving_stress(step: Step, slip: AnyArray, sign: AnyArray) -> AnyArray:
+    """Resolved shear stress along the sense of slip, with the non-Schmid part, (24,)."""
+    _, stress, _ = elastic_response(step, slip)
+    tau = np.einsum("sij,ij->s", SCHMID, stress)
+    driving = (sign * tau).astype(np.result_type(tau, step.constants))
+    for s in range(12):
+        direction = sign[s] * DIRECTIONS[s]
+        # The {110} plane of the zone of the slip direction at +60° from the slip plane.
+        plane = rotate(NORMALS[s], direction, np.pi / 3)
+        driving[s] += step.constants[P_A1] * (direction @ stress @ plane)
+    return np.asarray(driving)
+
+
+def rotate(vector: AnyArray, axis: AnyArray, angle: float) -> AnyArray:
+    """Turn a vector about a unit axis."""
+    across = np.cross(axis, vector)
+    along = axis * (axis @ vector)
+    return np.asarray(along + np.cos(angle) * (vector - along) + np.sin(angle) * across)
+
+
+def threshold(step: Step, sign: AnyArray, total: AnyArray) -> AnyArray:
+    """Critical resolved shear stress of each system for a sense of slip, (24,)."""
+    p = step.constants
+    tau0 = np.repeat([p[P_TAU110], p[P_TAU112]], 12)
+    # In the frame where m is along [111], the twinning sense has n along [-1 -1 2].
+    twinning = np.sign(np.prod(DIRECTIONS * NORMALS, axis=1)) * sign
+    tau0 = tau0 - np.where(np.arange(24) < 12, 0.0, twinning) * p[P_ASYMMETRY]
+    h = step.interaction + p[P_LATENT] * (1 - np.eye(24))
+    return np.asarray(step.skin * tau0 + p[P_Q] * h @ (1 - np.exp(-p[P_B] * total)))
+
+
+def recalled(step: Step, start: AnyArray, slip: AnyArray, d: Any) -> AnyArray:
+    """Back strain at the end of the step, (24,)."""
     size = slip * np.sign(slip.real)
-    back = (step.state[S_X:S_ACC] + slip) / (1 + step.constants[P_D] * size)
-    return back, step.state[S_ACC:] + size
+    if step.exponential:
+        sense = np.sign(slip.real)
+        return np.asarray(sense / d + (start - sense / d) * np.exp(-d * size))
+    return np.asarray((start + slip) / (1 + d * size))
 
 
-def residuals(step: Step, slip: AnyArray) -> AnyArray:
-    """S τ − c S x − r − K (Δp/Δt)^(1/n) of each system that slips, in MPa; 0 of one at rest."""
+def overstress(step: Step, slip: AnyArray) -> AnyArray:
+    """Viscous stress at the end of the step of the systems that slip, (24,)."""
     p, sign = step.constants, np.sign(slip.real)
-    _, tau, _ = elastic_response(step, slip)
-    back, total = hardening(step, slip)
-    resistance = np.repeat([p[P_TAU110], p[P_TAU112]], 12) + p[P_Q] * (1 - np.exp(-p[P_B] * total))
-    active = sign != 0
-    rate = np.where(active, slip * sign, 1.0) / step.dt
-    return np.where(
-        active, sign * (tau - p[P_C] * back) - resistance - p[P_K] * rate ** (1 / p[P_N]), 0.0
+    rate = np.where(sign != 0, slip * sign, 1.0) / step.dt
+    mean = p[P_K] * rate ** (1 / p[P_N])
+    if not step.exponential:
+        return np.asarray(mean)
+    start = sign * step.state[S_OVER:S_ACC]
+    falls = (sign != 0) & (mean.real < start.real)
+    return np.array(
+        [relaxed(mean[s], start[s], p[P_N]) if falls[s] else mean[s] for s in range(24)]
     )
 
 
+def relaxed(mean: Any, start: Any, n: Any) -> Any:
+    """End of a relaxation from `start` whose mean rate has the viscous stress `mean`.
+
+    Newton's method on (v0 − v)/∫(K/y)ⁿ dy = mean rate, in y = v/v0.
+    """
+    target, y = (mean / start) ** n, 0.5 + 0j
+    for _ in range(40):
+        integral = (y ** (1 - n) - 1) / (n - 1)
+        value = (1 - y) / integral
+        slope = (-1 + value * y ** (-n)) / integral
+        change = (target - value) / slope
+        y = y + change if 0 < (y + change).real < 1 else (y / 2 if change.real < 0 else (1 + y) / 2)
+    return start * (y if np.iscomplexobj(np.array([mean, start, n])) else y.real)
+
+
+def hardening(step: Step, slip: AnyArray) -> tuple[AnyArray, ...]:
+    """Back strains, overstresses, accumulated slips, second back strains at the end, (24,) each."""
+    p, sign = step.constants, np.sign(slip.real)
+    back = recalled(step, step.state[S_X:S_OVER], slip, p[P_D])
+    second = recalled(step, step.state[S_X2:], slip, p[P_D2])
+    over = np.where(sign != 0, sign * overstress(step, slip), 0.0)
+    total = step.state[S_ACC:S_X2] + slip * sign
+    return back, over, total, second
+
+
+def residuals(step: Step, slip: AnyArray) -> AnyArray:
+    """S τ − c S x − c2 S x2 − r − v of each system that slips, in MPa; 0 of one at rest."""
+    p, sign = step.constants, np.sign(slip.real)
+    back = recalled(step, step.state[S_X:S_OVER], slip, p[P_D])
+    second = recalled(step, step.state[S_X2:], slip, p[P_D2])
+    total = step.state[S_ACC:S_X2] + slip * sign
+    driving = driving_stress(step, slip, sign) - sign * (p[P_C] * back + p[P_C2] * second)
+    residual = driving - threshold(step, sign, total) - overstress(step, slip)
+    return np.where(sign != 0, residual, 0.0)
+
+
 def overstress_at_rest(step: Step, slip: AnyArray) -> AnyArray:
-    """|τ − c x| − r of each system at rest (must not be positive), −inf of one that slips."""
+    """How far each system at rest is above its threshold in either sense; −inf of a moving one."""
     p = step.constants
-    _, tau, _ = elastic_response(step, slip)
-    back, total = hardening(step, slip)
-    resistance = np.repeat([p[P_TAU110], p[P_TAU112]], 12) + p[P_Q] * (1 - np.exp(-p[P_B] * total))
-    return np.where(slip == 0, abs(tau - p[P_C] * back) - resistance, -np.inf)
+    back = p[P_C] * step.state[S_X:S_OVER] + p[P_C2] * step.state[S_X2:]
+    total = step.state[S_ACC:S_X2] + abs(slip)
+    both = [
+        driving_stress(step, slip, sign) - sign * back - threshold(step, sign, total)
+        for sign in (np.ones(24), -np.ones(24))
+    ]
+    return np.where(slip == 0, np.maximum(*both), -np.inf)
 
 
 def jacobian(step: Step, slip: AnyArray) -> AnyArray:
@@ -118,17 +202,28 @@ def jacobian(step: Step, slip: AnyArray) -> AnyArray:
     return np.stack(columns, axis=1) if columns else np.zeros((0, 0))
 
 
+def solve(matrix: AnyArray, right: AnyArray) -> AnyArray:
+    """Solution of a Jacobian's system; slips differ by ten orders of magnitude, hence scaled."""
+    scale = np.diag(matrix)
+    scaled = matrix / scale
+    found = np.zeros(len(right), dtype=np.longdouble)
+    for _ in range(3):
+        rest = right - scaled.astype(np.longdouble) @ found
+        found = found + np.linalg.solve(scaled, rest.astype(np.float64))
+    return np.asarray((found / scale).astype(np.float64))
+
+
 def corrected(step: Step, slip: AnyArray) -> AnyArray:
     """Slips after one Newton step, with the Jacobian at `slip`."""
     active = np.flatnonzero(slip.real)
-    change = np.linalg.solve(jacobian(step, slip), residuals(step, slip)[active])
+    change = solve(jacobian(step, slip), residuals(step, slip)[active])
     better = slip.copy()
     better[active] -= change
     return better
 
 
 def response(step: Step, slip: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """First Piola–Kirchhoff stress times R (9,) and the state at the end (57,)."""
+    """First Piola–Kirchhoff stress times R (9,) and the state at the end (105,)."""
     piola, _, kinematic = elastic_response(step, slip)
     return (piola @ step.R).ravel(), np.concatenate([kinematic, *hardening(step, slip)])
 
@@ -146,6 +241,6 @@ def derivative(
     turned = replace(step, **moved)
     active = np.flatnonzero(slip)
     following = slip.astype(complex)
-    following[active] -= 1j * np.linalg.solve(matrix, residuals(turned, slip).imag[active])
+    following[active] -= 1j * solve(matrix, residuals(turned, slip).imag[active])
     stress, state = response(turned, following)
     return stress.imag / COMPLEX_STEP, state.imag / COMPLEX_STEP

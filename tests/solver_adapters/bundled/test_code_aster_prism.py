@@ -51,6 +51,7 @@ def _simulation(times: FloatArray) -> Simulation:
         motion=motion,
         output=np.arange(len(times)),
         output_nodes=np.arange(0),
+        integration="backward_euler",
     )
 
 

@@ -1,46 +1,114 @@
+"""Shape functions, gradients and quadrature of each element."""
+
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from solver_adapters.bundled.element import shape_gradient_velocity, shape_gradients
-from tests.solver_adapters.boxes import box
+from meshes.cells import EDGES
+from meshes.prism_mesh import PrismMesh
+from solver_adapters.bundled.element import (
+    ELEMENTS,
+    gauss_positions,
+    n_gauss,
+    shape_gradient_velocity,
+    shape_gradients,
+    tet10_shape,
+    wedge15_shape,
+)
+from tests.solver_adapters.boxes import BOXES, box
 
-MESH = box((2, 2, 2), (2.0, 4.0, 3.0), jitter=0.2)
+CORNERS = {
+    10: np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
+    15: np.array([[0.0, 0, -1], [1, 0, -1], [0, 1, -1], [0, 0, 1], [1, 0, 1], [0, 1, 1]]),
+}
+SHAPES = {10: tet10_shape, 15: wedge15_shape}
 
 
-def test_the_gauss_weights_fill_the_volume() -> None:
-    _, weights = shape_gradients(MESH.points, MESH.cells)
+@pytest.fixture(params=list(BOXES))
+def mesh(request: pytest.FixtureRequest) -> PrismMesh:
+    return BOXES[request.param]((2, 2, 2), (2.0, 4.0, 3.0), jitter=0.2)
+
+
+@pytest.mark.parametrize("n", [10, 15])
+def test_each_shape_function_is_one_at_its_own_node_and_null_at_the_others(n: int) -> None:
+    corners = CORNERS[n]
+    nodes = np.concatenate([corners, corners[EDGES[n]].mean(axis=1)])
+    values, _ = SHAPES[n](nodes)
+    np.testing.assert_allclose(values, np.eye(n), atol=1e-15)
+
+
+@pytest.mark.parametrize("n", [10, 15])
+def test_shape_gradients_are_difference_quotients_of_the_shape_functions(n: int) -> None:
+    spots = np.array([[0.2, 0.3, 0.1], [0.5, 0.1, 0.3], [0.1, 0.1, 0.7]])
+    _, gradients = SHAPES[n](spots)
+    for axis, step in enumerate(1e-6 * np.eye(3)):
+        high, low = SHAPES[n](spots + step)[0], SHAPES[n](spots - step)[0]
+        np.testing.assert_allclose(gradients[:, :, axis], (high - low) / 2e-6, atol=1e-9)
+    np.testing.assert_allclose(gradients.sum(axis=1), 0.0, atol=1e-15)
+
+
+def test_the_gauss_weights_fill_the_volume(mesh: PrismMesh) -> None:
+    _, weights = shape_gradients(mesh.points, mesh.cells)
+    assert weights.shape[1] == n_gauss(mesh.cells)
     np.testing.assert_allclose(weights.sum(), 24.0, rtol=1e-13)
 
 
-def test_a_quadratic_field_has_its_own_gradient_at_the_gauss_points() -> None:
-    """On straight cells the ten shape functions span all quadratic polynomials."""
-    x, y, z = MESH.points.T
-    gradients, weights = shape_gradients(MESH.points, MESH.cells)
-    found = np.einsum("eqaj,ea->eqj", gradients, (x * y + 2 * z**2 + 3 * y)[MESH.cells])
-    linear = np.einsum("eqaj,ea->eqj", gradients, x[MESH.cells])
-    np.testing.assert_allclose(linear, np.broadcast_to([1.0, 0, 0], linear.shape), atol=1e-13)
+@pytest.mark.parametrize("kind", list(BOXES))
+def test_the_gauss_points_integrate_quadratic_fields_exactly(kind: str) -> None:
+    """∫ (x y, z²) over 2 × 4 × 3."""
+    mesh = BOXES[kind]((2, 2, 2), (2.0, 4.0, 3.0))
+    _, weights = shape_gradients(mesh.points, mesh.cells)
+    x, y, z = gauss_positions(mesh.points, mesh.cells).transpose(2, 0, 1)
+    integrals = [np.sum(weights * x * y), np.sum(weights * z**2)]
+    np.testing.assert_allclose(integrals, [2.0 * 8.0 * 3.0, 2.0 * 4.0 * 9.0], rtol=1e-13)
+
+
+@pytest.mark.parametrize("kind", list(BOXES))
+def test_a_quadratic_field_has_its_own_gradient_at_the_gauss_points(kind: str) -> None:
+    """On straight cells (with parallel edges, of wedges) all quadratic polynomials are spanned."""
+    mesh = BOXES[kind]((2, 2, 2), (2.0, 4.0, 3.0))
+    x, y, z = mesh.points.T
+    gradients, weights = shape_gradients(mesh.points, mesh.cells)
+    found = np.einsum("eqaj,ea->eqj", gradients, (x * y + 2 * z**2 + 3 * y)[mesh.cells])
+    at = gauss_positions(mesh.points, mesh.cells)
+    expected = np.stack([at[..., 1], at[..., 0] + 3, 4 * at[..., 2]], axis=-1)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
     # ∫ (y, x + 3, 4z) over the box
     integral = np.einsum("eq,eqj->j", weights, found)
     np.testing.assert_allclose(integral, 24.0 * np.array([2.0, 1.0 + 3.0, 4 * 1.5]), rtol=1e-13)
 
 
-def test_the_velocity_of_gradients_and_weights_is_their_difference_quotient() -> None:
-    velocity = np.random.default_rng(1).normal(size=MESH.points.shape)
+def test_a_linear_field_has_its_own_gradient_on_distorted_cells(mesh: PrismMesh) -> None:
+    gradients, _ = shape_gradients(mesh.points, mesh.cells)
+    found = np.einsum("eqaj,ea->eqj", gradients, mesh.points[:, 0][mesh.cells])
+    np.testing.assert_allclose(found, np.broadcast_to([1.0, 0, 0], found.shape), atol=1e-13)
+
+
+def test_the_velocity_of_gradients_and_weights_is_their_difference_quotient(
+    mesh: PrismMesh,
+) -> None:
+    velocity = np.random.default_rng(1).normal(size=mesh.points.shape)
     step = 1e-5
     high, low = (
-        shape_gradients(MESH.points + sign * step * velocity, MESH.cells) for sign in (1, -1)
+        shape_gradients(mesh.points + sign * step * velocity, mesh.cells) for sign in (1, -1)
     )
-    gradients, weights = shape_gradients(MESH.points, MESH.cells)
-    found = shape_gradient_velocity(gradients, weights, MESH.cells, velocity)
+    gradients, weights = shape_gradients(mesh.points, mesh.cells)
+    found = shape_gradient_velocity(gradients, weights, mesh.cells, velocity)
     for k in range(2):
         expected = (high[k] - low[k]) / (2 * step)
         np.testing.assert_allclose(found[k], expected, atol=1e-7 * abs(expected).max())
 
 
 def test_an_inverted_cell_is_refused_by_its_number() -> None:
-    cells = MESH.cells.copy()
+    mesh = box((2, 2, 2), (2.0, 4.0, 3.0), jitter=0.2)
+    cells = mesh.cells.copy()
     cells[5] = cells[5, [1, 0, 2, 3, 4, 6, 5, 8, 7, 9]]
     with pytest.raises(ValueError, match="cell 5 of the mesh is inverted"):
-        shape_gradients(MESH.points, cells)
+        shape_gradients(mesh.points, cells)
+
+
+def test_cells_of_another_kind_are_refused() -> None:
+    assert sorted(ELEMENTS) == [10, 15]
+    with pytest.raises(ValueError, match=r"20 nodes; expected one of tet10 \(10\), wedge15 \(15\)"):
+        shape_gradients(np.zeros((20, 3)), np.arange(20)[None])

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from solver_adapters.bundled.law import local_parameters
-from solver_adapters.bundled.points import Points
+from solver_adapters.bundled.points import Points, points_of_grains
 from solver_adapters.crystal import bunge_matrix
+from solver_adapters.interface import Integration
 from solver_adapters.material import Material, StrainMeasure
 
 AnyArray = NDArray[Any]
@@ -20,9 +20,8 @@ R = bunge_matrix(281, 8, 47)
 REVERSAL = 80
 
 
-def _points(material: Material) -> Points:
-    grain = np.zeros(1, dtype=np.int64)
-    return Points(material.strain_measure, grain, local_parameters(material, 1), R[None])
+def _points(material: Material, integration: Integration = "backward_euler") -> Points:
+    return points_of_grains(material, integration, np.zeros(1, dtype=np.int64), R[None])
 
 
 def _gradient(measure: StrainMeasure, e: float) -> AnyArray:
@@ -32,11 +31,13 @@ def _gradient(measure: StrainMeasure, e: float) -> AnyArray:
     return np.diag([stretch**-0.5, stretch**-0.5, stretch]) - np.eye(3)
 
 
-def _isochoric_error(measure: StrainMeasure, substeps: int) -> AnyArray:
+def _isochoric_error(
+    measure: StrainMeasure, substeps: int, integration: Integration = "backward_euler"
+) -> AnyArray:
     """Error of σ33 [MPa] at the rows of the reference, each taken in `substeps` steps."""
     with np.load(DATA / "crystal_point.npz") as data:
         t, e, _, _, s33 = data[measure][:, :5].T
-    points = _points(Material(strain_measure=measure))
+    points = _points(Material(strain_measure=measure), integration)
     state, slips = points.initial_state(), np.zeros((1, 24))
     errors = []
     for row in range(1, len(t)):
@@ -45,7 +46,7 @@ def _isochoric_error(measure: StrainMeasure, substeps: int) -> AnyArray:
             H = _gradient(measure, strain)
             dt = (t[row] - t[row - 1]) / substeps
             state, slips, P, _, count = points.update((H @ R).reshape(1, 9), state, slips, dt)
-            assert count[0] > 0
+            assert count[0] >= 0
         stress = P.reshape(3, 3) @ R.T
         if measure == "finite":
             F = np.eye(3) + H
@@ -55,7 +56,7 @@ def _isochoric_error(measure: StrainMeasure, substeps: int) -> AnyArray:
 
 
 @pytest.mark.parametrize("measure", ["small", "finite"])
-def test_the_error_against_the_rate_equations_is_small_and_of_first_order(
+def test_backward_euler_is_of_first_order_against_the_rate_equations(
     measure: StrainMeasure,
 ) -> None:
     """Reference: Radau at a relative tolerance of 1e-8.
@@ -91,7 +92,7 @@ def _uniaxial_stress(points: Points, axis: int, times: AnyArray, strains: AnyArr
         for _ in range(30):
             H = (strain @ rows).reshape(1, 9)
             end, now, P, tangent, count = points.update(H, state, slips, float(dt))
-            assert count[0] > 0
+            assert count[0] >= 0
             stress = (P.reshape(3, 3) @ R.T)[i, j]
             if abs(stress[free]).max() < 1e-9 * abs(stress[axis]):
                 break
