@@ -33,7 +33,7 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 # Slip by which a solved system may be wrong.
-SLIP_TOLERANCE = 1e-14
+SLIP_TOLERANCE = 1e-13
 MOST_ITERATIONS = 60
 # Parts in which the strain of a step is applied where the whole of it finds no solution.
 _CONTINUATION = 8

@@ -394,8 +394,8 @@ def advance_slips(w: FloatArray, p: FloatArray, exponential: bool, coupled: bool
     """Newton update of the slips from STEP and D_TAU.
 
     A decrease is taken in the variable Δp^(1/n), an increase in Δp: the residual is convex in
-    the one and concave in the other, so neither direction overshoots. Where a system relaxes,
-    z follows by d ln Δp = (∂ ln ρ/∂z) dz.
+    the one and concave in the other, so neither direction overshoots. Where a system relaxes, the
+    overstress v = v⁰ e^(−r) takes the step.
     """
     n = p[P_N]
     n_inverse = 1.0 / n
@@ -409,16 +409,15 @@ def advance_slips(w: FloatArray, p: FloatArray, exponential: bool, coupled: bool
     for s in range(NS):
         g = max(w[SLIP + s], 1e-30)
         step = w[STEP + s]
+        r = w[FALL + s]
+        falls = exponential and r > 0.0
         lowers = step < 0.0
-        growth = fast_log(max(1.0 + step / g * (n_inverse if lowers else 1.0), 0.1))
-        growth = n * growth if lowers else growth
-        new = g * fast_exp(growth) if lowers else w[SLIP + s] + step
-        if exponential:
-            r = w[FALL + s]
-            falls = r > 0.0
-            end = r - growth / w[FALL_SLOPE + s]
-            new = max(new, w[SLIP0 + s]) if falls and end <= 0.0 else new
-            w[FALL + s] = max(end, 0.0) if falls and new > SLIP_AT_REST else 0.0
+        power = w[FALL_SLOPE + s] if falls else n
+        growth = fast_log(max(1.0 + step / (g * power), 0.1))
+        new = g * fast_exp(n * growth) if lowers else w[SLIP + s] + step
+        end = r - growth
+        new = max(new, w[SLIP0 + s]) if falls and end <= 0.0 else new
+        w[FALL + s] = max(end, 0.0) if falls and new > SLIP_AT_REST else 0.0
         w[SLIP + s] = new if new > SLIP_AT_REST else 0.0
     if exponential:
         _fall(w, n, False)

@@ -143,7 +143,7 @@ def test_the_slips_of_a_step_solve_the_equations_of_the_law(solved: Solved) -> N
         step, slips = solved.step(i), solved.slips[i]
         assert reference.overstress_at_rest(step, slips).max() < 0.5  # K (1e-14/dt)^(1/n)
         exact = reference.corrected(step, slips)
-        np.testing.assert_allclose(slips, exact, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(slips, exact, rtol=0, atol=SLIP_TOLERANCE)
         stress, state = reference.response(step, exact)
         np.testing.assert_allclose(solved.P[i], stress, rtol=0, atol=1e-8)
         tolerance = np.full(state.size, 1e-13)

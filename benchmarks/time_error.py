@@ -1,0 +1,113 @@
+"""What the time steps leave wrong in the reference case, in standard deviations of its data.
+
+The demo's own data, mesh and history at its known truth: each scheme and number of steps against
+the exponential scheme with 32 steps an interval. The difference of the predictions is whitened as
+the data are. Of its norm a part is taken up by the fitted parameters, as a bias; the rest is what
+a diagnosis could mistake for a cause.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.diagnosis import ALPHA, TRUTH
+from driver import pipeline
+from driver.boundary import LAMBDAS
+from driver.case import load_case
+from driver.identify_stage import load_workbench
+from driver.stages import StageContext
+from driver.workbench import Workbench
+from solver_adapters.interface import FloatArray, Integration
+
+REFERENCE_STEPS = 32
+VARIANTS: tuple[tuple[Integration, int], ...] = (
+    ("backward_euler", 1),
+    ("backward_euler", 2),
+    ("backward_euler", 4),
+    ("exponential", 1),
+    ("exponential", 2),
+)
+
+
+@dataclass(frozen=True)
+class TimeError:
+    """Error of a scheme: whole norm, norm beside the parameters, largest bias [σ]; load [µN]."""
+
+    integration: Integration
+    steps: int
+    norm: float
+    beside: float
+    bias: float
+    worst: str
+    load_rms: float
+    seconds: float
+
+
+def time_errors() -> list[TimeError]:
+    """The errors of `VARIANTS`."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "alpha" / "case.toml"
+        shutil.copytree(ALPHA, path.parent, ignore=shutil.ignore_patterns("results"))
+        pipeline.run(path, "measure", False, lambda line: None)
+        results = path.parent / "results"
+        context = StageContext(load_case(path), path, results, results, lambda line: None)
+        bench = load_workbench(context)
+    values = bench.start | TRUTH
+    free = (*LAMBDAS, *bench.law, *bench.knots)
+    exact, _ = _predict(bench, values, "exponential", REFERENCE_STEPS)
+    best = bench.objective.evaluate(values, free)
+    jacobian = best.jacobian
+    hessian = best.hessian
+    found = []
+    for integration, steps in VARIANTS:
+        (residual, load), seconds = _predict(bench, values, integration, steps)
+        change = residual - exact[0]
+        shift = np.linalg.solve(hessian, jacobian @ change)
+        rest = change - jacobian.T @ shift
+        biases = abs(shift) / np.sqrt(np.diag(np.linalg.inv(hessian)))
+        worst = int(np.argmax(biases))
+        found.append(
+            TimeError(
+                integration,
+                steps,
+                float(np.linalg.norm(change)),
+                float(np.linalg.norm(rest)),
+                float(biases[worst]),
+                free[worst],
+                float(np.sqrt(np.mean((load - exact[1]) ** 2))),
+                seconds,
+            )
+        )
+    return found
+
+
+def _predict(
+    bench: Workbench, values: dict[str, float], integration: Integration, steps: int
+) -> tuple[tuple[FloatArray, FloatArray], float]:
+    """Whitened residual and load of a prediction, and its CPU time [s]."""
+    model = replace(bench.working, integration=integration, steps_per_interval=steps)
+    start = time.process_time()
+    prediction = model.predict(values)
+    seconds = time.process_time() - start
+    residual, _, _ = bench.objective.data.residual(prediction.motion, prediction.load)
+    return (residual, prediction.load), seconds
+
+
+def report() -> None:
+    """Print a line for each scheme."""
+    for e in time_errors():
+        print(
+            f"{e.integration}, {e.steps} steps an interval: time error {e.norm:.2f} σ, beside the "
+            f"parameters {e.beside:.2f} σ (goal: <= 1), bias {e.bias:.2f} σ ({e.worst}), load "
+            f"{e.load_rms:.2f} µN rms, {e.seconds:.1f} CPU-s"
+        )
+
+
+if __name__ == "__main__":
+    report()
