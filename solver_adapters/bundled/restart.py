@@ -7,6 +7,7 @@ import os
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,8 +113,8 @@ def read(workspace: Path, key: str) -> Checkpoint | None:
                 [float(end) for end in stored["ends"]],
                 (counts[0], counts[1], counts[2], counts[3]),
             )
-    except (OSError, ValueError, KeyError):
-        # No file, or the file of another version: the run starts anew.
+    except (OSError, EOFError, BadZipFile, ValueError, KeyError):
+        # No file, a damaged one or that of another version: the run starts anew.
         return None
 
 

@@ -1,0 +1,50 @@
+"""The estimate of a step's error against the error that one finds by many steps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver_adapters.bundled.integration_error import stress_error
+from solver_adapters.bundled.points import Points, points_of_grains
+from solver_adapters.crystal import bunge_matrix
+from solver_adapters.interface import FloatArray, Integration
+from solver_adapters.material import Material
+
+R = bunge_matrix(281, 8, 47)[None]
+STRETCH = np.diag([-0.45, 1.0, -0.55])
+
+
+def taken(
+    points: Points, state: FloatArray, start: float, end: float, dt: float, steps: int
+) -> tuple[FloatArray, float, FloatArray]:
+    """State, axial stress and slips of the last step after a strain taken in equal steps."""
+    slips = np.zeros((1, 24))
+    for strain in np.linspace(start, end, steps + 1)[1:]:
+        H = (strain * STRETCH @ R[0]).reshape(1, 9)
+        state, slips, P, _, count = points.update(H, state, slips, dt / steps)
+        assert count[0] >= 0
+    return state, float((P.reshape(3, 3) @ R[0].T)[1, 1]), slips
+
+
+@pytest.mark.parametrize("integration", ["exponential", "backward_euler"])
+@pytest.mark.parametrize(
+    ("before", "after"), [(0.0, 0.004), (0.004, 0.006), (0.006, 0.0055), (0.006, 0.006)]
+)
+def test_the_estimate_is_no_less_than_a_third_of_the_error_and_no_idle_alarm(
+    before: float, after: float, integration: Integration
+) -> None:
+    """First yield, steady flow, a reversal, a hold."""
+    points = points_of_grains(
+        Material(strain_measure="small"), integration, np.zeros(1, dtype=np.int64), R
+    )
+    state = points.initial_state()
+    if before:
+        state, _, _ = taken(points, state, 0.0, before, 4.0, 400)
+    _, coarse, slips = taken(points, state, before, after, 2.0, 1)
+    _, exact, _ = taken(points, state, before, after, 2.0, 1000)
+    dH = ((after - before) * STRETCH @ R[0]).reshape(1, 9)
+    estimate = float(stress_error(points, state, slips, dH, 2.0)[0])
+    error = abs(coarse - exact)
+    assert estimate > error / 3 - 0.01
+    assert estimate < 30 * error + 3.0
