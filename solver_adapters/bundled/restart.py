@@ -91,7 +91,7 @@ def write(workspace: Path, key: str, checkpoint: Checkpoint) -> None:
 def read(workspace: Path, key: str) -> Checkpoint | None:
     """The checkpoint of a workspace, None where there is none of this simulation and solver."""
     try:
-        with np.load(workspace / FILE) as stored:
+        with (workspace / FILE).open("rb") as stream, np.load(stream) as stored:
             if str(stored["key"]) != key:
                 return None
             names = set(stored.files)

@@ -398,7 +398,6 @@ def advance_slips(w: FloatArray, p: FloatArray, exponential: bool, coupled: bool
     overstress v = v⁰ e^(−r) takes the step.
     """
     n = p[P_N]
-    n_inverse = 1.0 / n
     if coupled:
         for s in range(NS):
             w[EXPLICIT + s] = w[RESIDUAL + s] + w[SIGN + s] * w[D_TAU + s]
