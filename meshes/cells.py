@@ -23,3 +23,30 @@ def inverted_cells(points: FloatArray, cells: IntArray) -> IntArray:
     """Indices of the cells with a Jacobian that is not positive (NaN included), shape (n,)."""
     determinants = _JACOBIANS[cells.shape[1]](points, cells)
     return np.flatnonzero(~(determinants > 0).all(axis=1))
+
+
+# Corners of the faces of a cell, those of a quadrilateral in order round it.
+_FACES = {
+    10: ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
+    15: ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+}
+
+
+def outer_triangles(cells: IntArray) -> IntArray:
+    """Corners of the outer faces of a mesh, quadrilaterals halved, in no order, shape (n, 3)."""
+    triangles = []
+    by_size: dict[int, list[tuple[int, ...]]] = {3: [], 4: []}
+    for face in _FACES[cells.shape[1]]:
+        by_size[len(face)].append(face)
+    for size, table in by_size.items():
+        if not table:
+            continue
+        faces = cells[:, np.array(table)].reshape(-1, size)
+        _, first, count = np.unique(
+            np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
+        )
+        outer = faces[first[count == 1]]
+        triangles.append(outer[:, :3])
+        if size == 4:
+            triangles.append(outer[:, [0, 2, 3]])
+    return np.concatenate(triangles)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from meshes.tet10 import outer_faces
+from meshes.cells import outer_triangles
 from solver_adapters.bundled.element import (
     gauss_positions,
     n_gauss,
@@ -135,7 +135,7 @@ def _rest(
     if eigenstrain != 0.0:
         depth = depth_share(points.position[:, 2], points.volume)
     if ratio != 1.0:
-        faces = outer_faces(mesh.cells)[:, :3]
+        faces = outer_triangles(mesh.cells)
         held = np.zeros(len(faces), dtype=np.bool_)
         for group in ("S_PLUS", "S_MINUS"):
             held |= np.isin(faces, mesh.nodes[group]).all(axis=1)

@@ -90,7 +90,7 @@ def surface_distance(points: AnyArray, corners: AnyArray) -> AnyArray:
 
     Args:
         points: coordinates [µm], (n_points, 3).
-        corners: corners of each facet, seen counter-clockwise from outside, (n_facets, 3, 3).
+        corners: corners of each facet [µm], (n_facets, 3, 3).
 
     Returns:
         distances [µm], (n_points,).
@@ -109,4 +109,5 @@ def surface_distance(points: AnyArray, corners: AnyArray) -> AnyArray:
         above = (share >= -_EDGE).all(axis=2) & (share.sum(axis=2) <= 1 + _EDGE)
         distance = offsets.real - x @ normals.real.T
         nearest[part] = np.argmin(np.where(above, abs(distance), np.inf), axis=1)
-    return np.asarray(offsets[nearest] - np.sum(points * normals[nearest], axis=1))
+    signed = offsets[nearest] - np.sum(points * normals[nearest], axis=1)
+    return np.asarray(np.sign(signed.real) * signed)
