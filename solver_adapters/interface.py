@@ -28,7 +28,7 @@ class UnfinishedError(SolverError):
     """A simulation that stopped on its way.
 
     Attributes:
-        response: what was reached: the rows of the outputs before `reached`.
+        response: what was reached: the rows of the outputs up to and including `reached`.
         reached: index into `Simulation.times` of the last instant that was reached.
     """
 
@@ -150,7 +150,7 @@ class Response:
         cuts: steps that had to be cut to converge.
         refinements: steps that had to be cut for `Simulation.accuracy`.
         ends: ends of the time steps taken [s], shape (steps,).
-        seconds: wall-clock time by component [s].
+        seconds: wall-clock time by component [s], of the last part of a run that was resumed.
     """
 
     displacement: FloatArray
@@ -201,8 +201,14 @@ class Adapter(Protocol):
     ) -> Response:
         """Run the simulation.
 
+        Args:
+            simulation: what to solve.
+            workspace: a folder for files of the run, from which a stopped run may go on.
+            progress: called as the run advances.
+
         Raises:
             UnsupportedError: the simulation asks for what this solver cannot honour.
-            SolverError: the run could not be finished.
+            UnfinishedError: the run stopped on its way; what was reached is in it.
+            SolverError: the run could not be made.
         """
         ...

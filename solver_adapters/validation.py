@@ -37,6 +37,10 @@ class BadSimulationError(SolverError):
     """A simulation that contradicts itself or that no solver could run."""
 
 
+LEAST_EXPONENT = 1.5
+"""Of n in the exponential scheme, whose relaxation has no power law at n = 1."""
+
+
 @dataclass(frozen=True)
 class _Rule:
     holds: Callable[[float, Material], bool]
@@ -234,6 +238,12 @@ def _refuse_bad_times(simulation: Simulation) -> None:
     if simulation.accuracy is not None and not 0 < simulation.accuracy < np.inf:
         raise BadSimulationError(
             f"accuracy is {simulation.accuracy:g} µN; expected a positive number or None"
+        )
+    n = simulation.material.n
+    if simulation.integration == "exponential" and n < LEAST_EXPONENT:
+        raise UnsupportedError(
+            f"n is {n:g}; expected {LEAST_EXPONENT:g} or more with exponential integration "
+            "(backward_euler takes 1 or more)"
         )
     if simulation.integration not in get_args(Integration):
         raise UnsupportedError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver_adapters.bundled import restart
+from solver_adapters.bundled.compilation import sources_hash
 from solver_adapters.bundled.problem import build_problem, build_tangents
 from solver_adapters.bundled.restart import simulation_key
 from solver_adapters.bundled.stepping import Stepper
@@ -31,7 +31,7 @@ _BETWEEN_CHECKPOINTS = 60.0  # s
 
 
 class BundledAdapter:
-    """Crystal plasticity on ten-node tetrahedra, small or finite strain, exact derivatives."""
+    """Crystal plasticity on quadratic tetrahedra or wedges, exact derivatives."""
 
     name = "bundled"
 
@@ -45,10 +45,7 @@ class BundledAdapter:
 
     def version(self) -> str:
         """Hash of the sources of the solver."""
-        digest = hashlib.sha256()
-        for source in sorted(Path(__file__).parent.glob("*.py")):
-            digest.update(source.read_bytes())
-        return digest.hexdigest()[:12]
+        return sources_hash()[:12]
 
     def solve(
         self,
@@ -89,13 +86,13 @@ class BundledAdapter:
                         )
                     )
                 if workspace and now - written > _BETWEEN_CHECKPOINTS:
-                    restart.write(workspace, key, run.checkpoint())
+                    restart.write(workspace, key, run.checkpoint)
                     written = time.monotonic()
         except SolverError as error:
             raise UnfinishedError(str(error), run.response(), run.index) from None
         except KeyboardInterrupt:
             if workspace:
-                restart.write(workspace, key, run.checkpoint())
+                restart.write(workspace, key, run.checkpoint)
             raise
         if workspace:
             (workspace / restart.FILE).unlink(missing_ok=True)
@@ -107,6 +104,7 @@ class _Run:
 
     Attributes:
         index: the last instant reached.
+        checkpoint: what is needed to go on from there.
     """
 
     def __init__(self, simulation: Simulation, checkpoint: restart.Checkpoint | None) -> None:
@@ -136,6 +134,7 @@ class _Run:
             begin = self.stepper.start(float(simulation.times[0]))
             self._start = (begin.u, begin.du)
             self.stepper.resume(checkpoint.last, checkpoint.ends, checkpoint.counts)
+        self.checkpoint = self._at_instant()
 
     def advance(self) -> None:
         """Go to the next instant."""
@@ -149,16 +148,17 @@ class _Run:
         self._frame = self.stepper.advance(self._frame, ends, self._motion, self._motion_tangent)
         self.index += 1
         self._book()
+        self.checkpoint = self._at_instant()
 
-    def checkpoint(self) -> restart.Checkpoint:
-        """What is needed to go on later."""
+    def _at_instant(self) -> restart.Checkpoint:
+        """What is needed to go on from the last instant."""
         s = self.stepper.statistics
         return restart.Checkpoint(
             self.index,
             self._frame,
-            self.stepper.last,
+            dict(self.stepper.last),
             self._rows,
-            s.ends,
+            list(s.ends),
             (s.steps, s.iterations, s.cuts, s.refinements),
         )
 

@@ -1,7 +1,7 @@
 """How kernels are compiled: one decorator, and a cache on disk keyed on all kernel sources.
 
 Numba keys its cache on the file of a function and does not notice a changed callee in another
-file; the folder below therefore carries a hash of every source in this package.
+file, nor changed arrays that were frozen into it: the folder below carries a hash of all sources.
 """
 
 from __future__ import annotations
@@ -20,16 +20,21 @@ import numba  # noqa: E402
 _FAST = {"contract", "reassoc", "nsz", "arcp", "nnan"}
 
 
-def _sources_hash() -> str:
+def sources_hash() -> str:
+    """Hash of every source that the solver's answer depends on, and of Numba's version."""
+    here = Path(__file__).parent
+    beside = (here.parent / name for name in ("crystal.py", "interaction.py", "material.py"))
+    meshes = here.parents[1] / "meshes"
+    cells = (meshes / name for name in ("cells.py", "tet10.py", "wedge15.py"))
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in sorted(Path(__file__).parent.glob("*.py")):
+    for source in (*sorted(here.glob("*.py")), *beside, *cells):
         digest.update(source.read_bytes())
     return digest.hexdigest()[:16]
 
 
 def _cache_folder() -> Path:
     root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return root / "prismid" / f"kernels-{_sources_hash()}"
+    return root / "prismid" / f"kernels-{sources_hash()}"
 
 
 _config: Any = numba.config

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from solver_adapters.bundled.law import N_STATE, NS, S_X, STRAIN_MODES
 from solver_adapters.crystal import slip_systems
+from solver_adapters.interface import UnsupportedError
 from solver_adapters.material import StrainMeasure
 
 AnyArray = NDArray[Any]
@@ -94,6 +95,9 @@ def surface_distance(points: AnyArray, corners: AnyArray) -> AnyArray:
 
     Returns:
         distances [µm], (n_points,).
+
+    Raises:
+        UnsupportedError: a point has no facet above it.
     """
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normals = np.cross(first, second)
@@ -108,6 +112,12 @@ def surface_distance(points: AnyArray, corners: AnyArray) -> AnyArray:
         share = np.einsum("fij,pj->pfi", inverse[:, :2], x) - share[:, :2]
         above = (share >= -_EDGE).all(axis=2) & (share.sum(axis=2) <= 1 + _EDGE)
         distance = offsets.real - x @ normals.real.T
+        if not above.any(axis=1).all():
+            point = int(part[np.argmin(above.any(axis=1))])
+            raise UnsupportedError(
+                f"skin_tau0: no free facet lies right above Gauss point {point}; expected a "
+                "specimen without re-entrant sides"
+            )
         nearest[part] = np.argmin(np.where(above, abs(distance), np.inf), axis=1)
     signed = offsets[nearest] - np.sum(points * normals[nearest], axis=1)
     return np.asarray(np.sign(signed.real) * signed)

@@ -3,7 +3,7 @@
 Of each system that has slipped the parts of its driving stress that depend on the course of the
 slip within the step are evaluated again by a better rule, and compared:
 
-- the back stress by its exact path (no difference in the exponential scheme);
+- the back stresses by their exact paths (no difference in the exponential scheme);
 - the overstress where it falls by the exact relaxation (likewise);
 - the overstress where it rises by the rate at the end that a rate linear in time since the last
   step would have, which bounds what the mean rate of the step hides after yield;
@@ -19,12 +19,15 @@ from numpy.typing import NDArray
 from solver_adapters.bundled.law import (
     NS,
     P_C,
+    P_C2,
     P_C44,
     P_D,
+    P_D2,
     P_K,
     P_N,
     S_OVER,
     S_X,
+    S_X2,
     SLIP_AT_REST,
 )
 from solver_adapters.bundled.points import Points
@@ -57,13 +60,10 @@ def stress_error(
     start = np.minimum(over0 / np.maximum(mean, 1e-300), 1.0) ** n
     error += np.where(rises, mean * ((2.0 - start) ** (1.0 / n) - 1.0), 0.0)
     if not points.exponential:
-        start_x = sign * state0[:, S_X : S_X + NS]
-        u = d * slip
-        euler = (start_x + slip) / (1.0 + u)
-        exact = start_x * np.exp(-u) + np.where(
-            u > 1e-8, -np.expm1(-u) / np.maximum(d, 1e-300), slip
-        )
-        error += c * np.abs(exact - euler)
+        error += c * _path_error(sign * state0[:, S_X : S_X + NS], slip, d)
+        if state0.shape[1] > S_X2:
+            second = _path_error(sign * state0[:, S_X2:], slip, p[:, [P_D2]])
+            error += p[:, [P_C2]] * second
         error += np.where(falls, mean - _relaxed(mean, over0, n), 0.0)
     total = slip.sum(axis=1)
     share = np.einsum("ps,ps->p", slip, error) / np.maximum(total, SLIP_AT_REST)
@@ -75,8 +75,19 @@ def stress_error(
     return np.asarray(2.0 * (share + modulus * missed.sum(axis=1)))
 
 
+def _path_error(start: FloatArray, slip: FloatArray, d: FloatArray) -> FloatArray:
+    """Difference of the exact and the backward Euler back strain after a slip."""
+    u = d * slip
+    euler = (start + slip) / (1.0 + u)
+    gained = np.where(u > 1e-8, -np.expm1(-u) / np.maximum(d, 1e-300), slip)
+    return np.asarray(np.abs(start * np.exp(-u) + gained - euler))
+
+
 def _relaxed(mean: FloatArray, over0: FloatArray, n: FloatArray) -> FloatArray:
-    """Overstress at the end of a relaxation, from that of its mean rate (far from the start)."""
+    """Overstress at the end of a relaxation, from that of its mean rate.
+
+    The better of the two tangents of `relaxation`: −n r/2 and ln a − a r.
+    """
     ratio = np.minimum(mean / np.maximum(over0, 1e-300), 1.0)
     far = (ratio**n / (n - 1.0)) ** (1.0 / (n - 1.0))
     near = ratio**2

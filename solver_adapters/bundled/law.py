@@ -3,8 +3,10 @@
 Over a step of length Δt each active system s slips by Δγ_s = S_s Δp_s, Δp_s > 0, and satisfies,
 with everything at the end of the step (stress form),
 
-    S τ_s − c S x_s − c2 S x2_s − r_s − v_s = 0
-    r_s = τ0_s + Q Σ_r h_sr (1 − exp(−b p_r))
+    S (τ_s − c x_s − c2 x2_s) + a1 τ'_s − r_s − v_s = 0
+    r_s = skin · (τ0_s ∓ asymmetry_s) + Q Σ_r h_sr (1 − exp(−b p_r))
+
+τ' is the shear stress along the sense of slip on the conjugate {110} plane, ∓ the twinning sense.
 
 Back stress and overstress v follow from the slip of the step by one of two schemes:
 
@@ -40,7 +42,6 @@ N_LOCAL = 16
 # strain; finite strain: Fp⁻¹ row by row), back strains x, signed overstresses S v at the end of
 # the last step, accumulated slips p, second back strains. What comes last can be left out of
 # derivatives where it has no effect.
-S_KIN = 0
 S_X = 9
 S_OVER = S_X + NS
 S_ACC = S_OVER + NS
@@ -157,7 +158,10 @@ _TAU0 = ("tau0", "tau0_112", "tau0_grain2", "tau0_antitwinning")
 
 
 def local_tangent(material: Material, n_grains: int, name: str) -> FloatArray:
-    """Derivative of `local_parameters` with respect to one scalar of the material."""
+    """Derivative of `local_parameters` with respect to one scalar of the material.
+
+    Shape (n_grains, 16); null for scalars that act otherwise (`fields.AT_REST`).
+    """
     m = material
     tangent = np.zeros((n_grains, N_LOCAL))
     if name in _DIRECT:

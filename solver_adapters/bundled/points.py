@@ -44,7 +44,7 @@ _small_prepare, _SMALL_SIZE = small_strain.prepare, small_strain.WORKSPACE
 _finite_update, _finite_store = finite_strain.update, finite_strain.store
 _finite_tangent, _finite_derivative = finite_strain.tangent, finite_strain.derivative
 _small_response, _finite_response = small_strain.response, finite_strain.response
-_slip_gains = slip.slip_gains
+_prepare_derivatives, _slip_gains = slip.prepare_derivatives, slip.slip_gains
 _finite_prepare, _FINITE_SIZE = finite_strain.prepare, finite_strain.WORKSPACE
 
 
@@ -184,6 +184,7 @@ def _derive_small(
                 0.0,
                 0,
             )
+            _prepare_derivatives(w, local[g], exponential)
             _small_response(w, frame[f], local[g], coupled, by_slip[i], by_state[i])
             _slip_gains(w, local[g], exponential, gains[i])
             for k in range(dH.shape[1]):
@@ -254,6 +255,7 @@ def _derive_finite(
                 0.0,
                 0,
             )
+            _prepare_derivatives(w, local[g], exponential)
             _finite_response(w, local[g], coupled, by_slip[i], by_state[i])
             _slip_gains(w, local[g], exponential, gains[i])
             for k in range(dH.shape[1]):
@@ -381,7 +383,10 @@ class Points:
         return n_state if np.any(self.local[:, P_Q]) or n_state > S_X2 else S_ACC
 
     def frame(self, rotation: FloatArray) -> FloatArray:
-        """What a kernel needs of rotations (or their derivatives), (..., 3, 3) → (..., k[, 9])."""
+        """What a kernel needs of rotations or their derivatives (..., 3, 3).
+
+        Strain modes turned into the specimen (..., 6, 9) in small strain, else (..., 9).
+        """
         if self.strain_measure == "finite":
             return np.ascontiguousarray(rotation.reshape(*rotation.shape[:-2], 9))
         modes = np.einsum("...ij,kjl->...kil", rotation, STRAIN_MODES)

@@ -42,7 +42,7 @@ from solver_adapters.bundled.relaxation import near_fall, rate_change, rate_rati
 
 FloatArray = NDArray[np.float64]
 
-# Rows of the workspace, 24 numbers each.
+# Rows of the workspace, 24 numbers each but where said.
 SIGN = 0 * NS  # S_s
 SLIP = 1 * NS  # Δp_s
 X0 = 2 * NS  # x_s at the start of the step
@@ -64,7 +64,7 @@ D_TAU = 17 * NS  # change of τ
 LOAD = 18 * NS  # right-hand side of the condensed system
 EXPLICIT = 19 * NS  # derivative of the residual at fixed Δp
 SIGNED = 20 * NS  # S Δp
-WEIGHTED = 21 * NS  # weights times one mode of the Schmid tensors
+WEIGHTED = 21 * NS  # weights times one mode of the Schmid tensors; in `_fall` ln(Δp/SLIP0)
 STEP = 22 * NS  # weights times a residual
 X20 = 23 * NS  # second back strain at the start of the step
 X2HAT = 24 * NS  # S_s times the second back strain at the end of the step
@@ -73,7 +73,10 @@ D_OVER = 26 * NS  # derivative of v at fixed Δp
 SLIP0 = 27 * NS  # slip of the step at the overstress of its start
 FALLEN = 28 * NS  # overstress at the end of a relaxation
 FALL_SLOPE = 29 * NS  # −∂ ln Δp/∂r
-INTERACTION = 30 * NS  # h, 24 × 24
+LEFT = 30 * NS  # share of the back strain that the step leaves, for derivatives as what follows
+RECALL = 31 * NS  # ∂(S x)/∂d
+GROWTH = 32 * NS  # ∂(S x)/∂Δp
+INTERACTION = 33 * NS  # h, 24 × 24
 COUPLED = INTERACTION + NS * NS  # −∂residual/∂Δp with its off-diagonal terms, then its factors
 WEIGHTS = COUPLED + NS * NS  # its inverse, null for systems at rest
 SENSE = WEIGHTS + NS * NS  # +1 where positive slip is in the twinning sense, −1 against it
@@ -151,7 +154,7 @@ def _fall(w: FloatArray, n: float, solved: bool) -> None:
         w[FALL + s] = near_fall(w[WEIGHTED + s], n) if falls else w[FALL + s]
     if solved:
         # Newton's method is monotone from there: four steps reach the last digits for n from
-        # 1.1 to 100.
+        # 1.5 to 100.
         for _ in range(4):
             for s in range(NS):
                 r = w[FALL + s]
@@ -430,6 +433,19 @@ def advance_slips(w: FloatArray, p: FloatArray, exponential: bool, coupled: bool
 
 
 @kernel
+def prepare_derivatives(w: FloatArray, p: FloatArray, exponential: bool) -> None:
+    """What all derivatives of the step in the workspace share: LEFT, RECALL and GROWTH."""
+    d = p[P_D]
+    for s in range(NS):
+        g = w[SLIP + s]
+        x0 = w[SIGN + s] * w[X0 + s]
+        left = _path(d * g, exponential)
+        w[LEFT + s] = left
+        w[RECALL + s] = _recall_slope(left, g, d, x0, exponential)
+        w[GROWTH + s] = (1.0 - d * x0) * (left if exponential else left * left)
+
+
+@kernel
 def explicit_derivative(
     w: FloatArray,
     dt: float,
@@ -445,13 +461,9 @@ def explicit_derivative(
     K = p[P_K]
     n = p[P_N]
     c = p[P_C]
-    d = p[P_D]
     for s in range(NS):
-        g = max(w[SLIP + s], 1e-30)
-        left = _path(d * g, exponential)
         sign = w[SIGN + s]
-        d_xhat = sign * dstate[S_X + s] * left
-        d_xhat += _recall_slope(left, g, d, sign * w[X0 + s], exponential) * dp[P_D]
+        d_xhat = sign * dstate[S_X + s] * w[LEFT + s] + w[RECALL + s] * dp[P_D]
         d_tau0 = skin * (dp[P_TAU110] if s < FIRST_112 else dp[P_TAU112])
         d_tau0 -= sign * skin * dp[P_ASYMMETRY] * w[SENSE + s]
         d_tau0 += dskin * (p[P_TAU110] if s < FIRST_112 else p[P_TAU112])
@@ -480,7 +492,7 @@ def explicit_derivative(
     if p[P_Q] != 0.0 or dp[P_Q] != 0.0:
         _hardening_derivative(w, p, coupled, dp, dstate)
     if w[HAS_SECOND] != 0.0:
-        _second_derivative(w, p, exponential, dp, dstate)
+        _second_back_stress_derivative(w, p, exponential, dp, dstate)
 
 
 @kernel
@@ -493,7 +505,8 @@ def _hardening_derivative(
         change = dp[P_Q] * (1.0 - rest) + p[P_Q] * rest * (
             dp[P_B] * total + p[P_B] * (dstate[S_ACC + r] if p[P_Q] != 0.0 else 0.0)
         )
-        if coupled:
+        # Without hardening the points count as uncoupled, but its derivative is coupled.
+        if coupled or p[P_Q] == 0.0:
             for s in range(NS):
                 h = w[INTERACTION + NS * s + r] + (p[P_LATENT] if s != r else 0.0)
                 w[EXPLICIT + s] -= h * change
@@ -506,7 +519,7 @@ def _hardening_derivative(
 
 
 @kernel
-def _second_derivative(
+def _second_back_stress_derivative(
     w: FloatArray, p: FloatArray, exponential: bool, dp: FloatArray, dstate: FloatArray
 ) -> None:
     c, d = p[P_C2], p[P_D2]
@@ -533,11 +546,8 @@ def slip_change(w: FloatArray, coupled: bool) -> None:
 def slip_gains(w: FloatArray, p: FloatArray, exponential: bool, gains: FloatArray) -> None:
     """How the state of each system follows its slip (4, 24): x, S v, p, x2."""
     for s in range(NS):
-        g = w[SLIP + s]
         sign = w[SIGN + s]
-        left = _path(p[P_D] * g, exponential)
-        growth = left if exponential else left * left
-        gains[0, s] = sign * (1.0 - p[P_D] * sign * w[X0 + s]) * growth
+        gains[0, s] = sign * w[GROWTH + s]
         gains[1, s] = sign * w[VISCOUS_SLOPE + s] if w[WEIGHT + s] > 0.0 else 0.0
         gains[2, s] = 1.0
     if w[HAS_SECOND] != 0.0:
@@ -560,21 +570,16 @@ def finish_derivative(
 ) -> None:
     """Derivatives of the state of the systems from EXPLICIT and D_TAU.
 
-    The columns of dstate0 and dstate1 say what of the state is wanted, see `law.N_STATE`.
+    The lengths of dstate0 and dstate1 say what of the state is wanted, see `Points.n_derived`.
     """
-    d = p[P_D]
     for s in range(NS):
         w[EXPLICIT + s] += w[SIGN + s] * w[D_TAU + s]
     weigh_residual(w, EXPLICIT, coupled)
     for s in range(NS):
-        g = w[SLIP + s]
-        left = _path(d * g, exponential)
         sign = w[SIGN + s]
-        x0 = sign * w[X0 + s]
         slip = w[STEP + s]
-        growth = (1.0 - d * x0) * (left if exponential else left * left)
-        recall = _recall_slope(left, g, d, x0, exponential) * dp[P_D]
-        dstate1[S_X + s] = dstate0[S_X + s] * left + sign * (recall + growth * slip)
+        gained = w[RECALL + s] * dp[P_D] + w[GROWTH + s] * slip
+        dstate1[S_X + s] = dstate0[S_X + s] * w[LEFT + s] + sign * gained
         over = sign * (w[D_OVER + s] + w[VISCOUS_SLOPE + s] * slip)
         dstate1[S_OVER + s] = over if w[WEIGHT + s] > 0.0 else 0.0
     if dstate1.shape[0] > S_ACC:

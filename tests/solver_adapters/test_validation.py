@@ -391,3 +391,10 @@ def _turn(time: float, points: FloatArray) -> FloatArray:
 )
 def test_good_simulations_pass(simulation: Simulation) -> None:
     refuse_bad_simulation(simulation)
+
+
+def test_an_exponent_near_one_is_refused_for_the_exponential_scheme_alone() -> None:
+    near = replace(GOOD, material=replace(GOOD.material, n=1.2))
+    with pytest.raises(UnsupportedError, match=r"^n is 1.2; expected 1.5 or more"):
+        refuse_bad_simulation(near)
+    refuse_bad_simulation(replace(near, integration="backward_euler"))

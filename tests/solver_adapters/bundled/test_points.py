@@ -33,7 +33,7 @@ TIGHT = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """The last of a few steps, at six points, as the kernel solved it."""
+    """The last of a few steps, at a few points, as the kernel solved it."""
 
     points: Points
     H: AnyArray
@@ -163,18 +163,17 @@ def test_the_start_of_the_iteration_does_not_matter(solved: Solved) -> None:
     np.testing.assert_allclose(end[:, rows], solved.end[:, rows], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("strain", [0.003, 0.3])
-def test_a_step_without_solution_is_said_to_have_none(
-    measure: StrainMeasure, strain: float
-) -> None:
-    """Nearly without viscosity and far from rest there may be no solution."""
-    material = Material(K=0.1, strain_measure=measure)
-    points = points_of_grains(material, "exponential", GRAIN, ROTATIONS)
-    H = (strain * np.diag([-0.4, 1.0, -0.4]) @ ROTATIONS[GRAIN]).reshape(N_POINTS, 9)
+def test_an_iteration_that_overflows_does_not_pass(measure: StrainMeasure) -> None:
+    """Nearly without viscosity a strain of 0.3 % is solved from rest, one of 30 % is not."""
+    points = points_of_grains(
+        Material(K=0.1, strain_measure=measure), "exponential", GRAIN, ROTATIONS
+    )
     rest = np.zeros((N_POINTS, 24))
-    end, slips, P, _, count = points.update(H, points.initial_state(), rest, DT)
-    for i in range(N_POINTS):
-        assert count[i] < 0 or (np.isfinite(P[i]).all() and abs(slips[i]).max() < 1)
+    for strain, solvable in ((0.003, True), (0.3, False)):
+        H = (strain * np.diag([-0.4, 1.0, -0.4]) @ ROTATIONS[GRAIN]).reshape(N_POINTS, 9)
+        _, _, P, _, count = points.update(H, points.initial_state(), rest, DT)
+        assert (count >= 0).all() == solvable
+        assert np.isfinite(P[count >= 0]).all()
 
 
 def test_many_systems_slip_in_the_plastic_step(measure: StrainMeasure) -> None:
@@ -198,11 +197,10 @@ def test_the_tangent_is_the_complex_step_of_the_equations(solved: Solved) -> Non
         np.testing.assert_allclose(solved.tangent[i], expected, rtol=0, atol=TIGHT * scale)
 
 
-def test_the_tangent_of_a_symmetric_law_is_symmetric(solved: Solved) -> None:
-    if solved.points.unsymmetric:
-        return
+def test_the_tangent_is_symmetric_where_the_law_says_so(solved: Solved) -> None:
     difference = solved.tangent - solved.tangent.transpose(0, 2, 1)
-    assert abs(difference).max() < 1e-12 * abs(solved.tangent).max()
+    symmetric = abs(difference).max() < 1e-12 * abs(solved.tangent).max()
+    assert symmetric == (not solved.points.unsymmetric or not solved.slips.any())
 
 
 def test_directional_derivatives_are_the_complex_step_of_the_equations(solved: Solved) -> None:

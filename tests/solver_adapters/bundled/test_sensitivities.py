@@ -183,6 +183,15 @@ def test_derivatives_pass_through_a_step_that_was_cut(
     _check(_simulation(measure, (0.004, 0.0035)), lambda cuts: cuts > 0)
 
 
+def test_the_onset_of_latent_hardening_is_felt_where_there_is_none_yet() -> None:
+    """At Q = 0 the law is uncoupled, its derivative along Q is not."""
+    material = Material(h_latent=1.4, strain_measure="small")
+    simulation = _simulation("small", (0.004, 0.008), material)
+    direction = _material("Q")
+    response = BundledAdapter().solve(replace(simulation, directions=(direction,)))
+    _compare(response, 0, "Q", _forward(simulation, direction, 1e-3))
+
+
 def test_asking_for_derivatives_does_not_change_the_answer() -> None:
     simulation = _simulation("small", (0.004, 0.003))
     plain = BundledAdapter().solve(simulation)
