@@ -44,46 +44,14 @@ LIBRARY: tuple[Cause, ...] = (
         companions=("b",), one_sided=True,
     ),
     Cause(
-        "second_back_stress", "material", ("c2",),
-        "a second back stress builds up, more slowly than the first",
-        "a test with load reversals at larger strain: a back stress helps the slip back",
-        companions=("d2",), one_sided=True,
-    ),
-    Cause(
-        "initial_back_stress", "material", ("x0",),
-        "the specimen has been cold-worked before the test",
-        "the yield stress of a specimen that was annealed",
-    ),
-    Cause(
-        "residual_stress", "material", ("eigenstrain",),
-        "the specimen has residual stresses that vary over its depth",
-        "the bending of the prism once one of its ends is cut free",
-    ),
-    Cause(
         "family_112", "material", ("tau0_112",),
         "the {112} systems have another critical resolved shear stress than the {110} systems",
         "slip traces on the deformed face: which planes carry the steps",
     ),
     Cause(
-        "twinning_asymmetry", "material", ("tau0_antitwinning",),
-        "the {112} systems resist slip in the antitwinning sense otherwise than in the other",
-        "the yield stress in compression, where the senses change places",
-    ),
-    Cause(
-        "non_schmid", "material", ("a1",),
-        "shear stress on other planes than the slip plane helps or hinders the slip",
-        "the yield stress in compression, or of specimens of several orientations",
-    ),
-    Cause(
         "grain_contrast", "material", ("tau0_grain2",),
         "the two grains have different critical resolved shear stresses",
         "nano-indentation of both grains, or their chemistry (interstitials) by atom probe",
-    ),
-    Cause(
-        "skin", "material", ("skin_tau0",),
-        "a skin at the free surface has another critical resolved shear stress than the inside",
-        "a cross-section in the electron microscope: depth of the damage by the ion beam",
-        companions=("skin_thickness",),
     ),
     Cause(
         "rate_sensitivity", "material", ("n", "K"),

@@ -46,8 +46,6 @@ _LABELS = {
 }
 _CAUSES = {
     "family_112": "{112} family",
-    "twinning_asymmetry": "asymmetry of twinning",
-    "non_schmid": "non-Schmid stress",
     "misorientation_grain1": "misorientation of grain 1",
     "misorientation_grain2": "misorientation of grain 2",
     "ebsd_frame": "EBSD frame",
