@@ -90,7 +90,8 @@ class Simulation:
             do, or "exponential", which follows back stress and relaxation exactly.
         steps_per_interval: smallest number of time steps between two instants.
         accuracy: error of the force that a time step may make [µN], by which steps are refined;
-            None for the steps as given.
+            it is estimated from back stress and overstress, not from isotropic hardening. None
+            for the steps as given.
         steps: ends of the time steps [s], increasing, through every instant, to be taken as they
             are (the steps of an earlier `Response`), or None.
         tolerance: largest ratio of the residual to the reaction at convergence.

@@ -288,10 +288,20 @@ def _follow(
     for i in prange(dH.shape[0]):
         moved = np.empty(NS)
         for k in range(dH.shape[1]):
+            # Sums written out: a call of np.sum would make an array for each.
+            h = dH[i, k]
             for j in range(9):
-                dstate[i, k, j] += np.sum(by_state[i, j] * dH[i, k])
+                b = by_state[i, j]
+                dstate[i, k, j] += (
+                    b[0] * h[0] + b[1] * h[1] + b[2] * h[2] + b[3] * h[3] + b[4] * h[4]
+                    + b[5] * h[5] + b[6] * h[6] + b[7] * h[7] + b[8] * h[8]
+                )  # fmt: skip
             for s in range(NS):
-                moved[s] = np.sum(by_slip[i, s] * dH[i, k])
+                b = by_slip[i, s]
+                moved[s] = (
+                    b[0] * h[0] + b[1] * h[1] + b[2] * h[2] + b[3] * h[3] + b[4] * h[4]
+                    + b[5] * h[5] + b[6] * h[6] + b[7] * h[7] + b[8] * h[8]
+                )  # fmt: skip
             for field in range(fields):
                 for s in range(NS):
                     dstate[i, k, S_X + NS * field + s] += gains[i, field, s] * moved[s]

@@ -219,14 +219,14 @@ def _harden(w: FloatArray, p: FloatArray, coupled: bool) -> None:
     """RISE and SLOPE of isotropic hardening; the whole slope matrix goes to COUPLED."""
     if not coupled:
         for s in range(NS):
-            rest = fast_exp(-p[P_B] * (w[ACC0 + s] + w[SLIP + s]))
+            rest = fast_exp(-min(p[P_B] * (w[ACC0 + s] + w[SLIP + s]), 600.0))
             w[RISE + s] = p[P_Q] * (1.0 - rest)
             w[SLOPE + s] = p[P_Q] * p[P_B] * rest
         return
     for s in range(NS):
         w[RISE + s] = 0.0
     for r in range(NS):
-        rest = fast_exp(-p[P_B] * (w[ACC0 + r] + w[SLIP + r]))
+        rest = fast_exp(-min(p[P_B] * (w[ACC0 + r] + w[SLIP + r]), 600.0))
         rise, slope = p[P_Q] * (1.0 - rest), p[P_Q] * p[P_B] * rest
         for s in range(NS):
             h = w[INTERACTION + NS * s + r] + (p[P_LATENT] if s != r else 0.0)
@@ -501,7 +501,7 @@ def _hardening_derivative(
 ) -> None:
     for r in range(NS):
         total = w[ACC0 + r] + w[SLIP + r]
-        rest = fast_exp(-p[P_B] * total)
+        rest = fast_exp(-min(p[P_B] * total, 600.0))
         change = dp[P_Q] * (1.0 - rest) + p[P_Q] * rest * (
             dp[P_B] * total + p[P_B] * (dstate[S_ACC + r] if p[P_Q] != 0.0 else 0.0)
         )

@@ -118,7 +118,11 @@ class Stepper:
         self._last: dict[bool, Increment] = {}
 
     def start(self, begin: float) -> Frame:
-        """The state at time `begin`: at rest, or in elastic equilibrium with its eigenstrain."""
+        """The state at time `begin`: at rest, or in elastic equilibrium with its eigenstrain.
+
+        Raises:
+            SolverError: the eigenstrain finds no equilibrium.
+        """
         p, k = self.problem, self.tangents.count
         n_points = p.points.grain.size
         frame = Frame(
@@ -134,9 +138,14 @@ class Stepper:
         if not p.strained:
             return frame
         # In no time nothing slips.
-        trial = self._newton(frame, np.zeros(p.prescribed.size), _INSTANT)
         rest = np.zeros((p.prescribed.size, k))
-        return self._accept(frame, trial, begin, _INSTANT, rest)
+        try:
+            trial = self._newton(frame, np.zeros(p.prescribed.size), _INSTANT)
+            return self._accept(frame, trial, begin, _INSTANT, rest)
+        except _NotConverged as failure:
+            raise SolverError(
+                f"no equilibrium with the eigenstrain before loading: {failure}"
+            ) from None
 
     def resume(
         self,

@@ -279,6 +279,21 @@ def test_an_eigenstrain_stresses_a_specimen_that_is_held(measure: StrainMeasure)
     assert abs(early[-1]) < 0.1 * early[3]
 
 
+def test_an_eigenstrain_without_equilibrium_is_said_in_one_sentence() -> None:
+    with pytest.raises(SolverError, match="^no equilibrium with the eigenstrain before loading: "):
+        solve(pulled(box(), Material(eigenstrain=3.0), (0.0, 1e-5)))
+
+
+def test_hardening_that_has_saturated_long_ago_is_constant() -> None:
+    """b p goes beyond what exp can hold."""
+    strains = (0.005, 0.01, 0.015)
+    forces = [
+        solve(pulled(box(), Material(strain_measure="small", tau0=t, Q=q, b=1e6), strains)).force
+        for t, q in ((40.0, 20.0), (60.0, 0.0))
+    ]
+    np.testing.assert_allclose(forces[0][1:], forces[1][1:], rtol=1e-3)
+
+
 def test_prior_cold_work_lowers_the_first_yield_and_is_forgotten() -> None:
     strains = tuple(np.linspace(0.0005, 0.01, 20))
     plain = solve(pulled(box(), Material(strain_measure="small"), strains)).force
