@@ -95,6 +95,7 @@ class Simulation:
         steps: ends of the time steps [s], increasing, through every instant, to be taken as they
             are (the steps of an earlier `Response`), or None.
         tolerance: largest ratio of the residual to the reaction at convergence.
+        cell_fields: whether stress, slips and lattice rotation of the cells are wanted.
     """
 
     mesh: PrismMesh
@@ -113,6 +114,7 @@ class Simulation:
     accuracy: float | None = None
     steps: FloatArray | None = None
     tolerance: float = 1e-7
+    cell_fields: bool = False
 
 
 @dataclass(frozen=True)
@@ -137,6 +139,25 @@ class Progress:
 
 
 @dataclass(frozen=True, eq=False)
+class CellFields:
+    """Means over the cells at the output instants.
+
+    Attributes:
+        stress: Cauchy stress [MPa] in the order XX, YY, ZZ, YZ, XZ, XY, specimen frame,
+            shape (n_output, n_cells, 6).
+        slip: signed slip of each system since the start, shape (n_output, n_cells, 24).
+        accumulated_slip: the same without signs, shape (n_output, n_cells, 24).
+        rotation: rotation vector of the lattice since the start [rad], specimen frame,
+            shape (n_output, n_cells, 3).
+    """
+
+    stress: FloatArray
+    slip: FloatArray
+    accumulated_slip: FloatArray
+    rotation: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Response:
     """What a solver answers.
 
@@ -152,6 +173,7 @@ class Response:
         refinements: steps that had to be cut for `Simulation.accuracy`.
         ends: ends of the time steps taken [s], shape (steps,).
         seconds: wall-clock time by component [s], of the last part of a run that was resumed.
+        cells: fields of the cells where `Simulation.cell_fields` asks for them, else None.
     """
 
     displacement: FloatArray
@@ -164,6 +186,7 @@ class Response:
     refinements: int = 0
     ends: FloatArray = field(default_factory=lambda: np.zeros(0))
     seconds: Mapping[str, float] = field(default_factory=dict)
+    cells: CellFields | None = None
 
 
 @dataclass(frozen=True)
@@ -174,11 +197,13 @@ class Capabilities:
         material: names of the material parameters that may leave their null value.
         strain_measures: the strain measures on offer.
         derivatives: whether directions are answered.
+        cell_fields: whether fields of the cells are answered.
     """
 
     material: frozenset[str]
     strain_measures: frozenset[str]
     derivatives: bool
+    cell_fields: bool = False
 
 
 class Adapter(Protocol):
