@@ -23,34 +23,29 @@ from solver_adapters.bundled.compilation import kernel
 from solver_adapters.bundled.dense import factor, solve
 from solver_adapters.bundled.law import FIRST_112, NS, P_A1
 from solver_adapters.bundled.slip import (
+    advance_slips,
+    evaluate_systems,
+    is_sound,
+    load_point,
+    prepare_slip,
+    store_slips,
+    weigh_mode,
+)
+from solver_adapters.bundled.slip_rows import (
     D_TAU,
-    EXPLICIT,
     LOAD,
     N_SLIP_ROWS,
     OTHER,
     SIGN,
     SIGNED,
-    STEP,
     TAU,
     WEIGHT,
     WEIGHTED,
-    advance_slips,
-    evaluate_systems,
-    explicit_derivative,
-    finish_derivative,
-    is_sound,
-    load_point,
-    prepare_slip,
-    slip_change,
-    store_slips,
-    weigh_mode,
-    weigh_residual,
 )
 from solver_adapters.bundled.tensors import (
     NM,
     add,
     cubic,
-    determinant_change,
     determinant_of,
     left,
     over_modes,
@@ -89,7 +84,17 @@ D_A = D_T + 81
 D_MODES = D_A + 81
 ONE = D_MODES + 81
 TWO = ONE + 81
-WORKSPACE = TWO + 81
+# What `finite_derivative` prepares for all directions.
+UNDONE = TWO + 81  # Fp⁰, the inverse of FP0
+PULLED = UNDONE + 9  # Fe·S·(I − A)ᵀ
+P_BY_A = PULLED + 9  # ∂P/∂A for the modes of A, 8 × 9
+STATE_BY_A = P_BY_A + 9 * NM  # derivative of Fp⁻¹ likewise, 8 × 9
+P_BY_H = STATE_BY_A + 9 * NM  # ∂P/∂H, the component of H first, 9 × 9
+STATE_BY_H = P_BY_H + 81  # derivative of Fp⁻¹ likewise, 9 × 9
+SLIP_BY_H = STATE_BY_H + 81  # ∂Δp/∂H likewise, 9 × 24
+DILATION = SLIP_BY_H + 9 * NS  # derivative of ln det(Fp⁰⁻¹·(I − A))/3, 9
+SCALE = DILATION + 9  # factor that gives Fp⁻¹ unit determinant, 1
+WORKSPACE = SCALE + 1
 
 
 @kernel
@@ -112,7 +117,7 @@ def prepare(
 
 
 @kernel
-def _contract(w: FloatArray, r: int, source: int, target: int) -> None:
+def contract(w: FloatArray, r: int, source: int, target: int) -> None:
     """Over the systems: target_s = source : tensor_s, both in modes, those of tensors at r."""
     t0, t1, t2, t3 = w[source], w[source + 1], w[source + 2], w[source + 3]
     t4, t5, t6, t7 = w[source + 4], w[source + 5], w[source + 6], w[source + 7]
@@ -130,16 +135,16 @@ def _contract(w: FloatArray, r: int, source: int, target: int) -> None:
 
 
 @kernel
-def _drive(w: FloatArray, p: FloatArray, source: int, target: int) -> None:
+def drive(w: FloatArray, p: FloatArray, source: int, target: int) -> None:
     """Change of the driving stress of each system along its sign."""
     if p[P_A1] != 0.0:
-        _contract(w, DRIVING, source, target)
+        contract(w, DRIVING, source, target)
     else:
-        _contract(w, SCHMID, source, target)
+        contract(w, SCHMID, source, target)
 
 
 @kernel
-def _project(w: FloatArray, target: int, source: int) -> None:
+def project(w: FloatArray, target: int, source: int) -> None:
     """Sum over the systems in modes: target = Σ source_s (m⊗n)_s."""
     t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = 0.0
     for s in range(NS):
@@ -158,7 +163,7 @@ def _project(w: FloatArray, target: int, source: int) -> None:
 
 @kernel
 def _stresses(w: FloatArray, p: FloatArray) -> None:
-    _project(w, MODES, SIGNED)
+    project(w, MODES, SIGNED)
     to_tensors(w, ONE, MODES, 1)
     for i in range(9):
         w[GAIN + i] = -w[ONE + i]
@@ -174,7 +179,7 @@ def _stresses(w: FloatArray, p: FloatArray) -> None:
     left(w, FES, FE, False, STRESS, False, 1)
     left(w, CONJUGATE, TRIAL, True, FES, False, 1)
     to_modes(w, MODES, CONJUGATE, 1)
-    _contract(w, SCHMID, MODES, TAU)
+    contract(w, SCHMID, MODES, TAU)
 
 
 @kernel
@@ -185,7 +190,7 @@ def _evaluate(w: FloatArray, p: FloatArray, dt: float, exponential: bool, couple
     if p[P_A1] == 0.0:
         error = evaluate_systems(w, dt, p, exponential, coupled)
         return error
-    _contract(w, CONJUGATE_SCHMID, MODES, OTHER)
+    contract(w, CONJUGATE_SCHMID, MODES, OTHER)
     error = evaluate_systems(w, dt, p, exponential, coupled)
     for k in range(NM):
         for s in range(NS):
@@ -212,10 +217,10 @@ def _condense(w: FloatArray, p: FloatArray, coupled: bool) -> None:
         if symmetric:
             for s in range(NS):
                 w[WEIGHTED + s] = w[SCHMID + i * NS + s] * w[WEIGHT + s]
-            _project(w, SLIP_STIFFNESS + NM * i, WEIGHTED)
+            project(w, SLIP_STIFFNESS + NM * i, WEIGHTED)
         else:
             weigh_mode(w, (DRIVING if p[P_A1] != 0.0 else SCHMID) + i * NS, coupled)
-            _project(w, FORCE, WEIGHTED)
+            project(w, FORCE, WEIGHTED)
             for k in range(NM):
                 w[SLIP_STIFFNESS + NM * k + i] = w[FORCE + k]
     left(w, D_FE, TRIAL, False, UNIT, False, NM)
@@ -231,14 +236,14 @@ def _condense(w: FloatArray, p: FloatArray, coupled: bool) -> None:
 
 
 @kernel
-def _slip_gradient(w: FloatArray, p: FloatArray) -> None:
+def slip_gradient(w: FloatArray, p: FloatArray) -> None:
     """D_MODES = (I + H·Y)⁻¹ Σ LOAD m⊗n, then D_TAU = −(m⊗n) : Y D_MODES."""
-    _project(w, D_MODES, LOAD)
+    project(w, D_MODES, LOAD)
     solve(w, FACTOR, NM, D_MODES, 1)
     over_modes(w, FORCE, SOFTENING, D_MODES, 1)
     for k in range(NM):
         w[FORCE + k] = -w[FORCE + k]
-    _drive(w, p, FORCE, D_TAU)
+    drive(w, p, FORCE, D_TAU)
 
 
 @kernel
@@ -271,7 +276,7 @@ def update(
         _condense(w, p, coupled)
         if error <= tolerance or count >= most or not is_sound(w, error):
             break
-        _slip_gradient(w, p)
+        slip_gradient(w, p)
         advance_slips(w, p, exponential, coupled)
         count += 1
     # An element that is turned inside out has no meaning, though its equations may have a solution.
@@ -309,7 +314,7 @@ def _trial_change(w: FloatArray, p: FloatArray, width: int) -> None:
 
 
 @kernel
-def _stress_change(w: FloatArray, p: FloatArray, width: int) -> None:
+def stress_change(w: FloatArray, p: FloatArray, width: int) -> None:
     """TWO = change of Fe·S·(I − A)ᵀ at fixed constants; D_FE is completed by D_MODES."""
     to_tensors(w, D_A, D_MODES, width)
     left(w, TWO, TRIAL, False, D_A, False, width)
@@ -321,8 +326,8 @@ def _stress_change(w: FloatArray, p: FloatArray, width: int) -> None:
 
 
 @kernel
-def _move(w: FloatArray, p: FloatArray) -> None:
-    """D_MODES (8, 9): change of A for each component of H; its D_T in modes goes to ONE."""
+def modes_along_gradient(w: FloatArray, p: FloatArray) -> None:
+    """D_MODES (8, 9): change of A for each component of H; modes of D_T go to ONE."""
     for i in range(81):
         w[D_TRIAL + i] = 0.0
     for row in range(3):
@@ -338,106 +343,9 @@ def _move(w: FloatArray, p: FloatArray) -> None:
 @kernel
 def tangent(w: FloatArray, p: FloatArray, C: FloatArray) -> None:
     """Consistent tangent ∂P/∂H (9, 9)."""
-    _move(w, p)
-    _stress_change(w, p, 9)
+    modes_along_gradient(w, p)
+    stress_change(w, p, 9)
     right(w, ONE, TWO, False, FP0, True, 9)
     for i in range(9):
         for j in range(9):
             C[i, j] = w[ONE + 9 * i + j]
-
-
-@kernel
-def response(
-    w: FloatArray, p: FloatArray, coupled: bool, by_slip: FloatArray, by_state: FloatArray
-) -> None:
-    """How slips (24, 9) and kinematic state (9, 9) of the step in the workspace follow H."""
-    _move(w, p)
-    over_modes(w, TWO, SOFTENING, D_MODES, 9)
-    to_tensors(w, D_A, D_MODES, 9)
-    left(w, FP1, FP0, False, GAIN, False, 1)
-    determinant = determinant_of(w, FP1)
-    scale = determinant ** (-1.0 / 3.0)
-    for j in range(9):
-        for k in range(NM):
-            w[FORCE + k] = w[ONE + 9 * k + j] - w[TWO + 9 * k + j]
-        _drive(w, p, FORCE, D_TAU)
-        slip_change(w, coupled)
-        for s in range(NS):
-            by_slip[s, j] = w[STEP + s]
-        for i in range(3):
-            for k in range(3):
-                change = 0.0
-                for m in range(3):
-                    change -= w[FP0 + 3 * i + m] * w[D_A + 9 * (3 * m + k) + j]
-                w[D_FP0 + 3 * i + k] = change
-        growth = determinant_change(w, FP1, D_FP0) / (3.0 * determinant)
-        for i in range(9):
-            by_state[i, j] = scale * (w[D_FP0 + i] - w[FP1 + i] * growth)
-
-
-@kernel
-def derivative(
-    w: FloatArray,
-    p: FloatArray,
-    skin: float,
-    dt: float,
-    exponential: bool,
-    coupled: bool,
-    dH: FloatArray,
-    dR: FloatArray,
-    dp: FloatArray,
-    dskin: float,
-    dstate0: FloatArray,
-    dP: FloatArray,
-    dstate1: FloatArray,
-) -> None:
-    """Directional derivative of stress and state of the step that is in the workspace."""
-    for i in range(9):
-        w[ONE + i] = dH[i] + dR[i]
-        w[D_FP0 + i] = dstate0[i]
-    # 1. the trial and T at fixed slips; FP1 holds the change of Fe·S owed to the constants
-    right(w, D_TRIAL, ONE, False, FP0, False, 1)
-    left(w, TWO, FT, False, D_FP0, False, 1)
-    add(w, D_TRIAL, TWO, 1.0, 1)
-    _trial_change(w, p, 1)
-    cubic(w, ONE, STRAIN, dp, 1)
-    left(w, FP1, FE, False, ONE, False, 1)
-    left(w, TWO, TRIAL, True, FP1, False, 1)
-    add(w, D_T, TWO, 1.0, 1)
-    # 2. the slips
-    if dp[P_A1] != 0.0:
-        to_modes(w, MODES, CONJUGATE, 1)
-        _contract(w, CONJUGATE_SCHMID, MODES, OTHER)
-    to_modes(w, MODES, D_T, 1)
-    _drive(w, p, MODES, EXPLICIT)
-    for s in range(NS):
-        w[EXPLICIT + s] *= w[SIGN + s]
-    if dp[P_A1] != 0.0:
-        for s in range(FIRST_112):
-            schmid = w[TAU + s] / (1.0 + 0.5 * p[P_A1])
-            w[EXPLICIT + s] += dp[P_A1] * (0.5 * w[SIGN + s] * schmid + w[OTHER + s])
-    explicit_derivative(w, dt, p, skin, exponential, coupled, dp, dskin, dstate0)
-    weigh_residual(w, EXPLICIT, coupled)
-    _slip_gradient(w, p)
-    finish_derivative(w, p, exponential, coupled, dp, dstate0, dstate1)
-    # 3. the stress
-    _stress_change(w, p, 1)
-    left(w, ONE, FP1, False, GAIN, True, 1)
-    add(w, TWO, ONE, 1.0, 1)
-    left(w, ONE, TWO, False, FP0, True, 1)
-    for i in range(9):
-        dP[i] = w[ONE + i]
-    left(w, ONE, FES, False, GAIN, True, 1)
-    left(w, TWO, ONE, False, D_FP0, True, 1)
-    for i in range(9):
-        dP[i] += w[TWO + i]
-    # 4. Fp⁻¹ = Fp⁰⁻¹·(I − A), scaled to unit determinant
-    left(w, ONE, D_FP0, False, GAIN, False, 1)
-    left(w, TWO, FP0, False, D_A, False, 1)
-    add(w, ONE, TWO, -1.0, 1)
-    left(w, FP1, FP0, False, GAIN, False, 1)
-    determinant = determinant_of(w, FP1)
-    growth = determinant_change(w, FP1, ONE) / (3.0 * determinant)
-    scale = determinant ** (-1.0 / 3.0)
-    for i in range(9):
-        dstate1[i] = scale * (w[ONE + i] - w[FP1 + i] * growth)

@@ -5,23 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
-from solver_adapters.bundled import finite_strain, slip, small_strain
-from solver_adapters.bundled.compilation import batch_kernel
+from solver_adapters.bundled import point_kernels
 from solver_adapters.bundled.law import (
-    CONJUGATE_MODES,
     NS,
     P_A1,
     P_LATENT,
     P_Q,
     S_ACC,
-    S_X,
     S_X2,
-    SCHMID_MODES,
     STRAIN_MODES,
-    TWINNING_SENSE,
     interaction_matrix,
     local_parameters,
 )
@@ -32,298 +26,31 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-# Slip by which a solved system may be wrong.
-SLIP_TOLERANCE = 1e-13
-MOST_ITERATIONS = 60
 # Parts in which the strain of a step is applied where the whole of it finds no solution.
 _CONTINUATION = 8
-_CHUNKS = 16
-_small_update, _small_store = small_strain.update, small_strain.store
-_small_tangent, _small_derivative = small_strain.tangent, small_strain.derivative
-_small_prepare, _SMALL_SIZE = small_strain.prepare, small_strain.WORKSPACE
-_finite_update, _finite_store = finite_strain.update, finite_strain.store
-_finite_tangent, _finite_derivative = finite_strain.tangent, finite_strain.derivative
-_small_response, _finite_response = small_strain.response, finite_strain.response
-_prepare_derivatives, _slip_gains = slip.prepare_derivatives, slip.slip_gains
-_finite_prepare, _FINITE_SIZE = finite_strain.prepare, finite_strain.WORKSPACE
-
-
-@batch_kernel
-def _update_small(
-    grain: IntArray,
-    frame_of: IntArray,
-    frame: FloatArray,
-    local: FloatArray,
-    skin: FloatArray,
-    interaction: FloatArray,
-    exponential: bool,
-    coupled: bool,
-    H: FloatArray,
-    state0: FloatArray,
-    guess: FloatArray,
-    dt: float,
-    state1: FloatArray,
-    slips: FloatArray,
-    P: FloatArray,
-    C: FloatArray,
-    count: IntArray,
-) -> None:
-    n = H.shape[0]
-    for chunk in prange(_CHUNKS):
-        w = np.zeros(_SMALL_SIZE)
-        _small_prepare(w, SCHMID_MODES, CONJUGATE_MODES, interaction, TWINNING_SENSE)
-        for i in range(chunk * n // _CHUNKS, (chunk + 1) * n // _CHUNKS):
-            V = frame[frame_of[i]]
-            p = local[grain[i]]
-            count[i] = _small_update(
-                w,
-                H[i],
-                V,
-                p,
-                skin[i],
-                dt,
-                exponential,
-                coupled,
-                state0[i],
-                guess[i],
-                SLIP_TOLERANCE,
-                MOST_ITERATIONS,
-            )
-            _small_store(w, V, p, state0[i], state1[i], slips[i], P[i])
-            _small_tangent(w, V, p, C[i])
-
-
-@batch_kernel
-def _update_finite(
-    grain: IntArray,
-    frame_of: IntArray,
-    frame: FloatArray,
-    local: FloatArray,
-    skin: FloatArray,
-    interaction: FloatArray,
-    exponential: bool,
-    coupled: bool,
-    H: FloatArray,
-    state0: FloatArray,
-    guess: FloatArray,
-    dt: float,
-    state1: FloatArray,
-    slips: FloatArray,
-    P: FloatArray,
-    C: FloatArray,
-    count: IntArray,
-) -> None:
-    n = H.shape[0]
-    for chunk in prange(_CHUNKS):
-        w = np.zeros(_FINITE_SIZE)
-        _finite_prepare(w, SCHMID_MODES, CONJUGATE_MODES, interaction, TWINNING_SENSE)
-        for i in range(chunk * n // _CHUNKS, (chunk + 1) * n // _CHUNKS):
-            p = local[grain[i]]
-            count[i] = _finite_update(
-                w,
-                H[i],
-                frame[frame_of[i]],
-                p,
-                skin[i],
-                dt,
-                exponential,
-                coupled,
-                state0[i],
-                guess[i],
-                SLIP_TOLERANCE,
-                MOST_ITERATIONS,
-            )
-            _finite_store(w, state1[i], slips[i], P[i])
-            _finite_tangent(w, p, C[i])
-
-
-@batch_kernel
-def _derive_small(
-    grain: IntArray,
-    frame_of: IntArray,
-    frame: FloatArray,
-    local: FloatArray,
-    skin: FloatArray,
-    interaction: FloatArray,
-    exponential: bool,
-    coupled: bool,
-    H: FloatArray,
-    state0: FloatArray,
-    slips: FloatArray,
-    dt: float,
-    dH: FloatArray,
-    turn: IntArray,
-    dframe: FloatArray,
-    dlocal: FloatArray,
-    skinned: IntArray,
-    dskin: FloatArray,
-    dstate0: FloatArray,
-    dP: FloatArray,
-    dstate1: FloatArray,
-    by_slip: FloatArray,
-    by_state: FloatArray,
-    gains: FloatArray,
-) -> None:
-    n = H.shape[0]
-    for chunk in prange(_CHUNKS):
-        w = np.zeros(_SMALL_SIZE)
-        _small_prepare(w, SCHMID_MODES, CONJUGATE_MODES, interaction, TWINNING_SENSE)
-        for i in range(chunk * n // _CHUNKS, (chunk + 1) * n // _CHUNKS):
-            g, f = grain[i], frame_of[i]
-            _small_update(
-                w,
-                H[i],
-                frame[f],
-                local[g],
-                skin[i],
-                dt,
-                exponential,
-                coupled,
-                state0[i],
-                slips[i],
-                0.0,
-                0,
-            )
-            _prepare_derivatives(w, local[g], exponential)
-            _small_response(w, frame[f], local[g], coupled, by_slip[i], by_state[i])
-            _slip_gains(w, local[g], exponential, gains[i])
-            for k in range(dH.shape[1]):
-                _small_derivative(
-                    w,
-                    H[i],
-                    frame[f],
-                    local[g],
-                    skin[i],
-                    dt,
-                    exponential,
-                    coupled,
-                    dH[i, k],
-                    turn[k] > 0,
-                    dframe[turn[k], f],
-                    dlocal[g, k],
-                    dskin[skinned[k], i],
-                    dstate0[i, k],
-                    dP[i, k],
-                    dstate1[i, k],
-                )
-
-
-@batch_kernel
-def _derive_finite(
-    grain: IntArray,
-    frame_of: IntArray,
-    frame: FloatArray,
-    local: FloatArray,
-    skin: FloatArray,
-    interaction: FloatArray,
-    exponential: bool,
-    coupled: bool,
-    H: FloatArray,
-    state0: FloatArray,
-    slips: FloatArray,
-    dt: float,
-    dH: FloatArray,
-    turn: IntArray,
-    dframe: FloatArray,
-    dlocal: FloatArray,
-    skinned: IntArray,
-    dskin: FloatArray,
-    dstate0: FloatArray,
-    dP: FloatArray,
-    dstate1: FloatArray,
-    by_slip: FloatArray,
-    by_state: FloatArray,
-    gains: FloatArray,
-) -> None:
-    n = H.shape[0]
-    for chunk in prange(_CHUNKS):
-        w = np.zeros(_FINITE_SIZE)
-        _finite_prepare(w, SCHMID_MODES, CONJUGATE_MODES, interaction, TWINNING_SENSE)
-        for i in range(chunk * n // _CHUNKS, (chunk + 1) * n // _CHUNKS):
-            g, f = grain[i], frame_of[i]
-            _finite_update(
-                w,
-                H[i],
-                frame[f],
-                local[g],
-                skin[i],
-                dt,
-                exponential,
-                coupled,
-                state0[i],
-                slips[i],
-                0.0,
-                0,
-            )
-            _prepare_derivatives(w, local[g], exponential)
-            _finite_response(w, local[g], coupled, by_slip[i], by_state[i])
-            _slip_gains(w, local[g], exponential, gains[i])
-            for k in range(dH.shape[1]):
-                _finite_derivative(
-                    w,
-                    local[g],
-                    skin[i],
-                    dt,
-                    exponential,
-                    coupled,
-                    dH[i, k],
-                    dframe[turn[k], f],
-                    dlocal[g, k],
-                    dskin[skinned[k], i],
-                    dstate0[i, k],
-                    dP[i, k],
-                    dstate1[i, k],
-                )
-
-
-@batch_kernel
-def _follow(
-    by_slip: FloatArray,
-    by_state: FloatArray,
-    gains: FloatArray,
-    dH: FloatArray,
-    dstate: FloatArray,
-) -> None:
-    fields = (dstate.shape[2] - S_X) // NS
-    for i in prange(dH.shape[0]):
-        moved = np.empty(NS)
-        for k in range(dH.shape[1]):
-            # Sums written out: a call of np.sum would make an array for each.
-            h = dH[i, k]
-            for j in range(9):
-                b = by_state[i, j]
-                dstate[i, k, j] += (
-                    b[0] * h[0] + b[1] * h[1] + b[2] * h[2] + b[3] * h[3] + b[4] * h[4]
-                    + b[5] * h[5] + b[6] * h[6] + b[7] * h[7] + b[8] * h[8]
-                )  # fmt: skip
-            for s in range(NS):
-                b = by_slip[i, s]
-                moved[s] = (
-                    b[0] * h[0] + b[1] * h[1] + b[2] * h[2] + b[3] * h[3] + b[4] * h[4]
-                    + b[5] * h[5] + b[6] * h[6] + b[7] * h[7] + b[8] * h[8]
-                )  # fmt: skip
-            for field in range(fields):
-                for s in range(NS):
-                    dstate[i, k, S_X + NS * field + s] += gains[i, field, s] * moved[s]
 
 
 @dataclass(frozen=True, eq=False)
-class Following:
-    """How the state at the end of a step follows the displacement gradient.
+class PointDerivatives:
+    """Derivatives of a solved step along k directions, in memory that is used again.
 
     Attributes:
-        slip: ∂Δp/∂H, (n_points, 24, 9).
-        kinematic: derivative of the nine kinematic numbers, (n_points, 9, 9).
+        stress: derivative of P [MPa], (n_points, k, 9).
+        state: derivative of the state, (n_points, k, `Points.n_derived`).
+        by_slip: ∂Δp/∂H, (n_points, 9, 24).
+        by_state: ∂/∂H of the nine kinematic numbers, (n_points, 9, 9).
         gains: derivative of x, S v, p and x2 of a system by its slip, (n_points, 4, 24).
     """
 
-    slip: FloatArray
-    kinematic: FloatArray
+    stress: FloatArray
+    state: FloatArray
+    by_slip: FloatArray
+    by_state: FloatArray
     gains: FloatArray
 
-    def add(self, dH: FloatArray, dstate: FloatArray) -> None:
-        """Add what dH (n_points, k, 9) changes to derivatives (n_points, k, n) of the state."""
-        _follow(self.slip, self.kinematic, self.gains, dH, dstate)
+    def follow(self, dH: FloatArray) -> None:
+        """Add what a further dH (n_points, k, 9) changes to the state."""
+        point_kernels.follow(self.by_slip, self.by_state, self.gains, dH, self.state)
 
 
 @dataclass(frozen=True, eq=False)
@@ -343,6 +70,12 @@ class PointTangents:
     rotation: FloatArray
     skinned: IntArray
     skin: FloatArray
+
+    @property
+    def constant(self) -> BoolArray:
+        """Whether a direction leaves the constants of the law alone, (k,)."""
+        moves: BoolArray = np.any(self.local != 0.0, axis=(0, 2)) | (self.skinned != 0)
+        return ~moves
 
 
 @dataclass(frozen=True, eq=False)
@@ -455,7 +188,8 @@ class Points:
         n = H.shape[0]
         state1, slips, P = np.empty_like(state0), np.empty((n, NS)), np.empty((n, 9))
         C, count = np.empty((n, 9, 9)), np.empty(n, dtype=np.int64)
-        run = _update_finite if self.strain_measure == "finite" else _update_small
+        finite = self.strain_measure == "finite"
+        run = point_kernels.update_finite if finite else point_kernels.update_small
         run(
             self.grain[which],
             self.frame_of[which],
@@ -477,6 +211,17 @@ class Points:
         )
         return state1, slips, P, C, count
 
+    def memory(self, k: int, n_derived: int) -> PointDerivatives:
+        """Memory for derivatives along k directions."""
+        n = self.grain.size
+        return PointDerivatives(
+            np.empty((n, k, 9)),
+            np.empty((n, k, n_derived)),
+            np.empty((n, 9, NS)),
+            np.empty((n, 9, 9)),
+            np.empty((n, 4, NS)),
+        )
+
     def derive(
         self,
         H: FloatArray,
@@ -486,7 +231,8 @@ class Points:
         dH: FloatArray,
         tangents: PointTangents,
         dstate0: FloatArray,
-    ) -> tuple[FloatArray, FloatArray, Following]:
+        out: PointDerivatives,
+    ) -> None:
         """Derivatives of a solved step along k directions.
 
         Args:
@@ -497,14 +243,10 @@ class Points:
             dH: derivative of H, (n_points, k, 9).
             tangents: derivative of the law.
             dstate0: derivative of the state at the start, (n_points, k, `n_derived`).
-
-        Returns:
-            derivatives of P (n_points, k, 9) and of the state (n_points, k, `n_derived`), and how
-            the state follows any further dH.
+            out: filled; its state must not be dstate0.
         """
-        dP, dstate1, n = np.empty(dH.shape), np.empty(dstate0.shape), dH.shape[0]
-        following = Following(np.empty((n, NS, 9)), np.empty((n, 9, 9)), np.empty((n, 4, NS)))
-        run = _derive_finite if self.strain_measure == "finite" else _derive_small
+        finite = self.strain_measure == "finite"
+        run = point_kernels.derive_finite if finite else point_kernels.derive_small
         run(
             self.grain,
             self.frame_of,
@@ -522,16 +264,16 @@ class Points:
             tangents.turn,
             self.frame(tangents.rotation),
             tangents.local,
+            tangents.constant,
             tangents.skinned,
             tangents.skin,
             dstate0,
-            dP,
-            dstate1,
-            following.slip,
-            following.kinematic,
-            following.gains,
+            out.stress,
+            out.state,
+            out.by_slip,
+            out.by_state,
+            out.gains,
         )
-        return dP, dstate1, following
 
 
 def points_of_grains(

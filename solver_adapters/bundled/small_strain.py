@@ -17,28 +17,24 @@ from solver_adapters.bundled.compilation import kernel
 from solver_adapters.bundled.dense import factor, solve
 from solver_adapters.bundled.law import FIRST_112, NS, P_A1, P_C11, P_C12, P_C44
 from solver_adapters.bundled.slip import (
+    advance_slips,
+    evaluate_systems,
+    is_sound,
+    load_point,
+    prepare_slip,
+    store_slips,
+    weigh_mode,
+)
+from solver_adapters.bundled.slip_rows import (
     D_TAU,
-    EXPLICIT,
     LOAD,
     N_SLIP_ROWS,
     OTHER,
     SIGN,
     SIGNED,
-    STEP,
     TAU,
     WEIGHT,
     WEIGHTED,
-    advance_slips,
-    evaluate_systems,
-    explicit_derivative,
-    finish_derivative,
-    is_sound,
-    load_point,
-    prepare_slip,
-    slip_change,
-    store_slips,
-    weigh_mode,
-    weigh_residual,
 )
 
 FloatArray = NDArray[np.float64]
@@ -55,7 +51,8 @@ CHANGE = FACTOR + 25  # 5
 VOLUME = CHANGE + 5  # trace mode of the strain, 1
 BALANCE = VOLUME + 1  # 5
 ROWS = BALANCE + 5  # 5 × 9
-WORKSPACE = ROWS + 45
+INVERSE = ROWS + 45  # (1/μ + Σ w P Pᵀ)⁻¹, 5 × 5, the second index first
+WORKSPACE = INVERSE + 25
 
 
 @kernel
@@ -75,7 +72,7 @@ def prepare(
 
 
 @kernel
-def _project(w: FloatArray, target: int, source: int) -> None:
+def project(w: FloatArray, target: int, source: int) -> None:
     """Sum over the systems in modes: target = Σ source_s P_s."""
     t0 = t1 = t2 = t3 = t4 = 0.0
     for s in range(NS):
@@ -91,7 +88,7 @@ def _project(w: FloatArray, target: int, source: int) -> None:
 
 @kernel
 def _stress(w: FloatArray, mu0: float, mu1: float) -> None:
-    _project(w, BALANCE, SIGNED)
+    project(w, BALANCE, SIGNED)
     for k in range(5):
         e = w[TRIAL + k] - w[BALANCE + k]
         w[ELASTIC + k] = e
@@ -99,7 +96,8 @@ def _stress(w: FloatArray, mu0: float, mu1: float) -> None:
 
 
 @kernel
-def _resolve(w: FloatArray, modes: int, source: int, target: int) -> None:
+def resolve(w: FloatArray, modes: int, source: int, target: int) -> None:
+    """Over the systems: target_s = source : tensor_s, both in modes, those of tensors at modes."""
     t0, t1, t2 = w[source], w[source + 1], w[source + 2]
     t3, t4 = w[source + 3], w[source + 4]
     for s in range(NS):
@@ -113,12 +111,12 @@ def _resolve(w: FloatArray, modes: int, source: int, target: int) -> None:
 
 
 @kernel
-def _drive(w: FloatArray, p: FloatArray, source: int, target: int) -> None:
+def drive(w: FloatArray, p: FloatArray, source: int, target: int) -> None:
     """Change of the driving stress of each system along its sign."""
     if p[P_A1] != 0.0:
-        _resolve(w, DRIVING, source, target)
+        resolve(w, DRIVING, source, target)
     else:
-        _resolve(w, MODES, source, target)
+        resolve(w, MODES, source, target)
 
 
 @kernel
@@ -133,12 +131,12 @@ def _evaluate(
 ) -> float:
     """Residuals at the slips; returns how far from solved they are."""
     _stress(w, mu0, mu1)
-    _resolve(w, MODES, STRESS, TAU)
+    resolve(w, MODES, STRESS, TAU)
     error: float
     if p[P_A1] == 0.0:
         error = evaluate_systems(w, dt, p, exponential, coupled)
         return error
-    _resolve(w, CONJUGATE, STRESS, OTHER)
+    resolve(w, CONJUGATE, STRESS, OTHER)
     error = evaluate_systems(w, dt, p, exponential, coupled)
     for k in range(5):
         for s in range(NS):
@@ -155,10 +153,10 @@ def _condense(w: FloatArray, mu0: float, mu1: float, p: FloatArray, coupled: boo
         if symmetric:
             for s in range(NS):
                 w[WEIGHTED + s] = w[MODES + i * NS + s] * w[WEIGHT + s]
-            _project(w, FACTOR + 5 * i, WEIGHTED)
+            project(w, FACTOR + 5 * i, WEIGHTED)
         else:
             weigh_mode(w, (DRIVING if p[P_A1] != 0.0 else MODES) + i * NS, coupled)
-            _project(w, BALANCE, WEIGHTED)
+            project(w, BALANCE, WEIGHTED)
             for k in range(5):
                 w[FACTOR + 5 * k + i] = w[BALANCE + k]
     for i in range(5):
@@ -167,17 +165,17 @@ def _condense(w: FloatArray, mu0: float, mu1: float, p: FloatArray, coupled: boo
 
 
 @kernel
-def _stress_change(w: FloatArray, p: FloatArray) -> None:
+def stress_change(w: FloatArray, p: FloatArray) -> None:
     """CHANGE = −(1/μ + Σ w P Pᵀ)⁻¹ Σ LOAD P, D_TAU = P·CHANGE."""
-    _project(w, CHANGE, LOAD)
+    project(w, CHANGE, LOAD)
     solve(w, FACTOR, 5, CHANGE, 1)
     for k in range(5):
         w[CHANGE + k] = -w[CHANGE + k]
-    _drive(w, p, CHANGE, D_TAU)
+    drive(w, p, CHANGE, D_TAU)
 
 
 @kernel
-def _strain_modes(w: FloatArray, target: int, V: FloatArray, H: FloatArray) -> None:
+def strain_modes(w: FloatArray, target: int, V: FloatArray, H: FloatArray) -> None:
     """Six modes of the strain of H."""
     t0 = t1 = t2 = t3 = t4 = t5 = 0.0
     for i in range(9):
@@ -193,7 +191,7 @@ def _strain_modes(w: FloatArray, target: int, V: FloatArray, H: FloatArray) -> N
 
 
 @kernel
-def _add_stress(P: FloatArray, V: FloatArray, w: FloatArray, source: int, volume: float) -> None:
+def add_stress(P: FloatArray, V: FloatArray, w: FloatArray, source: int, volume: float) -> None:
     """Add to P the tensor of five modes and a trace mode."""
     s0, s1, s2, s3, s4 = w[source], w[source + 1], w[source + 2], w[source + 3], w[source + 4]
     for i in range(9):
@@ -209,7 +207,7 @@ def _add_stress(P: FloatArray, V: FloatArray, w: FloatArray, source: int, volume
 
 @kernel
 def _trial(w: FloatArray, H: FloatArray, V: FloatArray, state: FloatArray) -> None:
-    _strain_modes(w, TRIAL, V, H)
+    strain_modes(w, TRIAL, V, H)
     w[VOLUME] = w[TRIAL + 5]
     for k in range(5):
         w[TRIAL + k] -= state[k]
@@ -244,7 +242,7 @@ def update(
         _condense(w, mu0, mu1, p, coupled)
         if error <= tolerance or count >= most or not is_sound(w, error):
             break
-        _stress_change(w, p)
+        stress_change(w, p)
         advance_slips(w, p, exponential, coupled)
         count += 1
     valid = error <= tolerance and is_sound(w, error)
@@ -265,7 +263,7 @@ def store(
     sigma_volume = (p[P_C11] + 2.0 * p[P_C12]) * w[VOLUME]
     for i in range(9):
         P[i] = 0.0
-    _add_stress(P, V, w, STRESS, sigma_volume)
+    add_stress(P, V, w, STRESS, sigma_volume)
     for k in range(5):
         state1[k] = state0[k] + w[TRIAL + k] - w[ELASTIC + k]
     for k in range(5, 9):
@@ -293,98 +291,3 @@ def tangent(w: FloatArray, V: FloatArray, p: FloatArray, C: FloatArray) -> None:
                 + v3 * w[ROWS + 27 + j]
                 + v4 * w[ROWS + 36 + j]
             )
-
-
-@kernel
-def derivative(
-    w: FloatArray,
-    H: FloatArray,
-    V: FloatArray,
-    p: FloatArray,
-    skin: float,
-    dt: float,
-    exponential: bool,
-    coupled: bool,
-    dH: FloatArray,
-    turned: bool,
-    dV: FloatArray,
-    dp: FloatArray,
-    dskin: float,
-    dstate0: FloatArray,
-    dP: FloatArray,
-    dstate1: FloatArray,
-) -> None:
-    """Directional derivative of stress and state of the step that is in the workspace.
-
-    turned: whether the crystal turns along the direction, that is, whether dV is not null.
-    """
-    mu0 = p[P_C11] - p[P_C12]
-    mu1 = 2.0 * p[P_C44]
-    dmu0 = dp[P_C11] - dp[P_C12]
-    dmu1 = 2.0 * dp[P_C44]
-    _strain_modes(w, TRIAL, V, dH)  # the trial modes are not needed any more
-    if turned:
-        _strain_modes(w, ROWS, dV, H)
-        for k in range(6):
-            w[TRIAL + k] += w[ROWS + k]
-    dvolume = w[TRIAL + 5]
-    for k in range(5):
-        de = w[TRIAL + k]
-        w[RHS + k] = (mu0 if k < 2 else mu1) * (de - dstate0[k]) + (dmu0 if k < 2 else dmu1) * w[
-            ELASTIC + k
-        ]
-    _drive(w, p, RHS, EXPLICIT)
-    for s in range(NS):
-        w[EXPLICIT + s] *= w[SIGN + s]
-    if dp[P_A1] != 0.0:
-        _resolve(w, CONJUGATE, STRESS, OTHER)
-        for s in range(FIRST_112):
-            schmid = w[TAU + s] / (1.0 + 0.5 * p[P_A1])
-            w[EXPLICIT + s] += dp[P_A1] * (0.5 * w[SIGN + s] * schmid + w[OTHER + s])
-    explicit_derivative(w, dt, p, skin, exponential, coupled, dp, dskin, dstate0)
-    weigh_residual(w, EXPLICIT, coupled)
-    _stress_change(w, p)
-    finish_derivative(w, p, exponential, coupled, dp, dstate0, dstate1)
-    bulk = p[P_C11] + 2.0 * p[P_C12]
-    dbulk = dp[P_C11] + 2.0 * dp[P_C12]
-    dsigma_volume = bulk * dvolume + dbulk * w[VOLUME]
-    for k in range(5):
-        mu = mu0 if k < 2 else mu1
-        dmu = dmu0 if k < 2 else dmu1
-        dsigma = w[RHS + k] + w[CHANGE + k]
-        dstate1[k] = w[TRIAL + k] - (dsigma - dmu * w[ELASTIC + k]) / mu
-        w[RHS + k] = dsigma
-    for k in range(5, 9):
-        dstate1[k] = 0.0
-    for i in range(9):
-        dP[i] = 0.0
-    _add_stress(dP, V, w, RHS, dsigma_volume)
-    if turned:
-        _add_stress(dP, dV, w, STRESS, bulk * w[VOLUME])
-
-
-@kernel
-def response(
-    w: FloatArray,
-    V: FloatArray,
-    p: FloatArray,
-    coupled: bool,
-    by_slip: FloatArray,
-    by_state: FloatArray,
-) -> None:
-    """How slips (24, 9) and kinematic state (9, 9) of the step in the workspace follow H."""
-    for k in range(5):
-        for i in range(9):
-            w[ROWS + 9 * k + i] = V[k, i]
-    solve(w, FACTOR, 5, ROWS, 9)
-    mu0, mu1 = p[P_C11] - p[P_C12], 2.0 * p[P_C44]
-    for j in range(9):
-        for k in range(5):
-            w[CHANGE + k] = w[ROWS + 9 * k + j]
-            by_state[k, j] = V[k, j] - w[CHANGE + k] / (mu0 if k < 2 else mu1)
-        for k in range(5, 9):
-            by_state[k, j] = 0.0
-        _drive(w, p, CHANGE, D_TAU)
-        slip_change(w, coupled)
-        for s in range(NS):
-            by_slip[s, j] = w[STEP + s]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,6 +116,11 @@ class Stepper:
         self._least = _rounded_force(problem)
         self._system = TangentSystem(problem, self.statistics)
         self._last: dict[bool, Increment] = {}
+        # Memory of the derivatives, used again since fresh memory has to be cleared.
+        n_derived = tangents.state.shape[2]
+        self._derivatives = problem.points.memory(tangents.count, n_derived)
+        self._states = [self._derivatives.state]
+        self._held = tangents.state
 
     def start(self, begin: float) -> Frame:
         """The state at time `begin`: at rest, or in elastic equilibrium with its eigenstrain.
@@ -179,6 +184,7 @@ class Stepper:
             SolverError: a step of 1/1024 of the asked size does not converge; the message names
                 time, element and grain.
         """
+        self._held = frame.dstate
         for end in ends:
             frame = self._reach(frame, float(end), motion, motion_tangent)
         return frame
@@ -383,10 +389,9 @@ class Stepper:
             part = np.empty_like(trial.H)
             displacement_gradients(trial.u, p.cells, t.gradients[slot], part)
             dH[:, index] += part
-        dP, dstate, following = p.points.derive(
-            trial.H, frame.state, trial.slips, dt, dH, t.law, frame.dstate
-        )
-        change = self._force_change(trial, dP)
+        out = replace(self._derivatives, state=self._spare_state(frame))
+        p.points.derive(trial.H, frame.state, trial.slips, dt, dH, t.law, frame.dstate, out)
+        change = self._force_change(trial, out.stress)
         clock = self.statistics.clock("derivatives", clock)
         follows = self._solve(trial, -change[p.pattern.free])
         clock = time.perf_counter()
@@ -394,14 +399,22 @@ class Stepper:
         flat[p.pattern.free] = follows
         dH[:] = 0.0
         direction_gradients(du, p.cells, p.gradients, dH)
-        following.add(dH, dstate)
+        out.follow(dH)
         # Virtual work of the pulled force: a unit motion of the pulled face against the stress.
         near = p.near_pulled
         added = np.einsum("pi,pij,pkj->k", p.pull[near], trial.C[near], dH[near], optimize=True)
         dforce = change[p.pulled].sum(axis=0) + added
         flat[p.prescribed] = motion_tangent
         self.statistics.clock("derivatives", clock)
-        return du, dstate, dforce
+        return du, out.state, dforce
+
+    def _spare_state(self, frame: Frame) -> FloatArray:
+        """Memory that neither this frame nor the one that `advance` began with holds."""
+        for state in self._states:
+            if state is not frame.dstate and state is not self._held:
+                return state
+        self._states.append(np.empty_like(frame.dstate))
+        return self._states[-1]
 
     def _force_change(self, trial: _Trial, dP: FloatArray) -> FloatArray:
         p, t = self.problem, self.tangents

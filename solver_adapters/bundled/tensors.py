@@ -153,14 +153,12 @@ def determinant_of(w: FloatArray, a: int) -> float:
 
 
 @kernel
-def determinant_change(w: FloatArray, a: int, b: int) -> float:
-    """Derivative of det(a) along b: cofactor(a) : b."""
-    total = 0.0
+def cofactor(w: FloatArray, c: int, a: int) -> None:
+    """Cofactors of the single tensor at a: the derivative of its determinant."""
     for i in range(3):
         i1, i2 = (i + 1) % 3, (i + 2) % 3
         for j in range(3):
             j1, j2 = (j + 1) % 3, (j + 2) % 3
-            total += w[b + 3 * i + j] * (
+            w[c + 3 * i + j] = (
                 w[a + 3 * i1 + j1] * w[a + 3 * i2 + j2] - w[a + 3 * i1 + j2] * w[a + 3 * i2 + j1]
             )
-    return total

@@ -1,0 +1,139 @@
+"""Terms of the general law beyond the baseline: hardening, second back stress, non-Schmid stress.
+
+They are called where their parameter is not null: at null the baseline is computed by the same
+operations as if they did not exist.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver_adapters.bundled.back_strain import gained, growth, recall_slope, share_left
+from solver_adapters.bundled.compilation import kernel
+from solver_adapters.bundled.elementary import fast_exp
+from solver_adapters.bundled.law import (
+    FIRST_112,
+    NS,
+    P_A1,
+    P_B,
+    P_C2,
+    P_D2,
+    P_LATENT,
+    P_Q,
+    S_ACC,
+    S_X2,
+    SLIP_AT_REST,
+)
+from solver_adapters.bundled.slip_rows import (
+    ACC0,
+    COUPLED,
+    EXPLICIT,
+    INTERACTION,
+    OTHER,
+    RISE,
+    SHIFT,
+    SIGN,
+    SLIP,
+    SLOPE,
+    TAU,
+    UNHARDENED,
+    X2HAT,
+    X20,
+)
+
+FloatArray = NDArray[np.float64]
+
+
+@kernel
+def harden(w: FloatArray, p: FloatArray, coupled: bool) -> None:
+    """RISE and SLOPE of isotropic hardening; the whole slope matrix goes to COUPLED."""
+    if not coupled:
+        for s in range(NS):
+            rest = fast_exp(-min(p[P_B] * (w[ACC0 + s] + w[SLIP + s]), 600.0))
+            w[RISE + s] = p[P_Q] * (1.0 - rest)
+            w[SLOPE + s] = p[P_Q] * p[P_B] * rest
+        return
+    for s in range(NS):
+        w[RISE + s] = 0.0
+    for r in range(NS):
+        rest = fast_exp(-min(p[P_B] * (w[ACC0 + r] + w[SLIP + r]), 600.0))
+        rise, slope = p[P_Q] * (1.0 - rest), p[P_Q] * p[P_B] * rest
+        for s in range(NS):
+            h = w[INTERACTION + NS * s + r] + (p[P_LATENT] if s != r else 0.0)
+            w[RISE + s] += h * rise
+            w[COUPLED + NS * s + r] = h * slope
+    for s in range(NS):
+        w[SLOPE + s] = w[COUPLED + (NS + 1) * s]
+
+
+@kernel
+def second_back_stress(w: FloatArray, p: FloatArray, exponential: bool) -> None:
+    """Add c2 S x2 of moving systems to RISE and SLOPE; put that of systems at rest into SHIFT."""
+    c, d = p[P_C2], p[P_D2]
+    for s in range(NS):
+        g = w[SLIP + s]
+        moving = g > SLIP_AT_REST
+        left = share_left(d * g, exponential)
+        start = w[SIGN + s] * w[X20 + s]
+        end = start * left + gained(left, g, d, exponential)
+        slope = growth(left, start, d, exponential)
+        w[X2HAT + s] = end
+        w[RISE + s] += c * end if moving else 0.0
+        w[SLOPE + s] += c * slope if moving else 0.0
+        w[SHIFT + s] = 0.0 if moving else c * w[X20 + s]
+
+
+@kernel
+def non_schmid(w: FloatArray, p: FloatArray) -> None:
+    """Resolved shear stress and RISE of {110} with the stress on the conjugate planes."""
+    factor_110 = 1.0 + 0.5 * p[P_A1]
+    for s in range(FIRST_112):
+        w[TAU + s] *= factor_110
+        w[RISE + s] -= p[P_A1] * w[OTHER + s]
+
+
+@kernel
+def hardening_derivative(
+    w: FloatArray, p: FloatArray, coupled: bool, dp: FloatArray, dstate: FloatArray
+) -> None:
+    """Add to EXPLICIT what isotropic hardening owes to its constants and the slips so far."""
+    for r in range(NS):
+        total, rest = w[ACC0 + r] + w[SLIP + r], w[UNHARDENED + r]
+        change = dp[P_Q] * (1.0 - rest) + p[P_Q] * rest * (
+            dp[P_B] * total + p[P_B] * (dstate[S_ACC + r] if p[P_Q] != 0.0 else 0.0)
+        )
+        # Without hardening the points count as uncoupled, but its derivative is coupled.
+        if coupled or p[P_Q] == 0.0:
+            for s in range(NS):
+                h = w[INTERACTION + NS * s + r] + (p[P_LATENT] if s != r else 0.0)
+                w[EXPLICIT + s] -= h * change
+        else:
+            w[EXPLICIT + r] -= change
+        if dp[P_LATENT] != 0.0:
+            rise = p[P_Q] * (1.0 - rest)
+            for s in range(NS):
+                w[EXPLICIT + s] -= dp[P_LATENT] * rise if s != r else 0.0
+
+
+@kernel
+def second_back_stress_derivative(
+    w: FloatArray, p: FloatArray, exponential: bool, dp: FloatArray, dstate: FloatArray
+) -> None:
+    """Add to EXPLICIT what the second back stress owes to its constants and its history."""
+    c, d = p[P_C2], p[P_D2]
+    for s in range(NS):
+        g = w[SLIP + s]
+        left = share_left(d * g, exponential)
+        sign = w[SIGN + s]
+        start = sign * w[X20 + s]
+        end = start * left + gained(left, g, d, exponential)
+        change = recall_slope(left, g, d, start, exponential) * dp[P_D2]
+        change += sign * dstate[S_X2 + s] * left
+        w[EXPLICIT + s] -= dp[P_C2] * end + c * change
+
+
+@kernel
+def non_schmid_derivative(w: FloatArray, p: FloatArray, dp: FloatArray) -> None:
+    """Add to EXPLICIT what the driving stress owes to a1, with OTHER as it is at the solution."""
+    for s in range(FIRST_112):
+        schmid = w[TAU + s] / (1.0 + 0.5 * p[P_A1])
+        w[EXPLICIT + s] += dp[P_A1] * (0.5 * w[SIGN + s] * schmid + w[OTHER + s])
