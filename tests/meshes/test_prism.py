@@ -9,10 +9,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from meshes.cells import jacobians
 from meshes.gmsh_library import load_gmsh
 from meshes.prism import PrismGeometry, Vector, generate
 from meshes.prism_mesh import EDGE_GROUPS, FACE_GROUPS, POINT_GROUPS, PrismMesh
-from meshes.tet10 import EDGES, jacobians, outer_faces
+from meshes.tet10 import EDGES, outer_faces
 
 DEPTH = 2 * math.sqrt(3)
 PLANES: list[tuple[Vector, Vector]] = [

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from meshes.cells import EDGES, inverted_cells
+from meshes.cells import EDGES, inverted_cells, jacobians
 from meshes.files import write_med, write_vtu
 from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import FACE_GROUPS, PrismMesh
 from meshes.surface import trace
 from meshes.tet10 import outer_faces
 from meshes.velocity import boundary_shift, moved
-from meshes.wedge15 import jacobians
 
 DEPTH = 2 * np.sqrt(3)
 CELL = np.arange(15)[None]
