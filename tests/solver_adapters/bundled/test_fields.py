@@ -37,10 +37,10 @@ def _at(simulation: Simulation) -> FloatArray:
     return gauss_positions(mesh.points, mesh.cells).reshape(-1, 3)
 
 
-def _depth(material: Material, measured: FloatArray) -> FloatArray:
-    """Axial eigenstrain that a state of small strain carries, over the constant of the law."""
-    modes = measured[:, :5]
-    return np.einsum("pk,kij->pij", modes, STRAIN_MODES[:5]) / material.eigenstrain
+def _share(material: Material, state: FloatArray) -> FloatArray:
+    """Plastic strain of states of small strain over the eigenstrain, (n_points, 3, 3)."""
+    modes = state[:, :5]
+    return np.asarray(np.einsum("pk,kij->pij", modes, STRAIN_MODES[:5]) / material.eigenstrain)
 
 
 def test_a_lattice_gradient_turns_each_point_with_its_distance_from_the_centroid_of_its_grain(
@@ -145,7 +145,7 @@ def test_an_eigenstrain_is_linear_in_depth_and_without_mean(kind: str) -> None:
         pulled(one_grain(BOXES[kind]((2, 4, 2), SIZE)), GENERAL, (0.0,)),
         orientations=np.eye(3)[None],
     )
-    strain = _depth(GENERAL, at_rest(simulation, crystal_frames(simulation)).state)
+    strain = _share(GENERAL, at_rest(simulation, crystal_frames(simulation)).state)
     axial, z = strain[:, 1, 1], _at(simulation)[:, 2]
     np.testing.assert_allclose(strain[:, 0, 0], -axial / 2, atol=1e-13)
     np.testing.assert_allclose(strain[:, 2, 2], -axial / 2, atol=1e-13)

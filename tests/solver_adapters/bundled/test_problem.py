@@ -91,26 +91,26 @@ def test_an_eigenstrain_or_its_derivative_makes_the_problem_a_strained_one() -> 
 def test_tangents_are_difference_quotients_of_the_problem(simulation: Simulation) -> None:
     """Gradients, weights, constants, rotations, motion and state along one mixed direction."""
     material = Material(x0=3e-5, tau0_grain2=0.9, c2=900.0)
+    rates = {"tau0": 2.0, "tau0_grain2": 0.1, "x0": 1e-4}
+    rotation = np.array([[0.3, -0.2, 0.5], [-0.1, 0.4, 0.2]])
+    motion = np.random.default_rng(2).normal(size=simulation.motion.shape)
+    velocity = np.sin(simulation.mesh.points[:, [1, 2, 0]] + 0.4)
     direction = Direction(
-        "mixed",
-        material={"tau0": 2.0, "tau0_grain2": 0.1, "x0": 1e-4},
-        rotation=np.array([[0.3, -0.2, 0.5], [-0.1, 0.4, 0.2]]),
-        motion=np.random.default_rng(2).normal(size=simulation.motion.shape),
-        points=np.sin(simulation.mesh.points[:, [1, 2, 0]] + 0.4),
+        "mixed", material=rates, rotation=rotation, motion=motion, points=velocity
     )
     other = Direction("K", material={"K": 1.0})
     middle = replace(simulation, material=material, directions=(other, direction))
 
     def along(step: float) -> Problem:
-        turns = Rotation.from_rotvec(step * direction.rotation).as_matrix()
-        changes = {n: getattr(material, n) + step * v for n, v in direction.material.items()}
-        points = simulation.mesh.points + step * direction.points
+        turns = Rotation.from_rotvec(step * rotation).as_matrix()
+        changes = {n: getattr(material, n) + step * v for n, v in rates.items()}
+        points = simulation.mesh.points + step * velocity
         return build_problem(
             replace(
                 middle,
                 material=replace(material, **changes),
                 orientations=turns @ simulation.orientations,
-                motion=simulation.motion + step * direction.motion,
+                motion=simulation.motion + step * motion,
                 mesh=replace(simulation.mesh, points=points),
             )
         )
