@@ -13,9 +13,10 @@ import numpy as np
 from driver.boundary import LAMBDAS
 from driver.case import Case, CaseError, schema_text, write_case
 from driver.diagnosis.causes import LIBRARY
-from driver.diagnosis.diagnose import Diagnosis, Settings, Step, diagnose, screened
+from driver.diagnosis.diagnose import Diagnosis, Settings, Step, diagnose
 from driver.diagnosis.omnibus import Omnibus
 from driver.diagnosis.score import Score
+from driver.diagnosis.screening import screened
 from driver.errors import sentence
 from driver.identification.fit import Evaluation, Fit
 from driver.identification.procedure import with_correction

@@ -1,4 +1,4 @@
-"""Properties that follow from points and tet10 cells alone: Jacobians, outer faces, node groups."""
+"""The ten-node tetrahedron in VTK order: shape functions, outer faces, node groups."""
 
 from __future__ import annotations
 
@@ -21,39 +21,20 @@ MIRRORED = np.array([0, 2, 1, 3, 6, 5, 4, 7, 9, 8])
 # Faces of the reference cell, outward normal, as 3 corners and the mid-edge nodes 01, 12, 20.
 _FACES = np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]])
 
-# The four corners and the centre, in reference coordinates.
-_CHECKED = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0.25, 0.25, 0.25]], dtype=float)
-_GRADIENT_OF_BARYCENTRIC = np.array([[-1, -1, -1], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
+CHECKED = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0.25, 0.25, 0.25]])
+"""The four corners and the centre, in reference coordinates."""
 
 
-def _shape_gradients() -> FloatArray:
-    """Reference gradients of the ten shape functions, shape (n_checked, 10, 3)."""
-    barycentric = np.column_stack([1 - _CHECKED.sum(axis=1), _CHECKED])
-    at_corners = (4 * barycentric[:, :, None] - 1) * _GRADIENT_OF_BARYCENTRIC
-    a, b = EDGES.T
-    at_edges = 4 * (
-        barycentric[:, a, None] * _GRADIENT_OF_BARYCENTRIC[b]
-        + barycentric[:, b, None] * _GRADIENT_OF_BARYCENTRIC[a]
-    )
-    return np.concatenate([at_corners, at_edges], axis=1)
-
-
-_GRADIENTS = _shape_gradients()
-
-
-def jacobians(points: FloatArray, cells: IntArray) -> FloatArray:
-    """Jacobian determinant of the quadratic map of each cell at its corners and its centre.
-
-    Args:
-        points: node coordinates [µm], shape (n_nodes, 3).
-        cells: tet10 connectivity in VTK order, shape (n_cells, 10).
-
-    Returns:
-        determinants [µm³] (6 times the volume of a straight cell), shape (n_cells, 5).
-    """
-    rows = np.einsum("qai,caj->icqj", _GRADIENTS, points[cells])
-    determinants: FloatArray = np.sum(rows[0] * np.cross(rows[1], rows[2]), axis=-1)
-    return determinants
+def shape_functions(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Shape functions (n, 10) and gradients (n, 10, 3) at reference positions (n, 3)."""
+    barycentric = np.column_stack([1 - positions.sum(axis=1), positions])
+    corner = np.array([[-1.0, -1.0, -1.0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    first, second = EDGES.T
+    a, b = barycentric[:, first], barycentric[:, second]
+    values = np.concatenate([barycentric * (2 * barycentric - 1), 4 * a * b], axis=1)
+    at_corners = (4 * barycentric - 1)[:, :, None] * corner
+    at_edges = 4 * (a[:, :, None] * corner[second] + b[:, :, None] * corner[first])
+    return values, np.concatenate([at_corners, at_edges], axis=1)
 
 
 def outer_faces(cells: IntArray) -> IntArray:

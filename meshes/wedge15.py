@@ -1,4 +1,4 @@
-"""The fifteen-node wedge in VTK order: Jacobians, and a triangle's grid swept into wedges."""
+"""The fifteen-node wedge in VTK order: shape functions, and a triangle's grid swept into wedges."""
 
 from __future__ import annotations
 
@@ -20,42 +20,40 @@ _TURNED = np.array([2, 2, 0]) + _NODES * [-1, -1, 1]
 _BOTTOM, _TOP = [0, 2, 1, 8, 7, 6], [3, 4, 5, 9, 10, 11]
 _SIDE = [0, 1, 4, 3, 6, 13, 9, 12]
 
-# The six corners and the centre, in reference coordinates (ζ from −1 to 1).
-_CHECKED = np.concatenate([_CORNERS - [0, 0, 1], [[2 / 3, 2 / 3, 0]]]) / [2.0, 2.0, 1.0]
+CHECKED = np.concatenate([_CORNERS - [0, 0, 1], [[2 / 3, 2 / 3, 0]]]) / [2.0, 2.0, 1.0]
+"""The six corners and the centre, in reference coordinates (ζ from −1 to 1)."""
 
 
-def _shape_gradients() -> FloatArray:
-    """Reference gradients of the fifteen shape functions, shape (n_checked, 15, 3)."""
-    powers = [(i, j, k) for k in range(3) for i in range(3) for j in range(3 - i)]
-    # P2 in the triangle times P1 along the sweep, and the corners' P1 times ζ².
-    powers = [p for p in powers if p[2] < 2 or p[0] + p[1] < 2]
-    exponents = np.array(powers)
-    nodes = (_NODES - [0, 0, 1]) / [2.0, 2.0, 1.0]
-    coefficients = np.linalg.inv(np.prod(nodes[:, None] ** exponents, axis=2))
-    gradients = np.empty((len(_CHECKED), 15, 3))
-    for axis in range(3):
-        lowered = np.maximum(exponents - np.eye(3, dtype=np.int64)[axis], 0)
-        monomials = exponents[:, axis] * np.prod(_CHECKED[:, None] ** lowered, axis=2)
-        gradients[:, :, axis] = monomials @ coefficients
-    return gradients
+def shape_functions(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Shape functions (n, 15) and gradients (n, 15, 3) at reference positions (n, 3).
 
-
-_GRADIENTS = _shape_gradients()
-
-
-def jacobians(points: FloatArray, cells: IntArray) -> FloatArray:
-    """Jacobian determinant of the quadratic map of each cell at its corners and its centre.
-
-    Args:
-        points: node coordinates [µm], shape (n_nodes, 3).
-        cells: wedge15 connectivity in VTK order, shape (n_cells, 15).
-
-    Returns:
-        determinants [µm³] (the volume of a straight cell), shape (n_cells, 7).
+    The first two coordinates span the triangle, the third, ζ, runs from −1 at the corners 0 1 2
+    to 1 at 3 4 5. With the barycentric L of the triangle: at a corner L(2L − 1)(1 ± ζ)/2 −
+    L(1 − ζ²)/2, on an edge of a triangle 2 L L'(1 ± ζ), on an edge along ζ L(1 − ζ²)
+    (Zienkiewicz and Taylor, The Finite Element Method, vol. 1).
     """
-    rows = np.einsum("qai,caj->icqj", _GRADIENTS, points[cells])
-    determinants: FloatArray = np.sum(rows[0] * np.cross(rows[1], rows[2]), axis=-1)
-    return determinants
+    z = positions[:, 2, None]
+    L = np.column_stack([1 - positions[:, 0] - positions[:, 1], positions[:, :2]])
+    dL = np.array([[-1.0, -1.0], [1, 0], [0, 1]])
+    N, M = L, np.roll(L, -1, axis=1)  # edges 01, 12, 20
+    dN, dM = dL, np.roll(dL, -1, axis=0)
+    bubble = 1 - z**2
+    corner = [L * (2 * L - 1) * (1 + s * z) / 2 - L * bubble / 2 for s in (-1, 1)]
+    edge = [2 * N * M * (1 + s * z) for s in (-1, 1)]
+    values = np.concatenate([*corner, *edge, L * bubble], axis=1)
+    across, along = [], []
+    for s in (-1, 1):
+        across.append(((4 * L - 1) * (1 + s * z) / 2 - bubble / 2)[:, :, None] * dL)
+        along.append(s * L * (2 * L - 1) / 2 + L * z)
+    for s in (-1, 1):
+        across.append(2 * (1 + s * z)[:, :, None] * (N[:, :, None] * dM + M[:, :, None] * dN))
+        along.append(2 * s * N * M)
+    across.append(bubble[:, :, None] * dL)
+    along.append(-2 * L * z)
+    gradients = np.empty((len(positions), 15, 3))
+    gradients[:, :, :2] = np.concatenate(across, axis=1)
+    gradients[:, :, 2] = np.concatenate(along, axis=1)
+    return values, gradients
 
 
 def swept(divisions: int, layers: int) -> tuple[IntArray, IntArray, dict[str, IntArray]]:

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from driver.boundary import elongation_names, tilt_names
-from driver.diagnosis.causes import LIBRARY, NUMERICS, Cause, causes_of
+from driver.diagnosis.causes import LIBRARY, NUMERICS, Cause
 from driver.diagnosis.held_out import HeldOut, HeldOutTask, knots_of_cycle, predict_held_out
 from driver.diagnosis.omnibus import FAMILY_LEVEL, Omnibus, omnibus
 from driver.diagnosis.refit import Refit, log_bayes_factor, refit_causes
-from driver.diagnosis.score import Score, cosine, prior_scaled, score
+from driver.diagnosis.score import Score, cosine
+from driver.diagnosis.screening import screen, screened, whitened_difference
 from driver.diagnosis.verdict import MOST_ADDITIONS, Verdict, decide
 from driver.identification.fit import Correction, Evaluation, Fit, Objective, fit
 from driver.identification.procedure import correction, temporal_noise, with_correction
@@ -259,59 +260,6 @@ def _round(
         named = _set_of(winner, refits, scores)
     step = Step(tuple(scores), tuple(refits), named, tests, here.best.chi_load, here.best.chi_image)
     return step, winner
-
-
-def screened(
-    model: ForwardModel, fitted: Sequence[str], wanted: Sequence[str] | None
-) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
-    """The causes that a model can have, and the parameters that screening needs free."""
-    known = (
-        frozenset(p for p in model.null_values() if not model.simulated(p))
-        | model.boundary.parameters
-        | model.microstructure.parameters
-        | model.adapter.capabilities().material
-    )
-    candidates = causes_of(known, fitted, wanted)
-    names = [*fitted]
-    for cause in candidates:
-        names += [n for n in (*cause.parameters, *cause.companions) if n not in names]
-    return candidates, tuple(names)
-
-
-def screen(
-    here: Fit, objective: Objective, candidates: Sequence[Cause], screening: Evaluation
-) -> list[Score]:
-    """Score every candidate, and the discretisation; best log evidence first.
-
-    Args:
-        here: the fit that is examined.
-        objective: its objective.
-        candidates: the causes.
-        screening: evaluation at the fit with the parameters of every cause free.
-    """
-    names = screening.free
-    family = len(candidates) + 1
-    scores = []
-    for cause in candidates:
-        rows = [names.index(n) for n in cause.parameters]
-        scaled = prior_scaled(screening.jacobian[rows], cause.parameters, objective.parameters)
-        scores.append(score(cause, scaled, here.best, family))
-    if isinstance(objective.correction.load, np.ndarray):
-        along = whitened_difference(objective, here.best, objective.correction, Correction())
-        scores.append(score(NUMERICS, along[None], here.best, family))
-    return sorted(scores, key=lambda s: -s.log_evidence)
-
-
-def whitened_difference(
-    objective: Objective, at: Evaluation, one: Correction, other: Correction
-) -> FloatArray:
-    """Change of the whitened prediction between two corrections, shape (n,)."""
-    data = objective.data
-    here = data.residual(at.motion, at.load)[0]
-    motion = np.asarray(one.motion) - np.asarray(other.motion)
-    load = np.asarray(one.load) - np.asarray(other.load)
-    there = data.residual(at.motion + motion, at.load + load)[0]
-    return np.asarray(here - there)
 
 
 def _set_of(winner: Refit, refits: Sequence[Refit], scores: Sequence[Score]) -> tuple[str, ...]:

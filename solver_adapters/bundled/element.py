@@ -1,4 +1,4 @@
-"""The quadratic elements: shape functions, their gradients and weights at the Gauss points.
+"""The quadratic elements: Gauss points, and what is known there of the shape functions.
 
 An element is known by its number of nodes: the ten-node tetrahedron with 4 points and the
 serendipity wedge of fifteen nodes with 6 (3 of the triangle × 2 of the line), nodes in VTK order.
@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meshes import tet10, wedge15
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-# Corners joined by the edges that carry the further nodes (VTK order).
-TET_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,70 +39,25 @@ class Element:
     gradients: FloatArray
 
 
-def tet10_shape(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Shape functions (n, 10) and gradients (n, 10, 3) at reference positions (n, 3)."""
-    barycentric = np.column_stack([1 - positions.sum(axis=1), positions])
-    corner = np.array([[-1.0, -1.0, -1.0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-    first, second = np.array(TET_EDGES).T
-    a, b = barycentric[:, first], barycentric[:, second]
-    values = np.concatenate([barycentric * (2 * barycentric - 1), 4 * a * b], axis=1)
-    at_corners = (4 * barycentric - 1)[:, :, None] * corner
-    at_edges = 4 * (a[:, :, None] * corner[second] + b[:, :, None] * corner[first])
-    return values, np.concatenate([at_corners, at_edges], axis=1)
-
-
-def wedge15_shape(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Shape functions (n, 15) and gradients (n, 15, 3) at reference positions (n, 3).
-
-    The first two coordinates span the triangle, the third, ζ, runs from −1 at the corners 0 1 2
-    to 1 at 3 4 5. With the barycentric L of the triangle: at a corner L(2L − 1)(1 ± ζ)/2 −
-    L(1 − ζ²)/2, on an edge of a triangle 2 L L'(1 ± ζ), on an edge along ζ L(1 − ζ²)
-    (Zienkiewicz and Taylor, The Finite Element Method, vol. 1).
-    """
-    z = positions[:, 2, None]
-    L = np.column_stack([1 - positions[:, 0] - positions[:, 1], positions[:, :2]])
-    dL = np.array([[-1.0, -1.0], [1, 0], [0, 1]])
-    N, M = L, np.roll(L, -1, axis=1)  # edges 01, 12, 20
-    dN, dM = dL, np.roll(dL, -1, axis=0)
-    bubble = 1 - z**2
-    corner = [L * (2 * L - 1) * (1 + s * z) / 2 - L * bubble / 2 for s in (-1, 1)]
-    edge = [2 * N * M * (1 + s * z) for s in (-1, 1)]
-    values = np.concatenate([*corner, *edge, L * bubble], axis=1)
-    across, along = [], []
-    for s in (-1, 1):
-        across.append(((4 * L - 1) * (1 + s * z) / 2 - bubble / 2)[:, :, None] * dL)
-        along.append(s * L * (2 * L - 1) / 2 + L * z)
-    for s in (-1, 1):
-        across.append(2 * (1 + s * z)[:, :, None] * (N[:, :, None] * dM + M[:, :, None] * dN))
-        along.append(2 * s * N * M)
-    across.append(bubble[:, :, None] * dL)
-    along.append(-2 * L * z)
-    gradients = np.empty((len(positions), 15, 3))
-    gradients[:, :, :2] = np.concatenate(across, axis=1)
-    gradients[:, :, 2] = np.concatenate(along, axis=1)
-    return values, gradients
-
-
 def _tet10() -> Element:
     """Four points of degree 2."""
     a, b = (5 + 3 * np.sqrt(5)) / 20, (5 - np.sqrt(5)) / 20
     positions = np.vstack([np.zeros(3), (a - b) * np.eye(3)]) + b
-    return Element("tet10", positions, np.full(4, 1 / 24), *tet10_shape(positions))
+    return Element("tet10", positions, np.full(4, 1 / 24), *tet10.shape_functions(positions))
 
 
 def _wedge15() -> Element:
     """Three points of degree 2 in the triangle times two of degree 3 along the line.
 
-    A third point along the line locks plastic flow. The load of a clamped plastic bar of
-    2 × 4 × 2 bricks falls, when every brick is divided by eight, from 378.5 to 364.2 µN with nine
-    points of a wedge, from 368.4 to 360.6 with six and, for tet10, from 375.4 to 364.6. The price
-    are three motions of a lone wedge without strain at the six points; four wedges have none.
+    A third point along the line locks plastic flow (figures in benchmarks/RESULTS.md). The price
+    of two are three motions of a lone wedge without strain at the six points; four wedges have
+    none.
     """
     triangle = np.array([[1.0, 1.0], [4.0, 1.0], [1.0, 4.0]]) / 6
     line, line_weights = np.polynomial.legendre.leggauss(2)
     positions = np.column_stack([np.tile(triangle, (2, 1)), np.repeat(line, 3)])
     weights = np.repeat(line_weights, 3) / 6
-    return Element("wedge15", positions, weights, *wedge15_shape(positions))
+    return Element("wedge15", positions, weights, *wedge15.shape_functions(positions))
 
 
 ELEMENTS: Mapping[int, Element] = MappingProxyType({10: _tet10(), 15: _wedge15()})

@@ -1,6 +1,6 @@
 """exp and log that LLVM can vectorise: libm calls would keep the loop over slip systems scalar.
 
-Both are accurate to 2 units in the last place for finite arguments of normal size (log: x > 0).
+Both are accurate to 3 units in the last place for finite arguments of normal size (log: x > 0).
 """
 
 import numpy as np

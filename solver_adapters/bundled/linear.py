@@ -168,8 +168,8 @@ class SymmetricSolver:
 def iterations_for_factor(n: int) -> int:
     """Iterations of conjugate gradients in the time of a factorisation, n unknowns.
 
-    Measured: 10, 12, 13 and 20 for n = 1779, 3423, 11496 and 27888. Not taken from a clock, so that
-    a run has the same digits each time.
+    A fit to what was measured (benchmarks/RESULTS.md), not taken from a clock, so that a run has
+    the same digits each time.
     """
     return 10 + n // 3000
 

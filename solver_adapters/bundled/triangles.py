@@ -28,7 +28,7 @@ ROUNDING = 4 * float(np.finfo(np.float64).eps)
 A backward error in the sense of Oettli and Prager: such an x solves a system whose entries differ
 from those of A and b by some units of rounding. Refinement reaches it whatever the condition
 number (Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2002, sections 7.1 and
-12.2). Stiffnesses of condition 1e2 to 1e11 leave 0.3 to 0.6 times the machine epsilon.
+12.2).
 """
 
 

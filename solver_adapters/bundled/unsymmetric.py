@@ -116,6 +116,7 @@ class UnsymmetricSolver:
 
     def _iterate(self, rhs: FloatArray, accuracy: float) -> FloatArray | None:
         """Solution (n, m) with the factor of S, or None."""
+        # A single column takes the time of two.
         most = columns_for_superlu(self._matrix.n) // max(rhs.shape[1], 2)
         found = skew_iteration(self._matrix, self._cholesky.solve, rhs, accuracy, most)
         if found is None:
@@ -133,7 +134,7 @@ class UnsymmetricSolver:
 def columns_for_superlu(n: int) -> int:
     """Columns solved in blocks with the factor of S while SuperLU factors A, n unknowns.
 
-    Measured: 80, 110, 160 and 430 for n = 1779, 3423, 11496 and 27888; a single column takes the
-    time of two. Not taken from a clock, so that a run has the same digits each time.
+    A fit to what was measured (benchmarks/RESULTS.md), not taken from a clock, so that a run has
+    the same digits each time.
     """
     return 100 + n // 80

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from meshes.cells import jacobians
 from meshes.files import read_med, write_med, write_vtu
 from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
-from meshes.tet10 import jacobians
 
 CODE_ASTER = Path(__file__).parents[1] / "data" / "meshes" / "code_aster_prism.med"
 

@@ -9,12 +9,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from meshes.cells import jacobians
 from meshes.gmsh_library import load_gmsh
 from meshes.prism import PrismGeometry, Vector, generate
 from meshes.prism_mesh import EDGE_GROUPS, FACE_GROUPS, POINT_GROUPS, PrismMesh
-from meshes.tet10 import EDGES, jacobians, outer_faces
+from meshes.tet10 import EDGES, outer_faces
+from tests.meshes.places import DEPTH, group_masks
 
-DEPTH = 2 * math.sqrt(3)
 PLANES: list[tuple[Vector, Vector]] = [
     ((0, 5.4, 0), (0.15, 1, 0.30)),
     ((0, 6, 0), (0, 1, 0)),
@@ -129,16 +130,7 @@ def test_cells_are_straight_in_vtk_order_with_positive_jacobians(
 
 
 def test_groups_are_complete_and_hold_exactly_the_nodes_of_their_place(mesh: PrismMesh) -> None:
-    x, y, z = mesh.points.T
-    place = {
-        "S_PLUS": y == 12,
-        "S_MINUS": y == 0,
-        "TOP": z == 0,
-        "L_PLUS": (y == 12) & (z == 0),
-        "L_MINUS": (y == 0) & (z == 0),
-        "P_PLUS": (y == 12) & (abs(x) < 1e-9) & (abs(z + DEPTH) < 1e-9),
-        "P_MINUS": (y == 0) & (abs(x) < 1e-9) & (abs(z + DEPTH) < 1e-9),
-    }
+    place = group_masks(mesh.points)
     assert set(mesh.nodes) == {*FACE_GROUPS, *EDGE_GROUPS, *POINT_GROUPS} == set(place)
     assert set(mesh.faces) == set(FACE_GROUPS)
     for name, mask in place.items():

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from meshes.cells import inverted_cells
-from meshes.tet10 import EDGES, MIRRORED, jacobians, outer_faces
+from meshes.cells import inverted_cells, jacobians
+from meshes.tet10 import EDGES, MIRRORED, outer_faces
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
 REFERENCE = np.concatenate([CORNERS, CORNERS[EDGES].mean(axis=1)])

@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from meshes.cells import EDGES, inverted_cells
+from meshes.cells import EDGES, inverted_cells, jacobians
 from meshes.files import write_med, write_vtu
 from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import FACE_GROUPS, PrismMesh
 from meshes.surface import trace
 from meshes.tet10 import outer_faces
 from meshes.velocity import boundary_shift, moved
-from meshes.wedge15 import jacobians
+from tests.meshes.places import DEPTH, group_masks
 
-DEPTH = 2 * np.sqrt(3)
 CELL = np.arange(15)[None]
 TILTED = PrismGeometry(boundary_point=(0, 5.4, 0), boundary_normal=(0.15, 1, 0.30))
 
@@ -81,16 +80,7 @@ def test_faces_point_outwards_and_groups_hold_the_nodes_of_their_place(wedges: P
         np.testing.assert_allclose(np.sum(fan, axis=(0, 1)) / 2, area, atol=1e-9)
         middle = (corner + np.roll(corner, -1, axis=1)) / 2
         np.testing.assert_allclose(wedges.points[face[:, n:]], middle, atol=1e-12)
-    x, y, z = wedges.points.T
-    place = {
-        "S_PLUS": y == 12,
-        "S_MINUS": y == 0,
-        "TOP": z == 0,
-        "L_PLUS": (y == 12) & (z == 0),
-        "L_MINUS": (y == 0) & (z == 0),
-        "P_PLUS": (y == 12) & (abs(x) < 1e-9) & (abs(z + DEPTH) < 1e-9),
-        "P_MINUS": (y == 0) & (abs(x) < 1e-9) & (abs(z + DEPTH) < 1e-9),
-    }
+    place = group_masks(wedges.points)
     for name, mask in place.items():
         assert np.array_equal(wedges.nodes[name], np.flatnonzero(mask)), name
 

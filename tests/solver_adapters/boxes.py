@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
 
+from meshes.cells import EDGES
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.crystal import bunge_matrix
 from solver_adapters.interface import FloatArray, IntArray, Simulation
 from solver_adapters.material import Material
 
 ORIENTATIONS = np.stack([bunge_matrix(281, 8, 47), bunge_matrix(211, 45, 150)])
-EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
-WEDGE_EDGES = ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5))
 
 
 def box(
@@ -26,13 +26,7 @@ def box(
 
     Inner corners are moved by up to `jitter` of a brick, edges stay straight.
     """
-    n = np.array(shape)
-    grid = np.stack(np.meshgrid(*[np.arange(k + 1) for k in n], indexing="ij"), axis=-1)
-    corners = grid.reshape(-1, 3)
-    inside = ((corners > 0) & (corners < n)).all(axis=1, keepdims=True)
-    moves = np.random.default_rng(3).uniform(-jitter, jitter, corners.shape)
-    points = (corners + moves * inside) * np.array(size) / n
-    number = np.arange(len(corners)).reshape(n + 1)
+    points, number = _corners(shape, size, jitter)
     cells = []
     for base in np.ndindex(*shape):
         for axes in permutations(range(3)):
@@ -42,27 +36,44 @@ def box(
             tet = [int(number[tuple(corner)]) for corner in path]
             edges = points[tet[1:]] - points[tet[0]]
             cells.append(tet if np.linalg.det(edges) > 0 else [tet[0], tet[2], tet[1], tet[3]])
-    linear = np.array(cells)
-    pairs = np.sort(linear[:, EDGES].reshape(-1, 2), axis=1)
+    return _quadratic(points, np.array(cells), EDGES[10], size[1])
+
+
+def _corners(
+    shape: tuple[int, int, int], size: tuple[float, float, float], jitter: float
+) -> tuple[FloatArray, IntArray]:
+    """Corners of the bricks (n, 3) [µm], and their numbers by place in the grid."""
+    n = np.array(shape)
+    grid = np.stack(np.meshgrid(*[np.arange(k + 1) for k in n], indexing="ij"), axis=-1)
+    corners = grid.reshape(-1, 3)
+    inside = ((corners > 0) & (corners < n)).all(axis=1, keepdims=True)
+    moves = np.random.default_rng(3).uniform(-jitter, jitter, corners.shape)
+    points = (corners + moves * inside) * np.array(size) / n
+    return points, np.arange(len(corners)).reshape(n + 1)
+
+
+def _quadratic(corners: FloatArray, cells: IntArray, edges: IntArray, length: float) -> PrismMesh:
+    """Cells of corners with a node in the middle of each edge, their grains and end faces."""
+    pairs = np.sort(cells[:, edges].reshape(-1, 2), axis=1)
     unique, inverse = np.unique(pairs, axis=0, return_inverse=True)
-    middle = len(points) + inverse.reshape(len(linear), 6)
-    return _named(np.concatenate([points, points[unique].mean(axis=1)]), linear, middle, size[1])
-
-
-def _named(points: FloatArray, corners: IntArray, middle: IntArray, length: float) -> PrismMesh:
-    """The mesh with its grains and its end faces."""
-    y = points[:, 1]
-    centre = points[corners].mean(axis=1)[:, 1]
+    middle = len(corners) + inverse.reshape(len(cells), len(edges))
+    points = np.concatenate([corners, corners[unique].mean(axis=1)])
+    centre = corners[cells].mean(axis=1)[:, 1]
     return PrismMesh(
         points=points,
-        cells=np.concatenate([corners, middle], axis=1),
+        cells=np.concatenate([cells, middle], axis=1),
         grain=(centre > length / 2).astype(np.int64),
         faces={},
         nodes={
-            "S_MINUS": np.flatnonzero(y < 1e-9),
-            "S_PLUS": np.flatnonzero(y > length - 1e-9),
+            "S_MINUS": np.flatnonzero(points[:, 1] < 1e-9),
+            "S_PLUS": np.flatnonzero(points[:, 1] > length - 1e-9),
         },
     )
+
+
+def one_grain(mesh: PrismMesh) -> PrismMesh:
+    """The mesh as a single crystal."""
+    return replace(mesh, grain=np.zeros_like(mesh.grain))
 
 
 def skin(mesh: PrismMesh) -> IntArray:
@@ -123,24 +134,14 @@ def wedge_box(
     jitter: float = 0.0,
 ) -> PrismMesh:
     """The box of `box` in fifteen-node wedges along Y, two to a brick."""
-    n = np.array(shape)
-    grid = np.stack(np.meshgrid(*[np.arange(k + 1) for k in n], indexing="ij"), axis=-1)
-    corners = grid.reshape(-1, 3)
-    inside = ((corners > 0) & (corners < n)).all(axis=1, keepdims=True)
-    moves = np.random.default_rng(3).uniform(-jitter, jitter, corners.shape)
-    points = (corners + moves * inside) * np.array(size) / n
-    number = np.arange(len(corners)).reshape(n + 1)
+    points, number = _corners(shape, size, jitter)
     cells = []
     for i, j, k in np.ndindex(*shape):
         # Seen along Y, Z × X is right-handed.
         a, b, c, d = ((i, k), (i, k + 1), (i + 1, k + 1), (i + 1, k))
         for triangle in ((a, b, c), (a, c, d)):
             cells.append([int(number[x, y, z]) for y in (j, j + 1) for x, z in triangle])
-    linear = np.array(cells)
-    pairs = np.sort(linear[:, WEDGE_EDGES].reshape(-1, 2), axis=1)
-    unique, inverse = np.unique(pairs, axis=0, return_inverse=True)
-    middle = len(points) + inverse.reshape(len(linear), 9)
-    return _named(np.concatenate([points, points[unique].mean(axis=1)]), linear, middle, size[1])
+    return _quadratic(points, np.array(cells), EDGES[15], size[1])
 
 
 BOXES = {"tet10": box, "wedge15": wedge_box}

@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver_adapters.crystal import slip_systems
-from solver_adapters.interaction import bcc24_classes, self_and_latent
-
-
-def test_self_and_latent_fill_diagonal_and_rest() -> None:
-    matrix = self_and_latent(1.0, 1.4)
-    np.testing.assert_array_equal(np.diag(matrix), 1.0)
-    assert (matrix[~np.eye(24, dtype=bool)] == 1.4).all()
+from solver_adapters.interaction import bcc24_classes
 
 
 def test_the_classes_of_bcc24_are_symmetric_and_follow_direction_and_family() -> None:
@@ -31,4 +25,4 @@ def test_the_classes_of_bcc24_are_symmetric_and_follow_direction_and_family() ->
 
 
 def test_equal_classes_are_a_matrix_of_ones() -> None:
-    np.testing.assert_array_equal(bcc24_classes(1, 1, 1, 1), self_and_latent(1, 1))
+    np.testing.assert_array_equal(bcc24_classes(1, 1, 1, 1), np.ones((24, 24)))

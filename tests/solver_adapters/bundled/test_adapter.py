@@ -24,24 +24,13 @@ from solver_adapters.interface import (
     UnsupportedError,
 )
 from solver_adapters.material import Material, StrainMeasure
-from tests.solver_adapters.boxes import BOXES, ORIENTATIONS, box, moved, pulled
+from tests.solver_adapters.boxes import BOXES, ORIENTATIONS, box, moved, one_grain, pulled
 
 HISTORY = (0.002, 0.004, 0.008, 0.007)
 
 
-@pytest.fixture(params=["small", "finite"])
-def measure(request: pytest.FixtureRequest) -> StrainMeasure:
-    name: StrainMeasure = request.param
-    return name
-
-
 def solve(simulation: Simulation) -> Response:
     return BundledAdapter().solve(simulation)
-
-
-def one_grain(simulation: Simulation) -> Simulation:
-    mesh = replace(simulation.mesh, grain=np.zeros_like(simulation.mesh.grain))
-    return replace(simulation, mesh=mesh, orientations=ORIENTATIONS[:1])
 
 
 def test_both_ends_carry_the_same_force(measure: StrainMeasure) -> None:
@@ -94,7 +83,7 @@ def test_a_box_at_rest_carries_no_force_and_does_not_move(measure: StrainMeasure
 def test_a_free_bar_yields_at_the_load_of_schmid() -> None:
     """Elastic below τ0/μ with μ the largest Schmid factor; without hardening it stays there."""
     material = Material(strain_measure="small", c=0.0, K=1e-3, tau0=40.0)
-    plain = one_grain(pulled(box(), material, (0.0002, 0.0003, 0.004, 0.006)))
+    plain = pulled(one_grain(box()), material, (0.0002, 0.0003, 0.004, 0.006))
     mesh, nodes = plain.mesh, plain.motion_nodes
     at = mesh.points[nodes]
     mask = np.zeros((len(nodes), 3), dtype=np.bool_)

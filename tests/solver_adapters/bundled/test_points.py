@@ -268,3 +268,28 @@ def test_directional_derivatives_are_the_complex_step_of_the_equations(solved: S
                 size = max(abs(H[i, k]).max(), abs(state[i, k, S_OVER:S_ACC]).max())
                 tolerance = 20 * TIGHT * abs(expected).max() + 1e-15 * size + rounding
                 np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance)
+
+
+def test_what_follows_a_later_motion_completes_the_derivative(solved: Solved) -> None:
+    """Derivatives along a motion, at once, or without it and then with what it adds."""
+    rng = np.random.default_rng(4)
+    k = 3
+    dH = 1e-3 * rng.normal(size=(N_POINTS, k, 9))
+    local = rng.normal(size=(2, k, N_LOCAL))
+    start = 1e-4 * rng.normal(size=(N_POINTS, k, N_STATE))
+    none = np.zeros(k, dtype=np.int64)
+    tangents = PointTangents(local, none, np.zeros((1, 2, 3, 3)), none, np.zeros((1, N_POINTS)))
+
+    def derive(along: AnyArray) -> tuple[AnyArray, Any]:
+        _, dstate, following = solved.points.derive(
+            solved.H, solved.state, solved.slips, DT, along, tangents, start
+        )
+        return dstate, following
+
+    whole, _ = derive(dH)
+    parts, following = derive(np.zeros_like(dH))
+    assert (abs(whole - parts).max() > 1e-6) == solved.slips.any()
+    following.add(dH, parts)
+    for rows in (np.r_[0:S_OVER, S_ACC:N_STATE], np.r_[S_OVER:S_ACC]):
+        scale = abs(whole[:, :, rows]).max()
+        np.testing.assert_allclose(parts[:, :, rows], whole[:, :, rows], atol=1e-11 * scale)

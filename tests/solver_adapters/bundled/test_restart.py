@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_adapters.bundled.law import NS, S_ACC, S_X2
 from solver_adapters.bundled.restart import FILE, Checkpoint, read, simulation_key, write
 from solver_adapters.bundled.stepping import Frame, Increment
 from solver_adapters.interface import Direction
@@ -20,10 +21,10 @@ SIMULATION = pulled(box(), Material(), (0.002, 0.004))
 def checkpoint() -> Checkpoint:
     rng = np.random.default_rng(3)
     frame = Frame(
-        1.5, rng.random((4, 3)), rng.random((8, 9)), rng.random((8, 81)), 7.5,
-        rng.random((4, 3, 2)), rng.random((8, 2, 57)), rng.random(2),
+        1.5, rng.random((4, 3)), rng.random((8, 9)), rng.random((8, S_X2)), 7.5,
+        rng.random((4, 3, 2)), rng.random((8, 2, S_ACC)), rng.random(2),
     )  # fmt: skip
-    last = {False: Increment(rng.random((4, 3)), rng.random((8, 24)), rng.random(6), 0.5)}
+    last = {False: Increment(rng.random((4, 3)), rng.random((8, NS)), rng.random(6), 0.5)}
     return Checkpoint(3, frame, last, {"force": rng.random(5)}, [0.5, 1.0, 1.5], (3, 9, 1, 0))
 
 

@@ -18,7 +18,7 @@ from solver_adapters.material import (
     Material,
     StrainMeasure,
 )
-from tests.solver_adapters.boxes import box, pulled
+from tests.solver_adapters.boxes import box, pulled, wedge_box
 
 RNG = np.random.default_rng(11)
 TOLERANCE = 1e-5
@@ -166,7 +166,6 @@ def _compare(response: Response, k: int, name: str, slope: tuple[FloatArray, ...
 
 
 @pytest.mark.parametrize("material", [BASELINE, GENERAL], ids=["baseline", "general"])
-@pytest.mark.parametrize("measure", ["small", "finite"])
 def test_derivatives_of_a_cycle_are_its_difference_quotients(
     measure: StrainMeasure, material: Material
 ) -> None:
@@ -174,13 +173,35 @@ def test_derivatives_of_a_cycle_are_its_difference_quotients(
     _check(simulation, lambda cuts: cuts == 0)
 
 
-@pytest.mark.parametrize("measure", ["small", "finite"])
 def test_derivatives_pass_through_a_step_that_was_cut(
     measure: StrainMeasure, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An impatient Newton iteration cuts the step of first yield."""
     monkeypatch.setattr(stepping, "MOST_NEWTON", 6)
     _check(_simulation(measure, (0.004, 0.0035)), lambda cuts: cuts > 0)
+
+
+def test_derivatives_of_a_mesh_of_wedges_are_difference_quotients(measure: StrainMeasure) -> None:
+    material = Material(strain_measure=measure)
+    simulation = pulled(wedge_box(), material, (0.002, 0.006), tolerance=1e-12)
+    rotation = np.array([[0.3, -0.2, 0.5], [0.1, 0.4, -0.3]])
+    points = 0.1 * np.sin(simulation.mesh.points[:, [1, 2, 0]])
+    directions = (
+        _material("tau0"),
+        Direction("motion", motion=simulation.motion),
+        Direction("rotation", rotation=rotation),
+        Direction("points", points=points),
+    )
+    response = BundledAdapter().solve(replace(simulation, directions=directions))
+    for k, (direction, step) in enumerate(zip(directions, (1e-3, 1e-5, 1e-5, 1e-5), strict=True)):
+        high, low = (
+            BundledAdapter().solve(_moved(simulation, direction, sign * step)) for sign in (1, -1)
+        )
+        slope = (
+            (high.force - low.force) / (2 * step),
+            (high.displacement - low.displacement) / (2 * step),
+        )
+        _compare(response, k, direction.name, slope)
 
 
 def test_the_onset_of_latent_hardening_is_felt_where_there_is_none_yet() -> None:

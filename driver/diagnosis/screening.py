@@ -1,0 +1,68 @@
+"""Screening: a score of every cause that a model can have, from one evaluation at the fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.diagnosis.causes import NUMERICS, Cause, causes_of
+from driver.diagnosis.score import Score, prior_scaled, score
+from driver.identification.fit import Correction, Evaluation, Fit, Objective
+from driver.model import ForwardModel
+
+FloatArray = NDArray[np.float64]
+
+
+def screened(
+    model: ForwardModel, fitted: Sequence[str], wanted: Sequence[str] | None
+) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
+    """The causes that a model can have, and the parameters that screening needs free."""
+    known = (
+        frozenset(p for p in model.null_values() if not model.simulated(p))
+        | model.boundary.parameters
+        | model.microstructure.parameters
+        | model.adapter.capabilities().material
+    )
+    candidates = causes_of(known, fitted, wanted)
+    names = [*fitted]
+    for cause in candidates:
+        names += [n for n in (*cause.parameters, *cause.companions) if n not in names]
+    return candidates, tuple(names)
+
+
+def screen(
+    here: Fit, objective: Objective, candidates: Sequence[Cause], screening: Evaluation
+) -> list[Score]:
+    """Score every candidate, and the discretisation; best log evidence first.
+
+    Args:
+        here: the fit that is examined.
+        objective: its objective.
+        candidates: the causes.
+        screening: evaluation at the fit with the parameters of every cause free.
+    """
+    names = screening.free
+    family = len(candidates) + 1
+    scores = []
+    for cause in candidates:
+        rows = [names.index(n) for n in cause.parameters]
+        scaled = prior_scaled(screening.jacobian[rows], cause.parameters, objective.parameters)
+        scores.append(score(cause, scaled, here.best, family))
+    if isinstance(objective.correction.load, np.ndarray):
+        along = whitened_difference(objective, here.best, objective.correction, Correction())
+        scores.append(score(NUMERICS, along[None], here.best, family))
+    return sorted(scores, key=lambda s: -s.log_evidence)
+
+
+def whitened_difference(
+    objective: Objective, at: Evaluation, one: Correction, other: Correction
+) -> FloatArray:
+    """Change of the whitened prediction between two corrections, shape (n,)."""
+    data = objective.data
+    here = data.residual(at.motion, at.load)[0]
+    motion = np.asarray(one.motion) - np.asarray(other.motion)
+    load = np.asarray(one.load) - np.asarray(other.load)
+    there = data.residual(at.motion + motion, at.load + load)[0]
+    return np.asarray(here - there)

@@ -1,0 +1,18 @@
+"""The choices that most claims about the bundled solver are made for."""
+
+from __future__ import annotations
+
+import pytest
+
+from solver_adapters.material import StrainMeasure
+
+
+@pytest.fixture(params=["tet10", "wedge15"])
+def kind(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture(params=["small", "finite"])
+def measure(request: pytest.FixtureRequest) -> StrainMeasure:
+    name: StrainMeasure = request.param
+    return name

@@ -1,0 +1,148 @@
+"""What does not change while a simulation runs, against sums over the mesh."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from solver_adapters.bundled.assembly import displacement_gradients, element_forces
+from solver_adapters.bundled.law import S_ACC, S_X2, local_parameters
+from solver_adapters.bundled.problem import Problem, build_problem, build_tangents
+from solver_adapters.interface import Direction, Simulation
+from solver_adapters.material import Material
+from tests.solver_adapters.boxes import BOXES, ORIENTATIONS, pulled
+
+SIZE = (2.0, 4.0, 3.0)
+
+
+@pytest.fixture
+def simulation(kind: str) -> Simulation:
+    return pulled(BOXES[kind]((2, 2, 2), SIZE, jitter=0.2), Material(), (0.002, 0.004))
+
+
+@pytest.fixture
+def problem(simulation: Simulation) -> Problem:
+    return build_problem(simulation)
+
+
+def test_every_degree_of_freedom_is_either_free_or_prescribed(
+    simulation: Simulation, problem: Problem
+) -> None:
+    both = np.concatenate([problem.pattern.free, problem.prescribed])
+    np.testing.assert_array_equal(np.sort(both), np.arange(3 * problem.n_nodes))
+    y = simulation.mesh.points[problem.prescribed // 3, 1]
+    assert set(np.unique(y)) == {0.0, SIZE[1]}
+
+
+def test_the_prescribed_motion_is_that_of_the_masked_components(simulation: Simulation) -> None:
+    mask = simulation.motion_mask.copy()
+    mask[::2, 0] = False
+    problem = build_problem(replace(simulation, motion_mask=mask))
+    assert problem.prescribed.size == mask.sum()
+    u = np.zeros((problem.n_nodes, 3))
+    u.ravel()[problem.prescribed] = problem.motion[2]
+    expected = np.where(mask, simulation.motion[2], 0.0)
+    np.testing.assert_array_equal(u[simulation.motion_nodes], expected)
+
+
+def test_gradients_of_a_linear_motion_are_its_gradient_in_the_axes_of_each_crystal(
+    simulation: Simulation, problem: Problem
+) -> None:
+    gradient = np.random.default_rng(0).normal(size=(3, 3))
+    H = np.empty((problem.weights.size, 9))
+    u = simulation.mesh.points @ gradient.T
+    displacement_gradients(u, problem.cells, problem.gradients, H)
+    turned = gradient @ ORIENTATIONS[problem.points.grain]
+    np.testing.assert_allclose(H.reshape(-1, 3, 3), turned, atol=1e-12)
+    np.testing.assert_allclose(problem.weights.sum(), np.prod(SIZE), rtol=1e-13)
+    assert problem.length == SIZE[1]
+
+
+def test_the_pull_of_a_stress_is_the_force_on_the_pulled_face(problem: Problem) -> None:
+    """For any stress, in equilibrium or not; null beyond the cells that touch the face."""
+    P = np.random.default_rng(1).normal(size=(problem.weights.size, 9))
+    forces = np.empty(problem.pattern.dofs.shape)
+    element_forces(P, problem.gradients, problem.weights, forces)
+    expected = problem.pattern.node_sum(forces, problem.n_nodes)[problem.pulled].sum()
+    np.testing.assert_allclose((problem.pull * P).sum(), expected, rtol=1e-11)
+    touched = np.isin(problem.cells, problem.pulled // 3).any(axis=1)
+    near = np.repeat(touched, problem.weights.shape[1])
+    assert 0 < near.sum() < near.size
+    assert set(problem.near_pulled) <= set(np.flatnonzero(near))
+    np.testing.assert_array_equal(problem.pull[~near], 0.0)
+
+
+def test_a_uniform_stress_pulls_with_stress_times_section(problem: Problem) -> None:
+    stress = np.array([[0.0, 7.0, 1.0], [7.0, 50.0, -4.0], [1.0, -4.0, 20.0]])
+    P = (stress @ ORIENTATIONS[problem.points.grain]).reshape(-1, 9)
+    np.testing.assert_allclose((problem.pull * P).sum(), 50.0 * SIZE[0] * SIZE[2], rtol=1e-12)
+
+
+def test_an_eigenstrain_or_its_derivative_makes_the_problem_a_strained_one() -> None:
+    plain = pulled(BOXES["tet10"](), Material(), (0.002,))
+    asked = replace(plain, directions=(Direction("e", material={"eigenstrain": 1.0}),))
+    strained = replace(plain, material=Material(eigenstrain=1e-4))
+    assert [build_problem(s).strained for s in (plain, asked, strained)] == [False, True, True]
+
+
+def test_tangents_are_difference_quotients_of_the_problem(simulation: Simulation) -> None:
+    """Gradients, weights, constants, rotations, motion and state along one mixed direction."""
+    material = Material(x0=3e-5, tau0_grain2=0.9, c2=900.0)
+    rates = {"tau0": 2.0, "tau0_grain2": 0.1, "x0": 1e-4}
+    rotation = np.array([[0.3, -0.2, 0.5], [-0.1, 0.4, 0.2]])
+    motion = np.random.default_rng(2).normal(size=simulation.motion.shape)
+    velocity = np.sin(simulation.mesh.points[:, [1, 2, 0]] + 0.4)
+    direction = Direction(
+        "mixed", material=rates, rotation=rotation, motion=motion, points=velocity
+    )
+    other = Direction("K", material={"K": 1.0})
+    middle = replace(simulation, material=material, directions=(other, direction))
+
+    def along(step: float) -> Problem:
+        turns = Rotation.from_rotvec(step * rotation).as_matrix()
+        changes = {n: getattr(material, n) + step * v for n, v in rates.items()}
+        points = simulation.mesh.points + step * velocity
+        return build_problem(
+            replace(
+                middle,
+                material=replace(material, **changes),
+                orientations=turns @ simulation.orientations,
+                motion=simulation.motion + step * motion,
+                mesh=replace(simulation.mesh, points=points),
+            )
+        )
+
+    tangents = build_tangents(middle, build_problem(middle))
+    step = 1e-5
+    high, low = along(step), along(-step)
+    assert tangents.count == 2
+    np.testing.assert_array_equal(tangents.geometric, [1])
+    turn = tangents.law.turn[1]
+    for found, above, below in (
+        (tangents.gradients[0], high.gradients, low.gradients),
+        (tangents.weights[0], high.weights, low.weights),
+        (tangents.law.local[:, 1], high.points.local, low.points.local),
+        (tangents.law.rotation[turn], high.points.rotation, low.points.rotation),
+        (tangents.motion[:, :, 1], high.motion, low.motion),
+        (tangents.state[:, 1], high.state, low.state),
+    ):
+        expected = (above - below) / (2 * step)
+        assert abs(expected).max() > 0
+        np.testing.assert_allclose(found, expected, atol=1e-8 * abs(expected).max())
+    assert not tangents.law.turn[0] and not tangents.motion[:, :, 0].any()
+    stiffer = local_parameters(replace(material, K=material.K + 1.0), 2)
+    np.testing.assert_allclose(
+        tangents.law.local[:, 0], stiffer - local_parameters(material, 2), atol=1e-10
+    )
+
+
+def test_derivatives_carry_of_the_state_no_more_than_has_an_effect(kind: str) -> None:
+    """Accumulated slip matters with hardening alone."""
+    directions = (Direction("tau0", material={"tau0": 1.0}),)
+    for material, size in ((Material(), S_ACC), (Material(Q=10.0), S_X2)):
+        simulation = replace(pulled(BOXES[kind](), material, (0.0,)), directions=directions)
+        tangents = build_tangents(simulation, build_problem(simulation))
+        assert tangents.state.shape[1:] == (1, size)
