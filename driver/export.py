@@ -1,4 +1,4 @@
-"""Results for other programs: the measured face for ParaView, the volume mesh, tables as CSV."""
+"""Results for other programs: the measured face and the volume for ParaView, tables as CSV."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -27,11 +27,13 @@ from driver.paraview import SERIES, FittedModel, aligned, write_surface
 from driver.pipeline import stages
 from driver.results import prismid_version, read_hdf5, write_csv
 from driver.stages import RESULTS, stage_key
+from driver.volume_view import offers_volume, volume_file, write_volumes
+from meshes.files import read_med
 
 FloatArray = NDArray[np.float64]
 
 _NEEDED, _OPTIONAL = ("mesh", "measure", "identify"), "diagnose"
-_README, _VOLUME = "README.txt", "mesh.vtu"
+_README, _MESH_VTU = "README.txt", "mesh.vtu"
 _TITLE = "Results of prismid for other programs"
 
 
@@ -39,21 +41,30 @@ class ExportError(InputError):
     """Results that cannot be exported: what was found and what was expected."""
 
 
-def export_case(case_path: Path, folder: Path) -> None:
+def export_case(
+    case_path: Path,
+    folder: Path,
+    volume: bool = True,
+    log: Callable[[str], None] = print,
+) -> None:
     """Write the finished results of a case in the formats of other programs.
 
     The folder is made if need be. Files of an earlier export are replaced, each of them whole,
     and other files are left alone. Without a finished diagnosis of the case as it is, what
-    belongs to the extended model is left out.
+    belongs to the extended model is left out. The fields of the volume are no results of a run:
+    each model is simulated once more for them.
 
     Args:
         case_path: the case file; its results are in `results/` beside it.
         folder: where to write.
+        volume: whether to write the fields of the volume, where the solver answers them.
+        log: takes one line of progress.
 
     Raises:
         CaseError: the case cannot be used.
         ExportError: a stage has no results for the case as it is, or the folder cannot take them.
         ResultError: a result file cannot be read.
+        SolverError: a simulation for the volume could not be finished.
     """
     case = load_case(case_path)
     results = case_path.parent / RESULTS
@@ -67,9 +78,15 @@ def export_case(case_path: Path, folder: Path) -> None:
     with tempfile.TemporaryDirectory(prefix="partial-", dir=folder) as aside:
         written = Path(aside)
         write_surface(written, measured, models, case.boundary.gauge == "rigid")
-        shutil.copyfile((results / MESH).with_suffix(".vtu"), written / _VOLUME)
+        shutil.copyfile((results / MESH).with_suffix(".vtu"), written / _MESH_VTU)
         _write_tables(written, measured, models, history, results)
-        _write_readme(written / _README, case_path, diagnosed)
+        if volume and not offers_volume(case):
+            log(f"no fields of the volume: the solver {case.solver.name} answers none")
+            volume = False
+        if volume:
+            mesh = read_med(results / MESH)
+            write_volumes(written, case, mesh, history, models, log)
+        _write_readme(written / _README, case_path, diagnosed, volume)
         _move(written, folder)
 
 
@@ -210,12 +227,13 @@ def _write_parameters(
     write_csv(path, columns)
 
 
-def _write_readme(path: Path, case_path: Path, diagnosed: bool) -> None:
+def _write_readme(path: Path, case_path: Path, diagnosed: bool, volume: bool) -> None:
     case = f"{case_path.resolve().parent.name}/{case_path.name}"
     made = datetime.now(UTC).isoformat(timespec="seconds")
     path.write_text(
         f"{_TITLE}\n\nCase {case}, prismid {prismid_version()}, {made}\n\n"
-        f"{_FRAME}{_DIAGNOSED if diagnosed else _NOT_DIAGNOSED}\n{_FILES}",
+        f"{_FRAME}{_DIAGNOSED if diagnosed else _NOT_DIAGNOSED}\n"
+        f"{_FILES}{_VOLUMES if volume else ''}",
         encoding="utf-8",
     )
 
@@ -257,6 +275,20 @@ with boundary.gauge = "rigid" the slopes, too) is taken off motion_measured_um.
 """
 
 
+_VOLUMES = """\
+
+volume_model.vtkhdf, volume_extended.vtkhdf   the inside over time [s], in one file each: ParaView
+                  5.12 or later. The mesh is undeformed (with the geometry of the model). Points:
+  displacement_um         U_X, U_Y, U_Z since the first instant, without any shift of the stage
+                  and cells (means over each):
+  grain                   1, 2
+  stress_MPa              Cauchy stress XX, YY, ZZ, XY, YZ, XZ
+  slip                    signed slip of the 24 systems since the start: 12 {110}, then 12 {112}
+  accumulated_slip        the same without signs; accumulated_slip_sum over all systems
+  lattice_rotation_rad    rotation vector of the lattice since the start
+"""
+
+
 def _make_folder(folder: Path) -> None:
     if folder.exists() and not folder.is_dir():
         raise ExportError(sentence(folder, "--to", "a file", "a folder, or nothing"))
@@ -279,6 +311,11 @@ def _move(written: Path, folder: Path) -> None:
                         "a folder without files of that name",
                     )
                 )  # fmt: skip
+    else:
+        # A volume of an earlier export that this one lacks is no result of the case as it is.
+        for label in ("model", "extended"):
+            if volume_file(label) not in map(str, names):
+                (folder / volume_file(label)).unlink(missing_ok=True)
     for name in names:
         (folder / name).parent.mkdir(exist_ok=True)
         os.replace(written / name, folder / name)

@@ -73,7 +73,8 @@ def finite_stress(P: FloatArray, H: FloatArray, rotation: FloatArray) -> FloatAr
     """Cauchy stress in the specimen frame [MPa], (n_points, 3, 3)."""
     F = rotation + H.reshape(-1, 3, 3)
     stress: FloatArray = P.reshape(-1, 3, 3) @ np.swapaxes(F, 1, 2)
-    return stress / np.linalg.det(F)[:, None, None]
+    stress /= np.linalg.det(F)[:, None, None]
+    return stress
 
 
 def small_rotation(H: FloatArray, slip: FloatArray, rotation: FloatArray) -> FloatArray:
