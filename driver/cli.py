@@ -119,6 +119,7 @@ def export(
         bool,
         typer.Option("--volume/--no-volume", help="stress and slips inside (simulates once more)"),
     ] = True,
+    med: Annotated[bool, typer.Option("--med", help="the volume for Salome, too")] = False,
 ) -> None:
     """Write the results of CASE in the formats of other programs."""
     from driver import pipeline
@@ -126,7 +127,7 @@ def export(
     path = _case_file(case)
     folder = to if to is not None else path.parent / "results" / "export"
     with _told_in_one_line(), _progress(case, alone=True) as log:
-        pipeline.export(path, folder, volume, log)
+        pipeline.export(path, folder, volume, med, log)
 
 
 def _case_file(case: Path) -> Path:

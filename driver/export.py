@@ -27,7 +27,7 @@ from driver.paraview import SERIES, FittedModel, aligned, write_surface
 from driver.pipeline import stages
 from driver.results import prismid_version, read_hdf5, write_csv
 from driver.stages import RESULTS, stage_key
-from driver.volume_view import offers_volume, volume_file, write_volumes
+from driver.volume_view import offers_volume, volume_files, write_volumes
 from meshes.files import read_med
 
 FloatArray = NDArray[np.float64]
@@ -45,6 +45,7 @@ def export_case(
     case_path: Path,
     folder: Path,
     volume: bool = True,
+    med: bool = False,
     log: Callable[[str], None] = print,
 ) -> None:
     """Write the finished results of a case in the formats of other programs.
@@ -58,6 +59,7 @@ def export_case(
         case_path: the case file; its results are in `results/` beside it.
         folder: where to write.
         volume: whether to write the fields of the volume, where the solver answers them.
+        med: whether to write them as MED, too.
         log: takes one line of progress.
 
     Raises:
@@ -85,8 +87,9 @@ def export_case(
             volume = False
         if volume:
             mesh = read_med(results / MESH)
-            write_volumes(written, case, mesh, history, models, log)
-        _write_readme(written / _README, case_path, diagnosed, volume)
+            write_volumes(written, case, mesh, history, models, med, log)
+        texts = (_VOLUMES if volume else "", _MED if volume and med else "")
+        _write_readme(written / _README, case_path, diagnosed, "".join(texts))
         _move(written, folder)
 
 
@@ -227,13 +230,13 @@ def _write_parameters(
     write_csv(path, columns)
 
 
-def _write_readme(path: Path, case_path: Path, diagnosed: bool, volume: bool) -> None:
+def _write_readme(path: Path, case_path: Path, diagnosed: bool, volumes: str) -> None:
     case = f"{case_path.resolve().parent.name}/{case_path.name}"
     made = datetime.now(UTC).isoformat(timespec="seconds")
     path.write_text(
         f"{_TITLE}\n\nCase {case}, prismid {prismid_version()}, {made}\n\n"
         f"{_FRAME}{_DIAGNOSED if diagnosed else _NOT_DIAGNOSED}\n"
-        f"{_FILES}{_VOLUMES if volume else ''}",
+        f"{_FILES}{volumes}",
         encoding="utf-8",
     )
 
@@ -287,6 +290,10 @@ volume_model.vtkhdf, volume_extended.vtkhdf   the inside over time [s], in one f
   accumulated_slip        the same without signs; accumulated_slip_sum over all systems
   lattice_rotation_rad    rotation vector of the lattice since the start
 """
+_MED = """\
+volume_model.med, volume_extended.med   the same for Salome, with the groups of the mesh: DEPL [um]
+                  at the nodes; STRESS [MPa], SLIP, ACCUMULATED_SLIP, ROTATION [rad] in the cells
+"""
 
 
 def _make_folder(folder: Path) -> None:
@@ -314,8 +321,9 @@ def _move(written: Path, folder: Path) -> None:
     else:
         # A volume of an earlier export that this one lacks is no result of the case as it is.
         for label in ("model", "extended"):
-            if volume_file(label) not in map(str, names):
-                (folder / volume_file(label)).unlink(missing_ok=True)
+            for file in volume_files(label):
+                if Path(file) not in names:
+                    (folder / file).unlink(missing_ok=True)
     for name in names:
         (folder / name).parent.mkdir(exist_ok=True)
         os.replace(written / name, folder / name)

@@ -17,6 +17,7 @@ from driver.specimen import adapter_of, build_model
 from driver.vtkhdf import write_vtkhdf
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.interface import CellFields, Progress
+from solver_adapters.med_results import write_results
 
 FloatArray = NDArray[np.float64]
 
@@ -95,9 +96,9 @@ def simulate_volume(
     return Volume(simulation.mesh, times, response.displacement, response.cells)
 
 
-def volume_file(label: str) -> str:
-    """Name of the file of a model."""
-    return f"volume_{label}.vtkhdf"
+def volume_files(label: str) -> tuple[str, str]:
+    """Names of the files of a model, VTKHDF and MED."""
+    return f"volume_{label}.vtkhdf", f"volume_{label}.med"
 
 
 def write_volumes(
@@ -106,6 +107,7 @@ def write_volumes(
     mesh: PrismMesh,
     history: History,
     models: Sequence[FittedModel],
+    med: bool,
     log: Callable[[str], None],
 ) -> None:
     """Simulate each model once more and write what is inside.
@@ -116,6 +118,7 @@ def write_volumes(
         mesh: working mesh.
         history: times and stage travel.
         models: the fitted models.
+        med: whether to write MED files beside the VTKHDF files.
         log: takes one line of progress.
 
     Raises:
@@ -129,8 +132,10 @@ def write_volumes(
     for model in models:
         told = _tenths(f"  {model.label}: ", log)
         found = simulate_volume(case, mesh, history, model.values, told)
-        path = folder / volume_file(model.label)
-        write_vtkhdf(path, found.mesh, found.times, found.point_data, found.cell_data)
+        for_paraview, for_salome = (folder / name for name in volume_files(model.label))
+        write_vtkhdf(for_paraview, found.mesh, found.times, found.point_data, found.cell_data)
+        if med:
+            write_results(for_salome, found.mesh, found.times, found.displacement, found.cells)
 
 
 def _tenths(prefix: str, log: Callable[[str], None]) -> Callable[[Progress], None]:

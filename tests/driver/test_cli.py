@@ -26,8 +26,8 @@ def pipeline(monkeypatch):
         calls=calls,
         run=run,
         report=lambda case_path: calls.append(("report", case_path)),
-        export=lambda case_path, folder, volume, log: calls.append(
-            ("export", case_path, folder, volume)
+        export=lambda case_path, folder, volume, med, log: calls.append(
+            ("export", case_path, folder, volume, med)
         ),
     )
     monkeypatch.setitem(sys.modules, "driver.pipeline", fake)
@@ -97,11 +97,11 @@ def test_report_and_export_find_their_case(pipeline, case_path, tmp_path):
     assert invoke("report", case_path.parent).exit_code == 0
     assert invoke("export", case_path).exit_code == 0
     there = tmp_path / "there"
-    assert invoke("export", case_path, "--to", there, "--no-volume").exit_code == 0
+    assert invoke("export", case_path, "--to", there, "--no-volume", "--med").exit_code == 0
     assert pipeline.calls == [
         ("report", case_path),
-        ("export", case_path, case_path.parent / "results" / "export", True),
-        ("export", case_path, there, False),
+        ("export", case_path, case_path.parent / "results" / "export", True, False),
+        ("export", case_path, there, False, True),
     ]
 
 

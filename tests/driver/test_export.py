@@ -23,6 +23,7 @@ from driver.results import ResultError, write_hdf5
 from driver.specimen import mesh_of
 from driver.stages import stage_key
 from meshes.files import write_med
+from meshes.med_fields import read_med_fields
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.interface import Capabilities, CellFields, Progress, Response, Simulation
 
@@ -223,7 +224,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def test_the_series_holds_every_image_at_its_time_with_all_fields(results: Results) -> None:
-    pipeline.export(results.case_path, results.to, False, print)
+    pipeline.export(results.case_path, results.to, False, False, print)
     frames = results.frames()
     assert [time for time, _ in frames] == TIME.tolist()
     for t, (_, mesh) in enumerate(frames):
@@ -464,6 +465,21 @@ def test_the_volume_of_each_model_holds_its_fields_at_the_images(
     summed = found["CellData/accumulated_slip_sum"]
     assert summed == pytest.approx(one_by_one.sum(axis=1), rel=1e-6)
     assert found["CellData/grain"].tolist() == (mesh.grain + 1).tolist()
+
+
+def test_the_volume_is_written_for_salome_where_that_is_asked(results: Results) -> None:
+    export_case(results.case_path, results.to, med=True)
+    for label in ("model", "extended"):
+        found = read_med_fields(results.to / f"volume_{label}.med")
+        shown = volume(results.to / f"volume_{label}.vtkhdf")
+        assert found["DEPL"].times.tolist() == TIME.tolist()
+        u = shown["PointData/displacement_um"].reshape(found["DEPL"].values.shape)
+        assert found["DEPL"].values == pytest.approx(u, rel=1e-6)
+        slip = shown["CellData/slip"].reshape(found["SLIP"].values.shape)
+        assert found["SLIP"].values == pytest.approx(slip, rel=1e-6)
+    assert "volume_model.med" in (results.to / "README.txt").read_text("utf-8")
+    export_case(results.case_path, results.to)
+    assert not list(results.to.glob("*.med"))
 
 
 def test_the_models_are_simulated_once_each_as_they_were_fitted(results: Results) -> None:
