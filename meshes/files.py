@@ -46,7 +46,7 @@ _KINDS = {
     15: _Kind(mc.NORM_PENTA15, (mc.NORM_TRI6, mc.NORM_QUAD8), wedge15.MIRRORED, "wedge15"),
 }
 # meshio 5.3 knows how VTK stores these wedges but not that they fill space.
-meshio.topological_dimension.setdefault("wedge15", 3)
+meshio._mesh.topological_dimension.setdefault("wedge15", 3)
 _FACE_KINDS = {6: mc.NORM_TRI6, 8: mc.NORM_QUAD8}
 
 
