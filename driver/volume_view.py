@@ -96,9 +96,9 @@ def simulate_volume(
     return Volume(simulation.mesh, times, response.displacement, response.cells)
 
 
-def volume_files(label: str) -> tuple[str, str]:
-    """Names of the files of a model, VTKHDF and MED."""
-    return f"volume_{label}.vtkhdf", f"volume_{label}.med"
+def volume_files(label: str, med: bool) -> tuple[str, ...]:
+    """Names of the files of a model: VTKHDF, and MED where that is asked."""
+    return tuple(f"volume_{label}.{kind}" for kind in ("vtkhdf", "med")[: 1 + med])
 
 
 def write_volumes(
@@ -132,7 +132,7 @@ def write_volumes(
     for model in models:
         told = _tenths(f"  {model.label}: ", log)
         found = simulate_volume(case, mesh, history, model.values, told)
-        for_paraview, for_salome = (folder / name for name in volume_files(model.label))
+        for_paraview, for_salome = (folder / name for name in volume_files(model.label, True))
         write_vtkhdf(for_paraview, found.mesh, found.times, found.point_data, found.cell_data)
         if med:
             write_results(for_salome, found.mesh, found.times, found.displacement, found.cells)

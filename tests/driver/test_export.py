@@ -519,5 +519,6 @@ def test_a_volume_of_others_is_neither_overwritten_nor_removed(results: Results)
     (results.to / "volume_model.vtkhdf").write_text("mine")
     with pytest.raises(ExportError, match="found a file volume_model.vtkhdf that is no export"):
         export_case(results.case_path, results.to)
+    assert not results.solver.asked  # told before the simulations
     export_case(results.case_path, results.to, volume=False)
     assert (results.to / "volume_model.vtkhdf").read_text() == "mine"
