@@ -115,13 +115,19 @@ def export(
     to: Annotated[
         Path | None, typer.Option(metavar="DIR", help="folder, default results/export")
     ] = None,
+    volume: Annotated[
+        bool,
+        typer.Option("--volume/--no-volume", help="stress and slips inside (simulates once more)"),
+    ] = True,
+    med: Annotated[bool, typer.Option("--med", help="the volume for Salome, too")] = False,
 ) -> None:
     """Write the results of CASE in the formats of other programs."""
     from driver import pipeline
 
     path = _case_file(case)
-    with _told_in_one_line():
-        pipeline.export(path, to if to is not None else path.parent / "results" / "export")
+    folder = to if to is not None else path.parent / "results" / "export"
+    with _told_in_one_line(), _progress(case, alone=True) as log:
+        pipeline.export(path, folder, volume, med, log)
 
 
 def _case_file(case: Path) -> Path:

@@ -71,6 +71,11 @@ def estimate(case: Case, n_cells: int, n_images: int, n_pixels: int = 0) -> Esti
     return Estimate(solving + correlation, memory, fits + refits)
 
 
+def simulation_seconds(case: Case, n_cells: int, n_images: int) -> float:
+    """Wall-clock time of one simulation on the working mesh without derivatives [s]."""
+    return _simulation(case, n_cells, 2 * n_images * case.solver.steps_per_interval, 0)
+
+
 def _simulation(case: Case, n_cells: int, steps: int, directions: int) -> float:
     """Seconds of one simulation."""
     points = n_cells * _POINTS_PER_CELL * _POINT_SECONDS[case.material.strain_measure]

@@ -1,4 +1,4 @@
-"""Results for other programs: the measured face for ParaView, the volume mesh, tables as CSV."""
+"""Results for other programs: the measured face and the volume for ParaView, tables as CSV."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,41 +18,55 @@ from driver.boundary import elongation_names, tilt_names
 from driver.case import Case, load_case
 from driver.diagnose_stage import DIAGNOSIS, DIAGNOSIS_H5
 from driver.errors import InputError, sentence
+from driver.export_readme import README, is_readme, write_readme
 from driver.history import History, read_history
 from driver.identify_stage import IDENTIFY
 from driver.measure_stage import MEASURE
 from driver.mesh_stage import MESH
 from driver.paraview import SERIES, FittedModel, aligned, write_surface
 from driver.pipeline import stages
-from driver.results import prismid_version, read_hdf5, write_csv
+from driver.results import read_hdf5, write_csv
 from driver.stages import RESULTS, stage_key
+from driver.volume_view import offers_volume, volume_files, write_volumes
+from meshes.files import read_med
 
 FloatArray = NDArray[np.float64]
 
 _NEEDED, _OPTIONAL = ("mesh", "measure", "identify"), "diagnose"
-_README, _VOLUME = "README.txt", "mesh.vtu"
-_TITLE = "Results of prismid for other programs"
+_MESH_VTU = "mesh.vtu"
+_LABELS = ("model", "extended")
 
 
 class ExportError(InputError):
     """Results that cannot be exported: what was found and what was expected."""
 
 
-def export_case(case_path: Path, folder: Path) -> None:
+def export_case(
+    case_path: Path,
+    folder: Path,
+    volume: bool = True,
+    med: bool = False,
+    log: Callable[[str], None] = print,
+) -> None:
     """Write the finished results of a case in the formats of other programs.
 
     The folder is made if need be. Files of an earlier export are replaced, each of them whole,
     and other files are left alone. Without a finished diagnosis of the case as it is, what
-    belongs to the extended model is left out.
+    belongs to the extended model is left out. The fields of the volume are no results of a run:
+    each model is simulated once more for them.
 
     Args:
         case_path: the case file; its results are in `results/` beside it.
         folder: where to write.
+        volume: whether to write the fields of the volume, where the solver answers them.
+        med: whether to write them as MED, too.
+        log: takes one line of progress.
 
     Raises:
         CaseError: the case cannot be used.
         ExportError: a stage has no results for the case as it is, or the folder cannot take them.
         ResultError: a result file cannot be read.
+        SolverError: a simulation for the volume could not be finished.
     """
     case = load_case(case_path)
     results = case_path.parent / RESULTS
@@ -67,10 +80,22 @@ def export_case(case_path: Path, folder: Path) -> None:
     with tempfile.TemporaryDirectory(prefix="partial-", dir=folder) as aside:
         written = Path(aside)
         write_surface(written, measured, models, case.boundary.gauge == "rigid")
-        shutil.copyfile((results / MESH).with_suffix(".vtu"), written / _VOLUME)
+        shutil.copyfile((results / MESH).with_suffix(".vtu"), written / _MESH_VTU)
         _write_tables(written, measured, models, history, results)
-        _write_readme(written / _README, case_path, diagnosed)
-        _move(written, folder)
+        if volume and not offers_volume(case):
+            log(f"no fields of the volume: the solver {case.solver.name} answers none")
+            volume = False
+        write_readme(written / README, case_path, diagnosed, volume, volume and med)
+        names = _names(written)
+        if volume:
+            names += [Path(name) for model in models for name in volume_files(model.label, med)]
+        _refuse_foreign(folder, names)
+        if volume:
+            mesh = read_med(results / MESH)
+            write_volumes(written, case, mesh, history, models, med, log)
+        # A volume of an earlier export that this one lacks is no result of the case as it is.
+        every = [Path(name) for label in _LABELS for name in volume_files(label, med=True)]
+        _move(written, folder, every)
 
 
 def _finished(case_path: Path, case: Case, results: Path) -> bool:
@@ -107,7 +132,7 @@ def _identified(results: Path) -> FittedModel:
             json.loads(file.attrs[name]) for name in ("names", "units", "all_values")
         )
     return FittedModel(
-        label="model",
+        label=_LABELS[0],
         **_predictions(arrays, "final"),
         values=values,
         sigma=dict(zip(names, arrays["sigma"].tolist(), strict=True)),
@@ -119,7 +144,7 @@ def _extended(results: Path, model: FittedModel) -> FittedModel:
     record = json.loads((results / DIAGNOSIS).read_text(encoding="utf-8"))["extended"]
     fitted = {name: entry for name, entry in record.items() if name != "reason"}
     return FittedModel(
-        label="extended",
+        label=_LABELS[1],
         **_predictions(read_hdf5(results / DIAGNOSIS_H5), "after"),
         values={**model.values, **{name: entry["value"] for name, entry in fitted.items()}},
         sigma={name: entry["sigma"] for name, entry in fitted.items()},
@@ -210,75 +235,40 @@ def _write_parameters(
     write_csv(path, columns)
 
 
-def _write_readme(path: Path, case_path: Path, diagnosed: bool) -> None:
-    case = f"{case_path.resolve().parent.name}/{case_path.name}"
-    made = datetime.now(UTC).isoformat(timespec="seconds")
-    path.write_text(
-        f"{_TITLE}\n\nCase {case}, prismid {prismid_version()}, {made}\n\n"
-        f"{_FRAME}{_DIAGNOSED if diagnosed else _NOT_DIAGNOSED}\n{_FILES}",
-        encoding="utf-8",
-    )
-
-
-_FRAME = """\
-Specimen frame: X across the width, Y along the loading axis, Z out of the measured face.
-Coordinates are in µm; units of all else stand in the names.
-"model" is the model as it was identified.
-"""
-_DIAGNOSED = """\
-"extended" is the model with the causes that the diagnosis added (the same model fitted again,
-where it added none).
-"""
-_NOT_DIAGNOSED = """\
-There was no finished diagnosis of this case: `prismid run` makes one, and an export then holds
-the extended model, too.
-"""
-_FILES = """\
-surface.pvd       open this one in ParaView: the measured face over time [s], of the files below
-surface/*.vtu     one file an image; points are the pixels of the region of interest, undeformed
-  height_um               reference height of the surface
-  motion_measured_um      u, v, w by free image correlation, moved rigidly onto the model (below)
-  motion_model_um         u, v, w of the model, as the images would show it
-  residual_model_nm       f + w − g(x + u) of the model: heights that it does not explain
-  motion_extended_um, residual_extended_nm   the same of the extended model
-mesh.vtu          working mesh of the simulation (10-node tetrahedra), undeformed, cell field grain
-loads.csv         an image a row: load measured at the specimen, loads of the models,
-                  residual = measured − model [µN]
-images.csv        an image a row: elongation and tilt of the face between its end edges [nm], chi of
-                  free correlation (1 is noise), and the rigid motion between measurement and
-                  model: shift [nm] and slopes ∂v/∂X, ∂w/∂X, ∂w/∂Y [µrad]
-knots.csv         a turning point of the stage a row: elongation and tilt of the boundary motion,
-                  with one standard deviation [nm]; empty where it is not a free parameter
-parameters.csv    the other parameters: unit, start, value and one standard deviation
-
-The stage re-centres and refocuses between the images, so that a rigid motion of each image is
-unknown. What parts measurement and model rigidly (least squares over the pixels; a translation,
-with boundary.gauge = "rigid" the slopes, too) is taken off motion_measured_um.
-"""
-
-
 def _make_folder(folder: Path) -> None:
     if folder.exists() and not folder.is_dir():
         raise ExportError(sentence(folder, "--to", "a file", "a folder, or nothing"))
     folder.mkdir(parents=True, exist_ok=True)
 
 
-def _move(written: Path, folder: Path) -> None:
+def _names(written: Path) -> list[Path]:
+    return [path.relative_to(written) for path in written.rglob("*") if path.is_file()]
+
+
+def _refuse_foreign(folder: Path, names: Sequence[Path]) -> None:
+    """Raise where a file of the export stands in a folder that holds none of prismid's."""
+    readme = folder / README
+    if readme.is_file() and is_readme(readme):
+        return
+    for name in names:
+        if (folder / name).exists():
+            raise ExportError(
+                sentence(
+                    folder, "--to", f"a file {name} that is no export of prismid",
+                    "a folder without files of that name",
+                )
+            )  # fmt: skip
+
+
+def _move(written: Path, folder: Path, stale: Sequence[Path]) -> None:
     """Replace files one by one: first the one that shows whose they are, last the series."""
     names = sorted(
-        (path.relative_to(written) for path in written.rglob("*") if path.is_file()),
-        key=lambda name: (name.name == SERIES, name.name != _README, str(name)),
+        _names(written), key=lambda name: (name.name == SERIES, name.name != README, str(name))
     )
-    readme = folder / _README
-    if not (readme.is_file() and readme.read_bytes().startswith(_TITLE.encode())):
-        for name in names:
-            if (folder / name).exists():
-                raise ExportError(
-                    sentence(
-                        folder, "--to", f"a file {name} that is no export of prismid",
-                        "a folder without files of that name",
-                    )
-                )  # fmt: skip
+    if (folder / README).exists():
+        for name in stale:
+            if name not in names:
+                (folder / name).unlink(missing_ok=True)
     for name in names:
         (folder / name).parent.mkdir(exist_ok=True)
         os.replace(written / name, folder / name)

@@ -71,8 +71,10 @@ def report(case_path: Path) -> None:
     run_stages(case_path, stages(load_case(case_path))[-1:], None, True, print)
 
 
-def export(case_path: Path, folder: Path) -> None:
-    """Write the results in the formats of other programs."""
+def export(case_path: Path, folder: Path, volume: bool, med: bool, log: Log) -> None:
+    """Write the results in the formats of other programs, see `export_case`."""
     from driver.export import export_case
 
-    export_case(case_path, folder)
+    execution = load_case(case_path).execution
+    use_threads(execution.processes * execution.threads)
+    export_case(case_path, folder, volume, med, log)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,10 @@ import meshio
 import numpy as np
 from numpy.typing import NDArray
 
+from meshes import tet10, wedge15
 from meshes.cells import inverted_cells
 from meshes.prism_mesh import FACE_GROUPS, PrismMesh
-from meshes.tet10 import MIRRORED, node_groups
+from meshes.tet10 import node_groups
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -22,33 +24,64 @@ IntArray = NDArray[np.int64]
 _CELLS, _FACES, _NODES = 0, -1, 1  # levels of a MED mesh, relative to its dimension
 
 
+@dataclass(frozen=True, eq=False)
+class _Kind:
+    """A kind of cell in the files.
+
+    Attributes:
+        med: its number in MED.
+        faces: those of its faces.
+        mirrored: its nodes in MED's order.
+        vtu: its name in meshio, whose order of nodes is VTK's.
+    """
+
+    med: int
+    faces: tuple[int, ...]
+    mirrored: IntArray
+    vtu: str
+
+
+_KINDS = {
+    10: _Kind(mc.NORM_TETRA10, (mc.NORM_TRI6,), tet10.MIRRORED, "tetra10"),
+    15: _Kind(mc.NORM_PENTA15, (mc.NORM_TRI6, mc.NORM_QUAD8), wedge15.MIRRORED, "wedge15"),
+}
+# meshio 5.3 knows how VTK stores these wedges but not that they fill space.
+meshio._mesh.topological_dimension.setdefault("wedge15", 3)
+_FACE_KINDS = {6: mc.NORM_TRI6, 8: mc.NORM_QUAD8}
+
+
 def write_med(mesh: PrismMesh, path: Path) -> None:
     """Write the mesh, named `prism`, with all its groups.
 
     Groups of cells: GRAIN1, GRAIN2, …; of faces and of nodes: S_PLUS, S_MINUS, TOP; of nodes
-    alone: L_PLUS, L_MINUS, P_PLUS, P_MINUS. MED's tetrahedra have the opposite handedness of
-    VTK's, so their nodes are reordered.
+    alone: L_PLUS, L_MINUS, P_PLUS, P_MINUS. MED's cells have the opposite handedness of VTK's, so
+    their nodes are reordered.
 
     Args:
         mesh: the prism.
         path: file to write; an existing one is replaced.
-
-    Raises:
-        ValueError: the cells are no tet10.
     """
-    _require_tet10(mesh, path)
+    kind = _KINDS[mesh.cells.shape[1]]
     coordinates = mc.DataArrayDouble(np.ascontiguousarray(mesh.points))
     coordinates.setInfoOnComponents(["X [um]", "Y [um]", "Z [um]"])
-    faces = np.concatenate([mesh.faces[name] for name in FACE_GROUPS])
+    # The triangles of S_PLUS and S_MINUS come first, as MED numbers faces kind by kind.
+    faces = [
+        _med_cells(
+            "prism", 2, _FACE_KINDS[mesh.faces[name].shape[1]], coordinates, mesh.faces[name]
+        )
+        for name in FACE_GROUPS
+    ]
     file = mc.MEDFileUMesh()
     file.setCoords(coordinates)
-    cells = mesh.cells[:, MIRRORED]
-    file.setMeshAtLevel(_CELLS, _med_cells("prism", 3, mc.NORM_TETRA10, coordinates, cells))
-    file.setMeshAtLevel(_FACES, _med_cells("prism", 2, mc.NORM_TRI6, coordinates, faces))
+    cells = mesh.cells[:, kind.mirrored]
+    file.setMeshAtLevel(_CELLS, _med_cells("prism", 3, kind.med, coordinates, cells))
+    all_faces = mc.MEDCouplingUMesh.MergeUMeshesOnSameCoords(faces)
+    all_faces.setName("prism")
+    file.setMeshAtLevel(_FACES, all_faces)
     file.setName("prism")
 
     face_ends = np.cumsum([len(mesh.faces[name]) for name in FACE_GROUPS])
-    members = dict(zip(FACE_GROUPS, np.split(np.arange(len(faces)), face_ends), strict=False))
+    members = dict(zip(FACE_GROUPS, np.split(np.arange(face_ends[-1]), face_ends), strict=False))
     for grain in range(mesh.n_grains):
         file.addGroup(_CELLS, _group(f"GRAIN{grain + 1}", np.flatnonzero(mesh.grain == grain)))
     for name, ids in members.items():
@@ -59,7 +92,7 @@ def write_med(mesh: PrismMesh, path: Path) -> None:
 
 
 def read_med(path: Path) -> PrismMesh:
-    """Read a prism of tet10 cells with the groups GRAIN1, …, S_PLUS, S_MINUS and TOP.
+    """Read a prism of tet10 or wedge15 cells with groups GRAIN1, …, S_PLUS, S_MINUS and TOP.
 
     The node groups follow from the faces. Cells of either handedness are accepted.
 
@@ -70,30 +103,26 @@ def read_med(path: Path) -> PrismMesh:
         the mesh, every Jacobian positive.
 
     Raises:
-        ValueError: the file is no MED mesh, lacks groups, has other cells than tet10, inverted
-            ones, a cell in no grain or in two, or a node in no cell.
+        ValueError: the file is no MED mesh, lacks groups, has other cells than tet10 or wedge15,
+            inverted ones, a cell in no grain or in two, or a node in no cell.
         FileNotFoundError: there is no such file.
     """
     file = _open(path)
     _require_groups(path, file)
-    levels = ((_CELLS, mc.NORM_TETRA10, "tet10"), (_FACES, mc.NORM_TRI6, "tri6"))
-    for level, kind, name in levels:
-        if file.getGeoTypesAtLevel(level) != [kind]:
-            raise ValueError(f"{path}: quadratic cells are expected ({name} and nothing else)")
+    kind = _kind(path, file)
     points = file.getCoords().toNumPyArray().astype(np.float64).reshape(-1, 3)
-    cells = _connectivity(file, _CELLS, mc.NORM_TETRA10)[:, MIRRORED]
-    # Some writers leave tetrahedra in VTK order.
+    cells = _connectivity(file, kind.med)[:, kind.mirrored]
+    # Some writers leave cells in VTK order.
     corner = points[cells[:, :4]]
     left_handed = np.linalg.det(corner[:, 1:] - corner[:, :1]) < 0
-    cells[left_handed] = cells[left_handed][:, MIRRORED]
+    cells[left_handed] = cells[left_handed][:, kind.mirrored]
     inverted = inverted_cells(points, cells)
     if len(inverted):
         raise ValueError(f"{path}: {len(inverted)} of {len(cells)} cells have a Jacobian ≤ 0")
     loose = len(points) - len(np.unique(cells))
     if loose:
         raise ValueError(f"{path}: {loose} of {len(points)} nodes belong to no cell")
-    all_faces = _connectivity(file, _FACES, mc.NORM_TRI6)
-    faces = {name: all_faces[_members(file, _FACES, name)] for name in FACE_GROUPS}
+    faces = {name: _faces(path, file, name) for name in FACE_GROUPS}
     return PrismMesh(points, cells, _grains(path, file), faces, node_groups(points, faces))
 
 
@@ -110,23 +139,14 @@ def write_vtu(
         path: file to write, ending in .vtu.
         point_data: nodal fields, each of shape (n_nodes,) or (n_nodes, k).
         cell_data: cell fields, each of shape (n_cells,) or (n_cells, k).
-
-    Raises:
-        ValueError: the cells are no tet10.
     """
-    _require_tet10(mesh, path)
     fields = {"grain": mesh.grain + 1, **(cell_data or {})}
     meshio.Mesh(
         mesh.points,
-        [("tetra10", mesh.cells)],
+        [(_KINDS[mesh.cells.shape[1]].vtu, mesh.cells)],
         point_data=dict(point_data or {}),
         cell_data={name: [values] for name, values in fields.items()},
     ).write(path, file_format="vtu")
-
-
-def _require_tet10(mesh: PrismMesh, path: Path) -> None:
-    if mesh.cells.shape[1] != 10:
-        raise ValueError(f"{path}: only tet10 meshes can be written; this one is of wedge15 cells")
 
 
 def _med_cells(
@@ -176,11 +196,35 @@ def _groups(file: Any, level: int) -> list[str]:
     return sorted(file.getGroupsOnSpecifiedLev(level))
 
 
-def _connectivity(file: Any, level: int, kind: int) -> IntArray:
-    """Node indices of the cells of a level that has one kind only, shape (n, nodes of it)."""
+def _kind(path: Path, file: Any) -> _Kind:
+    """The kind of all cells of a file."""
+    cells, faces = (file.getGeoTypesAtLevel(level) for level in (_CELLS, _FACES))
+    for kind in _KINDS.values():
+        if cells == [kind.med] and set(faces) <= set(kind.faces):
+            return kind
+    raise ValueError(
+        f"{path}: quadratic cells are expected (tet10 with tri6 faces, or wedge15 with tri6 and "
+        "quad8 faces, and nothing else)"
+    )
+
+
+def _connectivity(file: Any, kind: int) -> IntArray:
+    """Node indices of all cells of a kind, shape (n, nodes of it)."""
     single = file.getDirectUndergroundSingleGeoTypeMesh(kind)
     flat: IntArray = single.getNodalConnectivity().toNumPyArray().astype(np.int64)
-    return flat.reshape(file.getMeshAtLevel(level).getNumberOfCells(), -1)
+    return flat.reshape(single.getNumberOfCells(), -1)
+
+
+def _faces(path: Path, file: Any, name: str) -> IntArray:
+    """Node indices of the faces of a group, which are of one kind, shape (n, nodes of it)."""
+    members, begin = _members(file, _FACES, name), 0
+    for kind in file.getGeoTypesAtLevel(_FACES):
+        faces = _connectivity(file, kind)
+        local = members - begin
+        if ((local >= 0) & (local < len(faces))).all():
+            return faces[local]
+        begin += len(faces)
+    raise ValueError(f"{path}: group {name} holds triangles and quadrilaterals; expected one kind")
 
 
 def _members(file: Any, level: int, name: str) -> IntArray:

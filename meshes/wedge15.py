@@ -11,6 +11,9 @@ IntArray = NDArray[np.int64]
 EDGES = np.array([[0, 1], [1, 2], [2, 0], [3, 4], [4, 5], [5, 3], [0, 3], [1, 4], [2, 5]])
 """Corners joined by the edges that carry local nodes 6 to 14 (VTK order)."""
 
+MIRRORED = np.array([0, 2, 1, 3, 5, 4, 8, 7, 6, 11, 10, 9, 12, 14, 13])
+"""Local order of the same wedge15 seen with the other handedness."""
+
 # Corners in the grid of half cells (two directions in the triangle, one along the sweep).
 _CORNERS = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2], [2, 0, 2], [0, 2, 2]])
 _NODES = np.concatenate([_CORNERS, _CORNERS[EDGES].sum(axis=1) // 2])

@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver_adapters.bundled import restart
+from solver_adapters.bundled.cell_fields import WIDTHS, cell_fields
 from solver_adapters.bundled.compilation import sources_hash
 from solver_adapters.bundled.problem import build_problem, build_tangents
 from solver_adapters.bundled.restart import simulation_key
 from solver_adapters.bundled.stepping import Stepper
 from solver_adapters.interface import (
     Capabilities,
+    CellFields,
     Progress,
     Response,
     Simulation,
@@ -36,11 +38,12 @@ class BundledAdapter:
     name = "bundled"
 
     def capabilities(self) -> Capabilities:
-        """All parameters of the law, both strain measures, derivatives."""
+        """All parameters of the law, both strain measures, derivatives, fields of the cells."""
         return Capabilities(
             material=frozenset(MATERIAL_PARAMETERS),
             strain_measures=frozenset(("small", "finite")),
             derivatives=True,
+            cell_fields=True,
         )
 
     def version(self) -> str:
@@ -112,7 +115,11 @@ class _Run:
         self.problem = build_problem(simulation)
         self.tangents = build_tangents(simulation, self.problem)
         self.stepper = Stepper(
-            self.problem, self.tangents, simulation.tolerance, simulation.accuracy
+            self.problem,
+            self.tangents,
+            simulation.tolerance,
+            simulation.accuracy,
+            simulation.cell_fields,
         )
         self._row = {int(index): row for row, index in enumerate(simulation.output)}
         n, nodes = len(simulation.output), simulation.output_nodes.size
@@ -123,16 +130,18 @@ class _Run:
             "d_displacement": np.zeros((k, n, nodes, 3)),
             "d_force": np.zeros((k, n)),
         }
+        if simulation.cell_fields:
+            cells = len(simulation.mesh.cells)
+            self._rows |= {name: np.zeros((n, cells, width)) for name, width in WIDTHS.items()}
         if checkpoint is None:
             self.index = 0
             self._frame = self.stepper.start(float(simulation.times[0]))
-            self._start = (self._frame.u, self._frame.du)
+            self._start = self._frame
             self._book()
         else:
             self.index, self._frame = checkpoint.index, checkpoint.frame
             self._rows = checkpoint.rows
-            begin = self.stepper.start(float(simulation.times[0]))
-            self._start = (begin.u, begin.du)
+            self._start = self.stepper.start(float(simulation.times[0]))
             self.stepper.resume(checkpoint.last, checkpoint.ends, checkpoint.counts)
         self.checkpoint = self._at_instant()
 
@@ -167,6 +176,9 @@ class _Run:
         s = self.stepper.statistics
         done = sum(index <= self.index for index in self._row)
         rows = self._rows
+        cells = None
+        if self.simulation.cell_fields:
+            cells = CellFields(**{name: rows[name][:done] for name in WIDTHS})
         return Response(
             rows["displacement"][:done],
             rows["force"][:done],
@@ -178,6 +190,7 @@ class _Run:
             s.refinements,
             np.array(s.ends),
             s.seconds,
+            cells,
         )
 
     def _book(self) -> None:
@@ -186,11 +199,14 @@ class _Run:
         if row is None:
             return
         nodes, frame = self.simulation.output_nodes, self._frame
-        u0, du0 = self._start
-        self._rows["displacement"][row] = (frame.u - u0)[nodes]
+        start = self._start
+        self._rows["displacement"][row] = (frame.u - start.u)[nodes]
         self._rows["force"][row] = frame.force
-        self._rows["d_displacement"][:, row] = (frame.du - du0)[nodes].transpose(2, 0, 1)
+        self._rows["d_displacement"][:, row] = (frame.du - start.du)[nodes].transpose(2, 0, 1)
         self._rows["d_force"][:, row] = frame.dforce
+        if self.simulation.cell_fields:
+            for name, values in cell_fields(self.problem, start, frame).items():
+                self._rows[name][row] = values
 
     def _motion(self, instant: float) -> FloatArray:
         return _interpolate(instant, self.simulation.times, self.problem.motion)

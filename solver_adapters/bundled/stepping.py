@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +68,10 @@ class Frame:
         du: derivative of the displacement, (n_nodes, 3, k).
         dstate: derivative of the states, (n_points, k, n_derived).
         dforce: derivative of the force, (k,).
+        slip: signed slip since the start, (n_points, 24), or (0, 24) where no cell fields are
+            wanted.
+        P: first Piola–Kirchhoff stress times the crystal rotations [MPa], (n_points, 9), or
+            (0, 9) likewise.
     """
 
     time: float
@@ -78,6 +82,8 @@ class Frame:
     du: FloatArray
     dstate: FloatArray
     dforce: FloatArray
+    slip: FloatArray = field(default_factory=lambda: np.zeros((0, NS)))
+    P: FloatArray = field(default_factory=lambda: np.zeros((0, 9)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,11 +113,13 @@ class Stepper:
         tangents: Tangents,
         tolerance: float,
         accuracy: float | None = None,
+        cell_fields: bool = False,
     ) -> None:
         self.problem = problem
         self.tangents = tangents
         self.tolerance = tolerance
         self.accuracy = accuracy
+        self.cell_fields = cell_fields
         self.statistics = Statistics()
         self._least = _rounded_force(problem)
         self._system = TangentSystem(problem, self.statistics)
@@ -130,6 +138,7 @@ class Stepper:
         """
         p, k = self.problem, self.tangents.count
         n_points = p.points.grain.size
+        kept = n_points if self.cell_fields else 0
         frame = Frame(
             time=begin,
             u=np.zeros((p.n_nodes, 3)),
@@ -139,6 +148,8 @@ class Stepper:
             du=np.zeros((p.n_nodes, 3, k)),
             dstate=self.tangents.state,
             dforce=np.zeros(k),
+            slip=np.zeros((kept, NS)),
+            P=np.zeros((kept, 9)),
         )
         if not p.strained:
             return frame
@@ -245,7 +256,10 @@ class Stepper:
         if motion_tangent is not None and self.tangents.count:
             du, dstate, dforce = self._derive(frame, trial, dt, motion_tangent)
         force = float(trial.forces[p.pulled].sum())
-        return Frame(end, trial.u, trial.H, trial.state, force, du, dstate, dforce)
+        slip, P = frame.slip, frame.P
+        if self.cell_fields:
+            slip, P = frame.slip + trial.slips, trial.P
+        return Frame(end, trial.u, trial.H, trial.state, force, du, dstate, dforce, slip, P)
 
     def _force_error(self, frame: Frame, trial: _Trial, dt: float) -> float:
         """Error of the force that the step may have made [µN]."""

@@ -26,7 +26,9 @@ def pipeline(monkeypatch):
         calls=calls,
         run=run,
         report=lambda case_path: calls.append(("report", case_path)),
-        export=lambda case_path, folder: calls.append(("export", case_path, folder)),
+        export=lambda case_path, folder, volume, med, log: calls.append(
+            ("export", case_path, folder, volume, med)
+        ),
     )
     monkeypatch.setitem(sys.modules, "driver.pipeline", fake)
     monkeypatch.setattr(driver, "pipeline", fake, raising=False)
@@ -94,11 +96,12 @@ def test_a_mistake_of_the_program_is_not_hidden(pipeline, case_path):
 def test_report_and_export_find_their_case(pipeline, case_path, tmp_path):
     assert invoke("report", case_path.parent).exit_code == 0
     assert invoke("export", case_path).exit_code == 0
-    assert invoke("export", case_path, "--to", tmp_path / "there").exit_code == 0
+    there = tmp_path / "there"
+    assert invoke("export", case_path, "--to", there, "--no-volume", "--med").exit_code == 0
     assert pipeline.calls == [
         ("report", case_path),
-        ("export", case_path, case_path.parent / "results" / "export"),
-        ("export", case_path, tmp_path / "there"),
+        ("export", case_path, case_path.parent / "results" / "export", True, False),
+        ("export", case_path, there, False, True),
     ]
 
 

@@ -3,20 +3,29 @@ from __future__ import annotations
 import csv
 import json
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 
+import h5py
 import meshio
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver import export, pipeline
+from driver import export, pipeline, volume_view
+from driver.boundary import LAMBDAS
 from driver.case import default_case, load_case, write_case
 from driver.export import ExportError, export_case
+from driver.model import declared_parameters
 from driver.paraview import aligned, pixel_squares
 from driver.results import ResultError, write_hdf5
+from driver.specimen import mesh_of
 from driver.stages import stage_key
+from meshes.files import write_med
+from meshes.med_fields import read_med_fields
+from meshes.prism_mesh import PrismMesh
+from solver_adapters.interface import Capabilities, CellFields, Progress, Response, Simulation
 
 Arrays = dict[str, tuple[NDArray[np.generic] | float, str]]
 PIXEL = 0.11
@@ -35,10 +44,57 @@ OUTPUTS = {
 }
 
 
+@cache
+def coarse_mesh() -> PrismMesh:
+    return mesh_of(default_case(), 3.0)
+
+
+class LinearSolver:
+    """Fields that are linear in time and tell models, cells and components apart."""
+
+    name = "bundled"
+    cell_fields = True
+
+    def __init__(self) -> None:
+        self.asked: list[Simulation] = []
+
+    def capabilities(self) -> Capabilities:
+        return Capabilities(frozenset(), frozenset({"small", "finite"}), False, self.cell_fields)
+
+    def version(self) -> str:
+        return "1"
+
+    def solve(
+        self,
+        simulation: Simulation,
+        workspace: Path | None = None,
+        progress: Callable[[Progress], None] | None = None,
+    ) -> Response:
+        self.asked.append(simulation)
+        if progress is not None:
+            for time in simulation.times[1:]:
+                progress(Progress(time, simulation.times[-1], 1, 1, 0, 60.0))
+        times = simulation.times[simulation.output]
+        points = simulation.mesh.points[simulation.output_nodes]
+
+        def field(width: int) -> NDArray[np.float64]:
+            cells = np.arange(len(simulation.mesh.cells))[:, None] + np.arange(width) / 100
+            return simulation.material.tau0 * times[:, None, None] * cells
+
+        return Response(
+            displacement=1e-3 * times[:, None, None] * points,
+            force=times,
+            d_displacement=np.zeros((0, len(times), len(points), 3)),
+            d_force=np.zeros((0, len(times))),
+            cells=CellFields(field(6), field(24), field(24) + 1, field(3)),
+        )
+
+
 class Results:
     """A small case of three images whose results are known; both models stretch the face."""
 
     def __init__(self, folder: Path) -> None:
+        self.solver = LinearSolver()
         self.case_path, self.folder = folder / "case.toml", folder / "results"
         self.to = folder / "to"
         folder.mkdir(exist_ok=True)
@@ -58,8 +114,10 @@ class Results:
         self.reference = np.arange(9.0).reshape(3, 3) / 100
         self.write_measure()
         names = ["tau0", "elongation_1", "elongation_2"]
-        everything = {"tau0": 21.0, "elongation_1": 0.064, "elongation_2": 0.056, "tilt_1": 0.0,
-                      "tilt_2": 0.0, "tau0_grain2": 1.0}  # fmt: skip
+        declared = declared_parameters(3)
+        everything = {name: parameter.null for name, parameter in declared.items()}
+        everything |= {"tau0": 21.0, "elongation_1": 0.064, "elongation_2": 0.056}
+        everything |= {name: 0.9 for name in LAMBDAS}
         write_hdf5(
             self.folder / "identify.h5",
             {
@@ -83,7 +141,7 @@ class Results:
             "reason": "the Newton decrement is 0.01 σ",
         }
         (self.folder / "diagnosis.json").write_text(json.dumps({"extended": extended}))
-        (self.folder / "mesh.med").write_bytes(b"not read by an export")
+        write_med(coarse_mesh(), self.folder / "mesh.med")
         corners = np.vstack([np.zeros(3), np.eye(3)])
         pairs = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]
         points = np.vstack([corners, [corners[list(pair)].mean(axis=0) for pair in pairs]])
@@ -151,8 +209,10 @@ class Results:
 
 
 @pytest.fixture
-def results(tmp_path: Path) -> Results:
-    return Results(tmp_path / "alpha")
+def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Results:
+    made = Results(tmp_path / "alpha")
+    monkeypatch.setattr(volume_view, "adapter_of", lambda case: made.solver)
+    return made
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -164,7 +224,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def test_the_series_holds_every_image_at_its_time_with_all_fields(results: Results) -> None:
-    pipeline.export(results.case_path, results.to)
+    pipeline.export(results.case_path, results.to, False, False, print)
     frames = results.frames()
     assert [time for time, _ in frames] == TIME.tolist()
     for t, (_, mesh) in enumerate(frames):
@@ -370,3 +430,95 @@ def test_an_export_that_breaks_off_leaves_the_earlier_one_and_nothing_else(
         export_case(results.case_path, results.to)
     assert contents(results.to) == before
     assert not list(results.to.glob("partial-*"))
+
+
+def volume(path: Path) -> dict[str, NDArray[np.float64]]:
+    """Every dataset of a volume file by its path below VTKHDF."""
+    found = {}
+    with h5py.File(path) as file:
+        file["VTKHDF"].visititems(
+            lambda name, item: found.update({name: item[()]}) if hasattr(item, "dtype") else None
+        )
+    return found
+
+
+@pytest.mark.parametrize(("label", "tau0"), [("model", 21.0), ("extended", 20.0)])
+def test_the_volume_of_each_model_holds_its_fields_at_the_images(
+    results: Results, label: str, tau0: float
+) -> None:
+    export_case(results.case_path, results.to)
+    found, mesh = volume(results.to / f"volume_{label}.vtkhdf"), coarse_mesh()
+    n = len(mesh.cells)
+    assert found["Steps/Values"].tolist() == TIME.tolist()
+    u = found["PointData/displacement_um"].reshape(3, -1, 3)
+    assert u == pytest.approx(1e-3 * TIME[:, None, None] * mesh.points, rel=1e-6)
+    cells = tau0 * TIME[:, None] * np.arange(n)
+    for name, width in {"slip": 24, "stress_MPa": 6, "lattice_rotation_rad": 3}.items():
+        values = found[f"CellData/{name}"]
+        assert values.shape == (3 * n, width)
+        assert values[:, 0].reshape(3, n) == pytest.approx(cells, rel=1e-6)
+    # VTK's order XX, YY, ZZ, XY, YZ, XZ of a tensor that was XX, YY, ZZ, YZ, XZ, XY.
+    share = found["CellData/stress_MPa"][-n] / (tau0 * TIME[-1])
+    assert share == pytest.approx([0, 0.01, 0.02, 0.05, 0.03, 0.04], abs=1e-7)
+    one_by_one = found["CellData/accumulated_slip"]
+    assert one_by_one == pytest.approx(found["CellData/slip"] + 1, rel=1e-6)
+    summed = found["CellData/accumulated_slip_sum"]
+    assert summed == pytest.approx(one_by_one.sum(axis=1), rel=1e-6)
+    assert found["CellData/grain"].tolist() == (mesh.grain + 1).tolist()
+
+
+def test_the_volume_is_written_for_salome_where_that_is_asked(results: Results) -> None:
+    export_case(results.case_path, results.to, med=True)
+    for label in ("model", "extended"):
+        found = read_med_fields(results.to / f"volume_{label}.med")
+        shown = volume(results.to / f"volume_{label}.vtkhdf")
+        assert found["DEPL"].times.tolist() == TIME.tolist()
+        u = shown["PointData/displacement_um"].reshape(found["DEPL"].values.shape)
+        assert found["DEPL"].values == pytest.approx(u, rel=1e-6)
+        slip = shown["CellData/slip"].reshape(found["SLIP"].values.shape)
+        assert found["SLIP"].values == pytest.approx(slip, rel=1e-6)
+    assert "volume_model.med" in (results.to / "README.txt").read_text("utf-8")
+    export_case(results.case_path, results.to)
+    assert not list(results.to.glob("*.med"))
+
+
+def test_the_models_are_simulated_once_each_as_they_were_fitted(results: Results) -> None:
+    told: list[str] = []
+    export_case(results.case_path, results.to, log=told.append)
+    model, extended = results.solver.asked
+    assert [s.material.tau0_grain2 for s in (model, extended)] == [1.0, 1.15]
+    # The end face moves by the elongation between the turning points.
+    ends = [np.ptp(s.motion[1, :, 1]) for s in (model, extended)]
+    assert ends == pytest.approx([0.064, 0.065], rel=0.2)
+    assert not model.directions
+    assert "2 simulations" in told[0] and "min" in told[0]
+    assert told[1:3] == ["  model: 50 %, 1.0 min to go", "  model: 100 %, 1.0 min to go"]
+
+
+def test_without_the_volume_nothing_is_simulated_and_a_stale_one_is_removed(
+    results: Results,
+) -> None:
+    export_case(results.case_path, results.to)
+    asked = len(results.solver.asked)
+    export_case(results.case_path, results.to, volume=False)
+    assert len(results.solver.asked) == asked
+    assert not list(results.to.glob("*.vtkhdf"))
+    assert "vtkhdf" not in (results.to / "README.txt").read_text("utf-8")
+
+
+def test_a_solver_without_fields_leaves_the_volume_out_and_says_so(results: Results) -> None:
+    results.solver.cell_fields = False
+    told: list[str] = []
+    export_case(results.case_path, results.to, log=told.append)
+    assert told == ["no fields of the volume: the solver bundled answers none"]
+    assert not list(results.to.glob("*.vtkhdf"))
+
+
+def test_a_volume_of_others_is_neither_overwritten_nor_removed(results: Results) -> None:
+    results.to.mkdir()
+    (results.to / "volume_model.vtkhdf").write_text("mine")
+    with pytest.raises(ExportError, match="found a file volume_model.vtkhdf that is no export"):
+        export_case(results.case_path, results.to)
+    assert not results.solver.asked  # told before the simulations
+    export_case(results.case_path, results.to, volume=False)
+    assert (results.to / "volume_model.vtkhdf").read_text() == "mine"

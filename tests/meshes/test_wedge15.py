@@ -1,18 +1,22 @@
 """Meshes of fifteen-node wedges: Jacobians, volumes, conformity, groups, refusals."""
 
+from dataclasses import replace
 from pathlib import Path
 
+import medcoupling as mc
+import meshio
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from meshes.cells import EDGES, inverted_cells, jacobians
-from meshes.files import write_med, write_vtu
+from meshes.files import read_med, write_med, write_vtu
 from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import FACE_GROUPS, PrismMesh
 from meshes.surface import trace
 from meshes.tet10 import outer_faces
 from meshes.velocity import boundary_shift, moved
+from meshes.wedge15 import MIRRORED
 from tests.meshes.places import DEPTH, group_masks
 
 CELL = np.arange(15)[None]
@@ -106,11 +110,61 @@ def test_a_shift_of_the_boundary_keeps_the_cells_straight(wedges: PrismMesh) -> 
     assert gained == pytest.approx(0.3 * 2 * DEPTH)
 
 
-def test_what_knows_tetrahedra_only_refuses_wedges(wedges: PrismMesh, tmp_path: Path) -> None:
+def test_what_knows_tetrahedra_only_refuses_wedges(wedges: PrismMesh) -> None:
     with pytest.raises(ValueError, match="TOP is made of quad8"):
         trace(wedges)
     with pytest.raises(ValueError, match="outer faces are found for tet10 cells only"):
         outer_faces(wedges.cells)
-    for write in (write_med, write_vtu):
-        with pytest.raises(ValueError, match="only tet10 meshes can be written"):
-            write(wedges, tmp_path / "prism.med")
+
+
+def test_a_round_trip_through_med_changes_nothing(wedges: PrismMesh, tmp_path: Path) -> None:
+    write_med(wedges, tmp_path / "prism.med")
+    read = read_med(tmp_path / "prism.med")
+    for name in ("points", "cells", "grain"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(wedges, name))
+    for name, faces in wedges.faces.items():
+        np.testing.assert_array_equal(read.faces[name], faces)
+    for name, nodes in wedges.nodes.items():
+        np.testing.assert_array_equal(read.nodes[name], nodes)
+
+
+def test_med_wedges_have_the_order_and_handedness_of_medcoupling(
+    wedges: PrismMesh, tmp_path: Path
+) -> None:
+    """Signed volumes as those of tetrahedra in MED, and each mid-edge node between its corners."""
+    write_med(wedges, tmp_path / "prism.med")
+    cells = mc.MEDFileUMesh(str(tmp_path / "prism.med")).getMeshAtLevel(0)
+    assert cells.getMeasureField(False).getArray().toNumPyArray().min() > 0
+    points = cells.getCoords().toNumPyArray()
+    faces = cells.buildDescendingConnectivity()[0]
+    for face in range(faces.getNumberOfCells()):
+        corners, middle = np.split(np.array(faces.getNodeIdsOfCell(face)), 2)
+        between = (points[corners] + points[np.roll(corners, -1)]) / 2
+        np.testing.assert_allclose(points[middle], between, atol=1e-12)
+
+
+def test_wedges_of_the_other_handedness_are_turned_on_reading(
+    wedges: PrismMesh, tmp_path: Path
+) -> None:
+    mirrored = replace(wedges, cells=wedges.cells[:, MIRRORED])
+    assert len(inverted_cells(mirrored.points, mirrored.cells)) == len(wedges.cells)
+    write_med(mirrored, tmp_path / "prism.med")
+    read = read_med(tmp_path / "prism.med")
+    assert len(inverted_cells(read.points, read.cells)) == 0
+    np.testing.assert_array_equal(read.cells, wedges.cells)
+
+
+def test_folded_wedges_are_refused(wedges: PrismMesh, tmp_path: Path) -> None:
+    points = wedges.points.copy()
+    points[wedges.cells[0, 12]] += 50.0
+    write_med(replace(wedges, points=points), tmp_path / "prism.med")
+    with pytest.raises(ValueError, match=r"\d+ of \d+ cells have a Jacobian ≤ 0"):
+        read_med(tmp_path / "prism.med")
+
+
+def test_vtu_holds_quadratic_wedges_and_their_grains(wedges: PrismMesh, tmp_path: Path) -> None:
+    path = tmp_path / "prism.vtu"
+    write_vtu(wedges, path)
+    read = meshio.read(path)
+    np.testing.assert_array_equal(read.cells_dict["wedge15"], wedges.cells)
+    np.testing.assert_array_equal(read.cell_data["grain"][0], wedges.grain + 1)
