@@ -215,13 +215,15 @@ class ForwardModel:
         return name not in _LOAD_NAMES | _IMAGE_NAMES | _POSE_NAMES
 
     def _direction(self, values: Values, name: str) -> Direction:
+        scale = declared_parameters(self.boundary.weights.shape[1])[name].change(values[name])
         if name in MATERIAL_PARAMETERS:
-            return Direction(name, material={name: 1.0})
+            return Direction(name, material={name: 1.0}, scale=scale)
         if name in self.microstructure.velocities:
-            return Direction(name, points=self.microstructure.velocities[name])
+            return Direction(name, points=self.microstructure.velocities[name], scale=scale)
         if name.startswith("rotation_"):
-            return Direction(name, rotation=self.microstructure.rotation_rate(values, name))
-        return Direction(name, motion=self.boundary.derivative(values, name))
+            rate = self.microstructure.rotation_rate(values, name)
+            return Direction(name, rotation=rate, scale=scale)
+        return Direction(name, motion=self.boundary.derivative(values, name), scale=scale)
 
 
 _LOAD_NAMES = frozenset(p.name for p in LOAD_DECLARATIONS)

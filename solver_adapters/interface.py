@@ -55,6 +55,8 @@ class Direction:
             shape (n_grains, 3), or None.
         motion: derivative of the prescribed motion [µm], shape of `Simulation.motion`, or None.
         points: derivative of the node coordinates [µm], shape (n_nodes, 3), or None.
+        scale: an amount along the direction that is a typical change; finite differences step
+            by a small share of it.
     """
 
     name: str
@@ -63,6 +65,7 @@ class Direction:
     lattice_gradient: FloatArray | None = None
     motion: FloatArray | None = None
     points: FloatArray | None = None
+    scale: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,9 +174,11 @@ class Response:
         iterations: Newton iterations in all.
         cuts: steps that had to be cut to converge.
         refinements: steps that had to be cut for `Simulation.accuracy`.
-        ends: ends of the time steps taken [s], shape (steps,).
+        ends: ends of the time steps taken [s], shape (steps,); empty from a solver that does not
+            take `Simulation.steps`.
         seconds: wall-clock time by component [s], of the last part of a run that was resumed.
         cells: fields of the cells where `Simulation.cell_fields` asks for them, else None.
+        notes: sentences on what the user should know of this answer.
     """
 
     displacement: FloatArray
@@ -187,6 +192,7 @@ class Response:
     ends: FloatArray = field(default_factory=lambda: np.zeros(0))
     seconds: Mapping[str, float] = field(default_factory=dict)
     cells: CellFields | None = None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -198,12 +204,16 @@ class Capabilities:
         strain_measures: the strain measures on offer.
         derivatives: whether directions are answered.
         cell_fields: whether fields of the cells are answered.
+        noise: by what share force and displacement scatter between runs of nearly the same
+            simulation: the tolerance of the iteration, or the digits of a result file. Finite
+            differences choose their steps by it.
     """
 
     material: frozenset[str]
     strain_measures: frozenset[str]
     derivatives: bool
     cell_fields: bool = False
+    noise: float = 1e-5
 
 
 class Adapter(Protocol):

@@ -91,7 +91,7 @@ def refuse_bad_simulation(simulation: Simulation) -> None:
     _refuse_bad_times(simulation)
     _refuse_bad_motion(simulation)
     _refuse_bad_outputs(simulation)
-    _refuse_bad_directions(simulation)
+    refuse_bad_directions(simulation)
 
 
 def _refuse_bad_material(m: Material) -> None:
@@ -329,7 +329,13 @@ def _refuse_bad_outputs(simulation: Simulation) -> None:
     _expect_indices("output_nodes", simulation.output_nodes, len(simulation.mesh.points), "nodes")
 
 
-def _refuse_bad_directions(simulation: Simulation) -> None:
+def refuse_bad_directions(simulation: Simulation) -> None:
+    """Raise where a direction does not fit its simulation, in one sentence.
+
+    Raises:
+        UnsupportedError: a direction along what the material does not have.
+        BadSimulationError: names, shapes or numbers that are wrong.
+    """
     names: set[str] = set()
     grains = (simulation.mesh.n_grains, 3)
     shapes: dict[str, tuple[int, ...]] = {
@@ -348,6 +354,11 @@ def _refuse_bad_directions(simulation: Simulation) -> None:
 
 
 def _refuse_bad_direction(direction: Direction, shapes: dict[str, tuple[int, ...]]) -> None:
+    if not 0 < direction.scale < np.inf:
+        raise BadSimulationError(
+            f"scale of direction {direction.name!r} is {direction.scale:g}; "
+            "expected a positive number"
+        )
     for name, rate in direction.material.items():
         if name not in MATERIAL_PARAMETERS:
             raise UnsupportedError(
