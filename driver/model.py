@@ -109,6 +109,7 @@ class ForwardModel:
         adapter: the solver.
         integration: how the law is integrated over a time step.
         steps_per_interval: time steps between two instants.
+        accuracy: error of the force that a time step may make [µN], or None for steps as given.
         view: where the pixels are on the face.
     """
 
@@ -122,6 +123,7 @@ class ForwardModel:
     adapter: Adapter
     integration: Integration
     steps_per_interval: int
+    accuracy: float | None
     view: SurfaceView
 
     def null_values(self) -> dict[str, float]:
@@ -145,6 +147,7 @@ class ForwardModel:
             directions=tuple(self._direction(values, n) for n in free if self.simulated(n)),
             integration=self.integration,
             steps_per_interval=self.steps_per_interval,
+            accuracy=self.accuracy,
         )
 
     def predict(

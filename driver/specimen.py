@@ -113,7 +113,9 @@ def build_model(
         steps_per_interval: time steps between two rows of the history.
     """
     surface = trace(mesh)
-    half = case.specimen.width / 2
+    half, solver = case.specimen.width / 2, case.solver
+    # The finer simulation is as much more accurate as its steps are shorter.
+    finer = steps_per_interval / solver.steps_per_interval
     duration = history.time[-1] - history.time[0]
     return ForwardModel(
         material=case.material.to_material(),
@@ -128,8 +130,9 @@ def build_model(
         image_row=history.image_row,
         surface_nodes=surface.nodes,
         adapter=adapter,
-        integration=case.solver.integration,
+        integration=solver.integration,
         steps_per_interval=steps_per_interval,
+        accuracy=None if solver.accuracy_uN is None else solver.accuracy_uN / finer,
         view=SurfaceView(surface, pixels, (-half, half, 0.0, case.specimen.length)),
     )
 

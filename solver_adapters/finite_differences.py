@@ -162,8 +162,8 @@ class FiniteDifferences:
         ):
             if _failed(outcome):
                 raise SolverError(
-                    f"derivative along {run.direction.name!r}: no run at {asked[i].amount:g} nor "
-                    f"at {run.amount:g} from the asked one could be made; at the first: {found[i]}"
+                    f"derivative along {run.direction.name!r}: no run at {asked[i].amount:.3g} nor "
+                    f"at {run.amount:.3g} from the asked one could be made: {found[i]}"
                 )
             asked[i], found[i] = run, outcome
         prepared = [outcome for outcome in found if isinstance(outcome, PreparedError)]

@@ -14,8 +14,8 @@ Pair = tuple[tuple[float, Response], tuple[float, Response]]
 ASYMMETRY = 0.02
 """Largest difference of a one-sided slope from the derivative, in shares of it, that needs no word.
 
-It leaves 1 %: curvature leaves a third of it (the most of 27 directions on a prism in cycles, the
-mean over them is a twentieth), independent noise 0.6 of it.
+It leaves 1 %: curvature leaves a third of it at most (28 directions on a prism in two cycles),
+independent noise 0.6 of it.
 """
 
 _WIDEST = 0.5  # step in shares of the scale

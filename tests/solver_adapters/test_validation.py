@@ -322,6 +322,7 @@ BROKEN: list[tuple[Simulation, str]] = [
         along(material={"tau0": NAN}),
         "direction 'a' changes tau0 by nan; expected a finite number",
     ),
+    (along(scale=0.0), "scale of direction 'a' is 0; expected a positive number"),
     (
         along(rotation=np.zeros((1, 3))),
         "rotation of direction 'a' has shape (1, 3); expected (2, 3)",
