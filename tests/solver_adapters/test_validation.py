@@ -14,7 +14,7 @@ from meshes.prism_mesh import PrismMesh
 from solver_adapters.interface import Direction, FloatArray, Simulation, UnsupportedError
 from solver_adapters.material import MATERIAL_PARAMETERS, Material
 from solver_adapters.validation import _RULES, BadSimulationError, refuse_bad_simulation
-from tests.solver_adapters.boxes import ORIENTATIONS, box, moved, pulled, skin
+from tests.solver_adapters.boxes import BOXES, ORIENTATIONS, box, moved, pulled, skin
 
 GOOD = pulled(box(), Material(), (0.002, 0.004))
 MESH = GOOD.mesh
@@ -96,6 +96,11 @@ UNSUPPORTED: list[tuple[Simulation, str]] = [
         of_material(interaction=((NAN,) * 24,) * 24),
         "interaction holds a number that is not finite; expected 24 × 24 finite numbers",
     ),
+    (
+        of_material(interaction=((1.0,) * 23 + (-0.5,),) * 24),
+        "interaction holds -0.5; expected zero or more",
+    ),
+    (of_material(h_latent=-0.1), "h_latent is -0.1; expected zero or more"),
     (
         of_material(C11=100e3, C12=120e3),
         "C11 = 100000, C12 = 120000 MPa do not make a positive definite stiffness; expected C11 >",
@@ -222,7 +227,43 @@ BROKEN: list[tuple[Simulation, str]] = [
         replace(GOOD, times=np.array([0.0, 1.0, 1.0])),
         "times goes from 1 to 1 at place 2; expected increasing values",
     ),
-    (replace(GOOD, steps_per_interval=0), "steps_per_interval is 0; expected 1 or more"),
+    *[
+        (
+            replace(GOOD, steps_per_interval=value),  # type: ignore[arg-type]
+            f"steps_per_interval is {value!r}; expected a whole number, 1 or more",
+        )
+        for value in (0, 2.0, True, "two")
+    ],
+    (of_material(tau0="40"), "tau0 is '40'; expected a number"),
+    (of_material(Q=None), "Q is None; expected a number"),
+    (of_material(tau0_grains=1.0), "tau0_grains is 1.0; expected a tuple of numbers"),
+    (of_material(tau0_grains=("1",)), "tau0_grains is '1'; expected a number"),
+    (
+        of_material(tau0_grains=(1.1,)),
+        "tau0_grains has 1 ratios for 2 grains; expected at most 0, those of the third and later",
+    ),
+    (replace(GOOD, tolerance="1e-7"), "tolerance is '1e-7'; expected a number"),  # type: ignore[arg-type]
+    (replace(GOOD, accuracy="1"), "accuracy is '1'; expected a number"),  # type: ignore[arg-type]
+    *[
+        (replace(GOOD, **{name: list(getattr(GOOD, name))}), f"{name} is a list; expected an array")
+        for name in (
+            "orientations",
+            "times",
+            "motion_nodes",
+            "motion_mask",
+            "motion",
+            "output",
+            "output_nodes",
+        )
+    ],  # fmt: skip
+    (replace(GOOD, steps=[1.0, 2.0]), "steps is a list; expected an array"),  # type: ignore[arg-type]
+    (
+        replace(GOOD, times=np.array(["0", "1", "2"])),
+        "times holds <U1; expected real numbers",
+    ),
+    (of_mesh(points=MESH.points.tolist()), "mesh.points is a list; expected an array"),
+    (of_mesh(cells=MESH.cells.tolist()), "mesh.cells is a list; expected an array"),
+    (along(motion=3.0), "motion of direction 'a' is a float; expected an array"),
     *[
         (
             replace(GOOD, tolerance=value),
@@ -360,6 +401,43 @@ def test_broken_input_is_named_in_one_sentence(simulation: Simulation, sentence:
     with pytest.raises(BadSimulationError, match=f"^{re.escape(sentence)}") as error:
         refuse_bad_simulation(simulation)
     assert "\n" not in str(error.value)
+
+
+def test_an_eigenstrain_may_stress_a_specimen_up_to_its_yield() -> None:
+    """A square section is √12 standard deviations deep: its face is at 1/√6 of √18 of them.
+
+    An isotropic crystal has E = C44 (3 λ + 2 G)/(λ + G), here 200 GPa; it yields at 2 · 40 MPa.
+    """
+    G, nu = 80e3, 0.25
+    lame = 2 * G * nu / (1 - 2 * nu)
+    isotropic = {"C11": lame + 2 * G, "C12": lame, "C44": G}
+    bound = 2 * 40.0 / 200e3 * np.sqrt(6)
+    refuse_bad_simulation(of_material(**isotropic, eigenstrain=-0.99 * bound))
+    with pytest.raises(UnsupportedError) as error:
+        refuse_bad_simulation(of_material(**isotropic, eigenstrain=-2 * bound))
+    assert str(error.value) == (
+        "eigenstrain is -0.00195959, by which the specimen carries about 160 MPa before loading "
+        "and yields; expected at most 0.00098 in size"
+    )
+    weaker = of_material(**isotropic, eigenstrain=0.99 * bound, tau0_grain2=0.9)
+    with pytest.raises(UnsupportedError, match="expected at most 0.00088 in size"):
+        refuse_bad_simulation(weaker)
+
+
+@pytest.mark.parametrize("make", BOXES.values(), ids=BOXES)
+def test_the_stiffest_direction_bounds_the_eigenstrain(make: Callable[[], PrismMesh]) -> None:
+    """Pulled along ⟨111⟩: 1/E = (1/3)/(C11 + 2 C12) + 1/(3 C44), the known closed form."""
+    m = Material()
+    modulus = 3 / (1 / (m.C11 + 2 * m.C12) + 1 / m.C44)
+    bound = 2 * m.tau0 / modulus * np.sqrt(6)
+    third = np.ones(3) / np.sqrt(3)
+    across = np.array([1.0, -1.0, 0.0]) / np.sqrt(2)
+    turned = np.stack([across, third, np.cross(across, third)])
+    good = pulled(make(), replace(m, eigenstrain=0.99 * bound), (0.002,))
+    good = replace(good, orientations=np.stack([np.eye(3), turned]))
+    refuse_bad_simulation(good)
+    with pytest.raises(UnsupportedError, match=r"^eigenstrain is "):
+        refuse_bad_simulation(replace(good, material=replace(m, eigenstrain=1.01 * bound)))
 
 
 def test_every_constant_of_the_law_has_a_rule() -> None:
