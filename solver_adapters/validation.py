@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from meshes.cells import EDGES, inverted_cells
 from meshes.prism_mesh import PrismMesh
+from solver_adapters.crystal import N_110, N_SYSTEMS, slip_systems
 from solver_adapters.interface import (
     Direction,
     FloatArray,
@@ -251,8 +252,7 @@ def _refuse_ratios_of_no_grain(simulation: Simulation) -> None:
 def _refuse_yielding_eigenstrain(simulation: Simulation) -> None:
     """The run starts from elastic equilibrium, which an eigenstrain can drive beyond yield.
 
-    Between clamped ends the outermost fibre carries E times its eigenstrain along Y, and no
-    system slips before that is 2 τ0.
+    Between clamped ends the outermost fibre carries E times its eigenstrain along Y.
     """
     m = simulation.material
     if m.eigenstrain == 0:
@@ -260,18 +260,24 @@ def _refuse_yielding_eigenstrain(simulation: Simulation) -> None:
     C11, C12 = m.elastic_scale * m.C11, m.elastic_scale * m.C12
     C44 = m.elastic_scale * m.C44_scale * m.C44
     S11, S12 = np.linalg.inv(np.full((3, 3), C12) + (C11 - C12) * np.eye(3))[0, :2]
-    # Young's modulus of a cubic crystal along the unit vector whose components are in axes.
-    axes = simulation.orientations[:, 1] ** 2
-    anisotropy = axes[:, 0] * axes[:, 1] + axes[:, 1] * axes[:, 2] + axes[:, 2] * axes[:, 0]
-    modulus = float((1 / (S11 - 2 * (S11 - S12 - 0.5 / C44) * anisotropy)).max())
-    weakest = m.tau0 * min([1.0, m.tau0_grain2, *m.tau0_grains]) * min(1.0, m.tau0_112)
-    share = _outermost_share(simulation.mesh)
-    largest = 2 * weakest / (modulus * share)
-    if abs(m.eigenstrain) > largest:
+    along = simulation.orientations[:, 1]
+    directions, normals = slip_systems()
+    schmid = abs((along @ directions.T) * (along @ normals.T))
+    strength = m.tau0 * np.where(np.arange(N_SYSTEMS) < N_110, 1.0, m.tau0_112)
+    ratios = np.ones(len(along))
+    given = [1.0, m.tau0_grain2, *m.tau0_grains][: len(along)]
+    ratios[: len(given)] = given
+    yields = ratios / (schmid / strength).max(axis=1)
+    # Young's modulus of a cubic crystal along a unit vector in its axes.
+    x, y, z = along.T**2
+    modulus = 1 / (S11 - 2 * (S11 - S12 - 0.5 / C44) * (x * y + y * z + z * x))
+    stress = modulus * _outermost_share(simulation.mesh) * abs(m.eigenstrain)
+    grain = int(np.argmax(stress / yields))
+    if stress[grain] > yields[grain]:
         raise UnsupportedError(
-            f"eigenstrain is {m.eigenstrain:g}, by which the specimen carries about "
-            f"{modulus * share * abs(m.eigenstrain):.3g} MPa before loading and yields; "
-            f"expected at most {largest:.2g} in size"
+            f"eigenstrain is {m.eigenstrain:g}, by which grain {grain + 1} carries about "
+            f"{stress[grain]:.3g} MPa before loading and yields at {yields[grain]:.3g}; expected "
+            f"at most {abs(m.eigenstrain) * yields[grain] / stress[grain]:.2g} in size"
         )
 
 
