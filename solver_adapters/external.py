@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
-from solver_adapters.interface import Capabilities, Response, Simulation, SolverError
+from solver_adapters.interface import Capabilities, Response, Simulation
 
 
 class Status(StrEnum):
@@ -22,18 +22,6 @@ class Status(StrEnum):
     KILLED = "killed"
     NO_RESULT = "no result"
     BAD_DECK = "bad deck"
-
-
-class PreparedError(SolverError):
-    """Jobs were written, to be run elsewhere.
-
-    Attributes:
-        folders: one for each job.
-    """
-
-    def __init__(self, message: str, folders: tuple[Path, ...]) -> None:
-        super().__init__(message)
-        self.folders = folders
 
 
 @dataclass(frozen=True)

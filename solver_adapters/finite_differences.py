@@ -26,11 +26,12 @@ from threading import Event
 import numpy as np
 
 from solver_adapters.crystal import rotation_vector_matrix
-from solver_adapters.external import PreparedError
 from solver_adapters.interface import (
     Adapter,
     Capabilities,
     Direction,
+    NotRunError,
+    PreparedError,
     Progress,
     Response,
     Simulation,
@@ -191,6 +192,11 @@ class FiniteDifferences:
             folder = None if workspace is None else workspace / run.folder
             try:
                 return self.adapter.solve(moved, folder, heed)
+            except PreparedError as error:
+                return error
+            except NotRunError:
+                # No other step would mend it.
+                raise
             except SolverError as error:
                 return error
 
@@ -265,5 +271,4 @@ def _failed(outcome: Response | SolverError) -> bool:
 
 
 def _together(errors: Sequence[PreparedError]) -> PreparedError:
-    folders = tuple(dict.fromkeys(folder for error in errors for folder in error.folders))
-    return PreparedError(f"{len(folders)} jobs are prepared, of which one: {errors[0]}", folders)
+    return PreparedError(list(dict.fromkeys(f for error in errors for f in error.folders)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Protocol
@@ -40,6 +40,29 @@ class UnfinishedError(SolverError):
 
 class UnsupportedError(SolverError):
     """A parameter, option or direction that this adapter cannot honour."""
+
+
+class NotRunError(SolverError):
+    """A simulation that was not run, for a reason that other parameters would not mend."""
+
+
+class PreparedError(NotRunError):
+    """Jobs that were written for another machine instead of being run.
+
+    Attributes:
+        folders: the folders of the jobs, each complete.
+    """
+
+    def __init__(self, folders: Sequence[Path]) -> None:
+        super().__init__(tuple(folders))
+        self.folders = tuple(folders)
+
+    def __str__(self) -> str:
+        listed = "".join(f"\n  {folder}" for folder in self.folders)
+        return (
+            f"{len(self.folders)} job(s) are ready to be computed elsewhere, each as its "
+            f"README.txt says; `prismid run` then goes on from their results:{listed}"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,8 +197,7 @@ class Response:
         iterations: Newton iterations in all.
         cuts: steps that had to be cut to converge.
         refinements: steps that had to be cut for `Simulation.accuracy`.
-        ends: ends of the time steps taken [s], shape (steps,); empty from a solver that does not
-            take `Simulation.steps`.
+        ends: ends of the time steps taken [s], shape (steps,).
         seconds: wall-clock time by component [s], of the last part of a run that was resumed.
         cells: fields of the cells where `Simulation.cell_fields` asks for them, else None.
         notes: sentences on what the user should know of this answer.

@@ -14,13 +14,14 @@ import pytest
 from solver_adapters import finite_differences
 from solver_adapters.bundled import stepping
 from solver_adapters.bundled.adapter import BundledAdapter
-from solver_adapters.external import PreparedError
 from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import (
     Adapter,
     Capabilities,
     Direction,
     FloatArray,
+    NotRunError,
+    PreparedError,
     Progress,
     Response,
     Simulation,
@@ -337,14 +338,23 @@ def test_prepared_jobs_are_collected_from_all_runs(base_is_done: bool) -> None:
     def elsewhere(simulation: Simulation, folder: Path | None, heed: Report) -> None:
         if not base_is_done or simulation.material != Material():
             assert folder is not None
-            raise PreparedError(f"{folder} is written", (folder,))
+            raise PreparedError([folder])
 
     with pytest.raises(PreparedError) as error:
         FiniteDifferences(Toy(before=elsewhere), 2).solve(along(*BOTH), Path("jobs"))
     names = ["tau0_plus", "tau0_minus", "c_plus", "c_minus"]
     folders = [Path("jobs") / name for name in names]
     assert error.value.folders == tuple(folders if base_is_done else [Path("jobs"), *folders])
-    assert str(error.value).startswith(f"{len(error.value.folders)} jobs are prepared")
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_a_reason_that_no_other_step_would_mend_is_told_as_it_is(processes: int) -> None:
+    def absent(simulation: Simulation, folder: Path | None, heed: Report) -> None:
+        if simulation.material != Material():
+            raise NotRunError("the program is gone")
+
+    with pytest.raises(NotRunError, match="^the program is gone$"):
+        FiniteDifferences(Toy(before=absent), processes).solve(along(*BOTH))
 
 
 def test_other_time_steps_than_those_of_the_asked_run_are_noted() -> None:
