@@ -14,7 +14,6 @@ least at h = (ε/2)^⅓ L: 1.7 % of the scale for ε = 1e-5.
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -80,7 +79,7 @@ class FiniteDifferences:
 
         Args:
             simulation: what to solve.
-            workspace: a folder for files of the run; those beside it have folders in it.
+            workspace: a folder for files of the runs.
             progress: called as the run advances; the runs beside it follow.
 
         Raises:
@@ -189,9 +188,8 @@ class FiniteDifferences:
 
         def outcome(run: _Run) -> Response | SolverError:
             moved = shifted(simulation, run.direction, run.amount)
-            folder = None if workspace is None else workspace / run.folder
             try:
-                return self.adapter.solve(moved, folder, heed)
+                return self.adapter.solve(moved, workspace, heed)
             except PreparedError as error:
                 return error
             except NotRunError:
@@ -226,11 +224,6 @@ class _Run:
 
     direction: Direction
     amount: float
-
-    @property
-    def folder(self) -> str:
-        side = "plus" if self.amount > 0 else "minus"
-        return re.sub(r"[^\w-]", "_", f"{self.direction.name}_{side}")
 
 
 def shifted(simulation: Simulation, direction: Direction, amount: float) -> Simulation:

@@ -337,14 +337,17 @@ def test_the_asked_run_fails_as_the_solver_says_and_no_other_is_made() -> None:
 def test_prepared_jobs_are_collected_from_all_runs(base_is_done: bool) -> None:
     def elsewhere(simulation: Simulation, folder: Path | None, heed: Report) -> None:
         if not base_is_done or simulation.material != Material():
-            assert folder is not None
-            raise PreparedError([folder])
+            assert folder == Path("jobs")
+            m = simulation.material
+            raise PreparedError([folder / f"{np.sign(m.tau0 - 40):+.0f}{np.sign(m.c - 40e3):+.0f}"])
 
     with pytest.raises(PreparedError) as error:
         FiniteDifferences(Toy(before=elsewhere), 2).solve(along(*BOTH), Path("jobs"))
-    names = ["tau0_plus", "tau0_minus", "c_plus", "c_minus"]
+    names = ["+1+0", "-1+0", "+0+1", "+0-1"]
     folders = [Path("jobs") / name for name in names]
-    assert error.value.folders == tuple(folders if base_is_done else [Path("jobs"), *folders])
+    assert error.value.folders == tuple(
+        folders if base_is_done else [Path("jobs") / "+0+0", *folders]
+    )
 
 
 @pytest.mark.parametrize("processes", [1, 2])
