@@ -376,6 +376,10 @@ class Solver(Table):
     fine_steps_per_interval: Count = Field(
         default=2, description="the same in the finer simulation"
     )
+    accuracy_uN: Positive | None = Field(
+        default=None,
+        description="error of the force that a time step may make, by which steps are refined",
+    )
 
 
 class Identification(Table):

@@ -109,6 +109,7 @@ class ForwardModel:
         adapter: the solver.
         integration: how the law is integrated over a time step.
         steps_per_interval: time steps between two instants.
+        accuracy: error of the force that a time step may make [µN], or None for steps as given.
         view: where the pixels are on the face.
     """
 
@@ -122,6 +123,7 @@ class ForwardModel:
     adapter: Adapter
     integration: Integration
     steps_per_interval: int
+    accuracy: float | None
     view: SurfaceView
 
     def null_values(self) -> dict[str, float]:
@@ -145,6 +147,7 @@ class ForwardModel:
             directions=tuple(self._direction(values, n) for n in free if self.simulated(n)),
             integration=self.integration,
             steps_per_interval=self.steps_per_interval,
+            accuracy=self.accuracy,
         )
 
     def predict(
@@ -215,13 +218,15 @@ class ForwardModel:
         return name not in _LOAD_NAMES | _IMAGE_NAMES | _POSE_NAMES
 
     def _direction(self, values: Values, name: str) -> Direction:
+        scale = declared_parameters(self.boundary.weights.shape[1])[name].change(values[name])
         if name in MATERIAL_PARAMETERS:
-            return Direction(name, material={name: 1.0})
+            return Direction(name, material={name: 1.0}, scale=scale)
         if name in self.microstructure.velocities:
-            return Direction(name, points=self.microstructure.velocities[name])
+            return Direction(name, points=self.microstructure.velocities[name], scale=scale)
         if name.startswith("rotation_"):
-            return Direction(name, rotation=self.microstructure.rotation_rate(values, name))
-        return Direction(name, motion=self.boundary.derivative(values, name))
+            rate = self.microstructure.rotation_rate(values, name)
+            return Direction(name, rotation=rate, scale=scale)
+        return Direction(name, motion=self.boundary.derivative(values, name), scale=scale)
 
 
 _LOAD_NAMES = frozenset(p.name for p in LOAD_DECLARATIONS)

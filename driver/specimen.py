@@ -19,6 +19,8 @@ from driver.surface_view import SurfaceView
 from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import trace
+from solver_adapters.external import ExternalAdapter
+from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import Adapter
 from solver_adapters.registry import find_adapter
 
@@ -47,7 +49,7 @@ def mesh_of(case: Case, size: float) -> PrismMesh:
 
 
 def adapter_of(case: Case) -> Adapter:
-    """The solver that the case names, able to do what the case asks.
+    """The solver that the case names, able to do what the case asks, with derivatives.
 
     Raises:
         InputError: there is no such solver, or it lacks the strain measure.
@@ -60,7 +62,11 @@ def adapter_of(case: Case) -> Adapter:
             f'material.strain_measure: found "{wanted}", expected one of {offered} '
             f"(what the solver {case.solver.name} offers)"
         )
-    return adapter
+    if adapter.capabilities().derivatives:
+        return adapter
+    # Threads wait for programs; a solver inside this process may not be made for two of them.
+    outside = isinstance(adapter, ExternalAdapter)
+    return FiniteDifferences(adapter, case.execution.processes if outside else 1)
 
 
 def surface_images(case: Case, experiment: Experiment) -> SurfaceImages:
@@ -107,7 +113,9 @@ def build_model(
         steps_per_interval: time steps between two rows of the history.
     """
     surface = trace(mesh)
-    half = case.specimen.width / 2
+    half, solver = case.specimen.width / 2, case.solver
+    # The finer simulation is as much more accurate as its steps are shorter.
+    finer = steps_per_interval / solver.steps_per_interval
     duration = history.time[-1] - history.time[0]
     return ForwardModel(
         material=case.material.to_material(),
@@ -122,8 +130,9 @@ def build_model(
         image_row=history.image_row,
         surface_nodes=surface.nodes,
         adapter=adapter,
-        integration=case.solver.integration,
+        integration=solver.integration,
         steps_per_interval=steps_per_interval,
+        accuracy=None if solver.accuracy_uN is None else solver.accuracy_uN / finer,
         view=SurfaceView(surface, pixels, (-half, half, 0.0, case.specimen.length)),
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Protocol
@@ -42,6 +42,29 @@ class UnsupportedError(SolverError):
     """A parameter, option or direction that this adapter cannot honour."""
 
 
+class NotRunError(SolverError):
+    """A simulation that was not run, for a reason that other parameters would not mend."""
+
+
+class PreparedError(NotRunError):
+    """Jobs that were written for another machine instead of being run.
+
+    Attributes:
+        folders: the folders of the jobs, each complete.
+    """
+
+    def __init__(self, folders: Sequence[Path]) -> None:
+        super().__init__(tuple(folders))
+        self.folders = tuple(folders)
+
+    def __str__(self) -> str:
+        listed = "".join(f"\n  {folder}" for folder in self.folders)
+        return (
+            f"{len(self.folders)} job(s) are ready to be computed elsewhere, each as its "
+            f"README.txt says; `prismid run` then goes on from their results:{listed}"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class Direction:
     """A tangent in the space of simulations, along which the response is differentiated.
@@ -55,6 +78,8 @@ class Direction:
             shape (n_grains, 3), or None.
         motion: derivative of the prescribed motion [µm], shape of `Simulation.motion`, or None.
         points: derivative of the node coordinates [µm], shape (n_nodes, 3), or None.
+        scale: an amount along the direction that is a typical change; finite differences step
+            by a small share of it.
     """
 
     name: str
@@ -63,6 +88,7 @@ class Direction:
     lattice_gradient: FloatArray | None = None
     motion: FloatArray | None = None
     points: FloatArray | None = None
+    scale: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,6 +200,7 @@ class Response:
         ends: ends of the time steps taken [s], shape (steps,).
         seconds: wall-clock time by component [s], of the last part of a run that was resumed.
         cells: fields of the cells where `Simulation.cell_fields` asks for them, else None.
+        notes: sentences on what the user should know of this answer.
     """
 
     displacement: FloatArray
@@ -187,6 +214,7 @@ class Response:
     ends: FloatArray = field(default_factory=lambda: np.zeros(0))
     seconds: Mapping[str, float] = field(default_factory=dict)
     cells: CellFields | None = None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -198,12 +226,16 @@ class Capabilities:
         strain_measures: the strain measures on offer.
         derivatives: whether directions are answered.
         cell_fields: whether fields of the cells are answered.
+        noise: by what share force and displacement scatter between runs of nearly the same
+            simulation: the tolerance of the iteration, or the digits of a result file. Finite
+            differences choose their steps by it.
     """
 
     material: frozenset[str]
     strain_measures: frozenset[str]
     derivatives: bool
     cell_fields: bool = False
+    noise: float = 1e-5
 
 
 class Adapter(Protocol):

@@ -42,3 +42,7 @@ class Parameter:
     def slope(self, value: float) -> float:
         """∂value/∂θ."""
         return value if self.logarithmic else self.scale
+
+    def change(self, value: float) -> float:
+        """A typical change of the value: one prior scale."""
+        return self.scale * value if self.logarithmic else self.scale

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Integral, Real
 from typing import Any, get_args
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from meshes.cells import EDGES, inverted_cells
 from meshes.prism_mesh import PrismMesh
+from solver_adapters.crystal import N_110, N_SYSTEMS, slip_systems
 from solver_adapters.interface import (
     Direction,
     FloatArray,
@@ -27,6 +29,11 @@ AnyArray = NDArray[Any]
 
 _ROUNDING = 1e-9  # of a rotation [-], of a first motion [µm], of the ends of steps (share of all)
 _RIGID = 1e-8  # smallest singular value, in shares of the largest, of a rigid motion that is held
+# Cells with straight edges as tetrahedra of their corners.
+_TETRAHEDRA = {
+    10: np.array([[0, 1, 2, 3]]),
+    15: np.array([[0, 1, 2, 5], [0, 1, 5, 4], [0, 4, 5, 3]]),
+}
 _NODE_GROUPS = ("S_PLUS", "S_MINUS")
 _MODES = tuple(
     f"{kind} {axis}" for kind in ("translation along", "rotation about") for axis in "XYZ"
@@ -66,7 +73,7 @@ _RULES: dict[str, _Rule] = {
     "tau0_grain2": _POSITIVE,
     "tau0_antitwinning": _POSITIVE,
     "a1": _FINITE,
-    "h_latent": _FINITE,
+    "h_latent": _NOT_NEGATIVE,
     "c2": _NOT_NEGATIVE,
     "d2": _NOT_NEGATIVE,
     "x0": _Rule(lambda v, m: bool(np.isfinite(v)) and abs(v) * m.d < 1, "less than 1/d in size"),
@@ -88,15 +95,18 @@ def refuse_bad_simulation(simulation: Simulation) -> None:
     _refuse_bad_material(simulation.material)
     _refuse_bad_mesh(simulation.mesh)
     _refuse_bad_crystals(simulation)
+    _refuse_ratios_of_no_grain(simulation)
+    _refuse_yielding_eigenstrain(simulation)
     _refuse_bad_times(simulation)
     _refuse_bad_motion(simulation)
     _refuse_bad_outputs(simulation)
-    _refuse_bad_directions(simulation)
+    refuse_bad_directions(simulation)
 
 
 def _refuse_bad_material(m: Material) -> None:
     for name, rule in _RULES.items():
         value = getattr(m, name)
+        _expect_number(name, value)
         if not rule.holds(value, m):
             raise UnsupportedError(f"{name} is {value:g}; expected {rule.expected}")
     if not (abs(m.C12) < m.C11 and m.C11 + 2 * m.C12 > 0):
@@ -104,7 +114,10 @@ def _refuse_bad_material(m: Material) -> None:
             f"C11 = {m.C11:g}, C12 = {m.C12:g} MPa do not make a positive definite stiffness; "
             "expected C11 > |C12| and C11 + 2 C12 > 0"
         )
+    if not isinstance(m.tau0_grains, tuple):
+        raise BadSimulationError(f"tau0_grains is {m.tau0_grains!r}; expected a tuple of numbers")
     for ratio in m.tau0_grains:
+        _expect_number("tau0_grains", ratio)
         if not 0 < ratio < np.inf:
             raise UnsupportedError(f"tau0_grains holds {ratio:g}; expected positive numbers")
     if m.interaction is not None:
@@ -118,6 +131,11 @@ def _refuse_bad_material(m: Material) -> None:
             raise UnsupportedError(
                 "interaction holds a number that is not finite; expected 24 × 24 finite numbers"
             )
+        least = min(min(row) for row in m.interaction)
+        if least < 0:
+            raise UnsupportedError(
+                f"interaction holds {least:g}; expected zero or more (slip never softens)"
+            )
     if m.strain_measure not in get_args(StrainMeasure):
         raise UnsupportedError(
             f"strain_measure is {m.strain_measure!r}; expected 'small' or 'finite'"
@@ -128,6 +146,7 @@ def _refuse_bad_mesh(mesh: PrismMesh) -> None:
     _expect_shape("mesh.points", mesh.points, (None, 3))
     _expect_finite("mesh.points", mesh.points)
     cells, n_nodes = mesh.cells, len(mesh.points)
+    _expect_array("mesh.cells", cells)
     if cells.ndim != 2 or cells.shape[1] not in EDGES or not len(cells):
         raise UnsupportedError(
             f"mesh.cells has shape {cells.shape}; expected (n, 10) for tet10 or (n, 15) for "
@@ -194,6 +213,7 @@ def _refuse_pieces(cells: AnyArray, n_nodes: int) -> None:
 
 def _refuse_bad_crystals(simulation: Simulation) -> None:
     n, R = simulation.mesh.n_grains, simulation.orientations
+    _expect_array("orientations", R)
     if R.ndim != 3 or R.shape[1:] != (3, 3):
         raise BadSimulationError(f"orientations has shape {R.shape}; expected ({n}, 3, 3)")
     if len(R) != n:
@@ -219,22 +239,82 @@ def _refuse_bad_crystals(simulation: Simulation) -> None:
         _expect_finite("lattice_gradient", simulation.lattice_gradient)
 
 
+def _refuse_ratios_of_no_grain(simulation: Simulation) -> None:
+    ratios, n = simulation.material.tau0_grains, simulation.mesh.n_grains
+    most = max(n - 2, 0)
+    if len(ratios) > most:
+        raise BadSimulationError(
+            f"tau0_grains has {len(ratios)} ratios for {n} grains; expected at most {most}, "
+            "those of the third and later grains"
+        )
+
+
+def _refuse_yielding_eigenstrain(simulation: Simulation) -> None:
+    """The run starts from elastic equilibrium, which an eigenstrain can drive beyond yield.
+
+    Between clamped ends the outermost fibre carries E times its eigenstrain along Y.
+    """
+    m = simulation.material
+    if m.eigenstrain == 0:
+        return
+    C11, C12 = m.elastic_scale * m.C11, m.elastic_scale * m.C12
+    C44 = m.elastic_scale * m.C44_scale * m.C44
+    S11, S12 = np.linalg.inv(np.full((3, 3), C12) + (C11 - C12) * np.eye(3))[0, :2]
+    along = simulation.orientations[:, 1]
+    directions, normals = slip_systems()
+    schmid = abs((along @ directions.T) * (along @ normals.T))
+    strength = m.tau0 * np.where(np.arange(N_SYSTEMS) < N_110, 1.0, m.tau0_112)
+    ratios = np.ones(len(along))
+    given = [1.0, m.tau0_grain2, *m.tau0_grains][: len(along)]
+    ratios[: len(given)] = given
+    yields = ratios / (schmid / strength).max(axis=1)
+    # Young's modulus of a cubic crystal along a unit vector in its axes.
+    x, y, z = along.T**2
+    modulus = 1 / (S11 - 2 * (S11 - S12 - 0.5 / C44) * (x * y + y * z + z * x))
+    stress = modulus * _outermost_share(simulation.mesh) * abs(m.eigenstrain)
+    grain = int(np.argmax(stress / yields))
+    if stress[grain] > yields[grain]:
+        raise UnsupportedError(
+            f"eigenstrain is {m.eigenstrain:g}, by which grain {grain + 1} carries about "
+            f"{stress[grain]:.3g} MPa before loading and yields at {yields[grain]:.3g}; expected "
+            f"at most {abs(m.eigenstrain) * yields[grain] / stress[grain]:.2g} in size"
+        )
+
+
+def _outermost_share(mesh: PrismMesh) -> float:
+    """Largest distance from the mean height, in shares of the depth (√18 standard deviations)."""
+    corners = mesh.cells[:, _TETRAHEDRA[mesh.cells.shape[1]]].reshape(-1, 4)
+    z = mesh.points[corners, 2]
+    volume = abs(np.linalg.det(mesh.points[corners[:, 1:]] - mesh.points[corners[:, :1]]))
+    volume /= volume.sum()
+    mean = float(volume @ z.mean(axis=1))
+    z = z - mean
+    # Mean square of a linear function over a tetrahedron.
+    square = float(volume @ ((z**2).sum(axis=1) + z.sum(axis=1) ** 2)) / 20
+    return float(abs(z).max() / np.sqrt(18 * square))
+
+
 def _refuse_bad_times(simulation: Simulation) -> None:
     times, steps = simulation.times, simulation.steps
+    _expect_array("times", times)
     if times.ndim != 1 or len(times) < 2:
         raise BadSimulationError(
             f"times has shape {times.shape}; expected two instants or more in a row"
         )
     _expect_finite("times", times)
     _expect_increasing("times", times)
-    if simulation.steps_per_interval < 1:
+    count = simulation.steps_per_interval
+    if not isinstance(count, Integral) or isinstance(count, bool) or count < 1:
         raise BadSimulationError(
-            f"steps_per_interval is {simulation.steps_per_interval}; expected 1 or more"
+            f"steps_per_interval is {count!r}; expected a whole number, 1 or more"
         )
+    _expect_number("tolerance", simulation.tolerance)
     if not 0 < simulation.tolerance <= 1e-2:
         raise BadSimulationError(
             f"tolerance is {simulation.tolerance:g}; expected more than 0 and at most 0.01"
         )
+    if simulation.accuracy is not None:
+        _expect_number("accuracy", simulation.accuracy)
     if simulation.accuracy is not None and not 0 < simulation.accuracy < np.inf:
         raise BadSimulationError(
             f"accuracy is {simulation.accuracy:g} µN; expected a positive number or None"
@@ -329,7 +409,13 @@ def _refuse_bad_outputs(simulation: Simulation) -> None:
     _expect_indices("output_nodes", simulation.output_nodes, len(simulation.mesh.points), "nodes")
 
 
-def _refuse_bad_directions(simulation: Simulation) -> None:
+def refuse_bad_directions(simulation: Simulation) -> None:
+    """Raise where a direction does not fit its simulation, in one sentence.
+
+    Raises:
+        UnsupportedError: a direction along what the material does not have.
+        BadSimulationError: names, shapes or numbers that are wrong.
+    """
     names: set[str] = set()
     grains = (simulation.mesh.n_grains, 3)
     shapes: dict[str, tuple[int, ...]] = {
@@ -348,6 +434,11 @@ def _refuse_bad_directions(simulation: Simulation) -> None:
 
 
 def _refuse_bad_direction(direction: Direction, shapes: dict[str, tuple[int, ...]]) -> None:
+    if not 0 < direction.scale < np.inf:
+        raise BadSimulationError(
+            f"scale of direction {direction.name!r} is {direction.scale:g}; "
+            "expected a positive number"
+        )
     for name, rate in direction.material.items():
         if name not in MATERIAL_PARAMETERS:
             raise UnsupportedError(
@@ -365,7 +456,20 @@ def _refuse_bad_direction(direction: Direction, shapes: dict[str, tuple[int, ...
             _expect_finite(f"{name} of direction {direction.name!r}", change)
 
 
+def _expect_number(name: str, value: Any) -> None:
+    if not isinstance(value, Real) or isinstance(value, bool):
+        raise BadSimulationError(f"{name} is {value!r}; expected a number")
+
+
+def _expect_array(name: str, array: Any) -> None:
+    if not isinstance(array, np.ndarray):
+        raise BadSimulationError(f"{name} is a {type(array).__name__}; expected an array")
+    if array.dtype.kind not in "biuf":
+        raise BadSimulationError(f"{name} holds {array.dtype}; expected real numbers")
+
+
 def _expect_shape(name: str, array: AnyArray, shape: tuple[int | None, ...]) -> None:
+    _expect_array(name, array)
     fits = array.ndim == len(shape) and all(
         wanted in (None, size) for size, wanted in zip(array.shape, shape, strict=True)
     )

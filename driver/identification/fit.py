@@ -249,7 +249,7 @@ def fit(
     """
     here = start if start is not None else objective.evaluate(values, free)
     history = [_record(here)]
-    log(_line(0, here, None))
+    _tell(log, 0, here, None)
     iteration = 0
     while True:
         step, decrement = _bounded_step(here, objective.parameters)
@@ -266,7 +266,7 @@ def fit(
         fallen = 1.0 - ahead.cost / here.cost
         here, iteration = ahead, iteration + 1
         history.append(_record(here))
-        log(_line(iteration, here, decrement))
+        _tell(log, iteration, here, decrement)
         if fallen < share:
             reason = f"the last step lowered the cost by {fallen:.1%}"
             return Fit(here, True, reason, tuple(history))
@@ -342,7 +342,9 @@ def _record(here: Evaluation) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _line(iteration: int, here: Evaluation, decrement: float | None) -> str:
+def _tell(log: Log, iteration: int, here: Evaluation, decrement: float | None) -> None:
     loads = f"χ_F {here.chi_load:7.2f}  " if here.n_load else ""
     step = "" if decrement is None else f"  step {decrement:.3g} σ"
-    return f"  iteration {iteration}: {loads}χ of images {here.chi_image:.3f}{step}"
+    log(f"  iteration {iteration}: {loads}χ of images {here.chi_image:.3f}{step}")
+    for note in here.prediction.response.notes:
+        log(f"    {note}")

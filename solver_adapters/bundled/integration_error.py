@@ -34,6 +34,8 @@ from solver_adapters.bundled.points import Points
 
 FloatArray = NDArray[np.float64]
 
+_LEAST_POWER = 0.5  # of n − 1, below which the second tangent is none
+
 
 def stress_error(
     points: Points, state0: FloatArray, slips: FloatArray, dH: FloatArray, dt: float
@@ -86,9 +88,11 @@ def _path_error(start: FloatArray, slip: FloatArray, d: FloatArray) -> FloatArra
 def _relaxed(mean: FloatArray, over0: FloatArray, n: FloatArray) -> FloatArray:
     """Overstress at the end of a relaxation, from that of its mean rate.
 
-    The better of the two tangents of `relaxation`: −n r/2 and ln a − a r.
+    The better of the two tangents of `relaxation`: −n r/2 and ln a − a r; near n = 1, where the
+    overstress decays as exp(−a) and no power is left, the first alone.
     """
     ratio = np.minimum(mean / np.maximum(over0, 1e-300), 1.0)
-    far = (ratio**n / (n - 1.0)) ** (1.0 / (n - 1.0))
+    power = np.maximum(n - 1.0, _LEAST_POWER)
+    far = np.where(n < 1.0 + _LEAST_POWER, 0.0, (ratio**n / power) ** (1.0 / power))
     near = ratio**2
     return np.asarray(over0 * np.maximum(np.minimum(far, 1.0), near))

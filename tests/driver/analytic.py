@@ -10,14 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.identification.fit import Evaluation, Objective
+from solver_adapters.interface import Response
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
 Curve = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
+@dataclass(frozen=True)
 class _Nothing:
-    """A prediction of which nobody asks more than to be restricted."""
+    """A prediction of which nobody asks more than to be restricted, and for notes."""
+
+    response: Response = Response(
+        np.zeros((0, 0, 3)), np.zeros(0), np.zeros((0, 0, 0, 3)), np.zeros((0, 0))
+    )
 
     def restrict(self, rows: Sequence[int]) -> _Nothing:
         return self

@@ -145,6 +145,9 @@ def test_a_solver_gets_one_direction_for_each_parameter_that_it_feels(
     assert kinds["rotation_frame_z"] == (False, True, False, False)
     assert kinds["elongation_2"] == (False, False, True, False)
     assert kinds["depth_scale"] == (False, False, False, True)
+    scales = {direction.name: direction.scale for direction in simulation.directions}
+    # One prior scale: e-fold for tau0, which is 35 MPa here, 10 nm for a knot.
+    assert (scales["tau0"], scales["elongation_2"], scales["depth_scale"]) == (35.0, 0.01, 0.05)
 
 
 def test_nulls_are_those_of_the_declarations_but_for_the_constants_of_the_case(

@@ -10,7 +10,8 @@ from driver import specimen
 from driver.case import Case, load_case
 from driver.errors import InputError
 from driver.experiment import read_experiment
-from driver.specimen import adapter_of, geometry_of, surface_images
+from driver.specimen import adapter_of, build_model, geometry_of, surface_images
+from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import Capabilities, UnsupportedError
 from tests.driver import closed_form
 from tests.driver.closed_form import LENGTH, PIXEL, WIDTH
@@ -51,6 +52,33 @@ def test_a_strain_measure_that_the_solver_lacks_is_refused(
         "(what the solver bundled offers)"
     )
     assert adapter_of(changed(case, "material", strain_measure="small")).name == "closed form"
+
+
+class Underived(SmallStrainSolver):
+    def capabilities(self) -> Capabilities:
+        return replace(super().capabilities(), derivatives=False)
+
+
+def test_a_solver_without_derivatives_is_given_some(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = changed(closed_form.small_case(), "material", strain_measure="small")
+    monkeypatch.setattr(specimen, "find_adapter", lambda name: Underived())
+    adapter = adapter_of(changed(case, "execution", processes=3))
+    assert isinstance(adapter, FiniteDifferences) and adapter.capabilities().derivatives
+    # Not made for threads, for all that is known.
+    assert adapter.processes == 1
+
+
+def test_an_accuracy_is_finer_as_the_steps_of_the_finer_simulation() -> None:
+    b = closed_form.bench()
+
+    def accuracy(steps: int, **solver: object) -> float | None:
+        stated = changed(b.case, "solver", steps_per_interval=2, **solver)
+        adapter, pixels = b.model.adapter, closed_form.pixels()
+        model = build_model(stated, b.mesh, b.history, pixels, adapter, steps)
+        return model.simulation(b.truth).accuracy
+
+    assert accuracy(2) is None
+    assert accuracy(2, accuracy_uN=1.5) == 1.5 and accuracy(6, accuracy_uN=1.5) == 0.5
 
 
 def test_an_unknown_solver_is_refused() -> None:

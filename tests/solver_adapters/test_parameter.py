@@ -27,6 +27,11 @@ def test_the_slope_is_that_of_the_value(parameter: Parameter) -> None:
     assert parameter.slope(here) == pytest.approx(difference)
 
 
+def test_a_typical_change_is_one_prior_scale() -> None:
+    assert Parameter("n", "", 10.0, 0.3, 1.5, 60.0, True).change(20.0) == pytest.approx(6.0)
+    assert PLAIN.change(20.0) == 0.3
+
+
 def test_a_value_stays_inside_the_bounds() -> None:
     assert PLAIN.value(100.0, 0.0) == 3.0 and PLAIN.value(-100.0, 0.0) == -3.0
     assert LOG.value(50.0, 40.0) == 2000.0 and LOG.value(-50.0, 40.0) == 0.1

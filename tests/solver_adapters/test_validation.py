@@ -14,7 +14,7 @@ from meshes.prism_mesh import PrismMesh
 from solver_adapters.interface import Direction, FloatArray, Simulation, UnsupportedError
 from solver_adapters.material import MATERIAL_PARAMETERS, Material
 from solver_adapters.validation import _RULES, BadSimulationError, refuse_bad_simulation
-from tests.solver_adapters.boxes import ORIENTATIONS, box, moved, pulled, skin
+from tests.solver_adapters.boxes import BOXES, ORIENTATIONS, box, moved, pulled, skin
 
 GOOD = pulled(box(), Material(), (0.002, 0.004))
 MESH = GOOD.mesh
@@ -96,6 +96,11 @@ UNSUPPORTED: list[tuple[Simulation, str]] = [
         of_material(interaction=((NAN,) * 24,) * 24),
         "interaction holds a number that is not finite; expected 24 × 24 finite numbers",
     ),
+    (
+        of_material(interaction=((1.0,) * 23 + (-0.5,),) * 24),
+        "interaction holds -0.5; expected zero or more",
+    ),
+    (of_material(h_latent=-0.1), "h_latent is -0.1; expected zero or more"),
     (
         of_material(C11=100e3, C12=120e3),
         "C11 = 100000, C12 = 120000 MPa do not make a positive definite stiffness; expected C11 >",
@@ -222,7 +227,43 @@ BROKEN: list[tuple[Simulation, str]] = [
         replace(GOOD, times=np.array([0.0, 1.0, 1.0])),
         "times goes from 1 to 1 at place 2; expected increasing values",
     ),
-    (replace(GOOD, steps_per_interval=0), "steps_per_interval is 0; expected 1 or more"),
+    *[
+        (
+            replace(GOOD, steps_per_interval=value),  # type: ignore[arg-type]
+            f"steps_per_interval is {value!r}; expected a whole number, 1 or more",
+        )
+        for value in (0, 2.0, True, "two")
+    ],
+    (of_material(tau0="40"), "tau0 is '40'; expected a number"),
+    (of_material(Q=None), "Q is None; expected a number"),
+    (of_material(tau0_grains=1.0), "tau0_grains is 1.0; expected a tuple of numbers"),
+    (of_material(tau0_grains=("1",)), "tau0_grains is '1'; expected a number"),
+    (
+        of_material(tau0_grains=(1.1,)),
+        "tau0_grains has 1 ratios for 2 grains; expected at most 0, those of the third and later",
+    ),
+    (replace(GOOD, tolerance="1e-7"), "tolerance is '1e-7'; expected a number"),  # type: ignore[arg-type]
+    (replace(GOOD, accuracy="1"), "accuracy is '1'; expected a number"),  # type: ignore[arg-type]
+    *[
+        (replace(GOOD, **{name: list(getattr(GOOD, name))}), f"{name} is a list; expected an array")
+        for name in (
+            "orientations",
+            "times",
+            "motion_nodes",
+            "motion_mask",
+            "motion",
+            "output",
+            "output_nodes",
+        )
+    ],  # fmt: skip
+    (replace(GOOD, steps=[1.0, 2.0]), "steps is a list; expected an array"),  # type: ignore[arg-type]
+    (
+        replace(GOOD, times=np.array(["0", "1", "2"])),
+        "times holds <U1; expected real numbers",
+    ),
+    (of_mesh(points=MESH.points.tolist()), "mesh.points is a list; expected an array"),
+    (of_mesh(cells=MESH.cells.tolist()), "mesh.cells is a list; expected an array"),
+    (along(motion=3.0), "motion of direction 'a' is a float; expected an array"),
     *[
         (
             replace(GOOD, tolerance=value),
@@ -322,6 +363,7 @@ BROKEN: list[tuple[Simulation, str]] = [
         along(material={"tau0": NAN}),
         "direction 'a' changes tau0 by nan; expected a finite number",
     ),
+    (along(scale=0.0), "scale of direction 'a' is 0; expected a positive number"),
     (
         along(rotation=np.zeros((1, 3))),
         "rotation of direction 'a' has shape (1, 3); expected (2, 3)",
@@ -359,6 +401,47 @@ def test_broken_input_is_named_in_one_sentence(simulation: Simulation, sentence:
     with pytest.raises(BadSimulationError, match=f"^{re.escape(sentence)}") as error:
         refuse_bad_simulation(simulation)
     assert "\n" not in str(error.value)
+
+
+# Along ⟨001⟩ and ⟨111⟩: 1/E is S11 and (1/3)/(C11 + 2 C12) + 1/(3 C44); the largest Schmid factors
+# are √2/3 and √8/9 on {112}, 1/√6 and √(2/27) on {110}.
+M = Material()
+S11 = (M.C11 + M.C12) / ((M.C11 - M.C12) * (M.C11 + 2 * M.C12))
+E111 = 3 / (1 / (M.C11 + 2 * M.C12) + 1 / M.C44)
+CUBE = np.eye(3)
+ACROSS = np.array([1.0, -1.0, 0.0]) / np.sqrt(2)
+DIAGONAL = np.stack([ACROSS, np.ones(3) / np.sqrt(3), np.cross(ACROSS, np.ones(3) / np.sqrt(3))])
+
+
+@pytest.mark.parametrize("make", BOXES.values(), ids=BOXES)
+@pytest.mark.parametrize(
+    ("changes", "grain", "stress"),
+    [
+        ({}, 2, 40 / (np.sqrt(8) / 9)),
+        ({"tau0": 20.0}, 2, 20 / (np.sqrt(8) / 9)),
+        ({"tau0_grain2": 2.0}, 1, 40 / (np.sqrt(2) / 3)),
+        ({"tau0_grain2": 2.0, "tau0_112": 1.3}, 1, 40 * np.sqrt(6)),
+    ],
+)
+def test_an_eigenstrain_may_stress_a_specimen_up_to_its_yield(
+    make: Callable[[], PrismMesh], changes: dict[str, float], grain: int, stress: float
+) -> None:
+    """A square section is √12 standard deviations deep: its faces are 1/√6 of √18 of them off."""
+    modulus = (1 / S11, E111)[grain - 1]
+    bound = stress / modulus * np.sqrt(6)
+    material = replace(M, **changes)  # type: ignore[arg-type]
+    simulation = replace(
+        pulled(make(), replace(material, eigenstrain=-0.99 * bound), (0.002,)),
+        orientations=np.stack([CUBE, DIAGONAL]),
+    )
+    refuse_bad_simulation(simulation)
+    beyond = replace(simulation, material=replace(material, eigenstrain=2 * bound))
+    with pytest.raises(UnsupportedError) as error:
+        refuse_bad_simulation(beyond)
+    assert str(error.value) == (
+        f"eigenstrain is {2 * bound:g}, by which grain {grain} carries about {2 * stress:.3g} MPa "
+        f"before loading and yields at {stress:.3g}; expected at most {bound:.2g} in size"
+    )
 
 
 def test_every_constant_of_the_law_has_a_rule() -> None:

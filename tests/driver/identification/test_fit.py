@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -241,3 +243,14 @@ def test_restricting_an_evaluation_is_evaluating_with_fewer_free() -> None:
     np.testing.assert_array_equal(fewer.hessian, anew.hessian)
     np.testing.assert_array_equal(fewer.gradient, anew.gradient)
     assert fewer.cost == pytest.approx(anew.cost)
+
+
+def test_notes_of_the_solver_are_told_with_the_iteration() -> None:
+    lines: list[str] = []
+    objective = formula(linear, np.array([0.5, -0.2, 0.8]) @ A, PLAIN, {})
+    start = objective.evaluate(ZERO, tuple("abc"))
+    response = replace(start.prediction.response, notes=("doubtful",))
+    noted = replace(start, prediction=replace(start.prediction, response=response))
+    fit(objective, ZERO, "abc", 1, lines.append, noted)
+    assert lines[1] == "    doubtful" and lines[0].startswith("  iteration 0")
+    assert lines[2].startswith("  iteration 1") and len(lines) == 3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_adapters.bundled.integration_error import stress_error
+from solver_adapters.bundled.integration_error import _relaxed, stress_error
 from solver_adapters.bundled.points import Points, points_of_grains
 from solver_adapters.crystal import bunge_matrix
 from solver_adapters.interface import FloatArray, Integration
@@ -48,3 +48,11 @@ def test_the_estimate_is_no_less_than_a_third_of_the_error_and_no_idle_alarm(
     error = abs(coarse - exact)
     assert estimate > error / 3 - 0.01
     assert estimate < 30 * error + 3.0
+
+
+@pytest.mark.parametrize("a", [0.02, 0.3, 2.0, 10.0])
+def test_the_end_of_a_linear_relaxation_follows_from_its_mean(a: float) -> None:
+    """dv/dt = −v/t over a relaxation times: the mean is (1 − exp(−a))/a, the end exp(−a)."""
+    one = np.ones((1, 1))
+    end = float(_relaxed(-np.expm1(-a) / a * one, one, one)[0, 0])
+    assert np.exp(-a) <= end < np.exp(-a) + 0.06

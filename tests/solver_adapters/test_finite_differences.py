@@ -1,0 +1,392 @@
+"""Finite differences: against the direct derivatives of the bundled solver, and on its own."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from threading import Barrier
+
+import numpy as np
+import pytest
+
+from solver_adapters import finite_differences
+from solver_adapters.bundled import stepping
+from solver_adapters.bundled.adapter import BundledAdapter
+from solver_adapters.finite_differences import FiniteDifferences
+from solver_adapters.interface import (
+    Adapter,
+    Capabilities,
+    Direction,
+    FloatArray,
+    NotRunError,
+    PreparedError,
+    Progress,
+    Response,
+    Simulation,
+    SolverError,
+    UnsupportedError,
+)
+from solver_adapters.material import Material
+from solver_adapters.validation import BadSimulationError
+from tests.solver_adapters.boxes import box, pulled
+
+Report = Callable[[Progress], None]
+
+
+class Underived(BundledAdapter):
+    """The bundled solver as if it had no derivatives, as exact as a usual code."""
+
+    def __init__(self, tolerance: float = 1e-6) -> None:
+        self.tolerance = tolerance
+        self.asked: list[Simulation] = []
+        self.answers: list[Response] = []
+
+    def capabilities(self) -> Capabilities:
+        return replace(super().capabilities(), derivatives=False)
+
+    def solve(
+        self, simulation: Simulation, workspace: Path | None = None, progress: Report | None = None
+    ) -> Response:
+        assert not simulation.directions
+        self.asked.append(simulation)
+        self.answers.append(super().solve(replace(simulation, tolerance=self.tolerance), workspace))
+        return self.answers[-1]
+
+
+def _specimen() -> Simulation:
+    """Two grains pulled beyond yield, unloaded and pulled again."""
+    material = Material(Q=10.0, tau0_112=1.05, strain_measure="small")
+    return pulled(box(), material, (0.001, 0.004, 0.0075, 0.0065, 0.004, 0.01), tolerance=1e-10)
+
+
+def _directions(simulation: Simulation) -> tuple[Direction, ...]:
+    """One of each kind; scales as the driver declares them."""
+    x, y, z = simulation.mesh.points.T
+    bump = (np.sin(1 + x) * np.sin(1 + y) * np.cos(z))[:, None] * [1.0, -0.5, 0.7]
+    knot = np.zeros_like(simulation.motion)
+    plus = simulation.mesh.points[simulation.motion_nodes, 1] > 2.0
+    # An elongation knot: the motion grows up to the third instant and falls to the fifth.
+    knot[1:5, plus, 1] = np.array([1.0, 2.0, 3.0, 1.5])[:, None] / 3
+    turns = np.array([[0.3, -0.2, 0.5], [-0.1, 0.4, 0.2]])
+    return (
+        Direction("tau0", material={"tau0": 1.0}, scale=40.0),
+        Direction("d", material={"d": 1.0}, scale=1500.0),
+        Direction("h_latent", material={"h_latent": 1.0}, scale=0.2),
+        Direction("turn", rotation=turns, scale=0.035),
+        Direction("gradient", lattice_gradient=turns, scale=0.02),
+        Direction("knot", motion=knot, scale=0.01),
+        Direction("nodes", points=bump, scale=0.1),
+        Direction("mixed", material={"c": 40e3}, rotation=turns, motion=0.01 * knot, scale=0.03),
+    )
+
+
+@pytest.fixture(scope="module")
+def specimen() -> Simulation:
+    simulation = _specimen()
+    return replace(simulation, directions=_directions(simulation))
+
+
+@pytest.fixture(scope="module")
+def direct(specimen: Simulation) -> Response:
+    return BundledAdapter().solve(specimen)
+
+
+def _worst(found: FloatArray, expected: FloatArray) -> float:
+    return float(abs(found - expected).max() / abs(expected).max())
+
+
+def test_they_agree_with_direct_differentiation_to_one_per_cent(
+    specimen: Simulation, direct: Response
+) -> None:
+    solver = Underived()
+    response = FiniteDifferences(solver).solve(specimen)
+    assert response.notes == ()
+    assert response.d_force.shape == direct.d_force.shape
+    for k, direction in enumerate(specimen.directions):
+        errors = (
+            _worst(response.d_force[k], direct.d_force[k]),
+            _worst(response.d_displacement[k], direct.d_displacement[k]),
+        )
+        assert max(errors) < 0.01, (direction.name, errors)
+    # The asked run, two for each direction, two more where a constant is at its bound or a step
+    # was changed.
+    assert len(solver.asked) <= 1 + 3 * len(specimen.directions)
+    np.testing.assert_array_equal(response.force, solver.answers[0].force)
+
+
+@pytest.mark.parametrize("accuracy", [None, 2.0], ids=["cut", "refined"])
+def test_the_runs_beside_repeat_the_steps_of_the_asked_one(
+    specimen: Simulation, accuracy: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the time errors of other steps would be taken for derivatives."""
+    if accuracy is None:
+        # An impatient Newton iteration cuts the step of first yield.
+        monkeypatch.setattr(stepping, "MOST_NEWTON", 5)
+    adaptive = replace(specimen, accuracy=accuracy, directions=specimen.directions[:2])
+    solver = Underived()
+    response = FiniteDifferences(solver).solve(adaptive)
+    assert response.cuts + response.refinements > 0
+    for simulation, answer in zip(solver.asked[1:], solver.answers[1:], strict=True):
+        assert simulation.accuracy is None
+        np.testing.assert_array_equal(simulation.steps, response.ends)
+        np.testing.assert_allclose(answer.ends, response.ends, rtol=1e-12)
+    assert response.notes == ()
+    monkeypatch.undo()
+    direct = BundledAdapter().solve(replace(adaptive, steps=response.ends, accuracy=None))
+    for k in range(2):
+        assert _worst(response.d_force[k], direct.d_force[k]) < 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Toy:
+    """A solver in closed form: force and displacement are exponentials of tau0, linear in c.
+
+    Attributes:
+        noise: standard deviation of each number, in shares of it.
+        before: called with simulation and folder before each answer; it may raise.
+        kink: the response to tau0 is its distance from 40.
+        asked: the simulations, as they came.
+        folders: their folders.
+    """
+
+    noise: float = 0.0
+    before: Callable[[Simulation, Path | None, Report], None] = lambda simulation, folder, heed: (
+        None
+    )
+    kink: bool = False
+    asked: list[Simulation] = field(default_factory=list)
+    folders: list[Path | None] = field(default_factory=list)
+    name: str = "toy"
+
+    def capabilities(self) -> Capabilities:
+        known = frozenset({"tau0", "c"})
+        return Capabilities(known, frozenset({"small", "finite"}), derivatives=False)
+
+    def version(self) -> str:
+        return "7"
+
+    def solve(
+        self, simulation: Simulation, workspace: Path | None = None, progress: Report | None = None
+    ) -> Response:
+        assert simulation.directions == ()
+        self.asked.append(simulation)
+        self.folders.append(workspace)
+        self.before(simulation, workspace, progress or (lambda state: None))
+        m = simulation.material
+        x = m.tau0 / 40 - 1
+        curve = 1 + abs(x) if self.kink else np.exp(x)
+        shape = (len(simulation.output), len(simulation.output_nodes), 3)
+        force = curve * np.linspace(1, 2, shape[0]) + m.c / 40e3
+        displacement = curve * np.ones(shape)
+        # The same simulation scatters in the same way.
+        rng = np.random.default_rng(abs(hash((m.tau0, m.c))))
+        force *= 1 + self.noise * rng.normal(size=force.shape)
+        displacement *= 1 + self.noise * rng.normal(size=shape)
+        return Response(displacement, force, np.zeros((0, *shape)), np.zeros((0, shape[0])))
+
+
+ALONG_TAU0 = Direction("tau0", material={"tau0": 1.0}, scale=40.0)
+ALONG_C = Direction("c", material={"c": 1.0}, scale=40e3)
+BOTH = (ALONG_TAU0, ALONG_C)
+
+
+def along(*directions: Direction) -> Simulation:
+    return replace(pulled(box(), Material(), (0.002, 0.004)), directions=directions)
+
+
+def _error_of_tau0(response: Response) -> float:
+    """Of the whole derivative, whose exact value is the response to tau0 over 40 MPa."""
+    n = len(response.force)
+    expected = np.concatenate([np.linspace(1, 2, n), np.ones(response.displacement.size)]) / 40
+    found = np.concatenate([response.d_force[0], response.d_displacement[0].ravel()])
+    return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
+
+
+def test_a_step_that_does_costs_two_runs_for_each_direction() -> None:
+    solver = Toy()
+    response = FiniteDifferences(solver).solve(along(*BOTH))
+    assert len(solver.asked) == 1 + 2 * 2
+    assert _error_of_tau0(response) < 1e-4
+    np.testing.assert_allclose(response.d_force[1], 1 / 40e3, rtol=1e-9)
+    np.testing.assert_allclose(response.d_displacement[1], 0.0, atol=1e-12)
+    assert response.notes == ()
+
+
+def test_without_directions_the_solver_is_asked_once() -> None:
+    solver = Toy()
+    wrapped: Adapter = FiniteDifferences(solver, 4)
+    response = wrapped.solve(along(), Path("here"))
+    assert solver.folders == [Path("here")] and response.d_force.shape == (0, 3)
+    assert wrapped.capabilities() == replace(solver.capabilities(), derivatives=True)
+    assert (wrapped.name, wrapped.version()) == ("toy", "7")
+
+
+@pytest.mark.parametrize(("factor", "noise"), [(20.0, 0.0), (0.02, 1e-5)])
+def test_a_step_too_large_or_too_small_is_changed(factor: float, noise: float) -> None:
+    """The scale is wrong: the first step bends the response, or drowns in its noise."""
+    solver = Toy(noise)
+    direction = replace(ALONG_TAU0, scale=factor * 40)
+    response = FiniteDifferences(solver).solve(along(direction))
+    assert len(solver.asked) == 1 + 2 + 2
+    first, second = (abs(solver.asked[i].material.tau0 - 40) for i in (1, 3))
+    assert second < first / 3 if factor > 1 else second > 3 * first
+    assert _error_of_tau0(response) < 0.01
+    assert response.notes == ()
+
+
+@pytest.mark.parametrize(("scale", "noise", "kink"), [(1e-3, 1e-5, False), (40.0, 0.0, True)])
+def test_a_derivative_that_stays_doubtful_is_noted(scale: float, noise: float, kink: bool) -> None:
+    direction = replace(ALONG_TAU0, scale=scale)
+    response = FiniteDifferences(Toy(noise, kink=kink)).solve(along(direction, ALONG_C))
+    (note,) = response.notes
+    assert note.startswith("derivative along 'tau0': uncertain by about ")
+    assert note.endswith(f"scale {scale:.3g}); expected 2% or less") and "\n" not in note
+
+
+def test_what_has_no_effect_has_no_derivative_and_needs_no_word() -> None:
+    solver = Toy()
+    response = FiniteDifferences(solver).solve(along(Direction("none", rotation=np.ones((2, 3)))))
+    assert not response.d_force.any() and not response.d_displacement.any()
+    assert response.notes == () and len(solver.asked) == 3
+
+
+def test_runs_side_by_side_give_what_runs_one_by_one_give() -> None:
+    meeting, base = Barrier(4, timeout=20), along().material
+
+    def meet(simulation: Simulation, folder: Path | None, heed: Report) -> None:
+        # All four runs beside the asked one must be here at a time, or this breaks.
+        if simulation.material != base:
+            meeting.wait()
+
+    beside = FiniteDifferences(Toy(1e-6, meet), 4).solve(along(*BOTH))
+    alone = FiniteDifferences(Toy(1e-6), 1).solve(along(*BOTH))
+    np.testing.assert_array_equal(beside.d_force, alone.d_force)
+    np.testing.assert_array_equal(beside.d_displacement, alone.d_displacement)
+
+
+def test_a_process_that_is_one_of_several_makes_one_run_at_a_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(finite_differences, "parent_process", lambda: "a parent")
+    running: list[int] = []
+
+    def alone(simulation: Simulation, folder: Path | None, heed: Report) -> None:
+        assert not running
+        running.append(1)
+        time.sleep(0.01)
+        running.pop()
+
+    FiniteDifferences(Toy(before=alone), 4).solve(along(*BOTH))
+
+
+def test_an_error_ends_the_runs_beside_it() -> None:
+    """As Ctrl-C does; without it each of the others would take 20 s."""
+
+    def last(simulation: Simulation, folder: Path | None, heed: Report) -> None:
+        if simulation.material.c < 40e3:
+            raise RuntimeError("the disk is full")
+        begun = time.monotonic()
+        while simulation.material != Material() and time.monotonic() < begun + 20:
+            heed(Progress(0.0, 1.0, 0, 0, 0))
+            time.sleep(0.01)
+
+    begun = time.monotonic()
+    with pytest.raises(RuntimeError, match="the disk is full"):
+        FiniteDifferences(Toy(before=last), 4).solve(along(*BOTH))
+    assert time.monotonic() - begun < 10
+
+
+def test_a_side_that_fails_is_replaced_by_half_the_step_on_the_other() -> None:
+    def bounded(simulation: Simulation, folder: Path | None, heed: Report) -> None:
+        if simulation.material.tau0 < 40:
+            raise UnsupportedError("tau0 is below 40")
+
+    solver = Toy(before=bounded)
+    response = FiniteDifferences(solver).solve(along(ALONG_TAU0))
+    high, low, other = (run.material.tau0 - 40 for run in solver.asked[1:])
+    assert low == -high and other == pytest.approx(high / 2)
+    assert _error_of_tau0(response) < 0.01 and response.notes == ()
+
+
+def test_a_direction_along_which_nothing_runs_is_named() -> None:
+    def narrow(simulation: Simulation, folder: Path | None, heed: Report) -> None:
+        if simulation.material.tau0 != 40:
+            raise SolverError("no convergence at 3 s")
+
+    with pytest.raises(SolverError) as error:
+        FiniteDifferences(Toy(before=narrow)).solve(along(ALONG_C, ALONG_TAU0))
+    assert str(error.value) == (
+        "derivative along 'tau0': no run at 0.684 nor at -0.342 from the asked one could be made: "
+        "no convergence at 3 s"
+    )
+
+
+def test_the_asked_run_fails_as_the_solver_says_and_no_other_is_made() -> None:
+    def broken(simulation: Simulation, folder: Path | None, heed: Report) -> None:
+        raise SolverError("no convergence at 3 s")
+
+    solver = Toy(before=broken)
+    with pytest.raises(SolverError, match=r"^no convergence at 3 s$"):
+        FiniteDifferences(solver).solve(along(*BOTH))
+    assert len(solver.asked) == 1
+
+
+@pytest.mark.parametrize("base_is_done", [False, True])
+def test_prepared_jobs_are_collected_from_all_runs(base_is_done: bool) -> None:
+    def elsewhere(simulation: Simulation, folder: Path | None, heed: Report) -> None:
+        if not base_is_done or simulation.material != Material():
+            assert folder == Path("jobs")
+            m = simulation.material
+            raise PreparedError([folder / f"{np.sign(m.tau0 - 40):+.0f}{np.sign(m.c - 40e3):+.0f}"])
+
+    with pytest.raises(PreparedError) as error:
+        FiniteDifferences(Toy(before=elsewhere), 2).solve(along(*BOTH), Path("jobs"))
+    names = ["+1+0", "-1+0", "+0+1", "+0-1"]
+    folders = [Path("jobs") / name for name in names]
+    assert error.value.folders == tuple(
+        folders if base_is_done else [Path("jobs") / "+0+0", *folders]
+    )
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_a_reason_that_no_other_step_would_mend_is_told_as_it_is(processes: int) -> None:
+    def absent(simulation: Simulation, folder: Path | None, heed: Report) -> None:
+        if simulation.material != Material():
+            raise NotRunError("the program is gone")
+
+    with pytest.raises(NotRunError, match="^the program is gone$"):
+        FiniteDifferences(Toy(before=absent), processes).solve(along(*BOTH))
+
+
+def test_other_time_steps_than_those_of_the_asked_run_are_noted() -> None:
+    class Stubborn(Toy):
+        def solve(
+            self,
+            simulation: Simulation,
+            workspace: Path | None = None,
+            progress: Report | None = None,
+        ) -> Response:
+            steps = 20 if simulation.material.tau0 > 40 else 18
+            return replace(super().solve(simulation, workspace, progress), steps=steps)
+
+    response = FiniteDifferences(Stubborn()).solve(along(*BOTH))
+    assert response.notes == (
+        "derivative along 'tau0': its runs took other time steps than the asked one, whose errors "
+        "differ; shorter steps make it better",
+    )
+
+
+def test_directions_that_cannot_be_honoured_are_refused_before_anything_runs() -> None:
+    solver = Toy()
+    foreign = Direction("hardening", material={"Q": 1.0})
+    with pytest.raises(UnsupportedError) as error:
+        FiniteDifferences(solver).solve(along(foreign))
+    assert str(error.value) == (
+        "direction 'hardening' changes Q, which the solver toy cannot honour; "
+        "expected one of c, tau0"
+    )
+    with pytest.raises(BadSimulationError, match="rotation of direction 'turn' has shape"):
+        FiniteDifferences(solver).solve(along(Direction("turn", rotation=np.ones((1, 3)))))
+    assert solver.asked == []
