@@ -198,12 +198,16 @@ class Capabilities:
         strain_measures: the strain measures on offer.
         derivatives: whether directions are answered.
         cell_fields: whether fields of the cells are answered.
+        integrations: the schemes of time integration on offer.
+        cautions: a sentence for the user who chooses a strain measure, by its name.
     """
 
     material: frozenset[str]
     strain_measures: frozenset[str]
     derivatives: bool
     cell_fields: bool = False
+    integrations: frozenset[str] = frozenset(("backward_euler",))
+    cautions: Mapping[str, str] = field(default_factory=dict)
 
 
 class Adapter(Protocol):
