@@ -209,7 +209,7 @@ def kernel_time(measure: StrainMeasure, integration: Integration, repeats: int) 
 
     The path is turned by about a degree, differently for each of 480 points.
     """
-    with np.load(TEST_DATA / "solver" / "crystal_point.npz") as data:
+    with np.load(code_aster_prism.DATA / "solver" / "crystal_point.npz") as data:
         t, e = data[measure][:, :2].T
     bricks = pulled(box((2, 5, 2)), Material(strain_measure=measure), (0.0,))
     problem = build_problem(replace(bricks, integration=integration))

@@ -17,7 +17,7 @@ from meshes.prism_mesh import PrismMesh
 from solver_adapters.code_aster.law import grain_ratios, hardening, has_two_families
 from solver_adapters.crystal import bunge_angles
 from solver_adapters.external import Profile
-from solver_adapters.interface import IntArray, Simulation, UnsupportedError
+from solver_adapters.interface import FloatArray, IntArray, Simulation, UnsupportedError
 from templates import render
 
 EXPORT = "job.export"
@@ -91,7 +91,7 @@ def _commands(
         "classes": said.classes,
         "interaction": None if said.matrix is None else [_row(row) for row in said.matrix.tolist()],
         "grains": [
-            {"number": grain + 1, "ratio": ratios[grain], "angles": bunge_angles(rotation)}
+            {"number": grain + 1, "ratio": ratios[grain], "angles": _angles(rotation)}
             for grain, rotation in enumerate(simulation.orientations)
         ],
         "axes": [axis for axis in _AXES if f"MOVED_{axis}" in groups],
@@ -102,6 +102,11 @@ def _commands(
         "tolerance": simulation.tolerance,
         "cell_fields": simulation.cell_fields,
     }
+
+
+def _angles(rotation: FloatArray) -> list[float]:
+    """Bunge angles from 0 to 360 degrees, without the last digits, which depend on the machine."""
+    return [round(angle % 360.0, 10) for angle in bunge_angles(rotation)]
 
 
 def _moved_groups(simulation: Simulation) -> dict[str, IntArray]:

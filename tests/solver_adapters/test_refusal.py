@@ -39,9 +39,7 @@ def test_the_plain_law_is_not_refused() -> None:
     [
         (replace(PLAIN, material=replace(PLAIN.material, a1=0.1)), "a1 = 0.1"),
         (
-            replace(
-                PLAIN, material=replace(PLAIN.material, interaction=tuple([(1.0,) * 24] * 24))
-            ),
+            replace(PLAIN, material=replace(PLAIN.material, interaction=tuple([(1.0,) * 24] * 24))),
             "interaction = given",
         ),
         (replace(PLAIN, material=Material()), 'strain_measure = "finite"'),
@@ -50,9 +48,7 @@ def test_the_plain_law_is_not_refused() -> None:
         (replace(PLAIN, directions=(Direction("K", {"K": 1.0}),)), "derivatives along K"),
     ],
 )
-def test_a_wish_is_refused_by_name_with_the_solver_that_can(
-    asked: Simulation, named: str
-) -> None:
+def test_a_wish_is_refused_by_name_with_the_solver_that_can(asked: Simulation, named: str) -> None:
     with pytest.raises(UnsupportedError) as error:
         refuse(asked)
     assert str(error.value) == (

@@ -70,7 +70,9 @@ def test_the_listing_tells_every_step_that_was_taken() -> None:
 
 def test_a_listing_in_french_is_understood() -> None:
     text = listing("prism_done").replace("Time of computation", "Instant de calcul")
-    text = text.replace("Criterion (S) of convergence reached (S)", "Critère de convergence atteint")
+    text = text.replace(
+        "Criterion (S) of convergence reached (S)", "Critère de convergence atteint"
+    )
     assert steps_taken(text) == steps_taken(listing("prism_done"))
 
 

@@ -71,7 +71,9 @@ def test_an_instant_that_is_not_in_the_file_is_named(path: Path) -> None:
 
 
 def test_a_field_that_is_not_in_the_file_is_named(path: Path) -> None:
-    with pytest.raises(ResultFileError, match="found the fields U_______DEPL.*, expected FORC_NODA"):
+    with pytest.raises(
+        ResultFileError, match="found the fields U_______DEPL.*, expected FORC_NODA"
+    ):
         ResultFile(path).nodal("FORC_NODA", INSTANTS)
 
 
