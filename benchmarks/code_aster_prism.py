@@ -100,11 +100,11 @@ def five_gauss_points() -> Iterator[None]:
     weights = np.array([-2 / 15, 3 / 40, 3 / 40, 3 / 40, 3 / 40])
     rule = element.Element("tet10", positions, weights, *element.tet10_shape(positions))
     kept = element.ELEMENTS
-    element.ELEMENTS = {**kept, 10: rule}  # type: ignore[misc]
+    element.ELEMENTS = {**kept, 10: rule}
     try:
         yield
     finally:
-        element.ELEMENTS = kept  # type: ignore[misc]
+        element.ELEMENTS = kept
 
 
 def forces() -> tuple[FloatArray, FloatArray]:

@@ -1,13 +1,15 @@
 """The crystal law in the words of Code_Aster: families of systems, hardening, what it lacks.
 
-Read in its sources (`lcmmsg`, `lcmhsr`, `lcmmfi`, `op5901`; versions 11 to 17 agree):
+Read in its public sources (`lcmmsg`, `lcmmfi`, `lcmaei`, `rccoma` of 2017, `op5901` of 2012; in
+2025 `lcmmfi` is the same):
 
 - BCC24 is one family with one τ0. Where {112} has a τ0 of its own, {110} is the family CUBIQUE1 and
   {112} is CUBIQUE2. CUBIQUE1 counts the {110} systems in another order than BCC24, and some with
   the opposite sense of slip.
 - With two families each hardens by its own systems alone, and both read the first 12 rows and
   columns of MATR_INTER. Only a matrix without latent hardening means the same there.
-- MATR_INTER has to be symmetric.
+- MATR_INTER has to be symmetric, and is obligatory with two families.
+- The materials of a grain may hold one elasticity between them.
 """
 
 from __future__ import annotations

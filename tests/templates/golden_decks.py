@@ -20,18 +20,10 @@ from solver_adapters.code_aster.adapter import CodeAsterAdapter
 from solver_adapters.external import ExternalAdapter
 from solver_adapters.interaction import bcc24_classes
 from solver_adapters.interface import Simulation
-from solver_adapters.material import Material
-from tests.solver_adapters.boxes import box, pulled
+from tests.solver_adapters.code_aster.cases import small_case
 
 DECKS = Path(__file__).parents[1] / "data" / "decks"
 CHANGES = "CHANGES"
-
-
-def _case(**law: object) -> Simulation:
-    """Two grains pulled, held and unloaded."""
-    material = Material(**{"strain_measure": "small", **law})  # type: ignore[arg-type]
-    base = pulled(box(), material, (0.01, 0.01, 0.006), interval=2.0, tolerance=1e-7)
-    return replace(base, integration="backward_euler")
 
 
 def _matrix() -> tuple[tuple[float, ...], ...]:
@@ -42,30 +34,30 @@ def _matrix() -> tuple[tuple[float, ...], ...]:
 
 def _freed() -> Simulation:
     """X is prescribed at the first node alone."""
-    case = _case()
+    case = small_case()
     mask = case.motion_mask.copy()
     mask[1:, 0] = False
     return replace(case, motion_mask=mask)
 
 
 CASES: Mapping[str, Simulation] = {
-    "null": _case(),
-    "hardening": _case(Q=10.0),
-    "latent": _case(Q=10.0, h_latent=1.4),
-    "classes": _case(
+    "null": small_case(),
+    "hardening": small_case(Q=10.0),
+    "latent": small_case(Q=10.0, h_latent=1.4),
+    "classes": small_case(
         Q=10.0, interaction=tuple(map(tuple, bcc24_classes(0.5, 1.0, 0.25, 2.0).tolist()))
     ),
-    "matrix": _case(Q=10.0, interaction=_matrix()),
-    "families": _case(tau0_112=1.25),
-    "grains": _case(tau0_grain2=0.875),
-    "elasticity": _case(elastic_scale=1.0625, C44_scale=0.9375),
-    "finite": _case(strain_measure="finite"),
+    "matrix": small_case(Q=10.0, interaction=_matrix()),
+    "families": small_case(tau0_112=1.25),
+    "grains": small_case(tau0_grain2=0.875),
+    "elasticity": small_case(elastic_scale=1.0625, C44_scale=0.9375),
+    "finite": small_case(strain_measure="finite"),
     "free": _freed(),
     "steps": replace(
-        _case(), steps=np.array([0.5, 2.0, 3.0, 4.0, 5.5, 6.0]), output=np.array([1, 3])
+        small_case(), steps=np.array([0.5, 2.0, 3.0, 4.0, 5.5, 6.0]), output=np.array([1, 3])
     ),
-    "divided": replace(_case(), steps_per_interval=4),
-    "cells": replace(_case(), cell_fields=True),
+    "divided": replace(small_case(), steps_per_interval=4),
+    "cells": replace(small_case(), cell_fields=True),
 }
 """Simulations by name: the plain law, and every extension away from its null."""
 

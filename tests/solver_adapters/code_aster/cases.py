@@ -14,8 +14,8 @@ DATA = Path(__file__).parents[2] / "data" / "solver" / "code_aster"
 
 
 def small_case(**material: object) -> Simulation:
-    """Two grains pulled, held and unloaded, in small strain."""
-    law = Material(strain_measure="small", **material)  # type: ignore[arg-type]
+    """Two grains pulled, held and unloaded, in small strain unless said otherwise."""
+    law = Material(**{"strain_measure": "small", **material})  # type: ignore[arg-type]
     return replace(
         pulled(box(), law, (0.01, 0.01, 0.006), interval=2.0, tolerance=1e-7),
         integration="backward_euler",

@@ -34,17 +34,21 @@ def test_the_program_is_called_with_the_export_file() -> None:
     assert ADAPTER.command(container) == (*container, "job.export")
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(PROGRAM is None, reason="neither run_aster nor as_run is on PATH")
 @pytest.mark.parametrize(
     "case",
     [
-        small_case(),
-        small_case(tau0_grain2=1.2, elastic_scale=0.9, C44_scale=1.1),
-        small_case(tau0_112=1.25, Q=10.0),
-        small_case(Q=10.0, h_latent=1.4),
+        pytest.param(small_case(), id="null"),
+        pytest.param(
+            small_case(tau0_grain2=1.2, elastic_scale=0.9, C44_scale=1.1),
+            id="grain and elasticity",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(small_case(tau0_112=1.25, Q=10.0), id="families", marks=pytest.mark.slow),
+        pytest.param(
+            small_case(Q=10.0, h_latent=1.4), id="latent hardening", marks=pytest.mark.slow
+        ),
     ],
-    ids=["null", "grain and elasticity", "families", "latent hardening"],
 )
 def test_a_real_run_answers_as_the_bundled_solver_at_equal_gauss_points(
     case: Simulation, tmp_path: Path
