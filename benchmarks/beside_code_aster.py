@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from benchmarks import code_aster_prism
 from benchmarks.measuring import ALPHA_SIZE, Run, in_child, show, show_parts, solve, warm
 from benchmarks.specimens import alpha_history, specimen
-from tests.solver_adapters.bundled.test_code_aster_prism import DATA as TEST_DATA
-from tests.solver_adapters.bundled.test_code_aster_prism import _simulation as code_aster_prism
 
 # CPU-s of Code_Aster 15.2 (sequential, MUMPS) on these cases.
 CODE_ASTER_PRISM = 311.0
@@ -17,8 +14,7 @@ CODE_ASTER_ALPHA = 1386.0 / 223  # a step
 def code_aster_run(repeats: int) -> Run:
     """The prism of Code_Aster at its own 45 steps."""
     warm("small")
-    with np.load(TEST_DATA / "solver" / "code_aster_prism.npz") as data:
-        simulation = code_aster_prism(data["steps"])
+    simulation = code_aster_prism.simulation(code_aster_prism.forces()[0])
     return min((solve(simulation) for _ in range(repeats)), key=lambda run: run.cpu)
 
 

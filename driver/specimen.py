@@ -21,7 +21,7 @@ from meshes.prism_mesh import PrismMesh
 from meshes.surface import trace
 from solver_adapters.external import ExternalAdapter
 from solver_adapters.finite_differences import FiniteDifferences
-from solver_adapters.interface import Adapter
+from solver_adapters.interface import Adapter, Integration
 from solver_adapters.registry import find_adapter
 
 FloatArray = NDArray[np.float64]
@@ -67,6 +67,24 @@ def adapter_of(case: Case) -> Adapter:
     # Threads wait for programs; a solver inside this process may not be made for two of them.
     outside = isinstance(adapter, ExternalAdapter)
     return FiniteDifferences(adapter, case.execution.processes if outside else 1)
+
+
+def integration_of(case: Case, adapter: Adapter) -> Integration:
+    """The scheme that the case names, or the best that the solver has.
+
+    Raises:
+        InputError: the solver lacks the scheme that the case names.
+    """
+    offered = adapter.capabilities().integrations
+    named = case.solver.integration
+    if named is None:
+        return "exponential" if "exponential" in offered else "backward_euler"
+    if named not in offered:
+        raise InputError(
+            f'solver.integration: found "{named}", expected {" or ".join(sorted(offered))} (what '
+            f"the solver {case.solver.name} offers), or the key left out"
+        )
+    return named
 
 
 def surface_images(case: Case, experiment: Experiment) -> SurfaceImages:
@@ -130,7 +148,7 @@ def build_model(
         image_row=history.image_row,
         surface_nodes=surface.nodes,
         adapter=adapter,
-        integration=solver.integration,
+        integration=integration_of(case, adapter),
         steps_per_interval=steps_per_interval,
         accuracy=None if solver.accuracy_uN is None else solver.accuracy_uN / finer,
         view=SurfaceView(surface, pixels, (-half, half, 0.0, case.specimen.length)),

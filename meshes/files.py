@@ -53,8 +53,8 @@ _FACE_KINDS = {6: mc.NORM_TRI6, 8: mc.NORM_QUAD8}
 def write_med(mesh: PrismMesh, path: Path) -> None:
     """Write the mesh, named `prism`, with all its groups.
 
-    Groups of cells: GRAIN1, GRAIN2, …; of faces and of nodes: S_PLUS, S_MINUS, TOP; of nodes
-    alone: L_PLUS, L_MINUS, P_PLUS, P_MINUS. MED's cells have the opposite handedness of VTK's, so
+    Groups of cells: GRAIN1, GRAIN2, …; of faces (where the mesh has them): S_PLUS, S_MINUS, TOP;
+    of nodes: every group of `mesh.nodes`. MED's cells have the opposite handedness of VTK's, so
     their nodes are reordered.
 
     Args:
@@ -64,24 +64,26 @@ def write_med(mesh: PrismMesh, path: Path) -> None:
     kind = _KINDS[mesh.cells.shape[1]]
     coordinates = mc.DataArrayDouble(np.ascontiguousarray(mesh.points))
     coordinates.setInfoOnComponents(["X [um]", "Y [um]", "Z [um]"])
-    # The triangles of S_PLUS and S_MINUS come first, as MED numbers faces kind by kind.
-    faces = [
-        _med_cells(
-            "prism", 2, _FACE_KINDS[mesh.faces[name].shape[1]], coordinates, mesh.faces[name]
-        )
-        for name in FACE_GROUPS
-    ]
     file = mc.MEDFileUMesh()
     file.setCoords(coordinates)
     cells = mesh.cells[:, kind.mirrored]
     file.setMeshAtLevel(_CELLS, _med_cells("prism", 3, kind.med, coordinates, cells))
-    all_faces = mc.MEDCouplingUMesh.MergeUMeshesOnSameCoords(faces)
-    all_faces.setName("prism")
-    file.setMeshAtLevel(_FACES, all_faces)
+    members: dict[str, IntArray] = {}
+    if mesh.faces:
+        # The triangles of S_PLUS and S_MINUS come first, as MED numbers faces kind by kind.
+        faces = [
+            _med_cells(
+                "prism", 2, _FACE_KINDS[mesh.faces[name].shape[1]], coordinates, mesh.faces[name]
+            )
+            for name in FACE_GROUPS
+        ]
+        all_faces = mc.MEDCouplingUMesh.MergeUMeshesOnSameCoords(faces)
+        all_faces.setName("prism")
+        file.setMeshAtLevel(_FACES, all_faces)
+        ends = np.cumsum([len(mesh.faces[name]) for name in FACE_GROUPS])
+        members = dict(zip(FACE_GROUPS, np.split(np.arange(ends[-1]), ends), strict=False))
     file.setName("prism")
 
-    face_ends = np.cumsum([len(mesh.faces[name]) for name in FACE_GROUPS])
-    members = dict(zip(FACE_GROUPS, np.split(np.arange(face_ends[-1]), face_ends), strict=False))
     for grain in range(mesh.n_grains):
         file.addGroup(_CELLS, _group(f"GRAIN{grain + 1}", np.flatnonzero(mesh.grain == grain)))
     for name, ids in members.items():

@@ -229,6 +229,8 @@ class Capabilities:
         noise: by what share force and displacement scatter between runs of nearly the same
             simulation: the tolerance of the iteration, or the digits of a result file. Finite
             differences choose their steps by it.
+        integrations: the schemes of time integration on offer.
+        cautions: a sentence for the user who chooses a strain measure, by its name.
     """
 
     material: frozenset[str]
@@ -236,6 +238,8 @@ class Capabilities:
     derivatives: bool
     cell_fields: bool = False
     noise: float = 1e-5
+    integrations: frozenset[str] = frozenset(("backward_euler",))
+    cautions: Mapping[str, str] = field(default_factory=dict)
 
 
 class Adapter(Protocol):

@@ -38,12 +38,13 @@ class BundledAdapter:
     name = "bundled"
 
     def capabilities(self) -> Capabilities:
-        """All parameters of the law, both strain measures, derivatives, fields of the cells."""
+        """All parameters of the law, strain measures and schemes, derivatives, cell fields."""
         return Capabilities(
             material=frozenset(MATERIAL_PARAMETERS),
             strain_measures=frozenset(("small", "finite")),
             derivatives=True,
             cell_fields=True,
+            integrations=frozenset(("exponential", "backward_euler")),
         )
 
     def version(self) -> str:
