@@ -17,6 +17,13 @@ FloatArray = NDArray[np.float64]
 _PAIRS_AS_ONE_DIRECTION = ((4, 1), (7, 2), (10, 3), (8, 6), (12, 5), (11, 9))
 
 
+def self_and_latent(own: float, latent: float) -> FloatArray:
+    """`own` on the diagonal, `latent` beside it (MONO_ISOT1 with H: own is 1)."""
+    matrix: FloatArray = np.full((N_SYSTEMS, N_SYSTEMS), latent)
+    np.fill_diagonal(matrix, own)
+    return matrix
+
+
 def bcc24_classes(h1: float, h2: float, h3: float, h4: float) -> FloatArray:
     """Code_Aster's four classes for BCC24 (MONO_ISOT1 with H1…H4).
 
