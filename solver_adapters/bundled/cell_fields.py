@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from solver_adapters.bundled.instants import Instant
 from solver_adapters.bundled.law import NS, S_ACC
 from solver_adapters.bundled.problem import Problem
-from solver_adapters.bundled.stepping import Frame
 from solver_adapters.crystal import schmid_tensors
 
 FloatArray = NDArray[np.float64]
@@ -27,7 +27,7 @@ WIDTHS = {"stress": 6, "slip": NS, "accumulated_slip": NS, "rotation": 3}
 _ROW, _COLUMN = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
 
 
-def cell_fields(problem: Problem, start: Frame, frame: Frame) -> dict[str, FloatArray]:
+def cell_fields(problem: Problem, start: Instant, frame: Instant) -> dict[str, FloatArray]:
     """The fields of `CellFields` at an instant, by name.
 
     Args:

@@ -12,7 +12,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from solver_adapters.bundled.stepping import Frame, Increment
+from solver_adapters.bundled.instants import Increment, Instant
 from solver_adapters.interface import Simulation
 
 FloatArray = NDArray[np.float64]
@@ -34,7 +34,7 @@ class Checkpoint:
     """
 
     index: int
-    frame: Frame
+    frame: Instant
     last: dict[bool, Increment]
     rows: dict[str, FloatArray]
     ends: list[float]
@@ -77,7 +77,7 @@ def write(workspace: Path, key: str, checkpoint: Checkpoint) -> None:
         "counts": np.array(checkpoint.counts),
     }
     arrays |= {f"row_{name}": value for name, value in checkpoint.rows.items()}
-    arrays |= {f"frame_{f.name}": getattr(checkpoint.frame, f.name) for f in fields(Frame)}
+    arrays |= {f"frame_{f.name}": getattr(checkpoint.frame, f.name) for f in fields(Instant)}
     for moved, increment in checkpoint.last.items():
         prefix = "moved" if moved else "held"
         arrays |= {f"{prefix}_{f.name}": getattr(increment, f.name) for f in fields(Increment)}
@@ -95,7 +95,7 @@ def read(workspace: Path, key: str) -> Checkpoint | None:
             if str(stored["key"]) != key:
                 return None
             names = set(stored.files)
-            frame = Frame(**{f.name: _plain(stored[f"frame_{f.name}"]) for f in fields(Frame)})
+            frame = Instant(**{f.name: _plain(stored[f"frame_{f.name}"]) for f in fields(Instant)})
             last = {
                 moved: Increment(
                     **{f.name: _plain(stored[f"{prefix}_{f.name}"]) for f in fields(Increment)}

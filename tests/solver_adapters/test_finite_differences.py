@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from solver_adapters import finite_differences
-from solver_adapters.bundled import stepping
+from solver_adapters.bundled import equilibrium
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import (
@@ -123,7 +123,7 @@ def test_the_runs_beside_repeat_the_steps_of_the_asked_one(
     """Else the time errors of other steps would be taken for derivatives."""
     if accuracy is None:
         # An impatient Newton iteration cuts the step of first yield.
-        monkeypatch.setattr(stepping, "MOST_NEWTON", 5)
+        monkeypatch.setattr(equilibrium, "MOST_NEWTON", 5)
     adaptive = replace(specimen, accuracy=accuracy, directions=specimen.directions[:2])
     solver = Underived()
     response = FiniteDifferences(solver).solve(adaptive)

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from solver_adapters.bundled.adapter import BundledAdapter
-from solver_adapters.bundled.stepping import Frame, Stepper
+from solver_adapters.bundled.instants import Instant
+from solver_adapters.bundled.stepping import Stepper
 from solver_adapters.crystal import rotation_vector_matrix, schmid_tensors
 from solver_adapters.interface import (
     Direction,
@@ -170,7 +171,7 @@ def test_an_interruption_within_an_interval_goes_back_to_its_beginning(
     whole = solve(simulation)
     accept, calls = Stepper._accept, []
 
-    def interrupted(self: Stepper, *arguments: Any) -> Frame:
+    def interrupted(self: Stepper, *arguments: Any) -> Instant:
         calls.append(1)
         if len(calls) == 7:
             raise KeyboardInterrupt

@@ -18,7 +18,12 @@ from solver_adapters.bundled.law import (
     S_OVER,
 )
 from solver_adapters.bundled.point_kernels import SLIP_TOLERANCE
-from solver_adapters.bundled.points import Points, PointTangents, points_of_grains
+from solver_adapters.bundled.points import (
+    PointDerivatives,
+    Points,
+    PointTangents,
+    points_of_grains,
+)
 from solver_adapters.crystal import bunge_matrix
 from solver_adapters.interaction import bcc24_classes
 from solver_adapters.interface import Integration
@@ -280,16 +285,15 @@ def test_what_follows_a_later_motion_completes_the_derivative(solved: Solved) ->
     none = np.zeros(k, dtype=np.int64)
     tangents = PointTangents(local, none, np.zeros((1, 2, 3, 3)), none, np.zeros((1, N_POINTS)))
 
-    def derive(along: AnyArray) -> tuple[AnyArray, Any]:
-        _, dstate, following = solved.points.derive(
-            solved.H, solved.state, solved.slips, DT, along, tangents, start
-        )
-        return dstate, following
+    def derive(along: AnyArray) -> PointDerivatives:
+        s, out = solved, solved.points.memory(k, N_STATE)
+        s.points.derive(s.H, s.state, s.slips, DT, along, tangents, start, out)
+        return out
 
-    whole, _ = derive(dH)
-    parts, following = derive(np.zeros_like(dH))
+    whole, following = derive(dH).state, derive(np.zeros_like(dH))
+    parts = following.state
     assert (abs(whole - parts).max() > 1e-6) == solved.slips.any()
-    following.add(dH, parts)
+    following.follow(dH)
     for rows in (np.r_[0:S_OVER, S_ACC:N_STATE], np.r_[S_OVER:S_ACC]):
         scale = abs(whole[:, :, rows]).max()
         np.testing.assert_allclose(parts[:, :, rows], whole[:, :, rows], atol=1e-11 * scale)

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_adapters.bundled.instants import Increment, Instant
 from solver_adapters.bundled.law import NS, S_ACC, S_X2
 from solver_adapters.bundled.restart import FILE, Checkpoint, read, simulation_key, write
-from solver_adapters.bundled.stepping import Frame, Increment
 from solver_adapters.interface import Direction
 from solver_adapters.material import Material
 from tests.solver_adapters.boxes import box, pulled
@@ -20,7 +20,7 @@ SIMULATION = pulled(box(), Material(), (0.002, 0.004))
 
 def checkpoint() -> Checkpoint:
     rng = np.random.default_rng(3)
-    frame = Frame(
+    frame = Instant(
         1.5, rng.random((4, 3)), rng.random((8, 9)), rng.random((8, S_X2)), 7.5,
         rng.random((4, 3, 2)), rng.random((8, 2, S_ACC)), rng.random(2),
     )  # fmt: skip
@@ -34,7 +34,7 @@ def test_a_checkpoint_is_read_as_it_was_written(tmp_path: Path) -> None:
     found = read(tmp_path, "key")
     assert found is not None
     assert (found.index, found.ends, found.counts) == (3, [0.5, 1.0, 1.5], (3, 9, 1, 0))
-    for item in fields(Frame):
+    for item in fields(Instant):
         np.testing.assert_array_equal(
             getattr(found.frame, item.name), getattr(written.frame, item.name)
         )

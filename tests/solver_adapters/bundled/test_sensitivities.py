@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_adapters.bundled import stepping
+from solver_adapters.bundled import equilibrium
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.crystal import rotation_vector_matrix
 from solver_adapters.interface import Direction, FloatArray, Response, Simulation
@@ -177,7 +177,7 @@ def test_derivatives_pass_through_a_step_that_was_cut(
     measure: StrainMeasure, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An impatient Newton iteration cuts the step of first yield."""
-    monkeypatch.setattr(stepping, "MOST_NEWTON", 6)
+    monkeypatch.setattr(equilibrium, "MOST_NEWTON", 6)
     _check(_simulation(measure, (0.004, 0.0035)), lambda cuts: cuts > 0)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from solver_adapters.bundled import slip
+from solver_adapters.bundled import slip_rows as rows
 from solver_adapters.bundled.law import (
     FIRST_112,
     N_STATE,
@@ -62,15 +63,15 @@ class Point:
 
     def workspace(self, slips: FloatArray, solved: bool) -> FloatArray:
         """The workspace with slips S Δp to begin with."""
-        w, s = np.zeros(slip.N_SLIP_ROWS), self.step
+        w, s = np.zeros(rows.N_SLIP_ROWS), self.step
         slip.prepare_slip(w, s.interaction, TWINNING_SENSE)
         slip.load_point(w, s.state, s.constants, 1.0, DT, s.exponential, slips, solved)
         return w
 
     def evaluate(self, w: FloatArray) -> float:
         """The kernel's residuals; the sum of their sizes."""
-        w[slip.TAU : slip.TAU + NS] = self.tau
-        w[slip.OTHER : slip.OTHER + NS] = self.other
+        w[rows.TAU : rows.TAU + NS] = self.tau
+        w[rows.OTHER : rows.OTHER + NS] = self.other
         s = self.step
         error: float = slip.evaluate_systems(w, DT, s.constants, s.exponential, self.coupled)
         return error
@@ -137,9 +138,9 @@ def test_residuals_are_those_of_the_law_for_any_slips(law: str, exponential: boo
     point.evaluate(w)
     expected = point.residuals(slips)
     assert np.count_nonzero(expected) == 12
-    found = w[slip.RESIDUAL : slip.RESIDUAL + NS]
+    found = w[rows.RESIDUAL : rows.RESIDUAL + NS]
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
-    np.testing.assert_array_equal(w[slip.SLIP : slip.SLIP + NS], abs(slips))
+    np.testing.assert_array_equal(w[rows.SLIP : rows.SLIP + NS], abs(slips))
 
 
 def test_weights_are_the_inverse_of_the_jacobian_of_the_residuals(
@@ -157,9 +158,9 @@ def test_weights_are_the_inverse_of_the_jacobian_of_the_residuals(
         bumped[s] += 1j * EPS * np.sign(slips[s])
         jacobian[:, column] = point.residuals(bumped).imag[active] / EPS
     if point.coupled:
-        weights = w[slip.WEIGHTS : slip.WEIGHTS + NS * NS].reshape(NS, NS)[np.ix_(active, active)]
+        weights = w[rows.WEIGHTS : rows.WEIGHTS + NS * NS].reshape(NS, NS)[np.ix_(active, active)]
     else:
-        weights = np.diag(w[slip.WEIGHT : slip.WEIGHT + NS][active])
+        weights = np.diag(w[rows.WEIGHT : rows.WEIGHT + NS][active])
     np.testing.assert_allclose(-weights @ jacobian, np.eye(active.size), atol=1e-8)
 
 
@@ -172,7 +173,7 @@ def test_newtons_method_at_fixed_stress_finds_the_root_of_each_system(exponentia
         slip.advance_slips(w, point.step.constants, exponential, False)
         iterations += 1
         assert iterations < 40
-    found = w[slip.SIGNED : slip.SIGNED + NS]
+    found = w[rows.SIGNED : rows.SIGNED + NS]
     for s in range(NS):
         sense = np.sign(point.tau[s])
 
@@ -213,5 +214,5 @@ def test_neither_an_error_nor_a_slip_beyond_measure_is_sound(bad: float) -> None
     assert slip.is_sound(w, 0.0)
     assert slip.is_sound(w, 24.0)
     assert not slip.is_sound(w, bad)
-    w[slip.SLIP + 7] = bad
+    w[rows.SLIP + 7] = bad
     assert not slip.is_sound(w, 0.0)

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from solver_adapters.bundled.instants import Increment, Instant
 from solver_adapters.bundled.points import Points
 from solver_adapters.bundled.problem import Problem, build_problem, build_tangents
-from solver_adapters.bundled.stepping import Frame, Increment, Stepper
+from solver_adapters.bundled.stepping import Stepper
 from solver_adapters.interface import FloatArray, SolverError
 from solver_adapters.material import Material
 from tests.solver_adapters.boxes import box, pulled
@@ -59,7 +60,7 @@ class Pulled:
     def motion(self, time: float) -> FloatArray:
         return time * self.speed
 
-    def advance(self, *ends: float, frame: Frame | None = None) -> Frame:
+    def advance(self, *ends: float, frame: Instant | None = None) -> Instant:
         start = self.stepper.start(0.0) if frame is None else frame
         return self.stepper.advance(start, np.array(ends), self.motion, _no_tangent)
 

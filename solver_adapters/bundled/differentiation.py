@@ -1,0 +1,100 @@
+"""Direct differentiation of converged steps along the directions of a simulation."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver_adapters.bundled.assembly import (
+    direction_forces,
+    direction_gradients,
+    displacement_gradients,
+    element_forces,
+)
+from solver_adapters.bundled.equilibrium import Equilibrium, Trial
+from solver_adapters.bundled.instants import Instant
+from solver_adapters.bundled.problem import Tangents
+
+FloatArray = NDArray[np.float64]
+
+
+class Differentiation:
+    """Differentiates the steps of one problem, one after the other."""
+
+    def __init__(self, equilibrium: Equilibrium, tangents: Tangents) -> None:
+        self.problem = equilibrium.problem
+        self.tangents = tangents
+        self._equilibrium = equilibrium
+        # Memory that is used again, since fresh memory has to be cleared.
+        n_derived = tangents.state.shape[2]
+        self._memory = self.problem.points.memory(tangents.count, n_derived)
+        self._states = [self._memory.state]
+        self._kept = tangents.state
+
+    def keep(self, instant: Instant) -> None:
+        """Leave the derivatives of this instant, and no longer those of another, untouched."""
+        self._kept = instant.dstate
+
+    def derive(
+        self, instant: Instant, trial: Trial, dt: float, motion_tangent: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Derivatives of displacement, states and force at the end of a converged step.
+
+        1. explicit change of the forces at fixed free displacements;
+        2. K du = −change on the free degrees of freedom;
+        3. what du adds to the states and to the pulled force.
+        """
+        p, t = self.problem, self.tangents
+        moves = self._equilibrium.moves(instant, trial.u.ravel()[p.prescribed])
+        self._equilibrium.assemble(trial, moves, fresh=True)
+        clock = time.perf_counter()
+        du = np.zeros((p.n_nodes, 3, t.count))
+        flat = du.reshape(3 * p.n_nodes, t.count)
+        flat[p.prescribed] = motion_tangent
+        dH = np.zeros((trial.H.shape[0], t.count, 9))
+        direction_gradients(du, p.cells, p.gradients, dH)
+        for slot, index in enumerate(t.geometric):
+            part = np.empty_like(trial.H)
+            displacement_gradients(trial.u, p.cells, t.gradients[slot], part)
+            dH[:, index] += part
+        out = replace(self._memory, state=self._spare_state(instant))
+        p.points.derive(trial.H, instant.state, trial.slips, dt, dH, t.law, instant.dstate, out)
+        change = self._force_change(trial, out.stress)
+        clock = self._equilibrium.statistics.clock("derivatives", clock)
+        follows = self._equilibrium.solve(trial, -change[p.pattern.free])
+        clock = time.perf_counter()
+        flat[p.prescribed] = 0.0
+        flat[p.pattern.free] = follows
+        dH[:] = 0.0
+        direction_gradients(du, p.cells, p.gradients, dH)
+        out.follow(dH)
+        # Virtual work of the pulled force: a unit motion of the pulled face against the stress.
+        near = p.near_pulled
+        added = np.einsum("pi,pij,pkj->k", p.pull[near], trial.C[near], dH[near], optimize=True)
+        dforce = change[p.pulled].sum(axis=0) + added
+        flat[p.prescribed] = motion_tangent
+        self._equilibrium.statistics.clock("derivatives", clock)
+        return du, out.state, dforce
+
+    def _spare_state(self, instant: Instant) -> FloatArray:
+        """Memory that neither this instant nor the kept one holds."""
+        for state in self._states:
+            if state is not instant.dstate and state is not self._kept:
+                return state
+        self._states.append(np.empty_like(instant.dstate))
+        return self._states[-1]
+
+    def _force_change(self, trial: Trial, dP: FloatArray) -> FloatArray:
+        p, t = self.problem, self.tangents
+        forces = np.empty((*p.pattern.dofs.shape, t.count))
+        direction_forces(dP, p.gradients, p.weights, forces)
+        for slot, index in enumerate(t.geometric):
+            part = np.empty(p.pattern.dofs.shape)
+            element_forces(trial.P, p.gradients, t.weights[slot], part)
+            forces[:, :, index] += part
+            element_forces(trial.P, t.gradients[slot], p.weights, part)
+            forces[:, :, index] += part
+        return p.pattern.node_sums(forces, p.n_nodes)

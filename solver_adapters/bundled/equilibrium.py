@@ -1,0 +1,215 @@
+"""Equilibrium at the end of a step: Newton's method with a line search."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver_adapters.bundled.assembly import displacement_gradients, element_forces
+from solver_adapters.bundled.instants import Increment, Instant
+from solver_adapters.bundled.law import NS, P_C11
+from solver_adapters.bundled.linear import LinearSolverError
+from solver_adapters.bundled.problem import Problem
+from solver_adapters.bundled.statistics import Statistics
+from solver_adapters.bundled.tangent_system import TangentSystem
+from solver_adapters.bundled.triangles import RESIDUAL
+
+FloatArray = NDArray[np.float64]
+
+MOST_NEWTON = 14
+# A residual this far below the reaction is rounding, whatever tolerance was asked for.
+ROUNDING = 1e-12
+# Strain that rounding leaves behind: of its force nothing better can be asked.
+ROUNDED_STRAIN = 1e-15
+# Accuracies between which the linear systems of the Newton iteration are solved.
+ROUGH, FINE = 1e-3, 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Points and forces at a trial displacement.
+
+    Attributes:
+        u: displacement [µm], (n_nodes, 3).
+        H: displacement gradients times the crystal rotations, (n_points, 9).
+        state: states of the points, (n_points, n_state).
+        slips: slips of the step, (n_points, 24).
+        P: first Piola–Kirchhoff stress times the crystal rotations [MPa], (n_points, 9).
+        C: tangents ∂P/∂H, (n_points, 9, 9).
+        forces: nodal forces [µN], (3·n_nodes,).
+        local_failure: the point whose law found no solution, or None.
+    """
+
+    u: FloatArray
+    H: FloatArray
+    state: FloatArray
+    slips: FloatArray
+    P: FloatArray
+    C: FloatArray
+    forces: FloatArray
+    local_failure: int | None
+
+
+class NotConvergedError(Exception):
+    """The step has to be cut; the message says what failed where."""
+
+
+class Equilibrium:
+    """Solves the steps of one problem, one after the other."""
+
+    def __init__(self, problem: Problem, tolerance: float, statistics: Statistics) -> None:
+        self.problem = problem
+        self.tolerance = tolerance
+        self.statistics = statistics
+        self._least = _rounded_force(problem)
+        self._system = TangentSystem(problem, statistics)
+
+    def moves(self, instant: Instant, motion: FloatArray) -> bool:
+        """Whether the boundary moves in a step to the prescribed motion (n_prescribed,)."""
+        return bool(np.any(motion != instant.u.ravel()[self.problem.prescribed]))
+
+    def _evaluate(self, instant: Instant, u: FloatArray, guess: FloatArray, dt: float) -> Trial:
+        p, clock = self.problem, time.perf_counter()
+        H = np.empty((p.points.grain.size, 9))
+        displacement_gradients(u, p.cells, p.gradients, H)
+        state, slips, P, C, count = p.points.update(H, instant.state, guess, dt, instant.H)
+        clock = self.statistics.clock("points", clock)
+        forces = np.empty(p.pattern.dofs.shape)
+        element_forces(P, p.gradients, p.weights, forces)
+        total = p.pattern.node_sum(forces, p.n_nodes)
+        self.statistics.clock("assembly", clock)
+        failed = int(np.argmin(count)) if count.min() < 0 else None
+        return Trial(u, H, state, slips, P, C, total, failed)
+
+    def assemble(self, trial: Trial, moves: bool, fresh: bool = False) -> None:
+        """Take the tangent of a trial."""
+        try:
+            self._system.assemble(trial.C, moves, fresh)
+        except LinearSolverError as error:
+            raise NotConvergedError(self._where(trial, str(error))) from None
+
+    def solve(self, trial: Trial, rhs: FloatArray, accuracy: float = RESIDUAL) -> FloatArray:
+        """Solve with the tangent of a trial."""
+        try:
+            return self._system.solve(rhs, accuracy)
+        except LinearSolverError as error:
+            raise NotConvergedError(self._where(trial, str(error))) from None
+
+    def _predict(
+        self, instant: Instant, motion: FloatArray, dt: float, increments: dict[bool, Increment]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Start of a step: the last step of its kind scaled, or one tangent step."""
+        p = self.problem
+        moved = motion - instant.u.ravel()[p.prescribed]
+        moves = bool(np.any(moved))
+        last = increments.get(moves)
+        u = instant.u.copy()
+        if last is not None:
+            if moves:
+                ratio = float(moved @ last.motion / (last.motion @ last.motion))
+            else:
+                ratio = dt / last.dt
+            if 0.0 < ratio < 4.0:
+                u += ratio * last.du
+                u.ravel()[p.prescribed] = motion
+                return u, ratio * last.slips
+        rest = np.zeros((p.points.grain.size, NS))
+        trial = self._evaluate(instant, instant.u, rest, dt)
+        self.assemble(trial, moves)
+        lifted = np.zeros((p.n_nodes, 3))
+        lifted.ravel()[p.prescribed] = moved
+        H = np.empty((p.points.grain.size, 9))
+        displacement_gradients(lifted, p.cells, p.gradients, H)
+        stress = np.einsum("pij,pj->pi", trial.C, H)
+        forces = np.empty(p.pattern.dofs.shape)
+        element_forces(stress, p.gradients, p.weights, forces)
+        residual = trial.forces + p.pattern.node_sum(forces, p.n_nodes)
+        lifted.ravel()[p.pattern.free] = self.solve(trial, -residual[p.pattern.free])
+        return instant.u + lifted, rest
+
+    def solve_step(
+        self, instant: Instant, motion: FloatArray, dt: float, last: dict[bool, Increment]
+    ) -> Trial:
+        """Solve a step by Newton's method.
+
+        Args:
+            instant: the start of the step.
+            motion: the prescribed motion at its end [µm], (n_prescribed,).
+            dt: its length [s].
+            last: increments to start from, by whether the boundary moved.
+
+        Raises:
+            NotConvergedError: it has to be cut.
+        """
+        free, prescribed = self.problem.pattern.free, self.problem.prescribed
+        moves = self.moves(instant, motion)
+        u, guess = self._predict(instant, motion, dt, last)
+        trial = self._evaluate(instant, u, guess, dt)
+        norm = _norm(trial.forces[free])
+        for _ in range(MOST_NEWTON):
+            reaction = _norm(trial.forces[prescribed])
+            target = max(max(self.tolerance, ROUNDING) * reaction, self._least)
+            if norm <= target and trial.local_failure is None:
+                return trial
+            self.assemble(trial, moves)
+            # No better than the last iteration needs.
+            accuracy = min(ROUGH, max(0.1 * target / norm, FINE))
+            step = self.solve(trial, -trial.forces[free], accuracy)
+            self.statistics.iterations += 1
+            trial, norm = self._line_search(instant, trial, step, norm, dt)
+        raise NotConvergedError(self._where(trial, _stalled(norm)))
+
+    def _line_search(
+        self, instant: Instant, trial: Trial, step: FloatArray, norm: float, dt: float
+    ) -> tuple[Trial, float]:
+        """Halve the step while the residual grows; the best of four, even if it grew in all."""
+        free = self.problem.pattern.free
+        best, length = None, 1.0
+        for _ in range(4):
+            u = trial.u.copy()
+            u.ravel()[free] += length * step
+            candidate = self._evaluate(instant, u, trial.slips, dt)
+            new = _norm(candidate.forces[free])
+            usable = np.isfinite(new) and candidate.local_failure is None
+            if usable and (best is None or new < best[1]):
+                best = (candidate, new)
+            if usable and new <= norm:
+                break
+            length *= 0.5
+        if best is None:
+            raise NotConvergedError(self._where(candidate, _stalled(new)))
+        return best
+
+    def _where(self, trial: Trial, what: str) -> str:
+        """Complete a message with the element that fails, or that is furthest from equilibrium."""
+        p = self.problem
+        if trial.local_failure is not None:
+            cell = trial.local_failure // p.weights.shape[1]
+            what = "the crystal law did not converge"
+        else:
+            force = np.zeros(3 * p.n_nodes)
+            force[p.pattern.free] = trial.forces[p.pattern.free]
+            node = int(np.argmax(np.linalg.norm(force.reshape(-1, 3), axis=1)))
+            cell = int(np.flatnonzero((p.cells == node).any(axis=1))[0])
+        grain = int(p.points.grain[p.weights.shape[1] * cell]) + 1
+        return f"{what} (element {cell}, grain {grain})"
+
+
+def _norm(forces: FloatArray) -> float:
+    # A hopeless trial may overflow: its norm is infinite, and it is refused for that.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float(np.linalg.norm(forces))
+
+
+def _stalled(norm: float) -> str:
+    return f"the equilibrium iteration stalled at a residual of {norm:.3g} µN"
+
+
+def _rounded_force(problem: Problem) -> float:
+    """Norm of the nodal forces that a strain of `ROUNDED_STRAIN` would make [µN]."""
+    areas = np.abs(problem.gradients).sum(axis=3) * problem.weights[:, :, None]
+    nodal = np.bincount(problem.cells.ravel(), areas.sum(axis=1).ravel())
+    return ROUNDED_STRAIN * float(problem.points.local[:, P_C11].max() * np.linalg.norm(nodal))
