@@ -198,12 +198,17 @@ class Capabilities:
         strain_measures: the strain measures on offer.
         derivatives: whether directions are answered.
         cell_fields: whether fields of the cells are answered.
+        integrations: the schemes of time integration on offer.
+        conditional: names of further material parameters of which some values besides the null
+            are honoured; the adapter judges the value, and they cannot be identified.
     """
 
     material: frozenset[str]
     strain_measures: frozenset[str]
     derivatives: bool
     cell_fields: bool = False
+    integrations: frozenset[str] = frozenset(("backward_euler",))
+    conditional: frozenset[str] = frozenset()
 
 
 class Adapter(Protocol):
