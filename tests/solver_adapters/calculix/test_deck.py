@@ -34,7 +34,9 @@ def texts(asked: Simulation) -> dict[str, str]:
 
 
 def without_provenance(text: str) -> str:
-    return re.sub(r"^\*\* --- provenance\n.*?^\*\* --- end of provenance\n", "", text, flags=re.S | re.M)
+    return re.sub(
+        r"^\*\* --- provenance\n.*?^\*\* --- end of provenance\n", "", text, flags=re.S | re.M
+    )
 
 
 @pytest.mark.parametrize("extension", EXTENSIONS)
