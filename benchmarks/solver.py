@@ -25,7 +25,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from benchmarks import calculix_prism
+from benchmarks import calculix_prism, code_aster_prism
 from benchmarks.specimens import (
     CYCLES,
     EIGHT,
@@ -42,8 +42,6 @@ from solver_adapters.crystal import N_SYSTEMS, rotation_vector_matrix
 from solver_adapters.interface import Direction, FloatArray, Integration, Simulation
 from solver_adapters.material import Material, StrainMeasure
 from tests.solver_adapters.boxes import ORIENTATIONS, box, pulled
-from tests.solver_adapters.bundled.test_code_aster_prism import DATA as TEST_DATA
-from tests.solver_adapters.bundled.test_code_aster_prism import _simulation as code_aster_prism
 
 T = TypeVar("T")
 MEASURES: tuple[StrainMeasure, ...] = ("small", "finite")
@@ -211,7 +209,7 @@ def kernel_time(measure: StrainMeasure, integration: Integration, repeats: int) 
 
     The path is turned by about a degree, differently for each of 480 points.
     """
-    with np.load(TEST_DATA / "solver" / "crystal_point.npz") as data:
+    with np.load(code_aster_prism.DATA / "solver" / "crystal_point.npz") as data:
         t, e = data[measure][:, :2].T
     bricks = pulled(box((2, 5, 2)), Material(strain_measure=measure), (0.0,))
     problem = build_problem(replace(bricks, integration=integration))
@@ -295,8 +293,7 @@ def sensitivities(quick: bool) -> None:
 def code_aster_run(repeats: int) -> Run:
     """The prism of Code_Aster at its own 45 steps."""
     warm("small")
-    with np.load(TEST_DATA / "solver" / "code_aster_prism.npz") as data:
-        simulation = code_aster_prism(data["steps"])
+    simulation = code_aster_prism.simulation(code_aster_prism.forces()[0])
     return min((solve(simulation) for _ in range(repeats)), key=lambda run: run.cpu)
 
 

@@ -366,8 +366,8 @@ class Solver(Table):
     name: str = Field(
         default="bundled", description="a text in quotes, the name of a solver adapter"
     )
-    integration: Integration = Field(
-        default="exponential",
+    integration: Integration | None = Field(
+        default=None,
         description='"exponential" or "backward_euler", how the law is integrated over a time step',
     )
     steps_per_interval: Count = Field(

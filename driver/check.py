@@ -19,6 +19,7 @@ from driver.errors import InputError
 from driver.estimate import estimate
 from driver.experiment import Experiment, read_experiment
 from driver.images.heightmaps import ImageError, on_surface
+from driver.specimen import integration_of
 from driver.stages import RESULTS
 from meshes.prism import PrismGeometry, generate
 from solver_adapters.interface import Adapter
@@ -143,6 +144,12 @@ def _solver(case: Case) -> Iterator[Finding]:
             f'material.strain_measure: found "{measure}", expected one that {name} offers: '
             f"{offered}",
         )
+    elif measure in capabilities.cautions:
+        yield Finding("warning", "solver", capabilities.cautions[measure])
+    try:
+        integration_of(case, adapter)
+    except InputError as error:
+        yield Finding("error", "solver", str(error))
     for parameter in case.identification.parameters:
         if parameter not in capabilities.material:
             offered = ", ".join(sorted(capabilities.material))

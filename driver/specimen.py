@@ -19,7 +19,7 @@ from driver.surface_view import SurfaceView
 from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import trace
-from solver_adapters.interface import Adapter
+from solver_adapters.interface import Adapter, Integration
 from solver_adapters.registry import find_adapter
 
 FloatArray = NDArray[np.float64]
@@ -61,6 +61,24 @@ def adapter_of(case: Case) -> Adapter:
             f"(what the solver {case.solver.name} offers)"
         )
     return adapter
+
+
+def integration_of(case: Case, adapter: Adapter) -> Integration:
+    """The scheme that the case names, or the best that the solver has.
+
+    Raises:
+        InputError: the solver lacks the scheme that the case names.
+    """
+    offered = adapter.capabilities().integrations
+    named = case.solver.integration
+    if named is None:
+        return "exponential" if "exponential" in offered else "backward_euler"
+    if named not in offered:
+        raise InputError(
+            f'solver.integration: found "{named}", expected {" or ".join(sorted(offered))} (what '
+            f"the solver {case.solver.name} offers), or the key left out"
+        )
+    return named
 
 
 def surface_images(case: Case, experiment: Experiment) -> SurfaceImages:
@@ -122,7 +140,7 @@ def build_model(
         image_row=history.image_row,
         surface_nodes=surface.nodes,
         adapter=adapter,
-        integration=case.solver.integration,
+        integration=integration_of(case, adapter),
         steps_per_interval=steps_per_interval,
         view=SurfaceView(surface, pixels, (-half, half, 0.0, case.specimen.length)),
     )

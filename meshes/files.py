@@ -25,8 +25,8 @@ _CELLS, _FACES, _NODES = 0, -1, 1  # levels of a MED mesh, relative to its dimen
 def write_med(mesh: PrismMesh, path: Path) -> None:
     """Write the mesh, named `prism`, with all its groups.
 
-    Groups of cells: GRAIN1, GRAIN2, …; of faces and of nodes: S_PLUS, S_MINUS, TOP; of nodes
-    alone: L_PLUS, L_MINUS, P_PLUS, P_MINUS. MED's tetrahedra have the opposite handedness of
+    Groups of cells: GRAIN1, GRAIN2, …; of faces (where the mesh has them): S_PLUS, S_MINUS, TOP;
+    of nodes: every group of `mesh.nodes`. MED's tetrahedra have the opposite handedness of
     VTK's, so their nodes are reordered.
 
     Args:
@@ -39,16 +39,18 @@ def write_med(mesh: PrismMesh, path: Path) -> None:
     _require_tet10(mesh, path)
     coordinates = mc.DataArrayDouble(np.ascontiguousarray(mesh.points))
     coordinates.setInfoOnComponents(["X [um]", "Y [um]", "Z [um]"])
-    faces = np.concatenate([mesh.faces[name] for name in FACE_GROUPS])
     file = mc.MEDFileUMesh()
     file.setCoords(coordinates)
     cells = mesh.cells[:, MIRRORED]
     file.setMeshAtLevel(_CELLS, _med_cells("prism", 3, mc.NORM_TETRA10, coordinates, cells))
-    file.setMeshAtLevel(_FACES, _med_cells("prism", 2, mc.NORM_TRI6, coordinates, faces))
+    members: dict[str, IntArray] = {}
+    if mesh.faces:
+        faces = np.concatenate([mesh.faces[name] for name in FACE_GROUPS])
+        file.setMeshAtLevel(_FACES, _med_cells("prism", 2, mc.NORM_TRI6, coordinates, faces))
+        ends = np.cumsum([len(mesh.faces[name]) for name in FACE_GROUPS])
+        members = dict(zip(FACE_GROUPS, np.split(np.arange(len(faces)), ends), strict=False))
     file.setName("prism")
 
-    face_ends = np.cumsum([len(mesh.faces[name]) for name in FACE_GROUPS])
-    members = dict(zip(FACE_GROUPS, np.split(np.arange(len(faces)), face_ends), strict=False))
     for grain in range(mesh.n_grains):
         file.addGroup(_CELLS, _group(f"GRAIN{grain + 1}", np.flatnonzero(mesh.grain == grain)))
     for name, ids in members.items():

@@ -56,6 +56,24 @@ def jacobians(points: FloatArray, cells: IntArray) -> FloatArray:
     return determinants
 
 
+def centre_gradients(points: FloatArray, cells: IntArray) -> FloatArray:
+    """Gradients of the shape functions at the centre of each cell.
+
+    In a cell with straight edges a gradient at the centre is its mean over the cell.
+
+    Args:
+        points: node coordinates [µm], shape (n_nodes, 3).
+        cells: tet10 connectivity in VTK order, shape (n_cells, 10).
+
+    Returns:
+        derivatives along X, Y, Z [1/µm], shape (n_cells, 10, 3).
+    """
+    centre = _GRADIENTS[-1]
+    map_gradient = np.einsum("cai,aj->cij", points[cells], centre)
+    gradients: FloatArray = centre @ np.linalg.inv(map_gradient)
+    return gradients
+
+
 def outer_faces(cells: IntArray) -> IntArray:
     """Faces that belong to one cell only, as tri6 with outward normal, shape (n, 6).
 

@@ -75,3 +75,17 @@ def bunge_matrix(phi1: float, capital_phi: float, phi2: float) -> FloatArray:
     second = rotation_vector_matrix(np.array([b, 0.0, 0.0]))
     third = rotation_vector_matrix(np.array([0.0, 0.0, c]))
     return first @ second @ third
+
+
+def bunge_angles(rotation: FloatArray) -> tuple[float, float, float]:
+    """Bunge angles φ1, Φ, φ2 in degrees of a crystal → sample rotation, 0 ≤ Φ ≤ 180.
+
+    Where Φ is 0 or 180 only the sum or the difference of the others has a meaning: φ2 is what is
+    left once φ1 has been turned back, so the three make the rotation for any Φ.
+    """
+    phi1 = np.arctan2(rotation[0, 2], -rotation[1, 2])
+    capital_phi = np.arctan2(np.hypot(rotation[0, 2], rotation[1, 2]), rotation[2, 2])
+    first_axis = np.cos(phi1) * rotation[0] + np.sin(phi1) * rotation[1]
+    phi2 = np.arctan2(-first_axis[1], first_axis[0])
+    degrees = np.rad2deg([phi1, capital_phi, phi2])
+    return float(degrees[0]), float(degrees[1]), float(degrees[2])

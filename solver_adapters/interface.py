@@ -201,6 +201,7 @@ class Capabilities:
         integrations: the schemes of time integration on offer.
         conditional: names of further material parameters of which some values besides the null
             are honoured; the adapter judges the value, and they cannot be identified.
+        cautions: a sentence for the user who chooses a strain measure, by its name.
     """
 
     material: frozenset[str]
@@ -209,6 +210,7 @@ class Capabilities:
     cell_fields: bool = False
     integrations: frozenset[str] = frozenset(("backward_euler",))
     conditional: frozenset[str] = frozenset()
+    cautions: Mapping[str, str] = field(default_factory=dict)
 
 
 class Adapter(Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.metadata import entry_points
 
-from solver_adapters.interface import Adapter, UnsupportedError
+from solver_adapters.interface import Adapter, Capabilities, UnsupportedError
 
 GROUP = "prismid.solvers"
 
@@ -26,3 +26,8 @@ def find_adapter(name: str) -> Adapter:
             return adapter
     known = ", ".join(adapter_names()) or "none: is prismid installed?"
     raise UnsupportedError(f'solver.name: found "{name}", expected one of {known}')
+
+
+def installed_capabilities() -> dict[str, Capabilities]:
+    """What each installed solver can honour, by name."""
+    return {name: find_adapter(name).capabilities() for name in adapter_names()}

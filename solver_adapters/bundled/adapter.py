@@ -36,11 +36,12 @@ class BundledAdapter:
     name = "bundled"
 
     def capabilities(self) -> Capabilities:
-        """All parameters of the law, both strain measures, derivatives."""
+        """All parameters of the law, both strain measures, both schemes, derivatives."""
         return Capabilities(
             material=frozenset(MATERIAL_PARAMETERS),
             strain_measures=frozenset(("small", "finite")),
             derivatives=True,
+            integrations=frozenset(("exponential", "backward_euler")),
         )
 
     def version(self) -> str:

@@ -19,7 +19,7 @@ from solver_adapters.interface import Capabilities, Response, Simulation
 class CalculixAdapter(ExternalAdapter):
     """CalculiX's law SINGLE_CRYSTAL on quadratic tetrahedra or wedges."""
 
-    name = "calculix"
+    name = limits.NAME
     programs = ("ccx",)
 
     def capabilities(self) -> Capabilities:
@@ -32,7 +32,7 @@ class CalculixAdapter(ExternalAdapter):
         Raises:
             UnsupportedError: what CalculiX cannot do, by name.
         """
-        limits.refuse_unsupported(simulation)
+        limits.refuse(simulation)
         return deck.render_files(simulation)
 
     def command(self, program: tuple[str, ...]) -> tuple[str, ...]:

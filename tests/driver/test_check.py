@@ -1,4 +1,5 @@
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -116,3 +117,19 @@ def test_the_estimate_grows_with_the_work():
     assert estimate(case, 264, 97, n_pixels=10**8).memory - base.memory == pytest.approx(2.4e9)
     fewer = case.diagnosis.model_copy(update={"refit": 1})
     assert estimate(case.model_copy(update={"diagnosis": fewer}), 264, 97).seconds < base.seconds
+
+
+def test_a_scheme_that_the_solver_lacks_is_an_error_with_the_remedy(case_path):
+    edit(case_path, 'integration = "backward_euler"', 'integration = "exponential"')
+    (message,) = found(case_path, "error")
+    assert message.startswith('solver.integration: found "exponential", expected backward_euler')
+    assert message.endswith("or the key left out")
+
+
+def test_the_caution_of_a_solver_about_a_strain_measure_is_a_warning(case_path, monkeypatch):
+    class CautiousSolver(SmallStrainSolver):
+        def capabilities(self):
+            return replace(super().capabilities(), cautions={"small": "Small is coarse."})
+
+    monkeypatch.setattr(check_module, "solvers", lambda: {"bundled": CautiousSolver})
+    assert found(case_path, "warning") == ["Small is coarse."]

@@ -10,7 +10,8 @@ from driver import specimen
 from driver.case import Case, load_case
 from driver.errors import InputError
 from driver.experiment import read_experiment
-from driver.specimen import adapter_of, geometry_of, surface_images
+from driver.specimen import adapter_of, geometry_of, integration_of, surface_images
+from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.interface import Capabilities, UnsupportedError
 from tests.driver import closed_form
 from tests.driver.closed_form import LENGTH, PIXEL, WIDTH
@@ -95,3 +96,21 @@ def test_the_instrument_knows_the_clock_and_the_middle_of_the_face() -> None:
     instrument = closed_form.bench().model.instrument
     assert instrument.progress[0] == 0.0 and instrument.progress[-1] == 1.0
     assert instrument.centre == (0.0, LENGTH / 2)
+
+
+def test_the_scheme_is_the_one_named_or_the_best_that_the_solver_has() -> None:
+    case, solver = closed_form.small_case(), SmallStrainSolver()
+    assert integration_of(case, solver) == "backward_euler"
+    assert integration_of(case, BundledAdapter()) == "exponential"
+    named = changed(case, "solver", integration="backward_euler")
+    assert integration_of(named, BundledAdapter()) == "backward_euler"
+
+
+def test_a_scheme_that_the_solver_lacks_is_refused() -> None:
+    case = changed(closed_form.small_case(), "solver", integration="exponential")
+    with pytest.raises(InputError) as error:
+        integration_of(case, SmallStrainSolver())
+    assert str(error.value) == (
+        'solver.integration: found "exponential", expected backward_euler (what the solver '
+        "bundled offers), or the key left out"
+    )

@@ -1,6 +1,7 @@
 """MED both ways, against medcoupling and a file that Code_Aster ran; VTU; refusals."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +82,17 @@ def test_the_file_holds_every_group_of_cells_faces_and_nodes(mesh: PrismMesh, me
     assert file.getGroupsOnSpecifiedLev(-1) == ("S_MINUS", "S_PLUS", "TOP")
     for name, nodes in mesh.nodes.items():
         assert np.array_equal(file.getNodeGroupArr(name).toNumPyArray(), nodes)
+
+
+def test_a_mesh_without_faces_is_written_with_every_group_of_nodes(
+    mesh: PrismMesh, tmp_path: Path
+) -> None:
+    nodes = {**mesh.nodes, "MOVED": np.array([0, 3, 5])}
+    write_med(replace(mesh, faces={}, nodes=nodes), tmp_path / "cells.med")
+    file = mc.MEDFileUMesh(str(tmp_path / "cells.med"))
+    assert file.getNonEmptyLevels() == (0,)
+    for name, members in nodes.items():
+        assert np.array_equal(file.getNodeGroupArr(name).toNumPyArray(), members)
 
 
 def test_our_cells_have_the_handedness_of_the_file_that_code_aster_ran(med: Path) -> None:

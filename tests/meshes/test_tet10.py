@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from meshes.cells import inverted_cells
-from meshes.tet10 import EDGES, MIRRORED, jacobians, outer_faces
+from meshes.tet10 import EDGES, MIRRORED, centre_gradients, jacobians, outer_faces
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
 REFERENCE = np.concatenate([CORNERS, CORNERS[EDGES].mean(axis=1)])
@@ -47,3 +47,12 @@ def test_the_faces_of_one_cell_point_outwards_and_carry_their_mid_edge_nodes() -
     assert (np.sum(normal * outwards, axis=1) > 0).all()
     midpoints = (corners + np.roll(corners, -1, axis=1)) / 2
     np.testing.assert_allclose(REFERENCE[faces[:, 3:]], midpoints)
+
+
+def test_gradients_at_the_centre_are_the_means_of_a_quadratic_field() -> None:
+    """f = x² + 3 y z − 2 x over a straight cell: its mean gradient is that at the centroid."""
+    points = REFERENCE @ [[2.0, 0.3, 0.1], [0.2, 1.5, -0.1], [-0.3, 0.4, 1.2]] + [1.0, 2.0, 3.0]
+    x, y, z = points.T
+    found = np.einsum("a,cai->ci", x**2 + 3 * y * z - 2 * x, centre_gradients(points, CELL))
+    cx, cy, cz = points[:4].mean(axis=0)
+    np.testing.assert_allclose(found[0], [2 * cx - 2, 3 * cz, 3 * cy], rtol=1e-13)

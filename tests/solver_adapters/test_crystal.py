@@ -9,6 +9,7 @@ import pytest
 from solver_adapters.crystal import (
     N_110,
     N_SYSTEMS,
+    bunge_angles,
     bunge_matrix,
     rotation_vector_matrix,
     schmid_tensors,
@@ -71,3 +72,30 @@ def test_a_rotation_vector_gives_the_rotation_about_itself_by_its_length(
     skew = [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0]]
     np.testing.assert_allclose(skew, 2 * np.sinc(angle / np.pi) * axis[:2], atol=1e-15)
     assert rotation[1, 0] - rotation[0, 1] >= -1e-15
+
+
+@pytest.mark.parametrize(
+    "angles",
+    [
+        (281.0, 8.0, 47.0),
+        (211.0, 45.0, 150.0),
+        (0.0, 0.0, 0.0),
+        (120.0, 0.0, 0.0),
+        (30.0, 0.0, 50.0),
+        (200.0, 180.0, 70.0),
+        (17.0, 1e-9, 300.0),
+        (17.0, 180.0 - 1e-9, 300.0),
+        (90.0, 90.0, 90.0),
+    ],
+)
+def test_bunge_angles_make_their_rotation_again(angles: tuple[float, float, float]) -> None:
+    """Also where the first and the third axis are the same, or nearly."""
+    rotation = bunge_matrix(*angles)
+    found = bunge_angles(rotation)
+    assert 0 <= found[1] <= 180
+    np.testing.assert_allclose(bunge_matrix(*found), rotation, atol=2e-15)
+
+
+def test_bunge_angles_of_a_rotation_are_the_ones_that_made_it() -> None:
+    found = np.array(bunge_angles(bunge_matrix(211.0, 45.0, 150.0)))
+    np.testing.assert_allclose(found % 360, [211.0, 45.0, 150.0], atol=1e-12)

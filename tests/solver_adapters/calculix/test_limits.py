@@ -10,7 +10,6 @@ from solver_adapters.calculix.adapter import CalculixAdapter
 from solver_adapters.calculix.limits import CAPABILITIES
 from solver_adapters.interaction import self_and_latent
 from solver_adapters.interface import Direction, Simulation, UnsupportedError
-from solver_adapters.material import Material
 from tests.solver_adapters.calculix.runs import simulation
 
 
@@ -39,27 +38,17 @@ def test_a_term_that_calculix_lacks_is_refused_by_name_with_the_solvers_that_hav
 ) -> None:
     ((name, value),) = changes.items()
     message = refusal(simulation(**changes))
-    assert message.startswith(f"{name} is ")
-    assert (f'"{value}"' if isinstance(value, str) else f"{value:g}") in message
-    others = message.split("or a solver that can: ")[1].split(", ")
+    shown = f'"{value}"' if isinstance(value, str) else f"{value:g}"
+    assert message.startswith(f"{name} = {shown}: ")
+    others = message.split("of the solvers that can: ")[1].split(", ")
     assert "bundled" in others
     assert "calculix" not in others
-
-
-def test_every_term_of_the_law_is_honoured_or_refused() -> None:
-    """A parameter that the law gains later is refused until somebody looks at it."""
-    asked = simulation()
-    for name in set(vars(Material())) - CAPABILITIES.material - CAPABILITIES.conditional:
-        if name in ("b", "d2", "skin_thickness", "tau0_grains", "strain_measure"):
-            continue  # nothing by themselves, or tested elsewhere
-        changed = replace(asked.material, **{name: getattr(Material(), name) + 0.1})
-        assert name in refusal(replace(asked, material=changed))
 
 
 @pytest.mark.parametrize("h_latent", [0.0, 0.1, -0.2])
 def test_hardening_is_refused_but_with_the_interaction_that_calculix_fixes(h_latent: float) -> None:
     message = refusal(simulation(Q=20.0, h_latent=h_latent))
-    assert "Q is 20" in message
+    assert "Q = 20" in message
     assert "h_latent = -0.1" in message
     assert "bundled" in message
     assert CalculixAdapter().write(simulation(Q=20.0, h_latent=-0.1))
@@ -82,11 +71,11 @@ def test_latent_hardening_without_hardening_is_no_matter() -> None:
 @pytest.mark.parametrize(
     ("changes", "name"),
     [
-        ({"integration": "exponential"}, 'integration is "exponential"'),
+        ({"integration": "exponential"}, 'integration = "exponential"'),
         ({"directions": (Direction("tau0", {"tau0": 1.0}),)}, "derivatives along tau0"),
         ({"cell_fields": True}, "fields of the cells"),
         ({"lattice_gradient": np.full((2, 3), 1e-3)}, "lattice_gradient"),
-        ({"accuracy": 1.0}, "accuracy is 1 µN"),
+        ({"accuracy": 1.0}, "accuracy = 1 µN"),
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
 )

@@ -1,0 +1,1 @@
+"""Code_Aster, called as a program: MONOCRISTAL on quadratic tetrahedra, backward Euler."""

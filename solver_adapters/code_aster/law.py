@@ -1,0 +1,134 @@
+"""The crystal law in the words of Code_Aster: families of systems, hardening, what it lacks.
+
+Read in its public sources (`lcmmsg`, `lcmmfi`, `lcmaei`, `rccoma` of 2017, `op5901` of 2012; in
+2025 `lcmmfi` is the same):
+
+- BCC24 is one family with one τ0. Where {112} has a τ0 of its own, {110} is the family CUBIQUE1 and
+  {112} is CUBIQUE2. CUBIQUE1 counts the {110} systems in another order than BCC24, and some with
+  the opposite sense of slip.
+- With two families each hardens by its own systems alone, and both read the first 12 rows and
+  columns of MATR_INTER. Only a matrix without latent hardening means the same there.
+- MATR_INTER has to be symmetric, and is obligatory with two families.
+- The materials of a grain may hold one elasticity between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_adapters.crystal import N_110, N_SYSTEMS, slip_systems
+from solver_adapters.interaction import bcc24_classes, self_and_latent
+from solver_adapters.interface import FloatArray, IntArray, UnsupportedError
+from solver_adapters.material import MATERIAL_PARAMETERS, Material
+
+HONOURED = frozenset(MATERIAL_PARAMETERS) - {
+    "tau0_antitwinning",
+    "a1",
+    "c2",
+    "d2",
+    "x0",
+    "eigenstrain",
+    "skin_tau0",
+    "skin_thickness",
+}
+"""Parameters of the law that Code_Aster has."""
+
+# Plane normal and slip direction of the systems of CUBIQUE1 (lcmmsg).
+_CUBIQUE1 = (
+    ((1, 1, 0), (1, -1, 1)),
+    ((-1, 0, 1), (1, -1, 1)),
+    ((0, -1, -1), (1, -1, 1)),
+    ((0, -1, 1), (1, 1, 1)),
+    ((1, 0, -1), (1, 1, 1)),
+    ((-1, 1, 0), (1, 1, 1)),
+    ((-1, -1, 0), (-1, 1, 1)),
+    ((1, 0, 1), (-1, 1, 1)),
+    ((0, 1, -1), (-1, 1, 1)),
+    ((1, -1, 0), (1, 1, -1)),
+    ((-1, 0, -1), (1, 1, -1)),
+    ((0, 1, 1), (1, 1, -1)),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Hardening:
+    """How the interaction of systems is said.
+
+    Attributes:
+        classes: H, or H1 to H4, of MONO_ISOT1.
+        matrix: MATR_INTER, shape (24, 24), or None where the classes say it all.
+    """
+
+    classes: Mapping[str, float]
+    matrix: FloatArray | None
+
+
+def has_two_families(material: Material) -> bool:
+    """Whether {112} has a τ0 of its own."""
+    return material.tau0_112 != 1.0
+
+
+def system_order(material: Material) -> tuple[IntArray, FloatArray]:
+    """Where Code_Aster keeps each system of `crystal.slip_systems`, and its sense there.
+
+    Returns:
+        place of each system among Code_Aster's 24, shape (24,), and +1 or −1, shape (24,).
+    """
+    places, senses = np.arange(N_SYSTEMS), np.ones(N_SYSTEMS)
+    if has_two_families(material):
+        table = np.array(_CUBIQUE1, dtype=np.float64)
+        table /= np.linalg.norm(table, axis=2, keepdims=True)
+        directions, normals = slip_systems()
+        products = (normals[:N_110] @ table[:, 0].T) * (directions[:N_110] @ table[:, 1].T)
+        places[:N_110] = abs(products).argmax(axis=1)
+        senses[:N_110] = np.sign(products[np.arange(N_110), places[:N_110]])
+    return places, senses
+
+
+def grain_ratios(material: Material, n_grains: int) -> tuple[float, ...]:
+    """Ratio of τ0 in each grain to that in the first."""
+    padded = (1.0, material.tau0_grain2, *material.tau0_grains, *[1.0] * n_grains)
+    return padded[:n_grains]
+
+
+def hardening(material: Material) -> Hardening:
+    """The interaction of systems as Code_Aster takes it.
+
+    Raises:
+        UnsupportedError: the matrix is not symmetric, or the two families interact.
+    """
+    matrix = _interaction(material)
+    if material.Q == 0.0:
+        matrix = np.eye(N_SYSTEMS)
+    if not np.array_equal(matrix, matrix.T):
+        raise UnsupportedError(
+            "interaction is not symmetric, which the solver code_aster cannot honour (MATR_INTER); "
+            "expected a symmetric matrix, or a solver that can: bundled"
+        )
+    if has_two_families(material):
+        if not np.array_equal(matrix, matrix[0, 0] * np.eye(N_SYSTEMS)):
+            raise UnsupportedError(
+                f"tau0_112 is {material.tau0_112:g} and systems harden each other (h_latent or "
+                "interaction), which the solver code_aster cannot honour together: it then lets "
+                "each family harden by itself alone; expected one of the two, or a solver that "
+                "can: bundled"
+            )
+        # MATR_INTER is obligatory with two families.
+        return Hardening({"H": 0.0}, matrix)
+    latent = float(matrix[0, 1])
+    if np.array_equal(matrix, self_and_latent(1.0, latent)):
+        return Hardening({"H": latent}, None)
+    classes = [float(matrix[pair]) for pair in ((0, 4), (0, 0), (12, 15), (12, 12))]
+    if np.array_equal(matrix, bcc24_classes(*classes)):
+        return Hardening({f"H{i}": value for i, value in enumerate(classes, start=1)}, None)
+    return Hardening({"H": 0.0}, matrix)
+
+
+def _interaction(material: Material) -> FloatArray:
+    latent = self_and_latent(0.0, material.h_latent)
+    if material.interaction is None:
+        return np.eye(N_SYSTEMS) + latent
+    return np.array(material.interaction, dtype=np.float64) + latent

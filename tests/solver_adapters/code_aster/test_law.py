@@ -1,0 +1,99 @@
+"""The law in Code_Aster's words; facts of its sources are named in the module."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_adapters.code_aster.law import (
+    HONOURED,
+    grain_ratios,
+    hardening,
+    has_two_families,
+    system_order,
+)
+from solver_adapters.interaction import bcc24_classes, self_and_latent
+from solver_adapters.interface import FloatArray, UnsupportedError
+from solver_adapters.material import MATERIAL_PARAMETERS, Material
+
+HARD = Material(Q=10.0)
+
+
+def rows(matrix: FloatArray) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(row) for row in matrix.tolist())
+
+
+def test_what_code_aster_lacks_is_said() -> None:
+    assert sorted(set(MATERIAL_PARAMETERS) - HONOURED) == [
+        "a1", "c2", "d2", "eigenstrain", "skin_tau0", "skin_thickness", "tau0_antitwinning", "x0",
+    ]  # fmt: skip
+
+
+def test_self_hardening_is_H_of_zero() -> None:
+    said = hardening(HARD)
+    assert (said.classes, said.matrix) == ({"H": 0.0}, None)
+
+
+def test_even_latent_hardening_is_H() -> None:
+    for material in (
+        replace(HARD, h_latent=1.4),
+        replace(HARD, interaction=rows(self_and_latent(1.0, 1.0)), h_latent=0.4),
+    ):
+        said = hardening(material)
+        assert (said.classes, said.matrix) == ({"H": 1.4}, None)
+
+
+def test_the_four_classes_are_recognised() -> None:
+    said = hardening(replace(HARD, interaction=rows(bcc24_classes(0.5, 1.0, 0.25, 2.0))))
+    assert said.classes == {"H1": 0.5, "H2": 1.0, "H3": 0.25, "H4": 2.0}
+    assert said.matrix is None
+
+
+def test_any_other_symmetric_matrix_is_a_table() -> None:
+    matrix = self_and_latent(1.0, 0.2)
+    matrix[3, 7] = matrix[7, 3] = 0.9
+    said = hardening(replace(HARD, interaction=rows(matrix), h_latent=0.5))
+    assert said.matrix is not None
+    np.testing.assert_array_equal(said.matrix, matrix + self_and_latent(0.0, 0.5))
+
+
+def test_a_matrix_that_is_not_symmetric_is_refused_where_it_acts() -> None:
+    matrix = self_and_latent(1.0, 0.2)
+    matrix[3, 7] = 0.9
+    with pytest.raises(UnsupportedError, match="interaction is not symmetric.*can: bundled"):
+        hardening(replace(HARD, interaction=rows(matrix)))
+    assert hardening(Material(interaction=rows(matrix))).matrix is None
+
+
+def test_families_with_a_tau0_of_their_own_get_the_obligatory_table() -> None:
+    said = hardening(replace(HARD, tau0_112=1.1))
+    np.testing.assert_array_equal(said.matrix, np.eye(24))
+    assert not has_two_families(HARD)
+
+
+def test_families_that_harden_each_other_are_refused() -> None:
+    """Code_Aster sums over the systems of one family and reads one block for both (lcmmfi)."""
+    with pytest.raises(UnsupportedError, match="tau0_112 is 1.1 and systems harden each other"):
+        hardening(replace(HARD, tau0_112=1.1, h_latent=1.0))
+
+
+def test_grains_without_a_ratio_are_like_the_first() -> None:
+    assert grain_ratios(Material(tau0_grain2=0.9, tau0_grains=(1.2,)), 4) == (1.0, 0.9, 1.2, 1.0)
+    assert grain_ratios(Material(tau0_grain2=0.9), 1) == (1.0,)
+
+
+def test_one_family_keeps_the_order_of_bcc24() -> None:
+    places, senses = system_order(Material())
+    np.testing.assert_array_equal(places, np.arange(24))
+    np.testing.assert_array_equal(senses, 1.0)
+
+
+def test_each_system_of_110_has_one_place_in_cubique1() -> None:
+    places, senses = system_order(Material(tau0_112=1.1))
+    np.testing.assert_array_equal(np.sort(places), np.arange(24))
+    np.testing.assert_array_equal(places[12:], np.arange(12, 24))
+    # The first of BCC24, (011)[11-1], is the last of CUBIQUE1; the second, (101)[11-1], is the
+    # one before it as (-10-1)[11-1].
+    assert (places[0], senses[0], places[1], senses[1]) == (11, 1.0, 10, -1.0)

@@ -1,0 +1,71 @@
+"""What a solver lacks is refused by name, with the solvers that have it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_adapters.interface import Capabilities, Direction, Simulation, UnsupportedError
+from solver_adapters.material import Material
+from solver_adapters.refusal import refuse_unsupported
+from tests.solver_adapters.boxes import box, pulled
+
+PLAIN = replace(
+    pulled(box(), Material(strain_measure="small"), (0.01,)), integration="backward_euler"
+)
+SMALL = Capabilities(frozenset({"tau0"}), frozenset({"small"}), derivatives=False)
+ALL = Capabilities(
+    frozenset({"a1", "h_latent"}),
+    frozenset({"small", "finite"}),
+    derivatives=True,
+    cell_fields=True,
+    integrations=frozenset({"exponential", "backward_euler"}),
+)
+
+
+def refuse(simulation: Simulation) -> None:
+    refuse_unsupported(simulation, "small one", SMALL, lambda: {"small one": SMALL, "other": ALL})
+
+
+def test_the_plain_law_is_not_refused() -> None:
+    refuse(PLAIN)
+    refuse(replace(PLAIN, material=replace(PLAIN.material, tau0=21.0, b=70.0, d2=3.0)))
+
+
+@pytest.mark.parametrize(
+    ("asked", "named"),
+    [
+        (replace(PLAIN, material=replace(PLAIN.material, a1=0.1)), "a1 = 0.1"),
+        (
+            replace(PLAIN, material=replace(PLAIN.material, interaction=tuple([(1.0,) * 24] * 24))),
+            "interaction = given",
+        ),
+        (replace(PLAIN, material=Material()), 'strain_measure = "finite"'),
+        (replace(PLAIN, integration="exponential"), 'integration = "exponential"'),
+        (replace(PLAIN, cell_fields=True), "fields of the cells"),
+        (replace(PLAIN, directions=(Direction("K", {"K": 1.0}),)), "derivatives along K"),
+    ],
+)
+def test_a_wish_is_refused_by_name_with_the_solver_that_can(asked: Simulation, named: str) -> None:
+    with pytest.raises(UnsupportedError) as error:
+        refuse(asked)
+    assert str(error.value) == (
+        f"{named}: the solver small one cannot honour it; expected its null value, or one of the "
+        "solvers that can: other"
+    )
+
+
+def test_a_wish_that_no_solver_can_grant_says_so() -> None:
+    asked = replace(PLAIN, lattice_gradient=np.zeros((2, 3)))
+    with pytest.raises(UnsupportedError, match="solvers that can: none is installed"):
+        refuse(asked)
+
+
+def test_a_conditional_parameter_is_left_to_the_adapter_that_is_no_solver_to_name_for_it() -> None:
+    asked = replace(PLAIN, material=replace(PLAIN.material, a1=0.1))
+    judging = replace(SMALL, conditional=frozenset({"a1"}))
+    refuse_unsupported(asked, "judging", judging, dict)
+    with pytest.raises(UnsupportedError, match="solvers that can: none is installed"):
+        refuse_unsupported(asked, "small one", SMALL, lambda: {"judging": judging})
