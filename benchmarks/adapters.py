@@ -46,7 +46,7 @@ def stored_calculix() -> Iterator[Agreement]:
 
 
 def run_calculix(end: float, step: float) -> Iterator[Agreement]:
-    """CalculiX through its adapter at steps of one length, up to an instant [s]."""
+    """CalculiX through its adapter at steps of one length [s], up to an instant [s]."""
     reference = calculix_prism.read_reference()
     corners = [corner for corner in calculix_prism.CORNERS if corner < end]
     times = np.unique(np.round(np.append(np.arange(0.0, end + step / 2, step), corners), 9))
@@ -60,17 +60,19 @@ def run_calculix(end: float, step: float) -> Iterator[Agreement]:
     yield from _calculix_forces(pair, times[1:], own.force[1:], found.force[1:])
     face = motion_error(own.displacement, found.displacement)
     yield Agreement(pair, "face [nm]", face, GOALS["calculix face"])
-    exact = np.interp(times, reference.fine_times, reference.fine_force)
+    # The limit is known every 0.1 s.
+    rows = np.flatnonzero(np.isin(times.round(6), reference.fine_times.round(6)))
+    exact = np.interp(times[rows], reference.fine_times, reference.fine_force)
     pair = f"limit of small steps, the same to {end:g} s at {step:g} s a step"
-    yield Agreement(pair, "CalculiX: force [% of peak]", force_error(found.force, exact))
+    yield Agreement(pair, "CalculiX: force [% of peak]", force_error(found.force[rows], exact))
     yield Agreement(
-        pair, "bundled backward Euler: force [% of peak]", force_error(own.force, exact)
+        pair, "bundled backward Euler: force [% of peak]", force_error(own.force[rows], exact)
     )
     default = replace(asked, integration="exponential", output_nodes=np.arange(0))
     yield Agreement(
         pair,
         "bundled exponential: force [% of peak]",
-        force_error(BundledAdapter().solve(default).force, exact),
+        force_error(BundledAdapter().solve(default).force[rows], exact),
     )
 
 
@@ -167,9 +169,9 @@ def figures(quick: bool) -> Iterator[Agreement]:
     if shutil.which("ccx") is None:
         print("CalculiX is not run: there is no ccx on the PATH (package calculix-ccx)")
     elif quick:
-        yield from run_calculix(1.5, 0.25)
+        yield from run_calculix(1.5, 0.3)
     else:
-        for step in (0.5, 0.25, 0.1):
+        for step in (0.5, 0.1, 0.05):
             yield from run_calculix(ONSET, step)
     yield from stored_code_aster()
 
@@ -177,8 +179,12 @@ def figures(quick: bool) -> Iterator[Agreement]:
 HEAD = """\
 # Agreement of the solvers
 
-Written by `python -m benchmarks.adapters --write docs/agreement.md`, with one thread. The bundled solver takes the time steps
-that the other one took, by backward Euler. Forces are in percent of the largest force, the face is Z = 0.
+Written by `python -m benchmarks.adapters --write docs/agreement.md`, with one thread. The bundled
+solver takes the time steps that the other one took, by backward Euler. Forces are compared in
+percent of the largest force, displacements on the face Z = 0.
+
+The bundled solver integrates a tetrahedron with four Gauss points, as CalculiX does; Code_Aster has
+five, which on its coarse prism is all the difference: with five, the bundled solver agrees with it.
 
 """
 
