@@ -230,6 +230,8 @@ class Capabilities:
             simulation: the tolerance of the iteration, or the digits of a result file. Finite
             differences choose their steps by it.
         integrations: the schemes of time integration on offer.
+        conditional: names of further material parameters of which some values besides the null
+            are honoured; the adapter judges the value, and they cannot be identified.
         cautions: a sentence for the user who chooses a strain measure, by its name.
     """
 
@@ -239,6 +241,7 @@ class Capabilities:
     cell_fields: bool = False
     noise: float = 1e-5
     integrations: frozenset[str] = frozenset(("backward_euler",))
+    conditional: frozenset[str] = frozenset()
     cautions: Mapping[str, str] = field(default_factory=dict)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 
 from solver_adapters.interface import Capabilities, Simulation, UnsupportedError
 from solver_adapters.material import Material
@@ -33,8 +34,10 @@ def refuse_unsupported(
     Raises:
         UnsupportedError: naming the parameter and the solvers that can.
     """
+    # The adapter itself judges the values of the conditional ones.
+    here = replace(capabilities, material=capabilities.material | capabilities.conditional)
     for what, honours in _wishes(simulation):
-        if not honours(capabilities):
+        if not honours(here):
             able = ", ".join(name for name, theirs in others().items() if honours(theirs))
             raise UnsupportedError(
                 f"{what}: the solver {adapter} cannot honour it; expected its null value, or one "

@@ -61,3 +61,11 @@ def test_a_wish_that_no_solver_can_grant_says_so() -> None:
     asked = replace(PLAIN, lattice_gradient=np.zeros((2, 3)))
     with pytest.raises(UnsupportedError, match="solvers that can: none is installed"):
         refuse(asked)
+
+
+def test_a_conditional_parameter_is_left_to_the_adapter_that_is_no_solver_to_name_for_it() -> None:
+    asked = replace(PLAIN, material=replace(PLAIN.material, a1=0.1))
+    judging = replace(SMALL, conditional=frozenset({"a1"}))
+    refuse_unsupported(asked, "judging", judging, dict)
+    with pytest.raises(UnsupportedError, match="solvers that can: none is installed"):
+        refuse_unsupported(asked, "small one", SMALL, lambda: {"judging": judging})

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_adapters.calculix.adapter import CalculixAdapter
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
 from solver_adapters.external import ExternalAdapter
 from solver_adapters.interaction import bcc24_classes
@@ -32,9 +33,9 @@ def _matrix() -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(row) for row in matrix.tolist())
 
 
-def _freed() -> Simulation:
+def _freed(**material: object) -> Simulation:
     """X is prescribed at the first node alone."""
-    case = small_case()
+    case = small_case(**material)
     mask = case.motion_mask.copy()
     mask[1:, 0] = False
     return replace(case, motion_mask=mask)
@@ -58,11 +59,26 @@ CASES: Mapping[str, Simulation] = {
     ),
     "divided": replace(small_case(), steps_per_interval=4),
     "cells": replace(small_case(), cell_fields=True),
+    "octahedral": small_case(tau0_112=1e9),
+    "octahedral_grains": small_case(tau0_112=1e9, tau0_grain2=0.875),
+    "octahedral_hardening": small_case(tau0_112=1e9, Q=10.0, h_latent=-0.1),
+    "octahedral_elasticity": small_case(tau0_112=1e9, elastic_scale=1.0625, C44_scale=0.9375),
+    "octahedral_without_back_stress": small_case(tau0_112=1e9, c=0.0),
+    "octahedral_free": _freed(tau0_112=1e9),
+    "octahedral_steps": replace(
+        small_case(tau0_112=1e9),
+        steps=np.array([0.5, 2.0, 3.0, 4.0, 5.5, 6.0]),
+        output=np.array([1, 3]),
+    ),
+    "octahedral_divided": replace(small_case(tau0_112=1e9), steps_per_interval=4),
 }
 """Simulations by name: the plain law, and every extension away from its null."""
 
+_OCTAHEDRAL = tuple(name for name in CASES if name.startswith("octahedral"))
+
 GOLDEN: Mapping[str, tuple[ExternalAdapter, tuple[str, ...]]] = {
-    "code_aster": (CodeAsterAdapter(), tuple(CASES)),
+    "calculix": (CalculixAdapter(), _OCTAHEDRAL),
+    "code_aster": (CodeAsterAdapter(), tuple(name for name in CASES if name not in _OCTAHEDRAL)),
 }
 """The adapters, with the cases that each can honour."""
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.adapters import uniaxial
 from benchmarks.calculix_prism import (
     MATERIAL,
     ORIENTATIONS,
@@ -16,8 +16,7 @@ from benchmarks.calculix_prism import (
     simulation,
 )
 from solver_adapters.bundled.adapter import BundledAdapter
-from solver_adapters.interface import FloatArray, Response, Simulation
-from tests.solver_adapters.boxes import box
+from solver_adapters.interface import Response
 
 DATA = Path(__file__).parents[2] / "data" / "solver"
 
@@ -65,42 +64,14 @@ def test_the_force_before_the_first_reversal_is_that_of_small_steps_within_half_
     assert abs(force - expected)[1:].max() / abs(expected).max() < 5e-3
 
 
-def _uniaxial(grain: int, times: FloatArray, strains: FloatArray) -> Simulation:
-    """A single crystal under uniaxial stress along Y: its ends stay flat, the rest is free."""
-    mesh = box(size=(1.0, 2.0, 1.0))
-    mesh = replace(mesh, grain=np.zeros_like(mesh.grain))
-    low, high = mesh.nodes["S_MINUS"], mesh.nodes["S_PLUS"]
-    nodes = np.concatenate([low, high])
-    mask = np.zeros((len(nodes), 3), dtype=np.bool_)
-    mask[:, 1] = True
-    # A corner pins X and Z; a second one along X stops the turn about Y.
-    x, z = mesh.points[low][:, [0, 2]].T
-    mask[np.flatnonzero((x < 1e-9) & (z < 1e-9)), ::2] = True
-    mask[np.flatnonzero((x > 1 - 1e-9) & (z < 1e-9)), 2] = True
-    motion = np.zeros((len(times), len(nodes), 3))
-    motion[:, len(low) :, 1] = 2.0 * strains[:, None]
-    return Simulation(
-        mesh=mesh,
-        material=MATERIAL,
-        orientations=ORIENTATIONS[[grain]],
-        times=times,
-        motion_nodes=nodes,
-        motion_mask=mask,
-        motion=motion,
-        output=np.arange(len(times)),
-        output_nodes=np.arange(0),
-        tolerance=1e-9,
-        integration="backward_euler",
-    )
-
-
 @pytest.mark.parametrize("grain", [0, 1])
 def test_a_crystal_in_uniaxial_cycles_agrees_with_an_octahedral_point_solution(grain: int) -> None:
     """An independent backward Euler solution at the same 200 steps, 0 → 1 % → −1 % → 1 %."""
     name = ("octahedral_point.npz", "octahedral_point_grain2.npz")[grain]
     with np.load(DATA / name) as data:
         times, strains, expected = np.vstack([np.zeros(3), data["table"]]).T
-    response = BundledAdapter().solve(_uniaxial(grain, times, strains))
+    asked = uniaxial(MATERIAL, ORIENTATIONS[grain], times, strains)
+    response = BundledAdapter().solve(asked)
     assert response.steps == 200
     # The section is 1 µm²: µN are MPa.
     np.testing.assert_allclose(response.force, expected, rtol=0, atol=1e-6 * abs(expected).max())

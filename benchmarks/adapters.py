@@ -1,0 +1,217 @@
+"""How far the solvers agree: the bundled one against CalculiX and Code_Aster, one thread.
+
+    python -m benchmarks.adapters --quick                      ends within 45 s
+    python -m benchmarks.adapters --write docs/agreement.md    all, and the table (5 CPU-minutes)
+
+Code_Aster's answers are stored (tests/data/solver); CalculiX is run where there is `ccx`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks import calculix_prism, code_aster_prism
+from solver_adapters.agreement import Agreement, force_error, motion_error, table
+from solver_adapters.bundled.adapter import BundledAdapter
+from solver_adapters.calculix.adapter import CalculixAdapter
+from solver_adapters.interface import FloatArray, Response, Simulation
+from solver_adapters.material import Material
+from tests.solver_adapters.boxes import ORIENTATIONS, box
+
+FIRST_LOADING = 10.0  # s, of the prism of CalculiX
+ONSET = 3.5  # s, at which it flows as a whole
+GOALS = {"calculix force": 0.5, "calculix face": 1.0, "element": 1e-4, "force": 0.1, "face": 0.2}
+"""Largest differences: of forces in percent, of faces in nm."""
+
+
+def stored_calculix() -> Iterator[Agreement]:
+    """The stored run of CalculiX with default tolerances, at its own 90 steps."""
+    reference = calculix_prism.read_reference()
+    times = np.append(0.0, reference.times)
+    own = BundledAdapter().solve(calculix_prism.simulation(reference.mesh, times, "backward_euler"))
+    pair = "CalculiX 2.20 (stored), prism of 484 cells, its 90 steps"
+    yield from _calculix_forces(pair, times[1:], own.force[1:], reference.force)
+    rows = 1 + np.searchsorted(reference.times, reference.instants - 1e-6)
+    face = motion_error(own.displacement[rows][:, reference.front], reference.displacement)
+    yield Agreement(pair, "face [nm]", face, GOALS["calculix face"])
+
+
+def run_calculix(end: float, step: float) -> Iterator[Agreement]:
+    """CalculiX through its adapter at steps of one length [s], up to an instant [s]."""
+    reference = calculix_prism.read_reference()
+    corners = [corner for corner in calculix_prism.CORNERS if corner < end]
+    times = np.unique(np.round(np.append(np.arange(0.0, end + step / 2, step), corners), 9))
+    asked = replace(
+        calculix_prism.simulation(reference.mesh, times, "backward_euler"),
+        output_nodes=reference.front,
+    )
+    found = _calculix(asked)
+    own = BundledAdapter().solve(replace(asked, steps=found.ends))
+    pair = f"CalculiX (run here), the same to {end:g} s, {found.steps} steps"
+    yield from _calculix_forces(pair, times[1:], own.force[1:], found.force[1:])
+    face = motion_error(own.displacement, found.displacement)
+    yield Agreement(pair, "face [nm]", face, GOALS["calculix face"])
+    # The limit is known every 0.1 s.
+    rows = np.flatnonzero(np.isin(times.round(6), reference.fine_times.round(6)))
+    exact = np.interp(times[rows], reference.fine_times, reference.fine_force)
+    pair = f"limit of small steps, the same to {end:g} s at {step:g} s a step"
+    yield Agreement(pair, "CalculiX: force [% of peak]", force_error(found.force[rows], exact))
+    yield Agreement(
+        pair, "bundled backward Euler: force [% of peak]", force_error(own.force[rows], exact)
+    )
+    default = replace(asked, integration="exponential", output_nodes=np.arange(0))
+    yield Agreement(
+        pair,
+        "bundled exponential: force [% of peak]",
+        force_error(BundledAdapter().solve(default).force[rows], exact),
+    )
+
+
+def stored_code_aster() -> Iterator[Agreement]:
+    """The stored runs of Code_Aster: one element, and a prism with both rules of integration."""
+    with np.load(calculix_prism.REFERENCE.with_name("code_aster_point.npz")) as data:
+        times, strains, _, stress = data["table"][:, :4].T
+    law = Material(strain_measure="small")
+    found = BundledAdapter().solve(uniaxial(law, ORIENTATIONS[0], times, strains)).force
+    pair = "Code_Aster 15.2 (stored), one element, its 60 steps"
+    yield Agreement(pair, "force [% of peak]", force_error(found, stress), GOALS["element"])
+    asked, expected = code_aster_prism.reference()
+    ends, table_of_forces = code_aster_prism.forces()
+    rows = np.searchsorted(ends, table_of_forces[:, 0] - 1e-6)
+    forces = replace(asked, output=np.arange(len(ends)))
+    top = np.flatnonzero(abs(asked.mesh.points[:, 2]) < 1e-6)
+    for points in (4, 5):
+        if points == 5:
+            with code_aster_prism.five_gauss_points():
+                own = BundledAdapter().solve(forces)
+        else:
+            own = BundledAdapter().solve(forces)
+        pair = f"Code_Aster 15.2 (stored), prism of 669 cells, bundled with {points} Gauss points"
+        force = force_error(own.force[rows], table_of_forces[:, 1])
+        yield Agreement(pair, "force [% of peak]", force, GOALS["force"])
+        face = motion_error(own.displacement[asked.output][:, top], expected.displacement[:, top])
+        yield Agreement(pair, "face [nm]", face, GOALS["face"])
+
+
+def uniaxial(
+    material: Material, rotation: FloatArray, times: FloatArray, strains: FloatArray
+) -> Simulation:
+    """One crystal of 1 µm² under uniaxial stress along Y: its ends stay flat, the rest is free.
+
+    Args:
+        material: the law.
+        rotation: crystal → specimen, shape (3, 3).
+        times: instants [s], shape (n_times,).
+        strains: strain along Y at the instants, shape (n_times,).
+    """
+    mesh = box(size=(1.0, 2.0, 1.0))
+    mesh = replace(mesh, grain=np.zeros_like(mesh.grain))
+    low, high = mesh.nodes["S_MINUS"], mesh.nodes["S_PLUS"]
+    nodes = np.concatenate([low, high])
+    mask = np.zeros((len(nodes), 3), dtype=np.bool_)
+    mask[:, 1] = True
+    # A corner pins X and Z; a second one along X stops the turn about Y.
+    x, z = mesh.points[low][:, [0, 2]].T
+    mask[np.flatnonzero((x < 1e-9) & (z < 1e-9)), ::2] = True
+    mask[np.flatnonzero((x > 1 - 1e-9) & (z < 1e-9)), 2] = True
+    motion = np.zeros((len(times), len(nodes), 3))
+    motion[:, len(low) :, 1] = 2.0 * strains[:, None]
+    return Simulation(
+        mesh=mesh,
+        material=material,
+        orientations=rotation[None],
+        times=times,
+        motion_nodes=nodes,
+        motion_mask=mask,
+        motion=motion,
+        output=np.arange(len(times)),
+        output_nodes=np.arange(0),
+        tolerance=1e-9,
+        integration="backward_euler",
+    )
+
+
+def _calculix_forces(
+    pair: str, times: FloatArray, own: FloatArray, expected: FloatArray
+) -> Iterator[Agreement]:
+    first = times <= FIRST_LOADING
+    peak = abs(expected).max()
+    goal = GOALS["calculix force"]
+    differences = 100 * abs(own - expected) / peak
+    yield Agreement(
+        pair, "force in first loading [% of peak]", float(differences[first].max()), goal
+    )
+    if not first.all():
+        yield Agreement(pair, "force after it [% of peak]", float(differences[~first].max()))
+
+
+def _calculix(asked: Simulation) -> Response:
+    """The answer of CalculiX in a folder that is removed.
+
+    Raises:
+        RuntimeError: the run did not reach its end.
+    """
+    adapter = CalculixAdapter()
+    with tempfile.TemporaryDirectory() as folder:
+        for name, content in adapter.write(asked).items():
+            (Path(folder) / name).write_bytes(content)
+        done = subprocess.run(
+            adapter.command(("ccx",)), cwd=folder, env=os.environ, capture_output=True, text=True
+        )
+        status = adapter.diagnose(done.stdout + done.stderr)
+        if status != "done":
+            raise RuntimeError(f"CalculiX: {status}; it ends with: {done.stdout[-300:]}")
+        return adapter.read(asked, Path(folder))
+
+
+def figures(quick: bool) -> Iterator[Agreement]:
+    """All figures, or those that take less than 45 s."""
+    yield from stored_calculix()
+    if shutil.which("ccx") is None:
+        print("CalculiX is not run: there is no ccx on the PATH (package calculix-ccx)")
+    elif quick:
+        yield from run_calculix(1.5, 0.3)
+    else:
+        for step in (0.5, 0.1, 0.05):
+            yield from run_calculix(ONSET, step)
+    yield from stored_code_aster()
+
+
+HEAD = """\
+# Agreement of the solvers
+
+Written by `python -m benchmarks.adapters --write docs/agreement.md`, with one thread. The bundled
+solver takes the time steps that the other one took, by backward Euler. Forces are compared in
+percent of the largest force, displacements on the face Z = 0.
+
+The bundled solver integrates a tetrahedron with four Gauss points, as CalculiX does; Code_Aster has
+five, which on its coarse prism is all the difference: with five, the bundled solver agrees with it.
+
+"""
+
+
+def main() -> None:
+    """Print a line for each figure; write the table where asked."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="end within 45 s")
+    parser.add_argument("--write", type=Path, help="write the table to this file")
+    arguments = parser.parse_args()
+    rows = []
+    for row in figures(arguments.quick):
+        print(row.line(), flush=True)
+        rows.append(row)
+    if arguments.write is not None:
+        arguments.write.write_text(HEAD + table(rows), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

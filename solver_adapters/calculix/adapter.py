@@ -1,0 +1,72 @@
+"""CalculiX behind the common interface: files of a job, call, results."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from solver_adapters.calculix import deck, limits
+from solver_adapters.calculix.dat import read_force
+from solver_adapters.calculix.frd import read_displacements
+from solver_adapters.calculix.log import understand
+from solver_adapters.calculix.sta import read_increments
+from solver_adapters.external import ExternalAdapter, Status
+from solver_adapters.interface import Capabilities, Response, Simulation
+
+
+class CalculixAdapter(ExternalAdapter):
+    """CalculiX's law SINGLE_CRYSTAL on quadratic tetrahedra or wedges."""
+
+    name = limits.NAME
+    programs = ("ccx",)
+
+    def capabilities(self) -> Capabilities:
+        """Small strain and {110}⟨111⟩ only; Q where h_latent is that of CalculiX."""
+        return limits.CAPABILITIES
+
+    def write(self, simulation: Simulation) -> Mapping[str, bytes]:
+        """The files of a job.
+
+        Raises:
+            UnsupportedError: what CalculiX cannot do, by name.
+        """
+        limits.refuse(simulation)
+        return deck.render_files(simulation)
+
+    def command(self, program: tuple[str, ...]) -> tuple[str, ...]:
+        """The call; the number of threads is an environment variable."""
+        return ("env", f"OMP_NUM_THREADS={self.profile.threads}", *program, "-i", deck.JOB)
+
+    def read(self, simulation: Simulation, folder: Path) -> Response:
+        """The response from `job.frd`, `job.dat` and `job.sta`.
+
+        Raises:
+            ResultFileError: one of them is missing, empty, truncated or of another job.
+        """
+        ends = deck.step_ends(simulation) - simulation.times[0]
+        steps = deck.output_steps(simulation)
+        increments = read_increments(folder / f"{deck.JOB}.sta", ends[1:])
+        nodes, n = simulation.output_nodes, len(simulation.output)
+        # The first instant, where nothing has moved, is not in the files.
+        force, displacement = np.zeros(len(ends)), np.zeros((len(ends), nodes.size, 3))
+        if steps.size:
+            force[steps] = read_force(folder / f"{deck.JOB}.dat", deck.FORCE_SET, ends[steps])[:, 1]
+        if steps.size and nodes.size:
+            displacement[steps] = read_displacements(folder / f"{deck.JOB}.frd", steps, nodes)
+        rows = np.searchsorted(ends, simulation.times[simulation.output] - simulation.times[0])
+        return Response(
+            displacement=displacement[rows],
+            force=force[rows],
+            d_displacement=np.zeros((0, n, nodes.size, 3)),
+            d_force=np.zeros((0, n)),
+            steps=len(increments.ends),
+            iterations=increments.iterations,
+            cuts=increments.cuts,
+            ends=simulation.times[0] + increments.ends,
+        )
+
+    def diagnose(self, log: str) -> Status:
+        """What CalculiX has printed."""
+        return understand(log)

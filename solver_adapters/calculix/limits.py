@@ -1,0 +1,78 @@
+"""What CalculiX's law SINGLE_CRYSTAL cannot do, refused by name before a deck is written."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_adapters.crystal import N_110, N_SYSTEMS
+from solver_adapters.interface import Capabilities, Simulation, UnsupportedError
+from solver_adapters.material import Material
+from solver_adapters.refusal import refuse_unsupported
+from solver_adapters.registry import installed_capabilities
+
+NAME = "calculix"
+CAPABILITIES = Capabilities(
+    material=frozenset(
+        ("C11", "C12", "C44", "K", "n", "tau0", "c", "d", "tau0_grain2", "elastic_scale")
+        + ("C44_scale",)
+    ),
+    strain_measures=frozenset(("small",)),
+    derivatives=False,
+    conditional=frozenset(("tau0_112", "Q", "b", "h_latent", "interaction")),
+)
+"""Q is conditional, as it comes with a latent hardening that is fixed in CalculiX."""
+
+LATENT = -0.1
+"""Interaction of any two octahedral systems in CalculiX's umat_single_crystal.f."""
+
+# {112} systems never slip where their tau0 is this many times that of {110}: 40 GPa and more.
+_OFF = 1000.0
+_ROUNDING = 1e-12
+
+
+def refuse(simulation: Simulation) -> None:
+    """Raise where a simulation asks for what CalculiX cannot do.
+
+    Raises:
+        UnsupportedError: one sentence: parameter or option, its value, what is expected, and the
+            installed solvers that can.
+    """
+    refuse_unsupported(simulation, NAME, CAPABILITIES, installed_capabilities)
+    material = simulation.material
+    if material.tau0_112 < _OFF:
+        _refuse(
+            f"tau0_112 = {material.tau0_112:g}: CalculiX has no {{112}}⟨111⟩ systems; expected "
+            f"{_OFF:g} or more, which switches them off",
+            "tau0_112",
+        )
+    if hardens(material):
+        _refuse_interaction(material)
+    if simulation.accuracy is not None:
+        raise UnsupportedError(
+            f"accuracy = {simulation.accuracy:g} µN: CalculiX does not estimate the error of its "
+            "steps; expected None, or the solver bundled"
+        )
+
+
+def hardens(material: Material) -> bool:
+    """Whether the isotropic hardening is not at its null."""
+    return material.Q > 0 and material.b > 0
+
+
+def _refuse_interaction(material: Material) -> None:
+    given = np.eye(N_SYSTEMS) if material.interaction is None else np.array(material.interaction)
+    apart = ~np.eye(N_110, dtype=np.bool_)
+    block = given[:N_110, :N_110] + material.h_latent * apart
+    if abs(block - np.where(apart, LATENT, 1.0)).max() > _ROUNDING:
+        own = "" if material.interaction is None else " and an interaction of its own"
+        _refuse(
+            f"Q = {material.Q:g} with h_latent = {material.h_latent:g}{own}: CalculiX fixes the "
+            f"interaction of the {{110}}⟨111⟩ systems at 1 and {LATENT:g}; expected Q = 0, or "
+            f"h_latent = {LATENT:g} without interaction",
+            "h_latent",
+        )
+
+
+def _refuse(found: str, parameter: str) -> None:
+    able = (n for n, theirs in installed_capabilities().items() if parameter in theirs.material)
+    raise UnsupportedError(f"{found}, or one of the solvers that can: {', '.join(able)}")

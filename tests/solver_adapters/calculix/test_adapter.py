@@ -1,0 +1,164 @@
+"""CalculiX run on small boxes, beside the bundled solver at the same time steps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solver_adapters.bundled.adapter import BundledAdapter
+from solver_adapters.calculix.adapter import CalculixAdapter
+from solver_adapters.external import Profile, Status
+from solver_adapters.interface import Response, Simulation
+from tests.solver_adapters.boxes import box, moved, pulled, skin, wedge_box
+from tests.solver_adapters.calculix.runs import (
+    OCTAHEDRAL,
+    largest,
+    leave_files,
+    needs_ccx,
+    run,
+    simulation,
+)
+
+LOADING = tuple(np.linspace(0.0, 0.002, 21)[1:])
+"""Steps of 0.25 s at 4e-4 /s, through the onset of flow."""
+
+
+def both(asked: Simulation, folder: Path) -> tuple[Response, Response]:
+    """CalculiX, and the bundled solver at the steps that CalculiX took."""
+    found = run(asked, folder)
+    return found, BundledAdapter().solve(replace(asked, steps=found.ends))
+
+
+def error(found: Response, expected: Response) -> float:
+    return largest(found.force - expected.force) / largest(expected.force)
+
+
+@needs_ccx
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"tau0_grain2": 1.15},
+        {"Q": 50.0, "b": 30.0, "h_latent": -0.1},
+        {"elastic_scale": 0.9, "C44_scale": 1.1},
+        {"c": 0.0},
+        {"K": 30.0, "n": 5.0, "d": 700.0},
+    ],
+    ids=lambda changes: "-".join(changes) or "null",
+)
+def test_each_term_of_the_law_is_that_of_the_bundled_solver(
+    changes: dict[str, Any], tmp_path: Path
+) -> None:
+    """The point solution of CalculiX drops systems for good: hence not to the last digit."""
+    found, expected = both(simulation(LOADING, 0.25, **changes), tmp_path)
+    assert found.cuts == 0
+    assert error(found, expected) < 1e-4
+    assert largest(found.displacement - expected.displacement) < 1e-5  # µm
+
+
+@needs_ccx
+def test_hardening_without_the_latent_part_of_calculix_is_another_law(tmp_path: Path) -> None:
+    """Why Q is refused with h_latent = 0: half a percent of the force at 0.2 % of strain."""
+    asked = simulation(LOADING, 0.25, Q=50.0, b=30.0, h_latent=-0.1)
+    found, same = both(asked, tmp_path)
+    other = replace(asked, material=replace(asked.material, h_latent=0.0), steps=found.ends)
+    assert error(found, same) < 1e-4
+    assert error(found, BundledAdapter().solve(other)) > 4e-3
+
+
+@needs_ccx
+def test_wedges_in_uniform_strain_answer_as_in_the_bundled_solver(tmp_path: Path) -> None:
+    """Only there: CalculiX has nine points in a wedge, prismid six."""
+    mesh = wedge_box()
+    mesh = replace(mesh, grain=np.zeros_like(mesh.grain))
+    gradient = np.array([[-3e-4, 1e-4, 0.0], [0.0, 1e-3, 2e-4], [0.0, 0.0, -4e-4]])
+    asked = moved(
+        mesh, OCTAHEDRAL, skin(mesh), lambda t, points: t * points @ gradient.T, 0.2 * np.arange(11)
+    )
+    found, expected = both(replace(asked, integration="backward_euler"), tmp_path)
+    assert error(found, expected) < 1e-4
+    assert largest(found.displacement - expected.displacement) < 1e-5  # µm
+
+
+@needs_ccx
+def test_a_cycle_with_holds_is_followed(tmp_path: Path) -> None:
+    strains = (0.001, 0.002, 0.002, 0.002, 0.0015, 0.001, 0.0, -0.0005, -0.0005, 0.0005)
+    found, expected = both(simulation(strains, 2.0, steps=4), tmp_path)
+    assert error(found, expected) < 1e-3
+
+
+@needs_ccx
+def test_components_without_motion_are_free(tmp_path: Path) -> None:
+    asked = simulation(LOADING, 0.25)
+    mask = asked.motion_mask.copy()
+    low = len(asked.mesh.nodes["S_MINUS"])
+    mask[low:, ::2] = False
+    found, expected = both(replace(asked, motion_mask=mask), tmp_path)
+    assert largest(expected.displacement[:, asked.mesh.nodes["S_PLUS"]][:, :, ::2]) > 1e-4
+    assert error(found, expected) < 1e-4
+    assert largest(found.displacement - expected.displacement) < 1e-5  # µm
+
+
+@needs_ccx
+def test_outputs_come_in_the_order_and_at_the_nodes_that_are_asked_for(tmp_path: Path) -> None:
+    asked = simulation((0.0003, 0.0006, 0.0009, 0.0009))
+    whole = run(asked, tmp_path)
+    part = replace(asked, output=np.array([0, 2, 4]), output_nodes=np.array([30, 4, 12]))
+    found = run(part, tmp_path)
+    assert largest(whole.force) > 100
+    np.testing.assert_array_equal(found.force, whole.force[[0, 2, 4]])
+    expected = whole.displacement[[0, 2, 4]][:, [30, 4, 12]]
+    np.testing.assert_array_equal(found.displacement, expected)
+    none = replace(part, output_nodes=np.arange(0))
+    assert run(none, tmp_path).displacement.shape == (3, 0, 3)
+
+
+@needs_ccx
+def test_steps_of_an_earlier_response_are_taken_again(tmp_path: Path) -> None:
+    """One step an interval is too much here: CalculiX cuts it, and can be told the cut steps."""
+    asked = simulation((0.002, 0.004, 0.006, 0.01), 5.0)
+    first = run(asked, tmp_path)
+    again = run(replace(asked, steps=first.ends), tmp_path)
+    assert first.cuts > 0
+    assert again.cuts == 0
+    np.testing.assert_allclose(again.ends, first.ends, rtol=1e-6)
+
+
+@needs_ccx
+@pytest.mark.parametrize("steps", [1, 5])
+def test_steps_are_no_longer_than_the_simulation_says(steps: int, tmp_path: Path) -> None:
+    found = run(simulation((0.0002, 0.0004), 3.0, steps=steps), tmp_path)
+    expected = np.linspace(0.0, 6.0, 2 * steps + 1)[1:]
+    np.testing.assert_allclose(found.ends, expected, rtol=1e-6)
+
+
+@needs_ccx
+def test_a_motion_that_no_crystal_can_follow_is_diagnosed(tmp_path: Path) -> None:
+    printed = leave_files(simulation((100.0,), 1e-6), tmp_path)
+    assert CalculixAdapter().diagnose(printed) is Status.NOT_CONVERGED
+
+
+@needs_ccx
+def test_a_run_that_ended_says_so(tmp_path: Path) -> None:
+    printed = leave_files(simulation((1e-5,)), tmp_path)
+    assert "Job finished" in printed
+    assert CalculixAdapter().diagnose(printed) is Status.DONE
+
+
+def test_the_call_states_the_threads() -> None:
+    adapter = CalculixAdapter(Profile(threads=1))
+    found = adapter.command(("/usr/bin/ccx",))
+    assert found == ("env", "OMP_NUM_THREADS=1", "/usr/bin/ccx", "-i", "job")
+
+
+def test_the_first_instant_needs_no_file_of_displacements(tmp_path: Path) -> None:
+    asked = replace(pulled(box(), OCTAHEDRAL, (1e-5,)), output=np.array([0]))
+    status = " 1          1     1     2  0.100000E+01  0.100000E+01  0.100000E+01\n"
+    (tmp_path / "job.sta").write_text(f"SUMMARY OF JOB INFORMATION\n {status}")
+    found = CalculixAdapter().read(asked, tmp_path)
+    assert found.force.tolist() == [0.0]
+    assert not found.displacement.any()

@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solver_adapters.calculix.adapter import CalculixAdapter
+from solver_adapters.calculix.limits import CAPABILITIES
+from solver_adapters.interaction import self_and_latent
+from solver_adapters.interface import Direction, Simulation, UnsupportedError
+from tests.solver_adapters.calculix.runs import simulation
+
+
+def refusal(asked: Simulation) -> str:
+    with pytest.raises(UnsupportedError) as error:
+        CalculixAdapter().write(asked)
+    return str(error.value)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"strain_measure": "finite"},
+        {"tau0_112": 1.0},
+        {"tau0_antitwinning": 1.1},
+        {"a1": 0.1},
+        {"c2": 1500.0},
+        {"x0": 1e-5},
+        {"eigenstrain": 1e-4},
+        {"skin_tau0": 1.2},
+    ],
+    ids=lambda changes: next(iter(changes)),
+)
+def test_a_term_that_calculix_lacks_is_refused_by_name_with_the_solvers_that_have_it(
+    changes: dict[str, Any],
+) -> None:
+    ((name, value),) = changes.items()
+    message = refusal(simulation(**changes))
+    shown = f'"{value}"' if isinstance(value, str) else f"{value:g}"
+    assert message.startswith(f"{name} = {shown}: ")
+    others = message.split("of the solvers that can: ")[1].split(", ")
+    assert "bundled" in others
+    assert "calculix" not in others
+
+
+@pytest.mark.parametrize("h_latent", [0.0, 0.1, -0.2])
+def test_hardening_is_refused_but_with_the_interaction_that_calculix_fixes(h_latent: float) -> None:
+    message = refusal(simulation(Q=20.0, h_latent=h_latent))
+    assert "Q = 20" in message
+    assert "h_latent = -0.1" in message
+    assert "bundled" in message
+    assert CalculixAdapter().write(simulation(Q=20.0, h_latent=-0.1))
+
+
+def test_an_interaction_matrix_is_judged_by_its_octahedral_block() -> None:
+    matrix = self_and_latent(1.0, 0.5)
+    matrix[:12, :12] = self_and_latent(1.0, -0.1)[:12, :12]
+    assert CalculixAdapter().write(simulation(Q=20.0, interaction=tuple(map(tuple, matrix))))
+    matrix[0, 1] = 0.0
+    message = refusal(simulation(Q=20.0, interaction=tuple(map(tuple, matrix))))
+    assert "an interaction of its own" in message
+
+
+def test_latent_hardening_without_hardening_is_no_matter() -> None:
+    assert CalculixAdapter().write(simulation(Q=0.0, h_latent=0.3))
+    assert CalculixAdapter().write(simulation(Q=20.0, b=0.0, h_latent=0.3))
+
+
+@pytest.mark.parametrize(
+    ("changes", "name"),
+    [
+        ({"integration": "exponential"}, 'integration = "exponential"'),
+        ({"directions": (Direction("tau0", {"tau0": 1.0}),)}, "derivatives along tau0"),
+        ({"cell_fields": True}, "fields of the cells"),
+        ({"lattice_gradient": np.full((2, 3), 1e-3)}, "lattice_gradient"),
+        ({"accuracy": 1.0}, "accuracy = 1 µN"),
+    ],
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
+)
+def test_an_option_that_calculix_lacks_is_refused(changes: dict[str, Any], name: str) -> None:
+    assert name in refusal(replace(simulation(), **changes))
+
+
+def test_what_can_be_identified_never_needs_a_value_that_is_refused() -> None:
+    assert not CAPABILITIES.material & CAPABILITIES.conditional
