@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from solver_adapters.bundled import restart
 from solver_adapters.bundled.compilation import sources_hash
 from solver_adapters.bundled.problem import build_problem, build_tangents
-from solver_adapters.bundled.restart import simulation_key
 from solver_adapters.bundled.stepping import Stepper
 from solver_adapters.interface import (
     Capabilities,
@@ -23,6 +22,7 @@ from solver_adapters.interface import (
     UnfinishedError,
 )
 from solver_adapters.material import MATERIAL_PARAMETERS
+from solver_adapters.simulation_key import simulation_key
 from solver_adapters.validation import refuse_bad_simulation
 
 FloatArray = NDArray[np.float64]
