@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Protocol
@@ -33,13 +33,40 @@ class UnfinishedError(SolverError):
     """
 
     def __init__(self, message: str, response: Response, reached: int) -> None:
-        super().__init__(message)
+        # All of them, so that it can be sent between processes.
+        super().__init__(message, response, reached)
         self.response = response
         self.reached = reached
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 class UnsupportedError(SolverError):
     """A parameter, option or direction that this adapter cannot honour."""
+
+
+class NotRunError(SolverError):
+    """A simulation that was not run, for a reason that other parameters would not mend."""
+
+
+class PreparedError(NotRunError):
+    """Jobs that were written for another machine instead of being run.
+
+    Attributes:
+        folders: the folders of the jobs, each complete.
+    """
+
+    def __init__(self, folders: Sequence[Path]) -> None:
+        super().__init__(tuple(folders))
+        self.folders = tuple(folders)
+
+    def __str__(self) -> str:
+        listed = "".join(f"\n  {folder}" for folder in self.folders)
+        return (
+            f"{len(self.folders)} job(s) are ready to be computed elsewhere, each as its "
+            f"README.txt says; `prismid run` then goes on from their results:{listed}"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,6 +262,7 @@ class Adapter(Protocol):
         Raises:
             UnsupportedError: the simulation asks for what this solver cannot honour.
             UnfinishedError: the run stopped on its way; what was reached is in it.
+            NotRunError: the solver is absent, or the run was prepared for another machine.
             SolverError: the run could not be made.
         """
         ...
