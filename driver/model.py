@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,6 +111,7 @@ class ForwardModel:
         integration: how the law is integrated over a time step.
         steps_per_interval: time steps between two instants.
         view: where the pixels are on the face.
+        workspace: where the solver keeps files of its runs, or None.
     """
 
     material: Material
@@ -123,6 +125,7 @@ class ForwardModel:
     integration: Integration
     steps_per_interval: int
     view: SurfaceView
+    workspace: Path | None = None
 
     def null_values(self) -> dict[str, float]:
         """Every parameter at its null, material constants as in the case, knots at zero."""
@@ -159,7 +162,7 @@ class ForwardModel:
             SolverError: the simulation could not be finished.
             ValueError: a geometric parameter turns a cell inside out.
         """
-        response = self.adapter.solve(self.simulation(values, free), progress=progress)
+        response = self.adapter.solve(self.simulation(values, free), self.workspace, progress)
         return self.observe(response, values, free)
 
     def observe(self, response: Response, values: Values, free: Sequence[str]) -> Prediction:

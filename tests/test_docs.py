@@ -20,7 +20,7 @@ CASE_FILE, METHOD, RESULTS = (
     (DOCS / f"{name}.md").read_text(encoding="utf-8") for name in ("case-file", "method", "results")
 )
 # Open tables: their keys are names of parameters.
-OPEN = {"extensions", "identification.prior_width"}
+OPEN = {"extensions", "identification.prior_width", "solver.profiles.NAME.options"}
 
 
 def schema_keys() -> dict[str, Any]:
@@ -31,8 +31,11 @@ def schema_keys() -> dict[str, Any]:
     def follow(node: dict[str, Any], table: str) -> None:
         for key, field in node["properties"].items():
             name = f"{table}.{key}".lstrip(".")
+            many = field.get("additionalProperties")
             reference = field.get("$ref") or field.get("items", {}).get("$ref")
-            if reference:
+            if isinstance(many, dict) and "$ref" in many:
+                follow(whole["$defs"][many["$ref"].split("/")[-1]], f"{name}.NAME")
+            elif reference:
                 follow(whole["$defs"][reference.split("/")[-1]], name)
             elif name not in OPEN:
                 required = key in node.get("required", ())
@@ -66,6 +69,7 @@ def test_every_key_of_the_schema_is_documented_with_its_default_and_no_other() -
 def test_the_open_tables_of_the_case_are_documented() -> None:
     written = default_case().model_dump()
     assert "extensions" in written and "prior_width" in written["identification"]
+    assert "profiles" in written["solver"]
     assert all(f"`[{name}]`" in CASE_FILE for name in OPEN)
 
 

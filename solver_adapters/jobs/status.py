@@ -28,7 +28,7 @@ REMEDIES = {
     Status.COMMAND_MISSING: "state the command in the profile of the solver",
     Status.KILLED: "it was ended from outside, by a person, a queue or a machine short of memory; "
     "run again",
-    Status.NO_RESULT: "its log may say why; a full disk or another version of the program would do it",
+    Status.NO_RESULT: "its log may say why; a full disk or another version of the program do it",
     Status.BAD_DECK: "the program cannot read or use what prismid wrote: see its log, and whether "
     "its version is one that the adapter knows",
 }

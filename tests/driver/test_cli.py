@@ -9,7 +9,7 @@ import driver
 from driver.case import CaseError, load_case
 from driver.check import Finding
 from driver.cli import app
-from solver_adapters.interface import SolverError
+from solver_adapters.interface import PreparedError, SolverError
 
 
 @pytest.fixture
@@ -17,9 +17,11 @@ def pipeline(monkeypatch):
     """A pipeline that keeps what it was called with."""
     calls = []
 
-    def run(case_path, until, force, log):
+    def run(case_path, until, force, log, prepare_only):
         load_case(case_path)
         calls.append(("run", case_path, until, force))
+        if prepare_only:
+            raise PreparedError([case_path.parent / "results" / "jobs" / "key"])
         log("mesh: started")
 
     fake = SimpleNamespace(

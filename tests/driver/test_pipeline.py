@@ -15,6 +15,7 @@ from driver.case import Case, CaseError, load_case, schema
 from driver.results import read_hdf5
 from driver.stages import StageError, run_stages, stage_key
 from meshes.files import read_med
+from solver_adapters.profile import Profile
 from tests.driver import closed_form
 from tests.driver.closed_form import KNOTS
 
@@ -50,7 +51,7 @@ class Run:
         self.path.write_text(text.replace(old, new), encoding="utf-8")
 
 
-def solver(name: str) -> closed_form.ClosedFormSolver:
+def solver(name: str, profile: Profile) -> closed_form.ClosedFormSolver:
     return closed_form.ClosedFormSolver(0.001)
 
 

@@ -20,7 +20,6 @@ from solver_adapters.interface import (
     NotRunError,
     PreparedError,
     Response,
-    Simulation,
     UnfinishedError,
     UnsupportedError,
 )
