@@ -135,7 +135,12 @@ def _solver(case: Case) -> Iterator[Finding]:
         known = ", ".join(sorted(available)) or "an adapter, but none is installed"
         yield Finding("error", "solver", f'solver.name: found "{name}", expected one of {known}')
         return
-    make, profile = available[name], profile_of(case)
+    try:
+        profile = profile_of(case)
+    except InputError as error:
+        yield Finding("error", "solver", str(error))
+        return
+    make = available[name]
     adapter = make(profile) if takes_profile(make) else make()
     if adapter.version() == ABSENT:
         yield Finding(
