@@ -20,6 +20,7 @@ from solver_adapters.interface import (
     Response,
     Simulation,
 )
+from solver_adapters.jobs.answer import refuse_bad_response
 from solver_adapters.jobs.errors import CommandMissingError, JobError
 from solver_adapters.jobs.folder import (
     RESPONSE,
@@ -44,10 +45,10 @@ from solver_adapters.jobs.runner import Ended, Limits, run_program
 from solver_adapters.jobs.status import Status as Status
 from solver_adapters.profile import Profile as Profile
 from solver_adapters.profile import config_path
-from solver_adapters.refusal import refuse_bad_response, refuse_unsupported
+from solver_adapters.refusal import refuse_unsupported
 from solver_adapters.registry import installed_capabilities
 from solver_adapters.response_file import Provenance, read_response, write_response
-from solver_adapters.response_file import ResultFileError as ResultFileError
+from solver_adapters.result_files import ResultFileError as ResultFileError
 from solver_adapters.validation import refuse_bad_simulation
 
 ABSENT = "absent"
@@ -149,7 +150,8 @@ class ExternalAdapter(ABC):
             simulation: what to solve.
             workspace: the folder of all jobs, each in a folder named by its key; None for one
                 that is removed.
-            progress: not called, the program runs on its own.
+            progress: called from time to time; the program tells nothing on its way, so that it
+                says that of the first instant. What it raises ends the job.
 
         Raises:
             UnsupportedError: a value cannot be honoured; it and who can are named.
@@ -181,7 +183,14 @@ class ExternalAdapter(ABC):
             program = self.program()
             if program is None:
                 raise self._missing("" if waiting is None else str(jobs / elsewhere.key))
-            return self._run(simulation, jobs, replace(here, command=self.command(program)), files)
+            begin, end = float(simulation.times[0]), float(simulation.times[-1])
+
+            def waiting_still() -> None:
+                if progress is not None:
+                    progress(Progress(begin, end, steps=0, iterations=0, cuts=0))
+
+            record = replace(here, command=self.command(program))
+            return self._run(simulation, jobs, record, files, waiting_still)
 
     def _known(self, folder: Path) -> Response | None:
         """The response of a finished job; None where there is none, or a damaged one."""
@@ -198,11 +207,16 @@ class ExternalAdapter(ABC):
             return None
 
     def _run(
-        self, simulation: Simulation, jobs: Path, record: Record, files: Mapping[str, bytes]
+        self,
+        simulation: Simulation,
+        jobs: Path,
+        record: Record,
+        files: Mapping[str, bytes],
+        waiting: Callable[[], None],
     ) -> Response:
         folder = write_aside(jobs, record.key, files)
         limits = Limits(self.profile.memory, self.profile.wall_time, self.profile.cpu_time)
-        ended = run_program(record.command, folder, limits, self.environment())
+        ended = run_program(record.command, folder, limits, self.environment(), waiting)
         found = self._outcome(simulation, folder, ended)
         record = replace(
             record, code=ended.code, wall=ended.wall, cpu=ended.cpu, memory=ended.memory

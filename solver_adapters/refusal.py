@@ -1,14 +1,11 @@
-"""What a solver cannot honour, refused before it runs; what is no answer, refused after."""
+"""What a solver cannot honour, refused before it runs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 
-import numpy as np
-
-from solver_adapters.interface import Capabilities, Response, Simulation, UnsupportedError
+from solver_adapters.interface import Capabilities, Simulation, UnsupportedError
 from solver_adapters.material import Material
-from solver_adapters.response_file import ResultFileError
 
 # Terms of the law that are switched on by a value other than the default, their null.
 _TERMS = (
@@ -42,24 +39,6 @@ def refuse_unsupported(
             raise UnsupportedError(
                 f"{what}: the solver {adapter} cannot honour it; expected its null value, or one "
                 f"of the solvers that can: {able or 'none is installed'}"
-            )
-
-
-def refuse_bad_response(simulation: Simulation, response: Response) -> None:
-    """Raise where what was read does not answer the simulation.
-
-    Raises:
-        ResultFileError: results of another shape, or that are not finite.
-    """
-    instants, nodes = len(simulation.output), len(simulation.output_nodes)
-    for name, shape in (("displacement", (instants, nodes, 3)), ("force", (instants,))):
-        found = getattr(response, name)
-        if found.shape != shape:
-            raise ResultFileError(f"results: found {name} of shape {found.shape}, expected {shape}")
-        if not np.isfinite(found).all():
-            raise ResultFileError(
-                f"results: found {np.count_nonzero(~np.isfinite(found))} values of {name} that "
-                "are not finite, expected finite numbers"
             )
 
 

@@ -13,7 +13,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from solver_adapters.interface import CellFields, Response, SolverError
+from solver_adapters.interface import CellFields, Response
+from solver_adapters.result_files import ResultFileError
 
 _FORMAT, _REVISION = "prismid response", 1
 
@@ -39,10 +40,6 @@ _CELLS = {
     "rotation": ("rad", "rotation vector of the lattice (output instant, cell, X Y Z)"),
 }
 _COUNTS = ("steps", "iterations", "cuts", "refinements")
-
-
-class ResultFileError(SolverError):
-    """A result file that cannot be used; one sentence: file, what was found, what was expected."""
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ import psutil
 
 from solver_adapters.jobs.runner import STDERR, STDOUT
 from solver_adapters.jobs.status import CACHED, Status
+from solver_adapters.result_files import ResultFileError
 
 RECORD, RESPONSE = "job.json", "response.h5"
 _TAIL = {STDOUT: 15, STDERR: 5}  # lines
@@ -58,12 +59,21 @@ def write_record(folder: Path, record: Record) -> None:
 
 
 def read_record(folder: Path) -> Record | None:
-    """The record of a job; None where there is none that can be used."""
+    """The record of a job; None where there is no folder.
+
+    Raises:
+        ResultFileError: the folder has no record that can be read.
+    """
+    if not folder.is_dir():
+        return None
     try:
         return Record(**json.loads((folder / RECORD).read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError):
-        # No job, or a damaged record: the job is run anew.
-        return None
+    except (OSError, ValueError, TypeError) as error:
+        # Somebody's results may be in there: it is not for us to remove.
+        raise ResultFileError(
+            f"{folder / RECORD}: found no record of a job ({error}), expected the one that was "
+            "written with it; mend it, or move the folder away"
+        ) from None
 
 
 def write_aside(jobs: Path, key: str, files: Mapping[str, bytes]) -> Path:
@@ -84,7 +94,7 @@ def write_aside(jobs: Path, key: str, files: Mapping[str, bytes]) -> Path:
     return folder
 
 
-def settle(partial: Path, jobs: Path, key: str, status: Status) -> Path:
+def settle(partial: Path, jobs: Path, key: str, status: Status = Status.DONE) -> Path:
     """Give a whole folder its name: the key, with the status where that is not to be kept.
 
     If another process has run the same job meanwhile, its folder stays and this one goes.

@@ -6,7 +6,14 @@ import shlex
 from collections.abc import Mapping
 from pathlib import Path
 
-from solver_adapters.jobs.folder import RECORD, Record, read_record, write_aside, write_record
+from solver_adapters.jobs.folder import (
+    RECORD,
+    Record,
+    read_record,
+    settle,
+    write_aside,
+    write_record,
+)
 from solver_adapters.jobs.runner import STDERR, STDOUT
 
 PREPARED = "prepared"
@@ -34,15 +41,14 @@ def prepare(
     call = shlex.join(record.command)
     script = (
         '#!/bin/sh\ncd "$(dirname "$0")" || exit 1\n'
-        f"{settings}{call} > {STDOUT} 2> {STDERR} < /dev/null\necho $? > {EXIT_CODE}\n"
+        f"rm -f {EXIT_CODE}\n{settings}{call} > {STDOUT} 2> {STDERR} < /dev/null\n"
+        f"echo $? > {EXIT_CODE}\n"
     )
     texts = {README: _readme(record, call), SCRIPT: script}
     everything = {**files, **{name: text.encode() for name, text in texts.items()}}
     partial = write_aside(jobs, record.key, everything)
     write_record(partial, record)
-    folder = jobs / record.key
-    partial.rename(folder)
-    return folder
+    return settle(partial, jobs, record.key)
 
 
 def prepared_job(folder: Path) -> Record | None:
@@ -52,7 +58,9 @@ def prepared_job(folder: Path) -> Record | None:
 
 
 def has_results(folder: Path, record: Record) -> bool:
-    """Whether a prepared job has more files than were written."""
+    """Whether a prepared job has more files than were written, and its script has ended."""
+    if (folder / STDOUT).is_file() and not (folder / EXIT_CODE).is_file():
+        return False
     own = {*record.files, README, SCRIPT, RECORD}
     return any(
         path.is_file() and str(path.relative_to(folder)) not in own for path in folder.rglob("*")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import select
 import signal
 import subprocess
 import sys
-import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +19,7 @@ from solver_adapters.jobs.status import Status
 STDOUT, STDERR = "stdout.txt", "stderr.txt"
 MB = 1e6  # bytes
 
+_WAIT = 0.2  # s
 _SUPERVISOR = Path(__file__).with_name("supervisor.py")
 _STATUS = {
     "wall_time": Status.OUT_OF_TIME,
@@ -30,9 +31,6 @@ _STATUS = {
 _FROM_OUTSIDE = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 # A shell reports a child that a signal ended by 128 and its number.
 _KILLED = {-s for s in _FROM_OUTSIDE} | {128 + s for s in _FROM_OUTSIDE}
-
-_running: set[subprocess.Popen[bytes]] = set()
-_lock = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -72,7 +70,11 @@ class Ended:
 
 
 def run_program(
-    command: Sequence[str], folder: Path, limits: Limits, environment: Mapping[str, str]
+    command: Sequence[str],
+    folder: Path,
+    limits: Limits,
+    environment: Mapping[str, str],
+    waiting: Callable[[], None] = lambda: None,
 ) -> Ended:
     """Run a program in a folder; its output is kept there in stdout.txt and stderr.txt.
 
@@ -84,6 +86,8 @@ def run_program(
         folder: where it runs.
         limits: what it may use.
         environment: variables that are added to those of this process.
+        waiting: called from time to time; what it raises ends the tree and is raised here. So a
+            thread is stopped that Ctrl-C does not reach.
     """
     task = {
         "command": list(command),
@@ -100,17 +104,15 @@ def run_program(
         start_new_session=True,
     )
     assert supervisor.stdin is not None and supervisor.stdout is not None
-    with _lock:
-        _running.add(supervisor)
     try:
+        while not select.select([supervisor.stdout], [], [], _WAIT)[0]:
+            waiting()
         answer = supervisor.stdout.read()
         if not answer:
             # The supervisor itself was killed, and cannot end the tree any more.
             with suppress(ProcessLookupError):
                 os.killpg(supervisor.pid, signal.SIGKILL)
     finally:
-        with _lock:
-            _running.discard(supervisor)
         # Where the wait was interrupted, the end of this pipe makes the supervisor end the tree.
         supervisor.stdin.close()
         supervisor.wait()
@@ -118,17 +120,6 @@ def run_program(
     if not answer:
         return Ended(Status.KILLED, -signal.SIGKILL, None, 0.0, 0.0, 0.0)
     return _understand(json.loads(answer))
-
-
-def end_running_jobs() -> None:
-    """End the jobs of all threads of this process; their calls of `run_program` return.
-
-    Ctrl-C interrupts the main thread alone: one that waits for jobs of other threads calls this.
-    """
-    with _lock:
-        for supervisor in _running:
-            assert supervisor.stdin is not None
-            supervisor.stdin.close()
 
 
 def _understand(answer: Mapping[str, Any]) -> Ended:

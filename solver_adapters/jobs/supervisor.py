@@ -121,7 +121,7 @@ def _exceeded(task: dict[str, Any], use: _Use, memory: int, wall: float) -> str 
 
 def _watch(task: dict[str, Any], child: int, wake: int, begun: float) -> tuple[str, int, _Use]:
     """Wait for the end of the child, of a limit or of the asker; why, exit code, use."""
-    use = _Use()
+    use, asker = _Use(), os.getppid()
     waiting = select.poll()
     for stream in (sys.stdin.fileno(), wake):
         waiting.register(stream, select.POLLIN | select.POLLHUP)
@@ -135,7 +135,8 @@ def _watch(task: dict[str, Any], child: int, wake: int, begun: float) -> tuple[s
         if task["wall_time"] is not None:
             interval = min(interval, max(task["wall_time"] - wall, 0.0) + 0.001)
         ready = [stream for stream, _ in waiting.poll(1000 * interval)]
-        if sys.stdin.fileno() in ready:
+        # A fork of a dead asker may still hold the pipe open.
+        if sys.stdin.fileno() in ready or os.getppid() != asker:
             return "stop", _end_tree(child, _GRACE) or 0, use
         if wake in ready:
             os.read(wake, 4096)

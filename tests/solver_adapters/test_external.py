@@ -8,17 +8,19 @@ import pickle
 import shutil
 import socket
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from solver_adapters.external import Status
+from solver_adapters.external import ResultFileError, Status
 from solver_adapters.interface import (
     Direction,
     NotRunError,
     PreparedError,
+    Progress,
     Response,
     UnfinishedError,
     UnsupportedError,
@@ -234,6 +236,41 @@ def test_a_prepared_job_is_computed_elsewhere_and_collected(tmp_path: Path) -> N
     # With the program on this machine the results count all the same.
     bar().solve(SIMULATION, tmp_path)
     assert folders(tmp_path) == [folder.name]
+
+
+def test_a_job_that_is_running_elsewhere_has_no_results_yet(tmp_path: Path) -> None:
+    folder = prepared(tmp_path)
+    (folder / "stdout.txt").write_text("step 1")
+    (folder / "force.json").write_text("[1, 2")
+    with pytest.raises(CommandMissingError, match="has no results yet"):
+        without_program(tmp_path)
+
+
+def test_a_record_that_was_spoiled_is_told_and_its_folder_is_left_alone(tmp_path: Path) -> None:
+    folder = prepared(tmp_path)
+    (folder / "force.json").write_text("[1, 2, 3]")
+    (folder / "job.json").write_text('{"solver": "bar 2.0')
+    with pytest.raises(ResultFileError, match=f"^{folder}/job.json: found no record of a job"):
+        without_program(tmp_path)
+    assert (folder / "force.json").is_file()
+
+
+def test_whoever_hears_of_the_progress_can_end_the_job(tmp_path: Path) -> None:
+    def stop(progress: Progress) -> None:
+        assert (progress.time, progress.end) == (0.0, 2.0)
+        raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        bar("import time; time.sleep(60)").solve(SIMULATION, tmp_path, stop)
+
+
+def test_the_same_job_at_the_same_time_leaves_one_folder(tmp_path: Path) -> None:
+    do = "import time; time.sleep(0.5)"
+    with ThreadPoolExecutor(3) as pool:
+        answers = [pool.submit(bar(do).solve, SIMULATION, tmp_path) for _ in range(3)]
+    for answer in answers:
+        np.testing.assert_allclose(answer.result().force, FORCE, rtol=1e-9)
+    assert len(folders(tmp_path)) == 1
 
 
 def test_a_failure_elsewhere_is_told_until_better_results_are_there(tmp_path: Path) -> None:

@@ -14,12 +14,12 @@ import pytest
 from solver_adapters.interface import CellFields, Response
 from solver_adapters.response_file import (
     Provenance,
-    ResultFileError,
     prismid_version,
     read_provenance,
     read_response,
     write_response,
 )
+from solver_adapters.result_files import ResultFileError
 
 RNG = np.random.default_rng(5)
 CELLS = CellFields(

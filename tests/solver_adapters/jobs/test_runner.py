@@ -14,7 +14,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from solver_adapters.jobs.runner import Ended, Limits, end_running_jobs, run_program
+from solver_adapters.jobs.runner import Ended, Limits, run_program
 from solver_adapters.jobs.status import Status
 
 PLENTY = Limits(memory=1000.0, wall_time=30.0)
@@ -154,6 +154,30 @@ def test_the_tree_ends_with_the_driver(tmp_path: Path, how: signal.Signals) -> N
         assert out == "interrupted\n"
 
 
+def test_the_tree_ends_with_the_driver_though_a_fork_of_it_lives_on(tmp_path: Path) -> None:
+    """The fork holds the driver's end of the pipe open."""
+    fork = (
+        "import os, threading, time\n"
+        "def leave():\n"
+        "    time.sleep(1.0)\n"
+        "    pid = os.fork()\n"
+        "    if pid == 0:\n"
+        "        time.sleep(60)\n"
+        "        os._exit(0)\n"
+        f"    open({str(tmp_path / 'fork')!r}, 'w').write(str(pid))\n"
+        "threading.Thread(target=leave).start()\n"
+    )
+    command = [sys.executable, "-W", "ignore", "-c", fork + DRIVER, str(tmp_path), TREE]
+    with subprocess.Popen(command) as driver:
+        assert soon(lambda: written(tmp_path) and (tmp_path / "fork").is_file())
+        assert soon(lambda: bool((tmp_path / "fork").read_text()))
+        driver.kill()
+    try:
+        assert soon(lambda: alive(tmp_path) == [])
+    finally:
+        os.kill(int((tmp_path / "fork").read_text()), signal.SIGKILL)
+
+
 def test_the_tree_ends_with_its_supervisor(tmp_path: Path) -> None:
     """The program dies with it (also the driver's other children are left alone)."""
     ends: list[Ended] = []
@@ -169,17 +193,21 @@ def test_the_tree_ends_with_its_supervisor(tmp_path: Path) -> None:
     assert soon(lambda: alive(tmp_path) == [])
 
 
-def test_jobs_of_other_threads_can_be_ended(tmp_path: Path) -> None:
-    folders = [tmp_path / name for name in "ab"]
-    ends: list[Ended] = []
-    threads = []
-    for folder in folders:
-        folder.mkdir()
-        threads.append(threading.Thread(target=lambda f=folder: ends.append(sh(f, TREE))))
-        threads[-1].start()
-    assert soon(lambda: all(written(folder) for folder in folders))
-    end_running_jobs()
-    for thread in threads:
-        thread.join(20)
-    assert [ended.status for ended in ends] == [Status.KILLED] * 2
-    assert not any(alive(folder) for folder in folders)
+def test_a_thread_that_waits_for_a_job_can_be_stopped(tmp_path: Path) -> None:
+    stop, seen = threading.Event(), threading.Event()
+
+    def heed() -> None:
+        if stop.is_set():
+            raise InterruptedError
+
+    def work() -> None:
+        with pytest.raises(InterruptedError):
+            run_program(("sh", "-c", TREE), tmp_path, PLENTY, {}, heed)
+        seen.set()
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    assert soon(lambda: written(tmp_path))
+    stop.set()
+    thread.join(20)
+    assert seen.is_set() and alive(tmp_path) == []
