@@ -29,8 +29,8 @@ from tests.solver_adapters.boxes import box, pulled
 
 adapter = find_adapter("bar", Profile(command=(sys.executable,)))
 small = Material(strain_measure="small")
-simulation = replace(pulled(box(), small, (1e-4,)), orientations=np.stack(
-    [np.eye(3)] * 2))
+simulation = replace(pulled(box(), small, (1e-4,)), integration="backward_euler",
+                     orientations=np.stack([np.eye(3)] * 2))
 response = adapter.solve(simulation, Path("jobs"))
 try:
     adapter.solve(replace(simulation, material=replace(small, Q=5.0)))
