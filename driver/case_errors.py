@@ -5,7 +5,7 @@ from __future__ import annotations
 import types
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -106,13 +106,18 @@ def _follow(
     field: FieldInfo | None = None
     owner = model
     current: type[BaseModel] | None = model
+    named = False
     for part in location:
         if current is None:
             break
-        if isinstance(part, str):
+        if named:
+            # The name of one of several tables, as in [solver.profiles.NAME].
+            named = False
+        elif isinstance(part, str):
             owner = current
             field = current.model_fields.get(part)
             current = next(_models(field.annotation), None) if field else None
+            named = field is not None and get_origin(field.annotation) is dict
         path.append(part)
     return path, field, owner
 

@@ -360,6 +360,24 @@ class Boundary(Table):
     lambda_start: LambdaStart = LambdaStart()
 
 
+class ProfileTable(Table):
+    """How the program of a solver is called; what is not given here is asked elsewhere."""
+
+    command: Annotated[tuple[str, ...], Field(min_length=1)] | None = Field(
+        default=None, description="a list of texts, the program and its leading arguments"
+    )
+    processes: Count | None = Field(default=None, description="MPI processes of a job")
+    threads: Count | None = Field(default=None, description="threads of each process")
+    memory_MB: Positive | None = Field(default=None, description="memory limit of a job")
+    wall_time_s: Positive | None = Field(default=None, description="limit of the wall-clock time")
+    cpu_time_s: Positive | None = Field(
+        default=None, description="limit of the CPU time of all processes of a job together"
+    )
+    options: dict[str, str] = Field(
+        default_factory=dict, description="texts in quotes, by names that the adapter declares"
+    )
+
+
 class Solver(Table):
     """The solver and its time steps."""
 
@@ -379,6 +397,9 @@ class Solver(Table):
     accuracy_uN: Positive | None = Field(
         default=None,
         description="error of the force that a time step may make, by which steps are refined",
+    )
+    profiles: dict[str, ProfileTable] = Field(
+        default_factory=dict, description="how the program of a solver is called, by its name"
     )
 
 

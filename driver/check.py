@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, entry_points, requires, version
 from pathlib import Path
@@ -19,10 +19,14 @@ from driver.errors import InputError
 from driver.estimate import estimate
 from driver.experiment import Experiment, read_experiment
 from driver.images.heightmaps import ImageError, on_surface
+from driver.profiles import profile_of
 from driver.specimen import integration_of
 from driver.stages import RESULTS
 from meshes.prism import PrismGeometry, generate
+from solver_adapters.external import ABSENT
 from solver_adapters.interface import Adapter
+from solver_adapters.profile import config_path
+from solver_adapters.registry import takes_profile
 
 SOLVERS = "prismid.solvers"
 # Share of the measured face that may be at level 0 (a trench) before the origin is in doubt.
@@ -79,7 +83,7 @@ def check(case_path: Path) -> list[Finding]:
     return findings
 
 
-def solvers() -> dict[str, type[Adapter]]:
+def solvers() -> dict[str, Callable[..., Adapter]]:
     """The solver adapters that are installed, by name."""
     return {entry.name: entry.load() for entry in entry_points(group=SOLVERS)}
 
@@ -132,8 +136,23 @@ def _solver(case: Case) -> Iterator[Finding]:
         known = ", ".join(sorted(available)) or "an adapter, but none is installed"
         yield Finding("error", "solver", f'solver.name: found "{name}", expected one of {known}')
         return
-    adapter = available[name]()
-    yield Finding("ok", "solver", f"{name} {adapter.version()}")
+    try:
+        profile = profile_of(case)
+    except InputError as error:
+        yield Finding("error", "solver", str(error))
+        return
+    make = available[name]
+    adapter = make(profile) if takes_profile(make) else make()
+    if adapter.version() == ABSENT:
+        yield Finding(
+            "warning",
+            "solver",
+            f"{name}: its program is not on this machine; expected it on PATH, or its call under "
+            f"[solver.profiles.{name}] in the case or [profiles.{name}] in {config_path()} "
+            "(`prismid run --prepare-only` writes the jobs for another machine)",
+        )
+    else:
+        yield Finding("ok", "solver", f"{name} {adapter.version()}")
     capabilities = adapter.capabilities()
     measure = case.material.strain_measure
     if measure not in capabilities.strain_measures:

@@ -17,7 +17,7 @@ from driver.case import CaseError, default_case, schema_text, write_case
 from driver.errors import InputError, sentence
 from driver.stages import write_whole
 from meshes.system_libraries import SystemLibraryError
-from solver_adapters.interface import SolverError
+from solver_adapters.interface import PreparedError, SolverError
 
 _MARKS = {"ok": "ok     ", "warning": "WARNING", "error": "ERROR  "}
 
@@ -81,6 +81,10 @@ def run(
     cases: Annotated[list[Path], typer.Argument(metavar="CASE...", help="cases or folders")],
     until: Annotated[str | None, typer.Option(help="last stage to run")] = None,
     force: Annotated[bool, typer.Option("--force", help="run finished stages again")] = False,
+    prepare_only: Annotated[
+        bool,
+        typer.Option("--prepare-only", help="write the solver's jobs for another machine"),
+    ] = False,
 ) -> None:
     """Run the stages of one CASE or many; what is done and unchanged is not done again."""
     from driver import pipeline
@@ -90,7 +94,9 @@ def run(
         # A bad case does not keep the next one from running.
         try:
             with _told_in_one_line(), _progress(case, alone=len(cases) == 1) as log:
-                pipeline.run(_case_file(case), until, force, log)
+                pipeline.run(_case_file(case), until, force, log, prepare_only)
+        except PreparedError as prepared:
+            typer.echo(f"{case}: {prepared}")
         except typer.Exit:
             failed = True
         except KeyboardInterrupt:
@@ -142,6 +148,8 @@ def _told_in_one_line() -> Iterator[None]:
 
     try:
         yield
+    except PreparedError:
+        raise  # what was asked for, no mistake
     except (InputError, ImageError, SolverError, SystemLibraryError, OSError) as error:
         typer.echo(f"prismid: {error}", err=True)
         raise typer.Exit(1) from None

@@ -16,6 +16,7 @@ from driver.stages import StageContext
 from driver.workbench import Workbench, build_workbench
 from meshes.files import read_med
 
+JOBS = "jobs"
 IDENTIFY, IDENTIFY_CSV, HISTORY_JSON = "identify.h5", "identify.csv", "identify_history.json"
 FloatArray = NDArray[np.float64]
 
@@ -30,6 +31,8 @@ def load_workbench(context: StageContext) -> Workbench:
         measured["motion"],
         measured["elongation"],
         measured["tilt"],
+        context.results / JOBS,
+        context.prepare_only,
     )
 
 

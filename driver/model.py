@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,6 +112,7 @@ class ForwardModel:
         steps_per_interval: time steps between two instants.
         accuracy: error of the force that a time step may make [µN], or None for steps as given.
         view: where the pixels are on the face.
+        workspace: where the solver keeps files of its runs, or None.
     """
 
     material: Material
@@ -125,6 +127,7 @@ class ForwardModel:
     steps_per_interval: int
     accuracy: float | None
     view: SurfaceView
+    workspace: Path | None = None
 
     def null_values(self) -> dict[str, float]:
         """Every parameter at its null, material constants as in the case, knots at zero."""
@@ -162,7 +165,7 @@ class ForwardModel:
             SolverError: the simulation could not be finished.
             ValueError: a geometric parameter turns a cell inside out.
         """
-        response = self.adapter.solve(self.simulation(values, free), progress=progress)
+        response = self.adapter.solve(self.simulation(values, free), self.workspace, progress)
         return self.observe(response, values, free)
 
     def observe(self, response: Response, values: Values, free: Sequence[str]) -> Prediction:

@@ -16,6 +16,7 @@ from driver.mesh_stage import run_mesh
 from driver.report.stage import run_report
 from driver.specimen import mesh_of
 from driver.stages import RESULTS, Stage, StageError, measured_files, run_stages
+from driver.workbench import BUNDLED
 from solver_adapters.bundled.compilation import use_threads
 
 Log = Callable[[str], None]
@@ -39,14 +40,22 @@ def stages(case: Case) -> Sequence[Stage]:
     )
 
 
-def run(case_path: Path, until: str | None, force: bool, log: Log) -> None:
+def run(
+    case_path: Path, until: str | None, force: bool, log: Log, prepare_only: bool = False
+) -> None:
     """Run the stages of a case.
 
     Raises:
+        PreparedError: jobs were written for another machine, which `prepare_only` asks for.
         InputError: the case or a measured file cannot be used.
         SolverError: a simulation could not be finished.
     """
     case = load_case(case_path)
+    if prepare_only and case.solver.name == BUNDLED:
+        raise StageError(
+            f'--prepare-only: found solver.name = "{BUNDLED}", which runs inside prismid, expected '
+            "a solver that is a program of its own"
+        )
     use_threads(case.execution.processes * case.execution.threads)
     n_cells = len(mesh_of(case, case.specimen.mesh_size).cells)
     cost = estimate(case, n_cells, read_history(case.path(case.history.file)).n_images)
@@ -54,7 +63,7 @@ def run(case_path: Path, until: str | None, force: bool, log: Log) -> None:
         f"all stages take about {cost.seconds / 60:.1f} min on free cores "
         f"and {cost.memory / 1e9:.1f} GB of memory"
     )
-    run_stages(case_path, stages(case), until, force, log)
+    run_stages(case_path, stages(case), until, force, log, prepare_only)
 
 
 def report(case_path: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import h5py
@@ -13,20 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.errors import InputError
+from solver_adapters.response_file import prismid_version as prismid_version
 
 Array = NDArray[np.float64]
 
 
 class ResultError(InputError):
     """A result file that cannot be read back."""
-
-
-def prismid_version() -> str:
-    """Version of the installed distribution."""
-    try:
-        return version("prismid")
-    except PackageNotFoundError:
-        return "unknown (not installed)"
 
 
 def write_hdf5(

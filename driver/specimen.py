@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +17,7 @@ from driver.images.flatfield import flat_pattern
 from driver.instrument import Instrument
 from driver.microstructure import build_microstructure
 from driver.model import ForwardModel
+from driver.profiles import profile_of
 from driver.surface_view import SurfaceView
 from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
@@ -48,13 +51,17 @@ def mesh_of(case: Case, size: float) -> PrismMesh:
         raise InputError(f"specimen: {error}") from None
 
 
-def adapter_of(case: Case) -> Adapter:
+def adapter_of(case: Case, prepare_only: bool = False) -> Adapter:
     """The solver that the case names, able to do what the case asks, with derivatives.
+
+    Args:
+        case: the case.
+        prepare_only: whether its jobs are written for another machine instead of being run.
 
     Raises:
         InputError: there is no such solver, or it lacks the strain measure.
     """
-    adapter = find_adapter(case.solver.name)
+    adapter = find_adapter(case.solver.name, profile_of(case, prepare_only))
     wanted = case.material.strain_measure
     if wanted not in adapter.capabilities().strain_measures:
         offered = ", ".join(sorted(adapter.capabilities().strain_measures))
@@ -119,6 +126,7 @@ def build_model(
     pixels: FloatArray,
     adapter: Adapter,
     steps_per_interval: int,
+    workspace: Path | None = None,
 ) -> ForwardModel:
     """The forward model of a specimen.
 
@@ -129,6 +137,7 @@ def build_model(
         pixels: X, Y of the pixels of the region of interest [µm], shape (n_pix, 2).
         adapter: the solver.
         steps_per_interval: time steps between two rows of the history.
+        workspace: where the solver keeps files of its runs, or None.
     """
     surface = trace(mesh)
     half, solver = case.specimen.width / 2, case.solver
@@ -152,6 +161,7 @@ def build_model(
         steps_per_interval=steps_per_interval,
         accuracy=None if solver.accuracy_uN is None else solver.accuracy_uN / finer,
         view=SurfaceView(surface, pixels, (-half, half, 0.0, case.specimen.length)),
+        workspace=workspace,
     )
 
 

@@ -35,6 +35,7 @@ class StageContext:
         results: the folder of the finished results of all stages.
         workdir: an empty folder; every file left in it becomes a result of the stage.
         log: takes one line of progress.
+        prepare_only: whether external solvers write their jobs for another machine.
     """
 
     case: Case
@@ -42,6 +43,7 @@ class StageContext:
     results: Path
     workdir: Path
     log: Callable[[str], None]
+    prepare_only: bool = False
 
     def result(self, name: str) -> Path:
         """A result of an earlier stage.
@@ -98,6 +100,7 @@ def run_stages(
     until: str | None = None,
     force: bool = False,
     report: Callable[[str], None] = print,
+    prepare_only: bool = False,
 ) -> None:
     """Run the stages in their order, leaving out those that are done and unchanged.
 
@@ -112,8 +115,10 @@ def run_stages(
         until: name of the last stage to run, None for all.
         force: run the stages even if they are done and unchanged.
         report: takes one line of progress.
+        prepare_only: whether external solvers write their jobs for another machine.
 
     Raises:
+        PreparedError: such jobs were written.
         CaseError: the case cannot be used.
         StageError: there is no stage of the name `until`, or two results have one name.
     """
@@ -131,7 +136,7 @@ def run_stages(
         if not force and _is_done(done.get(stage.name), key, results):
             report(f"{stage.name}: done and unchanged")
             continue
-        _run_stage(stage, case, case_path, results, key, report)
+        _run_stage(stage, case, case_path, results, key, report, prepare_only)
 
 
 def stage_key(stage: Stage, case: Case, key_before: str) -> str:
@@ -139,7 +144,10 @@ def stage_key(stage: Stage, case: Case, key_before: str) -> str:
     content = {
         "stage": stage.name,
         "version": stage.version,
-        "case": case.model_dump(mode="json", include=set(stage.sections)),
+        # How a program is called changes no result.
+        "case": case.model_dump(
+            mode="json", include=set(stage.sections), exclude={"solver": {"profiles"}}
+        ),
         "files": [_content_hash(path) for path in stage.files(case)],
         "before": key_before,
     }
@@ -153,13 +161,14 @@ def _run_stage(
     results: Path,
     key: str,
     report: Callable[[str], None],
+    prepare_only: bool,
 ) -> None:
     workdir = results / f"{stage.name}.partial"
     shutil.rmtree(workdir, ignore_errors=True)
     workdir.mkdir()
     report(f"{stage.name}: started")
     start = time.perf_counter()
-    stage.run(StageContext(case, case_path, results, workdir, report))
+    stage.run(StageContext(case, case_path, results, workdir, report, prepare_only))
     seconds = time.perf_counter() - start
     outputs = sorted(
         str(path.relative_to(workdir)) for path in workdir.rglob("*") if path.is_file()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,8 @@ from driver.surface_view import POSE_DECLARATIONS
 from meshes.prism_mesh import PrismMesh
 
 FloatArray = NDArray[np.float64]
+
+BUNDLED = "bundled"
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +59,8 @@ def build_workbench(
     motion: FloatArray,
     elongation: FloatArray,
     tilt: FloatArray,
+    jobs: Path | None = None,
+    prepare_only: bool = False,
 ) -> Workbench:
     """Put a case together.
 
@@ -66,13 +71,17 @@ def build_workbench(
         motion: motion of the free correlation at the pixels [µm], shape (T, n_pix, 3).
         elongation: measured v(S+) − v(S−) of each image [µm], shape (T,).
         tilt: measured w(S+) − w(S−) of each image [µm], shape (T,).
+        jobs: folder of the jobs of a solver that is a program of its own, or None.
+        prepare_only: whether they are written for another machine instead of being run.
     """
     experiment = read_experiment(case)
     images = refine_gradient(surface_images(case, experiment), motion)
-    adapter, history = adapter_of(case), experiment.history
+    adapter, history = adapter_of(case, prepare_only), experiment.history
+    # The checkpoints of the bundled solver are for one run at a time, and its runs are short.
+    jobs = None if case.solver.name == BUNDLED else jobs
     steps, fine_steps = case.solver.steps_per_interval, case.solver.fine_steps_per_interval
-    working = build_model(case, mesh, history, images.xy, adapter, steps)
-    finer = build_model(case, fine_mesh, history, images.xy, adapter, fine_steps)
+    working = build_model(case, mesh, history, images.xy, adapter, steps, jobs)
+    finer = build_model(case, fine_mesh, history, images.xy, adapter, fine_steps, jobs)
     pixel = case.images.pixel_um
     image_data = build_image_data(
         images,

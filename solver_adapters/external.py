@@ -2,50 +2,66 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
+import shutil
+import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from enum import StrEnum
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
-from solver_adapters.interface import Capabilities, Response, Simulation
+from solver_adapters.interface import (
+    Capabilities,
+    PreparedError,
+    Progress,
+    Response,
+    Simulation,
+)
+from solver_adapters.jobs.answer import refuse_bad_response
+from solver_adapters.jobs.errors import CommandMissingError, JobError
+from solver_adapters.jobs.folder import (
+    RESPONSE,
+    Record,
+    log_of,
+    read_record,
+    settle,
+    tail_of,
+    write_aside,
+    write_record,
+)
+from solver_adapters.jobs.key import job_key
+from solver_adapters.jobs.prepared import (
+    ELSEWHERE,
+    PREPARED,
+    exit_code,
+    has_results,
+    prepare,
+    prepared_job,
+)
+from solver_adapters.jobs.runner import Ended, Limits, run_program
+from solver_adapters.jobs.status import Status as Status
+from solver_adapters.profile import Profile as Profile
+from solver_adapters.profile import config_path
+from solver_adapters.refusal import refuse_unsupported
+from solver_adapters.registry import installed_capabilities
+from solver_adapters.response_file import Provenance, read_response, write_response
+from solver_adapters.result_files import ResultFileError as ResultFileError
+from solver_adapters.validation import refuse_bad_simulation
 
+ABSENT = "absent"
+"""Identity of a program that is not on this machine."""
 
-class Status(StrEnum):
-    """How a job ended."""
-
-    DONE = "done"
-    NOT_CONVERGED = "did not converge"
-    OUT_OF_TIME = "out of time"
-    OUT_OF_MEMORY = "out of memory"
-    COMMAND_MISSING = "command missing"
-    KILLED = "killed"
-    NO_RESULT = "no result"
-    BAD_DECK = "bad deck"
+_PASSING = "prismid-"
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @dataclass(frozen=True)
-class Profile:
-    """How an external program is called on this machine, and what it may use.
-
-    Attributes:
-        command: program and leading arguments, or empty for the first of `ExternalAdapter.programs`
-            on PATH.
-        processes: MPI processes of one job.
-        threads: threads of each.
-        memory: memory limit of one job [MB].
-        wall_time: limit of the wall-clock time [s], or None.
-        cpu_time: limit of the CPU time of all processes together [s], or None.
-        options: further entries that the adapter declares, by name.
-    """
-
-    command: tuple[str, ...] = ()
-    processes: int = 1
-    threads: int = 1
-    memory: float = 4000.0
-    wall_time: float | None = None
-    cpu_time: float | None = None
-    options: Mapping[str, str] = field(default_factory=dict)
+class _Failure:
+    status: Status
+    detail: str
 
 
 class ExternalAdapter(ABC):
@@ -73,7 +89,10 @@ class ExternalAdapter(ABC):
 
     @abstractmethod
     def write(self, simulation: Simulation) -> Mapping[str, bytes]:
-        """Files of the job by name: a pure function of simulation and profile."""
+        """Files of the job by name: a pure function of simulation and profile.
+
+        A deck may have a provenance header, see `jobs.key.without_provenance`.
+        """
 
     @abstractmethod
     def command(self, program: tuple[str, ...]) -> tuple[str, ...]:
@@ -90,3 +109,210 @@ class ExternalAdapter(ABC):
     @abstractmethod
     def diagnose(self, log: str) -> Status:
         """What the log says: DONE where it says nothing of a failure."""
+
+    def version(self) -> str:
+        """Identity of the program that is found, part of the job key; "absent" if there is none.
+
+        The default is a hash of the executable and of the arguments that the profile adds. Where
+        that is only a launcher, a subclass asks the program behind it.
+        """
+        program = self.program()
+        if program is None:
+            return ABSENT
+        digest = hashlib.sha256()
+        for word in program:
+            # The program itself, and scripts or settings that it is called with.
+            digest.update(_content_hash(Path(word)) if Path(word).is_file() else word.encode())
+        return f"{Path(program[0]).resolve().name} {digest.hexdigest()[:12]}"
+
+    def program(self) -> tuple[str, ...] | None:
+        """The program on this machine with its leading arguments; None if it is absent."""
+        if self.profile.command:
+            name, *arguments = self.profile.command
+            found = shutil.which(name)
+            return None if found is None else (os.path.abspath(found), *arguments)
+        found = next((path for name in self.programs if (path := shutil.which(name))), None)
+        return None if found is None else (os.path.abspath(found),)
+
+    def environment(self) -> dict[str, str]:
+        """Variables that the program gets beside those of this process."""
+        return dict.fromkeys(_THREAD_VARIABLES, str(self.profile.threads))
+
+    def solve(
+        self,
+        simulation: Simulation,
+        workspace: Path | None = None,
+        progress: Callable[[Progress], None] | None = None,
+    ) -> Response:
+        """Run a simulation as a job, or take its response from an earlier one.
+
+        Args:
+            simulation: what to solve.
+            workspace: the folder of all jobs, each in a folder named by its key; None for one
+                that is removed.
+            progress: called from time to time; the program tells nothing on its way, so that it
+                says that of the first instant. What it raises ends the job.
+
+        Raises:
+            UnsupportedError: a value cannot be honoured; it and who can are named.
+            BadSimulationError: the input is broken, see `refuse_bad_simulation`.
+            CommandMissingError: the program is absent.
+            PreparedError: the job was written for another machine.
+            JobError: the job brought no response; status, end of the log and remedy are in it.
+        """
+        refuse_bad_simulation(simulation)
+        refuse_unsupported(simulation, self.name, self.capabilities(), installed_capabilities)
+        files, identity = self.write(simulation), self.version()
+        key = job_key(simulation, self.name, identity, files)
+        here = Record(self.name, key, identity, status="", files=sorted(files))
+        elsewhere = replace(
+            here, key=job_key(simulation, self.name, ELSEWHERE, files), solver=ELSEWHERE
+        )
+        with _jobs_in(workspace) as jobs:
+            for job in (here, elsewhere):
+                known = self._known(jobs / job.key)
+                if known is not None:
+                    return known
+            waiting = prepared_job(jobs / elsewhere.key)
+            if waiting is not None and has_results(jobs / elsewhere.key, waiting):
+                return self._collect(simulation, jobs / elsewhere.key, waiting)
+            if self.profile.prepare_only:
+                if waiting is None:
+                    self._prepare(jobs, elsewhere, files)
+                raise PreparedError([jobs / elsewhere.key])
+            program = self.program()
+            if program is None:
+                raise self._missing("" if waiting is None else str(jobs / elsewhere.key))
+            begin, end = float(simulation.times[0]), float(simulation.times[-1])
+
+            def waiting_still() -> None:
+                if progress is not None:
+                    progress(Progress(begin, end, steps=0, iterations=0, cuts=0))
+
+            record = replace(here, command=self.command(program))
+            return self._run(simulation, jobs, record, files, waiting_still)
+
+    def _known(self, folder: Path) -> Response | None:
+        """The response of a finished job; None where there is none, or a damaged one."""
+        record = read_record(folder)
+        if record is None or record.status == PREPARED:
+            return None
+        if record.status != Status.DONE:
+            raise self._failed(_Failure(Status(record.status), record.detail), folder)
+        try:
+            return read_response(folder / RESPONSE)
+        except ResultFileError:
+            # A damaged response is none: the job is run anew.
+            shutil.rmtree(folder)
+            return None
+
+    def _run(
+        self,
+        simulation: Simulation,
+        jobs: Path,
+        record: Record,
+        files: Mapping[str, bytes],
+        waiting: Callable[[], None],
+    ) -> Response:
+        folder = write_aside(jobs, record.key, files)
+        limits = Limits(self.profile.memory, self.profile.wall_time, self.profile.cpu_time)
+        ended = run_program(record.command, folder, limits, self.environment(), waiting)
+        found = self._outcome(simulation, folder, ended)
+        record = replace(
+            record, code=ended.code, wall=ended.wall, cpu=ended.cpu, memory=ended.memory
+        )
+        if isinstance(found, _Failure):
+            write_record(folder, replace(record, status=found.status, detail=found.detail))
+            raise self._failed(found, settle(folder, jobs, record.key, found.status))
+        write_response(folder / RESPONSE, found, _provenance(record))
+        write_record(folder, replace(record, status=Status.DONE))
+        settle(folder, jobs, record.key, Status.DONE)
+        return found
+
+    def _prepare(self, jobs: Path, record: Record, files: Mapping[str, bytes]) -> None:
+        program = self.profile.command or (self.programs[0],)
+        record = replace(record, status=PREPARED, command=self.command(program))
+        prepare(jobs, record, files, self.environment())
+
+    def _collect(self, simulation: Simulation, folder: Path, record: Record) -> Response:
+        """The response of a job that was computed elsewhere; its files stay as they are."""
+        code = exit_code(folder)
+        found = self._outcome(simulation, folder, Ended(None, code, None, 0.0, 0.0, 0.0))
+        if isinstance(found, _Failure):
+            raise self._failed(found, folder)
+        write_response(folder / RESPONSE, found, _provenance(record))
+        write_record(folder, replace(record, status=Status.DONE, code=code))
+        return found
+
+    def _outcome(self, simulation: Simulation, folder: Path, ended: Ended) -> Response | _Failure:
+        """What a program that has ended leaves: first the system's word, then its log's."""
+        if ended.status is not None:
+            return _Failure(ended.status, self._limit(ended))
+        code = f"exit code {ended.code}" if ended.code else ""
+        said = self.diagnose(log_of(folder))
+        if said is not Status.DONE:
+            return _Failure(said, code)
+        if ended.code:
+            return _Failure(Status.NO_RESULT, code)
+        try:
+            response = self.read(simulation, folder)
+            refuse_bad_response(simulation, response)
+        except ResultFileError as error:
+            return _Failure(Status.NO_RESULT, str(error))
+        return response
+
+    def _limit(self, ended: Ended) -> str:
+        if ended.limit == "memory":
+            return f"{ended.memory:.0f} MB, the limit is {self.profile.memory:.0f} MB"
+        if ended.limit == "wall_time":
+            return f"limit of the wall-clock time {self.profile.wall_time:g} s"
+        if ended.limit == "cpu_time":
+            return f"limit of the CPU time {self.profile.cpu_time:g} s"
+        return f"exit code {ended.code}"
+
+    def _failed(self, failure: _Failure, folder: Path) -> JobError:
+        kept = "" if folder.parent.name.startswith(_PASSING) else str(folder)
+        kind = CommandMissingError if failure.status is Status.COMMAND_MISSING else JobError
+        return kind(self.name, failure.status, failure.detail, tail_of(folder), kept)
+
+    def _missing(self, waiting: str) -> CommandMissingError:
+        """What to put where, or whose results are awaited."""
+        stated = self.profile.command
+        looked = f'"{stated[0]}"' if stated else " or ".join(f'"{name}"' for name in self.programs)
+        where = "" if stated and "/" in stated[0] else " on PATH"
+        example = f'command = ["/path/to/{self.programs[0]}"]'
+        remedy = (
+            f"install it, or state the call as {example} under [solver.profiles.{self.name}] in "
+            f"the case or under [profiles.{self.name}] in {config_path()}, or let "
+            "`prismid run --prepare-only` write the jobs for another machine"
+        )
+        if waiting:
+            remedy += f"; the job prepared in {waiting} has no results yet"
+        return CommandMissingError(
+            self.name, Status.COMMAND_MISSING, f"found no {looked}{where}", remedy=remedy
+        )
+
+
+def _provenance(record: Record) -> Provenance:
+    return Provenance(record.adapter, record.solver, record.key)
+
+
+@contextmanager
+def _jobs_in(workspace: Path | None) -> Iterator[Path]:
+    if workspace is not None:
+        yield workspace
+    else:
+        with tempfile.TemporaryDirectory(prefix=_PASSING) as folder:
+            yield Path(folder)
+
+
+def _content_hash(path: Path) -> bytes:
+    stat = path.stat()
+    return _hash_of(path, stat.st_size, stat.st_mtime_ns)
+
+
+@lru_cache(maxsize=32)
+def _hash_of(path: Path, size: int, changed: int) -> bytes:
+    """Hash of a file; size and time of change tell when it must be read again."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").digest()

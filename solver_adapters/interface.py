@@ -33,9 +33,13 @@ class UnfinishedError(SolverError):
     """
 
     def __init__(self, message: str, response: Response, reached: int) -> None:
-        super().__init__(message)
+        # All of them, so that it can be sent between processes.
+        super().__init__(message, response, reached)
         self.response = response
         self.reached = reached
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 class UnsupportedError(SolverError):
@@ -274,6 +278,7 @@ class Adapter(Protocol):
         Raises:
             UnsupportedError: the simulation asks for what this solver cannot honour.
             UnfinishedError: the run stopped on its way; what was reached is in it.
+            NotRunError: the solver is absent, or the run was prepared for another machine.
             SolverError: the run could not be made.
         """
         ...

@@ -12,15 +12,17 @@ from driver.diagnosis.causes import LIBRARY, NUMERICS
 from driver.diagnosis.verdict import Kind
 from driver.model import declared_parameters
 from driver.report.findings import FILES
+from solver_adapters.jobs.status import CACHED, Status
 from solver_adapters.material import MATERIAL_PARAMETERS
 from solver_adapters.parameter import Parameter
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-CASE_FILE, METHOD, RESULTS = (
-    (DOCS / f"{name}.md").read_text(encoding="utf-8") for name in ("case-file", "method", "results")
+CASE_FILE, METHOD, RESULTS, ADAPTERS = (
+    (DOCS / f"{name}.md").read_text(encoding="utf-8")
+    for name in ("case-file", "method", "results", "solver-adapters")
 )
 # Open tables: their keys are names of parameters.
-OPEN = {"extensions", "identification.prior_width"}
+OPEN = {"extensions", "identification.prior_width", "solver.profiles.NAME.options"}
 
 
 def schema_keys() -> dict[str, Any]:
@@ -31,8 +33,11 @@ def schema_keys() -> dict[str, Any]:
     def follow(node: dict[str, Any], table: str) -> None:
         for key, field in node["properties"].items():
             name = f"{table}.{key}".lstrip(".")
+            many = field.get("additionalProperties")
             reference = field.get("$ref") or field.get("items", {}).get("$ref")
-            if reference:
+            if isinstance(many, dict) and "$ref" in many:
+                follow(whole["$defs"][many["$ref"].split("/")[-1]], f"{name}.NAME")
+            elif reference:
                 follow(whole["$defs"][reference.split("/")[-1]], name)
             elif name not in OPEN:
                 required = key in node.get("required", ())
@@ -66,6 +71,7 @@ def test_every_key_of_the_schema_is_documented_with_its_default_and_no_other() -
 def test_the_open_tables_of_the_case_are_documented() -> None:
     written = default_case().model_dump()
     assert "extensions" in written and "prior_width" in written["identification"]
+    assert "profiles" in written["solver"]
     assert all(f"`[{name}]`" in CASE_FILE for name in OPEN)
 
 
@@ -102,8 +108,14 @@ def test_every_result_file_is_described(name: str) -> None:
     assert f"`{name}`" in RESULTS
 
 
+@pytest.mark.parametrize("status", Status)
+def test_every_end_of_a_job_is_explained_with_whether_it_is_kept(status: Status) -> None:
+    (kept,) = re.findall(rf"^\| {status} \| (\w+) \|", ADAPTERS, re.M)
+    assert kept == ("yes" if status in CACHED else "no")
+
+
 def test_links_between_the_documents_lead_somewhere() -> None:
-    for text in (CASE_FILE, METHOD, RESULTS):
+    for text in (CASE_FILE, METHOD, RESULTS, ADAPTERS):
         for name, anchor in re.findall(r"\]\(([\w-]+\.md)?#?([\w-]*)\)", text):
             target = (DOCS / name).read_text(encoding="utf-8") if name else text
             headings = re.findall(r"^#+ (.*)$", target, re.MULTILINE)

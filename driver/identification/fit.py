@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from driver.identification.data import Data
 from driver.model import ForwardModel, Prediction
-from solver_adapters.interface import SolverError
+from solver_adapters.interface import NotRunError, SolverError
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
@@ -246,6 +246,7 @@ def fit(
 
     Raises:
         SolverError, ValueError: the model cannot be evaluated at the start.
+        NotRunError: a simulation was not run: the solver is absent, or its job was prepared.
     """
     here = start if start is not None else objective.evaluate(values, free)
     history = [_record(here)]
@@ -327,6 +328,8 @@ def _descend(objective: Objective, here: Evaluation, step: FloatArray) -> Evalua
             values[name] = objective.parameters[name].value(change, here.values[name])
         try:
             ahead = objective.evaluate(values, here.free)
+        except NotRunError:
+            raise  # a shorter step would not be run either
         except (SolverError, ValueError):
             ahead = None
         if ahead is not None and ahead.cost < here.cost:

@@ -135,7 +135,7 @@ def elastic_stiffness(model: ForwardModel, values: Mapping[str, float]) -> float
     simulation = replace(
         model.simulation(values), times=np.array([0.0, 1.0]), motion=motion, output=np.array([1])
     )
-    return float(model.adapter.solve(simulation).force[0]) / _MINUTE
+    return float(model.adapter.solve(simulation, model.workspace).force[0]) / _MINUTE
 
 
 def unload_elastically(

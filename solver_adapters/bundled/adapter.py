@@ -13,7 +13,6 @@ from solver_adapters.bundled import restart
 from solver_adapters.bundled.cell_fields import WIDTHS, cell_fields
 from solver_adapters.bundled.compilation import sources_hash
 from solver_adapters.bundled.problem import build_problem, build_tangents
-from solver_adapters.bundled.restart import simulation_key
 from solver_adapters.bundled.stepping import Stepper
 from solver_adapters.interface import (
     Capabilities,
@@ -25,6 +24,7 @@ from solver_adapters.interface import (
     UnfinishedError,
 )
 from solver_adapters.material import MATERIAL_PARAMETERS
+from solver_adapters.simulation_key import simulation_key
 from solver_adapters.validation import refuse_bad_simulation
 
 FloatArray = NDArray[np.float64]
@@ -40,7 +40,7 @@ class BundledAdapter:
     def capabilities(self) -> Capabilities:
         """All parameters of the law, strain measures and schemes, derivatives, cell fields."""
         return Capabilities(
-            material=frozenset(MATERIAL_PARAMETERS),
+            material=frozenset((*MATERIAL_PARAMETERS, "lattice_gradient")),
             strain_measures=frozenset(("small", "finite")),
             derivatives=True,
             cell_fields=True,

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -13,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver_adapters.bundled.instants import Increment, Instant
-from solver_adapters.interface import Simulation
 
 FloatArray = NDArray[np.float64]
 
@@ -39,33 +37,6 @@ class Checkpoint:
     rows: dict[str, FloatArray]
     ends: list[float]
     counts: tuple[int, int, int, int]
-
-
-def simulation_key(simulation: Simulation, version: str) -> str:
-    """Hash of a simulation and of the solver that runs it."""
-    digest = hashlib.sha256(version.encode())
-    _feed(digest, simulation)
-    return digest.hexdigest()
-
-
-def _feed(digest: Any, value: Any) -> None:
-    if is_dataclass(value):
-        for item in fields(value):
-            digest.update(item.name.encode())
-            _feed(digest, getattr(value, item.name))
-    elif isinstance(value, np.ndarray):
-        digest.update(f"{value.dtype.str}{value.shape}".encode())
-        digest.update(np.ascontiguousarray(value).tobytes())
-    elif isinstance(value, dict):
-        for key in sorted(value):
-            digest.update(str(key).encode())
-            _feed(digest, value[key])
-    elif isinstance(value, tuple):
-        digest.update(str(len(value)).encode())
-        for part in value:
-            _feed(digest, part)
-    else:
-        digest.update(repr(value).encode())
 
 
 def write(workspace: Path, key: str, checkpoint: Checkpoint) -> None:

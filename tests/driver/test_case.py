@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from driver.case import CaseError, bunge_matrix, case_text, default_case, load_case, schema
-from driver.case_tables import MaterialTable
+from driver.case_tables import MaterialTable, ProfileTable
 from solver_adapters.interaction import bcc24_classes
 from solver_adapters.material import Material
 
@@ -90,6 +90,12 @@ def refused(tmp_path, *changes):
          "one of tau0, c, d"),
         ('held_out_cycle = "last"', "held_out_cycle = 1.5", "diagnosis.held_out_cycle", "1.5",
          '"last", "none" or the number of a cycle'),
+        ("[identification]\n", '[solver.profiles.bar]\nmemory_MB = -1\n[identification]\n',
+         "solver.profiles.bar.memory_MB", "-1", "a number > 0 (memory limit of a job)"),
+        ("[identification]\n", '[solver.profiles.bar]\ncommand = []\n[identification]\n',
+         "solver.profiles.bar.command", "[]", "a list of texts"),
+        ("[identification]\n", '[solver.profiles.bar]\nmemory = 4\n[identification]\n',
+         "solver.profiles.bar.memory", "an unknown key", "one of command, processes, threads"),
         ("refit = 5", "refit = 2.5", "diagnosis.refit", "2.5", "a whole number"),
         ("autocorrelation = 0.0", "autocorrelation = 1.0", "loads.autocorrelation", "1.0", "< 1"),
         ("noise_uN = 5.97", "noise_uN = nan", "loads.noise_uN", "NaN", "a finite number"),
@@ -135,6 +141,19 @@ def test_the_written_case_reads_back_equal(tmp_path):
     assert load_case(path).model_dump() == case.model_dump()
 
 
+def test_written_profiles_read_back_equal(tmp_path):
+    profiles = {
+        "code_aster": ProfileTable(command=("run_aster",), memory_MB=8000.0, wall_time_s=60.0),
+        "my solver": ProfileTable(threads=2, options={"queue": "long", "a b": 'say "x"'}),
+    }
+    case = default_case()
+    solver = case.solver.model_copy(update={"profiles": profiles})
+    case = case.model_copy(update={"solver": solver})
+    path = tmp_path / "case.toml"
+    path.write_text(case_text(case), encoding="utf-8")
+    assert load_case(path).model_dump() == case.model_dump()
+
+
 @pytest.mark.parametrize(
     "interaction",
     [(1.0, 1.4, 1.0, 0.5), tuple(tuple(row) for row in np.where(np.eye(24) == 1, 1.0, 1.4))],
@@ -174,7 +193,7 @@ def test_every_key_stands_in_the_written_case():
     tables = {**document["properties"], **document["$defs"]}
     keys = {key for table in document["$defs"].values() for key in table.get("properties", {})}
     assert len(keys) > 50 and tables
-    missing = [key for key in keys if f"{key} = " not in text and f"{key}]" not in text]
+    missing = [key for key in keys if not any(f"{key}{mark}" in text for mark in (" = ", "]", "."))]
     assert missing == []
 
 

@@ -1,4 +1,5 @@
 import shutil
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from driver.check import check
 from driver.check_picture import boundary_trace
 from driver.estimate import estimate
 from solver_adapters.interface import Capabilities
+from tests.solver_adapters.bar import BarAdapter
 
 ALPHA = Path(__file__).parents[2] / "examples" / "alpha"
 
@@ -133,3 +135,19 @@ def test_the_caution_of_a_solver_about_a_strain_measure_is_a_warning(case_path, 
 
     monkeypatch.setattr(check_module, "solvers", lambda: {"bundled": CautiousSolver})
     assert found(case_path, "warning") == ["Small is coarse."]
+
+
+def test_a_program_that_is_not_there_is_a_warning_that_says_where_to_name_it(
+    case_path, monkeypatch
+):
+    monkeypatch.setattr(check_module, "solvers", lambda: {"bundled": BarAdapter})
+    monkeypatch.setenv("PRISMID_CONFIG", str(case_path.parent / "config.toml"))
+    config = case_path.parent / "config.toml"
+    config.write_text("")
+    (message,) = found(case_path, "warning")
+    assert "its program is not on this machine" in message and "[solver.profiles." in message
+    config.write_text(f"[profiles.bundled]\ncommand = [{sys.executable!r}]\n")
+    assert found(case_path, "warning") == []
+    config.write_text("[profiles.bundled]\nthreads = 0\n")
+    (message,) = found(case_path, "error")
+    assert message.startswith(f"{config}: profiles.bundled.threads: found 0, expected")

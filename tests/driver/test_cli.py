@@ -9,7 +9,7 @@ import driver
 from driver.case import CaseError, load_case
 from driver.check import Finding
 from driver.cli import app
-from solver_adapters.interface import SolverError
+from solver_adapters.interface import PreparedError, SolverError
 
 
 @pytest.fixture
@@ -17,9 +17,11 @@ def pipeline(monkeypatch):
     """A pipeline that keeps what it was called with."""
     calls = []
 
-    def run(case_path, until, force, log):
+    def run(case_path, until, force, log, prepare_only):
         load_case(case_path)
         calls.append(("run", case_path, until, force))
+        if prepare_only:
+            raise PreparedError([case_path.parent / "results" / "jobs" / "key"])
         log("mesh: started")
 
     fake = SimpleNamespace(
@@ -73,6 +75,18 @@ def test_a_bad_case_is_one_line_on_standard_error_and_the_others_are_run(
     )
     assert pipeline.calls == [("run", case_path, None, False)]
     assert f"{case_path}: mesh: started" in result.stdout
+
+
+def test_prepared_jobs_are_listed_and_are_no_failure_and_the_other_cases_are_run(
+    pipeline, case_path, tmp_path
+):
+    assert invoke("init", tmp_path / "b").exit_code == 0
+    other = tmp_path / "b" / "case.toml"
+    result = invoke("run", case_path, other, "--prepare-only")
+    assert result.exit_code == 0 and result.stderr == ""
+    for path in (case_path, other):
+        assert f"{path}: 1 job(s) are ready to be computed elsewhere" in result.stdout
+        assert f"\n  {path.parent / 'results' / 'jobs' / 'key'}\n" in result.stdout
 
 
 @pytest.mark.parametrize("error", [SolverError, CaseError, FileNotFoundError])

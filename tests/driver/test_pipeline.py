@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from driver.case import Case, CaseError, load_case, schema
 from driver.results import read_hdf5
 from driver.stages import StageError, run_stages, stage_key
 from meshes.files import read_med
+from solver_adapters.interface import PreparedError, Progress, Response, Simulation
+from solver_adapters.profile import Profile
 from tests.driver import closed_form
 from tests.driver.closed_form import KNOTS
 
@@ -50,7 +53,7 @@ class Run:
         self.path.write_text(text.replace(old, new), encoding="utf-8")
 
 
-def solver(name: str) -> closed_form.ClosedFormSolver:
+def solver(name: str, profile: Profile) -> closed_form.ClosedFormSolver:
     return closed_form.ClosedFormSolver(0.001)
 
 
@@ -72,6 +75,52 @@ def copied(finished: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ru
     monkeypatch.setattr(specimen, "find_adapter", solver)
     shutil.copytree(finished.folder, tmp_path / "case")
     return Run(tmp_path / "case")
+
+
+class Elsewhere(closed_form.ClosedFormSolver):
+    """A solver whose jobs are prepared only, and that keeps what it was asked for."""
+
+    def __init__(self, profile: Profile, asked: list[tuple[Profile, Path | None]]) -> None:
+        super().__init__(0.001)
+        self.profile, self.asked = profile, asked
+
+    def solve(
+        self,
+        simulation: Simulation,
+        workspace: Path | None = None,
+        progress: Callable[[Progress], None] | None = None,
+    ) -> Response:
+        self.asked.append((self.profile, workspace))
+        if self.profile.prepare_only and len(self.asked) > 1:
+            raise PreparedError([Path("key")])
+        return super().solve(simulation, workspace, progress)
+
+
+def test_prepared_jobs_stop_the_run_and_a_later_run_goes_on(
+    copied: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[Profile, Path | None]] = []
+    monkeypatch.setattr(specimen, "find_adapter", lambda name, profile: Elsewhere(profile, asked))
+    copied.edit('name = "bundled"', 'name = "elsewhere"')
+    copied.edit("# [solver.profiles.code_aster]", "[solver.profiles.elsewhere]\nthreads = 3")
+    with pytest.raises(PreparedError):
+        pipeline.run(copied.path, None, False, copied.lines.append, prepare_only=True)
+    assert len(asked) == 2 and asked[0] == asked[1]
+    assert asked[0] == (Profile(threads=3, prepare_only=True), copied.results / "jobs")
+    assert copied("identify") == ["identify"]
+    assert asked[-1] == (Profile(threads=3), copied.results / "jobs")
+    assert copied("identify") == []
+
+
+def test_how_a_program_is_called_makes_no_stage_stale(copied: Run) -> None:
+    copied.edit("# [solver.profiles.code_aster]", "[solver.profiles.bundled]\nthreads = 3")
+    assert copied() == []
+
+
+def test_the_bundled_solver_has_no_jobs_to_prepare(copied: Run) -> None:
+    with pytest.raises(StageError, match='--prepare-only: found solver.name = "bundled"'):
+        pipeline.run(copied.path, None, False, copied.lines.append, prepare_only=True)
+    assert not (copied.results / "jobs").exists()
 
 
 def test_both_meshes_are_written_for_solvers_and_for_eyes(finished: Run) -> None:

@@ -50,7 +50,7 @@ def test_the_geometry_is_that_of_the_case() -> None:
 def test_a_strain_measure_that_the_solver_lacks_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(specimen, "find_adapter", lambda name: SmallStrainSolver())
+    monkeypatch.setattr(specimen, "find_adapter", lambda name, profile: SmallStrainSolver())
     case = closed_form.small_case()
     with pytest.raises(InputError) as error:
         adapter_of(case)

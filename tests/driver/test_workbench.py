@@ -25,7 +25,9 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
 
 @pytest.fixture(autouse=True)
 def solver(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(specimen, "find_adapter", lambda name: closed_form.ClosedFormSolver())
+    monkeypatch.setattr(
+        specimen, "find_adapter", lambda name, profile: closed_form.ClosedFormSolver()
+    )
 
 
 def built(case: Case, **tables: dict[str, object]) -> Workbench:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +15,9 @@ from driver.identification.fit import (
     Fit,
     fit,
 )
-from solver_adapters.interface import SolverError
+from solver_adapters.interface import NotRunError, PreparedError, SolverError
+from solver_adapters.jobs.errors import CommandMissingError, JobError
+from solver_adapters.jobs.status import Status
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import Curve, Formula, formula
 
@@ -140,6 +143,48 @@ def test_a_trial_that_cannot_be_simulated_is_shortened(error: type[Exception]) -
     assert [point["a"] for point in objective.tried[:3]] == pytest.approx([0.0, 1.0, 0.4])
     assert 0.4 <= found.values["a"] <= 0.7 and np.all(np.diff(costs(found)) < 0)
     assert not found.converged and "σ" in found.reason
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        JobError("bar", Status.OUT_OF_TIME),
+        JobError("bar", Status.KILLED),
+        JobError("bar", Status.NO_RESULT),
+    ],
+    ids=lambda error: str(error.status),
+)
+def test_a_trial_whose_job_failed_is_shortened(error: JobError) -> None:
+    def brittle(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        if p[0] > 0.7:
+            raise error
+        return 10 * p, np.array([[10.0]])
+
+    objective = formula(brittle, np.array([5.0]), PLAIN[:1])
+    found = fit(objective, {"a": 0.0}, "a", 3, silent)
+    assert found.values["a"] == pytest.approx(0.5)
+    objective = formula(brittle, np.array([10.0]), PLAIN[:1])
+    found = fit(objective, {"a": 0.0}, "a", 3, silent)
+    assert [point["a"] for point in objective.tried[:3]] == pytest.approx([0.0, 1.0, 0.4])
+
+
+@pytest.mark.parametrize(
+    "error",
+    [PreparedError([Path("jobs/key")]), CommandMissingError("bar", Status.COMMAND_MISSING)],
+    ids=lambda error: type(error).__name__,
+)
+def test_a_trial_that_was_not_run_ends_the_fit(error: NotRunError) -> None:
+    """A shorter step would not be run either, and the point is no worse for it."""
+
+    def unrun(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        if p[0] > 0.7:
+            raise error
+        return 10 * p, np.array([[10.0]])
+
+    objective = formula(unrun, np.array([10.0]), PLAIN[:1])
+    with pytest.raises(type(error)):
+        fit(objective, {"a": 0.0}, "a", 3, silent)
+    assert len(objective.tried) == 2
 
 
 def test_a_start_that_cannot_be_simulated_is_told() -> None:

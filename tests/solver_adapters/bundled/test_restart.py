@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from solver_adapters.bundled.instants import Increment, Instant
 from solver_adapters.bundled.law import NS, S_ACC, S_X2
-from solver_adapters.bundled.restart import FILE, Checkpoint, read, simulation_key, write
-from solver_adapters.interface import Direction
-from solver_adapters.material import Material
-from tests.solver_adapters.boxes import box, pulled
-
-SIMULATION = pulled(box(), Material(), (0.002, 0.004))
+from solver_adapters.bundled.restart import FILE, Checkpoint, read, write
 
 
 def checkpoint() -> Checkpoint:
@@ -54,22 +48,3 @@ def test_no_file_another_key_and_a_damaged_file_are_no_checkpoint(tmp_path: Path
     for damaged in (b"", b"no archive", whole[: len(whole) // 2]):
         (tmp_path / FILE).write_bytes(damaged)
         assert read(tmp_path, "key") is None
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"material": Material(tau0=40.0 + 1e-12)},
-        {"accuracy": 1.0},
-        {"integration": "backward_euler"},
-        {"motion": SIMULATION.motion + 1e-15},
-        {"directions": (Direction("tau0", material={"tau0": 1.0}),)},
-        {"lattice_gradient": np.zeros((2, 3))},
-    ],
-    ids=lambda change: next(iter(change)),
-)
-def test_the_key_tells_simulations_apart(change: dict[str, object]) -> None:
-    key = simulation_key(SIMULATION, "1")
-    assert simulation_key(replace(SIMULATION), "1") == key
-    assert simulation_key(SIMULATION, "2") != key
-    assert simulation_key(replace(SIMULATION, **change), "1") != key  # type: ignore[arg-type]

@@ -1,0 +1,74 @@
+"""How the program of a solver is called: what the case says over what the user's config says."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, ValidationError
+
+from driver.case import Case
+from driver.case_errors import sentences
+from driver.case_tables import ProfileTable, Table
+from driver.errors import InputError, sentence
+from solver_adapters.profile import CONFIG_VARIABLE, Profile, config_path
+
+
+class ConfigError(InputError):
+    """A user's configuration that cannot be used: file, key, found, expected."""
+
+
+class Config(Table):
+    """The user's configuration, for all cases."""
+
+    profiles: dict[str, ProfileTable] = Field(
+        default_factory=dict, description="how the program of each solver is called"
+    )
+
+
+def load_config(path: Path, stated: bool) -> Config:
+    """Read and validate the user's configuration.
+
+    Args:
+        path: the file.
+        stated: whether somebody has named it; else there need not be one.
+
+    Raises:
+        ConfigError: the file is absent though it was named, no TOML, or a key is wrong.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        if not stated:
+            return Config()
+        raise ConfigError(
+            sentence(path, "file", "nothing", f"the file that {CONFIG_VARIABLE} names")
+        ) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(sentence(path, "file", f"“{error}”", "a TOML file in UTF-8")) from None
+    try:
+        return Config.model_validate(data)
+    except ValidationError as error:
+        raise ConfigError(sentences(path, Config, data, error)) from None
+
+
+def profile_of(case: Case, prepare_only: bool = False) -> Profile:
+    """The profile of the solver of a case: its own entries, then the user's, then defaults.
+
+    Raises:
+        ConfigError: the user's configuration cannot be used.
+    """
+    name = case.solver.name
+    path = config_path()
+    users = load_config(path, stated=CONFIG_VARIABLE in os.environ).profiles
+    entries: dict[str, Any] = {}
+    options: dict[str, str] = {}
+    for profiles in (users, case.solver.profiles):
+        if name in profiles:
+            entries |= profiles[name].model_dump(exclude_none=True)
+            options |= profiles[name].options
+    keys = {"memory_MB": "memory", "wall_time_s": "wall_time", "cpu_time_s": "cpu_time"}
+    known = {keys.get(key, key): value for key, value in entries.items()}
+    return Profile(**known | {"options": options}, prepare_only=prepare_only)

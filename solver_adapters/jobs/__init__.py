@@ -1,0 +1,1 @@
+"""Programs of their own as jobs: a folder, a supervised run, a status."""

@@ -1,0 +1,46 @@
+"""A job that brought no response, told with what helps and the end of its log."""
+
+from __future__ import annotations
+
+from solver_adapters.interface import NotRunError, SolverError
+from solver_adapters.jobs.status import REMEDIES, Status
+
+
+class JobError(SolverError):
+    """A job that brought no response.
+
+    Attributes:
+        adapter: name of the solver adapter.
+        status: how it ended.
+        detail: what was found, in words, or "".
+        remedy: what helps.
+        tail: the last lines of its log, or "".
+        place: where its files are, or "".
+    """
+
+    def __init__(
+        self,
+        adapter: str,
+        status: Status,
+        detail: str = "",
+        tail: str = "",
+        place: str = "",
+        remedy: str = "",
+    ) -> None:
+        # All of them, so that it can be sent between processes.
+        super().__init__(adapter, status, detail, tail, place, remedy)
+        self.adapter, self.status, self.detail = adapter, status, detail
+        self.remedy, self.tail, self.place = remedy or REMEDIES[status], tail, place
+
+    def __str__(self) -> str:
+        detail = f" ({self.detail})" if self.detail else ""
+        said = f"{self.adapter}: {self.status}{detail}; {self.remedy}"
+        if self.place:
+            said += f"; its files are in {self.place}"
+        if self.tail:
+            said += "; its log ends:" + "".join(f"\n  | {line}" for line in self.tail.splitlines())
+        return said
+
+
+class CommandMissingError(JobError, NotRunError):
+    """The program of a solver is not on this machine, or not where the profile says."""

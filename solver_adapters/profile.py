@@ -1,0 +1,44 @@
+"""How an external program is called on a machine, and where a user says so."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from platformdirs import user_config_path
+
+CONFIG_VARIABLE = "PRISMID_CONFIG"
+
+
+@dataclass(frozen=True)
+class Profile:
+    """How an external program is called on this machine, and what it may use.
+
+    Attributes:
+        command: program and leading arguments, or empty for the first of `ExternalAdapter.programs`
+            on PATH.
+        processes: MPI processes of one job.
+        threads: threads of each.
+        memory: memory limit of one job [MB].
+        wall_time: limit of the wall-clock time [s], or None.
+        cpu_time: limit of the CPU time of all processes together [s], or None.
+        options: further entries that the adapter declares, by name.
+        prepare_only: jobs are written for another machine instead of being run.
+    """
+
+    command: tuple[str, ...] = ()
+    processes: int = 1
+    threads: int = 1
+    memory: float = 4000.0
+    wall_time: float | None = None
+    cpu_time: float | None = None
+    options: Mapping[str, str] = field(default_factory=dict)
+    prepare_only: bool = False
+
+
+def config_path() -> Path:
+    """The user's configuration, for all cases: PRISMID_CONFIG or prismid/config.toml."""
+    stated = os.environ.get(CONFIG_VARIABLE)
+    return Path(stated) if stated else user_config_path("prismid") / "config.toml"

@@ -1,0 +1,160 @@
+"""A response on disk: HDF5 with units, descriptions and provenance."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from solver_adapters.interface import CellFields, Response
+from solver_adapters.result_files import ResultFileError
+
+_FORMAT, _REVISION = "prismid response", 2
+
+# Unit and description of each dataset; directions are differentiated in units of their own.
+_DATASETS = {
+    "displacement": ("µm", "displacement (output instant, output node, X Y Z)"),
+    "force": ("µN", "force along Y on the face S_PLUS (output instant)"),
+    "d_displacement": (
+        "µm per unit of the direction",
+        "derivative of the displacement (direction, output instant, output node, X Y Z)",
+    ),
+    "d_force": ("µN per unit of the direction", "derivative of the force (direction, instant)"),
+    "steps": ("1", "time steps taken"),
+    "iterations": ("1", "Newton iterations in all"),
+    "cuts": ("1", "steps that had to be cut to converge"),
+    "refinements": ("1", "steps that had to be cut for accuracy"),
+    "ends": ("s", "ends of the time steps taken"),
+}
+_CELLS = {
+    "stress": ("MPa", "mean Cauchy stress (output instant, cell, XX YY ZZ YZ XZ XY)"),
+    "slip": ("1", "signed slip since the start (output instant, cell, slip system)"),
+    "accumulated_slip": ("1", "slip without signs (output instant, cell, slip system)"),
+    "rotation": ("rad", "rotation vector of the lattice (output instant, cell, X Y Z)"),
+}
+_COUNTS = ("steps", "iterations", "cuts", "refinements")
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a response comes from.
+
+    Attributes:
+        adapter: name of the solver adapter.
+        solver: identity of the solver.
+        key: the key of the job.
+        prismid: version of prismid that wrote it, "" for the one that runs.
+        written: when [ISO 8601, UTC], "" for now.
+    """
+
+    adapter: str
+    solver: str
+    key: str
+    prismid: str = ""
+    written: str = ""
+
+
+def write_response(path: Path, response: Response, provenance: Provenance) -> None:
+    """Write a response; an interrupted write leaves the old file."""
+    aside = path.with_name(path.name + ".partial")
+    with h5py.File(aside, "w") as file:
+        file.attrs["format"], file.attrs["revision"] = _FORMAT, _REVISION
+        file.attrs["adapter"] = provenance.adapter
+        file.attrs["solver"] = provenance.solver
+        file.attrs["key"] = provenance.key
+        file.attrs["prismid"] = provenance.prismid or prismid_version()
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        file.attrs["written"] = provenance.written or now
+        for name, (unit, description) in _DATASETS.items():
+            _put(file, name, getattr(response, name), unit, description)
+        file.attrs["notes"] = list(response.notes)
+        seconds = file.create_group("seconds")
+        for name, value in response.seconds.items():
+            _put(seconds, name, value, "s", f"wall-clock time of {name}")
+        if response.cells is not None:
+            cells = file.create_group("cells")
+            for name, (unit, description) in _CELLS.items():
+                _put(cells, name, getattr(response.cells, name), unit, description)
+    os.replace(aside, path)
+
+
+def read_response(path: Path) -> Response:
+    """The response of a file.
+
+    Raises:
+        ResultFileError: the file is absent, empty, truncated, foreign or incomplete.
+    """
+    with _opened(path) as file:
+        values: dict[str, Any] = {name: _take(path, file, name) for name in _DATASETS}
+        values |= {name: int(values[name]) for name in _COUNTS}
+        values["seconds"] = {
+            name: float(data[()]) for name, data in file.get("seconds", {}).items()
+        }
+        values["notes"] = tuple(str(note) for note in file.attrs["notes"])
+        if "cells" in file:
+            taken = {name: _take(path, file, f"cells/{name}") for name in _CELLS}
+            values["cells"] = CellFields(**taken)
+    return Response(**values)
+
+
+def read_provenance(path: Path) -> Provenance:
+    """Where the response of a file comes from.
+
+    Raises:
+        ResultFileError: as `read_response`.
+    """
+    with _opened(path) as file:
+        attributes: Mapping[str, Any] = file.attrs
+        return Provenance(**{item.name: str(attributes[item.name]) for item in fields(Provenance)})
+
+
+def prismid_version() -> str:
+    """Version of the installed distribution."""
+    try:
+        return version("prismid")
+    except PackageNotFoundError:
+        return "unknown (not installed)"
+
+
+def _put(group: h5py.Group, name: str, value: Any, unit: str, description: str) -> None:
+    array = np.asarray(value)
+    dataset = group.create_dataset(
+        name, data=array, compression="gzip" if array.size > 1000 else None
+    )
+    dataset.attrs["unit"], dataset.attrs["description"] = unit, description
+
+
+def _opened(path: Path) -> h5py.File:
+    expected = "expected a response that prismid has written"
+    if not path.is_file():
+        raise ResultFileError(f"{path}: found nothing, {expected}")
+    if not path.stat().st_size:
+        raise ResultFileError(f"{path}: found an empty file, {expected}")
+    try:
+        file = h5py.File(path, "r")
+    except OSError as error:
+        cut = "truncated" in str(error)
+        found = "a truncated HDF5 file" if cut else "no HDF5 file"
+        raise ResultFileError(f"{path}: found {found}, {expected}") from None
+    if file.attrs.get("format") != _FORMAT or file.attrs.get("revision") != _REVISION:
+        file.close()
+        raise ResultFileError(
+            f"{path}: found HDF5 of another origin, {expected} (revision {_REVISION})"
+        )
+    return file
+
+
+def _take(path: Path, file: h5py.File, name: str) -> Any:
+    try:
+        return np.asarray(file[name][()])
+    except (KeyError, OSError):
+        raise ResultFileError(
+            f"{path}: found no readable dataset {name}, expected a whole response"
+        ) from None

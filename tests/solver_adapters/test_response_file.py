@@ -1,0 +1,109 @@
+"""A response on disk comes back as it was, and anything else is told in one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from datetime import datetime
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from solver_adapters.interface import CellFields, Response
+from solver_adapters.response_file import (
+    Provenance,
+    prismid_version,
+    read_provenance,
+    read_response,
+    write_response,
+)
+from solver_adapters.result_files import ResultFileError
+
+RNG = np.random.default_rng(5)
+CELLS = CellFields(
+    RNG.random((3, 7, 6)), RNG.random((3, 7, 24)), RNG.random((3, 7, 24)), RNG.random((3, 7, 3))
+)
+RESPONSE = Response(
+    RNG.random((3, 500, 3)), RNG.random(3), RNG.random((2, 3, 500, 3)), RNG.random((2, 3)),
+    9, 31, 2, 1, RNG.random(9), {"assembly": 1.5, "read": 0.25}, CELLS,
+)  # fmt: skip
+ORIGIN = Provenance("bar", "bar 1.0", "0123")
+
+
+@pytest.mark.parametrize("response", [RESPONSE, replace(RESPONSE, cells=None, seconds={})])
+def test_a_response_comes_back_as_it_was(tmp_path: Path, response: Response) -> None:
+    path = tmp_path / "response.h5"
+    write_response(path, response, ORIGIN)
+    found = read_response(path)
+    for item in fields(Response):
+        there, here = getattr(found, item.name), getattr(response, item.name)
+        if item.name == "cells" and here is not None:
+            for part in fields(CellFields):
+                np.testing.assert_array_equal(getattr(there, part.name), getattr(here, part.name))
+        else:
+            np.testing.assert_array_equal(there, here)
+            assert type(there) is type(here)
+    assert [file.name for file in tmp_path.iterdir()] == ["response.h5"]
+
+
+def test_every_dataset_has_unit_and_description(tmp_path: Path) -> None:
+    write_response(tmp_path / "r.h5", RESPONSE, ORIGIN)
+    units: dict[str, str] = {}
+
+    def look(name: str, item: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(item, h5py.Dataset):
+            units[name] = item.attrs["unit"]
+            assert item.attrs["description"]
+
+    with h5py.File(tmp_path / "r.h5") as file:
+        file.visititems(look)
+    expected = {f"cells/{item.name}" for item in fields(CellFields)}
+    expected |= {item.name for item in fields(Response)} - {"cells", "seconds"}
+    assert set(units) == expected | {"seconds/assembly", "seconds/read"}
+    assert (units["displacement"], units["force"]) == ("µm", "µN")
+    assert (units["cells/stress"], units["cells/rotation"]) == ("MPa", "rad")
+
+
+def test_the_provenance_is_kept(tmp_path: Path) -> None:
+    write_response(tmp_path / "r.h5", RESPONSE, ORIGIN)
+    found = read_provenance(tmp_path / "r.h5")
+    assert replace(found, prismid="", written="") == ORIGIN
+    assert found.prismid == prismid_version()
+    offset = datetime.fromisoformat(found.written).utcoffset()
+    assert offset is not None and not offset
+
+
+def _foreign(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file["force"] = np.zeros(3)
+
+
+def _incomplete(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file["d_force"]
+
+
+@pytest.mark.parametrize(
+    ("damage", "found"),
+    [
+        (lambda path: path.unlink(), "found nothing, expected a response"),
+        (lambda path: path.write_bytes(b""), "found an empty file, expected a response"),
+        (lambda path: path.write_bytes(path.read_bytes()[:3000]), "found a truncated HDF5 file"),
+        (lambda path: path.write_text("force 3\n"), "found no HDF5 file, expected a response"),
+        (_foreign, "found HDF5 of another origin, expected a response"),
+        (_incomplete, "found no readable dataset d_force, expected a whole response"),
+    ],
+    ids=["absent", "empty", "truncated", "no HDF5", "foreign", "incomplete"],
+)
+def test_what_is_no_response_is_told_in_one_sentence(
+    tmp_path: Path, damage: Callable[[Path], None], found: str
+) -> None:
+    path = tmp_path / "response.h5"
+    write_response(path, RESPONSE, ORIGIN)
+    damage(path)
+    with pytest.raises(ResultFileError) as error:
+        read_response(path)
+    assert str(error.value).startswith(f"{path}: {found}")
+    assert "\n" not in str(error.value)
