@@ -24,7 +24,7 @@ from driver.specimen import integration_of
 from driver.stages import RESULTS
 from meshes.prism import PrismGeometry, generate
 from solver_adapters.external import ABSENT
-from solver_adapters.interface import Adapter
+from solver_adapters.interface import Adapter, Capabilities
 from solver_adapters.profile import config_path
 from solver_adapters.registry import takes_profile
 
@@ -75,7 +75,9 @@ def check(case_path: Path) -> list[Finding]:
     findings += _history(case, experiment)
     findings += _images(case, experiment)
     if n_cells:
-        findings.append(_cost(case, n_cells, experiment))
+        make = solvers().get(case.solver.name)
+        if make is not None:
+            findings.append(_cost(case, make().capabilities(), n_cells, experiment))
     picture = case_path.parent / RESULTS / "check.png"
     picture.parent.mkdir(exist_ok=True)
     draw(case, experiment, picture)
@@ -262,10 +264,10 @@ def _images(case: Case, experiment: Experiment) -> Iterator[Finding]:
         yield Finding("ok", "images", f"measured face at {place}")
 
 
-def _cost(case: Case, n_cells: int, experiment: Experiment) -> Finding:
+def _cost(case: Case, solver: Capabilities, n_cells: int, experiment: Experiment) -> Finding:
     stacks = (experiment.frames, experiment.flats, experiment.repeats)
     n_pixels = sum(stack.size for stack in stacks if stack is not None)
-    cost = estimate(case, n_cells, experiment.history.n_images, n_pixels)
+    cost = estimate(case, solver, n_cells, experiment.history.n_images, n_pixels)
     free = shutil.disk_usage(case.path(".")).free / 1e9
     return Finding(
         "ok",

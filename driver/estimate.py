@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from driver.case import Case
+from solver_adapters.interface import Capabilities
 
 # Gauss points of a tet10, and its nodes per cell in a mesh of a few hundred cells.
 _POINTS_PER_CELL = 4
@@ -15,6 +17,8 @@ _POINT_SECONDS = {"small": 2.3e-6, "finite": 5.5e-6}
 _FACTOR_SECONDS, _FACTOR_UNKNOWNS, _FACTOR_POWER = 0.039, 7000.0, 1.5
 # Newton iterations of a step; share of a step that one direction of differentiation adds.
 _ITERATIONS = 4
+# Simulations for a derivative that the solver does not give: central differences.
+_RUNS_PER_DIRECTION = 2
 _DIRECTION_SHARE = 0.05
 # Simulations of a run: Gauss–Newton iterations use this share of their limit, each refit of a
 # cause needs this many, and the finer mesh is run this often.
@@ -45,20 +49,27 @@ class Estimate:
     simulations: int
 
 
-def estimate(case: Case, n_cells: int, n_images: int, n_pixels: int = 0) -> Estimate:
+def estimate(
+    case: Case, solver: Capabilities, n_cells: int, n_images: int, n_pixels: int = 0
+) -> Estimate:
     """Time and memory of a run.
 
     Args:
         case: the case.
+        solver: what its solver can.
         n_cells: tet10 cells of the working mesh.
         n_images: images of the history, each after one move and one hold of the stage.
         n_pixels: pixels of all stacks together.
     """
     directions = len(case.identification.parameters) + _BOUNDARY_DIRECTIONS
     intervals = 2 * n_images
-    working = _simulation(case, n_cells, intervals * case.solver.steps_per_interval, directions)
+    working = _simulation(
+        case, solver, n_cells, intervals * case.solver.steps_per_interval, directions
+    )
     finer = n_cells * (case.specimen.mesh_size / case.specimen.fine_mesh_size) ** 2
-    fine = _simulation(case, round(finer), intervals * case.solver.fine_steps_per_interval, 0)
+    fine = _simulation(
+        case, solver, round(finer), intervals * case.solver.fine_steps_per_interval, 0
+    )
     fits = round(_ITERATION_SHARE * case.identification.max_iterations)
     refits = case.diagnosis.refit * _PER_REFIT
     # Only the refits are independent of each other and run side by side.
@@ -68,18 +79,25 @@ def estimate(case: Case, n_cells: int, n_images: int, n_pixels: int = 0) -> Esti
     nodes = finer * _NODES_PER_CELL
     response = 8.0 * n_images * 3 * nodes * (directions + 1)
     memory = case.execution.processes * (_PROCESS_BYTES + response) + _IMAGE_COPIES * 8.0 * n_pixels
-    return Estimate(solving + correlation, memory, fits + refits)
+    runs = 1 if solver.derivatives else 1 + _RUNS_PER_DIRECTION * directions
+    return Estimate(solving + correlation, memory, runs * (fits + refits))
 
 
-def simulation_seconds(case: Case, n_cells: int, n_images: int) -> float:
+def simulation_seconds(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> float:
     """Wall-clock time of one simulation on the working mesh without derivatives [s]."""
-    return _simulation(case, n_cells, 2 * n_images * case.solver.steps_per_interval, 0)
+    return _simulation(case, solver, n_cells, 2 * n_images * case.solver.steps_per_interval, 0)
 
 
-def _simulation(case: Case, n_cells: int, steps: int, directions: int) -> float:
-    """Seconds of one simulation."""
+def _simulation(
+    case: Case, solver: Capabilities, n_cells: int, steps: int, directions: int
+) -> float:
+    """Seconds of one simulation with its derivatives."""
     points = n_cells * _POINTS_PER_CELL * _POINT_SECONDS[case.material.strain_measure]
     unknowns = 3 * n_cells * _NODES_PER_CELL
     factor: float = _FACTOR_SECONDS * (unknowns / _FACTOR_UNKNOWNS) ** _FACTOR_POWER
     iteration = points / case.execution.threads + factor
-    return steps * (_ITERATIONS + _DIRECTION_SHARE * directions) * iteration
+    plain = solver.cost * steps * _ITERATIONS * iteration
+    if solver.derivatives:
+        return plain * (1 + _DIRECTION_SHARE * directions / _ITERATIONS)
+    # Finite differences, so many of them at a time.
+    return plain * (1 + math.ceil(_RUNS_PER_DIRECTION * directions / case.execution.processes))

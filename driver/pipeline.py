@@ -18,6 +18,7 @@ from driver.specimen import mesh_of
 from driver.stages import RESULTS, Stage, StageError, measured_files, run_stages
 from driver.workbench import BUNDLED
 from solver_adapters.bundled.compilation import use_threads
+from solver_adapters.registry import find_adapter
 
 Log = Callable[[str], None]
 
@@ -58,7 +59,8 @@ def run(
         )
     use_threads(case.execution.processes * case.execution.threads)
     n_cells = len(mesh_of(case, case.specimen.mesh_size).cells)
-    cost = estimate(case, n_cells, read_history(case.path(case.history.file)).n_images)
+    solver = find_adapter(case.solver.name).capabilities()
+    cost = estimate(case, solver, n_cells, read_history(case.path(case.history.file)).n_images)
     log(
         f"all stages take about {cost.seconds / 60:.1f} min on free cores "
         f"and {cost.memory / 1e9:.1f} GB of memory"

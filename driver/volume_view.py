@@ -124,7 +124,8 @@ def write_volumes(
     Raises:
         SolverError: a simulation could not be finished.
     """
-    minutes = simulation_seconds(case, len(mesh.cells), history.n_images) / 60
+    solver = adapter_of(case).capabilities()
+    minutes = simulation_seconds(case, solver, len(mesh.cells), history.n_images) / 60
     log(
         f"fields of the volume: {len(models)} simulation{'s' if len(models) > 1 else ''}, "
         f"each about {minutes:.1f} min on free cores (--no-volume leaves them out)"

@@ -233,6 +233,7 @@ class Capabilities:
         noise: by what share force and displacement scatter between runs of nearly the same
             simulation: the tolerance of the iteration, or the digits of a result file. Finite
             differences choose their steps by it.
+        cost: CPU time of a simulation over that of the bundled solver, roughly, for estimates.
         integrations: the schemes of time integration on offer.
         conditional: names of further material parameters of which some values besides the null
             are honoured; the adapter judges the value, and they cannot be identified.
@@ -244,6 +245,7 @@ class Capabilities:
     derivatives: bool
     cell_fields: bool = False
     noise: float = 1e-5
+    cost: float = 1.0
     integrations: frozenset[str] = frozenset(("backward_euler",))
     conditional: frozenset[str] = frozenset()
     cautions: Mapping[str, str] = field(default_factory=dict)

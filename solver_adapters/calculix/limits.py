@@ -18,6 +18,7 @@ CAPABILITIES = Capabilities(
     ),
     strain_measures=frozenset(("small",)),
     derivatives=False,
+    cost=15.0,
     conditional=frozenset(("tau0_112", "Q", "b", "h_latent", "interaction")),
 )
 """Q is conditional, as it comes with a latent hardening that is fixed in CalculiX."""

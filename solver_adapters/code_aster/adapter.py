@@ -33,6 +33,7 @@ class CodeAsterAdapter(ExternalAdapter):
             strain_measures=frozenset(("small", "finite")),
             derivatives=False,
             cell_fields=True,
+            cost=150.0,
             cautions={"finite": FINITE_CAUTION},
         )
 

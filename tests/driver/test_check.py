@@ -12,6 +12,7 @@ from driver.case import load_case
 from driver.check import check
 from driver.check_picture import boundary_trace
 from driver.estimate import estimate
+from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.interface import Capabilities
 from tests.solver_adapters.bar import BarAdapter
 
@@ -112,13 +113,24 @@ def test_a_face_drawn_over_a_trench_and_missing_stacks_are_warned_of(case_path):
 
 
 def test_the_estimate_grows_with_the_work():
-    case = load_case(ALPHA / "case.toml")
-    base = estimate(case, 264, 97)
-    assert estimate(case, 528, 97).seconds > 1.9 * base.seconds
-    assert estimate(case, 264, 194).seconds == pytest.approx(2 * base.seconds)
-    assert estimate(case, 264, 97, n_pixels=10**8).memory - base.memory == pytest.approx(2.4e9)
-    fewer = case.diagnosis.model_copy(update={"refit": 1})
-    assert estimate(case.model_copy(update={"diagnosis": fewer}), 264, 97).seconds < base.seconds
+    case, bundled = load_case(ALPHA / "case.toml"), BundledAdapter().capabilities()
+    base = estimate(case, bundled, 264, 97)
+    assert estimate(case, bundled, 528, 97).seconds > 1.9 * base.seconds
+    assert estimate(case, bundled, 264, 194).seconds == pytest.approx(2 * base.seconds)
+    pixels = estimate(case, bundled, 264, 97, n_pixels=10**8)
+    assert pixels.memory - base.memory == pytest.approx(2.4e9)
+    fewer = case.model_copy(update={"diagnosis": case.diagnosis.model_copy(update={"refit": 1})})
+    assert estimate(fewer, bundled, 264, 97).seconds < base.seconds
+
+
+def test_the_estimate_counts_the_simulations_that_derivatives_cost():
+    """Two for each of 31 directions, and the one that is asked for."""
+    case, bundled = load_case(ALPHA / "case.toml"), BundledAdapter().capabilities()
+    base = estimate(case, bundled, 264, 97)
+    without = estimate(case, replace(bundled, derivatives=False), 264, 97)
+    assert without.simulations == 63 * base.simulations
+    slower = estimate(case, replace(bundled, cost=10.0), 264, 97)
+    assert slower.seconds > 8 * base.seconds
 
 
 def test_a_scheme_that_the_solver_lacks_is_an_error_with_the_remedy(case_path):
