@@ -20,13 +20,13 @@ from driver.estimate import estimate
 from driver.experiment import Experiment, read_experiment
 from driver.images.heightmaps import ImageError, on_surface
 from driver.profiles import profile_of
-from driver.specimen import integration_of
+from driver.specimen import build_model, integration_of, mesh_of
 from driver.stages import RESULTS
 from meshes.prism import PrismGeometry, generate
-from solver_adapters.external import ABSENT
-from solver_adapters.interface import Adapter, Capabilities
+from solver_adapters.external import ABSENT, ExternalAdapter
+from solver_adapters.interface import Adapter, Capabilities, SolverError
 from solver_adapters.profile import config_path
-from solver_adapters.registry import takes_profile
+from solver_adapters.registry import find_adapter, takes_profile
 
 SOLVERS = "prismid.solvers"
 # Share of the measured face that may be at level 0 (a trench) before the origin is in doubt.
@@ -78,6 +78,7 @@ def check(case_path: Path) -> list[Finding]:
         make = solvers().get(case.solver.name)
         if make is not None:
             findings.append(_cost(case, make().capabilities(), n_cells, experiment))
+            findings += _rendered(case, experiment)
     picture = case_path.parent / RESULTS / "check.png"
     picture.parent.mkdir(exist_ok=True)
     draw(case, experiment, picture)
@@ -262,6 +263,20 @@ def _images(case: Case, experiment: Experiment) -> Iterator[Finding]:
         )
     else:
         yield Finding("ok", "images", f"measured face at {place}")
+
+
+def _rendered(case: Case, experiment: Experiment) -> Iterator[Finding]:
+    """What the solver refuses when its job is written."""
+    try:
+        adapter = find_adapter(case.solver.name, profile_of(case))
+        if not isinstance(adapter, ExternalAdapter):
+            return
+        mesh = mesh_of(case, case.specimen.mesh_size)
+        no_pixels, steps = np.zeros((0, 2)), case.solver.steps_per_interval
+        model = build_model(case, mesh, experiment.history, no_pixels, adapter, steps)
+        adapter.write(model.simulation(model.null_values()))
+    except (InputError, SolverError) as error:
+        yield Finding("error", "solver", str(error))
 
 
 def _cost(case: Case, solver: Capabilities, n_cells: int, experiment: Experiment) -> Finding:
