@@ -12,6 +12,7 @@ from pathlib import Path
 import medcoupling as mc
 import numpy as np
 
+from meshes import tet10
 from meshes.prism_mesh import PrismMesh
 from meshes.tet10 import MIRRORED
 from solver_adapters.bundled import element
@@ -98,7 +99,7 @@ def five_gauss_points() -> Iterator[None]:
     corners = np.full((4, 3), 1 / 6) + np.vstack([np.zeros(3), np.eye(3) / 3])
     positions = np.vstack([np.full(3, 0.25), corners])
     weights = np.array([-2 / 15, 3 / 40, 3 / 40, 3 / 40, 3 / 40])
-    rule = element.Element("tet10", positions, weights, *element.tet10_shape(positions))
+    rule = element.Element("tet10", positions, weights, *tet10.shape_functions(positions))
     kept = element.ELEMENTS
     element.ELEMENTS = {**kept, 10: rule}
     try:

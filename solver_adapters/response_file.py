@@ -74,7 +74,8 @@ def write_response(path: Path, response: Response, provenance: Provenance) -> No
         file.attrs["written"] = provenance.written or now
         for name, (unit, description) in _DATASETS.items():
             _put(file, name, getattr(response, name), unit, description)
-        file.attrs["notes"] = list(response.notes)
+        notes = np.array(response.notes, dtype=h5py.string_dtype())
+        _put(file, "notes", notes, "1", "what a reader of the numbers should know, sentences")
         seconds = file.create_group("seconds")
         for name, value in response.seconds.items():
             _put(seconds, name, value, "s", f"wall-clock time of {name}")
@@ -97,7 +98,7 @@ def read_response(path: Path) -> Response:
         values["seconds"] = {
             name: float(data[()]) for name, data in file.get("seconds", {}).items()
         }
-        values["notes"] = tuple(str(note) for note in file.attrs["notes"])
+        values["notes"] = tuple(note.decode() for note in _take(path, file, "notes"))
         if "cells" in file:
             taken = {name: _take(path, file, f"cells/{name}") for name in _CELLS}
             values["cells"] = CellFields(**taken)

@@ -56,6 +56,8 @@ class _Rule:
 
 _POSITIVE = _Rule(lambda v, m: 0 < v < np.inf, "a positive number")
 _NOT_NEGATIVE = _Rule(lambda v, m: 0 <= v < np.inf, "zero or more")
+# CalculiX has −0.1; below −1 slip would soften others by more than it hardens its own system.
+_LATENT = _Rule(lambda v, m: -1 <= v < np.inf, "-1 or more")
 _FINITE = _Rule(lambda v, m: bool(np.isfinite(v)), "a finite number")
 
 _RULES: dict[str, _Rule] = {
@@ -73,7 +75,7 @@ _RULES: dict[str, _Rule] = {
     "tau0_grain2": _POSITIVE,
     "tau0_antitwinning": _POSITIVE,
     "a1": _FINITE,
-    "h_latent": _NOT_NEGATIVE,
+    "h_latent": _LATENT,
     "c2": _NOT_NEGATIVE,
     "d2": _NOT_NEGATIVE,
     "x0": _Rule(lambda v, m: bool(np.isfinite(v)) and abs(v) * m.d < 1, "less than 1/d in size"),
@@ -132,10 +134,8 @@ def _refuse_bad_material(m: Material) -> None:
                 "interaction holds a number that is not finite; expected 24 × 24 finite numbers"
             )
         least = min(min(row) for row in m.interaction)
-        if least < 0:
-            raise UnsupportedError(
-                f"interaction holds {least:g}; expected zero or more (slip never softens)"
-            )
+        if least < -1:
+            raise UnsupportedError(f"interaction holds {least:g}; expected -1 or more")
     if m.strain_measure not in get_args(StrainMeasure):
         raise UnsupportedError(
             f"strain_measure is {m.strain_measure!r}; expected 'small' or 'finite'"

@@ -68,7 +68,7 @@ class Underived(SmallStrainSolver):
 
 def test_a_solver_without_derivatives_is_given_some(monkeypatch: pytest.MonkeyPatch) -> None:
     case = changed(closed_form.small_case(), "material", strain_measure="small")
-    monkeypatch.setattr(specimen, "find_adapter", lambda name: Underived())
+    monkeypatch.setattr(specimen, "find_adapter", lambda name, profile: Underived())
     adapter = adapter_of(changed(case, "execution", processes=3))
     assert isinstance(adapter, FiniteDifferences) and adapter.capabilities().derivatives
     # Not made for threads, for all that is known.

@@ -97,10 +97,10 @@ UNSUPPORTED: list[tuple[Simulation, str]] = [
         "interaction holds a number that is not finite; expected 24 × 24 finite numbers",
     ),
     (
-        of_material(interaction=((1.0,) * 23 + (-0.5,),) * 24),
-        "interaction holds -0.5; expected zero or more",
+        of_material(interaction=((1.0,) * 23 + (-1.5,),) * 24),
+        "interaction holds -1.5; expected -1 or more",
     ),
-    (of_material(h_latent=-0.1), "h_latent is -0.1; expected zero or more"),
+    (of_material(h_latent=-1.1), "h_latent is -1.1; expected -1 or more"),
     (
         of_material(C11=100e3, C12=120e3),
         "C11 = 100000, C12 = 120000 MPa do not make a positive definite stiffness; expected C11 >",
