@@ -14,11 +14,10 @@ from driver.identify_stage import run_identify
 from driver.measure_stage import run_measure
 from driver.mesh_stage import run_mesh
 from driver.report.stage import run_report
-from driver.specimen import mesh_of
+from driver.specimen import capabilities_of, mesh_of
 from driver.stages import RESULTS, Stage, StageError, measured_files, run_stages
 from driver.workbench import BUNDLED
 from solver_adapters.bundled.compilation import use_threads
-from solver_adapters.registry import find_adapter
 
 Log = Callable[[str], None]
 
@@ -59,7 +58,7 @@ def run(
         )
     use_threads(case.execution.processes * case.execution.threads)
     n_cells = len(mesh_of(case, case.specimen.mesh_size).cells)
-    solver = find_adapter(case.solver.name).capabilities()
+    solver = capabilities_of(case)
     cost = estimate(case, solver, n_cells, read_history(case.path(case.history.file)).n_images)
     log(
         f"all stages take about {cost.seconds / 60:.1f} min on free cores "

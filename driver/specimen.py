@@ -24,7 +24,7 @@ from meshes.prism_mesh import PrismMesh
 from meshes.surface import trace
 from solver_adapters.external import ExternalAdapter
 from solver_adapters.finite_differences import FiniteDifferences
-from solver_adapters.interface import Adapter, Integration
+from solver_adapters.interface import Adapter, Capabilities, Integration
 from solver_adapters.registry import find_adapter
 
 FloatArray = NDArray[np.float64]
@@ -49,6 +49,15 @@ def mesh_of(case: Case, size: float) -> PrismMesh:
         return generate(geometry_of(case), size)
     except ValueError as error:
         raise InputError(f"specimen: {error}") from None
+
+
+def capabilities_of(case: Case) -> Capabilities:
+    """What the solver that the case names can do by itself.
+
+    Raises:
+        UnsupportedError: there is no such solver.
+    """
+    return find_adapter(case.solver.name, profile_of(case)).capabilities()
 
 
 def adapter_of(case: Case, prepare_only: bool = False) -> Adapter:

@@ -13,7 +13,7 @@ from driver.case import Case
 from driver.estimate import simulation_seconds
 from driver.history import History
 from driver.paraview import FittedModel
-from driver.specimen import adapter_of, build_model
+from driver.specimen import adapter_of, build_model, capabilities_of
 from driver.vtkhdf import write_vtkhdf
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.interface import CellFields, Progress
@@ -124,7 +124,7 @@ def write_volumes(
     Raises:
         SolverError: a simulation could not be finished.
     """
-    solver = adapter_of(case).capabilities()
+    solver = capabilities_of(case)
     minutes = simulation_seconds(case, solver, len(mesh.cells), history.n_images) / 60
     log(
         f"fields of the volume: {len(models)} simulation{'s' if len(models) > 1 else ''}, "
