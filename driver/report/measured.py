@@ -94,10 +94,10 @@ class MeasuredMotion:
 
     @property
     def exaggeration(self) -> float:
-        """1, 2 or 5 times a power of ten by which the motion is enlarged in the maps."""
+        """1, 2 or 5 times a power of ten, at least 1, by which maps enlarge the motion."""
         largest = float(np.abs(self.motion[self.shown, :, :2]).max())
         length = self.face.pixel * (max(np.ptp(self.face.rows), np.ptp(self.face.cols)) + 1)
-        return _round_down(_LARGEST_SHIFT * length / largest) if largest > 0 else 1.0
+        return max(_round_down(_LARGEST_SHIFT * length / largest), 1.0) if largest > 0 else 1.0
 
 
 def measured_motion(

@@ -10,7 +10,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from driver.report.maps import Face
@@ -134,11 +134,11 @@ def residuals(measured: MeasuredMotion) -> Figure:
     bar = figure.colorbar(nm, ax=axes[:, 0], shrink=0.75, aspect=30, extend="both")  # type: ignore[arg-type]
     bar.set_label("ρ [nm]", labelpad=1.0)
 
-    def to_levels(nm: FloatArray) -> FloatArray:
-        return nm / (1e3 * measured.level)
+    def to_levels(nm: ArrayLike) -> ArrayLike:
+        return np.asarray(nm, dtype=np.float64) / (1e3 * measured.level)
 
-    def to_nm(levels: FloatArray) -> FloatArray:
-        return levels * (1e3 * measured.level)
+    def to_nm(levels: ArrayLike) -> ArrayLike:
+        return np.asarray(levels, dtype=np.float64) * (1e3 * measured.level)
 
     other = bar.ax.secondary_yaxis("left", functions=(to_levels, to_nm))
     other.set_ylabel("ρ [grey levels]", labelpad=1.0)
