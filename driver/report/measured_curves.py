@@ -87,8 +87,9 @@ def _draw(axis: Axes, measured: MeasuredMotion, curve: Curve) -> None:
         axis.fill_between(stage, value[images] - half, value[images] + half, color=colour,
                           alpha=0.13, lw=0)  # fmt: skip
         mark = _mark(cycles.index(measured.cycle[images[-1]]))
+        # The first image of a phase has its mark as the last one of the phase before.
         axis.plot(stage, value[images], "-" if loading else "--", marker=mark, ms=3.6, lw=1.1,
-                  color=colour)  # fmt: skip
+                  color=colour, markevery=slice(int(images[0] > 0), None))  # fmt: skip
 
 
 def _mark(cycle: int) -> str:

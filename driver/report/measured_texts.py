@@ -66,7 +66,7 @@ def _fields(m: MeasuredMotion) -> PictureText:
         f"is removed, for the stage re-centres and refocuses at every image. The mesh moves with "
         f"u and v, {enlarged}; dashed: at rest. Each component has one colour scale for all "
         f"images, without its lowest and highest hundredth; in all, {ranges}. Noise alone gives a "
-        f"node a standard deviation of {u} nm in u, {v} nm in v and {w} nm in w.",
+        f"typical node a standard deviation of {u} nm in u, {v} nm in v and {w} nm in w.",
         f"Colour maps of u, v and w at image{'s' if len(m.shown) > 1 else ''} {images} on the "
         f"moved mesh: {ranges}.",
     )
@@ -80,8 +80,9 @@ def _travel(m: MeasuredMotion) -> PictureText:
 
     half = [number(1e3 * BAND * c.sigma, 2) for c in (m.elongation, m.tilt, m.mean_w)]
     return PictureText(
-        f"Motion of the ends against each other and mean height change, image by image. Bands: "
-        f"95 %, ± {BAND} standard deviations from the covariance of the correlation, that is "
+        f"Motion of the ends against each other (the mean stretch of the region of interest "
+        f"carried on to them) and mean height change, image by image. Bands: 95 %, ± {BAND} "
+        f"standard deviations from the covariance of the correlation, that is "
         f"± {half[0]} nm for the elongation, ± {half[1]} nm for the tilt and ± {half[2]} nm for "
         f"the mean of w. That mean holds what the stage refocuses, and jumps with it. At the end "
         f"of the last loading the elongation is {at_peak(m.elongation)} and the tilt "

@@ -33,6 +33,7 @@ def test_loading_and_unloading_are_told_apart_by_colour_and_by_stroke(measured):
     assert [line.get_linestyle() for line in lines] == ["-", "--", "-", "--"]
     assert [line.get_color() for line in lines] == [curves.LOADING, curves.UNLOADING] * 2
     assert [line.get_marker() for line in lines] == ["o", "o", "s", "s"]
+    assert [line.get_markevery().start for line in lines] == [0, 1, 1, 1]
     assert lines[0].get_xdata().tolist() == list(STAGE[: PEAKS[0] + 1])
     assert lines[1].get_ydata() == pytest.approx(1e3 * measured.elongation.value[3:6])
     assert figure.axes[0].get_ylabel() == "elongation [nm]"
