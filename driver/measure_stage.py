@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from driver.check_picture import boundary_trace
+from driver.dic.basis import Basis
 from driver.dic.elongation import edge_motion
 from driver.dic.series import measure
 from driver.dic.surface_images import refine_gradient
 from driver.experiment import read_experiment
-from driver.results import write_csv, write_hdf5
+from driver.report.measured import measured_motion
+from driver.report.measured_figures import write_figures
+from driver.results import read_hdf5, write_csv, write_hdf5
 from driver.specimen import surface_images
 from driver.stages import StageContext
 
@@ -29,7 +34,15 @@ def run_measure(context: StageContext) -> None:
     lower, upper = images.bounds[2:]
     reach = case.specimen.length / (upper - lower)
     edges = edge_motion(motion, images, lower, upper)
-    refined = refine_gradient(images, motion.at_pixels())
+    at_pixels = motion.at_pixels()
+    refined = refine_gradient(images, at_pixels)
+    residual = images.residual(at_pixels)
+    standardised = residual / np.sqrt(images.expected_residual_variance(at_pixels))
+    # The fit has taken its degrees of freedom out of the residual: χ counts them, so does this.
+    standardised *= (motion.chi / np.sqrt(np.mean(standardised**2, axis=1)))[:, None]
+    mean_w = np.zeros(motion.coefficients.shape[1])
+    mean_w[-len(motion.basis_w.nodes) :] = motion.basis_w.values.mean(axis=0)
+    variance_w = mean_w @ motion.covariance_one @ mean_w * (1.0 + 1.0 / motion.n_reference)
     history = experiment.history
     rows = history.image_row
     context.log(
@@ -56,16 +69,22 @@ def run_measure(context: StageContext) -> None:
             "gradient": (refined.gradient, "1"),
             "sigma": (images.sigma, "µm"),
             "n_reference": (float(images.n_reference), "1"),
-            "motion": (motion.at_pixels(), "µm"),
+            "motion": (at_pixels, "µm"),
             "coefficients": (motion.coefficients, "µm"),
             "covariance_one": (motion.covariance_one, "µm²"),
             "nodes_uv": (motion.basis_uv.nodes, "µm"),
             "nodes_w": (motion.basis_w.nodes, "µm"),
+            "cells_uv": (element_corners(motion.basis_uv), "1"),
+            "cells_w": (element_corners(motion.basis_w), "1"),
+            "residual": (residual.astype(np.float32), "µm"),
+            "residual_over_noise": (standardised.astype(np.float32), "1"),
             "chi": (motion.chi, "1"),
             "elongation": (reach * edges.elongation, "µm"),
             "elongation_sigma": (reach * edges.elongation_sigma, "µm"),
             "tilt": (reach * edges.tilt, "µm"),
             "tilt_sigma": (reach * edges.tilt_sigma, "µm"),
+            "mean_w": (motion.coefficients @ mean_w, "µm"),
+            "mean_w_sigma": (float(np.sqrt(variance_w)), "µm"),
         },
     )
     write_csv(
@@ -80,3 +99,14 @@ def run_measure(context: StageContext) -> None:
             "chi": motion.chi.tolist(),
         },
     )
+    written = read_hdf5(context.workdir / MEASURE)
+    measured = measured_motion(written, case.images.level_um, boundary_trace(case))
+    write_figures(measured, context.workdir)
+
+
+def element_corners(basis: Basis) -> NDArray[np.int64]:
+    """Nodes at the corners of each element in order around it, shape (n_elements, n_corners)."""
+    along_x, along_y = basis.cells
+    i, j = np.meshgrid(np.arange(along_x), np.arange(along_y), indexing="ij")
+    first = (i * (along_y + 1) + j).ravel()
+    return np.stack([first, first + 1, first + along_y + 2, first + along_y + 1], axis=1)

@@ -13,12 +13,15 @@ from numpy.typing import NDArray
 
 from driver.boundary import BoundaryMotion
 from driver.case import Case
+from driver.check_picture import boundary_trace
 from driver.diagnose_stage import DIAGNOSIS, DIAGNOSIS_H5, EXTENDED
 from driver.dic.interpolation import variance_gain
 from driver.history import History, knot_weights, read_history
 from driver.identify_stage import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
 from driver.measure_stage import MEASURE, MEASURE_CSV
 from driver.mesh_stage import FINE_MESH, MESH
+from driver.report.measured import DATASETS, MeasuredMotion, measured_motion, peaks
+from driver.report.measured_figures import FIGURES
 from driver.results import ResultError, read_hdf5
 from driver.stages import StageContext
 from meshes.files import read_med
@@ -42,10 +45,7 @@ FILES = {
 
 _READ = (MESH, MEASURE, IDENTIFY, HISTORY_JSON, DIAGNOSIS, DIAGNOSIS_H5)
 _MEASURED = (
-    "time", "stage", "cycle", "force", "reference", "pixel", "origin", "xy", "rows", "cols",
-    "sigma", "n_reference", "motion", "chi", "elongation", "elongation_sigma", "tilt",
-    "tilt_sigma",
-)  # fmt: skip
+    "time", "force", "xy", *DATASETS)  # fmt: skip
 _FITTED = ("before/load", "before/motion", "before/rho", "after/load", "after/motion", "after/rho")
 
 
@@ -58,6 +58,8 @@ class Findings:
         mesh: the working mesh.
         history: the loading history.
         measured: datasets of `measure.h5`.
+        motion: the same as the pictures of free correlation need it.
+        pictures: these pictures as PNG files, by name.
         fitted: datasets of `diagnosis.h5`: "before/…", "after/…".
         names: identified parameters of the baseline, length k.
         units: their units.
@@ -73,6 +75,8 @@ class Findings:
     mesh: PrismMesh
     history: History
     measured: dict[str, FloatArray]
+    motion: MeasuredMotion
+    pictures: dict[str, bytes]
     fitted: dict[str, FloatArray]
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -135,9 +139,7 @@ class Findings:
     @property
     def peaks(self) -> NDArray[np.int64]:
         """The image at the largest stage travel of each cycle."""
-        stage, cycle = self.measured["stage"], self.measured["cycle"]
-        of_cycle = [np.flatnonzero(cycle == c) for c in np.unique(cycle)]
-        return np.array([images[np.argmax(stage[images])] for images in of_cycle])
+        return peaks(self.measured["stage"], self.measured["cycle"].astype(np.int64))
 
 
 def read_findings(context: StageContext) -> Findings:
@@ -151,11 +153,14 @@ def read_findings(context: StageContext) -> Findings:
     paths = {name: context.result(name) for name in _READ}
     identified = _datasets(paths[IDENTIFY], ("start", "correlation", "noise_factor"))
     names, units, values = _texts(paths[IDENTIFY], ("names", "units", "all_values"))
+    case, measured = context.case, _datasets(paths[MEASURE], _MEASURED)
     return Findings(
-        case=context.case,
+        case=case,
         mesh=read_med(paths[MESH]),
-        history=read_history(context.case.path(context.case.history.file)),
-        measured=_datasets(paths[MEASURE], _MEASURED),
+        history=read_history(case.path(case.history.file)),
+        measured=measured,
+        motion=measured_motion(measured, case.images.level_um, boundary_trace(case)),
+        pictures={name: context.result(f"{name}.png").read_bytes() for name in FIGURES},
         fitted=_datasets(paths[DIAGNOSIS_H5], _FITTED),
         names=tuple(names),
         units=tuple(units),

@@ -10,21 +10,18 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from driver.report.figures import side_labels
-from driver.report.style import GREY, SIGNED, WIDTH, new_figure, styled
+from driver.report.style import GREY, SIGNED, new_figure, styled
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 GRAINS = ("#a8cfe6", "#f3c98b")
-_BOUNDARY, _ROI, _AXES = "#d55e00", "#f0e442", "#56b4e9"
-_RIM = [withStroke(linewidth=3.0, foreground="black")]
+_BOUNDARY = "#d55e00"
 _ELEVATION, _AZIMUTH = 24.0, -28.0  # shows the measured face, the face at +X and S⁻
 _LIGHT = np.array([0.33, -0.25, 0.91])
-_RIM_PIXELS = 5  # shown beside the region: beyond may lie trenches, filled from their rim
 _SHOWN = 4.0  # ρ/σ at the ends of the colour scale
 
 
@@ -184,44 +181,6 @@ def _view() -> tuple[FloatArray, FloatArray, FloatArray]:
     towards = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     right = np.array([-np.sin(a), np.cos(a), 0.0])
     return right, np.cross(towards, right), towards
-
-
-@styled
-def reference(heights: FloatArray, face: Face) -> Figure:
-    """The reference image with the region of interest, the axes and the grain boundary.
-
-    Args:
-        heights: reference height map [µm], shape (rows, columns).
-        face: the region of interest.
-    """
-    top, bottom = face.rows.min() - _RIM_PIXELS, face.rows.max() + _RIM_PIXELS
-    figure = new_figure(0.85 * WIDTH * (bottom - top + 1) / heights.shape[1] + 0.7)
-    axes = figure.subplots()
-    nm = 1e3 * (heights - np.median(heights[face.rows, face.cols]))
-    low, high = np.percentile(nm[face.rows, face.cols], (0.5, 99.8))
-    extent = face.extent((0.0, 0.0), heights.shape)
-    picture = axes.imshow(nm, cmap="gray", vmin=low, vmax=high, extent=extent)  # type: ignore[arg-type]
-    figure.colorbar(picture, ax=axes, fraction=0.03, pad=0.01, label="height [nm]")
-    inside = np.zeros(heights.shape)
-    inside[face.rows, face.cols] = 1.0
-    x = (np.arange(heights.shape[0]) - face.origin[0]) * face.pixel
-    y = (np.arange(heights.shape[1]) - face.origin[1]) * face.pixel
-    axes.contour(y, x, inside, levels=[0.5], colors=_ROI, linewidths=1.6)
-    axes.plot([], [], color=_ROI, label="region of interest")
-    if face.trace is not None:
-        axes.plot(face.trace[:, 1], face.trace[:, 0], color=_BOUNDARY, lw=2.2, path_effects=_RIM,
-                  label="grain boundary")  # fmt: skip
-    arm = 10 * face.pixel
-    for name, tip in (("X", (0.0, arm)), ("Y", (arm, 0.0))):
-        axes.annotate("", xy=tip, xytext=(0, 0),
-                      arrowprops={"arrowstyle": "-|>", "color": _AXES, "lw": 2.2})  # fmt: skip
-        axes.text(1.35 * tip[0], 1.35 * tip[1], name, color=_AXES, ha="center", va="center",
-                  weight="bold", fontsize=12, path_effects=_RIM)  # fmt: skip
-    axes.set_ylim((bottom - face.origin[0]) * face.pixel, (top - face.origin[0]) * face.pixel)
-    axes.legend(loc="lower right", frameon=True, facecolor="#444444", labelcolor="white",
-                framealpha=0.85)  # fmt: skip
-    axes.set(xlabel="Y [µm] (loading axis)", ylabel="X [µm]")
-    return figure
 
 
 @styled

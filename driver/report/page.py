@@ -9,6 +9,7 @@ from driver.diagnosis.diagnose import GATE, IMAGING
 from driver.model import declared_parameters
 from driver.report.findings import Findings
 from driver.report.inference_figures import signed_evidence
+from driver.report.measured_texts import texts
 from driver.report.references import REFERENCES
 from driver.report.style import INDEXED, data_uri
 from driver.report.tables import added_rows, cause_rows, measure, parameter_rows
@@ -69,6 +70,7 @@ def report_page(
         tiles=tiles(diagnosis),
         checks=checks(findings),
         facts=facts(findings),
+        measured=texts(findings.motion),
         rounds=[
             {
                 "number": index,

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from driver.boundary import LAMBDAS
-from driver.check_picture import boundary_trace
 from driver.report import figures, inference_figures, maps
 from driver.report.findings import FILES, Findings, Record, read_findings
 from driver.report.page import report_page
@@ -45,14 +44,16 @@ def run_report(context: StageContext) -> None:
     path, now = context.case_path.resolve(), datetime.now().astimezone()
     page = report_page(
         findings,
-        images,
+        images | findings.pictures,
         path.parent.name if path.stem == "case" else f"{path.parent.name}/{path.stem}",
         f"{now.day} {now:%B %Y, %H:%M}",
         prismid_version(),
         {name: what for name, what in FILES.items() if (context.results / name).is_file()},
     )
     (context.workdir / REPORT).write_text(page, encoding="utf-8")
-    context.log(f"  {REPORT}: {len(images)} figures, {len(page) / 1e6:.1f} MB")
+    context.log(
+        f"  {REPORT}: {len(images) + len(findings.pictures)} figures, {len(page) / 1e6:.1f} MB"
+    )
 
 
 def draw(findings: Findings) -> Iterator[tuple[str, Figure]]:
@@ -61,15 +62,9 @@ def draw(findings: Findings) -> Iterator[tuple[str, Figure]]:
     budgets = {side: findings.diagnosis["gain"][f"budget_{side}"] for side in sides}
     yield "budget", figures.budget(budgets["before"]["free"], budgets)
 
-    case, mesh = findings.case, findings.mesh
-    row, column = m["origin"].tolist()
-    face = maps.Face(
-        m["rows"].astype(np.int64), m["cols"].astype(np.int64), float(m["pixel"]), (row, column),
-        boundary_trace(case),
-    )  # fmt: skip
+    case, mesh, face = findings.case, findings.mesh, findings.motion.face
     names = [grain.name for grain in case.grains]
     yield "specimen", maps.specimen(mesh.points, mesh.cells, mesh.grain, names)
-    yield "reference", maps.reference(m["reference"], face)
 
     last = sides[-1]
     yield "motion", figures.motion(

@@ -13,6 +13,7 @@ import pytest
 
 from driver import pipeline, specimen
 from driver.case import Case, CaseError, load_case, schema
+from driver.report.measured_figures import FIGURES
 from driver.results import read_hdf5
 from driver.stages import StageError, run_stages, stage_key
 from meshes.files import read_med
@@ -141,6 +142,41 @@ def test_the_elongation_is_measured(finished: Run) -> None:
     np.testing.assert_array_equal(measured["cycle"], history.cycle)
     table = np.genfromtxt(finished.results / "measure.csv", delimiter=",", names=True)
     np.testing.assert_allclose(table["elongation_nm"], 1e3 * measured["elongation"], rtol=1e-4)
+
+
+def test_the_residual_over_its_noise_is_that_of_chi(finished: Run) -> None:
+    measured = read_hdf5(finished.results / "measure.h5")
+    over = measured["residual_over_noise"]
+    np.testing.assert_allclose(np.sqrt(np.mean(over**2, axis=1)), measured["chi"], rtol=1e-5)
+    # Interpolation keeps between 0.43² and all of the variance of an image's noise; the
+    # reference adds its share.
+    sigma = np.abs(measured["residual"] / over).ravel() / float(measured["sigma"])
+    share = 1.0 / float(measured["n_reference"])
+    assert 0.95 * np.sqrt(0.43**2 + share) < sigma.min()
+    assert sigma.max() < np.sqrt(1.0 + share) + 1e-6
+
+
+def test_the_mean_height_change_is_as_sure_as_the_mean_of_that_many_pixels(finished: Run) -> None:
+    measured = read_hdf5(finished.results / "measure.h5")
+    w = measured["motion"][..., 2]
+    np.testing.assert_allclose(measured["mean_w"], w.mean(axis=1), atol=1e-12)
+    pixels = measured["sigma"] * np.sqrt((1.0 + 1.0 / measured["n_reference"]) / w.shape[1])
+    assert 1.0 <= float(measured["mean_w_sigma"] / pixels) < 1.2
+
+
+def test_the_elements_of_both_meshes_fill_the_region_once(finished: Run) -> None:
+    measured = read_hdf5(finished.results / "measure.h5")
+    for name in ("uv", "w"):
+        nodes, cells = measured[f"nodes_{name}"], measured[f"cells_{name}"]
+        x, y = np.moveaxis(nodes[cells], -1, 0)
+        areas = (x * np.roll(y, -1, 1) - y * np.roll(x, -1, 1)).sum(axis=1) / 2
+        assert np.all(areas < 0) or np.all(areas > 0)
+        assert abs(areas.sum()) == pytest.approx(np.prod(np.ptp(nodes, axis=0)))
+
+
+def test_a_run_until_the_measurement_leaves_its_pictures(finished: Run) -> None:
+    for name in FIGURES:
+        assert (finished.results / f"{name}.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_identification_is_written_with_its_uncertainty(finished: Run) -> None:

@@ -11,8 +11,12 @@ import pytest
 
 from driver.case import default_case, load_case, write_case
 from driver.diagnosis.causes import LIBRARY, NUMERICS
+from driver.dic.basis import grid_basis
+from driver.measure_stage import element_corners
 from driver.model import declared_parameters
-from driver.results import write_hdf5
+from driver.report.measured import measured_motion
+from driver.report.measured_figures import FIGURES
+from driver.results import read_hdf5, write_hdf5
 from driver.specimen import geometry_of
 from driver.stages import StageContext
 from meshes.files import write_med
@@ -27,6 +31,7 @@ LAW = ("tau0", "c", "d")
 LAMBDAS = ("lambda_plus_Y", "lambda_plus_Z", "lambda_minus_Y", "lambda_minus_Z")
 VALUES = {"tau0": 21.34, "c": 44120.0, "d": 1140.0} | dict.fromkeys(LAMBDAS, 0.97)
 SIGMAS = {"tau0": 0.12, "c": 350.0, "d": 13.0} | dict.fromkeys(LAMBDAS, 0.021)
+NODAL_SIGMA = (0.019, 0.018, 0.002)  # of u, v, w at a node, the reference's noise included [µm]
 SEED = 3
 
 
@@ -84,6 +89,13 @@ def results(written, tmp_path):
     return copied
 
 
+@pytest.fixture(scope="session")
+def measured(written):
+    """The invented motion of free correlation."""
+    trace = np.array([[-2.0, 5.0], [2.0, 6.0]])
+    return measured_motion(read_hdf5(written.results / "measure.h5"), 0.0065, trace)
+
+
 def pixels():
     """Rows and columns of the region of interest."""
     rows, cols = np.meshgrid(np.arange(5, 36), np.arange(8, 112), indexing="ij")
@@ -97,6 +109,14 @@ def _write_measured(path, time, rng):
     elongation = np.interp(np.arange(T), (0, 3, 5, 8, 10), (0.0, *KNOTS))
     motion = np.zeros((T, n_pix, 3))
     motion[..., 1] = elongation[:, None] * (xy[:, 1] / 12 - 0.5)
+    bounds = tuple(np.column_stack([xy.min(axis=0), xy.max(axis=0)]).ravel())
+    uv_mesh, w_mesh = (grid_basis(xy, bounds, size * PIXEL) for size in (16, 8))
+    v = elongation[:, None] * (uv_mesh.nodes[:, 1] / 12 - 0.5)
+    deviations = np.repeat(NODAL_SIGMA, [len(v[0]), len(v[0]), len(w_mesh.nodes)])
+    variances = deviations**2 / (1.0 + 1.0 / 10.0)
+    noise = rng.standard_normal((T, n_pix))
+    noise /= np.sqrt(np.mean(noise**2, axis=1, keepdims=True))
+    chi = 1.0 + 0.02 * rng.standard_normal(T)
     write_hdf5(
         path,
         {
@@ -113,13 +133,26 @@ def _write_measured(path, time, rng):
             "sigma": (0.009, "µm"),
             "n_reference": (10.0, "1"),
             "motion": (motion, "µm"),
-            "chi": (1.0 + 0.02 * rng.standard_normal(T), "1"),
+            "coefficients": (np.hstack([0 * v, v, np.zeros((T, len(w_mesh.nodes)))]), "µm"),
+            "covariance_one": (np.diag(variances), "µm²"),
+            "nodes_uv": (uv_mesh.nodes, "µm"),
+            "nodes_w": (w_mesh.nodes, "µm"),
+            "cells_uv": (element_corners(uv_mesh), "1"),
+            "cells_w": (element_corners(w_mesh), "1"),
+            "residual": (0.009 * noise * chi[:, None], "µm"),
+            "residual_over_noise": (noise * chi[:, None], "1"),
+            "chi": (chi, "1"),
             "elongation": (elongation + 0.005 * rng.standard_normal(T), "µm"),
             "elongation_sigma": (0.005, "µm"),
             "tilt": (0.001 * rng.standard_normal(T), "µm"),
             "tilt_sigma": (0.001, "µm"),
+            "mean_w": (0.03 * rng.standard_normal(T), "µm"),
+            "mean_w_sigma": (0.0002, "µm"),
         },
     )
+    for name in FIGURES:
+        # What the report embeds as it finds it.
+        (path.parent / f"{name}.png").write_bytes(b"\x89PNG " + name.encode())
 
 
 def _knot_names():

@@ -8,6 +8,7 @@ import pytest
 
 from driver.diagnosis.causes import LIBRARY
 from driver.report.findings import FILES, read_findings
+from driver.report.measured_texts import texts
 from driver.report.page import headline
 from driver.report.stage import run_report
 from driver.report.wording import cause_label
@@ -15,8 +16,11 @@ from driver.results import ResultError
 from driver.stages import StageError
 
 FIGURES = (
-    "budget", "specimen", "reference", "motion", "fields", "loads", "residual_maps",
+    "budget", "specimen", "motion", "fields", "loads", "residual_maps",
     "residual_history", "evidence_1", "evidence_2", "correlation", "convergence",
+)  # fmt: skip
+MEASURED = (
+    "measure_reference", "measure_fields", "measure_travel", "measure_residuals", "measure_noise",
 )  # fmt: skip
 KINDS = (
     "nothing wrong", "named", "one of this set", "named, but something is left", "unexplained",
@@ -46,7 +50,7 @@ def shown(page):
 def test_the_page_holds_all_that_it_shows(page):
     assert not re.findall(r"https?://|<script|<link|@import|url\(", page)
     sources = re.findall(r'src="([^"]*)"', page)
-    assert len(sources) == len(FIGURES)
+    assert len(sources) == len(FIGURES) + len(MEASURED)
     assert all(source.startswith("data:image/png;base64,") for source in sources)
     targets = re.findall(r'href="([^"]*)"', page)
     assert all(target[0] == "#" and f'id="{target[1:]}"' in page for target in targets)
@@ -60,6 +64,17 @@ def test_every_figure_stands_in_the_page_and_beside_it(made, page):
         image = (made / f"report_{name}.png").read_bytes()
         assert image.startswith(b"\x89PNG")
         assert base64.b64encode(image).decode() in page
+
+
+def test_the_pictures_of_free_correlation_stand_in_the_page_with_words_for_each(
+    written, measured, page
+):
+    assert tuple(texts(measured)) == MEASURED
+    section = page[page.index('id="measured"') : page.index('id="motion"')]
+    for name, text in texts(measured).items():
+        image = base64.b64encode((written.results / f"{name}.png").read_bytes()).decode()
+        assert f'<img src="data:image/png;base64,{image}" alt="{text.alternative}">' in section
+        assert text.caption in section
 
 
 def test_the_verdict_and_the_gain_come_first(page):
@@ -120,8 +135,10 @@ def test_every_verdict_is_said_in_one_sentence(kind):
 
 
 @pytest.mark.parametrize(
-    "name", ["mesh.med", "measure.h5", "identify.h5", "diagnosis.json", "diagnosis.h5"]
-)
+    "name",
+    ["mesh.med", "measure.h5", "measure_fields.png", "identify.h5", "diagnosis.json",
+     "diagnosis.h5"],
+)  # fmt: skip
 def test_a_missing_result_is_named_in_one_sentence(results, tmp_path, name):
     (results.results / name).unlink()
     with pytest.raises(StageError, match=rf"{name}: found nothing, expected the result of"):

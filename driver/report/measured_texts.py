@@ -1,0 +1,125 @@
+"""Captions and alternative texts of the pictures of free correlation, with their numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.report.measured import BAND, Curve, MeasuredMotion
+from driver.report.measured_maps import COMPONENTS
+from driver.report.wording import chi, joined, number, with_sigma
+
+_FAR = 3.0  # σ beyond which pixels are counted
+_FAR_SHARE = 0.0026998  # of a normal distribution, beyond 3 σ
+
+
+@dataclass(frozen=True)
+class PictureText:
+    """What a picture shows: a caption for all, and words for those who do not see it."""
+
+    caption: str
+    alternative: str
+
+
+def texts(measured: MeasuredMotion) -> dict[str, PictureText]:
+    """Caption and alternative text of each picture, by the name of its file."""
+    return {
+        "measure_reference": _reference(measured),
+        "measure_fields": _fields(measured),
+        "measure_travel": _travel(measured),
+        "measure_residuals": _residuals(measured),
+        "measure_noise": _noise(measured),
+    }
+
+
+def _reference(m: MeasuredMotion) -> PictureText:
+    rows, columns = m.reference.shape
+    spread = 1e3 * float(np.std(m.reference[m.face.rows, m.face.cols]))
+    return PictureText(
+        f"The reference: mean of the repeated images, flat pattern subtracted, heights in nm above "
+        f"their median. Inside the yellow line stand the {m.face.rows.size} pixels that are used "
+        f"({1e3 * m.face.pixel:g} nm each). Blue: the meshes on which the motion is sought, "
+        f"{len(m.cells_uv)} elements for u and v, {len(m.cells_w)} finer ones for w. Trenches "
+        f"beside the face are filled from its rim, which draws them as streaks.",
+        f"Grey map of {rows} by {columns} pixels with the region of interest outlined, heights "
+        f"scattering by {number(spread, 2)} nm, and two meshes over it: {len(m.cells_uv)} elements "
+        f"for u and v, {len(m.cells_w)} for w.",
+    )
+
+
+def _fields(m: MeasuredMotion) -> PictureText:
+    shown = m.motion[m.shown]
+    ranges = joined(
+        [
+            f"{component[0]} from {number(1e3 * shown[..., k].min())} to "
+            f"{number(1e3 * shown[..., k].max())} nm"
+            for k, component in enumerate(COMPONENTS)
+        ]
+    )
+    u, v, w = (number(1e3 * sigma, 2) for sigma in m.nodal_sigma)
+    images = joined([str(image) for image in m.shown])
+    enlarged = "true to scale" if m.exaggeration == 1 else f"enlarged {m.exaggeration:g} times"
+    return PictureText(
+        f"Measured motion at the end of loading, over the reference image. The mean over the face "
+        f"is removed, for the stage re-centres and refocuses at every image. The mesh moves with "
+        f"u and v, {enlarged}; dashed: at rest. Each component has one colour scale for all "
+        f"images, without its lowest and highest hundredth; in all, {ranges}. Noise alone gives a "
+        f"typical node a standard deviation of {u} nm in u, {v} nm in v and {w} nm in w.",
+        f"Colour maps of u, v and w at image{'s' if len(m.shown) > 1 else ''} {images} on the "
+        f"moved mesh: {ranges}.",
+    )
+
+
+def _travel(m: MeasuredMotion) -> PictureText:
+    last = int(m.shown[-1])
+
+    def at_peak(curve: Curve) -> str:
+        return f"{with_sigma(1e3 * curve.value[last], 1e3 * curve.sigma)} nm"
+
+    half = [number(1e3 * BAND * c.sigma, 2) for c in (m.elongation, m.tilt, m.mean_w)]
+    return PictureText(
+        f"Motion of the ends against each other (the mean stretch of the region of interest "
+        f"carried on to them) and mean height change, image by image. Bands: 95 %, ± {BAND} "
+        f"standard deviations from the covariance of the correlation, that is "
+        f"± {half[0]} nm for the elongation, ± {half[1]} nm for the tilt and ± {half[2]} nm for "
+        f"the mean of w. That mean holds what the stage refocuses, and jumps with it. At the end "
+        f"of the last loading the elongation is {at_peak(m.elongation)} and the tilt "
+        f"{at_peak(m.tilt)} (± one standard deviation).",
+        f"Curves over stage travel from {number(m.stage.min())} to {number(m.stage.max())} µm, "
+        f"loading solid and unloading dashed: the elongation reaches {at_peak(m.elongation)}, the "
+        f"tilt {at_peak(m.tilt)}.",
+    )
+
+
+def _residuals(m: MeasuredMotion) -> PictureText:
+    rms = [number(1e3 * _rms(m.residual[image])) for image in m.shown]
+    return PictureText(
+        f"What free correlation leaves, ρ = f + w − g(x + u, y + v), in nanometres and grey levels "
+        f"({number(1e3 * m.level)} nm each), and over the standard deviation that noise gives it "
+        f"(height noise of an image: {number(1e3 * m.sigma)} nm; less between pixels, where "
+        f"interpolation averages). A map without structure is noise.",
+        f"Maps of the residual of images {joined([str(image) for image in m.shown])}: root mean "
+        f"square {joined(rms)} nm.",
+    )
+
+
+def _noise(m: MeasuredMotion) -> PictureText:
+    values, worst = m.standardised, int(np.argmax(m.chi))
+    far = 100.0 * float(np.mean(np.abs(values) > _FAR))
+    return PictureText(
+        f"Left: all {values.size} residuals over their noise; with noise alone they follow the "
+        f"unit normal. Their standard deviation is {number(float(values.std()))}; "
+        f"{number(far, 2)} % lie beyond {_FAR:g} σ (normal: {number(100 * _FAR_SHARE, 2)} %), the "
+        f"farthest at {number(float(np.abs(values).max()), 2)} σ. Right: χ of each image, from "
+        f"{chi(float(m.chi.min()))} to {chi(float(m.chi.max()))} (image {worst}), "
+        f"{chi(_rms(m.chi))} over all.",
+        f"Histogram of residuals beside the unit normal, standard deviation "
+        f"{number(float(values.std()))}; χ of {len(m.chi)} images between "
+        f"{chi(float(m.chi.min()))} and {chi(float(m.chi.max()))}.",
+    )
+
+
+def _rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(values.astype(np.float64) ** 2)))
