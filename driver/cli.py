@@ -1,4 +1,4 @@
-"""The command line: `prismid init`, `check`, `run`, `report`, `export`, `virtual`."""
+"""The command line: `prismid` with a verb, from `init` to `noise-floor`."""
 
 from __future__ import annotations
 
@@ -134,6 +134,15 @@ def export(
     folder = to if to is not None else path.parent / "results" / "export"
     with _told_in_one_line(), _progress(case, alone=True) as log:
         pipeline.export(path, folder, volume, med, log)
+
+
+@app.command("noise-floor")
+def noise_floor(case: CaseArgument) -> None:
+    """Measure what the correlation of CASE can see: errors against mesh size, the mesh to take."""
+    from driver.noise_floor.command import noise_floor as measure
+
+    with _told_in_one_line(), _progress(case, alone=True) as log:
+        measure(_case_file(case), log)
 
 
 @app.command()
