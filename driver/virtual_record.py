@@ -80,7 +80,7 @@ def record(
         raise InputError(f"microscope.bits: {error}") from None
     for name, stack in stacks.items():
         tifffile.imwrite(folder / f"{name}.tif", np.stack(stack), photometric="minisblack")
-    noise = case.loads.gamma_F * _correlated(on_load, n_images, case.loads.autocorrelation)
+    noise = case.loads.gamma_F * correlated(on_load, n_images, case.loads.autocorrelation)
     _write_history(folder / "history.csv", course.history, (course.load + noise) / case.force_scale)
     write_case(_stated(case, settings, lens), folder / "case.toml")
     (folder / "case.schema.json").write_text(schema_text(), encoding="utf-8")
@@ -180,7 +180,7 @@ def _stated(case: Case, settings: Virtual, lens: _Lens) -> Case:
     return case.model_copy(update={"images": images, "history": history})
 
 
-def _correlated(rng: np.random.Generator, number: int, correlation: float) -> FloatArray:
+def correlated(rng: np.random.Generator, number: int, correlation: float) -> FloatArray:
     """Noise of unit variance whose neighbours are correlated, AR(1)."""
     noise = rng.normal(size=number)
     for k in range(1, number):

@@ -86,5 +86,5 @@ def share_of_noise(relief: FloatArray, region: NDArray[np.bool_], sigma: float, 
         sigma: noise of one image [µm].
         n: images averaged.
     """
-    along_x, along_y = np.gradient(relief)
-    return float(sigma**2 / n / (along_x[region].var() + along_y[region].var()))
+    slopes = np.array(np.gradient(relief))[:, region]
+    return float(sigma**2 / n / slopes.var(axis=1).sum())

@@ -89,8 +89,12 @@ def laboratory(images: SurfaceImages, motions: Sequence[KnownMotion], length: fl
     relief = texture(images.reference_image[window], images.pixel, origin)
     region = np.zeros(images.shape, dtype=bool)
     region[images.rows, images.cols] = True
-    rows, columns = np.indices(relief.heights.shape, dtype=np.float64)
-    x, y = (rows - origin[0]) * images.pixel, (columns - origin[1]) * images.pixel
+    rows, columns = relief.heights.shape
+    x, y = np.meshgrid(
+        (np.arange(rows) - origin[0]) * images.pixel,
+        (np.arange(columns) - origin[1]) * images.pixel,
+        indexing="ij",
+    )
     truth, elongation = [], []
     for motion in motions:
         value, slopes = motion(images.xy[:, 0], images.xy[:, 1])

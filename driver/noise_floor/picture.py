@@ -51,19 +51,26 @@ def _elongation(axes: Axes, rows: Sequence[Row], take: Row, freedom: int) -> Non
     sizes = np.array([row.size for row in rows])
     found = [row.errors for row in rows]
     predicted = [1e3 * errors.predicted for errors in found]
-    axes.plot(sizes, predicted, color=AFTER, label="predicted by the covariance")
+    axes.plot(sizes, predicted, color=AFTER, label="noise by the covariance")
     scatter = [1e3 * _rms(errors.scatter["elongation"]) for errors in found]
-    axes.plot(sizes, scatter, "s", color=AFTER, label="virtual laboratory")
+    axes.plot(sizes, scatter, "s", color=AFTER, label="noise in the laboratory")
     bias = [1e3 * _rms(errors.bias["elongation"]) for errors in found]
     axes.plot(sizes, bias, "o-", color=BEFORE, label="bias")
     measured = np.array([1e3 * row.measured for row in rows])
     share = 1 / np.sqrt(2 * freedom)
     axes.errorbar(
-        sizes, measured, share * measured, fmt="o", color=MEASURED, capsize=3, label="repeats"
+        sizes,
+        measured,
+        share * measured,
+        fmt="o",
+        color=MEASURED,
+        capsize=3,
+        label="noise by repeats",
     )
     axes.axhline(1e3 * PAPER_GAMMA_U, color=GREY, linestyle=":", label="the paper")
-    _dress(axes, rows, take, "γ_u of the elongation [nm]")
-    axes.legend(ncols=2)
+    _dress(axes, rows, take, "elongation [nm]")
+    axes.set_ylim(top=1.4 * axes.get_ylim()[1])  # room for the legend
+    axes.legend(ncols=2, loc="upper right")
 
 
 def _dress(axes: Axes, rows: Sequence[Row], take: Row, label: str) -> None:
