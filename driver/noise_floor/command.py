@@ -20,6 +20,7 @@ from driver.noise_floor.floor import (
     Row,
     chosen,
     measured_gamma_u,
+    relief_rms,
     share_of_noise,
 )
 from driver.noise_floor.laboratory import DRAWS, QUANTITIES, SERIES, errors, laboratory
@@ -58,7 +59,8 @@ def noise_floor(case_path: Path, log: Log) -> None:
         )
     images = surface_images(case, experiment)
     pixel, specimen = images.pixel, case.specimen
-    motions = known_motions(pixel, specimen.length, specimen.width)
+    relief = relief_rms(images)
+    motions = known_motions(pixel, specimen.length, specimen.width, relief)
     frames = SERIES * (DRAWS * len(motions)) + images.n_reference
     seconds = _PIXEL_SECONDS * len(SIZES) * frames * len(images.xy)
     log(
@@ -71,8 +73,9 @@ def noise_floor(case_path: Path, log: Log) -> None:
     noise_share = share_of_noise(images.reference_image, region, images.sigma, images.n_reference)
     interpolation = lab.relief.error()
     log(
-        f"noise {1e3 * images.sigma:.2f} nm; the reference is moved with an interpolation error "
-        f"of {1e3 * interpolation:.2g} nm; {noise_share:.0%} of its squared slopes are noise"
+        f"noise {1e3 * images.sigma:.2f} nm, relief {1e3 * relief:.1f} nm; the reference is moved "
+        f"with an interpolation error of {1e3 * interpolation:.2g} nm; {noise_share:.0%} of its "
+        "squared slopes are noise"
     )
     ratio = case.dic.height_element_px / case.dic.element_px
     rows: list[Row] = []
@@ -100,6 +103,7 @@ def noise_floor(case_path: Path, log: Log) -> None:
         "height_element_px": take.size_w,
         "rule": RULE,
         "noise_nm": 1e3 * images.sigma,
+        "relief_nm": 1e3 * relief,
         "n_reference": images.n_reference,
         "interpolation_error_nm": 1e3 * interpolation,
         "share_of_noise_in_slopes": noise_share,

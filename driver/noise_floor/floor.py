@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from driver.case import Case
 from driver.dic.series import measure
+from driver.dic.surface_images import SurfaceImages
 from driver.experiment import Experiment
+from driver.images.plane import plane_modes
 from driver.noise_floor.laboratory import Errors, elongation
 from driver.specimen import surface_images
 
@@ -73,6 +75,13 @@ def measured_gamma_u(
     stretch, _ = elongation(measure(images, size_uv, size_w), images, case.specimen.length)
     n = len(stretch)
     return float(stretch.std(ddof=1) * np.sqrt(1 + 1 / n)), n - 1
+
+
+def relief_rms(images: SurfaceImages) -> float:
+    """Rms of the heights of the reference about their best plane [µm]."""
+    planes = plane_modes(images.rows.astype(np.float64), images.cols.astype(np.float64))
+    heights = images.reference - planes @ (planes.T @ images.reference)
+    return float(heights.std())
 
 
 def share_of_noise(relief: FloatArray, region: NDArray[np.bool_], sigma: float, n: int) -> float:

@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 
 import pytest
 
 from driver.errors import InputError
 from driver.virtual_tables import Virtual, read_virtual
+
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "virtual.md"
 
 
 def test_an_empty_file_is_the_default(tmp_path: Path) -> None:
@@ -37,3 +41,17 @@ def test_a_wrong_setting_is_one_sentence_about_its_key(
 def test_an_absent_file_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="found nothing, expected the settings"):
         read_virtual(tmp_path / "none.toml")
+
+
+def test_every_setting_is_documented_with_its_default_and_no_other() -> None:
+    text = DOCS.read_text(encoding="utf-8")
+    found = {
+        (table, key): default
+        for table, key, default in re.findall(r"^\| `(\w+)` \| `(\w+)` \| (.*?) \|", text, re.M)
+    }
+    expected = {
+        (table, key): "—" if value is None else json.dumps(value)
+        for table, keys in Virtual().model_dump(mode="json", exclude={"truth"}).items()
+        for key, value in keys.items()
+    }
+    assert found == expected

@@ -3,8 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from driver.dic.surface_images import prepare
 from driver.noise_floor.command import table
-from driver.noise_floor.floor import Row, chosen, share_of_noise
+from driver.noise_floor.floor import Row, chosen, relief_rms, share_of_noise
 from driver.noise_floor.laboratory import QUANTITIES, Errors
 
 
@@ -46,3 +47,14 @@ def test_the_share_of_noise_in_the_slopes_is_that_of_what_was_added() -> None:
     signal, noise = np.sin(0.2) ** 2 / 2, sigma**2 / n
     share = share_of_noise(noisy, region, sigma, n)
     assert share == pytest.approx(noise / (signal + noise), rel=0.03)
+
+
+def test_the_relief_is_measured_about_its_plane() -> None:
+    x, y = np.meshgrid(np.arange(40.0), np.arange(60.0), indexing="ij")
+    heights = 3.0 + 0.1 * x - 0.2 * y + 0.02 * np.cos(x * np.pi / 2) * np.cos(y * np.pi / 2)
+    noise = 1e-6 * np.random.default_rng(0).normal(size=(3, *x.shape))
+    images = prepare(
+        (heights + noise)[:1], heights + noise, None, 0.1, (0.0, 0.0), (0.0, 3.95, 0.0, 5.95)
+    )
+    # A product of cosines sampled at 1, 0, −1, 0: half of half of its square.
+    assert relief_rms(images) == pytest.approx(0.01, rel=1e-3)

@@ -41,7 +41,7 @@ def images() -> SurfaceImages:
 
 @pytest.fixture(scope="module")
 def lab(images: SurfaceImages) -> Laboratory:
-    return laboratory(images, known_motions(PIXEL, LENGTH, WIDTH), LENGTH)
+    return laboratory(images, known_motions(PIXEL, LENGTH, WIDTH, 0.02), LENGTH)
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import pytest
 
 from driver.noise_floor.motions import KnownMotion, known_motions
 
-MOTIONS = known_motions(0.11, 12.0, 4.0)
+MOTIONS = known_motions(0.11, 12.0, 4.0, 0.02)
 
 
 @pytest.mark.parametrize("motion", MOTIONS, ids=lambda motion: motion.name)
@@ -26,7 +26,7 @@ def test_the_motions_are_of_every_kind_and_of_the_stated_size() -> None:
     seen = {motion.name: motion(x, y) for motion in MOTIONS}
     np.testing.assert_allclose(seen["shift 0.25, -0.45 px"][0][0], [0.0275, -0.0495, 0.0])
     np.testing.assert_allclose(seen["strain 1.5%"][1][:, 1, 1], 0.015)
-    assert np.ptp(seen["tilt 100 nm"][0][:, 2]) == pytest.approx(0.1)
+    assert np.ptp(seen["tilt 40 nm"][0][:, 2]) == pytest.approx(0.04)
     for name in ("sine of one wavelength", "cosine of one wavelength"):
         value, slopes = seen[name]
         assert np.abs(slopes[:, 1, 1]).max() == pytest.approx(0.01, rel=1e-2)
