@@ -21,6 +21,7 @@ from driver.noise_floor.floor import (
     chosen,
     measured_gamma_u,
     relief_rms,
+    repeats_as_frames,
     share_of_noise,
 )
 from driver.noise_floor.laboratory import DRAWS, QUANTITIES, SERIES, errors, laboratory
@@ -67,6 +68,7 @@ def noise_floor(case_path: Path, log: Log) -> None:
         f"{len(motions)} motions of the reference, {SERIES} series of {DRAWS} images of each, "
         f"{len(SIZES)} meshes: about {seconds / 60:.1f} min on a free core"
     )
+    repeats = repeats_as_frames(case, experiment)
     lab = laboratory(images, motions, specimen.length)
     region = np.zeros(images.shape, dtype=bool)
     region[images.rows, images.cols] = True
@@ -90,8 +92,9 @@ def noise_floor(case_path: Path, log: Log) -> None:
 
     for size in SIZES:
         size_w = ratio * size
-        measured, freedom = measured_gamma_u(case, experiment, size * pixel, size_w * pixel)
-        rows.append(Row(size, size_w, errors(lab, size * pixel, size_w * pixel, done), measured))
+        uv, w = size * pixel, size_w * pixel
+        measured, freedom = measured_gamma_u(repeats, specimen.length, uv, w)
+        rows.append(Row(size, size_w, errors(lab, uv, w, done), measured))
     take = chosen(rows)
     for line in table(rows, take, freedom):
         log(line)

@@ -52,8 +52,14 @@ def chosen(rows: Sequence[Row]) -> Row:
     return min(near, key=lambda row: row.errors.total("strain"))
 
 
+def repeats_as_frames(case: Case, experiment: Experiment) -> SurfaceImages:
+    """The repeats as a series of their own mean."""
+    assert experiment.repeats is not None  # or there is no reference
+    return surface_images(case, replace(experiment, frames=experiment.repeats))
+
+
 def measured_gamma_u(
-    case: Case, experiment: Experiment, size_uv: float, size_w: float
+    repeats: SurfaceImages, length: float, size_uv: float, size_w: float
 ) -> tuple[float, int]:
     """Standard deviation of the elongation of an image that the repeats show.
 
@@ -61,18 +67,15 @@ def measured_gamma_u(
     their scatter is that of one image; a later image has, with the reference, √(1 + 1/n) times it.
 
     Args:
-        case: the case.
-        experiment: what was measured.
+        repeats: the repeats as a series.
+        length: of the specimen [µm].
         size_uv: element size of u and v [µm].
         size_w: element size of w [µm].
 
     Returns:
         [µm], and its degrees of freedom n − 1: it is known to a share of 1/√(2 (n − 1)).
     """
-    repeats = experiment.repeats
-    assert repeats is not None  # or there are no images
-    images = surface_images(case, replace(experiment, frames=repeats))
-    stretch, _ = elongation(measure(images, size_uv, size_w), images, case.specimen.length)
+    stretch, _ = elongation(measure(repeats, size_uv, size_w), repeats, length)
     n = len(stretch)
     return float(stretch.std(ddof=1) * np.sqrt(1 + 1 / n)), n - 1
 

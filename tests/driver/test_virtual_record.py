@@ -13,7 +13,7 @@ from driver.experiment import Experiment, read_experiment
 from driver.results import read_hdf5
 from driver.virtual_course import Course, pull, stage_program
 from driver.virtual_record import correlated, record
-from driver.virtual_tables import Microscope, Virtual
+from driver.virtual_tables import Face, Microscope, Virtual
 from tests.driver import closed_form
 
 CASE = closed_form.small_case()
@@ -67,6 +67,27 @@ def test_the_images_read_back_are_the_truth_to_half_a_level(
     assert np.abs(wrong[:, on_face]).max() <= (0.5 * level if bits < 32 else 1e-8) * (1 + 1e-6)
     off = experiment.repeats[:, ~on_face]
     assert off.size and (np.isnan(off).all() if bits == 32 else (off == 0).all())
+
+
+def test_slip_steps_are_added_to_the_images_and_to_nothing_else(
+    tmp_path: Path, course: Course
+) -> None:
+    slip = np.zeros((len(course.motion), len(course.mesh.cells), 24))
+    slip[-1, :, 3] = 0.01
+    folders, stacks = [tmp_path / "smooth", tmp_path / "stepped"], []
+    scope = QUIET.model_copy(update={"bits": 32})
+    for folder, spacing in zip(folders, (0.0, 0.5), strict=True):
+        folder.mkdir()
+        settings = Virtual(microscope=scope, face=Face(slip_spacing_um=spacing))
+        path = record(folder, CASE, replace(course, slip=slip), 1, settings)
+        stacks.append(read_experiment(load_case(path)))
+    smooth, stepped = stacks
+    for name in ("repeats", "flats"):
+        np.testing.assert_array_equal(getattr(smooth, name), getattr(stepped, name))
+    np.testing.assert_array_equal(smooth.frames[:-1], stepped.frames[:-1])
+    steps = np.nan_to_num(stepped.frames[-1] - smooth.frames[-1])
+    # Half of γ h at the most, for the slip direction is a unit vector.
+    assert 2e-4 < np.abs(steps).max() <= 0.01 * 0.5 / 2 * 1.01
 
 
 def test_the_origin_is_off_by_its_error_and_that_of_the_truth(
