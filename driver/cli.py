@@ -1,4 +1,4 @@
-"""The command line: `prismid init`, `check`, `run`, `report`, `export`."""
+"""The command line: `prismid` with a verb, from `init` to `noise-floor`."""
 
 from __future__ import annotations
 
@@ -134,6 +134,36 @@ def export(
     folder = to if to is not None else path.parent / "results" / "export"
     with _told_in_one_line(), _progress(case, alone=True) as log:
         pipeline.export(path, folder, volume, med, log)
+
+
+@app.command("noise-floor")
+def noise_floor(case: CaseArgument) -> None:
+    """Measure what the correlation of CASE can see: errors against mesh size, the mesh to take."""
+    from driver.noise_floor.command import noise_floor as measure
+
+    with _told_in_one_line(), _progress(case, alone=True) as log:
+        measure(_case_file(case), log)
+
+
+@app.command()
+def virtual(
+    case: CaseArgument,
+    to: Annotated[Path, typer.Option("--to", metavar="DIR", help="folder of the new case")],
+    settings: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="settings of face, microscope, test and truth"),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="of relief, stage and noise")] = 0,
+) -> None:
+    """Make a virtual experiment of CASE: height maps, loads and history of a known truth.
+
+    The truth is simulated on a finer mesh and with smaller steps than any that the case
+    identifies with.
+    """
+    from driver.virtual import virtual as make
+
+    with _told_in_one_line(), _progress(case, alone=True) as log:
+        make(_case_file(case), settings, to, seed, log)
 
 
 def _case_file(case: Path) -> Path:

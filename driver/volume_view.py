@@ -131,7 +131,7 @@ def write_volumes(
         f"each about {minutes:.1f} min on free cores (--no-volume leaves them out)"
     )
     for model in models:
-        told = _tenths(f"  {model.label}: ", log)
+        told = tenths(f"  {model.label}: ", log)
         found = simulate_volume(case, mesh, history, model.values, told)
         for_paraview, for_salome = (folder / name for name in volume_files(model.label, True))
         write_vtkhdf(for_paraview, found.mesh, found.times, found.point_data, found.cell_data)
@@ -139,7 +139,7 @@ def write_volumes(
             write_results(for_salome, found.mesh, found.times, found.displacement, found.cells)
 
 
-def _tenths(prefix: str, log: Callable[[str], None]) -> Callable[[Progress], None]:
+def tenths(prefix: str, log: Callable[[str], None]) -> Callable[[Progress], None]:
     """Progress of a simulation as a line for each tenth of its time."""
     told = 0
 

@@ -21,6 +21,13 @@ PACKAGES = tuple(BELOW)
 
 # Inside `driver` the stages stand in a row, and none knows the ones after it.
 STAGES_ABOVE = {
+    # What makes data knows nothing of what identifies them.
+    "driver.microscope": (
+        "driver.dic",
+        "driver.identification",
+        "driver.diagnosis",
+        "driver.report",
+    ),
     "driver.images": ("driver.identification", "driver.diagnosis", "driver.report"),
     "driver.dic": ("driver.identification", "driver.diagnosis", "driver.report"),
     "driver.identification": ("driver.diagnosis", "driver.report"),
@@ -90,6 +97,7 @@ def test_imports_only_run_down() -> None:
         ("solver_adapters.bundled.adapter", "def f():\n    import driver.cli"),
         ("driver.images.flat", "from ..identification import fit"),
         ("driver.dic.basis", "from driver import diagnosis"),
+        ("driver.microscope.relief", "from driver.dic.interpolation import spline_images"),
         ("driver.identification.fit", "from driver.report.page import write"),
         ("driver.diagnosis.causes", "import driver.report"),
     ],

@@ -119,6 +119,24 @@ def test_report_and_export_find_their_case(pipeline, case_path, tmp_path):
     ]
 
 
+def test_virtual_and_noise_floor_hand_on_their_options(case_path, monkeypatch, tmp_path):
+    calls = []
+    monkeypatch.setattr("driver.virtual.virtual", lambda *given: calls.append(given[:4]))
+    monkeypatch.setattr(
+        "driver.noise_floor.command.noise_floor", lambda *given: calls.append(given[:1])
+    )
+    there, settings = tmp_path / "there", tmp_path / "settings.toml"
+    assert invoke("virtual", case_path, "--to", there).exit_code == 0
+    options = ("--to", there, "--settings", settings, "--seed", 7)
+    assert invoke("virtual", case_path.parent, *options).exit_code == 0
+    assert invoke("noise-floor", case_path.parent).exit_code == 0
+    assert calls == [
+        (case_path, None, there, 0),
+        (case_path, settings, there, 7),
+        (case_path,),
+    ]
+
+
 def test_check_prints_each_finding_and_fails_on_an_error(case_path, monkeypatch):
     findings = [Finding("ok", "case", "valid"), Finding("warning", "images", "no flats")]
     monkeypatch.setattr("driver.check.check", lambda path: findings)

@@ -14,7 +14,9 @@ import pytest
 from driver.case import Case
 from driver.model import declared_parameters
 from driver.pipeline import run
-from tests.driver.virtual_experiment import Course, pull, record, small_case, true_case
+from driver.virtual_course import Course
+from driver.virtual_record import record
+from tests.driver.virtual_experiment import pull, small_case, true_case
 
 Record = dict[str, Any]
 Diagnose = Callable[[str, int], Record]

@@ -1,0 +1,204 @@
+"""`prismid noise-floor`: from a case to the table, the files and the picture."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from driver.case import load_case
+from driver.errors import InputError
+from driver.experiment import read_experiment
+from driver.noise_floor.floor import (
+    PAPER_GAMMA_U,
+    RULE,
+    SIZES,
+    Row,
+    chosen,
+    measured_gamma_u,
+    relief_rms,
+    repeats_as_frames,
+    share_of_noise,
+)
+from driver.noise_floor.laboratory import DRAWS, QUANTITIES, SERIES, errors, laboratory
+from driver.noise_floor.motions import known_motions
+from driver.noise_floor.picture import draw
+from driver.report.style import png
+from driver.results import prismid_version, write_csv
+from driver.specimen import surface_images
+from driver.stages import RESULTS, write_whole
+
+Log = Callable[[str], None]
+
+FILES = ("noise_floor.json", "noise_floor.csv", "noise_floor.png")
+_UNITS = {"strain": (1e2, "%")}  # factor and unit of a table; nm for what is not named
+# Seconds of one core for one pixel of one image on one mesh, all passes and iterations.
+_PIXEL_SECONDS = 10e-6
+
+
+def noise_floor(case_path: Path, log: Log) -> None:
+    """Measure the noise floor of the images of a case.
+
+    Args:
+        case_path: the case; its images, flats and repeats are read.
+        log: takes one line of progress.
+
+    Raises:
+        InputError: the case cannot be used or names no repeats.
+        ImageError: an image cannot be used.
+    """
+    case = load_case(case_path)
+    experiment = read_experiment(case)
+    if experiment.repeats is not None and len(experiment.repeats) < 3:
+        raise InputError(
+            f"images.repeats: found {len(experiment.repeats)} images, expected at least 3 (the "
+            "noise of the elongation is measured from them)"
+        )
+    images = surface_images(case, experiment)
+    pixel, specimen = images.pixel, case.specimen
+    relief = relief_rms(images)
+    motions = known_motions(pixel, specimen.length, specimen.width, relief)
+    frames = SERIES * (DRAWS * len(motions)) + images.n_reference
+    seconds = _PIXEL_SECONDS * len(SIZES) * frames * len(images.xy)
+    log(
+        f"{len(motions)} motions of the reference, {SERIES} series of {DRAWS} images of each, "
+        f"{len(SIZES)} meshes: about {seconds / 60:.1f} min on a free core"
+    )
+    repeats = repeats_as_frames(case, experiment)
+    lab = laboratory(images, motions, specimen.length)
+    region = np.zeros(images.shape, dtype=bool)
+    region[images.rows, images.cols] = True
+    noise_share = share_of_noise(images.reference_image, region, images.sigma, images.n_reference)
+    interpolation = lab.relief.error()
+    log(
+        f"noise {1e3 * images.sigma:.2f} nm, relief {1e3 * relief:.1f} nm; the reference is moved "
+        f"with an interpolation error of {1e3 * interpolation:.2g} nm; {noise_share:.0%} of its "
+        "squared slopes are noise"
+    )
+    ratio = case.dic.height_element_px / case.dic.element_px
+    rows: list[Row] = []
+    freedom, start, steps = 1, perf_counter(), 0
+
+    def done() -> None:
+        nonlocal steps
+        steps += 1
+        if steps % SERIES == 0:
+            left = (perf_counter() - start) * (len(SIZES) * SERIES / steps - 1)
+            log(f"  mesh {steps // SERIES} of {len(SIZES)}, about {left:.0f} s to go")
+
+    for size in SIZES:
+        size_w = ratio * size
+        uv, w = size * pixel, size_w * pixel
+        measured, freedom = measured_gamma_u(repeats, specimen.length, uv, w)
+        rows.append(Row(size, size_w, errors(lab, uv, w, done), measured))
+    take = chosen(rows)
+    for line in table(rows, take, freedom):
+        log(line)
+    folder = case_path.parent / RESULTS
+    folder.mkdir(exist_ok=True)
+    summary = {
+        "prismid": prismid_version(),
+        "element_px": take.size,
+        "height_element_px": take.size_w,
+        "rule": RULE,
+        "noise_nm": 1e3 * images.sigma,
+        "relief_nm": 1e3 * relief,
+        "n_reference": images.n_reference,
+        "interpolation_error_nm": 1e3 * interpolation,
+        "share_of_noise_in_slopes": noise_share,
+        "series": SERIES,
+        "draws": DRAWS,
+        "gamma_u_paper_nm": 1e3 * PAPER_GAMMA_U,
+        "gamma_u_measured_freedom": freedom,
+        "motions": [{"name": motion.name, "kind": motion.kind} for motion in motions],
+        "meshes": [_record(row) for row in rows],
+    }
+    write_whole(folder / FILES[0], json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
+    write_csv(folder / FILES[1], _columns(rows))
+    (folder / FILES[2]).write_bytes(png(draw(rows, take, freedom)))
+    log(f"{folder}: {', '.join(FILES)}")
+
+
+def table(rows: Sequence[Row], take: Row, freedom: int) -> list[str]:
+    """The noise floor as lines of text.
+
+    Args:
+        rows: the meshes.
+        take: the mesh to take.
+        freedom: degrees of freedom of the scatter of the repeats.
+    """
+    heads = ["u nm", "v nm", "w nm", "ε_YY %", "elong. nm"]
+    lines = [
+        "bias / scatter, root mean square over all motions; γ_u is that of the elongation",
+        "element px" + "".join(f"{head:>15}" for head in heads) + f"{'γ_u predicted':>15}"
+        f"{'by repeats':>15}",
+    ]
+    for row in rows:
+        cells = []
+        for quantity in QUANTITIES:
+            factor = _UNITS.get(quantity, (1e3, "nm"))[0]
+            bias, scatter = (
+                factor * _rms(part[quantity]) for part in (row.errors.bias, row.errors.scatter)
+            )
+            cells.append(f"{bias:.3g} / {scatter:.3g}")
+        gamma = [f"{1e3 * row.errors.predicted:.1f} nm", f"{1e3 * row.measured:.1f} nm"]
+        mark = "← take" if row is take else ""
+        lines.append(f"{row.size:10g}" + "".join(f"{c:>15}" for c in cells + gamma) + f"  {mark}")
+    predicted, measured = 1e3 * take.errors.predicted, 1e3 * take.measured
+    known = measured / np.sqrt(2 * freedom)
+    lines += [
+        f"take dic.element_px = {take.size:g}, height_element_px = {take.size_w:g}: {RULE}",
+        f"γ_u of the elongation there: predicted {predicted:.1f} nm, by {freedom + 1} repeats "
+        f"{measured:.1f} ± {known:.1f} nm; the paper {1e3 * PAPER_GAMMA_U:.0f} nm",
+    ]
+    stopped = [f"{row.size:g}" for row in rows if row.errors.converged < 1]
+    if stopped:
+        lines.append(f"some images did not converge with elements of {', '.join(stopped)} px")
+    return lines
+
+
+def _record(row: Row) -> dict[str, Any]:
+    """A mesh for the JSON file; lists run over the motions."""
+    found: dict[str, Any] = {
+        "element_px": row.size,
+        "height_element_px": row.size_w,
+        "gamma_u_predicted_nm": 1e3 * row.errors.predicted,
+        "gamma_u_laboratory_nm": 1e3 * _rms(row.errors.scatter["elongation"]),
+        "gamma_u_measured_nm": 1e3 * row.measured,
+        "converged": row.errors.converged,
+    }
+    for quantity in QUANTITIES:
+        factor, name = _labelled(quantity)
+        found[name] = {
+            "bias": (factor * row.errors.bias[quantity]).tolist(),
+            "scatter": (factor * row.errors.scatter[quantity]).tolist(),
+            "total": factor * row.errors.total(quantity),
+        }
+    return found
+
+
+def _columns(rows: Sequence[Row]) -> dict[str, list[float]]:
+    columns = {
+        "element_px": [row.size for row in rows],
+        "height_element_px": [row.size_w for row in rows],
+    }
+    for quantity in QUANTITIES:
+        factor, name = _labelled(quantity)
+        columns[f"{name}_bias"] = [factor * _rms(row.errors.bias[quantity]) for row in rows]
+        columns[f"{name}_scatter"] = [factor * _rms(row.errors.scatter[quantity]) for row in rows]
+    columns["gamma_u_predicted_nm"] = [1e3 * row.errors.predicted for row in rows]
+    columns["gamma_u_measured_nm"] = [1e3 * row.measured for row in rows]
+    return columns
+
+
+def _labelled(quantity: str) -> tuple[float, str]:
+    """Factor and name with unit of a quantity in files."""
+    return (1.0, "strain") if quantity == "strain" else (1e3, f"{quantity}_nm")
+
+
+def _rms(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,102 @@
+"""The noise floor against mesh size, the mesh to take, and the noise that the repeats show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.case import Case
+from driver.dic.series import measure
+from driver.dic.surface_images import SurfaceImages
+from driver.experiment import Experiment
+from driver.images.plane import plane_modes
+from driver.noise_floor.laboratory import Errors, elongation
+from driver.specimen import surface_images
+
+FloatArray = NDArray[np.float64]
+
+SIZES = (8, 12, 16, 24, 32, 48)  # px
+PAPER_GAMMA_U = 0.026  # µm; DIC uncertainty of the elongation of the reference experiment
+_NEAR = 1.1  # of the least error of the elongation
+
+RULE = (
+    "of the meshes whose error of the elongation is within 10 % of the least, the one with the "
+    "least error of ε_YY (bias and scatter together, root mean square over all motions)"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One mesh.
+
+    Attributes:
+        size: element of u and v [px].
+        size_w: element of w [px].
+        errors: what the laboratory found.
+        measured: standard deviation of the elongation of an image by the repeats [µm].
+    """
+
+    size: float
+    size_w: float
+    errors: Errors
+    measured: float
+
+
+def chosen(rows: Sequence[Row]) -> Row:
+    """The mesh to take, by `RULE`."""
+    least = min(row.errors.total("elongation") for row in rows)
+    near = [row for row in rows if row.errors.total("elongation") <= _NEAR * least]
+    return min(near, key=lambda row: row.errors.total("strain"))
+
+
+def repeats_as_frames(case: Case, experiment: Experiment) -> SurfaceImages:
+    """The repeats as a series of their own mean."""
+    assert experiment.repeats is not None  # or there is no reference
+    return surface_images(case, replace(experiment, frames=experiment.repeats))
+
+
+def measured_gamma_u(
+    repeats: SurfaceImages, length: float, size_uv: float, size_w: float
+) -> tuple[float, int]:
+    """Standard deviation of the elongation of an image that the repeats show.
+
+    Each of the n repeats is correlated with their mean. All share the noise of that mean, so
+    their scatter is that of one image; a later image has, with the reference, √(1 + 1/n) times it.
+
+    Args:
+        repeats: the repeats as a series.
+        length: of the specimen [µm].
+        size_uv: element size of u and v [µm].
+        size_w: element size of w [µm].
+
+    Returns:
+        [µm], and its degrees of freedom n − 1: it is known to a share of 1/√(2 (n − 1)).
+    """
+    stretch, _ = elongation(measure(repeats, size_uv, size_w), repeats, length)
+    n = len(stretch)
+    return float(stretch.std(ddof=1) * np.sqrt(1 + 1 / n)), n - 1
+
+
+def relief_rms(images: SurfaceImages) -> float:
+    """Rms of the heights of the reference about their best plane [µm]."""
+    planes = plane_modes(images.rows.astype(np.float64), images.cols.astype(np.float64))
+    heights = images.reference - planes @ (planes.T @ images.reference)
+    return float(heights.std())
+
+
+def share_of_noise(relief: FloatArray, region: NDArray[np.bool_], sigma: float, n: int) -> float:
+    """Share of the squared slopes of a reference that is the noise of its n images.
+
+    White noise has the variance σ²/(2n) of central differences.
+
+    Args:
+        relief: the reference [µm].
+        region: region of interest, same shape.
+        sigma: noise of one image [µm].
+        n: images averaged.
+    """
+    slopes = np.array(np.gradient(relief))[:, region]
+    return float(sigma**2 / n / slopes.var(axis=1).sum())
