@@ -18,7 +18,7 @@ from driver.diagnosis.causes import LIBRARY
 from driver.errors import InputError
 from driver.estimate import estimate
 from driver.experiment import Experiment, read_experiment
-from driver.images.heightmaps import ImageError, on_surface
+from driver.images.heightmaps import on_surface
 from driver.profiles import profile_of
 from driver.specimen import build_model, integration_of, mesh_of
 from driver.stages import RESULTS
@@ -70,8 +70,9 @@ def check(case_path: Path) -> list[Finding]:
     findings.append(mesh_finding)
     try:
         experiment = read_experiment(case)
-    except (InputError, ImageError) as error:
-        return [*findings, Finding("error", "experiment", str(error))]
+    except InputError as error:
+        lines = str(error).splitlines()
+        return [*findings, *(Finding("error", "experiment", line) for line in lines)]
     findings += _history(case, experiment)
     findings += _images(case, experiment)
     if n_cells:

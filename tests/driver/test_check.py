@@ -74,7 +74,7 @@ def test_the_trace_of_the_grain_boundary_lies_on_its_plane():
     ("old", "new", "sentence"),
     [
         ("width_um = 4.0", "width_um = 0", "specimen.width_um: found 0, expected a number > 0"),
-        ('frames = "images.tif"', 'frames = "frames_*.tif"', "frames_*.tif: no image found"),
+        ('frames = "images.tif"', 'frames = "frames_*.tif"', "images.frames: found no image"),
         ("origin_pixel = [35.5, 21.0]", "origin_pixel = [35.5, 60.0]",
          "images.origin_pixel: found the measured face at rows 17.3 … 53.7, columns 60.0 … 169.1, "
          "expected it inside 72 × 152 px"),
