@@ -259,7 +259,7 @@ def _images(case: Case, experiment: Experiment) -> Iterator[Finding]:
         yield Finding(
             "warning",
             "images",
-            f"images.origin_pixel: {trench:.0%} of the measured face ({place}) is at level 0: "
+            f"images.origin_pixel: {trench:.0%} of the measured face ({place}) carries no height: "
             "look at the picture whether the face lies there",
         )
     else:

@@ -63,8 +63,7 @@ def _draw_image(axes: Axes, case: Case, experiment: Experiment) -> None:
         (n_rows - 0.5 - row) * pixel,
         (-0.5 - row) * pixel,
     )
-    shown = heights[heights != 0] if np.any(heights != 0) else heights
-    low, high = np.percentile(shown, (1, 99.5))
+    low, high = np.nanpercentile(heights, (1, 99.5))
     picture = axes.imshow(heights, cmap="gray", extent=extent, vmin=low, vmax=high)
     bar = axes.figure.colorbar(picture, ax=axes, shrink=0.62, pad=0.02)
     bar.set_label("height of the first image [nm]")

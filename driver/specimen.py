@@ -29,9 +29,6 @@ from solver_adapters.registry import find_adapter
 
 FloatArray = NDArray[np.float64]
 
-# Pixels this near to the edge of the face may lie off it, as the origin is known [pixels].
-_MARGIN = 1.0
-
 
 def geometry_of(case: Case) -> PrismGeometry:
     """The prism and its grain boundary."""
@@ -100,8 +97,6 @@ def surface_images(case: Case, experiment: Experiment) -> SurfaceImages:
     Raises:
         ImageError: the images do not fit together, or show no part of the face.
     """
-    half, margin = case.specimen.width / 2, _MARGIN * experiment.pixel_um
-    frames = experiment.frames
     repeats = experiment.repeats
     if repeats is None:
         raise InputError(
@@ -109,14 +104,21 @@ def surface_images(case: Case, experiment: Experiment) -> SurfaceImages:
             "(their mean is the reference, their scatter the noise)"
         )
     return prepare(
-        frames,
+        experiment.frames,
         repeats,
         None if experiment.flats is None else flat_pattern(experiment.flats),
         experiment.pixel_um,
         experiment.origin,
-        (-half + margin, half - margin, margin, case.specimen.length - margin),
+        used_face(case),
         experiment.mask,
+        case.images.dust == "mask",
     )
+
+
+def used_face(case: Case) -> tuple[float, float, float, float]:
+    """Bounds (x0, x1, y0, y1) of the measured face without its rim [µm]."""
+    half, rim = case.specimen.width / 2, case.images.rim_px * case.images.pixel_um
+    return -half + rim, half - rim, rim, case.specimen.length - rim
 
 
 def build_model(

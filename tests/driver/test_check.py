@@ -109,7 +109,7 @@ def test_a_face_drawn_over_a_trench_and_missing_stacks_are_warned_of(case_path):
     edit(case_path, 'repeats = "repeats.tif"', "")
     repeats, trench = found(case_path, "warning")
     assert repeats == "images.repeats is not given: noise is nominal"
-    assert "of the measured face" in trench and "is at level 0" in trench
+    assert "of the measured face" in trench and "carries no height" in trench
 
 
 def test_the_estimate_grows_with_the_work():
