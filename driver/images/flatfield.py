@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from driver.images.heightmaps import ImageError, fill_off_surface, on_surface
 from driver.images.plane import plane_modes
-from driver.images.spikes import spread
+from driver.images.spikes import NORMAL
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -131,20 +131,24 @@ def _without_plane(heights: FloatArray, valid: BoolArray, planes: FloatArray) ->
 def _clean(stack: FloatArray) -> BoolArray:
     """Readings that are numbers and no dirt."""
     finite = np.isfinite(stack)
-    seen = np.asarray(finite.any(axis=0))
-    medians = np.full(stack.shape[1:], np.nan)
-    for top in range(0, len(medians), _BAND):
-        rows, cols = np.nonzero(seen[top : top + _BAND])
-        band = stack[:, top + rows, cols]
-        median = np.median if np.isfinite(band).all() else np.nanmedian
-        medians[top + rows, cols] = median(band, axis=0)
-    clean = finite.copy()
-    for frame, there in zip(stack, clean, strict=True):
-        beyond = frame - medians
-        scale = spread(beyond[there])
-        if scale > 0:
-            there &= np.abs(beyond) <= DIRT * scale
+    beyond = np.abs(stack - _medians(stack, finite))
+    # A pixel may be noisier than the others: its own readings say how much it scatters, and
+    # those of all pixels where it has too few of them.
+    scale = NORMAL * np.fmax(_medians(beyond, finite), np.median(beyond[finite]))
+    clean = finite & ~((beyond > DIRT * scale) & (scale > 0))
     # Of two readings that differ neither is known to be the wrong one.
     few = clean.sum(axis=0) < 2
     clean[:, few] = finite[:, few]
     return np.asarray(clean)
+
+
+def _medians(stack: FloatArray, finite: BoolArray) -> FloatArray:
+    """Median of each pixel over the frames; no number where none has one."""
+    result = np.full(stack.shape[1:], np.nan)
+    seen = np.asarray(finite.any(axis=0))
+    for top in range(0, len(result), _BAND):
+        rows, cols = np.nonzero(seen[top : top + _BAND])
+        band = stack[:, top + rows, cols]
+        median = np.median if np.isfinite(band).all() else np.nanmedian
+        result[top + rows, cols] = median(band, axis=0)
+    return result

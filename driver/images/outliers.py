@@ -112,11 +112,12 @@ def find_outliers(
 ) -> tuple[Outlier, ...]:
     """Name the frames whose residual, noise or shift is unlike that of their neighbours.
 
-    A slow change is no outlier, nor is a step that lasts: each value is held against the
-    median of its neighbours. The spread of the differences is their median absolute deviation,
-    which a few outliers do not move; with T frames it has about 0.37 T degrees of freedom.
-    A difference counts beyond Student's t of those, at a chance of `CHANCE` for the series, and
-    where it matters (`RATIO`, `SHIFT`, `HEIGHT`).
+    A slow change is no outlier, nor is a step that lasts: each value is held against a robust
+    line through its neighbours, and against the medians of the ones before and of the ones
+    after. The spread of the differences is their median absolute deviation, which a few
+    outliers do not move; with T frames it has about 0.37 T degrees of freedom. A difference
+    counts beyond Student's t of those, at a chance of `CHANCE` for the series, and where it
+    matters (`RATIO`, `SHIFT`, `HEIGHT`).
 
     Args:
         residual: size of the residual of each frame, in a unit of its own, shape (T,).
@@ -128,6 +129,8 @@ def find_outliers(
     Returns:
         In the order of the frames; nothing for fewer than `FEWEST` frames.
     """
+    if residual.size < FEWEST:
+        return ()
     ratio = float(np.log(RATIO))
     found: list[Outlier] = []
     for what, value, floor, of in (
@@ -139,8 +142,10 @@ def find_outliers(
     ):
         relative = floor == ratio
         compared = np.log(np.maximum(value, np.finfo(float).tiny)) if relative else value
-        usual = _usual(compared)
-        for t in _unlike(compared, usual, floor):
+        distance, usual, limit = _unlike(compared)
+        for t in np.flatnonzero(distance > max(limit, floor)):
+            if _beside(compared, int(t)) <= max(limit, floor):
+                continue  # a step that lasts
             here = float(np.exp(usual[t]) if relative else usual[t])
             if what == RESIDUAL and value[t] < here:
                 continue  # a good frame
@@ -167,20 +172,27 @@ def left_out(outliers: Sequence[Outlier], n_frames: int) -> BoolArray:
 
 
 def _usual(value: FloatArray) -> FloatArray:
-    """Median of the nearest neighbours of each value, itself left out."""
-    n, half = value.size, NEIGHBOURS // 2
-    result = np.empty(n)
-    for t in range(n):
-        start = max(0, min(t - half, n - NEIGHBOURS - 1))
-        around = np.arange(start, min(start + NEIGHBOURS + 1, n))
-        result[t] = np.median(value[around[around != t]])
-    return result
+    """What the nearest neighbours of each value let expect: a line of Theil and Sen."""
+    n, frames = value.size, np.arange(value.size)
+    start = np.clip(frames - NEIGHBOURS // 2, 0, n - NEIGHBOURS - 1)
+    around = start[:, None] + np.arange(NEIGHBOURS + 1)
+    around = around[around != frames[:, None]].reshape(n, NEIGHBOURS)
+    there, away = value[around], around - frames[:, None]
+    i, j = np.triu_indices(NEIGHBOURS, 1)
+    slope = np.median((there[:, j] - there[:, i]) / (away[:, j] - away[:, i]), axis=1)
+    return np.asarray(np.median(there - slope[:, None] * away, axis=1))
 
 
-def _unlike(value: FloatArray, usual: FloatArray, floor: float) -> IntArray:
-    if value.size < FEWEST:
-        return np.empty(0, dtype=np.int64)
-    difference = np.abs(value - usual)
+def _beside(value: FloatArray, t: int) -> float:
+    """Distance from the median of the neighbours before or after, whichever is the nearer."""
+    half = NEIGHBOURS // 2
+    sides = value[max(0, t - half) : t], value[t + 1 : t + 1 + half]
+    return min(abs(float(value[t] - np.median(side))) for side in sides if side.size)
+
+
+def _unlike(value: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """How far each value is from what is usual there, that, and the limit by chance alone."""
+    usual = _usual(value)
+    distance = np.abs(value - usual)
     threshold = student.isf(CHANCE / 2 / value.size, _EFFICIENCY * value.size)
-    spread = NORMAL * np.median(difference)
-    return np.flatnonzero((difference > threshold * spread) & (difference > floor))
+    return distance, usual, float(threshold * NORMAL * np.median(distance))
