@@ -47,7 +47,7 @@ class Experiment:
         force: force on the specimen at each image [µN], shape (n_images,).
         gamma_f: nominal standard deviation of the height noise [µm].
         gamma_F: standard deviation of the load noise at the specimen [µN].
-        clipped: share of the pixels of `frames` at the largest level of their type.
+        clipped: number of pixels of `frames` at the largest level of their type.
     """
 
     frames: FloatArray
@@ -60,7 +60,7 @@ class Experiment:
     force: FloatArray
     gamma_f: float
     gamma_F: float
-    clipped: float = 0.0
+    clipped: int = 0
 
 
 def read_experiment(case: Case) -> Experiment:
@@ -243,12 +243,12 @@ def _spread(images: Images, levels: FloatArray) -> float:
     return float(high - low)
 
 
-def _clipped(stack: Stack) -> float:
-    """Share of the pixels at the largest level that an integer of their type can be."""
+def _clipped(stack: Stack) -> int:
+    """Number of pixels at the largest level that an integer of their type can be."""
     if stack.dtype.kind not in "ui":
-        return 0.0
+        return 0
     bits = 8 * stack.dtype.itemsize - (stack.dtype.kind == "i")
-    return float(np.mean(stack.levels == 2.0**bits - 1.0))
+    return int(np.count_nonzero(stack.levels == 2.0**bits - 1.0))
 
 
 def _error(

@@ -13,7 +13,8 @@ from driver.dic.surface_images import SurfaceImages, prepare
 from driver.errors import InputError
 from driver.experiment import Experiment
 from driver.history import History, knot_weights
-from driver.images.flatfield import flat_pattern
+from driver.images.flatfield import FlatField, flat_pattern
+from driver.images.reference import Reference, build_reference
 from driver.instrument import Instrument
 from driver.microstructure import build_microstructure
 from driver.model import ForwardModel
@@ -97,22 +98,43 @@ def surface_images(case: Case, experiment: Experiment) -> SurfaceImages:
     Raises:
         ImageError: the images do not fit together, or show no part of the face.
     """
-    repeats = experiment.repeats
-    if repeats is None:
-        raise InputError(
-            "images.repeats: found nothing, expected repeated images of the unloaded surface "
-            "(their mean is the reference, their scatter the noise)"
-        )
+    flat = None if experiment.flats is None else flat_pattern(experiment.flats)
     return prepare(
         experiment.frames,
-        repeats,
-        None if experiment.flats is None else flat_pattern(experiment.flats),
+        _repeats(experiment),
+        flat,
         experiment.pixel_um,
         experiment.origin,
         used_face(case),
         experiment.mask,
         case.images.dust == "mask",
     )
+
+
+def reference_of(case: Case, experiment: Experiment, flat: FlatField | None) -> Reference:
+    """The reference surface alone.
+
+    Raises:
+        InputError: there are no repeats, or they show no part of the face.
+    """
+    return build_reference(
+        _repeats(experiment),
+        flat,
+        experiment.pixel_um,
+        experiment.origin,
+        used_face(case),
+        experiment.mask,
+        case.images.dust == "mask",
+    )
+
+
+def _repeats(experiment: Experiment) -> FloatArray:
+    if experiment.repeats is None:
+        raise InputError(
+            "images.repeats: found nothing, expected repeated images of the unloaded surface "
+            "(their mean is the reference, their scatter the noise)"
+        )
+    return experiment.repeats
 
 
 def used_face(case: Case) -> tuple[float, float, float, float]:

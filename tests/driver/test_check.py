@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 from matplotlib.image import imread
 
 from driver import check as check_module
@@ -107,9 +108,36 @@ def test_loads_that_end_early_are_found(case_path):
 def test_a_face_drawn_over_a_trench_and_missing_stacks_are_warned_of(case_path):
     edit(case_path, "origin_pixel = [35.5, 21.0]", "origin_pixel = [28.0, 21.0]")
     edit(case_path, 'repeats = "repeats.tif"', "")
-    repeats, trench = found(case_path, "warning")
-    assert repeats == "images.repeats is not given: noise is nominal"
+    (trench,) = found(case_path, "warning")
     assert "of the measured face" in trench and "carries no height" in trench
+    (repeats,) = found(case_path, "error")
+    assert repeats.startswith("images.repeats: found nothing, expected repeated images")
+
+
+def test_noise_pixels_and_pattern_are_told_as_they_will_be_measured(case_path):
+    told = found(case_path, "ok")
+    # 9 nm nominal, by the README of the data; 6.5 nm of quantisation add 1.9 nm in squares.
+    assert any(line.startswith("9.15 ± 0.04 nm from 10 repeats") for line in told)
+    assert any("pixels of the face are used" in line and "0 as dust" in line for line in told)
+    assert any(line.startswith("fixed pattern of 400 flats") for line in told)
+    assert not found(case_path, "warning")
+
+
+def test_bad_frames_a_wrong_scale_and_dust_are_warned_of_by_name(case_path):
+    folder = case_path.parent
+    frames = tifffile.imread(folder / "images.tif")
+    frames[40, 30:40, 60:80] += 20
+    frames[0, 0, 0] = 255
+    tifffile.imwrite(folder / "images.tif", frames, photometric="minisblack")
+    repeats = tifffile.imread(folder / "repeats.tif")
+    repeats[:, 36, 100] += 40
+    tifffile.imwrite(folder / "repeats.tif", repeats, photometric="minisblack")
+    edit(case_path, "height_per_level_nm = 6.5", "height_per_level_nm = 13")
+    clipped, noise, frame = found(case_path, "warning")
+    assert clipped.startswith("images.frames: 1 pixels are at the largest level")
+    assert noise.startswith("images.noise_nm: found 9, expected about the 18.29 ")
+    assert frame.startswith("frame 40 is unlike its neighbours: residual")
+    assert any("and 13 as dust" in line for line in found(case_path, "ok"))
 
 
 def test_the_estimate_grows_with_the_work():
