@@ -103,7 +103,8 @@ def _surface(
         "ok",
         "images",
         f"{count[Excluded.USED]} pixels of the face are used; left out are "
-        f"{count[Excluded.TRENCH]} at trenches, {count[Excluded.MASK]} by the mask and {count[Excluded.DUST]} as dust",
+        f"{count[Excluded.TRENCH]} at trenches, {count[Excluded.MASK]} by the mask and "
+        f"{count[Excluded.DUST]} as dust",
     )
     noise = reference.noise
     sigma, error = 1e3 * noise.sigma, 1e3 * noise.sigma / np.sqrt(2 * noise.dof)

@@ -72,6 +72,7 @@ def _draw_image(axes: Axes, case: Case, experiment: Experiment, codes: CodeArray
         (-0.5 - row) * pixel,
     )
     low, high = np.nanpercentile(heights, (1, 99.5))
+    axes.set_facecolor("black")  # pixels without a height
     picture = axes.imshow(heights, cmap="gray", extent=extent, vmin=low, vmax=high)
     if codes is not None:
         for reason, (colour, name) in _LEFT_OUT.items():

@@ -118,6 +118,8 @@ def _write_measured(path, time, rng):
             "elongation_sigma": (0.005, "µm"),
             "tilt": (0.001 * rng.standard_normal(T), "µm"),
             "tilt_sigma": (0.001, "µm"),
+            "left_out": (1.0 * (np.arange(T) == 7), "1"),
+            "sigma_flat": (0.0, "µm"),
         },
     )
 
