@@ -19,7 +19,7 @@ BoolArray = NDArray[np.bool_]
 # Robust standard deviations beyond which a pixel of a flat is dirt: of 400 flats of 300 000
 # pixels noise alone loses 70 readings, nothing to the mean.
 DIRT = 5.0
-_BAND = 64  # rows whose medians are taken at a time, to bound the memory
+_BAND = 32  # rows that are looked at together in all flats, to bound the memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +72,8 @@ def flat_pattern(flats: Iterable[FloatArray]) -> FlatField:
     n = len(levelled)
     if n < 2:
         raise ImageError(f"flat frames: {n} given; at least 2 are needed for a standard error.")
-    stack = np.array(levelled)
-    clean = _clean(stack)
-    count = clean.sum(axis=0)
+    mean, squares, count = _statistics(levelled)
     known = count >= 2
-    mean = np.sum(stack, axis=0, where=clean) / np.maximum(count, 1)
-    squares = np.sum((stack - mean) ** 2, axis=0, where=clean)
     # A plane of three parameters was taken from every frame.
     variance = squares / np.maximum(count - 1, 1) / (1.0 - 3.0 / mean.size)
     mean = _without_plane(mean, known, _planes(known))
@@ -128,27 +124,37 @@ def _without_plane(heights: FloatArray, valid: BoolArray, planes: FloatArray) ->
     return result
 
 
-def _clean(stack: FloatArray) -> BoolArray:
-    """Readings that are numbers and no dirt."""
-    finite = np.isfinite(stack)
-    beyond = np.abs(stack - _medians(stack, finite))
+def _statistics(levelled: list[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mean, sum of squares about it, and number of the readings of each pixel without dirt."""
+    shape = levelled[0].shape
+    bands = [np.s_[top : top + _BAND] for top in range(0, shape[0], _BAND)]
+    medians, own = np.empty(shape), np.empty(shape)
+    for rows in bands:
+        stack = np.array([flat[rows] for flat in levelled])
+        medians[rows] = _median(stack)
+        own[rows] = NORMAL * _median(np.abs(stack - medians[rows]))
     # A pixel may be noisier than the others: its own readings say how much it scatters, and
     # those of all pixels where it has too few of them.
-    scale = NORMAL * np.fmax(_medians(beyond, finite), np.median(beyond[finite]))
-    clean = finite & ~((beyond > DIRT * scale) & (scale > 0))
-    # Of two readings that differ neither is known to be the wrong one.
-    few = clean.sum(axis=0) < 2
-    clean[:, few] = finite[:, few]
-    return np.asarray(clean)
+    limit = DIRT * np.fmax(own, np.nanmedian(own))
+    mean, squares, count = np.empty(shape), np.empty(shape), np.empty(shape)
+    for rows in bands:
+        stack = np.array([flat[rows] for flat in levelled])
+        finite = np.isfinite(stack)
+        clean = finite & (np.abs(stack - medians[rows]) <= limit[rows])
+        # Of two readings that differ neither is known to be the wrong one.
+        few = clean.sum(axis=0) < 2
+        clean[:, few] = finite[:, few]
+        count[rows] = clean.sum(axis=0)
+        mean[rows] = np.sum(stack, axis=0, where=clean) / np.maximum(count[rows], 1)
+        squares[rows] = np.sum((stack - mean[rows]) ** 2, axis=0, where=clean)
+    return mean, squares, count
 
 
-def _medians(stack: FloatArray, finite: BoolArray) -> FloatArray:
+def _median(stack: FloatArray) -> FloatArray:
     """Median of each pixel over the frames; no number where none has one."""
+    if np.isfinite(stack).all():
+        return np.asarray(np.median(stack, axis=0))
+    seen = np.isfinite(stack).any(axis=0)
     result = np.full(stack.shape[1:], np.nan)
-    seen = np.asarray(finite.any(axis=0))
-    for top in range(0, len(result), _BAND):
-        rows, cols = np.nonzero(seen[top : top + _BAND])
-        band = stack[:, top + rows, cols]
-        median = np.median if np.isfinite(band).all() else np.nanmedian
-        result[top + rows, cols] = median(band, axis=0)
+    result[seen] = np.nanmedian(stack[:, seen], axis=0)
     return result
