@@ -136,6 +136,15 @@ def _frames(
     experiment: Experiment, reference: Reference, flat: FlatField | None
 ) -> Iterator[Finding]:
     pixel = experiment.pixel_um
+    holes = np.count_nonzero(~on_surface(experiment.frames) & reference.region, axis=(1, 2))
+    if holes.any():
+        worst = int(holes.argmax())
+        yield Finding(
+            "warning",
+            "images",
+            f"images.frames: {np.count_nonzero(holes)} frames lack heights on the face, frame "
+            f"{worst} at most, of {holes[worst]} pixels: they are filled from their neighbours",
+        )
     try:
         frames = corrected(experiment.frames, flat, "frame")
         seen = frame_statistics(frames, reference, pixel)

@@ -128,12 +128,14 @@ def test_bad_frames_a_wrong_scale_and_dust_are_warned_of_by_name(case_path):
     frames = tifffile.imread(folder / "images.tif")
     frames[40, 30:40, 60:80] += 20
     frames[0, 0, 0] = 255
+    frames[60, 35, 70:73] = frames[61, 35, 75] = 0
     tifffile.imwrite(folder / "images.tif", frames, photometric="minisblack")
     repeats = tifffile.imread(folder / "repeats.tif")
     repeats[:, 36, 100] += 40
     tifffile.imwrite(folder / "repeats.tif", repeats, photometric="minisblack")
     edit(case_path, "height_per_level_nm = 6.5", "height_per_level_nm = 13")
-    clipped, noise, frame = found(case_path, "warning")
+    clipped, noise, holes, frame = found(case_path, "warning")
+    assert "2 frames lack heights on the face, frame 60 at most, of 3 pixels" in holes
     assert clipped.startswith("images.frames: 1 pixels are at the largest level")
     assert noise.startswith("images.noise_nm: found 9, expected about the 18.29 ")
     assert frame.startswith("frame 40 is unlike its neighbours: residual")
