@@ -32,7 +32,7 @@ from driver.case_tables import (
     Table,
     Vector,
 )
-from driver.errors import InputError, sentence
+from driver.errors import InputError, sentence, why
 from driver.model import declared_parameters
 from driver.surface_view import POSE_DECLARATIONS
 from templates import render
@@ -182,6 +182,10 @@ def load_case(path: Path) -> Case:
         ) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise CaseError(sentence(path, "file", f"“{error}”", "a TOML file in UTF-8")) from None
+    except (OSError, ValueError) as error:
+        raise CaseError(
+            sentence(path, "file", why(error), "a case file that can be read")
+        ) from None
     try:
         return Case.model_validate(data, context={"folder": path.parent})
     except ValidationError as error:

@@ -252,11 +252,17 @@ class MaterialTable(Table):
 class Images(Table):
     """Where the height maps are, and how they lie on the specimen."""
 
-    frames: str = Field(description="a text in quotes, the stack, pattern or folder of the images")
+    frames: str = Field(
+        description="a text in quotes, the stack, pattern, folder or FILE.h5:/DATASET of the images"
+    )
     flats: str | None = Field(default=None, description="images of a flat reference surface")
     repeats: str | None = Field(default=None, description="repeated images before loading")
     pixel_size_nm: Positive = Field(default=110.0, description="side of a pixel")
     height_per_level_nm: Positive = Field(default=6.5, description="height of one digital level")
+    height_offset_nm: Number = Field(default=0.0, description="height of level 0")
+    off_surface_level: Number | Literal["none"] = Field(
+        default=0.0, description='the level of pixels without a height, or "none"'
+    )
     origin_pixel: tuple[Number, Number] = Field(
         default=(35.5, 21.0),
         description="a list of two numbers [row, column], the pixel of X = 0, Y = 0",
@@ -269,6 +275,12 @@ class Images(Table):
     heights: Literal["+Z", "-Z"] = Field(default="+Z", description="axis along which levels grow")
     mask: str | None = Field(
         default=None, description="an image that is 0 where pixels are not used"
+    )
+    rim_px: NonNegative = Field(
+        default=1.0, description="width of the rim inside the face that is not used, pixels"
+    )
+    dust: Literal["mask", "keep"] = Field(
+        default="mask", description="what becomes of isolated spikes in the repeats"
     )
     noise_nm: Positive = Field(
         default=9.0, description="nominal standard deviation of the height noise"
@@ -283,6 +295,11 @@ class Images(Table):
     def level_um(self) -> float:
         """Height of one digital level [µm]."""
         return self.height_per_level_nm * 1e-3
+
+    @property
+    def offset_um(self) -> float:
+        """Height of level 0 [µm]."""
+        return self.height_offset_nm * 1e-3
 
     @property
     def gamma_f(self) -> float:

@@ -5,20 +5,19 @@ from __future__ import annotations
 import platform
 import shutil
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, entry_points, requires, version
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from driver.case import Case, load_case
+from driver.check_images import look_at_images
 from driver.check_picture import draw
 from driver.diagnosis.causes import LIBRARY
 from driver.errors import InputError
 from driver.estimate import estimate
 from driver.experiment import Experiment, read_experiment
-from driver.images.heightmaps import ImageError, on_surface
+from driver.finding import Finding
 from driver.profiles import profile_of
 from driver.specimen import build_model, integration_of, mesh_of
 from driver.stages import RESULTS
@@ -29,23 +28,6 @@ from solver_adapters.profile import config_path
 from solver_adapters.registry import find_adapter, takes_profile
 
 SOLVERS = "prismid.solvers"
-# Share of the measured face that may be at level 0 (a trench) before the origin is in doubt.
-_TRENCH_SHARE = 0.05
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that was looked at.
-
-    Attributes:
-        level: "ok", "warning" (a run works, but look at it) or "error" (a run would stop).
-        subject: what was looked at.
-        message: what was found; of an error also what was expected.
-    """
-
-    level: Literal["ok", "warning", "error"]
-    subject: str
-    message: str
 
 
 def check(case_path: Path) -> list[Finding]:
@@ -70,10 +52,12 @@ def check(case_path: Path) -> list[Finding]:
     findings.append(mesh_finding)
     try:
         experiment = read_experiment(case)
-    except (InputError, ImageError) as error:
-        return [*findings, Finding("error", "experiment", str(error))]
+    except InputError as error:
+        lines = str(error).splitlines()
+        return [*findings, *(Finding("error", "experiment", line) for line in lines)]
     findings += _history(case, experiment)
-    findings += _images(case, experiment)
+    seen, reference = look_at_images(case, experiment)
+    findings += seen
     if n_cells:
         make = solvers().get(case.solver.name)
         if make is not None:
@@ -81,8 +65,12 @@ def check(case_path: Path) -> list[Finding]:
             findings += _rendered(case, experiment)
     picture = case_path.parent / RESULTS / "check.png"
     picture.parent.mkdir(exist_ok=True)
-    draw(case, experiment, picture)
-    findings.append(Finding("ok", "picture", f"{picture}: ROI, axes, grain boundary, load curve"))
+    draw(case, experiment, picture, None if reference is None else reference.codes)
+    findings.append(
+        Finding(
+            "ok", "picture", f"{picture}: ROI, pixels left out, axes, grain boundary, load curve"
+        )
+    )
     return findings
 
 
@@ -227,42 +215,6 @@ def _history(case: Case, experiment: Experiment) -> Iterator[Finding]:
         )
     if held_out == "last" and cycles == 1:
         yield Finding("warning", "history", 'one cycle only: nothing is held out, as with "none"')
-
-
-def _images(case: Case, experiment: Experiment) -> Iterator[Finding]:
-    n_images, rows, columns = experiment.frames.shape
-    yield Finding("ok", "images", f"{n_images} frames of {rows} × {columns} px")
-    for name, what in (("flats", "no fixed pattern is removed"), ("repeats", "noise is nominal")):
-        stack = getattr(experiment, name)
-        if stack is None:
-            yield Finding("warning", "images", f"images.{name} is not given: {what}")
-        else:
-            yield Finding("ok", "images", f"{len(stack)} {name}")
-    (row, column), pixel = experiment.origin, experiment.pixel_um
-    half, length = case.specimen.width / 2 / pixel, case.specimen.length / pixel
-    top, bottom, left, right = row - half, row + half, column, column + length
-    place = f"rows {top:.1f} … {bottom:.1f}, columns {left:.1f} … {right:.1f}"
-    if top < -0.5 or left < -0.5 or bottom > rows - 0.5 or right > columns - 0.5:
-        yield Finding(
-            "error",
-            "images",
-            f"images.origin_pixel: found the measured face at {place}, expected it inside "
-            f"{rows} × {columns} px",
-        )
-        return
-    face = experiment.frames[
-        0, round(max(top, 0)) : round(bottom) + 1, round(max(left, 0)) : round(right) + 1
-    ]
-    trench = 1.0 - on_surface(face).mean()
-    if trench > _TRENCH_SHARE:
-        yield Finding(
-            "warning",
-            "images",
-            f"images.origin_pixel: {trench:.0%} of the measured face ({place}) is at level 0: "
-            "look at the picture whether the face lies there",
-        )
-    else:
-        yield Finding("ok", "images", f"measured face at {place}")
 
 
 def _rendered(case: Case, experiment: Experiment) -> Iterator[Finding]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
@@ -14,25 +15,32 @@ from numpy.typing import NDArray
 
 from driver.case import Case
 from driver.experiment import Experiment
+from driver.images.region import CodeArray, Excluded
 
 FloatArray = NDArray[np.float64]
 _ROI, _BOUNDARY, _AXES = "#ffe14d", "#ff8a1f", "#35d0ff"
+_LEFT_OUT = {
+    Excluded.TRENCH: ("#3b6cff", "trench"),
+    Excluded.MASK: ("#b04fff", "mask"),
+    Excluded.DUST: ("#ff3b3b", "dust"),
+}
 # A dark rim keeps lines and letters legible on any grey.
 _RIM = [withStroke(linewidth=3.5, foreground="black")]
 
 
-def draw(case: Case, experiment: Experiment, path: Path) -> None:
+def draw(case: Case, experiment: Experiment, path: Path, codes: CodeArray | None = None) -> None:
     """Draw the picture of a check into a PNG file.
 
     Args:
         case: the case.
         experiment: its measured data.
         path: file to write.
+        codes: what becomes of each pixel, values of `Excluded`, or None if it is not known.
     """
     figure = Figure(figsize=(14.0, 5.4), layout="constrained")
     FigureCanvasAgg(figure)  # draws without a display, whatever the user's backend
     grid = figure.add_gridspec(2, 2, width_ratios=(1.9, 1.0))
-    _draw_image(figure.add_subplot(grid[:, 0]), case, experiment)
+    _draw_image(figure.add_subplot(grid[:, 0]), case, experiment, codes)
     _draw_stage(figure.add_subplot(grid[0, 1]), experiment)
     _draw_load(figure.add_subplot(grid[1, 1]), experiment)
     figure.savefig(path, dpi=110)
@@ -51,7 +59,7 @@ def boundary_trace(case: Case) -> FloatArray | None:
     return np.column_stack([x, y])
 
 
-def _draw_image(axes: Axes, case: Case, experiment: Experiment) -> None:
+def _draw_image(axes: Axes, case: Case, experiment: Experiment, codes: CodeArray | None) -> None:
     row, column = experiment.origin
     pixel, specimen = experiment.pixel_um, case.specimen
     heights = experiment.frames[0] * 1e3
@@ -63,9 +71,18 @@ def _draw_image(axes: Axes, case: Case, experiment: Experiment) -> None:
         (n_rows - 0.5 - row) * pixel,
         (-0.5 - row) * pixel,
     )
-    shown = heights[heights != 0] if np.any(heights != 0) else heights
-    low, high = np.percentile(shown, (1, 99.5))
+    low, high = np.nanpercentile(heights, (1, 99.5))
+    axes.set_facecolor("black")  # pixels without a height
     picture = axes.imshow(heights, cmap="gray", extent=extent, vmin=low, vmax=high)
+    if codes is not None:
+        for reason, (colour, name) in _LEFT_OUT.items():
+            if not np.any(codes == reason):
+                continue
+            axes.imshow(
+                np.where(codes == reason, 1.0, np.nan), cmap=ListedColormap([colour]),
+                extent=extent, alpha=0.55, interpolation="nearest",
+            )  # fmt: skip
+            axes.plot([], [], "s", color=colour, label=f"left out: {name}")
     bar = axes.figure.colorbar(picture, ax=axes, shrink=0.62, pad=0.02)
     bar.set_label("height of the first image [nm]")
     axes.add_patch(

@@ -43,7 +43,8 @@ def run_diagnose(context: StageContext) -> None:
     wanted = _wanted(context)
     bench = load_workbench(context)
     identified = read_hdf5(context.result(IDENTIFY))
-    free_chi = read_hdf5(context.result(MEASURE))["chi"]
+    measured = read_hdf5(context.result(MEASURE))
+    free_chi = measured["chi"]
     with h5py.File(context.result(IDENTIFY), "r") as file:
         values = json.loads(file.attrs["all_values"])
         free = tuple(json.loads(file.attrs["names"]))
@@ -67,7 +68,7 @@ def run_diagnose(context: StageContext) -> None:
         held_out=_held_out(context, int(cycles.max())),
         processes=case.execution.processes,
         threads=case.execution.threads,
-        free_chi=float(np.sqrt(np.mean(free_chi**2))),
+        free_chi=float(np.sqrt(np.mean(free_chi[measured["left_out"] == 0] ** 2))),
         sizes=sizes,
     )
     found = diagnose(baseline, objective, bench.finer, cycles, settings, context.log, wide)

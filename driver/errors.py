@@ -19,3 +19,9 @@ def show(value: object) -> str:
 def sentence(path: Path, place: str, found: str, expected: str) -> str:
     """The one sentence about a bad input: file, key or row, what was found and expected."""
     return f"{path}: {place}: found {found}, expected {expected}"
+
+
+def why(error: Exception) -> str:
+    """What the system or a library said, without the path that the sentence names anyway."""
+    said = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return f"“{' '.join(said.split()) or type(error).__name__}”"

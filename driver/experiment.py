@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,21 +14,27 @@ from driver.case import Case
 from driver.case_tables import Images
 from driver.errors import InputError, sentence
 from driver.history import History, read_history
-from driver.images.heightmaps import read_stack
+from driver.images.heightmaps import Stack, load_stack
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+Anything = TypeVar("Anything")
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+# The relief of the repeats is that of image 0: another scale shows in its spread.
+_SCALES = 2.0
 
 
 class ExperimentError(InputError):
-    """Measured files that do not fit together: file, what was found, what was expected."""
+    """Measured files that do not fit together: a line each, with file, key, found, expected."""
 
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
     """Height maps, loading history and loads of one specimen.
 
-    Rows of every map run along +X, columns along +Y, heights along +Z.
+    Rows of every map run along +X, columns along +Y, heights along +Z. A pixel without a
+    height is not a number.
 
     Attributes:
         frames: height maps, frame 0 before loading [µm], shape (n_images, rows, columns).
@@ -39,6 +47,7 @@ class Experiment:
         force: force on the specimen at each image [µN], shape (n_images,).
         gamma_f: nominal standard deviation of the height noise [µm].
         gamma_F: standard deviation of the load noise at the specimen [µN].
+        clipped: number of pixels of `frames` at the largest level of their type.
     """
 
     frames: FloatArray
@@ -51,46 +60,45 @@ class Experiment:
     force: FloatArray
     gamma_f: float
     gamma_F: float
+    clipped: int = 0
 
 
 def read_experiment(case: Case) -> Experiment:
     """Read the images, the history and the loads of a case.
 
     Raises:
-        ImageError: a stack cannot be read.
-        HistoryError: the loading history cannot be used.
-        ExperimentError: numbers or sizes of the files do not agree.
+        ExperimentError: files that cannot be read or used, or that do not fit together; every
+            one of them is told, one sentence a line.
     """
+    problems: list[str] = []
+
+    def attempt(read: Callable[[], Anything]) -> Anything | None:
+        try:
+            return read()
+        except InputError as error:
+            problems.append(str(error))
+            return None
+
     images = case.images
-    history = read_history(case.path(case.history.file))
-    frames = read_stack(case.path(images.frames))
-    if len(frames) != history.n_images:
-        raise ExperimentError(
-            sentence(
-                case.path(images.frames),
-                "images.frames",
-                f"{len(frames)} frames",
-                f"{history.n_images}, the images of {case.history.file}",
-            )
-        )
-    size = (frames.shape[1], frames.shape[2])
-    mask = _optional(case, "mask", size)
-    if mask is not None and len(mask) != 1:
-        raise ExperimentError(
-            sentence(case.path(images.mask or ""), "images.mask", f"{len(mask)} images", "one")
-        )
-    flats, repeats = _optional(case, "flats", size), _optional(case, "repeats", size)
+    history = attempt(lambda: read_history(case.path(case.history.file)))
+    frames = attempt(lambda: _frames(case, history))
+    flats = attempt(lambda: _optional(case, "flats", frames))
+    repeats = attempt(lambda: _optional(case, "repeats", frames))
+    mask = attempt(lambda: _mask(case, frames))
+    if problems or history is None or frames is None:
+        raise ExperimentError("\n".join(problems))
     return Experiment(
-        frames=heights(images, frames),
-        flats=None if flats is None else heights(images, flats),
-        repeats=None if repeats is None else heights(images, repeats),
+        frames=heights(images, frames.levels),
+        flats=None if flats is None else heights(images, flats.levels),
+        repeats=None if repeats is None else heights(images, repeats.levels),
         pixel_um=images.pixel_um,
-        origin=origin(images, size),
-        mask=None if mask is None else arrange(images, mask)[0] != 0,
+        origin=origin(images, (frames.levels.shape[1], frames.levels.shape[2])),
+        mask=None if mask is None else arrange(images, _used(mask))[0],
         history=history,
         force=history.force * case.force_scale,
         gamma_f=images.gamma_f,
         gamma_F=case.loads.gamma_F,
+        clipped=_clipped(frames),
     )
 
 
@@ -98,14 +106,27 @@ def heights(images: Images, levels: FloatArray) -> FloatArray:
     """Digital levels as heights along +Z [µm], rows along +X and columns along +Y.
 
     Args:
-        images: how the files lie on the specimen.
+        images: how the files lie on the specimen, and what a level means.
         levels: as stored in the files, shape (n, rows, columns) of the files.
+
+    Returns:
+        Not a number where a pixel carries no height.
     """
     sign = 1.0 if images.heights == "+Z" else -1.0
-    return sign * images.level_um * arrange(images, levels)
+    arranged = arrange(images, levels)
+    found = (sign * images.level_um) * arranged + sign * images.offset_um
+    found[~_with_height(images, arranged)] = np.nan
+    return found
 
 
-def arrange(images: Images, stack: FloatArray) -> FloatArray:
+def _with_height(images: Images, levels: FloatArray) -> BoolArray:
+    finite = np.isfinite(levels)
+    if images.off_surface_level == "none":
+        return finite
+    return np.asarray(finite & (levels != images.off_surface_level))
+
+
+def arrange(images: Images, stack: NDArray[Scalar]) -> NDArray[Scalar]:
     """A stack of the files with its rows along +X and its columns along +Y.
 
     Args:
@@ -140,15 +161,98 @@ def origin(images: Images, size: tuple[int, int]) -> tuple[float, float]:
     )
 
 
-def _optional(case: Case, key: str, size: tuple[int, int]) -> FloatArray | None:
-    """A further stack of the case, of the size of the frames, if the case names one."""
+def _stack(case: Case, key: str, name: str, like: Stack | None) -> Stack:
+    """A stack of the case that has the size of the frames."""
+    stack = load_stack(case.path(name), f"images.{key}")
+    if like is not None and stack.levels.shape[1:] != like.levels.shape[1:]:
+        raise _error(case, key, stack.size, f"{like.size} as the frames")
+    return stack
+
+
+def _frames(case: Case, history: History | None) -> Stack:
+    stack = _stack(case, "frames", case.images.frames, None)
+    if history is not None and len(stack.levels) != history.n_images:
+        gap = f" ({stack.gap})" if stack.gap else ""
+        found, images = f"{len(stack.levels)} frames{gap}", f"the images of {case.history.file}"
+        raise _error(case, "frames", found, f"{history.n_images}, {images}")
+    _refuse_blank(case, "frames", stack)
+    return stack
+
+
+def _optional(case: Case, key: str, frames: Stack | None) -> Stack | None:
+    """Flats or repeats, if the case names them: on the scale of the frames, two at least."""
     name: str | None = getattr(case.images, key)
     if name is None:
         return None
-    path: Path = case.path(name)
-    stack = read_stack(path)
-    if stack.shape[1:] != size:
-        found = f"{stack.shape[1]} × {stack.shape[2]} px"
-        expected = f"{size[0]} × {size[1]} px as the frames"
-        raise ExperimentError(sentence(path, f"images.{key}", found, expected))
+    stack = _stack(case, key, name, frames)
+    if frames is not None and stack.dtype != frames.dtype:
+        expected = f"{frames.dtype} as the frames, for one height_per_level_nm holds for all"
+        raise _error(case, key, f"levels of type {stack.dtype}", expected)
+    if len(stack.levels) < 2:
+        of = {
+            "flats": "their scatter is the error of their mean",
+            "repeats": "their scatter is the noise",
+        }
+        raise _error(case, key, "1 frame", f"at least 2 ({of[key]})")
+    _refuse_blank(case, key, stack)
+    for t in range(1, len(stack.levels)):
+        if np.array_equal(stack.levels[t], stack.levels[t - 1], equal_nan=True):
+            raise _error(
+                case, key, f"frame {t} with every pixel as in the one before",
+                "frames that were each taken anew", stack.frames[t][0],
+            )  # fmt: skip
+    if key == "repeats" and frames is not None:
+        first, repeat = (_spread(case.images, s.levels[0]) for s in (frames, stack))
+        if not first / _SCALES <= repeat <= first * _SCALES:
+            level = case.images.height_per_level_nm
+            raise _error(
+                case, key, f"heights that spread over {level * repeat:.3g} nm",
+                f"about {level * first:.3g} nm as in image 0: one scale holds for all",
+            )  # fmt: skip
     return stack
+
+
+def _mask(case: Case, frames: Stack | None) -> Stack | None:
+    if case.images.mask is None:
+        return None
+    stack = _stack(case, "mask", case.images.mask, frames)
+    if len(stack.levels) != 1:
+        raise _error(case, "mask", f"{len(stack.levels)} images", "one")
+    if not _used(stack).any():
+        raise _error(case, "mask", "0 at every pixel", "another number where pixels are used")
+    return stack
+
+
+def _used(mask: Stack) -> BoolArray:
+    return np.asarray(np.isfinite(mask.levels) & (mask.levels != 0))
+
+
+def _refuse_blank(case: Case, key: str, stack: Stack) -> None:
+    for t, levels in enumerate(stack.levels):
+        there = levels[_with_height(case.images, levels)]
+        if there.size and np.ptp(there) > 0:
+            continue
+        found = f"level {there[0]:g} at every pixel" if there.size else "no pixel with a height"
+        found = f"{found} in frame {t}"
+        raise _error(case, key, found, "heights of a surface", stack.frames[t][0])
+
+
+def _spread(images: Images, levels: FloatArray) -> float:
+    """Nine tenths of the heights lie within it [levels]."""
+    low, high = np.percentile(levels[_with_height(images, levels)], (5, 95))
+    return float(high - low)
+
+
+def _clipped(stack: Stack) -> int:
+    """Number of pixels at the largest level that an integer of their type can be."""
+    if stack.dtype.kind not in "ui":
+        return 0
+    bits = 8 * stack.dtype.itemsize - (stack.dtype.kind == "i")
+    return int(np.count_nonzero(stack.levels == 2.0**bits - 1.0))
+
+
+def _error(
+    case: Case, key: str, found: str, expected: str, file: Path | None = None
+) -> ExperimentError:
+    path = file or case.path(getattr(case.images, key))
+    return ExperimentError(sentence(path, f"images.{key}", found, expected))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.errors import InputError, sentence
+from driver.errors import InputError, sentence, why
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -174,6 +174,9 @@ def _read_rows(path: Path) -> list[dict[str, str]]:
         raise HistoryError(sentence(path, "file", "nothing", expected)) from None
     except UnicodeDecodeError as error:
         raise HistoryError(sentence(path, "file", f"“{error}”", "a text in UTF-8")) from None
+    except (OSError, ValueError, csv.Error) as error:
+        expected = "a CSV file of " + ", ".join(COLUMNS)
+        raise HistoryError(sentence(path, "history.file", why(error), expected)) from None
 
 
 def _number(path: Path, row: dict[str, str], column: str) -> float:

@@ -33,6 +33,7 @@ def load_workbench(context: StageContext) -> Workbench:
         measured["tilt"],
         context.results / JOBS,
         context.prepare_only,
+        tuple(map(int, np.flatnonzero(measured["left_out"]))),
     )
 
 
@@ -57,15 +58,19 @@ def run_identify(context: StageContext) -> None:
 
 
 def error_budget(bench: Workbench, best: Evaluation, free_chi: FloatArray) -> dict[str, float]:
-    """χ at pixel level from noise over free correlation to the model, and χ_F of the loads."""
+    """χ at pixel level from noise over free correlation to the model, and χ_F of the loads.
+
+    Images that are not fitted do not count.
+    """
     images = bench.images
     data = bench.objective.data
+    seen = data.with_image
     found = best.motion[data.index] + np.einsum("tr,rpc->tpc", best.shift, data.image.rigid)
     variance = images.expected_residual_variance(found)
     return {
         "noise": 1.0,
-        "free": float(np.sqrt(np.mean(free_chi**2))),
-        "model": float(np.sqrt(np.mean(best.rho**2 / variance))),
+        "free": float(np.sqrt(np.mean(free_chi[data.index[seen]] ** 2))),
+        "model": float(np.sqrt(np.mean((best.rho**2 / variance)[seen]))),
         "basis": best.chi_image,
         "load": best.chi_load,
     }

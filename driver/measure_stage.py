@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
 from driver.check_picture import boundary_trace
 from driver.dic.basis import Basis
 from driver.dic.elongation import edge_motion
-from driver.dic.series import measure
-from driver.dic.surface_images import refine_gradient
+from driver.dic.interpolation import variance_gain
+from driver.dic.series import SurfaceMotion, measure, sensitivity
+from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.experiment import read_experiment
+from driver.images.noise import TemporalNoise, temporal_noise
+from driver.images.outliers import find_outliers, left_out, noise_levels, told
+from driver.images.region import Excluded
 from driver.report.measured import measured_motion
 from driver.report.measured_figures import write_figures
 from driver.results import read_hdf5, write_csv, write_hdf5
 from driver.specimen import surface_images
 from driver.stages import StageContext
 
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+_AT_A_TIME = 4096  # pixels, whose rows of a dense matrix fit into memory
 MEASURE, MEASURE_CSV = "measure.h5", "measure.csv"
 
 
@@ -26,7 +36,9 @@ def run_measure(context: StageContext) -> None:
     experiment = read_experiment(case)
     images = surface_images(case, experiment)
     context.log(
-        f"  {images.n_frames} frames, {len(images.xy)} pixels, noise {1e3 * images.sigma:.2f} nm"
+        f"  {images.n_frames} frames, {len(images.xy)} pixels, noise {1e3 * images.sigma:.2f} ± "
+        f"{1e3 * images.sigma / np.sqrt(2 * images.noise_dof):.2f} nm from {images.n_reference} "
+        f"repeats, {np.count_nonzero(images.codes == Excluded.DUST)} pixels with dust"
     )
     pixel = case.images.pixel_um
     motion = measure(images, case.dic.element_px * pixel, case.dic.height_element_px * pixel)
@@ -50,9 +62,20 @@ def run_measure(context: StageContext) -> None:
         f"± {1e3 * reach * edges.elongation_sigma:.1f} nm an image, "
         f"{np.count_nonzero(~motion.converged)} frames not converged"
     )
-    outliers = np.flatnonzero(motion.chi > 1.5 * np.median(motion.chi))
-    if outliers.size:
-        context.log(f"  frames unlike the others (look at them): {', '.join(map(str, outliers))}")
+    rigid = at_pixels.mean(axis=1)
+    noise = noise_levels(_sampled(images), images.codes == Excluded.USED)
+    outliers = find_outliers(motion.chi, noise, rigid, pixel, "σ")
+    left = left_out(outliers, images.n_frames)
+    for frame, what in told(outliers).items():
+        kept = "its image is not fitted, its load is" if left[frame] else "it is kept"
+        context.log(f"  frame {frame} is unlike its neighbours: {what}; {kept}")
+    later = _temporal(images, refined.gradient, motion, ~left)
+    if later is not None:
+        context.log(
+            f"  noise {1e3 * later.sigma:.2f} nm from frame to frame, larger than that at "
+            f"{np.count_nonzero(later.larger)} pixels"
+        )
+    nowhere = np.full(len(images.xy), np.nan)
     write_hdf5(
         context.workdir / MEASURE,
         {
@@ -69,6 +92,17 @@ def run_measure(context: StageContext) -> None:
             "gradient": (refined.gradient, "1"),
             "sigma": (images.sigma, "µm"),
             "n_reference": (float(images.n_reference), "1"),
+            "noise_dof": (float(images.noise_dof), "1"),
+            "sigma_flat": (images.sigma_flat, "µm"),
+            "codes": (images.codes, ", ".join(f"{code.value} {code.name}" for code in Excluded)),
+            "noise_frame": (noise, "µm"),
+            "noise_later": (np.nan if later is None else later.sigma, "µm"),
+            "noise_later_dof": (0.0 if later is None else later.dof, "1"),
+            "noise_map": (nowhere if later is None else later.map, "µm"),
+            "noise_map_dof": (0.0 if later is None else later.map_dof, "1"),
+            "noise_larger": (np.zeros(len(nowhere)) if later is None else later.larger, "1"),
+            "rigid": (rigid, "µm"),
+            "left_out": (left.astype(np.float64), "1"),
             "motion": (at_pixels, "µm"),
             "coefficients": (motion.coefficients, "µm"),
             "covariance_one": (motion.covariance_one, "µm²"),
@@ -97,6 +131,10 @@ def run_measure(context: StageContext) -> None:
             "elongation_nm": (1e3 * reach * edges.elongation).tolist(),
             "tilt_nm": (1e3 * reach * edges.tilt).tolist(),
             "chi": motion.chi.tolist(),
+            "shift_X_nm": (1e3 * rigid[:, 0]).tolist(),
+            "shift_Y_nm": (1e3 * rigid[:, 1]).tolist(),
+            "shift_Z_nm": (1e3 * rigid[:, 2]).tolist(),
+            "left_out": left.astype(int).tolist(),
         },
     )
     written = read_hdf5(context.workdir / MEASURE)
@@ -110,3 +148,31 @@ def element_corners(basis: Basis) -> NDArray[np.int64]:
     i, j = np.meshgrid(np.arange(along_x), np.arange(along_y), indexing="ij")
     first = (i * (along_y + 1) + j).ravel()
     return np.stack([first, first + 1, first + along_y + 2, first + along_y + 1], axis=1)
+
+
+def _sampled(images: SurfaceImages) -> Iterator[FloatArray]:
+    """The corrected frames as sampled, one after the other."""
+    x, y = (
+        (at - start) * images.pixel
+        for at, start in zip(
+            np.indices(images.shape, dtype=np.float64), images.frames.origin, strict=True
+        )
+    )
+    return (images.frames.value(t, x, y) for t in range(images.n_frames))
+
+
+def _temporal(
+    images: SurfaceImages, gradient: FloatArray, motion: SurfaceMotion, kept: BoolArray
+) -> TemporalNoise | None:
+    """Noise of the frames that are kept, from one to the next."""
+    frames, at_pixels = np.flatnonzero(kept), motion.at_pixels()[kept]
+    moved = (images.xy + at_pixels[..., :2]) / images.pixel + images.frames.origin
+    seen = sensitivity(gradient, motion.basis_uv, motion.basis_w)
+    starts = range(0, seen.shape[0], _AT_A_TIME)
+    some = (seen[first : first + _AT_A_TIME] for first in starts)
+    taken = [((rows @ motion.covariance_one) * rows.toarray()).sum(axis=1) for rows in some]
+    return temporal_noise(
+        images.residual(at_pixels, frames),
+        variance_gain(moved[..., 0], moved[..., 1]),
+        np.concatenate(taken) / images.sigma**2,
+    )

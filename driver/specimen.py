@@ -13,7 +13,8 @@ from driver.dic.surface_images import SurfaceImages, prepare
 from driver.errors import InputError
 from driver.experiment import Experiment
 from driver.history import History, knot_weights
-from driver.images.flatfield import flat_pattern
+from driver.images.flatfield import FlatField, flat_pattern
+from driver.images.reference import Reference, build_reference
 from driver.instrument import Instrument
 from driver.microstructure import build_microstructure
 from driver.model import ForwardModel
@@ -28,9 +29,6 @@ from solver_adapters.interface import Adapter, Capabilities, Integration
 from solver_adapters.registry import find_adapter
 
 FloatArray = NDArray[np.float64]
-
-# Pixels this near to the edge of the face may lie off it, as the origin is known [pixels].
-_MARGIN = 1.0
 
 
 def geometry_of(case: Case) -> PrismGeometry:
@@ -109,23 +107,49 @@ def surface_images(case: Case, experiment: Experiment) -> SurfaceImages:
     Raises:
         ImageError: the images do not fit together, or show no part of the face.
     """
-    half, margin = case.specimen.width / 2, _MARGIN * experiment.pixel_um
-    frames = experiment.frames
-    repeats = experiment.repeats
-    if repeats is None:
+    flat = None if experiment.flats is None else flat_pattern(experiment.flats)
+    return prepare(
+        experiment.frames,
+        _repeats(experiment),
+        flat,
+        experiment.pixel_um,
+        experiment.origin,
+        used_face(case),
+        experiment.mask,
+        case.images.dust == "mask",
+    )
+
+
+def reference_of(case: Case, experiment: Experiment, flat: FlatField | None) -> Reference:
+    """The reference surface alone.
+
+    Raises:
+        InputError: there are no repeats, or they show no part of the face.
+    """
+    return build_reference(
+        _repeats(experiment),
+        flat,
+        experiment.pixel_um,
+        experiment.origin,
+        used_face(case),
+        experiment.mask,
+        case.images.dust == "mask",
+    )
+
+
+def _repeats(experiment: Experiment) -> FloatArray:
+    if experiment.repeats is None:
         raise InputError(
             "images.repeats: found nothing, expected repeated images of the unloaded surface "
             "(their mean is the reference, their scatter the noise)"
         )
-    return prepare(
-        frames,
-        repeats,
-        None if experiment.flats is None else flat_pattern(experiment.flats),
-        experiment.pixel_um,
-        experiment.origin,
-        (-half + margin, half - margin, margin, case.specimen.length - margin),
-        experiment.mask,
-    )
+    return experiment.repeats
+
+
+def used_face(case: Case) -> tuple[float, float, float, float]:
+    """Bounds (x0, x1, y0, y1) of the measured face without its rim [µm]."""
+    half, rim = case.specimen.width / 2, case.images.rim_px * case.images.pixel_um
+    return -half + rim, half - rim, rim, case.specimen.length - rim
 
 
 def build_model(

@@ -16,6 +16,7 @@ from typing import TypedDict
 
 from driver.case import Case, load_case
 from driver.errors import InputError
+from driver.images.files import split_dataset
 
 RESULTS = "results"
 _RECORD = "stages.json"
@@ -91,7 +92,7 @@ def measured_files(case: Case) -> tuple[Path, ...]:
     """The images and the history that a case names."""
     images = case.images
     names = (images.frames, images.flats, images.repeats, images.mask, case.history.file)
-    return tuple(case.path(name) for name in names if name is not None)
+    return tuple(Path(split_dataset(case.path(name))[0]) for name in names if name is not None)
 
 
 def run_stages(
@@ -234,9 +235,12 @@ def write_whole(path: Path, text: str) -> None:
 
 def _content_hash(path: Path) -> str:
     """Hash of a file, or of all files of a folder or pattern with their names."""
-    if path.is_file():
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    files = sorted(path.iterdir()) if path.is_dir() else sorted(map(Path, glob.glob(str(path))))
-    parts = [f"{file.name} {_content_hash(file)}" for file in files if file.is_file()]
+    try:
+        if path.is_file():
+            with path.open("rb") as file:
+                return hashlib.file_digest(file, "sha256").hexdigest()
+        files = sorted(path.iterdir()) if path.is_dir() else sorted(map(Path, glob.glob(str(path))))
+        parts = [f"{file.name} {_content_hash(file)}" for file in files if file.is_file()]
+    except (OSError, ValueError):
+        return "unreadable"  # the stage that needs it says so, with the key of the case
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()

@@ -61,6 +61,7 @@ def build_workbench(
     tilt: FloatArray,
     jobs: Path | None = None,
     prepare_only: bool = False,
+    left_out: tuple[int, ...] = (),
 ) -> Workbench:
     """Put a case together.
 
@@ -73,6 +74,7 @@ def build_workbench(
         tilt: measured w(S+) − w(S−) of each image [µm], shape (T,).
         jobs: folder of the jobs of a solver that is a program of its own, or None.
         prepare_only: whether they are written for another machine instead of being run.
+        left_out: frames whose images are not fitted.
     """
     experiment = read_experiment(case)
     images = refine_gradient(surface_images(case, experiment), motion)
@@ -96,8 +98,10 @@ def build_workbench(
         experiment.gamma_F,
         case.loads.autocorrelation,
         np.arange(history.n_images),
+        left_out=left_out,
     )
     parameters = declared_parameters(history.n_knots)
+    elongation, tilt = (_without(left_out, values) for values in (elongation, tilt))
     start, knots = start_values(working, elongation, tilt)
     if case.boundary.gauge == "rigid":
         # The tilt between the edges is a rigid rotation, and is not part of the motion.
@@ -134,6 +138,13 @@ def build_workbench(
         law=law,
         knots=(*pose, *knots),
     )
+
+
+def _without(left_out: tuple[int, ...], values: FloatArray) -> FloatArray:
+    """A series with the values of some frames taken from their neighbours, shape (T,)."""
+    frames = np.arange(values.size)
+    kept = np.setdiff1d(frames, left_out)
+    return np.asarray(np.interp(frames, kept, values[kept]))
 
 
 def _law(case: Case) -> tuple[str, ...]:

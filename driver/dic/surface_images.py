@@ -7,22 +7,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.stats import chi2
 
 from driver.dic.interpolation import SplineImages, spline_images, variance_gain
-from driver.images.flatfield import FlatField
-from driver.images.heightmaps import ImageError, fill_off_surface, on_surface
-from driver.images.noise import noise_from_repeats
-from driver.images.rigid import Shift, shift_between
+from driver.images.flatfield import FlatField, left_over
+from driver.images.heightmaps import ImageError
+from driver.images.reference import build_reference, corrected
+from driver.images.region import Bounds, CodeArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 SMOOTHING = 1.0  # px; of the first gradient, whose noise would otherwise rival the pattern
-WALL = 2.0  # px; pixels as near to a trench wall interpolate heights that were not measured
 RING = 4  # px around the region of interest that the derivative of a cubic spline still feels
-SIGNIFICANCE = 1e-3  # chance of registering repeats that did not move
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +39,9 @@ class SurfaceImages:
         pixel: size of a pixel [µm].
         bounds: rectangle (x0, x1, y0, y1) that was asked for [µm].
         reference_image: the whole reference [µm], extended over trenches, shape (rows, cols).
+        noise_dof: degrees of freedom behind `sigma`.
+        sigma_flat: standard error of the flat pattern that was subtracted [µm].
+        codes: what becomes of each pixel, values of `Excluded`, shape (rows, cols).
     """
 
     xy: FloatArray
@@ -56,6 +56,9 @@ class SurfaceImages:
     pixel: float
     bounds: tuple[float, float, float, float]
     reference_image: FloatArray
+    noise_dof: int
+    sigma_flat: float
+    codes: CodeArray
 
     @property
     def n_frames(self) -> int:
@@ -82,10 +85,15 @@ class SurfaceImages:
         """Variance of ρ from noise alone [µm²], shape (T, n_pix).
 
         σ² (gain + 1/n): interpolation between pixels lowers the noise of a frame by a known
-        gain, and the reference adds that of its mean of n images.
+        gain, and the reference adds that of its mean of n images. The error of the flat pattern
+        adds what it does not do to both images alike.
         """
         moved = (self.xy + motion[..., :2]) / self.pixel + self.frames.origin
-        return self.sigma**2 * (variance_gain(moved[..., 0], moved[..., 1]) + 1 / self.n_reference)
+        gain = variance_gain(moved[..., 0], moved[..., 1])
+        variance = self.sigma**2 * (gain + 1 / self.n_reference)
+        if self.sigma_flat:
+            variance += self.sigma_flat**2 * left_over(motion[..., :2] / self.pixel, gain)
+        return np.asarray(variance)
 
     def chi(
         self, motion: FloatArray, n_parameters: float = 0.0, index: IntArray | None = None
@@ -112,14 +120,15 @@ def prepare(
     flat: FlatField | None,
     pixel: float,
     origin: tuple[float, float],
-    bounds: tuple[float, float, float, float],
+    bounds: Bounds,
     mask: BoolArray | None = None,
+    mask_dust: bool = True,
 ) -> SurfaceImages:
     """Correct the images and gather what correlation needs.
 
     The flat pattern is subtracted; repeats that moved significantly are registered to the
-    first one; pixels without a height (not finite, or at level 0) are filled from their
-    neighbours and, with a margin, kept out of the region of interest.
+    first one; pixels without a height are filled from their neighbours and, with a margin,
+    kept out of the region of interest, as is dust.
 
     Args:
         frames: height maps of the series [µm], shape (T, rows, cols).
@@ -129,6 +138,7 @@ def prepare(
         origin: (row, column) of X = 0, Y = 0 in the repeats.
         bounds: rectangle (x0, x1, y0, y1) of the region of interest [µm].
         mask: pixels that may be used, shape (rows, cols); all if None.
+        mask_dust: whether isolated spikes of the repeats are left out.
 
     Raises:
         ImageError: sizes that differ, a frame without heights, or an empty region of interest.
@@ -141,28 +151,26 @@ def prepare(
     ):
         if found != shape:
             raise ImageError(f"{name} of {found} px, but the repeats have {shape} px.")
-    pattern = np.zeros(shape) if flat is None else flat.pattern
-    valid = np.asarray(on_surface(repeats).all(axis=0))
-    region = _region(valid, pixel, origin, bounds, mask)
-    rows, cols = np.nonzero(region)
-    repeats = _corrected(repeats, pattern, "repeat")
-    repeats, sigma = _registered(repeats, region, pixel)
-    reference = np.asarray(repeats.mean(axis=0))
-    smooth = ndimage.gaussian_filter(reference, SMOOTHING)
+    reference = build_reference(repeats, flat, pixel, origin, bounds, mask, mask_dust)
+    rows, cols = np.nonzero(reference.region)
+    smooth = ndimage.gaussian_filter(reference.heights, SMOOTHING)
     xy = np.column_stack([(rows - origin[0]) * pixel, (cols - origin[1]) * pixel])
     return SurfaceImages(
         xy=xy,
         rows=rows,
         cols=cols,
-        reference=reference[rows, cols],
+        reference=reference.heights[rows, cols],
         gradient=spline_images(smooth[None], pixel, origin).gradient(0, xy[:, 0], xy[:, 1]),
-        frames=spline_images(_corrected(frames, pattern, "frame"), pixel, origin),
-        sigma=sigma,
-        n_reference=len(repeats),
+        frames=spline_images(corrected(frames, flat, "frame"), pixel, origin),
+        sigma=reference.noise.sigma,
+        n_reference=reference.n,
         shape=(shape[0], shape[1]),
         pixel=pixel,
         bounds=bounds,
-        reference_image=reference,
+        reference_image=reference.heights,
+        noise_dof=reference.noise.dof,
+        sigma_flat=0.0 if flat is None else flat.sigma,
+        codes=reference.codes,
     )
 
 
@@ -195,61 +203,3 @@ def refine_gradient(images: SurfaceImages, motion: FloatArray) -> SurfaceImages:
     mean[rows, cols] = total / (images.n_reference + weights.sum())
     spline = spline_images(mean[None], images.pixel, images.frames.origin)
     return replace(images, gradient=spline.gradient(0, images.xy[:, 0], images.xy[:, 1]))
-
-
-def _region(
-    valid: BoolArray,
-    pixel: float,
-    origin: tuple[float, float],
-    bounds: tuple[float, float, float, float],
-    mask: BoolArray | None,
-) -> BoolArray:
-    x = (np.arange(valid.shape[0]) - origin[0]) * pixel
-    y = (np.arange(valid.shape[1]) - origin[1]) * pixel
-    x0, x1, y0, y1 = bounds
-    region = np.outer((x >= x0) & (x <= x1), (y >= y0) & (y <= y1))
-    if not valid.all():
-        region &= ndimage.distance_transform_edt(valid) > WALL
-    if mask is not None:
-        region &= mask
-    if not region.any():
-        raise ImageError(
-            f"no pixel of the images lies inside the bounds {bounds} µm, on the surface and in "
-            f"the mask; the field of view is X {x[0]:.3g} to {x[-1]:.3g}, "
-            f"Y {y[0]:.3g} to {y[-1]:.3g} µm."
-        )
-    return region
-
-
-def _corrected(stack: FloatArray, pattern: FloatArray, name: str) -> FloatArray:
-    corrected = np.empty_like(stack)
-    for t, heights in enumerate(stack):
-        valid = on_surface(heights)
-        if not valid.any():
-            raise ImageError(f"{name} {t}: no pixel carries a height (all empty or at level 0).")
-        corrected[t] = fill_off_surface(heights - pattern, valid)
-    return corrected
-
-
-def _registered(repeats: FloatArray, region: BoolArray, pixel: float) -> tuple[FloatArray, float]:
-    """Repeats brought onto the first one if they moved, and the noise of one frame [µm]."""
-    sigma = noise_from_repeats(repeats, region).sigma
-    shifts = np.array([shift_between(repeats[0], r, pixel, region) for r in repeats[1:]])
-    smooth = ndimage.gaussian_filter(repeats.mean(axis=0), SMOOTHING)
-    slopes = np.column_stack([g[region] for g in np.gradient(smooth, pixel)])
-    slopes -= slopes.mean(axis=0)
-    # Shifts against a common first repeat share its noise: covariance σ² M⁻¹ (I + 1 1ᵀ).
-    centred = shifts[:, :2] - shifts[:, :2].sum(axis=0) / len(repeats)
-    own = np.vstack([-shifts[:, :2].sum(axis=0) / len(repeats), centred])
-    statistic = np.einsum("ti,ij,tj->", own, slopes.T @ slopes, own) / sigma**2
-    if statistic < chi2.isf(SIGNIFICANCE, 2 * (len(repeats) - 1)):
-        return repeats, sigma
-    registered, gains = [repeats[0]], [1.0]
-    grid = np.indices(region.shape, dtype=np.float64)
-    for heights, shift in zip(repeats[1:], map(Shift._make, shifts), strict=True):
-        step = np.array([shift.dx, shift.dy]) / pixel
-        moved = ndimage.map_coordinates(heights, grid + step[:, None, None], mode="mirror")
-        registered.append(moved - shift.dz)
-        gains.append(float(variance_gain(step[0], step[1])))
-    scatter = noise_from_repeats(np.array(registered), region).sigma
-    return np.array(registered), scatter / float(np.sqrt(np.mean(gains)))

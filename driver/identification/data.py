@@ -23,6 +23,7 @@ from driver.model import Prediction
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 Gauge = Literal["translation", "rigid"]
 _SHIFT_ITERATIONS = 3
@@ -173,6 +174,7 @@ class Data:
         index: the frames in use, shape (T,).
         with_loads: whether the loads are part of the residual.
         simulation_error: covariance of what mesh and time steps leave wrong, None if neglected.
+        left_out: frames whose images are not fitted, outliers of the series; their loads are.
     """
 
     image: ImageData
@@ -182,11 +184,17 @@ class Data:
     index: IntArray
     with_loads: bool = True
     simulation_error: SimulationError | None = None
+    left_out: tuple[int, ...] = ()
 
     @property
     def n_load(self) -> int:
         """Numbers in the load part."""
         return self.index.size if self.with_loads else 0
+
+    @property
+    def with_image(self) -> BoolArray:
+        """Which of the frames in use have an image that is fitted, shape (T,)."""
+        return ~np.isin(self.index, self.left_out)
 
     def images_alone(self) -> Data:
         """The same frames without their loads."""
@@ -210,36 +218,38 @@ class Data:
             ρ (T, n_pix) [µm].
         """
         z, shift, rho = self.image.residual(motion[self.index], self.index)
-        parts = [self._whiten_images(z).ravel()]
+        parts = [self._whiten_images(z[self.with_image]).ravel()]
         if self.with_loads:
             parts.insert(0, self._whiten_loads((self.load - load)[self.index]))
         return np.concatenate(parts), shift, rho
 
     def sensitivity(self, prediction: Prediction) -> FloatArray:
         """Whitened derivatives of a prediction with respect to k parameters, shape (k, n)."""
-        z = self.image.sensitivity(prediction.d_surface[:, self.index], prediction.look.value)
+        seen = self.index[self.with_image]
+        z = self.image.sensitivity(prediction.d_surface[:, seen], prediction.look.value)
         for row, motion in prediction.carried.items():
-            z[row] += self.image.pixel_sensitivity(motion[self.index])
+            z[row] += self.image.pixel_sensitivity(motion[seen])
         z = self._whiten_images(z)
-        parts = [z.reshape(len(z), self.index.size * self.image.n_z)]
+        parts = [z.reshape(len(z), seen.size * self.image.n_z)]
         if self.with_loads:
             parts.insert(0, self._whiten_loads(prediction.d_load[:, self.index]))
         return np.concatenate(parts, axis=1)
 
     def image_part(self, residual: FloatArray) -> FloatArray:
-        """The image part of a residual, shape (T, n_z)."""
-        return residual[self.n_load :].reshape(self.index.size, self.image.n_z)
+        """The image part of a residual, of the images that are fitted, shape (T, n_z)."""
+        return residual[self.n_load :].reshape(-1, self.image.n_z)
 
     def _whiten_images(self, z: FloatArray) -> FloatArray:
         white = self._whiten_reference(z)
         if self.simulation_error is None:
             return white
-        shapes = self._whiten_reference(self.simulation_error.shapes[self.index])
+        seen = self.index[self.with_image]
+        shapes = self._whiten_reference(self.simulation_error.shapes[seen])
         return self.simulation_error.whiten_images(white, shapes)
 
     def _whiten_reference(self, z: FloatArray) -> FloatArray:
         """(I + 11ᵀ/n)^(−1/2) over the frames, axis −2."""
-        T = self.index.size
+        T = z.shape[-2]
         shrink = 1.0 - 1.0 / np.sqrt(1.0 + T / self.image.images.n_reference)
         return np.asarray(z - shrink * z.mean(axis=-2, keepdims=True))
 

@@ -2,59 +2,99 @@
 
 from __future__ import annotations
 
-import glob
-import logging
-import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import tifffile
 from numpy.typing import NDArray
 from scipy import ndimage
+
+from driver.errors import InputError, sentence
+from driver.images.files import Refused, files_of, gap, split_dataset
+from driver.images.formats import read_file
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-SUFFIXES = (".tif", ".tiff", ".npy")
 
-
-class ImageError(ValueError):
+class ImageError(InputError):
     """An image that cannot be used; the message names it and says what was expected."""
 
 
-def read_stack(path: str | Path) -> FloatArray:
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Height maps in digital levels, as stored.
+
+    Attributes:
+        levels: shape (n, rows, cols).
+        dtype: type of the stored numbers.
+        frames: file of each frame and its place there, length n.
+        gap: the first gap in the numbers of the files, or an empty text.
+    """
+
+    levels: FloatArray
+    dtype: np.dtype[np.generic]
+    frames: tuple[tuple[Path, int], ...]
+    gap: str
+
+    @property
+    def size(self) -> str:
+        """Rows × columns, to be told."""
+        return f"{self.levels.shape[1]} × {self.levels.shape[2]} px"
+
+
+def load_stack(path: str | Path, key: str = "images") -> Stack:
     """Read height maps in digital levels, never rescaled.
 
     Args:
-        path: a TIFF (one page or many), an NPY array, a folder of such files, or a glob
-            pattern. Files are taken in natural order (frame 9 before frame 10).
-
-    Returns:
-        Levels as stored, shape (n, rows, cols).
+        path: a TIFF (one page or many), a PNG, an NPY array, a dataset of an HDF5 file
+            (`images.h5:/frames`), a folder of such files, or a glob pattern. Files are taken
+            in natural order (frame 9 before frame 10).
+        key: key of the case that names the path, to be told.
 
     Raises:
         ImageError: nothing found, or a file is unreadable, truncated, empty, in colour,
-            not of numbers, or of another size than the ones before it.
+            not of numbers, or of another size or type than the ones before it.
     """
-    files = _files(path)
-    stacks: list[FloatArray] = []
+    name, dataset = split_dataset(path)
+    try:
+        files = files_of(name)
+    except Refused as refused:
+        raise ImageError(sentence(Path(path), key, refused.found, refused.expected)) from None
+    parts: list[NDArray[np.generic]] = []
     for file in files:
-        stack = _read_npy(file) if file.suffix.lower() == ".npy" else _read_tiff(file)
-        if stacks and stack.shape[1:] != stacks[0].shape[1:]:
-            raise ImageError(
-                f"{file}: frames of {_size(stack)} px, but {files[0]} has {_size(stacks[0])} px; "
-                "all frames of a stack must have one size."
-            )
-        stacks.append(stack)
-    return stacks[0] if len(stacks) == 1 else np.concatenate(stacks)
+        try:
+            part = read_file(file, dataset)
+            if parts and part.shape[1:] != parts[0].shape[1:]:
+                raise Refused(_size(part), f"{_size(parts[0])} as {files[0].name}")
+            if parts and part.dtype != parts[0].dtype:
+                raise Refused(
+                    f"levels of type {part.dtype}",
+                    f"{parts[0].dtype} as {files[0].name}, for one scale holds for all",
+                )
+        except Refused as refused:
+            raise ImageError(sentence(file, key, refused.found, refused.expected)) from None
+        parts.append(part)
+    levels = np.empty((sum(map(len, parts)), *parts[0].shape[1:]))
+    np.concatenate(parts, out=levels, casting="unsafe")
+    return Stack(
+        levels=levels,
+        dtype=parts[0].dtype,
+        frames=tuple(
+            (f, k) for f, part in zip(files, parts, strict=True) for k in range(len(part))
+        ),
+        gap=gap([file.name for file in files]),
+    )
+
+
+def read_stack(path: str | Path, key: str = "images") -> FloatArray:
+    """The levels of `load_stack` alone, shape (n, rows, cols)."""
+    return load_stack(path, key).levels
 
 
 def on_surface(heights: FloatArray) -> BoolArray:
-    """Pixels that carry a height: finite and not exactly zero.
-
-    Level 0 is the bottom of the instrument's range: a trench that deep is clipped there.
-    """
-    return np.asarray(np.isfinite(heights) & (heights != 0.0))
+    """Pixels that carry a height: the finite ones."""
+    return np.asarray(np.isfinite(heights))
 
 
 def fill_off_surface(heights: FloatArray, valid: BoolArray) -> FloatArray:
@@ -72,79 +112,5 @@ def fill_off_surface(heights: FloatArray, valid: BoolArray) -> FloatArray:
     return np.asarray(heights[tuple(nearest)])
 
 
-def _files(path: str | Path) -> list[Path]:
-    given = Path(path)
-    if given.is_file():
-        return [given]
-    found = given.iterdir() if given.is_dir() else (Path(name) for name in glob.glob(str(path)))
-    files = [file for file in found if file.suffix.lower() in SUFFIXES and file.is_file()]
-    if not files:
-        raise ImageError(f"{path}: no image found; expected a file, a folder or a pattern of "
-                         f"{', '.join(SUFFIXES)} files.")  # fmt: skip
-    return sorted(files, key=lambda file: [
-        (int(part), "") if part.isdigit() else (-1, part)
-        for part in re.split(r"(\d+)", file.name)
-    ])  # fmt: skip
-
-
-class _ErrorLog(logging.Handler):
-    """Keeps what tifffile only logs: it cuts a truncated stack short without an exception."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.ERROR)
-        self.messages: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.messages.append(record.getMessage())
-
-
-def _read_tiff(file: Path) -> FloatArray:
-    log, logger = _ErrorLog(), logging.getLogger("tifffile")
-    propagate, logger.propagate = logger.propagate, False
-    logger.addHandler(log)
-    try:
-        with tifffile.TiffFile(file) as tiff:
-            sizes = sorted({page.shape for page in tiff.pages})
-            n_series = len(tiff.series)
-            samples = tiff.pages.first.samplesperpixel
-            levels = tiff.asarray()
-    except Exception as error:  # every decoder behind tifffile raises its own type
-        raise ImageError(f"{file}: cannot be read as TIFF ({error}).") from error
-    finally:
-        logger.removeHandler(log)
-        logger.propagate = propagate
-    if log.messages:
-        raise ImageError(f"{file}: truncated or damaged TIFF ({log.messages[0]}).")
-    if samples > 1:
-        raise ImageError(f"{file}: {samples} channels a pixel; expected heights, not colours.")
-    if len(sizes) > 1 or n_series > 1:
-        raise ImageError(
-            f"{file}: pages of unlike size or type {sizes}; all frames of a stack must be alike."
-        )
-    return _checked(file, levels)
-
-
-def _read_npy(file: Path) -> FloatArray:
-    try:
-        levels = np.load(file, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise ImageError(f"{file}: cannot be read as NPY ({error}).") from error
-    return _checked(file, levels)
-
-
-def _checked(file: Path, levels: NDArray[np.generic]) -> FloatArray:
-    if levels.dtype.kind not in "uif":
-        raise ImageError(f"{file}: values of type {levels.dtype}; expected integers or floats.")
-    stack = levels[np.newaxis] if levels.ndim == 2 else levels
-    if stack.ndim != 3:
-        raise ImageError(
-            f"{file}: array of shape {levels.shape}; expected heights of shape (rows, cols) "
-            "or (frames, rows, cols)."
-        )
-    if stack.size == 0:
-        raise ImageError(f"{file}: holds no pixel; expected at least one frame.")
-    return np.asarray(stack, dtype=np.float64)
-
-
-def _size(stack: FloatArray) -> str:
-    return f"{stack.shape[1]} × {stack.shape[2]}"
+def _size(stack: NDArray[np.generic]) -> str:
+    return f"{stack.shape[1]} × {stack.shape[2]} px"

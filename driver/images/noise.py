@@ -1,4 +1,4 @@
-"""Height noise from repeated images of one surface."""
+"""Height noise from repeated images of one surface, and from the residuals of a series."""
 
 from __future__ import annotations
 
@@ -6,12 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from driver.images.heightmaps import ImageError
 from driver.images.plane import plane_modes
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+
+
+# Squares of second differences of white noise are correlated: k of them, from k + 2 frames, have
+# the scatter of k/(1 + 2 (4/6)² + 2 (1/6)²) independent ones.
+_SHARED = 1.0 + 2.0 * ((4 / 6) ** 2 + (1 / 6) ** 2)
+CHANCE = 0.01  # of one pixel or more that is called noisier in a series of uniform noise
 
 
 @dataclass(frozen=True)
@@ -27,7 +34,7 @@ class Noise:
     dof: int
 
 
-def noise_from_repeats(repeats: FloatArray, mask: BoolArray) -> Noise:
+def noise_from_repeats(repeats: FloatArray, mask: BoolArray, n_shifts: int = 0) -> Noise:
     """Scatter of repeated images about their mean, offset and tilt of each frame removed.
 
     The stage may move in height and tilt between two repeats: three of the pixels' degrees
@@ -36,6 +43,7 @@ def noise_from_repeats(repeats: FloatArray, mask: BoolArray) -> Noise:
     Args:
         repeats: height maps of one surface [µm], shape (n, rows, cols).
         mask: pixels to use, shape (rows, cols).
+        n_shifts: further motions of each frame that were fitted to these pixels.
 
     Raises:
         ImageError: fewer than two repeats, fewer than four pixels, or identical repeats.
@@ -52,5 +60,59 @@ def noise_from_repeats(repeats: FloatArray, mask: BoolArray) -> Noise:
         raise ImageError("repeats: all frames are identical; the noise cannot be measured.")
     scatter = scatter - scatter.mean(axis=0)
     scatter -= (scatter @ planes) @ planes.T
-    dof = (n - 1) * (n_pixels - 3)
+    dof = (n - 1) * (n_pixels - 3 - n_shifts)
     return Noise(sigma=float(np.sqrt((scatter**2).sum() / dof)), dof=dof)
+
+
+@dataclass(frozen=True, eq=False)
+class TemporalNoise:
+    """Height noise from what a series of residuals does from one frame to the next.
+
+    Attributes:
+        sigma: standard deviation of one pixel of one frame, over all pixels [µm].
+        dof: degrees of freedom behind it.
+        map: the same at each pixel [µm], shape (n_pix,).
+        map_dof: degrees of freedom behind each value of the map.
+        larger: pixels where it is larger than `sigma`, beyond chance, shape (n_pix,).
+    """
+
+    sigma: float
+    dof: float
+    map: FloatArray
+    map_dof: float
+    larger: BoolArray
+
+
+def temporal_noise(
+    residual: FloatArray, gain: FloatArray, fitted: FloatArray
+) -> TemporalNoise | None:
+    """Noise from the second differences of the residuals in time.
+
+    A pixel's share of the reference is the same in every frame, and what a model leaves grows
+    slowly: both fall out of ρ(t−1) − 2 ρ(t) + ρ(t+1), whose variance is that of six readings.
+
+    Args:
+        residual: ρ of frames in their order [µm], shape (T, n_pix).
+        gain: variance of interpolated white noise at the pixels, shape (T, n_pix).
+        fitted: share of the variance of each pixel that the fitted motion takes, shape
+            (n_pix,).
+
+    Returns:
+        None for fewer than three frames.
+    """
+    n_differences = len(residual) - 2
+    if n_differences < 1:
+        return None
+    difference = residual[:-2] - 2.0 * residual[1:-1] + residual[2:]
+    scale = (gain[:-2] + 4.0 * gain[1:-1] + gain[2:]) * (1.0 - fitted)
+    variance = np.mean(difference**2 / scale, axis=0)
+    map_dof = n_differences / _SHARED
+    mean = float(np.mean(variance))
+    limit = chi2.isf(CHANCE / variance.size, map_dof) / map_dof
+    return TemporalNoise(
+        sigma=float(np.sqrt(mean)),
+        dof=map_dof * float(variance.size - fitted.sum()),
+        map=np.sqrt(variance),
+        map_dof=map_dof,
+        larger=np.asarray(variance > limit * mean),
+    )

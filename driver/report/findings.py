@@ -18,6 +18,7 @@ from driver.diagnose_stage import DIAGNOSIS, DIAGNOSIS_H5, EXTENDED
 from driver.dic.interpolation import variance_gain
 from driver.history import History, knot_weights, read_history
 from driver.identify_stage import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
+from driver.images.flatfield import left_over
 from driver.measure_stage import MEASURE, MEASURE_CSV
 from driver.mesh_stage import FINE_MESH, MESH
 from driver.report.measured import DATASETS, MeasuredMotion, measured_motion, peaks
@@ -45,7 +46,7 @@ FILES = {
 
 _READ = (MESH, MEASURE, IDENTIFY, HISTORY_JSON, DIAGNOSIS, DIAGNOSIS_H5)
 _MEASURED = (
-    "time", "force", "xy", *DATASETS)  # fmt: skip
+    "time", "force", "xy", "left_out", "sigma_flat", *DATASETS)  # fmt: skip
 _FITTED = ("before/load", "before/motion", "before/rho", "after/load", "after/motion", "after/rho")
 
 
@@ -111,16 +112,17 @@ class Findings:
         """ρ in units of the standard deviation that noise alone gives it, shape (T, n_pix).
 
         Var ρ = σ²(gain + 1/n): interpolation lowers the noise of a frame by a known gain, the
-        reference adds that of its mean of n images. The gain depends on where the pixels fell,
-        so the stage's translation counts: it is what free correlation saw beyond the model.
+        reference adds that of its mean of n images, and the flat pattern its error. The gain
+        depends on where the pixels fell, so the stage's translation counts: it is what free
+        correlation saw beyond the model.
         """
         m, motion = self.measured, self.fitted[f"{side}/motion"][..., :2]
-        shift = np.mean(m["motion"][..., :2] - motion, axis=1, keepdims=True)
-        moved = (m["xy"] + motion + shift) / m["pixel"] + m["origin"]
+        seen = motion + np.mean(m["motion"][..., :2] - motion, axis=1, keepdims=True)
+        moved = (m["xy"] + seen) / m["pixel"] + m["origin"]
         gain = variance_gain(moved[..., 0], moved[..., 1])
-        return np.asarray(
-            self.fitted[f"{side}/rho"] / (m["sigma"] * np.sqrt(gain + 1.0 / m["n_reference"]))
-        )
+        variance = m["sigma"] ** 2 * (gain + 1.0 / m["n_reference"])
+        variance += m["sigma_flat"] ** 2 * left_over(seen / m["pixel"], gain)
+        return np.asarray(self.fitted[f"{side}/rho"] / np.sqrt(variance))
 
     def edges(self, side: str) -> FloatArray:
         """Identified elongation and tilt in each row of the history [µm], shape (n_rows, 2)."""

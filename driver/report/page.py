@@ -217,6 +217,9 @@ def facts(findings: Findings) -> list[tuple[str, str]]:
         for grain in case.grains
     )
     peaks = m["force"].max()
+    left = [str(frame) for frame, out in enumerate(m["left_out"]) if out]
+    fate = "is unlike its" if len(left) == 1 else "are unlike their"
+    but = f"; {joined(left)} {fate} neighbours and not fitted but for the load" if left else ""
     return [
         ("prism", f"{s.length:g} × {s.width:g} × {s.depth:.3g} µm (Y, X, Z), "
                   f"section {number(case.section)} µm²"),
@@ -226,7 +229,7 @@ def facts(findings: Findings) -> list[tuple[str, str]]:
         ("solver", f"{case.solver.name}, {case.material.strain_measure} strain, "
                    f"time steps of an interval: {case.solver.steps_per_interval}"),
         ("images", f"{len(m['time'])} of {m['reference'].shape[0]} × {m['reference'].shape[1]} px, "
-                   f"{1e3 * float(m['pixel']):g} nm a pixel, {m['rows'].size} px used"),
+                   f"{1e3 * float(m['pixel']):g} nm a pixel, {m['rows'].size} px used{but}"),
         ("noise", f"height {number(1e3 * float(m['sigma']))} nm an image "
                   f"(reference: mean of {float(m['n_reference']):g}), load "
                   f"{number(findings.load_noise)} µN; on the correlation mesh "

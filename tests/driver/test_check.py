@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 from matplotlib.image import imread
 
 from driver import check as check_module
@@ -74,7 +75,7 @@ def test_the_trace_of_the_grain_boundary_lies_on_its_plane():
     ("old", "new", "sentence"),
     [
         ("width_um = 4.0", "width_um = 0", "specimen.width_um: found 0, expected a number > 0"),
-        ('frames = "images.tif"', 'frames = "frames_*.tif"', "frames_*.tif: no image found"),
+        ('frames = "images.tif"', 'frames = "frames_*.tif"', "images.frames: found no image"),
         ("origin_pixel = [35.5, 21.0]", "origin_pixel = [35.5, 60.0]",
          "images.origin_pixel: found the measured face at rows 17.3 … 53.7, columns 60.0 … 169.1, "
          "expected it inside 72 × 152 px"),
@@ -107,9 +108,38 @@ def test_loads_that_end_early_are_found(case_path):
 def test_a_face_drawn_over_a_trench_and_missing_stacks_are_warned_of(case_path):
     edit(case_path, "origin_pixel = [35.5, 21.0]", "origin_pixel = [28.0, 21.0]")
     edit(case_path, 'repeats = "repeats.tif"', "")
-    repeats, trench = found(case_path, "warning")
-    assert repeats == "images.repeats is not given: noise is nominal"
-    assert "of the measured face" in trench and "is at level 0" in trench
+    (trench,) = found(case_path, "warning")
+    assert "of the measured face" in trench and "carries no height" in trench
+    (repeats,) = found(case_path, "error")
+    assert repeats.startswith("images.repeats: found nothing, expected repeated images")
+
+
+def test_noise_pixels_and_pattern_are_told_as_they_will_be_measured(case_path):
+    told = found(case_path, "ok")
+    # 9 nm nominal, by the README of the data; 6.5 nm of quantisation add 1.9 nm in squares.
+    assert any(line.startswith("9.15 ± 0.04 nm from 10 repeats") for line in told)
+    assert any("pixels of the face are used" in line and "0 as dust" in line for line in told)
+    assert any(line.startswith("fixed pattern of 400 flats") for line in told)
+    assert not found(case_path, "warning")
+
+
+def test_bad_frames_a_wrong_scale_and_dust_are_warned_of_by_name(case_path):
+    folder = case_path.parent
+    frames = tifffile.imread(folder / "images.tif")
+    frames[40, 30:40, 60:80] += 20
+    frames[0, 0, 0] = 255
+    frames[60, 35, 70:73] = frames[61, 35, 75] = 0
+    tifffile.imwrite(folder / "images.tif", frames, photometric="minisblack")
+    repeats = tifffile.imread(folder / "repeats.tif")
+    repeats[:, 36, 100] += 40
+    tifffile.imwrite(folder / "repeats.tif", repeats, photometric="minisblack")
+    edit(case_path, "height_per_level_nm = 6.5", "height_per_level_nm = 13")
+    clipped, noise, holes, frame = found(case_path, "warning")
+    assert "2 frames lack heights on the face, frame 60 at most, of 3 pixels" in holes
+    assert clipped.startswith("images.frames: 1 pixels are at the largest level")
+    assert noise.startswith("images.noise_nm: found 9, expected about the 18.29 ")
+    assert frame.startswith("frame 40 is unlike its neighbours: residual")
+    assert any("and 13 as dust" in line for line in found(case_path, "ok"))
 
 
 def test_the_estimate_grows_with_the_work():

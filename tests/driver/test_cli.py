@@ -7,8 +7,8 @@ from typer.testing import CliRunner
 
 import driver
 from driver.case import CaseError, load_case
-from driver.check import Finding
 from driver.cli import app
+from driver.finding import Finding
 from solver_adapters.interface import PreparedError, SolverError
 
 

@@ -1,3 +1,5 @@
+import h5py
+import imagecodecs
 import numpy as np
 import pytest
 import tifffile
@@ -18,7 +20,8 @@ def folder(tmp_path):
     levels = np.arange(2 * 6 * 10, dtype=np.uint8).reshape(2, 6, 10)
     tifffile.imwrite(tmp_path / "images.tif", levels, photometric="minisblack")
     tifffile.imwrite(tmp_path / "flats.tif", levels[:, ::-1].copy(), photometric="minisblack")
-    tifffile.imwrite(tmp_path / "repeats.tif", np.stack([levels[0]] * 3), photometric="minisblack")
+    repeats = np.stack([levels[0] + k for k in range(3)])
+    tifffile.imwrite(tmp_path / "repeats.tif", repeats, photometric="minisblack")
     tifffile.imwrite(
         tmp_path / "mask.tif", (levels[0] > 9).astype(np.uint8), photometric="minisblack"
     )
@@ -91,7 +94,7 @@ def test_another_number_of_frames_than_of_images_is_refused(folder):
 @pytest.mark.parametrize("name", ["flats", "repeats", "mask"])
 def test_a_stack_of_another_size_is_refused(folder, name):
     tifffile.imwrite(
-        folder / f"{name}.tif", np.ones((1, 6, 9), dtype=np.uint8), photometric="minisblack"
+        folder / f"{name}.tif", np.ones((2, 6, 9), dtype=np.uint8), photometric="minisblack"
     )
     with pytest.raises(ExperimentError) as error:
         read_experiment(load_case(folder / "case.toml"))
@@ -106,3 +109,124 @@ def test_a_mask_of_several_images_is_refused(folder):
     )
     with pytest.raises(ExperimentError, match="images.mask: found 2 images, expected one"):
         read_experiment(load_case(folder / "case.toml"))
+
+
+def test_heights_are_scale_and_offset_of_the_levels_without_any_loss(folder, tmp_path):
+    """16 bit and doubles, compared with the formula in exact arithmetic on the levels."""
+    rng = np.random.default_rng(1)
+    for dtype, name in (("uint16", "a.tif"), ("uint16", "a.png"), ("float64", "a.h5")):
+        levels = rng.integers(1, 65535, size=(2, 6, 10)).astype(dtype)
+        if name == "a.h5":
+            levels = rng.normal(size=levels.shape)
+            with h5py.File(tmp_path / name, "w") as file:
+                file["scan/heights"] = levels
+            path = "a.h5:/scan/heights"
+        elif name == "a.png":
+            for t in range(2):
+                (tmp_path / f"a{t}.png").write_bytes(imagecodecs.png_encode(levels[t]))
+            path = "a*.png"
+        else:
+            tifffile.imwrite(tmp_path / name, levels, photometric="minisblack")
+            path = name
+        case = load_case(folder / "case.toml")
+        changed = {
+            "frames": path, "flats": None, "repeats": None, "mask": None,
+            "height_per_level_nm": 0.5, "height_offset_nm": -3000.0,
+        }  # fmt: skip
+        case = case.model_copy(update={"images": case.images.model_copy(update=changed)})
+        np.testing.assert_allclose(
+            read_experiment(case).frames, (0.5 * levels - 3000.0) / 1000.0, rtol=0, atol=4e-15
+        )
+
+
+def test_pixels_without_a_height_are_no_numbers_whatever_the_offset():
+    levels = np.array([[[0.0, 5.0, np.nan, np.inf, 7.0]]])
+    one = Images(frames="", height_per_level_nm=1000.0, height_offset_nm=-5000.0)
+    np.testing.assert_array_equal(heights(one, levels), [[[np.nan, 0, np.nan, np.nan, 2]]])
+    two = one.model_copy(update={"off_surface_level": 7.0})
+    np.testing.assert_array_equal(heights(two, levels), [[[-5, 0, np.nan, np.nan, np.nan]]])
+    none = one.model_copy(update={"off_surface_level": "none", "heights": "-Z"})
+    np.testing.assert_array_equal(heights(none, levels), [[[5, 0, np.nan, np.nan, -2]]])
+
+
+SURFACE = np.arange(1, 61, dtype=np.uint8).reshape(6, 10)
+
+
+def numbered(folder, numbers):
+    for number in numbers:
+        tifffile.imwrite(folder / f"f_{number:03d}.tif", SURFACE + number, photometric="minisblack")
+    return "f_*.tif"
+
+
+def stored(folder, name, array, **options):
+    tifffile.imwrite(folder / name, array, **{"photometric": "minisblack", **options})
+    return name
+
+
+def cut(folder):
+    stored(folder, "cut.tif", np.stack([SURFACE] * 2), metadata=None)
+    content = (folder / "cut.tif").read_bytes()
+    (folder / "cut.tif").write_bytes(content[:150])
+    return "cut.tif"
+
+
+def dataset(folder):
+    with h5py.File(folder / "a.h5", "w") as file:
+        file["scan/heights"] = np.stack([SURFACE] * 2)
+    return "a.h5:/scan/levels"
+
+
+BAD = {
+    "gap": ("frames", lambda f: numbered(f, (1, 2, 4, 5)),
+            "found 4 frames (f_004.tif follows f_002.tif), expected 2, the images of history.csv"),
+    "absent": ("frames", lambda f: "nothing/*.tif", "found no image, expected a file, a folder or"),
+    "below a file": ("frames", lambda f: "images.tif/a.tif", "found no image, expected a file"),
+    "long name": ("frames", lambda f: "a" * 300, "found “File name too long”, expected a file"),
+    "zero in name": ("frames", lambda f: "a\0b", "found no image, expected a file"),
+    "truncated": ("frames", cut, "expected a TIFF file that"),
+    "no dataset": ("frames", dataset, 'found no dataset "/scan/levels", expected a.h5:NAME with '
+                   "NAME one of /scan/heights"),
+    "colours": ("flats", lambda f: stored(f, "rgb.tif", np.stack([SURFACE] * 3, axis=-1),
+                                          photometric="rgb"),
+                "found 3 colour channels (RGB), expected heights, one number a pixel"),
+    "types": ("repeats", lambda f: stored(f, "r.tif", np.stack([SURFACE + k for k in (0, 1)])
+                                          .astype(np.uint16)),
+              "found levels of type uint16, expected uint8 as the frames"),
+    "scales": ("repeats", lambda f: stored(f, "r.tif", np.stack([4 * SURFACE, 4 * SURFACE + 1])),
+               "found heights that spread over 1.38e+03 nm, expected about 339 nm as in image 0"),
+    "one repeat": ("repeats", lambda f: stored(f, "r.tif", SURFACE),
+                   "found 1 frame, expected at least 2 (their scatter is the noise)"),
+    "twice the same": ("repeats", lambda f: stored(f, "r.tif", np.stack([SURFACE] * 2)),
+                       "found frame 1 with every pixel as in the one before"),
+    "constant": ("frames", lambda f: stored(f, "c.tif", np.stack([SURFACE, 0 * SURFACE + 7])),
+                 "found level 7 at every pixel in frame 1, expected heights of a surface"),
+    "all NaN": ("frames", lambda f: stored(f, "n.tif", np.full((2, 6, 10), np.nan, np.float32)),
+                "found no pixel with a height in frame 0, expected heights of a surface"),
+    "mask": ("mask", lambda f: stored(f, "m.tif", 0 * SURFACE),
+             "found 0 at every pixel, expected another number where pixels are used"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_bad_images_are_told_in_one_sentence_with_file_and_key(folder, what):
+    key, make, sentence = BAD[what]
+    case = load_case(folder / "case.toml")
+    name = make(folder)
+    others = {"flats": None, "repeats": None, "mask": None}
+    images = case.images.model_copy(update=others | {key: name})
+    with pytest.raises(ExperimentError) as error:
+        read_experiment(case.model_copy(update={"images": images}))
+    (told,) = str(error.value).splitlines()
+    assert f": images.{key}: found " in told and sentence in told
+    assert told.startswith(str(folder / name.split(":")[0]))
+
+
+def test_everything_that_is_wrong_is_told_at_once(folder):
+    for name in ("images.tif", "flats.tif", "repeats.tif", "mask.tif", "history.csv"):
+        (folder / name).unlink()
+    with pytest.raises(ExperimentError) as error:
+        read_experiment(load_case(folder / "case.toml"))
+    told = str(error.value).splitlines()
+    assert len(told) == 5
+    for line, name in zip(told, ("history", "images", "flats", "repeats", "mask"), strict=True):
+        assert f"{folder / name}." in line and "found no" in line

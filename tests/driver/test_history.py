@@ -94,6 +94,10 @@ def test_a_missing_column_and_a_missing_file_are_named(tmp_path):
         read_history(path)
     with pytest.raises(HistoryError, match="absent.csv: file: found nothing, expected a CSV"):
         read_history(tmp_path / "absent.csv")
+    with pytest.raises(HistoryError, match="history.file: found “Is a directory”, expected a CSV"):
+        read_history(tmp_path)
+    with pytest.raises(HistoryError, match="history.file: found “File name too long”, expected"):
+        read_history(tmp_path / ("a" * 300))
 
 
 def test_a_stage_that_never_moves_and_a_lone_image_are_refused(tmp_path):

@@ -176,3 +176,16 @@ def test_a_damaged_record_is_no_record(tmp_path: Path, text: str) -> None:
 
     (tmp_path / "stages.json").write_text(text, encoding="utf-8")
     assert stages._read_record(tmp_path) == {}
+
+
+def test_a_dataset_is_known_by_the_content_of_its_file(workshop):
+    workshop.edit('frames = "images.tif"', 'frames = "images.h5:/frames"')
+    (workshop.folder / "images.h5").write_text("heights")
+    assert workshop.run() == ["mesh", "measure"] and workshop.run() == []
+    (workshop.folder / "images.h5").write_text("other heights")
+    assert workshop.run() == ["measure"]
+
+
+def test_a_file_that_cannot_be_looked_up_is_left_to_the_stage_to_tell(workshop):
+    workshop.edit('frames = "images.tif"', f'frames = "{"a" * 300}"')
+    assert workshop.run() == ["mesh", "measure"]

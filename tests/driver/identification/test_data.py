@@ -113,6 +113,25 @@ def test_some_of_the_frames_are_whitened_by_themselves() -> None:
     np.testing.assert_allclose(between, np.eye(3), atol=5 / np.sqrt(z[:, 0].size))
 
 
+def test_an_image_that_is_left_out_has_no_say_but_its_load_has() -> None:
+    (draw,) = noise_draws(1)
+    spoilt = np.array(draw.image.images.frames.coefficients)
+    spoilt[2] += 0.05 * np.random.default_rng(3).standard_normal(SHAPE)
+    frames = replace(draw.image.images.frames, coefficients=spoilt)
+    images = replace(draw.image.images, frames=frames)
+    load = LOAD_NOISE * np.random.default_rng(4).standard_normal(T)
+    own = replace(draw, image=replace(draw.image, images=images), load=load, left_out=(2,))
+    residual, shift, rho = own.residual(unmoved(), np.zeros(T))
+    others = own.frames(np.delete(np.arange(T), 2)).residual(unmoved(), np.zeros(T))[0]
+    np.testing.assert_allclose(residual[T:], others[T - 1 :], atol=1e-12)
+    whole = replace(own, left_out=()).residual(unmoved(), np.zeros(T))[0]
+    np.testing.assert_allclose(residual[:T], whole[:T], atol=1e-12)
+    assert len(shift) == len(rho) == T and own.n_load == T
+    assert own.image_part(residual).shape == (T - 1, own.image.n_z)
+    prediction = BENCH.model.predict(BENCH.truth, ("tau0",))
+    assert own.frames(np.arange(T)).sensitivity(prediction).shape == (1, residual.size)
+
+
 def test_correlated_load_noise_becomes_unit_noise() -> None:
     rng = np.random.default_rng(1)
     once, loads = still().images_alone(), np.zeros((4000, T))

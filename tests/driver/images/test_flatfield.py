@@ -2,8 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
-from driver.images.flatfield import flat_pattern
+from driver.dic.interpolation import variance_gain
+from driver.images.flatfield import flat_pattern, left_over
 from driver.images.heightmaps import ImageError
 
 SIGMA = 0.009
@@ -32,3 +34,45 @@ def test_flats_that_do_not_fit_are_refused() -> None:
         flat_pattern(np.zeros((1, 4, 4)))
     with pytest.raises(ImageError, match="flat frame 1"):
         flat_pattern([np.zeros((4, 4)), np.zeros((5, 4))])
+
+
+def test_the_error_is_right_at_each_pixel_where_the_noise_is_not_uniform() -> None:
+    rng = np.random.default_rng(5)
+    sigma = np.where(np.arange(60) < 30, 1.0, 3.0) * SIGMA
+    found = flat_pattern(sigma * rng.normal(size=(60, 40, 60)))
+    truth = sigma / np.sqrt(60)
+    # each estimate has 59 degrees of freedom, 1200 pixels a half: 0.27 % on the mean square
+    for half in (np.s_[:, :30], np.s_[:, 30:]):
+        assert np.mean((found.error / truth)[half] ** 2) == pytest.approx(1.0, abs=0.012)
+        assert np.mean((found.pattern / truth)[half] ** 2) == pytest.approx(1.0, abs=0.12)
+
+
+def test_dirt_and_holes_in_single_flats_leave_the_pattern_alone() -> None:
+    rng = np.random.default_rng(6)
+    flats = SIGMA * rng.normal(size=(50, 30, 40))
+    clean = flat_pattern(flats)
+    flats[7, 10:14, 20:24] += 0.5
+    flats[9, 3:5, 3:9] = np.nan
+    flats[:, 25, 30] = np.nan
+    found = flat_pattern(flats)
+    change = np.abs(found.pattern - clean.pattern)
+    assert change[10:14, 20:24].max() < SIGMA / 5  # of 0.5/50 = 10 nm, what noise does
+    change[10:14, 20:24] = change[3:5, 3:9] = change[25, 30] = 0.0
+    assert change.max() < 1e-4
+    assert found.error[10, 20] == pytest.approx(SIGMA / np.sqrt(49), rel=0.4)
+    assert np.isfinite(found.pattern).all()
+    assert found.error[25, 30] == pytest.approx(np.std(found.pattern), rel=0.05)
+
+
+def test_what_the_error_adds_to_a_residual_is_that_of_a_simulation() -> None:
+    """e(x + u) − e(x) of white e, interpolated by the splines of SciPy."""
+    rng = np.random.default_rng(7)
+    error = rng.normal(size=(300, 300))
+    rows, cols = np.indices((260, 260)) + 20.0
+    for u, v in ((0.0, 0.0), (0.3, 0.0), (0.5, 0.4), (1.0, 2.0), (3.5, -2.2)):
+        moved = ndimage.map_coordinates(error, [rows + u, cols + v], mode="mirror")
+        expected = np.var(moved - error[20:280, 20:280])
+        displacement = np.array([u, v])
+        gain = variance_gain(np.array(u), np.array(v))
+        # 67 600 correlated squares: about 1 %
+        assert left_over(displacement, gain) == pytest.approx(expected, rel=0.03, abs=1e-9)

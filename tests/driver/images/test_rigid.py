@@ -55,6 +55,6 @@ def test_images_that_cannot_be_compared_are_refused() -> None:
     with pytest.raises(ImageError, match="shape"):
         shift_between(relief, relief[1:], PIXEL)
     with pytest.raises(ImageError, match="no height"):
-        shift_between(relief, np.zeros_like(relief), PIXEL)
+        shift_between(relief, np.full_like(relief, np.nan), PIXEL)
     with pytest.raises(ImageError, match="no relief"):
         shift_between(np.ones_like(relief), relief, PIXEL)

@@ -148,6 +148,8 @@ def _write_measured(path, time, rng):
             "tilt_sigma": (0.001, "µm"),
             "mean_w": (0.03 * rng.standard_normal(T), "µm"),
             "mean_w_sigma": (0.0002, "µm"),
+            "left_out": (1.0 * (np.arange(T) == 7), "1"),
+            "sigma_flat": (0.0, "µm"),
         },
     )
     for name in FIGURES:

@@ -191,3 +191,7 @@ def test_the_identified_motion_passes_through_its_knots(written, tmp_path):
     assert at_knots[:, 0] == pytest.approx([0.0, 0.030, 0.018, 0.060, 0.042])
     assert at_knots[:, 1] == pytest.approx(np.zeros(5))
     assert findings.peaks.tolist() == [3, 8]
+
+
+def test_a_frame_that_is_left_out_is_named(page):
+    assert "; 7 is unlike its neighbours and not fitted but for the load" in page
