@@ -266,7 +266,7 @@ def _images(case: Case, experiment: Experiment) -> Iterator[Finding]:
 
 
 def _rendered(case: Case, experiment: Experiment) -> Iterator[Finding]:
-    """What the solver refuses when its job is written."""
+    """What the solver refuses when the files of its job are asked for."""
     try:
         adapter = find_adapter(case.solver.name, profile_of(case))
         if not isinstance(adapter, ExternalAdapter):
@@ -274,7 +274,7 @@ def _rendered(case: Case, experiment: Experiment) -> Iterator[Finding]:
         mesh = mesh_of(case, case.specimen.mesh_size)
         no_pixels, steps = np.zeros((0, 2)), case.solver.steps_per_interval
         model = build_model(case, mesh, experiment.history, no_pixels, adapter, steps)
-        adapter.write(model.simulation(model.null_values()))
+        adapter.files(model.simulation(model.null_values()))
     except (InputError, SolverError) as error:
         yield Finding("error", "solver", str(error))
 

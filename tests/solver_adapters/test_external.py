@@ -22,6 +22,7 @@ from solver_adapters.interface import (
     PreparedError,
     Progress,
     Response,
+    Simulation,
     UnfinishedError,
     UnsupportedError,
 )
@@ -175,6 +176,26 @@ def test_what_it_cannot_honour_is_refused_by_name_before_anything_runs(
 ) -> None:
     with pytest.raises(UnsupportedError, match=words):
         bar().solve(replace(SIMULATION, **change), tmp_path)  # type: ignore[arg-type]
+    assert folders(tmp_path) == []
+
+
+class _NoHardening(BarAdapter):
+    def judge(self, simulation: Simulation) -> None:
+        if simulation.material.Q > 5:
+            raise UnsupportedError("Q is too much")
+
+
+def test_what_an_adapter_judges_is_refused_before_its_files_are_written(tmp_path: Path) -> None:
+    weak, strong = (
+        replace(SIMULATION, material=Material(Q=Q, strain_measure="small")) for Q in (4.0, 6.0)
+    )
+    adapter = _NoHardening()
+    assert adapter.files(weak) == adapter.write(weak)
+    for call in (adapter.files, lambda asked: adapter.solve(asked, tmp_path)):
+        with pytest.raises(UnsupportedError, match="Q is too much"):
+            call(strong)  # type: ignore[operator]
+    with pytest.raises(BadSimulationError):
+        adapter.files(replace(SIMULATION, times=SIMULATION.times[::-1]))
     assert folders(tmp_path) == []
 
 

@@ -149,10 +149,11 @@ def test_a_run_that_ended_says_so(tmp_path: Path) -> None:
     assert CalculixAdapter().diagnose(printed) is Status.DONE
 
 
-def test_the_call_states_the_threads() -> None:
-    adapter = CalculixAdapter(Profile(threads=1))
+def test_the_threads_are_in_the_environment_of_the_call() -> None:
+    adapter = CalculixAdapter(Profile(threads=3))
     found = adapter.command(("/usr/bin/ccx",))
-    assert found == ("env", "OMP_NUM_THREADS=1", "/usr/bin/ccx", "-i", "job")
+    assert found == ("/usr/bin/ccx", "-i", "job")
+    assert adapter.environment()["OMP_NUM_THREADS"] == "3"
 
 
 def test_the_first_instant_needs_no_file_of_displacements(tmp_path: Path) -> None:
