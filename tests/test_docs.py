@@ -22,7 +22,7 @@ CASE_FILE, METHOD, RESULTS, ADAPTERS = (
     for name in ("case-file", "method", "results", "solver-adapters")
 )
 # Open tables: their keys are names of parameters.
-OPEN = {"extensions", "identification.prior_width", "solver.profiles.NAME.options"}
+OPEN = {"extensions", "identification.prior_width"}
 
 
 def schema_keys() -> dict[str, Any]:

@@ -22,8 +22,8 @@ from solver_adapters.time_steps import step_ends
 from templates import render
 
 EXPORT = "job.export"
-NODES, CELLS, LISTING = "nodes.rmed", "cells.rmed", "job.mess"
-"""What Code_Aster leaves: nodal fields, fields at the Gauss points, its listing."""
+NODES, CELLS, FORCES, LISTING = "nodes.rmed", "cells.rmed", "forces.csv", "job.mess"
+"""What Code_Aster leaves: nodal fields, those at the Gauss points, resultants, its listing."""
 
 _AXES = "XYZ"
 # A job without a limit of its own gets a week: Code_Aster wants a number.

@@ -22,13 +22,14 @@ open("count", "a").write("x")
 
 
 class BarAdapter(ExternalAdapter):
-    """The force of an elastic bar whose deck is JSON; `options["do"]` changes its program."""
+    """The force of an elastic bar whose deck is JSON; its program ends with the lines `do`."""
 
     name = "bar"
     programs = ("prismid-bar-that-nobody-has",)
 
     def __init__(self, profile: Profile | None = None) -> None:
         super().__init__(profile)
+        self.do = ""
         self.deck = b"# prismid provenance: begin\n# now\n# prismid provenance: end\n"
 
     def capabilities(self) -> Capabilities:
@@ -39,7 +40,7 @@ class BarAdapter(ExternalAdapter):
         moved = np.isin(simulation.motion_nodes, side)
         pull = simulation.motion[simulation.output][:, moved, 1].mean(axis=1)
         bar = {"stiffness": simulation.material.C11, "pull": pull.tolist()}
-        program = SCRIPT + self.profile.options.get("do", "")
+        program = SCRIPT + self.do
         return {
             "bar.json": json.dumps(bar).encode(),
             "bar.py": self.deck + program.encode(),
@@ -65,5 +66,7 @@ class BarAdapter(ExternalAdapter):
 
 def bar(do: str = "", **settings: object) -> BarAdapter:
     """The adapter with Python as its program."""
-    profile = {"command": (sys.executable, "-S"), "options": {"do": do}, **settings}
-    return BarAdapter(Profile(**profile))  # type: ignore[arg-type]
+    profile = {"command": (sys.executable, "-S"), **settings}
+    adapter = BarAdapter(Profile(**profile))  # type: ignore[arg-type]
+    adapter.do = do
+    return adapter
