@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_adapters.external import ResultFileError, Status
+from solver_adapters.external import Status
 from solver_adapters.interface import (
     Direction,
     NotRunError,
@@ -29,6 +29,7 @@ from solver_adapters.interface import (
 from solver_adapters.jobs.errors import CommandMissingError, JobError
 from solver_adapters.material import Material
 from solver_adapters.response_file import read_provenance
+from solver_adapters.result_files import ResultFileError
 from solver_adapters.validation import BadSimulationError
 from tests.solver_adapters.bar import BarAdapter, bar
 from tests.solver_adapters.boxes import box, pulled

@@ -13,11 +13,11 @@ from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.calculix.adapter import CalculixAdapter
 from solver_adapters.external import Profile, Status
 from solver_adapters.interface import Response, Simulation
+from solver_adapters.jobs.errors import JobError
 from tests.solver_adapters.boxes import box, moved, pulled, skin, wedge_box
 from tests.solver_adapters.calculix.runs import (
     OCTAHEDRAL,
     largest,
-    leave_files,
     needs_ccx,
     run,
     simulation,
@@ -138,15 +138,16 @@ def test_steps_are_no_longer_than_the_simulation_says(steps: int, tmp_path: Path
 
 @needs_ccx
 def test_a_motion_that_no_crystal_can_follow_is_diagnosed(tmp_path: Path) -> None:
-    printed = leave_files(simulation((100.0,), 1e-6), tmp_path)
-    assert CalculixAdapter().diagnose(printed) is Status.NOT_CONVERGED
+    with pytest.raises(JobError) as error:
+        run(simulation((100.0,), 1e-6), tmp_path)
+    assert error.value.status is Status.NOT_CONVERGED
 
 
 @needs_ccx
 def test_a_run_that_ended_says_so(tmp_path: Path) -> None:
-    printed = leave_files(simulation((1e-5,)), tmp_path)
-    assert "Job finished" in printed
-    assert CalculixAdapter().diagnose(printed) is Status.DONE
+    run(simulation((1e-5,)), tmp_path)
+    (printed,) = tmp_path.glob("*/stdout.txt")
+    assert "Job finished" in printed.read_text()
 
 
 def test_the_threads_are_in_the_environment_of_the_call() -> None:
