@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from solver_adapters.external import ExternalAdapter, Profile, ResultFileError, Status
 from solver_adapters.interface import Capabilities, Response, Simulation
+from solver_adapters.material import Material
+from tests.solver_adapters.boxes import box, pulled
 
 SCRIPT = """\
 import json, sys
@@ -19,6 +22,13 @@ print("a bar of", bar["stiffness"])
 json.dump([bar["stiffness"] * u for u in bar["pull"]], open("force.json", "w"))
 open("count", "a").write("x")
 """
+
+
+SIMULATION = replace(
+    pulled(box(), Material(strain_measure="small"), (0.001, 0.002)), integration="backward_euler"
+)
+FORCE = 233.5e3 * np.array([0.0, 0.004, 0.008])
+"""The answer to `SIMULATION` [µN]: C11 times the elongation of 4 µm."""
 
 
 class BarAdapter(ExternalAdapter):
@@ -70,3 +80,8 @@ def bar(do: str = "", **settings: object) -> BarAdapter:
     adapter = BarAdapter(Profile(**profile))  # type: ignore[arg-type]
     adapter.do = do
     return adapter
+
+
+def folders(jobs: Path) -> list[str]:
+    """Names of the folders of jobs."""
+    return sorted(path.name for path in jobs.iterdir())
