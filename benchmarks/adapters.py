@@ -93,10 +93,11 @@ def stored_code_aster() -> Iterator[Agreement]:
         else:
             own = BundledAdapter().solve(forces)
         pair = f"Code_Aster 15.2 (stored), prism of 669 cells, bundled with {points} Gauss points"
+        cause = "other quadrature" if points == 4 else ""
         force = force_error(own.force[rows], table_of_forces[:, 1])
-        yield Agreement(pair, "force [% of peak]", force, GOALS["force"])
+        yield Agreement(pair, "force [% of peak]", force, GOALS["force"], cause)
         face = motion_error(own.displacement[asked.output][:, top], expected.displacement[:, top])
-        yield Agreement(pair, "face [nm]", face, GOALS["face"])
+        yield Agreement(pair, "face [nm]", face, GOALS["face"], cause)
 
 
 def uniaxial(
