@@ -51,6 +51,8 @@ from solver_adapters.response_file import Provenance, read_response, write_respo
 from solver_adapters.result_files import ResultFileError as ResultFileError
 from solver_adapters.validation import refuse_bad_simulation
 
+# Adapters of other packages take Status, Profile and ResultFileError from here.
+
 ABSENT = "absent"
 """Identity of a program that is not on this machine."""
 
