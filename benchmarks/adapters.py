@@ -9,10 +9,7 @@ Code_Aster's answers are stored (tests/data/solver); CalculiX is run where there
 from __future__ import annotations
 
 import argparse
-import os
 import shutil
-import subprocess
-import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +20,7 @@ from benchmarks import calculix_prism, code_aster_prism
 from solver_adapters.agreement import Agreement, force_error, motion_error, table
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.calculix.adapter import CalculixAdapter
-from solver_adapters.interface import FloatArray, Response, Simulation
+from solver_adapters.interface import FloatArray, Simulation
 from solver_adapters.material import Material
 from tests.solver_adapters.boxes import ORIENTATIONS, box
 
@@ -54,7 +51,7 @@ def run_calculix(end: float, step: float) -> Iterator[Agreement]:
         calculix_prism.simulation(reference.mesh, times, "backward_euler"),
         output_nodes=reference.front,
     )
-    found = _calculix(asked)
+    found = CalculixAdapter().solve(asked)
     own = BundledAdapter().solve(replace(asked, steps=found.ends))
     pair = f"CalculiX (run here), the same to {end:g} s, {found.steps} steps"
     yield from _calculix_forces(pair, times[1:], own.force[1:], found.force[1:])
@@ -96,10 +93,11 @@ def stored_code_aster() -> Iterator[Agreement]:
         else:
             own = BundledAdapter().solve(forces)
         pair = f"Code_Aster 15.2 (stored), prism of 669 cells, bundled with {points} Gauss points"
+        cause = "other quadrature" if points == 4 else ""
         force = force_error(own.force[rows], table_of_forces[:, 1])
-        yield Agreement(pair, "force [% of peak]", force, GOALS["force"])
+        yield Agreement(pair, "force [% of peak]", force, GOALS["force"], cause)
         face = motion_error(own.displacement[asked.output][:, top], expected.displacement[:, top])
-        yield Agreement(pair, "face [nm]", face, GOALS["face"])
+        yield Agreement(pair, "face [nm]", face, GOALS["face"], cause)
 
 
 def uniaxial(
@@ -152,25 +150,6 @@ def _calculix_forces(
     )
     if not first.all():
         yield Agreement(pair, "force after it [% of peak]", float(differences[~first].max()))
-
-
-def _calculix(asked: Simulation) -> Response:
-    """The answer of CalculiX in a folder that is removed.
-
-    Raises:
-        RuntimeError: the run did not reach its end.
-    """
-    adapter = CalculixAdapter()
-    with tempfile.TemporaryDirectory() as folder:
-        for name, content in adapter.write(asked).items():
-            (Path(folder) / name).write_bytes(content)
-        done = subprocess.run(
-            adapter.command(("ccx",)), cwd=folder, env=os.environ, capture_output=True, text=True
-        )
-        status = adapter.diagnose(done.stdout + done.stderr)
-        if status != "done":
-            raise RuntimeError(f"CalculiX: {status}; it ends with: {done.stdout[-300:]}")
-        return adapter.read(asked, Path(folder))
 
 
 def figures(quick: bool) -> Iterator[Agreement]:

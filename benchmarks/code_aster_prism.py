@@ -16,7 +16,7 @@ from meshes import tet10
 from meshes.prism_mesh import PrismMesh
 from meshes.tet10 import MIRRORED
 from solver_adapters.bundled import element
-from solver_adapters.code_aster.deck import NODES
+from solver_adapters.code_aster.deck import FORCES, LISTING, NODES
 from solver_adapters.code_aster.result import read
 from solver_adapters.crystal import bunge_matrix
 from solver_adapters.interface import FloatArray, Response, Simulation
@@ -83,9 +83,11 @@ def reference() -> tuple[Simulation, Response]:
         output=np.array([abs(ends - instant).argmin() for instant in KEPT]),
         output_nodes=np.arange(len(same.mesh.points)),
     )
-    packed = DATA / "solver" / "code_aster" / "prism.rmed.gz"
+    stored = {NODES: "prism.rmed", FORCES: "prism_forces.csv", LISTING: "logs/prism_done.log"}
     with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / NODES).write_bytes(gzip.decompress(packed.read_bytes()))
+        for name, packed in stored.items():
+            content = (DATA / "solver" / "code_aster" / f"{packed}.gz").read_bytes()
+            (Path(folder) / name).write_bytes(gzip.decompress(content))
         response = read(wanted, Path(folder))
     return wanted, replace(response, steps=len(ends) - 1, ends=ends[1:])
 

@@ -390,9 +390,6 @@ class ProfileTable(Table):
     cpu_time_s: Positive | None = Field(
         default=None, description="limit of the CPU time of all processes of a job together"
     )
-    options: dict[str, str] = Field(
-        default_factory=dict, description="texts in quotes, by names that the adapter declares"
-    )
 
 
 class Solver(Table):

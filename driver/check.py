@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import platform
 import shutil
-from collections.abc import Callable, Iterator
-from importlib.metadata import PackageNotFoundError, entry_points, requires, version
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +25,7 @@ from meshes.prism import PrismGeometry, generate
 from solver_adapters.external import ABSENT, ExternalAdapter
 from solver_adapters.interface import Adapter, Capabilities, SolverError
 from solver_adapters.profile import config_path
-from solver_adapters.registry import find_adapter, takes_profile
-
-SOLVERS = "prismid.solvers"
+from solver_adapters.registry import find_adapter
 
 
 def check(case_path: Path) -> list[Finding]:
@@ -47,7 +45,13 @@ def check(case_path: Path) -> list[Finding]:
     findings.append(Finding("ok", "case", f"{case_path} is valid"))
     findings += _orientation(case)
     findings += _causes(case)
-    findings += _solver(case)
+    adapter: Adapter | None = None
+    try:
+        adapter = find_adapter(case.solver.name, profile_of(case))
+    except (InputError, SolverError) as error:
+        findings.append(Finding("error", "solver", str(error)))
+    else:
+        findings += _solver(case, adapter)
     n_cells, mesh_finding = _mesh(case)
     findings.append(mesh_finding)
     try:
@@ -58,11 +62,10 @@ def check(case_path: Path) -> list[Finding]:
     findings += _history(case, experiment)
     seen, reference = look_at_images(case, experiment)
     findings += seen
-    if n_cells:
-        make = solvers().get(case.solver.name)
-        if make is not None:
-            findings.append(_cost(case, make().capabilities(), n_cells, experiment))
-            findings += _rendered(case, experiment)
+    if n_cells and adapter is not None:
+        findings.append(_cost(case, adapter.capabilities(), n_cells, experiment))
+        if isinstance(adapter, ExternalAdapter):
+            findings += _refused(case, adapter, experiment)
     picture = case_path.parent / RESULTS / "check.png"
     picture.parent.mkdir(exist_ok=True)
     draw(case, experiment, picture, None if reference is None else reference.codes)
@@ -72,11 +75,6 @@ def check(case_path: Path) -> list[Finding]:
         )
     )
     return findings
-
-
-def solvers() -> dict[str, Callable[..., Adapter]]:
-    """The solver adapters that are installed, by name."""
-    return {entry.name: entry.load() for entry in entry_points(group=SOLVERS)}
 
 
 def _libraries() -> Iterator[Finding]:
@@ -120,20 +118,8 @@ def _causes(case: Case) -> Iterator[Finding]:
             )
 
 
-def _solver(case: Case) -> Iterator[Finding]:
-    available = solvers()
+def _solver(case: Case, adapter: Adapter) -> Iterator[Finding]:
     name = case.solver.name
-    if name not in available:
-        known = ", ".join(sorted(available)) or "an adapter, but none is installed"
-        yield Finding("error", "solver", f'solver.name: found "{name}", expected one of {known}')
-        return
-    try:
-        profile = profile_of(case)
-    except InputError as error:
-        yield Finding("error", "solver", str(error))
-        return
-    make = available[name]
-    adapter = make(profile) if takes_profile(make) else make()
     if adapter.version() == ABSENT:
         yield Finding(
             "warning",
@@ -217,16 +203,13 @@ def _history(case: Case, experiment: Experiment) -> Iterator[Finding]:
         yield Finding("warning", "history", 'one cycle only: nothing is held out, as with "none"')
 
 
-def _rendered(case: Case, experiment: Experiment) -> Iterator[Finding]:
-    """What the solver refuses when its job is written."""
+def _refused(case: Case, adapter: ExternalAdapter, experiment: Experiment) -> Iterator[Finding]:
+    """What the solver refuses when the files of its job are asked for."""
     try:
-        adapter = find_adapter(case.solver.name, profile_of(case))
-        if not isinstance(adapter, ExternalAdapter):
-            return
         mesh = mesh_of(case, case.specimen.mesh_size)
         no_pixels, steps = np.zeros((0, 2)), case.solver.steps_per_interval
         model = build_model(case, mesh, experiment.history, no_pixels, adapter, steps)
-        adapter.write(model.simulation(model.null_values()))
+        adapter.files(model.simulation(model.null_values()))
     except (InputError, SolverError) as error:
         yield Finding("error", "solver", str(error))
 

@@ -64,11 +64,9 @@ def profile_of(case: Case, prepare_only: bool = False) -> Profile:
     path = config_path()
     users = load_config(path, stated=CONFIG_VARIABLE in os.environ).profiles
     entries: dict[str, Any] = {}
-    options: dict[str, str] = {}
     for profiles in (users, case.solver.profiles):
         if name in profiles:
             entries |= profiles[name].model_dump(exclude_none=True)
-            options |= profiles[name].options
     keys = {"memory_MB": "memory", "wall_time_s": "wall_time", "cpu_time_s": "cpu_time"}
     known = {keys.get(key, key): value for key, value in entries.items()}
-    return Profile(**known | {"options": options}, prepare_only=prepare_only)
+    return Profile(**known, prepare_only=prepare_only)

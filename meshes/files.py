@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
 import medcoupling as mc
 import meshio
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from meshes import tet10, wedge15
 from meshes.cells import inverted_cells
+from meshes.med_file import open_med
 from meshes.prism_mesh import FACE_GROUPS, PrismMesh
 from meshes.tet10 import node_groups
 
@@ -109,7 +109,7 @@ def read_med(path: Path) -> PrismMesh:
             inverted ones, a cell in no grain or in two, or a node in no cell.
         FileNotFoundError: there is no such file.
     """
-    file = _open(path)
+    file = open_med(path).mesh
     _require_groups(path, file)
     kind = _kind(path, file)
     points = file.getCoords().toNumPyArray().astype(np.float64).reshape(-1, 3)
@@ -164,20 +164,6 @@ def _group(name: str, ids: IntArray) -> Any:
     array = mc.DataArrayInt64(np.ascontiguousarray(ids, dtype=np.int64))
     array.setName(name)
     return array
-
-
-def _open(path: Path) -> Any:
-    try:
-        # h5py refuses a damaged file without a word; medcoupling floods the terminal first.
-        with h5py.File(path) as hdf:
-            meshes = list(hdf["ENS_MAA"])
-        if len(meshes) != 1:
-            raise ValueError(f"{path}: one mesh is expected, found {len(meshes)}: {meshes}")
-        return mc.MEDFileUMesh(str(path))
-    except FileNotFoundError:
-        raise FileNotFoundError(f"{path}: no such file") from None
-    except (OSError, KeyError, mc.InterpKernelException) as error:
-        raise ValueError(f"{path}: not a MED mesh file, or a damaged one") from error
 
 
 def _require_groups(path: Path, file: Any) -> None:

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-import h5py
 import medcoupling as mc
 import numpy as np
 from numpy.typing import NDArray
+
+from meshes.med_file import MedFile, open_med
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -38,6 +39,7 @@ class MedField:
         values: shape (T, n, k), of Gauss points (T, n, n_gauss, k).
         ids: the n nodes or cells that have values, in the order of the file, shape (n,); empty
             for all of them in a field that is to be written.
+        weights: of the Gauss points in the reference cell, shape (n_gauss,), else empty.
     """
 
     name: str
@@ -47,6 +49,7 @@ class MedField:
     times: FloatArray
     values: FloatArray
     ids: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    weights: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 def add_med_fields(path: Path, fields: Sequence[MedField]) -> None:
@@ -104,35 +107,29 @@ def read_med_fields(path: Path, names: Sequence[str] | None = None) -> dict[str,
             changes its places in time.
         FileNotFoundError: there is no such file.
     """
-    found = _field_names(path)
-    missing = [name for name in names or () if name not in found]
+    file = open_med(path)
+    missing = [name for name in names or () if name not in file.fields]
     if missing:
         raise ValueError(
-            f"{path}: found no field {', '.join(missing)}; it has {', '.join(found) or 'no fields'}"
+            f"{path}: found no field {', '.join(missing)}; it has "
+            f"{', '.join(file.fields) or 'no fields'}"
         )
+    fields = (read_med_field(file, name) for name in (file.fields if names is None else names))
+    return {item.name: item for item in fields if item is not None}
+
+
+def read_med_field(file: MedFile, name: str) -> MedField | None:
+    """A field of an open file at all its instants, see `read_med_fields`; None if it is of faces.
+
+    Raises:
+        ValueError: the field is damaged, or changes its places in time.
+    """
     try:
-        series = mc.MEDFileFields(str(path))
-        mesh = mc.MEDFileUMesh(str(path))
-        fields = (
-            _field(path, mesh, series.getFieldWithName(name))
-            for name in (found if names is None else names)
-        )
-        return {item.name: item for item in fields if item is not None}
+        return _field(file.path, file.mesh, mc.MEDFileFieldMultiTS(str(file.path), name))
     except mc.InterpKernelException as error:
-        raise ValueError(f"{path}: its fields cannot be read ({error.what()})") from error
-
-
-def _field_names(path: Path) -> list[str]:
-    try:
-        # h5py refuses a damaged file without a word; medcoupling floods the terminal first.
-        with h5py.File(path) as hdf:
-            if len(hdf["ENS_MAA"]) != 1:
-                raise ValueError(f"{path}: one mesh is expected, found {len(hdf['ENS_MAA'])}")
-            return list(hdf.get("CHA", ()))
-    except FileNotFoundError:
-        raise FileNotFoundError(f"{path}: no such file") from None
-    except (OSError, KeyError) as error:
-        raise ValueError(f"{path}: not a MED file, or a damaged one") from error
+        raise ValueError(
+            f"{file.path}: its field {name} cannot be read ({error.what()})"
+        ) from error
 
 
 def _field(path: Path, mesh: Any, series: Any) -> MedField | None:
@@ -160,7 +157,14 @@ def _field(path: Path, mesh: Any, series: Any) -> MedField | None:
         times=np.array([time for _, _, time in steps]),
         values=stacked if place == "points" else stacked[:, :, 0],
         ids=np.asarray(ids),
+        weights=_weights(mesh, series[0]) if place == "points" else np.zeros(0),
     )
+
+
+def _weights(mesh: Any, step: Any) -> FloatArray:
+    """Weights of the Gauss points in the reference cell, shape (n_gauss,)."""
+    found = step.getFieldOnMeshAtLevel(mc.ON_GAUSS_PT, _VOLUME_CELLS, mesh)
+    return np.array(found.getGaussLocalization(0).getWeights())
 
 
 def _levels(mesh: Any, step: Any) -> list[int]:

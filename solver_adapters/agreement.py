@@ -19,17 +19,29 @@ class Agreement:
         quantity: what is compared, with its unit in brackets.
         found: the figure.
         goal: what it should not exceed, or None for a figure that is only stated.
+        cause: what the difference comes from, said where the goal is missed.
     """
 
     pair: str
     quantity: str
     found: float
     goal: float | None = None
+    cause: str = ""
 
     def line(self) -> str:
         """The figure on a line, as the command prints it."""
-        goal = "" if self.goal is None else f" (goal: <= {self.goal:g})"
+        goal = "" if self.goal is None else f" (goal: <= {self.goal:g}{self._missed()})"
         return f"{self.pair}: {self.quantity} = {self.found:.2g}{goal}"
+
+    def row(self) -> str:
+        """The figure as a row of the table."""
+        goal = "" if self.goal is None else f"≤ {self.goal:g}{self._missed()}"
+        return f"| {self.pair} | {self.quantity} | {self.found:.2g} | {goal} |"
+
+    def _missed(self) -> str:
+        if self.goal is None or self.found <= self.goal:
+            return ""
+        return f"; missed: {self.cause}" if self.cause else "; missed"
 
 
 def force_error(found: FloatArray, expected: FloatArray) -> float:
@@ -45,7 +57,4 @@ def motion_error(found: FloatArray, expected: FloatArray) -> float:
 def table(rows: Sequence[Agreement]) -> str:
     """The figures as a Markdown table."""
     lines = ["| pair | quantity | found | goal |", "|---|---|---|---|"]
-    for row in rows:
-        goal = "" if row.goal is None else f"≤ {row.goal:g}"
-        lines.append(f"| {row.pair} | {row.quantity} | {row.found:.2g} | {goal} |")
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *(row.row() for row in rows)]) + "\n"

@@ -51,6 +51,8 @@ from solver_adapters.response_file import Provenance, read_response, write_respo
 from solver_adapters.result_files import ResultFileError as ResultFileError
 from solver_adapters.validation import refuse_bad_simulation
 
+# Adapters of other packages take Status, Profile and ResultFileError from here.
+
 ABSENT = "absent"
 """Identity of a program that is not on this machine."""
 
@@ -69,7 +71,7 @@ class ExternalAdapter(ABC):
 
     A subclass says what it can honour and has three functions, each of which can be tested alone:
     `write` renders the files of a job, `read` understands the files that the program leaves, and
-    `diagnose` understands its log.
+    `diagnose` understands its log. Where the capabilities do not say all, `judge` refuses the rest.
 
     Attributes:
         name: word of the case file.
@@ -87,9 +89,30 @@ class ExternalAdapter(ABC):
     def capabilities(self) -> Capabilities:
         """What this solver can honour."""
 
+    def files(self, simulation: Simulation) -> Mapping[str, bytes]:
+        """Files of the job by name, of a simulation that can be honoured.
+
+        Raises:
+            UnsupportedError: a value cannot be honoured; it and who can are named.
+            BadSimulationError: the input is broken, see `refuse_bad_simulation`.
+        """
+        refuse_bad_simulation(simulation)
+        refuse_unsupported(simulation, self.name, self.capabilities(), installed_capabilities)
+        self.judge(simulation)
+        return self.write(simulation)
+
+    def judge(self, simulation: Simulation) -> None:  # noqa: B027
+        """Refuse values that the capabilities leave open; by default none.
+
+        Raises:
+            UnsupportedError: what the solver cannot do, in one sentence.
+        """
+
     @abstractmethod
     def write(self, simulation: Simulation) -> Mapping[str, bytes]:
-        """Files of the job by name: a pure function of simulation and profile.
+        """Render the files of the job by name: a pure function of simulation and profile.
+
+        It gets what `files` has let pass, and refuses nothing.
 
         A deck may have a provenance header, see `jobs.key.without_provenance`.
         """
@@ -160,9 +183,7 @@ class ExternalAdapter(ABC):
             PreparedError: the job was written for another machine.
             JobError: the job brought no response; status, end of the log and remedy are in it.
         """
-        refuse_bad_simulation(simulation)
-        refuse_unsupported(simulation, self.name, self.capabilities(), installed_capabilities)
-        files, identity = self.write(simulation), self.version()
+        files, identity = self.files(simulation), self.version()
         key = job_key(simulation, self.name, identity, files)
         here = Record(self.name, key, identity, status="", files=sorted(files))
         elsewhere = replace(

@@ -131,8 +131,14 @@ class FiniteDifferences:
         )
 
     def _refuse_unsupported(self, directions: Sequence[Direction]) -> None:
-        known = self.adapter.capabilities().material
+        offered = self.adapter.capabilities()
+        known = offered.material
         for direction in directions:
+            if direction.lattice_gradient is not None and not offered.lattice_gradient:
+                raise UnsupportedError(
+                    f"direction {direction.name!r} changes lattice_gradient, which the solver "
+                    f"{self.name} cannot honour; expected None"
+                )
             for name in direction.material:
                 if name not in known:
                     raise UnsupportedError(

@@ -122,8 +122,9 @@ class Simulation:
         accuracy: error of the force that a time step may make [µN], by which steps are refined;
             it is estimated from back stress and overstress, not from isotropic hardening. None
             for the steps as given.
-        steps: ends of the time steps [s], increasing, through every instant, to be taken as they
-            are (the steps of an earlier `Response`), or None.
+        steps: ends of the time steps [s], increasing, after the first instant and through every
+            other one, to be taken as they are (the steps of an earlier `Response`), or None; all
+            solvers take those of `time_steps.step_ends`.
         tolerance: largest ratio of the residual to the reaction at convergence.
         cell_fields: whether stress, slips and lattice rotation of the cells are wanted.
     """
@@ -238,6 +239,9 @@ class Capabilities:
         conditional: names of further material parameters of which some values besides the null
             are honoured; the adapter judges the value, and they cannot be identified.
         cautions: a sentence for the user who chooses a strain measure, by its name.
+        lattice_gradient: whether lattices with a gradient are honoured.
+        accuracy: whether steps are refined to a stated error of the force.
+        cells: the kinds of cells on offer, by their number of nodes.
     """
 
     material: frozenset[str]
@@ -249,6 +253,9 @@ class Capabilities:
     integrations: frozenset[str] = frozenset(("backward_euler",))
     conditional: frozenset[str] = frozenset()
     cautions: Mapping[str, str] = field(default_factory=dict)
+    lattice_gradient: bool = False
+    accuracy: bool = False
+    cells: frozenset[int] = frozenset((10,))
 
 
 class Adapter(Protocol):

@@ -104,7 +104,7 @@ MATERIAL_DECLARATIONS: tuple[Parameter, ...] = (
     Parameter("tau0_grain2", "", 1.0, 0.10, 0.3, 3.0, True),
     Parameter("tau0_antitwinning", "", 1.0, 0.10, 0.3, 3.0, True),
     Parameter("a1", "", 0.0, 0.10, -0.9, 0.9),
-    Parameter("h_latent", "", 0.0, 0.2, 0.0, 10.0),
+    Parameter("h_latent", "", 0.0, 0.2, -1.0, 10.0),
     Parameter("c2", "MPa", 0.0, 1500.0, 0.0, 1e6),
     Parameter("d2", "", 150.0, 0.5, 1.0, 1e5, True),
     Parameter("x0", "", 0.0, 7e-5, -2e-4, 2e-4),

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from platformdirs import user_config_path
@@ -24,7 +23,6 @@ class Profile:
         memory: memory limit of one job [MB].
         wall_time: limit of the wall-clock time [s], or None.
         cpu_time: limit of the CPU time of all processes together [s], or None.
-        options: further entries that the adapter declares, by name.
         prepare_only: jobs are written for another machine instead of being run.
     """
 
@@ -34,7 +32,6 @@ class Profile:
     memory: float = 4000.0
     wall_time: float | None = None
     cpu_time: float | None = None
-    options: Mapping[str, str] = field(default_factory=dict)
     prepare_only: bool = False
 
 

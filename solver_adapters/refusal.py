@@ -3,18 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 
 from solver_adapters.interface import Capabilities, Simulation, UnsupportedError
 from solver_adapters.material import Material
 
+BASE = frozenset(
+    ("C11", "C12", "C44", "K", "n", "tau0", "c", "d", "b", "d2", "skin_thickness", "strain_measure")
+)
+"""What no solver is asked for as a term: the plain law, and companions that do nothing alone.
+
+`b` acts with Q, `d2` with c2, `skin_thickness` with skin_tau0; strain measures are capabilities of
+their own.
+"""
+
 # Terms of the law that are switched on by a value other than the default, their null.
-_TERMS = (
-    "Q", "tau0_112", "tau0_grain2", "tau0_grains", "tau0_antitwinning", "a1", "h_latent",
-    "interaction", "c2", "x0", "eigenstrain", "skin_tau0", "elastic_scale", "C44_scale",
-)  # fmt: skip
+_TERMS = tuple(field.name for field in fields(Material) if field.name not in BASE)
 # Who honours the scalar honours what is like it and not a scalar.
 _LIKE = {"tau0_grains": "tau0_grain2", "interaction": "h_latent"}
+
+
+@dataclass(frozen=True)
+class _Wish:
+    """What a simulation asks for beyond the plain law.
+
+    Attributes:
+        what: its name, with the value.
+        instead: what a solver would take that cannot honour it.
+        honours: whether a solver can.
+    """
+
+    what: str
+    instead: str
+    honours: Callable[[Capabilities], bool]
 
 
 def refuse_unsupported(
@@ -36,31 +57,37 @@ def refuse_unsupported(
     """
     # The adapter itself judges the values of the conditional ones.
     here = replace(capabilities, material=capabilities.material | capabilities.conditional)
-    for what, honours in _wishes(simulation):
-        if not honours(here):
-            able = ", ".join(name for name, theirs in others().items() if honours(theirs))
+    for wish in _wishes(simulation):
+        if not wish.honours(here):
+            able = ", ".join(name for name, theirs in others().items() if wish.honours(theirs))
             raise UnsupportedError(
-                f"{what}: the solver {adapter} cannot honour it; expected its null value, or one "
-                f"of the solvers that can: {able or 'none is installed'}"
+                f"{wish.what}: the solver {adapter} cannot honour it; expected {wish.instead}, or "
+                f"one of the solvers that can: {able or 'none is installed'}"
             )
 
 
-def _wishes(simulation: Simulation) -> Iterator[tuple[str, Callable[[Capabilities], bool]]]:
-    """What a simulation asks for beyond the plain law, with how to see who honours it."""
+def _wishes(simulation: Simulation) -> Iterator[_Wish]:
     material, null = simulation.material, Material()
     for name in _TERMS:
         if getattr(material, name) != getattr(null, name):
-            yield f"{name} = {_shown(getattr(material, name))}", _material(name)
+            shown = _shown(getattr(material, name))
+            yield _Wish(f"{name} = {shown}", "its null value", _material(name))
     measure, scheme = material.strain_measure, simulation.integration
-    yield f'strain_measure = "{measure}"', lambda c: measure in c.strain_measures
-    yield f'integration = "{scheme}"', lambda c: scheme in c.integrations
+    yield _Wish(
+        f'strain_measure = "{measure}"', "another one", lambda c: measure in c.strain_measures
+    )
+    yield _Wish(f'integration = "{scheme}"', "another one", lambda c: scheme in c.integrations)
+    nodes = simulation.mesh.cells.shape[1]
+    yield _Wish(f"cells of {nodes} nodes", "cells of another kind", lambda c: nodes in c.cells)
+    if simulation.accuracy is not None:
+        yield _Wish(f"accuracy = {simulation.accuracy:g} µN", "None", lambda c: c.accuracy)
     if simulation.lattice_gradient is not None:
-        yield "lattice_gradient", _material("lattice_gradient")
+        yield _Wish("lattice_gradient", "None", lambda c: c.lattice_gradient)
     if simulation.cell_fields:
-        yield "fields of the cells", lambda c: c.cell_fields
+        yield _Wish("fields of the cells", "none of them", lambda c: c.cell_fields)
     if simulation.directions:
         named = ", ".join(direction.name for direction in simulation.directions)
-        yield f"derivatives along {named}", lambda c: c.derivatives
+        yield _Wish(f"derivatives along {named}", "no directions", lambda c: c.derivatives)
 
 
 def _material(name: str) -> Callable[[Capabilities], bool]:

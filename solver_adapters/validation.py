@@ -24,10 +24,11 @@ from solver_adapters.interface import (
     UnsupportedError,
 )
 from solver_adapters.material import MATERIAL_PARAMETERS, Material, StrainMeasure
+from solver_adapters.time_steps import SAME_INSTANT
 
 AnyArray = NDArray[Any]
 
-_ROUNDING = 1e-9  # of a rotation [-], of a first motion [µm], of the ends of steps (share of all)
+_ROUNDING = 1e-9  # of a rotation [-], of a first motion [µm]
 _RIGID = 1e-8  # smallest singular value, in shares of the largest, of a rigid motion that is held
 # Cells with straight edges as tetrahedra of their corners.
 _TETRAHEDRA = {
@@ -334,7 +335,14 @@ def _refuse_bad_times(simulation: Simulation) -> None:
         _expect_finite("steps", steps)
         _expect_increasing("steps", steps)
         gap = np.array([abs(steps - time).min(initial=np.inf) for time in times[1:]])
-        missed = np.flatnonzero(gap > _ROUNDING * (times[-1] - times[0]))
+        rounding = SAME_INSTANT * (times[-1] - times[0])
+        outside = steps[(steps <= times[0] + rounding) | (steps > times[-1] + rounding)]
+        if outside.size:
+            raise BadSimulationError(
+                f"steps holds {outside.size} ends outside of the history, the first is "
+                f"{outside[0]:g} s; expected ends after {times[0]:g} s and up to {times[-1]:g} s"
+            )
+        missed = np.flatnonzero(gap > rounding)
         if missed.size:
             raise BadSimulationError(
                 f"steps pass over {missed.size} of {len(gap)} instants, the first is "

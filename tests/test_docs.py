@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
 from pathlib import Path
 from typing import Any, get_args
 
@@ -21,8 +22,10 @@ CASE_FILE, METHOD, RESULTS, ADAPTERS = (
     (DOCS / f"{name}.md").read_text(encoding="utf-8")
     for name in ("case-file", "method", "results", "solver-adapters")
 )
+README = DOCS.parent / "README.md"
+DOCUMENTS = (*sorted(DOCS.glob("*.md")), README, DOCS.parent / "CHANGELOG.md")
 # Open tables: their keys are names of parameters.
-OPEN = {"extensions", "identification.prior_width", "solver.profiles.NAME.options"}
+OPEN = {"extensions", "identification.prior_width"}
 
 
 def schema_keys() -> dict[str, Any]:
@@ -114,12 +117,27 @@ def test_every_end_of_a_job_is_explained_with_whether_it_is_kept(status: Status)
     assert kept == ("yes" if status in CACHED else "no")
 
 
-def test_links_between_the_documents_lead_somewhere() -> None:
-    for text in (CASE_FILE, METHOD, RESULTS, ADAPTERS):
-        for name, anchor in re.findall(r"\]\(([\w-]+\.md)?#?([\w-]*)\)", text):
-            target = (DOCS / name).read_text(encoding="utf-8") if name else text
-            headings = re.findall(r"^#+ (.*)$", target, re.MULTILINE)
-            anchors = {
-                re.sub(r"[^\w\s-]", "", h).strip().lower().replace(" ", "-") for h in headings
-            }
-            assert not anchor or anchor in anchors
+def anchors(text: str) -> set[str]:
+    """Anchors of the headings of a document."""
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\s-]", "", h).strip().lower().replace(" ", "-") for h in headings}
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_links_between_the_documents_lead_somewhere(document: Path) -> None:
+    text = document.read_text(encoding="utf-8")
+    for link in re.findall(r"\]\(([^)\s]+)\)", text):
+        if re.match(r"[a-z]+:", link):
+            continue
+        name, _, anchor = link.partition("#")
+        target = document.parent / name if name else document
+        assert target.exists(), link
+        assert not anchor or anchor in anchors(target.read_text(encoding="utf-8")), link
+
+
+def test_the_readme_names_every_solver_that_ships_with_its_document() -> None:
+    section = README.read_text(encoding="utf-8").split("## Another solver")[1].split("\n## ")[0]
+    shipped = tomllib.loads((DOCS.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    for name in shipped["project"]["entry-points"]["prismid.solvers"].keys() - {"bundled"}:
+        assert f'name = "{name}"' in section and f"(docs/{name}.md)" in section
+    assert "(docs/solver-adapters.md)" in section

@@ -25,6 +25,7 @@ from solver_adapters.interface import (
 )
 from solver_adapters.material import MATERIAL_PARAMETERS
 from solver_adapters.simulation_key import simulation_key
+from solver_adapters.time_steps import between_instants, step_ends
 from solver_adapters.validation import refuse_bad_simulation
 
 FloatArray = NDArray[np.float64]
@@ -40,10 +41,13 @@ class BundledAdapter:
     def capabilities(self) -> Capabilities:
         """All parameters of the law, strain measures and schemes, derivatives, cell fields."""
         return Capabilities(
-            material=frozenset((*MATERIAL_PARAMETERS, "lattice_gradient")),
+            material=frozenset(MATERIAL_PARAMETERS),
             strain_measures=frozenset(("small", "finite")),
             derivatives=True,
             cell_fields=True,
+            lattice_gradient=True,
+            accuracy=True,
+            cells=frozenset((10, 15)),
             integrations=frozenset(("exponential", "backward_euler")),
         )
 
@@ -122,6 +126,7 @@ class _Run:
             simulation.accuracy,
             simulation.cell_fields,
         )
+        self._ends = step_ends(simulation, simulation.steps_per_interval)
         self._row = {int(index): row for row, index in enumerate(simulation.output)}
         n, nodes = len(simulation.output), simulation.output_nodes.size
         k = self.tangents.count
@@ -150,11 +155,7 @@ class _Run:
         """Go to the next instant."""
         s = self.simulation
         begin, end = s.times[self.index], s.times[self.index + 1]
-        if s.steps is None:
-            ends = np.linspace(begin, end, s.steps_per_interval + 1)[1:]
-        else:
-            inside = (s.steps > begin) & (s.steps < end)
-            ends = np.append(s.steps[inside], end)
+        ends = self._ends[(self._ends > begin) & (self._ends <= end)]
         self._frame = self.stepper.advance(self._frame, ends, self._motion, self._motion_tangent)
         self.index += 1
         self._book()
@@ -210,13 +211,7 @@ class _Run:
                 self._rows[name][row] = values
 
     def _motion(self, instant: float) -> FloatArray:
-        return _interpolate(instant, self.simulation.times, self.problem.motion)
+        return between_instants(instant, self.simulation.times, self.problem.motion)
 
     def _motion_tangent(self, instant: float) -> FloatArray:
-        return _interpolate(instant, self.simulation.times, self.tangents.motion)
-
-
-def _interpolate(instant: float, times: FloatArray, values: FloatArray) -> FloatArray:
-    index = int(np.clip(np.searchsorted(times, instant), 1, len(times) - 1))
-    weight = (instant - times[index - 1]) / (times[index] - times[index - 1])
-    return np.asarray((1 - weight) * values[index - 1] + weight * values[index])
+        return between_instants(instant, self.simulation.times, self.tangents.motion)

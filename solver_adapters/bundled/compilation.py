@@ -23,7 +23,10 @@ _FAST = {"contract", "reassoc", "nsz", "arcp", "nnan"}
 def sources_hash() -> str:
     """Hash of every source that the solver's answer depends on, and of Numba's version."""
     here = Path(__file__).parent
-    beside = (here.parent / name for name in ("crystal.py", "interaction.py", "material.py"))
+    beside = (
+        here.parent / name
+        for name in ("crystal.py", "interaction.py", "material.py", "time_steps.py")
+    )
     meshes = here.parents[1] / "meshes"
     cells = (meshes / name for name in ("cells.py", "tet10.py", "wedge15.py"))
     digest = hashlib.sha256(numba.__version__.encode())

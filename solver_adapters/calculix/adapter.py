@@ -14,30 +14,34 @@ from solver_adapters.calculix.log import understand
 from solver_adapters.calculix.sta import read_increments
 from solver_adapters.external import ExternalAdapter, Status
 from solver_adapters.interface import Capabilities, Response, Simulation
+from solver_adapters.time_steps import step_ends
 
 
 class CalculixAdapter(ExternalAdapter):
     """CalculiX's law SINGLE_CRYSTAL on quadratic tetrahedra or wedges."""
 
-    name = limits.NAME
+    name = "calculix"
     programs = ("ccx",)
 
     def capabilities(self) -> Capabilities:
         """Small strain and {110}⟨111⟩ only; Q where h_latent is that of CalculiX."""
         return limits.CAPABILITIES
 
-    def write(self, simulation: Simulation) -> Mapping[str, bytes]:
-        """The files of a job.
+    def judge(self, simulation: Simulation) -> None:
+        """Refuse processes, {112} systems and hardening that CalculiX does not have.
 
         Raises:
             UnsupportedError: what CalculiX cannot do, by name.
         """
-        limits.refuse(simulation)
+        limits.judge(simulation, self.profile)
+
+    def write(self, simulation: Simulation) -> Mapping[str, bytes]:
+        """The files of a job."""
         return deck.render_files(simulation)
 
     def command(self, program: tuple[str, ...]) -> tuple[str, ...]:
-        """The call; the number of threads is an environment variable."""
-        return ("env", f"OMP_NUM_THREADS={self.profile.threads}", *program, "-i", deck.JOB)
+        """The call; the number of threads is in the environment."""
+        return (*program, "-i", deck.JOB)
 
     def read(self, simulation: Simulation, folder: Path) -> Response:
         """The response from `job.frd`, `job.dat` and `job.sta`.
@@ -45,7 +49,7 @@ class CalculixAdapter(ExternalAdapter):
         Raises:
             ResultFileError: one of them is missing, empty, truncated or of another job.
         """
-        ends = deck.step_ends(simulation) - simulation.times[0]
+        ends = step_ends(simulation) - simulation.times[0]
         steps = deck.output_steps(simulation)
         increments = read_increments(folder / f"{deck.JOB}.sta", ends[1:])
         nodes, n = simulation.output_nodes, len(simulation.output)

@@ -14,6 +14,7 @@ import numpy as np
 
 from solver_adapters.calculix.limits import hardens
 from solver_adapters.interface import FloatArray, IntArray, Simulation
+from solver_adapters.time_steps import between_instants, step_ends
 from templates import render
 
 JOB = "job"
@@ -60,14 +61,6 @@ def render_files(simulation: Simulation) -> Mapping[str, bytes]:
 def number(value: float) -> str:
     """A number in the 20 columns that CalculiX reads of a field; it cuts off what is longer."""
     return f"{value:.13g}"
-
-
-def step_ends(simulation: Simulation) -> FloatArray:
-    """Instants at which a *STEP ends, the start before them [s], shape (n_steps + 1,)."""
-    if simulation.steps is None:
-        return simulation.times
-    inside = np.setdiff1d(simulation.steps, simulation.times)
-    return np.sort(np.concatenate([simulation.times, inside]))
 
 
 def output_steps(simulation: Simulation) -> IntArray:
@@ -154,7 +147,7 @@ def _steps(simulation: Simulation) -> Iterator[dict[str, object]]:
     parts = simulation.steps_per_interval if simulation.steps is None else 1
     before = motion[0]
     for step, (begin, end) in enumerate(zip(ends[:-1], ends[1:], strict=True), start=1):
-        now = _at(end, simulation.times, motion)
+        now = between_instants(end, simulation.times, motion)
         yield {
             "begin": number(begin),
             "end": number(end),
@@ -166,9 +159,3 @@ def _steps(simulation: Simulation) -> Iterator[dict[str, object]]:
             "output": 100000 if step in outputs else 0,
         }
         before = now
-
-
-def _at(instant: float, times: FloatArray, motion: FloatArray) -> FloatArray:
-    index = int(np.clip(np.searchsorted(times, instant), 1, len(times) - 1))
-    weight = (instant - times[index - 1]) / (times[index] - times[index - 1])
-    return np.asarray((1 - weight) * motion[index - 1] + weight * motion[index])

@@ -13,7 +13,7 @@ from solver_adapters.result_files import ResultFileError
 
 _WHAT = "the displacements of CalculiX"
 _HEAD, _END = "    1C", " 9999"
-_STEP, _BLOCK, _DISPLACEMENT, _ROW, _STOP = "    1PSTEP", "  100C", " -4  DISP", " -1", " -3"
+_STEP, _DISPLACEMENT, _ROW, _STOP = "    1PSTEP", " -4  DISP", " -1", " -3"
 # Columns of a row: node, then three components of twelve characters.
 _NODE = slice(3, 13)
 _VALUES = (slice(13, 25), slice(25, 37), slice(37, 49))
@@ -54,18 +54,15 @@ def read_displacements(path: Path, steps: IntArray, nodes: IntArray) -> FloatArr
 
 def _blocks(path: Path, lines: list[str]) -> Iterator[tuple[int, list[str]]]:
     """Rows of the displacements of each *STEP, by its number; the last ones of a step count."""
-    step, wanted, begin = 0, False, 0
-    inside = False
+    step, inside, begin = 0, False, 0
     for index, line in enumerate(lines):
         if line.startswith(_STEP):
             step = _integer(path, line.split()[-1])
         elif line.startswith(_DISPLACEMENT):
-            wanted = inside = True
-            begin = index + 1
+            inside, begin = True, index + 1
         elif line.startswith(_STOP) and inside:
-            if wanted:
-                yield step, [row for row in lines[begin:index] if row.startswith(_ROW)]
-            wanted = inside = False
+            yield step, [row for row in lines[begin:index] if row.startswith(_ROW)]
+            inside = False
     if lines[-1] != _END:
         raise ResultFileError(
             f"{path.name}: found a truncated file (its last line is {lines[-1][:30]!r}), expected "

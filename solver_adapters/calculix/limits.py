@@ -1,4 +1,4 @@
-"""What CalculiX's law SINGLE_CRYSTAL cannot do, refused by name before a deck is written."""
+"""What CalculiX and its law SINGLE_CRYSTAL have, and values that they refuse."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ import numpy as np
 from solver_adapters.crystal import N_110, N_SYSTEMS
 from solver_adapters.interface import Capabilities, Simulation, UnsupportedError
 from solver_adapters.material import Material
-from solver_adapters.refusal import refuse_unsupported
+from solver_adapters.profile import Profile
 from solver_adapters.registry import installed_capabilities
 
-NAME = "calculix"
 CAPABILITIES = Capabilities(
     material=frozenset(
         ("C11", "C12", "C44", "K", "n", "tau0", "c", "d", "tau0_grain2", "elastic_scale")
@@ -20,6 +19,7 @@ CAPABILITIES = Capabilities(
     derivatives=False,
     cost=15.0,
     conditional=frozenset(("tau0_112", "Q", "b", "h_latent", "interaction")),
+    cells=frozenset((10, 15)),
 )
 """Q is conditional, as it comes with a latent hardening that is fixed in CalculiX."""
 
@@ -31,14 +31,18 @@ _OFF = 1000.0
 _ROUNDING = 1e-12
 
 
-def refuse(simulation: Simulation) -> None:
-    """Raise where a simulation asks for what CalculiX cannot do.
+def judge(simulation: Simulation, profile: Profile) -> None:
+    """Raise where a value of what CalculiX has is one that it cannot do.
 
     Raises:
         UnsupportedError: one sentence: parameter or option, its value, what is expected, and the
             installed solvers that can.
     """
-    refuse_unsupported(simulation, NAME, CAPABILITIES, installed_capabilities)
+    if profile.processes > 1:
+        raise UnsupportedError(
+            f"processes = {profile.processes} in the profile of calculix: CalculiX runs in one "
+            "process; expected processes = 1, and threads for more cores"
+        )
     material = simulation.material
     if material.tau0_112 < _OFF:
         _refuse(
@@ -48,11 +52,6 @@ def refuse(simulation: Simulation) -> None:
         )
     if hardens(material):
         _refuse_interaction(material)
-    if simulation.accuracy is not None:
-        raise UnsupportedError(
-            f"accuracy = {simulation.accuracy:g} µN: CalculiX does not estimate the error of its "
-            "steps; expected None, or the solver bundled"
-        )
 
 
 def hardens(material: Material) -> bool:

@@ -5,19 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from solver_adapters.code_aster import listing, result
+from solver_adapters.code_aster import limits, listing, result
 from solver_adapters.code_aster.deck import EXPORT, render_files
-from solver_adapters.code_aster.law import HONOURED
 from solver_adapters.external import ExternalAdapter, Status
 from solver_adapters.interface import Capabilities, Response, Simulation
-from solver_adapters.refusal import refuse_unsupported
-from solver_adapters.registry import installed_capabilities
-
-FINITE_CAUTION = (
-    "Code_Aster's crystal law in finite strain (SIMO_MIEHE) has no tangent of its own and is "
-    "fragile: 60 steps of one element became 4852, a prism stopped at 0.3 s of 28 s. Small strain, "
-    "or the bundled solver in finite strain, reaches the end."
-)
 
 
 class CodeAsterAdapter(ExternalAdapter):
@@ -28,25 +19,20 @@ class CodeAsterAdapter(ExternalAdapter):
 
     def capabilities(self) -> Capabilities:
         """The law without the terms that Code_Aster lacks, both strain measures."""
-        return Capabilities(
-            material=HONOURED,
-            strain_measures=frozenset(("small", "finite")),
-            derivatives=False,
-            cell_fields=True,
-            cost=150.0,
-            cautions={"finite": FINITE_CAUTION},
-        )
+        return limits.CAPABILITIES
 
-    def write(self, simulation: Simulation) -> Mapping[str, bytes]:
-        """Command file, export file, mesh and prescribed motion.
+    def judge(self, simulation: Simulation) -> None:
+        """Refuse interactions that Code_Aster cannot say.
 
         Raises:
-            UnsupportedError: the simulation asks for what Code_Aster lacks.
+            UnsupportedError: the interaction is not symmetric, or of two families.
         """
-        offered = self.capabilities()
-        refuse_unsupported(simulation, self.name, offered, installed_capabilities)
+        limits.judge(simulation)
+
+    def write(self, simulation: Simulation) -> Mapping[str, bytes]:
+        """Command file, export file, mesh and prescribed motion."""
         measure = simulation.material.strain_measure
-        cautions = (text for word, text in offered.cautions.items() if word == measure)
+        cautions = (text for word, text in limits.CAPABILITIES.cautions.items() if word == measure)
         return render_files(simulation, self.profile, cautions)
 
     def command(self, program: tuple[str, ...]) -> tuple[str, ...]:

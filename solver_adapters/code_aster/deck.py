@@ -17,12 +17,13 @@ from meshes.prism_mesh import PrismMesh
 from solver_adapters.code_aster.law import grain_ratios, hardening, has_two_families
 from solver_adapters.crystal import bunge_angles
 from solver_adapters.external import Profile
-from solver_adapters.interface import FloatArray, IntArray, Simulation, UnsupportedError
+from solver_adapters.interface import FloatArray, IntArray, Simulation
+from solver_adapters.time_steps import step_ends
 from templates import render
 
 EXPORT = "job.export"
-NODES, CELLS, LISTING = "nodes.rmed", "cells.rmed", "job.mess"
-"""What Code_Aster leaves: nodal fields, fields at the Gauss points, its listing."""
+NODES, CELLS, FORCES, LISTING = "nodes.rmed", "cells.rmed", "forces.csv", "job.mess"
+"""What Code_Aster leaves: nodal fields, those at the Gauss points, resultants, its listing."""
 
 _AXES = "XYZ"
 # A job without a limit of its own gets a week: Code_Aster wants a number.
@@ -38,21 +39,7 @@ def render_files(
         simulation: what is simulated.
         profile: limits and processes.
         cautions: sentences at the head of the command file.
-
-    Raises:
-        UnsupportedError: the interaction of the systems, or the kind of cells.
     """
-    nodes_of_cell = simulation.mesh.cells.shape[1]
-    if nodes_of_cell != 10:
-        raise UnsupportedError(
-            f"the cells have {nodes_of_cell} nodes, which the solver code_aster cannot honour; "
-            "expected tet10 cells, or a solver that can: bundled"
-        )
-    if simulation.accuracy is not None:
-        raise UnsupportedError(
-            f"accuracy is {simulation.accuracy:g} µN, which the solver code_aster cannot honour: "
-            "it cuts steps for convergence alone; expected None, or a solver that can: bundled"
-        )
     groups = _moved_groups(simulation)
     texts = {
         "job.comm": render("code_aster/job.comm.j2", **_commands(simulation, groups, cautions)),
@@ -82,7 +69,7 @@ def _commands(
     material, n_grains = simulation.material, simulation.mesh.n_grains
     said = hardening(material)
     ratios = grain_ratios(material, n_grains)
-    steps = simulation.steps
+    ends = None if simulation.steps is None else step_ends(simulation)[1:]
     return {
         "version": version("prismid"),
         "cautions": [textwrap.fill(text, 96, subsequent_indent="# ") for text in cautions],
@@ -96,7 +83,7 @@ def _commands(
         ],
         "axes": [axis for axis in _AXES if f"MOVED_{axis}" in groups],
         "steps_per_interval": simulation.steps_per_interval,
-        "steps": None if steps is None else _rows(steps[steps > simulation.times[0]].tolist()),
+        "steps": None if ends is None else _rows(ends.tolist()),
         "wanted": _rows(simulation.output.tolist()),
         "finite": material.strain_measure == "finite",
         "tolerance": simulation.tolerance,

@@ -1,4 +1,4 @@
-"""The crystal law in the words of Code_Aster: families of systems, hardening, what it lacks.
+"""The crystal law in the words of Code_Aster: families of systems, and their hardening.
 
 Read in its public sources (`lcmmsg`, `lcmmfi`, `lcmaei`, `rccoma` of 2017, `op5901` of 2012; in
 2025 `lcmmfi` is the same):
@@ -21,20 +21,8 @@ import numpy as np
 
 from solver_adapters.crystal import N_110, N_SYSTEMS, slip_systems
 from solver_adapters.interaction import bcc24_classes, self_and_latent
-from solver_adapters.interface import FloatArray, IntArray, UnsupportedError
-from solver_adapters.material import MATERIAL_PARAMETERS, Material
-
-HONOURED = frozenset(MATERIAL_PARAMETERS) - {
-    "tau0_antitwinning",
-    "a1",
-    "c2",
-    "d2",
-    "x0",
-    "eigenstrain",
-    "skin_tau0",
-    "skin_thickness",
-}
-"""Parameters of the law that Code_Aster has."""
+from solver_adapters.interface import FloatArray, IntArray
+from solver_adapters.material import Material
 
 # Plane normal and slip direction of the systems of CUBIQUE1 (lcmmsg).
 _CUBIQUE1 = (
@@ -95,27 +83,9 @@ def grain_ratios(material: Material, n_grains: int) -> tuple[float, ...]:
 
 
 def hardening(material: Material) -> Hardening:
-    """The interaction of systems as Code_Aster takes it.
-
-    Raises:
-        UnsupportedError: the matrix is not symmetric, or the two families interact.
-    """
-    matrix = _interaction(material)
-    if material.Q == 0.0:
-        matrix = np.eye(N_SYSTEMS)
-    if not np.array_equal(matrix, matrix.T):
-        raise UnsupportedError(
-            "interaction is not symmetric, which the solver code_aster cannot honour (MATR_INTER); "
-            "expected a symmetric matrix, or a solver that can: bundled"
-        )
+    """The interaction of systems as Code_Aster takes it, of a material that `limits` accepts."""
+    matrix = interaction_of(material)
     if has_two_families(material):
-        if not np.array_equal(matrix, matrix[0, 0] * np.eye(N_SYSTEMS)):
-            raise UnsupportedError(
-                f"tau0_112 is {material.tau0_112:g} and systems harden each other (h_latent or "
-                "interaction), which the solver code_aster cannot honour together: it then lets "
-                "each family harden by itself alone; expected one of the two, or a solver that "
-                "can: bundled"
-            )
         # MATR_INTER is obligatory with two families.
         return Hardening({"H": 0.0}, matrix)
     latent = float(matrix[0, 1])
@@ -127,7 +97,10 @@ def hardening(material: Material) -> Hardening:
     return Hardening({"H": 0.0}, matrix)
 
 
-def _interaction(material: Material) -> FloatArray:
+def interaction_of(material: Material) -> FloatArray:
+    """How slip on each system hardens the others, the identity where nothing hardens, (24, 24)."""
+    if material.Q == 0.0:
+        return np.eye(N_SYSTEMS)
     latent = self_and_latent(0.0, material.h_latent)
     if material.interaction is None:
         return np.eye(N_SYSTEMS) + latent

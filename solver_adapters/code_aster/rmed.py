@@ -1,15 +1,14 @@
-"""Fields of a .rmed file of Code_Aster by name and instant, read with medcoupling."""
+"""Fields of a .rmed file of Code_Aster by name and instant."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import h5py
-import medcoupling as mc
 import numpy as np
 
+from meshes.med_fields import Place, read_med_field
+from meshes.med_file import open_med
 from meshes.prism_mesh import PrismMesh
 from meshes.tet10 import MIRRORED
 from solver_adapters.interface import FloatArray, IntArray
@@ -19,6 +18,7 @@ from solver_adapters.result_files import ResultFileError
 _SEPARATOR = "_"
 _SAME_INSTANT = 1e-6  # of the time, as Code_Aster compares instants
 _SAME_PLACE = 1e-6  # µm
+_OWNERS: dict[Place, str] = {"nodes": "nodes", "points": "cells"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,25 +55,10 @@ class ResultFile:
             ResultFileError: it is missing, empty, truncated or no MED file with fields.
         """
         self.path = path
-        if not path.is_file():
-            raise ResultFileError(
-                f"{path}: no such file; expected the fields that Code_Aster writes as it ends"
-            )
-        if not path.stat().st_size:
-            raise ResultFileError(f"{path}: the file is empty; expected fields of Code_Aster")
         try:
-            # h5py refuses a damaged file without a word; medcoupling floods the terminal first.
-            with h5py.File(path) as file:
-                self._fields = tuple(file["CHA"])
-                meshes = len(file["ENS_MAA"])
-        except (OSError, KeyError, RuntimeError) as error:
-            raise ResultFileError(
-                f"{path}: not a MED file with fields, or a truncated one; expected what IMPR_RESU "
-                "writes"
-            ) from error
-        if meshes != 1:
-            raise ResultFileError(f"{path}: found {meshes} meshes, expected one")
-        self._mesh = self._load(mc.MEDFileUMesh, str(path))
+            self._file = open_med(path)
+        except (ValueError, FileNotFoundError) as error:
+            raise ResultFileError(f"{error}; expected the fields that IMPR_RESU writes") from None
 
     def require_mesh(self, mesh: PrismMesh) -> None:
         """Make sure that the fields belong to a mesh.
@@ -81,8 +66,8 @@ class ResultFile:
         Raises:
             ResultFileError: the nodes or cells are others.
         """
-        points = self._mesh.getCoords().toNumPyArray()
-        cells = self._mesh.getMeshAtLevel(0)
+        points = self._file.mesh.getCoords().toNumPyArray()
+        cells = self._file.mesh.getMeshAtLevel(0)
         if points.shape != mesh.points.shape or cells.getNumberOfCells() != len(mesh.cells):
             raise ResultFileError(
                 f"{self.path}: found a mesh of {len(points)} nodes and {cells.getNumberOfCells()} "
@@ -109,19 +94,7 @@ class ResultFile:
         Raises:
             ResultFileError: the field or an instant is missing, or the field is incomplete.
         """
-        series = self._series(name)
-        arrays = [
-            series.getTimeStep(*step).getUndergroundDataArray()
-            for step in self._steps(series, name, instants)
-        ]
-        expected = len(self._mesh.getCoords())
-        values = np.array([array.toNumPyArray() for array in arrays])
-        if values.shape[1] != expected:
-            raise ResultFileError(
-                f"{self.path}: the field {name} has {values.shape[1]} values, expected one for "
-                f"each of {expected} nodes"
-            )
-        return Field(_components(arrays[0]), values)
+        return self._field(name, instants, "nodes", self._file.mesh.getNumberOfNodes())
 
     def at_gauss_points(self, name: str, instants: FloatArray) -> Field:
         """A field at the Gauss points of the cells, all of one kind.
@@ -133,35 +106,40 @@ class ResultFile:
         Raises:
             ResultFileError: the field or an instant is missing, or the field is incomplete.
         """
-        series = self._series(name)
-        fields = [
-            series.getTimeStep(*step).getFieldOnMeshAtLevel(mc.ON_GAUSS_PT, 0, self._mesh)
-            for step in self._steps(series, name, instants)
-        ]
-        weights = np.array(fields[0].getGaussLocalization(0).getWeights())
-        n_cells = self._mesh.getMeshAtLevel(0).getNumberOfCells()
-        arrays = [field.getArray() for field in fields]
-        values = np.array([array.toNumPyArray() for array in arrays])
-        if values.shape[1] != n_cells * len(weights):
-            raise ResultFileError(
-                f"{self.path}: the field {name} has {values.shape[1]} values, expected "
-                f"{len(weights)} for each of {n_cells} cells"
-            )
-        shape = (len(instants), n_cells, len(weights), values.shape[-1])
-        return Field(_components(arrays[0]), values.reshape(shape), weights)
+        n_cells = self._file.mesh.getMeshAtLevel(0).getNumberOfCells()
+        return self._field(name, instants, "points", n_cells)
 
-    def _series(self, name: str) -> Any:
-        for full in self._fields:
+    def _field(self, name: str, instants: FloatArray, place: Place, count: int) -> Field:
+        full = self._full_name(name)
+        try:
+            found = read_med_field(self._file, full)
+        except ValueError as error:
+            raise ResultFileError(f"{error}; expected what IMPR_RESU writes") from error
+        if found is None or found.place != place:
+            raise ResultFileError(
+                f"{self.path}: the field {name} has values at "
+                f"{'faces' if found is None else found.place}, expected them at {place}"
+            )
+        if not np.array_equal(found.ids, np.arange(count)):
+            raise ResultFileError(
+                f"{self.path}: the field {name} has values for {found.ids.size} {_OWNERS[place]}, "
+                f"expected them for each of {count}"
+            )
+        rows = self._rows(name, found.times, instants)
+        weights = found.weights if place == "points" else None
+        return Field(found.components, found.values[rows], weights)
+
+    def _full_name(self, name: str) -> str:
+        for full in self._file.fields:
             if full == name or full.endswith(_SEPARATOR + name):
-                return self._load(mc.MEDFileFieldMultiTS, str(self.path), full)
+                return full
         raise ResultFileError(
-            f"{self.path}: found the fields {', '.join(self._fields) or 'none'}, expected {name}"
+            f"{self.path}: found the fields {', '.join(self._file.fields) or 'none'}, expected "
+            f"{name}"
         )
 
-    def _steps(self, series: Any, name: str, instants: FloatArray) -> list[IntArray]:
-        """Iteration and order of the step of each instant."""
-        steps = series.getTimeSteps()
-        times = np.array([time for _, _, time in steps])
+    def _rows(self, name: str, times: FloatArray, instants: FloatArray) -> IntArray:
+        """The row of each instant in the file."""
         gap = abs(times - instants[:, None])
         late = gap.min(axis=1) > _SAME_INSTANT * np.maximum(1.0, abs(instants))
         if late.any():
@@ -170,17 +148,4 @@ class ResultFile:
                 f"{times.max():g} s; expected {instants[late][0]:g} s and {late.sum() - 1} others "
                 "too"
             )
-        return [steps[index][:2] for index in gap.argmin(axis=1)]
-
-    def _load(self, kind: Any, *arguments: str) -> Any:
-        try:
-            return kind(*arguments)
-        except mc.InterpKernelException as error:
-            raise ResultFileError(
-                f"{self.path}: medcoupling cannot read it; expected what IMPR_RESU writes"
-            ) from error
-
-
-def _components(array: Any) -> tuple[str, ...]:
-    # "DX [um]" where a unit is given.
-    return tuple(info.split("[")[0].strip() for info in array.getInfoOnComponents())
+        return np.asarray(gap.argmin(axis=1))

@@ -144,7 +144,7 @@ def test_the_written_case_reads_back_equal(tmp_path):
 def test_written_profiles_read_back_equal(tmp_path):
     profiles = {
         "code_aster": ProfileTable(command=("run_aster",), memory_MB=8000.0, wall_time_s=60.0),
-        "my solver": ProfileTable(threads=2, options={"queue": "long", "a b": 'say "x"'}),
+        "my solver": ProfileTable(threads=2, command=("solve", "a b", 'say "x"')),
     }
     case = default_case()
     solver = case.solver.model_copy(update={"profiles": profiles})

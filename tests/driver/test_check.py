@@ -14,7 +14,8 @@ from driver.check import check
 from driver.check_picture import boundary_trace
 from driver.estimate import estimate
 from solver_adapters.bundled.adapter import BundledAdapter
-from solver_adapters.interface import Capabilities
+from solver_adapters.interface import Capabilities, UnsupportedError
+from solver_adapters.registry import find_adapter
 from tests.solver_adapters.bar import BarAdapter
 
 ALPHA = Path(__file__).parents[2] / "examples" / "alpha"
@@ -30,10 +31,15 @@ class SmallStrainSolver:
         return "1.2"
 
 
+def install(monkeypatch, adapter):
+    """Let `solver.name` find an adapter, whatever the name is."""
+    monkeypatch.setattr(check_module, "find_adapter", lambda name, profile: adapter)
+
+
 @pytest.fixture
 def case_path(tmp_path, monkeypatch):
     """A copy of the example, and a solver that offers small strain only."""
-    monkeypatch.setattr(check_module, "solvers", lambda: {"bundled": SmallStrainSolver})
+    install(monkeypatch, SmallStrainSolver())
     for name in ("case.toml", "images.tif", "flats.tif", "repeats.tif", "history.csv"):
         shutil.copy(ALPHA / name, tmp_path / name)
     return tmp_path / "case.toml"
@@ -79,8 +85,6 @@ def test_the_trace_of_the_grain_boundary_lies_on_its_plane():
         ("origin_pixel = [35.5, 21.0]", "origin_pixel = [35.5, 60.0]",
          "images.origin_pixel: found the measured face at rows 17.3 … 53.7, columns 60.0 … 169.1, "
          "expected it inside 72 × 152 px"),
-        ('name = "bundled"', 'name = "abaqus"',
-         'solver.name: found "abaqus", expected one of bundled'),
         ('strain_measure = "small"', 'strain_measure = "finite"',
          'material.strain_measure: found "finite", expected one that bundled offers: small'),
         ('parameters = ["tau0", "c", "d"]', 'parameters = ["tau0", "n"]',
@@ -175,14 +179,14 @@ def test_the_caution_of_a_solver_about_a_strain_measure_is_a_warning(case_path, 
         def capabilities(self):
             return replace(super().capabilities(), cautions={"small": "Small is coarse."})
 
-    monkeypatch.setattr(check_module, "solvers", lambda: {"bundled": CautiousSolver})
+    install(monkeypatch, CautiousSolver())
     assert found(case_path, "warning") == ["Small is coarse."]
 
 
 def test_a_program_that_is_not_there_is_a_warning_that_says_where_to_name_it(
     case_path, monkeypatch
 ):
-    monkeypatch.setattr(check_module, "solvers", lambda: {"bundled": BarAdapter})
+    monkeypatch.setattr(check_module, "find_adapter", lambda name, profile: BarAdapter(profile))
     monkeypatch.setenv("PRISMID_CONFIG", str(case_path.parent / "config.toml"))
     config = case_path.parent / "config.toml"
     config.write_text("")
@@ -193,3 +197,19 @@ def test_a_program_that_is_not_there_is_a_warning_that_says_where_to_name_it(
     config.write_text("[profiles.bundled]\nthreads = 0\n")
     (message,) = found(case_path, "error")
     assert message.startswith(f"{config}: profiles.bundled.threads: found 0, expected")
+
+
+def test_a_solver_that_is_not_installed_is_an_error_with_those_that_are(case_path, monkeypatch):
+    monkeypatch.setattr(check_module, "find_adapter", find_adapter)
+    edit(case_path, 'name = "bundled"', 'name = "abaqus"')
+    (message,) = found(case_path, "error")
+    assert message.startswith('solver.name: found "abaqus", expected one of bundled')
+
+
+def test_what_an_external_solver_refuses_is_found_before_it_runs(case_path, monkeypatch):
+    class Refusing(BarAdapter):
+        def judge(self, simulation):
+            raise UnsupportedError("the bar has no images")
+
+    install(monkeypatch, Refusing())
+    assert "the bar has no images" in found(case_path, "error")

@@ -26,7 +26,7 @@ def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("PRISMID_CONFIG", str(path))
     path.write_text(
         '[profiles.bar]\ncommand = ["bar", "-q"]\nmemory_MB = 9000\nwall_time_s = 7.5\n'
-        '[profiles.bar.options]\nqueue = "long"\nlevel = "2"\n[profiles.other]\nthreads = 3\n'
+        "[profiles.other]\nthreads = 3\n"
     )
     return path
 
@@ -46,16 +46,14 @@ def test_without_any_entry_the_defaults_count() -> None:
 
 @pytest.mark.usefixtures("config")
 def test_the_user_states_it_for_all_cases() -> None:
-    options = {"queue": "long", "level": "2"}
-    expected = Profile(("bar", "-q"), memory=9000.0, wall_time=7.5, options=options)
+    expected = Profile(("bar", "-q"), memory=9000.0, wall_time=7.5)
     assert profile_of(case()) == expected
 
 
 @pytest.mark.usefixtures("config")
 def test_the_case_overrides_entry_by_entry() -> None:
-    found = profile_of(case(command=["/opt/bar"], cpu_time_s=5.0, options={"queue": "short"}))
+    found = profile_of(case(command=["/opt/bar"], cpu_time_s=5.0))
     assert (found.command, found.memory, found.cpu_time) == (("/opt/bar",), 9000.0, 5.0)
-    assert found.options == {"queue": "short", "level": "2"}
 
 
 def test_the_file_of_the_user_is_where_the_system_keeps_such_files(nothing: Path) -> None:

@@ -158,7 +158,7 @@ def test_a_file_that_is_no_med_mesh_is_refused_by_name(
     }.items():
         (tmp_path / name).write_bytes(data)
     for name in ("empty.med", "half.med", "cut.med", "text.med", "foreign.h5", "hollow.med"):
-        with pytest.raises(ValueError, match=f"{name}: not a MED mesh file, or a damaged one"):
+        with pytest.raises(ValueError, match=f"{name}: not a MED file, or a damaged one"):
             read_med(tmp_path / name)
     assert capfd.readouterr() == ("", "")
 

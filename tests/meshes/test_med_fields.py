@@ -48,6 +48,7 @@ def test_gauss_stresses_of_code_aster_are_those_of_its_own_table(element: Path) 
     assert stress.components == ("SIXX", "SIYY", "SIZZ", "SIXY", "SIXZ", "SIYZ")
     assert stress.values.shape == (61, 1, 8, 6)
     assert stress.ids.tolist() == [0]
+    np.testing.assert_allclose(stress.weights, np.ones(8))  # of the cube from −1 to 1
     rows = np.searchsorted(stress.times, expected[:, 0] - 1e-6)
     np.testing.assert_allclose(stress.times[rows], expected[:, 0], atol=1e-9)
     for point in range(8):

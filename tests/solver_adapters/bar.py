@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from solver_adapters.external import ExternalAdapter, Profile, ResultFileError, Status
 from solver_adapters.interface import Capabilities, Response, Simulation
+from solver_adapters.material import Material
+from tests.solver_adapters.boxes import box, pulled
 
 SCRIPT = """\
 import json, sys
@@ -21,14 +24,22 @@ open("count", "a").write("x")
 """
 
 
+SIMULATION = replace(
+    pulled(box(), Material(strain_measure="small"), (0.001, 0.002)), integration="backward_euler"
+)
+FORCE = 233.5e3 * np.array([0.0, 0.004, 0.008])
+"""The answer to `SIMULATION` [µN]: C11 times the elongation of 4 µm."""
+
+
 class BarAdapter(ExternalAdapter):
-    """The force of an elastic bar whose deck is JSON; `options["do"]` changes its program."""
+    """The force of an elastic bar whose deck is JSON; its program ends with the lines `do`."""
 
     name = "bar"
     programs = ("prismid-bar-that-nobody-has",)
 
     def __init__(self, profile: Profile | None = None) -> None:
         super().__init__(profile)
+        self.do = ""
         self.deck = b"# prismid provenance: begin\n# now\n# prismid provenance: end\n"
 
     def capabilities(self) -> Capabilities:
@@ -39,7 +50,7 @@ class BarAdapter(ExternalAdapter):
         moved = np.isin(simulation.motion_nodes, side)
         pull = simulation.motion[simulation.output][:, moved, 1].mean(axis=1)
         bar = {"stiffness": simulation.material.C11, "pull": pull.tolist()}
-        program = SCRIPT + self.profile.options.get("do", "")
+        program = SCRIPT + self.do
         return {
             "bar.json": json.dumps(bar).encode(),
             "bar.py": self.deck + program.encode(),
@@ -65,5 +76,12 @@ class BarAdapter(ExternalAdapter):
 
 def bar(do: str = "", **settings: object) -> BarAdapter:
     """The adapter with Python as its program."""
-    profile = {"command": (sys.executable, "-S"), "options": {"do": do}, **settings}
-    return BarAdapter(Profile(**profile))  # type: ignore[arg-type]
+    profile = {"command": (sys.executable, "-S"), **settings}
+    adapter = BarAdapter(Profile(**profile))  # type: ignore[arg-type]
+    adapter.do = do
+    return adapter
+
+
+def folders(jobs: Path) -> list[str]:
+    """Names of the folders of jobs."""
+    return sorted(path.name for path in jobs.iterdir())

@@ -27,6 +27,14 @@ def test_a_line_names_figure_and_goal_and_a_row_of_the_table_the_same() -> None:
     ]
 
 
+def test_a_goal_that_is_missed_is_said_to_be_with_what_makes_the_difference() -> None:
+    missed = Agreement("A and B", "face [nm]", 0.8, 0.2, "other quadrature")
+    assert missed.line() == "A and B: face [nm] = 0.8 (goal: <= 0.2; missed: other quadrature)"
+    assert missed.row() == "| A and B | face [nm] | 0.8 | ≤ 0.2; missed: other quadrature |"
+    assert Agreement("A", "face [nm]", 0.8, 0.2).row().endswith("≤ 0.2; missed |")
+    assert Agreement("A", "face [nm]", 0.1, 0.2, "other quadrature").row().endswith("≤ 0.2 |")
+
+
 @needs_ccx
 def test_calculix_run_here_agrees_within_the_goals_on_the_prism() -> None:
     """Into the onset of flow, with the 484 cells of the stored run."""

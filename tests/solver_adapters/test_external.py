@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_adapters.external import ResultFileError, Status
+from solver_adapters.external import Status
 from solver_adapters.interface import (
     Direction,
     NotRunError,
     PreparedError,
     Progress,
-    Response,
+    Simulation,
     UnfinishedError,
     UnsupportedError,
 )
@@ -29,17 +29,7 @@ from solver_adapters.jobs.errors import CommandMissingError, JobError
 from solver_adapters.material import Material
 from solver_adapters.response_file import read_provenance
 from solver_adapters.validation import BadSimulationError
-from tests.solver_adapters.bar import BarAdapter, bar
-from tests.solver_adapters.boxes import box, pulled
-
-SIMULATION = replace(
-    pulled(box(), Material(strain_measure="small"), (0.001, 0.002)), integration="backward_euler"
-)
-FORCE = 233.5e3 * np.array([0.0, 0.004, 0.008])  # C11 times the elongation of 4 µm
-
-
-def folders(jobs: Path) -> list[str]:
-    return sorted(path.name for path in jobs.iterdir())
+from tests.solver_adapters.bar import FORCE, SIMULATION, BarAdapter, bar, folders
 
 
 def failed(jobs: Path, do: str, **settings: object) -> JobError:
@@ -178,6 +168,26 @@ def test_what_it_cannot_honour_is_refused_by_name_before_anything_runs(
     assert folders(tmp_path) == []
 
 
+class _NoHardening(BarAdapter):
+    def judge(self, simulation: Simulation) -> None:
+        if simulation.material.Q > 5:
+            raise UnsupportedError("Q is too much")
+
+
+def test_what_an_adapter_judges_is_refused_before_its_files_are_written(tmp_path: Path) -> None:
+    weak, strong = (
+        replace(SIMULATION, material=Material(Q=Q, strain_measure="small")) for Q in (4.0, 6.0)
+    )
+    adapter = _NoHardening()
+    assert adapter.files(weak) == adapter.write(weak)
+    for call in (adapter.files, lambda asked: adapter.solve(asked, tmp_path)):
+        with pytest.raises(UnsupportedError, match="Q is too much"):
+            call(strong)  # type: ignore[operator]
+    with pytest.raises(BadSimulationError):
+        adapter.files(replace(SIMULATION, times=SIMULATION.times[::-1]))
+    assert folders(tmp_path) == []
+
+
 def test_a_term_that_it_has_is_not_refused(tmp_path: Path) -> None:
     bar().solve(replace(SIMULATION, material=Material(Q=5.0, b=2.0, strain_measure="small")))
 
@@ -206,57 +216,6 @@ def test_an_absent_program_is_told_with_what_to_put_where(
         bar(command=("/opt/no/tool",)).solve(SIMULATION, tmp_path)
 
 
-def prepared(jobs: Path, do: str = "") -> Path:
-    with pytest.raises(PreparedError) as error:
-        bar(do, prepare_only=True).solve(SIMULATION, jobs)
-    (folder,) = error.value.folders
-    return folder
-
-
-def without_program(jobs: Path, do: str = "") -> Response:
-    return bar(do, command=("/opt/no/tool",)).solve(SIMULATION, jobs)
-
-
-def test_a_prepared_job_is_computed_elsewhere_and_collected(tmp_path: Path) -> None:
-    folder = prepared(tmp_path)
-    assert prepared(tmp_path) == folder and folders(tmp_path) == [folder.name]
-    readme = (folder / "README.txt").read_text()
-    assert " -S bar.py\n" in readme and f"results/jobs/{folder.name}" in readme
-    with pytest.raises(CommandMissingError, match="has no results yet"):
-        without_program(tmp_path)
-    # Another machine, and back.
-    shutil.move(folder, tmp_path / "carried")
-    subprocess.run(["sh", "run.sh"], cwd=tmp_path / "carried", check=True)
-    record = json.loads((tmp_path / "carried" / "job.json").read_text())
-    (tmp_path / "carried" / "job.json").write_text(json.dumps(record | {"solver": "bar 2.0"}))
-    shutil.move(tmp_path / "carried", folder)
-    for _ in range(2):
-        np.testing.assert_allclose(without_program(tmp_path).force, FORCE, rtol=1e-9)
-        (folder / "force.json").unlink(missing_ok=True)
-    assert read_provenance(folder / "response.h5").solver == "bar 2.0"
-    assert folders(tmp_path) == [folder.name]
-    # With the program on this machine the results count all the same.
-    bar().solve(SIMULATION, tmp_path)
-    assert folders(tmp_path) == [folder.name]
-
-
-def test_a_job_that_is_running_elsewhere_has_no_results_yet(tmp_path: Path) -> None:
-    folder = prepared(tmp_path)
-    (folder / "stdout.txt").write_text("step 1")
-    (folder / "force.json").write_text("[1, 2")
-    with pytest.raises(CommandMissingError, match="has no results yet"):
-        without_program(tmp_path)
-
-
-def test_a_record_that_was_spoiled_is_told_and_its_folder_is_left_alone(tmp_path: Path) -> None:
-    folder = prepared(tmp_path)
-    (folder / "force.json").write_text("[1, 2, 3]")
-    (folder / "job.json").write_text('{"solver": "bar 2.0')
-    with pytest.raises(ResultFileError, match=f"^{folder}/job.json: found no record of a job"):
-        without_program(tmp_path)
-    assert (folder / "force.json").is_file()
-
-
 def test_whoever_hears_of_the_progress_can_end_the_job(tmp_path: Path) -> None:
     def stop(progress: Progress) -> None:
         assert (progress.time, progress.end) == (0.0, 2.0)
@@ -272,24 +231,6 @@ def test_the_same_job_at_the_same_time_leaves_one_folder(tmp_path: Path) -> None
         answers = [pool.submit(bar(do).solve, SIMULATION, tmp_path) for _ in range(3)]
     for answer in answers:
         np.testing.assert_allclose(answer.result().force, FORCE, rtol=1e-9)
-    assert len(folders(tmp_path)) == 1
-
-
-def test_a_failure_elsewhere_is_told_until_better_results_are_there(tmp_path: Path) -> None:
-    folder = prepared(tmp_path, "sys.exit(9 if sys.stdin.read() else 0)")
-    (folder / "exit_code.txt").write_text("137\n")
-    (folder / "stdout.txt").write_text("<did not converge>\n")
-    with pytest.raises(JobError) as error:
-        without_program(tmp_path, "sys.exit(9 if sys.stdin.read() else 0)")
-    assert error.value.status is Status.NOT_CONVERGED and error.value.place == str(folder)
-    subprocess.run(["sh", "run.sh"], cwd=folder, check=True)
-    found = without_program(tmp_path, "sys.exit(9 if sys.stdin.read() else 0)")
-    np.testing.assert_allclose(found.force, FORCE, rtol=1e-9)
-
-
-def test_results_that_are_there_are_used_where_jobs_are_only_prepared(tmp_path: Path) -> None:
-    bar().solve(SIMULATION, tmp_path)
-    bar(prepare_only=True).solve(SIMULATION, tmp_path)
     assert len(folders(tmp_path)) == 1
 
 

@@ -387,6 +387,10 @@ def test_directions_that_cannot_be_honoured_are_refused_before_anything_runs() -
         "direction 'hardening' changes Q, which the solver toy cannot honour; "
         "expected one of c, tau0"
     )
+    with pytest.raises(UnsupportedError, match="'turn' changes lattice_gradient, which the solver"):
+        FiniteDifferences(solver).solve(
+            along(Direction("turn", lattice_gradient=np.full((2, 3), 0.01)))
+        )
     with pytest.raises(BadSimulationError, match="rotation of direction 'turn' has shape"):
         FiniteDifferences(solver).solve(along(Direction("turn", rotation=np.ones((1, 3)))))
     assert solver.asked == []

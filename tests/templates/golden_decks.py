@@ -21,6 +21,7 @@ from solver_adapters.code_aster.adapter import CodeAsterAdapter
 from solver_adapters.external import ExternalAdapter
 from solver_adapters.interaction import bcc24_classes
 from solver_adapters.interface import Simulation
+from solver_adapters.jobs.key import without_provenance
 from tests.solver_adapters.code_aster.cases import small_case
 
 DECKS = Path(__file__).parents[1] / "data" / "decks"
@@ -85,23 +86,12 @@ GOLDEN: Mapping[str, tuple[ExternalAdapter, tuple[str, ...]]] = {
 
 def rendered(adapter: ExternalAdapter, case: str) -> dict[str, str]:
     """Text files of a job by name, without provenance headers; a mesh file is no text."""
-    files = adapter.write(CASES[case])
+    files = adapter.files(CASES[case])
     return {
-        name: without_provenance(content.decode("utf-8"))
+        name: without_provenance(content).decode("utf-8")
         for name, content in sorted(files.items())
         if b"\0" not in content
     }
-
-
-def without_provenance(text: str) -> str:
-    """A deck less the lines from "provenance: begin" to "provenance: end"."""
-    kept, inside = [], False
-    for line in text.splitlines(keepends=True):
-        inside = inside or "prismid provenance: begin" in line
-        if not inside:
-            kept.append(line)
-        inside = inside and "prismid provenance: end" not in line
-    return "".join(kept)
 
 
 def stored(name: str, case: str) -> dict[str, str]:

@@ -12,7 +12,6 @@ from tests.templates.golden_decks import (
     last_change,
     rendered,
     stored,
-    without_provenance,
 )
 
 PAIRS = [(name, case) for name, (_, cases) in GOLDEN.items() for case in cases]
@@ -43,8 +42,6 @@ def test_every_case_has_a_deck_of_its_own(name: str) -> None:
 
 
 def test_no_golden_deck_holds_a_header_of_provenance() -> None:
-    text = "a\n# prismid provenance: begin\n# 1.2\n# prismid provenance: end\nb\n"
-    assert without_provenance(text) == "a\nb\n"
     for name, case in PAIRS:
         assert all("provenance" not in text for text in stored(name, case).values())
         assert any(b"provenance" in text for text in GOLDEN[name][0].write(CASES[case]).values())

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -37,23 +35,9 @@ def simulation(
     return replace(made, integration="backward_euler")
 
 
-def leave_files(asked: Simulation, folder: Path) -> str:
-    """Run CalculiX in a folder; what it printed."""
-    adapter = CalculixAdapter()
-    for name, content in adapter.write(asked).items():
-        (folder / name).write_bytes(content)
-    program = shutil.which("ccx")
-    assert program is not None
-    done = subprocess.run(
-        adapter.command((program,)), cwd=folder, env=os.environ, capture_output=True, text=True
-    )
-    return done.stdout + done.stderr
-
-
-def run(asked: Simulation, folder: Path) -> Response:
-    """The response of CalculiX."""
-    leave_files(asked, folder)
-    return CalculixAdapter().read(asked, folder)
+def run(asked: Simulation, jobs: Path) -> Response:
+    """The response of CalculiX, run as a job in a folder of all jobs."""
+    return CalculixAdapter().solve(asked, jobs)
 
 
 def largest(values: object) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from importlib.metadata import version
 from typing import Any
 
 import jinja2
@@ -25,7 +26,7 @@ def texts(asked: Simulation) -> dict[str, str]:
 def test_the_deck_says_what_wrote_it() -> None:
     head = texts(simulation())["job.inp"].split("** prismid provenance: end")[0]
     assert head.startswith("** prismid provenance: begin\n")
-    assert "prismid" in head
+    assert f"** prismid {version('prismid')}, adapter calculix\n" in head
 
 
 def test_each_constant_of_the_law_lands_exactly_once() -> None:

@@ -10,12 +10,13 @@ from solver_adapters.calculix.adapter import CalculixAdapter
 from solver_adapters.calculix.limits import CAPABILITIES
 from solver_adapters.interaction import self_and_latent
 from solver_adapters.interface import Direction, Simulation, UnsupportedError
+from solver_adapters.profile import Profile
 from tests.solver_adapters.calculix.runs import simulation
 
 
 def refusal(asked: Simulation) -> str:
     with pytest.raises(UnsupportedError) as error:
-        CalculixAdapter().write(asked)
+        CalculixAdapter().files(asked)
     return str(error.value)
 
 
@@ -51,21 +52,21 @@ def test_hardening_is_refused_but_with_the_interaction_that_calculix_fixes(h_lat
     assert "Q = 20" in message
     assert "h_latent = -0.1" in message
     assert "bundled" in message
-    assert CalculixAdapter().write(simulation(Q=20.0, h_latent=-0.1))
+    assert CalculixAdapter().files(simulation(Q=20.0, h_latent=-0.1))
 
 
 def test_an_interaction_matrix_is_judged_by_its_octahedral_block() -> None:
     matrix = self_and_latent(1.0, 0.5)
     matrix[:12, :12] = self_and_latent(1.0, -0.1)[:12, :12]
-    assert CalculixAdapter().write(simulation(Q=20.0, interaction=tuple(map(tuple, matrix))))
+    assert CalculixAdapter().files(simulation(Q=20.0, interaction=tuple(map(tuple, matrix))))
     matrix[0, 1] = 0.0
     message = refusal(simulation(Q=20.0, interaction=tuple(map(tuple, matrix))))
     assert "an interaction of its own" in message
 
 
 def test_latent_hardening_without_hardening_is_no_matter() -> None:
-    assert CalculixAdapter().write(simulation(Q=0.0, h_latent=0.3))
-    assert CalculixAdapter().write(simulation(Q=20.0, b=0.0, h_latent=0.3))
+    assert CalculixAdapter().files(simulation(Q=0.0, h_latent=0.3))
+    assert CalculixAdapter().files(simulation(Q=20.0, b=0.0, h_latent=0.3))
 
 
 @pytest.mark.parametrize(
@@ -83,5 +84,14 @@ def test_an_option_that_calculix_lacks_is_refused(changes: dict[str, Any], name:
     assert name in refusal(replace(simulation(), **changes))
 
 
-def test_what_can_be_identified_never_needs_a_value_that_is_refused() -> None:
+def test_what_is_judged_by_its_value_is_not_offered_for_identification() -> None:
     assert not CAPABILITIES.material & CAPABILITIES.conditional
+
+
+def test_more_than_one_process_is_refused() -> None:
+    with pytest.raises(UnsupportedError) as error:
+        CalculixAdapter(Profile(processes=2)).files(simulation())
+    assert str(error.value) == (
+        "processes = 2 in the profile of calculix: CalculiX runs in one process; expected "
+        "processes = 1, and threads for more cores"
+    )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,12 +11,11 @@ import pytest
 from benchmarks.code_aster_prism import five_gauss_points
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
-from solver_adapters.external import Status
+from solver_adapters.external import Profile
 from solver_adapters.interface import Simulation
 from tests.solver_adapters.code_aster.cases import small_case
 
 ADAPTER = CodeAsterAdapter()
-PROGRAM = next((path for name in ADAPTER.programs if (path := shutil.which(name))), None)
 
 
 def test_it_offers_backward_euler_in_both_strain_measures_with_a_word_about_one() -> None:
@@ -34,7 +31,7 @@ def test_the_program_is_called_with_the_export_file() -> None:
     assert ADAPTER.command(container) == (*container, "job.export")
 
 
-@pytest.mark.skipif(PROGRAM is None, reason="neither run_aster nor as_run is on PATH")
+@pytest.mark.skipif(ADAPTER.program() is None, reason="neither run_aster nor as_run is on PATH")
 @pytest.mark.parametrize(
     "case",
     [
@@ -53,15 +50,8 @@ def test_the_program_is_called_with_the_export_file() -> None:
 def test_a_real_run_answers_as_the_bundled_solver_at_equal_gauss_points(
     case: Simulation, tmp_path: Path
 ) -> None:
-    assert PROGRAM is not None
     case = replace(case, cell_fields=True)
-    for name, content in ADAPTER.write(case).items():
-        (tmp_path / name).write_bytes(content)
-    done = subprocess.run(
-        ADAPTER.command((PROGRAM,)), cwd=tmp_path, capture_output=True, text=True, timeout=600
-    )
-    assert ADAPTER.diagnose(done.stdout) == Status.DONE, done.stdout[-2000:]
-    found = ADAPTER.read(case, tmp_path)
+    found = CodeAsterAdapter(Profile(wall_time=600.0)).solve(case, tmp_path)
     with five_gauss_points():
         expected = BundledAdapter().solve(replace(case, steps=found.ends, cell_fields=False))
     largest = abs(expected.force).max()

@@ -15,12 +15,11 @@ import pytest
 
 import templates
 from meshes.tet10 import MIRRORED
-from solver_adapters.code_aster.adapter import FINITE_CAUTION, CodeAsterAdapter
+from solver_adapters.code_aster.adapter import CodeAsterAdapter
 from solver_adapters.code_aster.deck import render_files
+from solver_adapters.code_aster.limits import FINITE_CAUTION
 from solver_adapters.external import Profile
-from solver_adapters.interface import Simulation, UnsupportedError
-from solver_adapters.material import Material
-from tests.solver_adapters.boxes import pulled, wedge_box
+from solver_adapters.interface import Simulation
 from tests.solver_adapters.code_aster.cases import small_case
 
 ADAPTER = CodeAsterAdapter()
@@ -225,30 +224,6 @@ def test_limits_and_processes_are_lines_of_the_export_file() -> None:
     lines = texts(small_case(), profile)["job.export"].splitlines()
     for line in ("time_limit 400.0", "memory_limit 9000.0", "mpi_nbcpu 4", "ncpus 2"):
         assert f"P {line}" in lines
-
-
-@pytest.mark.parametrize(
-    ("simulation", "words"),
-    [
-        (small_case(a1=0.1), "a1 = 0.1: the solver code_aster cannot honour it"),
-        (small_case(c2=1500.0), "c2 = 1500: "),
-        (small_case(x0=1e-4), "x0 = 0.0001: "),
-        (small_case(eigenstrain=1e-4), "eigenstrain = 0.0001: "),
-        (small_case(skin_tau0=1.2), "skin_tau0 = 1.2: "),
-        (small_case(tau0_antitwinning=1.1), "tau0_antitwinning = 1.1: "),
-        (replace(small_case(), integration="exponential"), 'integration = "exponential": '),
-        (replace(small_case(), lattice_gradient=np.ones((2, 3))), "lattice_gradient: "),
-        (replace(small_case(), accuracy=0.5), "accuracy is 0.5 µN, which .* code_aster cannot"),
-        (pulled(wedge_box(), Material(), (0.01,)), 'integration = "exponential"'),
-        (
-            replace(pulled(wedge_box(), Material(), (0.01,)), integration="backward_euler"),
-            "the cells have 15 nodes",
-        ),
-    ],
-)
-def test_what_code_aster_lacks_is_refused_by_name(simulation: Simulation, words: str) -> None:
-    with pytest.raises(UnsupportedError, match=words):
-        ADAPTER.write(simulation)
 
 
 def test_a_value_that_the_template_lacks_fails(

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.code_aster_prism import KEPT, forces, reference, simulation
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
-from solver_adapters.code_aster.deck import LISTING, NODES
+from solver_adapters.code_aster.deck import FORCES, LISTING, NODES
 from solver_adapters.interface import Simulation
 from solver_adapters.result_files import ResultFileError
 from tests.solver_adapters.code_aster.cases import unpacked
@@ -21,6 +21,8 @@ ADAPTER = CodeAsterAdapter()
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     unpacked("prism.rmed", tmp_path, NODES)
+    unpacked("prism_forces.csv", tmp_path, FORCES)
+    unpacked("logs/prism_done.log", tmp_path, LISTING)
     return tmp_path
 
 
@@ -50,11 +52,31 @@ def test_a_response_has_no_derivatives_and_no_cells_unless_asked(folder: Path) -
 
 
 def test_the_steps_are_those_of_the_listing(folder: Path) -> None:
-    assert ADAPTER.read(asked(), folder).steps == 0
-    unpacked("logs/prism_done.log", folder, LISTING)
     response = ADAPTER.read(asked(), folder)
     assert (response.steps, response.cuts) == (45, 5)
     np.testing.assert_allclose(response.ends, forces()[0][1:], rtol=1e-9)
+
+
+def test_a_listing_that_is_missing_or_tells_of_no_step_is_refused(folder: Path) -> None:
+    (folder / LISTING).write_text("")
+    with pytest.raises(ResultFileError, match="job.mess: found no time step"):
+        ADAPTER.read(asked(), folder)
+    (folder / LISTING).unlink()
+    with pytest.raises(ResultFileError, match="job.mess: no such file; expected the listing"):
+        ADAPTER.read(asked(), folder)
+
+
+def test_forces_that_differ_in_two_files_are_refused(folder: Path) -> None:
+    path = folder / FORCES
+    text = path.read_text()
+    assert text.count(" 1.05430043664836E+03") == 1
+    path.write_text(text.replace(" 1.05430043664836E+03", " 1.05530043664836E+03"))
+    with pytest.raises(ResultFileError) as error:
+        ADAPTER.read(asked(), folder)
+    assert str(error.value) == (
+        f"{path}: found 1055.3 µN on S_PLUS at 10 s; expected 1054.3 µN, the sum of REAC_NODA in "
+        "nodes.rmed"
+    )
 
 
 def test_an_instant_that_was_not_kept_is_named(folder: Path) -> None:

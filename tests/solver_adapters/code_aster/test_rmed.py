@@ -77,15 +77,22 @@ def test_a_field_that_is_not_in_the_file_is_named(path: Path) -> None:
         ResultFile(path).nodal("FORC_NODA", INSTANTS)
 
 
+def test_a_field_at_other_places_is_told(path: Path) -> None:
+    with pytest.raises(ResultFileError, match="SIEF_ELGA has values at points, expected them at n"):
+        ResultFile(path).nodal("SIEF_ELGA", INSTANTS)
+    with pytest.raises(ResultFileError, match="DEPL has values at nodes, expected them at points"):
+        ResultFile(path).at_gauss_points("DEPL", INSTANTS)
+
+
 def test_a_file_that_is_missing_empty_truncated_or_foreign_is_one_clear_error(path: Path) -> None:
     whole = path.read_bytes()
     folder = path.parent
     with pytest.raises(ResultFileError, match="none.rmed: no such file"):
         ResultFile(folder / "none.rmed")
     contents = {
-        "empty": (b"", "the file is empty"),
-        "truncated": (whole[: len(whole) // 2], "not a MED file with fields, or a truncated one"),
-        "foreign": (b"node,x,y\n1,0,0\n", "not a MED file with fields, or a truncated one"),
+        "empty": (b"", "not a MED file, or a damaged one"),
+        "truncated": (whole[: len(whole) // 2], "not a MED file, or a damaged one"),
+        "foreign": (b"node,x,y\n1,0,0\n", "not a MED file, or a damaged one"),
     }
     for name, (content, words) in contents.items():
         other = folder / f"{name}.rmed"
@@ -98,5 +105,7 @@ def test_an_hdf5_file_of_something_else_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "results.h5"
     with h5py.File(path, "w") as file:
         file["force"] = [1.0]
-    with pytest.raises(ResultFileError, match="not a MED file with fields"):
+    with pytest.raises(
+        ResultFileError, match="not a MED file, or a damaged one; expected the fields"
+    ):
         ResultFile(path)

@@ -1,0 +1,63 @@
+"""What Code_Aster lacks is refused by name before its files are written."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_adapters.code_aster.adapter import CodeAsterAdapter
+from solver_adapters.code_aster.limits import CAPABILITIES
+from solver_adapters.interaction import self_and_latent
+from solver_adapters.interface import Simulation, UnsupportedError
+from solver_adapters.material import MATERIAL_PARAMETERS, Material
+from tests.solver_adapters.boxes import pulled, wedge_box
+from tests.solver_adapters.code_aster.cases import small_case
+
+ADAPTER = CodeAsterAdapter()
+
+
+def unsymmetric() -> tuple[tuple[float, ...], ...]:
+    matrix = self_and_latent(1.0, 0.2)
+    matrix[3, 7] = 0.9
+    return tuple(tuple(row) for row in matrix.tolist())
+
+
+def test_what_code_aster_lacks_is_said() -> None:
+    assert sorted(set(MATERIAL_PARAMETERS) - CAPABILITIES.material) == [
+        "a1", "c2", "d2", "eigenstrain", "skin_tau0", "skin_thickness", "tau0_antitwinning", "x0",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("simulation", "words"),
+    [
+        (small_case(a1=0.1), "a1 = 0.1: the solver code_aster cannot honour it"),
+        (small_case(c2=1500.0), "c2 = 1500: "),
+        (small_case(x0=1e-4), "x0 = 0.0001: "),
+        (small_case(eigenstrain=1e-5), "eigenstrain = 1e-05: "),
+        (small_case(skin_tau0=1.2), "skin_tau0 = 1.2: "),
+        (small_case(tau0_antitwinning=1.1), "tau0_antitwinning = 1.1: "),
+        (replace(small_case(), integration="exponential"), 'integration = "exponential": '),
+        (replace(small_case(), lattice_gradient=np.ones((2, 3))), "lattice_gradient: "),
+        (replace(small_case(), accuracy=0.5), "accuracy = 0.5 µN: .* can: bundled$"),
+        (
+            replace(pulled(wedge_box(), Material(), (0.01,)), integration="backward_euler"),
+            "cells of 15 nodes: .* can: bundled, calculix$",
+        ),
+        (small_case(Q=10.0, interaction=unsymmetric()), "interaction is not symm.*can: bundled"),
+        # Code_Aster sums over the systems of one family and reads one block for both (lcmmfi).
+        (
+            small_case(Q=10.0, tau0_112=1.1, h_latent=1.0),
+            "tau0_112 is 1.1 and systems harden each other .*can: bundled",
+        ),
+    ],
+)
+def test_what_code_aster_lacks_is_refused_by_name(simulation: Simulation, words: str) -> None:
+    with pytest.raises(UnsupportedError, match=words):
+        ADAPTER.files(simulation)
+
+
+def test_an_interaction_without_hardening_is_no_matter() -> None:
+    assert ADAPTER.files(small_case(interaction=unsymmetric(), tau0_112=1.1))

@@ -1,0 +1,116 @@
+"""Jobs that are written for another machine, computed there and collected."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_adapters.interface import PreparedError, Response
+from solver_adapters.jobs.errors import CommandMissingError, JobError
+from solver_adapters.jobs.folder import Record, read_record
+from solver_adapters.jobs.prepared import (
+    PREPARED,
+    exit_code,
+    has_results,
+    prepare,
+    prepared_job,
+)
+from solver_adapters.jobs.status import Status
+from solver_adapters.response_file import read_provenance
+from solver_adapters.result_files import ResultFileError
+from tests.solver_adapters.bar import FORCE, SIMULATION, bar, folders
+
+
+def prepared(jobs: Path, do: str = "") -> Path:
+    with pytest.raises(PreparedError) as error:
+        bar(do, prepare_only=True).solve(SIMULATION, jobs)
+    (folder,) = error.value.folders
+    return folder
+
+
+def without_program(jobs: Path, do: str = "") -> Response:
+    return bar(do, command=("/opt/no/tool",)).solve(SIMULATION, jobs)
+
+
+def test_a_prepared_job_is_computed_elsewhere_and_collected(tmp_path: Path) -> None:
+    folder = prepared(tmp_path)
+    assert prepared(tmp_path) == folder and folders(tmp_path) == [folder.name]
+    readme = (folder / "README.txt").read_text()
+    assert " -S bar.py\n" in readme and f"results/jobs/{folder.name}" in readme
+    with pytest.raises(CommandMissingError, match="has no results yet"):
+        without_program(tmp_path)
+    # Another machine, and back.
+    shutil.move(folder, tmp_path / "carried")
+    subprocess.run(["sh", "run.sh"], cwd=tmp_path / "carried", check=True)
+    record = json.loads((tmp_path / "carried" / "job.json").read_text())
+    (tmp_path / "carried" / "job.json").write_text(json.dumps(record | {"solver": "bar 2.0"}))
+    shutil.move(tmp_path / "carried", folder)
+    for _ in range(2):
+        np.testing.assert_allclose(without_program(tmp_path).force, FORCE, rtol=1e-9)
+        (folder / "force.json").unlink(missing_ok=True)
+    assert read_provenance(folder / "response.h5").solver == "bar 2.0"
+    assert folders(tmp_path) == [folder.name]
+    # With the program on this machine the results count all the same.
+    bar().solve(SIMULATION, tmp_path)
+    assert folders(tmp_path) == [folder.name]
+
+
+def test_a_job_that_is_running_elsewhere_has_no_results_yet(tmp_path: Path) -> None:
+    folder = prepared(tmp_path)
+    (folder / "stdout.txt").write_text("step 1")
+    (folder / "force.json").write_text("[1, 2")
+    with pytest.raises(CommandMissingError, match="has no results yet"):
+        without_program(tmp_path)
+
+
+def test_a_record_that_was_spoiled_is_told_and_its_folder_is_left_alone(tmp_path: Path) -> None:
+    folder = prepared(tmp_path)
+    (folder / "force.json").write_text("[1, 2, 3]")
+    (folder / "job.json").write_text('{"solver": "bar 2.0')
+    with pytest.raises(ResultFileError, match=f"^{folder}/job.json: found no record of a job"):
+        without_program(tmp_path)
+    assert (folder / "force.json").is_file()
+
+
+def test_a_failure_elsewhere_is_told_until_better_results_are_there(tmp_path: Path) -> None:
+    folder = prepared(tmp_path, "sys.exit(9 if sys.stdin.read() else 0)")
+    (folder / "exit_code.txt").write_text("137\n")
+    (folder / "stdout.txt").write_text("<did not converge>\n")
+    with pytest.raises(JobError) as error:
+        without_program(tmp_path, "sys.exit(9 if sys.stdin.read() else 0)")
+    assert error.value.status is Status.NOT_CONVERGED and error.value.place == str(folder)
+    subprocess.run(["sh", "run.sh"], cwd=folder, check=True)
+    found = without_program(tmp_path, "sys.exit(9 if sys.stdin.read() else 0)")
+    np.testing.assert_allclose(found.force, FORCE, rtol=1e-9)
+
+
+def test_results_that_are_there_are_used_where_jobs_are_only_prepared(tmp_path: Path) -> None:
+    bar().solve(SIMULATION, tmp_path)
+    bar(prepare_only=True).solve(SIMULATION, tmp_path)
+    assert len(folders(tmp_path)) == 1
+
+
+def test_the_script_runs_the_call_with_its_variables_and_keeps_its_exit_code(
+    tmp_path: Path,
+) -> None:
+    call = ("sh", "-c", 'cat "my deck"; echo "$LEVEL" >&2; exit 3')
+    record = Record("bar", "k1", "elsewhere", status=PREPARED, command=call, files=["my deck"])
+    folder = prepare(tmp_path, record, {"my deck": b"a deck\n"}, {"LEVEL": "two words"})
+    assert folder == tmp_path / "k1" and prepared_job(folder) == read_record(folder)
+    assert not has_results(folder, record) and exit_code(folder) == 0
+    subprocess.run(["sh", str(folder / "run.sh")], check=True)
+    assert has_results(folder, record) and exit_code(folder) == 3
+    assert (folder / "stdout.txt").read_text() == "a deck\n"
+    assert (folder / "stderr.txt").read_text() == "two words\n"
+
+
+def test_a_folder_that_was_not_prepared_is_no_prepared_job(tmp_path: Path) -> None:
+    assert prepared_job(tmp_path / "none") is None
+    bar().solve(SIMULATION, tmp_path)
+    (key,) = folders(tmp_path)
+    assert prepared_job(tmp_path / key) is None

@@ -1,0 +1,88 @@
+"""A derivative from three runs, whose exact value is that of a curve."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver_adapters.interface import Direction, Response
+from solver_adapters.quotient import ASYMMETRY, Slope, slope_through
+
+DIRECTION = Direction("tau0", material={"tau0": 1.0}, scale=4.0)
+
+
+def response(x: float, curvature: float = 0.0, ends: tuple[float, ...] = ()) -> Response:
+    """Two forces, f = 1 + 3 x + curvature x² and its double, and one displacement 2 x."""
+    force = (1 + 3 * x + curvature * x**2) * np.array([1.0, 2.0])
+    return Response(
+        displacement=np.full((2, 1, 3), 1 + 2 * x),
+        force=force,
+        d_displacement=np.zeros((0, 2, 1, 3)),
+        d_force=np.zeros((0, 2)),
+        steps=len(ends),
+        ends=np.array(ends),
+    )
+
+
+def slope(a: float, b: float, curvature: float = 0.0, noise: float = 1e-9) -> Slope:
+    pair = ((a, response(a, curvature)), (b, response(b, curvature)))
+    return slope_through(response(0.0, curvature), pair, noise)
+
+
+@pytest.mark.parametrize("where", [(0.1, -0.1), (0.1, 0.05), (-0.2, 0.1)])
+def test_a_parabola_is_differentiated_exactly_from_both_sides_or_one(
+    where: tuple[float, float],
+) -> None:
+    found = slope(*where, curvature=5.0)
+    np.testing.assert_allclose(found.force, [3.0, 6.0], rtol=1e-12)
+    np.testing.assert_allclose(found.displacement, 2.0, rtol=1e-12)
+    assert found.amounts == where
+
+
+def test_the_asymmetry_is_what_curvature_makes_of_a_one_sided_slope() -> None:
+    assert slope(0.1, -0.1).asymmetry < 1e-12
+    found = slope(0.1, -0.1, curvature=5.0)
+    # A one-sided slope of the force is 3 ± 0.5; sizes are shares of the response, by part.
+    size = np.hypot(2.0, 3.0)
+    assert found.asymmetry == pytest.approx(0.5 / size, rel=1e-9)
+
+
+def test_a_small_asymmetry_needs_no_other_step_and_no_word() -> None:
+    found = slope(0.001, -0.001, curvature=5.0)
+    assert 0 < found.asymmetry < ASYMMETRY
+    assert found.better_step(DIRECTION.scale) is None
+    assert found.doubts(DIRECTION) == []
+
+
+def test_curvature_asks_for_a_smaller_step_that_would_do() -> None:
+    found = slope(0.1, -0.1, curvature=5.0)
+    step = found.better_step(DIRECTION.scale)
+    assert step is not None
+    assert slope(step, -step, curvature=5.0).asymmetry == pytest.approx(ASYMMETRY / 2)
+    (doubt,) = found.doubts(DIRECTION)
+    assert doubt.startswith(
+        "derivative along 'tau0': uncertain by about 7%, as a slope to one side"
+    )
+
+
+def test_noise_asks_for_a_wider_step_within_half_of_the_scale() -> None:
+    found = Slope((0.1, -0.1), np.zeros(1), np.zeros(1), 0.05, noise=0.04, same_steps=True)
+    assert found.better_step(4.0) == pytest.approx(0.5)
+    assert found.better_step(0.4) == pytest.approx(0.2)
+
+
+def test_a_response_that_nothing_changes_has_no_asymmetry() -> None:
+    still = response(0.0)
+    found = slope_through(still, ((0.1, still), (-0.1, still)), 1e-5)
+    assert (found.asymmetry, found.noise) == (0.0, np.inf)
+    assert not found.force.any()
+
+
+def test_runs_with_other_time_steps_are_doubted() -> None:
+    base, other = (response(0.0, ends=ends) for ends in ((1.0, 2.0), (1.5, 2.0)))
+    same = slope_through(base, ((0.1, base), (-0.1, base)), 1e-9)
+    assert same.same_steps
+    found = slope_through(base, ((0.1, base), (-0.1, other)), 1e-9)
+    assert not found.same_steps
+    (doubt,) = found.doubts(DIRECTION)
+    assert "took other time steps than the asked one" in doubt
