@@ -179,7 +179,15 @@ def _refuse_bad_mesh(mesh: PrismMesh) -> None:
                 f"the group {name} of mesh.nodes is empty; expected one node or more"
             )
     for name, nodes in mesh.nodes.items():
+        _expect_shape(f"mesh.nodes[{name!r}]", nodes, (None,))
         _expect_indices(f"mesh.nodes[{name!r}]", nodes, n_nodes, "nodes")
+        # The force on a face is a sum over its nodes.
+        twice = _twice(nodes)
+        if twice.size:
+            raise BadSimulationError(
+                f"the group {name} of mesh.nodes holds node {twice[0]} twice; "
+                "expected each node once"
+            )
     used = np.zeros(n_nodes, dtype=np.bool_)
     used[cells] = True
     loose = np.flatnonzero(~used)
@@ -351,8 +359,7 @@ def _refuse_bad_motion(simulation: Simulation) -> None:
     if mask.dtype != np.bool_:
         raise BadSimulationError(f"motion_mask holds {mask.dtype}; expected true or false")
     _expect_shape("motion", motion, (len(s.times), len(nodes), 3))
-    unique, count = np.unique(nodes, return_counts=True)
-    twice = unique[count > 1]
+    twice = _twice(nodes)
     if twice.size:
         raise BadSimulationError(
             f"{twice.size} nodes are prescribed twice in motion_nodes, the first is node "
@@ -454,6 +461,12 @@ def _refuse_bad_direction(direction: Direction, shapes: dict[str, tuple[int, ...
         if change is not None:
             _expect_shape(f"{name} of direction {direction.name!r}", change, shape)
             _expect_finite(f"{name} of direction {direction.name!r}", change)
+
+
+def _twice(nodes: AnyArray) -> AnyArray:
+    """The nodes that are listed more than once."""
+    unique, count = np.unique(nodes, return_counts=True)
+    return unique[count > 1]
 
 
 def _expect_number(name: str, value: Any) -> None:

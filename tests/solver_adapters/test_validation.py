@@ -19,6 +19,7 @@ from tests.solver_adapters.boxes import BOXES, ORIENTATIONS, box, moved, pulled,
 GOOD = pulled(box(), Material(), (0.002, 0.004))
 MESH = GOOD.mesh
 N = len(MESH.points)
+S_PLUS = MESH.nodes["S_PLUS"]
 NAN, INF = float("nan"), float("inf")
 
 
@@ -124,6 +125,14 @@ UNSUPPORTED: list[tuple[Simulation, str]] = [
 ]
 
 BROKEN: list[tuple[Simulation, str]] = [
+    (
+        of_mesh(nodes={**MESH.nodes, "S_PLUS": np.append(S_PLUS, S_PLUS[2])}),
+        f"the group S_PLUS of mesh.nodes holds node {S_PLUS[2]} twice; expected each node once",
+    ),
+    (
+        of_mesh(nodes={**MESH.nodes, "S_PLUS": S_PLUS.tolist()}),
+        "mesh.nodes['S_PLUS'] is a list; expected an array",
+    ),
     (
         of_mesh(points=MESH.points[:, :2]),
         f"mesh.points has shape ({N}, 2); expected (n, 3)",
