@@ -19,7 +19,7 @@ from driver.history import History, knot_weights, read_history
 from driver.identify_stage import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
 from driver.measure_stage import MEASURE, MEASURE_CSV
 from driver.mesh_stage import FINE_MESH, MESH
-from driver.results import ResultError, read_hdf5
+from driver.results import damaged, read_hdf5
 from driver.stages import StageContext
 from meshes.files import read_med
 from meshes.prism_mesh import PrismMesh
@@ -172,7 +172,7 @@ def _datasets(path: Path, expected: tuple[str, ...]) -> dict[str, FloatArray]:
     found = read_hdf5(path)
     for name in expected:
         if name not in found:
-            raise _damaged(path, f"no dataset {name}")
+            raise damaged(path, f"no dataset {name}")
     return found
 
 
@@ -180,7 +180,7 @@ def _texts(path: Path, expected: tuple[str, ...]) -> list[Any]:
     with h5py.File(path, "r") as file:
         for name in expected:
             if name not in file.attrs:
-                raise _damaged(path, f"no attribute {name}")
+                raise damaged(path, f"no attribute {name}")
         return [json.loads(file.attrs[name]) for name in expected]
 
 
@@ -188,15 +188,8 @@ def _record(path: Path, expected: tuple[str, ...]) -> Record:
     try:
         record: Record = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
-        raise _damaged(path, f"no readable JSON ({error})") from None
+        raise damaged(path, f"no readable JSON ({error})") from None
     for name in expected:
         if name not in record:
-            raise _damaged(path, f"no entry {name}")
+            raise damaged(path, f"no entry {name}")
     return record
-
-
-def _damaged(path: Path, found: str) -> ResultError:
-    return ResultError(
-        f"{path}: found {found}, expected a result of this version of prismid; "
-        "`prismid run --force` makes it anew"
-    )

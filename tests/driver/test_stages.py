@@ -175,4 +175,4 @@ def test_a_damaged_record_is_no_record(tmp_path: Path, text: str) -> None:
     from driver import stages
 
     (tmp_path / "stages.json").write_text(text, encoding="utf-8")
-    assert stages._read_record(tmp_path) == {}
+    assert stages.read_record(tmp_path) == {}
