@@ -65,7 +65,8 @@ def check(case_path: Path) -> list[Finding]:
     findings.append(Finding("ok", "case", f"{case_path} is valid"))
     findings += _orientation(case)
     findings += _causes(case)
-    findings += _solver(case)
+    of_solver = list(_solver(case))
+    findings += of_solver
     n_cells, mesh_finding = _mesh(case)
     findings.append(mesh_finding)
     try:
@@ -78,7 +79,9 @@ def check(case_path: Path) -> list[Finding]:
         make = solvers().get(case.solver.name)
         if make is not None:
             findings.append(_cost(case, make().capabilities(), n_cells, experiment))
-            findings += _rendered(case, experiment)
+            # What is wrong above would be told once more, in words for another reader.
+            if all(finding.level != "error" for finding in of_solver):
+                findings += _rendered(case, experiment)
     picture = case_path.parent / RESULTS / "check.png"
     picture.parent.mkdir(exist_ok=True)
     draw(case, experiment, picture)
