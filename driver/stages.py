@@ -16,6 +16,7 @@ from typing import TypedDict
 
 from driver.case import Case, load_case
 from driver.errors import InputError
+from driver.run_lock import sole_run
 
 RESULTS = "results"
 _RECORD = "stages.json"
@@ -125,6 +126,7 @@ def run_stages(
     Raises:
         PreparedError: such jobs were written.
         CaseError: the case cannot be used.
+        BusyError: another run is at work on the results.
         StageError: there is no stage of the name `until`, or two results have one name.
     """
     names = [stage.name for stage in stages]
@@ -135,13 +137,14 @@ def run_stages(
     results.mkdir(exist_ok=True)
     last = len(names) if until is None else names.index(until) + 1
     key = ""
-    for stage in stages[:last]:
-        key = stage_key(stage, case, key)
-        done = read_record(results)
-        if not force and is_done(done.get(stage.name), key, results):
-            report(f"{stage.name}: done and unchanged")
-            continue
-        _run_stage(stage, case, case_path, results, key, report, prepare_only)
+    with sole_run(results):
+        for stage in stages[:last]:
+            key = stage_key(stage, case, key)
+            done = read_record(results)
+            if not force and is_done(done.get(stage.name), key, results):
+                report(f"{stage.name}: done and unchanged")
+                continue
+            _run_stage(stage, case, case_path, results, key, report, prepare_only)
 
 
 def stage_key(stage: Stage, case: Case, key_before: str) -> str:

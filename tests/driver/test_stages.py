@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from driver.case import CaseError, default_case, write_case
+from driver.run_lock import BusyError
 from driver.stages import Stage, StageError, measured_files, run_stages
 
 
@@ -96,6 +97,18 @@ def test_force_reruns_and_until_stops(workshop):
     assert workshop.run(force=True) == ["mesh", "measure"]
     with pytest.raises(StageError, match='--until: found "mash", expected one of mesh, measure'):
         workshop.run(until="mash")
+
+
+def test_a_second_run_leaves_what_the_first_is_at_work_on(workshop):
+    def measure(context):
+        (context.workdir / "half.txt").write_text("half")
+        with pytest.raises(BusyError, match="another run, process .* is at work on it"):
+            run_stages(workshop.case_path, workshop.stages, report=workshop.lines.append)
+        assert (context.workdir / "half.txt").is_file()
+
+    workshop.stages[1] = replace(workshop.stages[1], run=measure)
+    assert workshop.run() == ["mesh"]
+    assert (workshop.folder / "results" / "half.txt").is_file()
 
 
 def test_a_stage_that_fails_leaves_the_results_of_its_last_run(workshop):
