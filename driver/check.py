@@ -46,12 +46,14 @@ def check(case_path: Path) -> list[Finding]:
     findings += _orientation(case)
     findings += _causes(case)
     adapter: Adapter | None = None
+    of_solver: list[Finding] = []
     try:
         adapter = find_adapter(case.solver.name, profile_of(case))
     except (InputError, SolverError) as error:
         findings.append(Finding("error", "solver", str(error)))
     else:
-        findings += _solver(case, adapter)
+        of_solver = list(_solver(case, adapter))
+    findings += of_solver
     n_cells, mesh_finding = _mesh(case)
     findings.append(mesh_finding)
     try:
@@ -64,7 +66,9 @@ def check(case_path: Path) -> list[Finding]:
     findings += seen
     if n_cells and adapter is not None:
         findings.append(_cost(case, adapter.capabilities(), n_cells, experiment))
-        if isinstance(adapter, ExternalAdapter):
+        # What is wrong above would be told once more, in words for another reader.
+        told = any(finding.level == "error" for finding in of_solver)
+        if isinstance(adapter, ExternalAdapter) and not told:
             findings += _refused(case, adapter, experiment)
     picture = case_path.parent / RESULTS / "check.png"
     picture.parent.mkdir(exist_ok=True)

@@ -2,43 +2,33 @@
 
 from __future__ import annotations
 
-import json
 import os
-import shutil
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from driver.boundary import elongation_names, tilt_names
 from driver.case import Case, load_case
-from driver.diagnose_stage import DIAGNOSIS, DIAGNOSIS_H5
-from driver.errors import InputError, sentence
-from driver.export_readme import README, is_readme, write_readme
+from driver.errors import sentence
+from driver.export_readme import README, exported_files, write_readme
+from driver.finished_results import ExportError as ExportError
+from driver.finished_results import FinishedResults, read_finished
 from driver.history import History, read_history
-from driver.identify_stage import IDENTIFY
-from driver.measure_stage import MEASURE
-from driver.mesh_stage import MESH
+from driver.identify_stage import JOBS
 from driver.paraview import SERIES, FittedModel, aligned, write_surface
-from driver.pipeline import stages
-from driver.results import read_hdf5, write_csv
-from driver.stages import RESULTS, stage_key
+from driver.results import write_csv
+from driver.stages import RESULTS
 from driver.volume_view import offers_volume, volume_files, write_volumes
-from meshes.files import read_med
+from driver.workbench import BUNDLED
+from meshes.files import write_vtu
+from solver_adapters.jobs.errors import CommandMissingError
 
 FloatArray = NDArray[np.float64]
 
-_NEEDED, _OPTIONAL = ("mesh", "measure", "identify"), "diagnose"
 _MESH_VTU = "mesh.vtu"
-_LABELS = ("model", "extended")
-
-
-class ExportError(InputError):
-    """Results that cannot be exported: what was found and what was expected."""
 
 
 def export_case(
@@ -50,10 +40,11 @@ def export_case(
 ) -> None:
     """Write the finished results of a case in the formats of other programs.
 
-    The folder is made if need be. Files of an earlier export are replaced, each of them whole,
-    and other files are left alone. Without a finished diagnosis of the case as it is, what
-    belongs to the extended model is left out. The fields of the volume are no results of a run:
-    each model is simulated once more for them.
+    The folder is made if need be. Files that its README.txt lists as those of an earlier export
+    are replaced, each of them whole, or removed; other files are left alone. Without a finished
+    diagnosis of the case as it is, what belongs to the extended model is left out. The fields of
+    the volume are no results of a run: each model is simulated once more for them, and they are
+    left out where the program of the solver is absent.
 
     Args:
         case_path: the case file; its results are in `results/` beside it.
@@ -68,101 +59,61 @@ def export_case(
         ResultError: a result file cannot be read.
         SolverError: a simulation for the volume could not be finished.
     """
+    if med and not volume:
+        raise ExportError("--med: found --no-volume, expected --volume: MED holds its fields")
     case = load_case(case_path)
-    results = case_path.parent / RESULTS
-    diagnosed = _finished(case_path, case, results)
-    measured = read_hdf5(results / MEASURE)
-    models = [_identified(results)]
-    if diagnosed:
-        models.append(_extended(results, models[0]))
+    found = read_finished(case_path, case)
     history = read_history(case.path(case.history.file))
     _make_folder(folder)
     with tempfile.TemporaryDirectory(prefix="partial-", dir=folder) as aside:
         written = Path(aside)
-        write_surface(written, measured, models, case.boundary.gauge == "rigid")
-        shutil.copyfile((results / MESH).with_suffix(".vtu"), written / _MESH_VTU)
-        _write_tables(written, measured, models, history, results)
+        write_surface(written, found.measured, found.models, case.boundary.gauge == "rigid")
+        write_vtu(found.mesh, written / _MESH_VTU)
+        _write_tables(written, found, history)
         if volume and not offers_volume(case):
             log(f"no fields of the volume: the solver {case.solver.name} answers none")
             volume = False
-        write_readme(written / README, case_path, diagnosed, volume, volume and med)
-        names = _names(written)
+        _refuse_foreign(folder, [*_names(written), Path(README)])
         if volume:
-            names += [Path(name) for model in models for name in volume_files(model.label, med)]
+            # Told before the simulations, which take their time.
+            _refuse_foreign(folder, _volume_names(found, med))
+            jobs = None if case.solver.name == BUNDLED else case_path.parent / RESULTS / JOBS
+            volume = _write_volume(written, case, found, history, med, log, jobs)
+        names = [*_names(written), Path(README)]
+        write_readme(written / README, case_path, found.diagnosed, volume, volume and med, names)
         _refuse_foreign(folder, names)
-        if volume:
-            mesh = read_med(results / MESH)
-            write_volumes(written, case, mesh, history, models, med, log)
-        # A volume of an earlier export that this one lacks is no result of the case as it is.
-        every = [Path(name) for label in _LABELS for name in volume_files(label, med=True)]
-        _move(written, folder, every)
+        _move(written, folder)
 
 
-def _finished(case_path: Path, case: Case, results: Path) -> bool:
-    """Whether the diagnosis is finished, too."""
-    path = results / "stages.json"
-    record = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    key = ""
-    for stage in stages(case):
-        key = stage_key(stage, case, key)
-        done = record.get(stage.name, {"key": None, "outputs": []})
-        there = all((results / name).is_file() for name in done["outputs"])
-        if done["key"] == key and there:
-            if stage.name == _OPTIONAL:
-                return True
-        elif stage.name in _NEEDED:
-            found = "results of another state of the case or its files"
-            raise ExportError(
-                sentence(
-                    results,
-                    f"stage {stage.name}",
-                    found if done["key"] is not None and there else "no results",
-                    f"those of the case as it is (`prismid run {case_path} --until "
-                    f"{_NEEDED[-1]}` makes them)",
-                )
-            )
-    return False
+def _volume_names(found: FinishedResults, med: bool) -> list[Path]:
+    return [Path(name) for model in found.models for name in volume_files(model.label, med)]
 
 
-def _identified(results: Path) -> FittedModel:
-    path = results / IDENTIFY
-    arrays = read_hdf5(path)
-    with h5py.File(path, "r") as file:
-        names, units, values = (
-            json.loads(file.attrs[name]) for name in ("names", "units", "all_values")
-        )
-    return FittedModel(
-        label=_LABELS[0],
-        **_predictions(arrays, "final"),
-        values=values,
-        sigma=dict(zip(names, arrays["sigma"].tolist(), strict=True)),
-        units=dict(zip(names, units, strict=True)),
-    )
-
-
-def _extended(results: Path, model: FittedModel) -> FittedModel:
-    record = json.loads((results / DIAGNOSIS).read_text(encoding="utf-8"))["extended"]
-    fitted = {name: entry for name, entry in record.items() if name != "reason"}
-    return FittedModel(
-        label=_LABELS[1],
-        **_predictions(read_hdf5(results / DIAGNOSIS_H5), "after"),
-        values={**model.values, **{name: entry["value"] for name, entry in fitted.items()}},
-        sigma={name: entry["sigma"] for name, entry in fitted.items()},
-        units={name: entry["unit"] for name, entry in fitted.items()},
-    )
-
-
-def _predictions(arrays: Mapping[str, FloatArray], prefix: str) -> dict[str, Any]:
-    return {name: arrays[f"{prefix}/{name}"] for name in ("load", "load_residual", "motion", "rho")}
-
-
-def _write_tables(
-    folder: Path,
-    measured: Mapping[str, FloatArray],
-    models: Sequence[FittedModel],
+def _write_volume(
+    written: Path,
+    case: Case,
+    found: FinishedResults,
     history: History,
-    results: Path,
-) -> None:
+    med: bool,
+    log: Callable[[str], None],
+    jobs: Path | None,
+) -> bool:
+    """Whether the program of the solver was there to answer the fields of the volume."""
+    try:
+        write_volumes(written, case, found.mesh, history, found.models, med, log, jobs)
+    except CommandMissingError as error:
+        log(
+            f"no fields of the volume: {error.adapter}: {error.detail or error.status} "
+            "(--no-volume leaves them out unasked)"
+        )
+        for name in _volume_names(found, med=True):
+            (written / name).unlink(missing_ok=True)
+        return False
+    return True
+
+
+def _write_tables(folder: Path, found: FinishedResults, history: History) -> None:
+    measured, models = found.measured, found.models
     image: dict[str, Sequence[object] | FloatArray] = {
         "image": range(len(measured["time"])),
         "time_s": measured["time"],
@@ -176,8 +127,7 @@ def _write_tables(
     write_csv(folder / "loads.csv", loads)
     _write_images(folder / "images.csv", image, measured, models[0])
     _write_knots(folder / "knots.csv", models, history)
-    start = read_hdf5(results / IDENTIFY)["start"]
-    _write_parameters(folder / "parameters.csv", models, start, history.n_knots)
+    _write_parameters(folder / "parameters.csv", models, found.start, history.n_knots)
 
 
 def _write_images(
@@ -217,16 +167,15 @@ def _write_knots(path: Path, models: Sequence[FittedModel], history: History) ->
 
 
 def _write_parameters(
-    path: Path, models: Sequence[FittedModel], start: FloatArray, n_knots: int
+    path: Path, models: Sequence[FittedModel], start: Mapping[str, float], n_knots: int
 ) -> None:
-    starts = dict(zip(models[0].sigma, start.tolist(), strict=True))
     units = {name: unit for model in models for name, unit in model.units.items()}
     knots = (*elongation_names(n_knots), *tilt_names(n_knots))
     names = [name for name in units if name not in knots]
     columns: dict[str, Sequence[object]] = {
         "parameter": names,
         "unit": [units[name] for name in names],
-        "start": [starts.get(name, "") for name in names],
+        "start": [start.get(name, "") for name in names],
     }
     for model in models:
         free = model.sigma
@@ -246,29 +195,32 @@ def _names(written: Path) -> list[Path]:
 
 
 def _refuse_foreign(folder: Path, names: Sequence[Path]) -> None:
-    """Raise where a file of the export stands in a folder that holds none of prismid's."""
-    readme = folder / README
-    if readme.is_file() and is_readme(readme):
-        return
+    """Raise where a file that is no file of an earlier export stands in the way of one."""
+    known = exported_files(folder / README)
     for name in names:
-        if (folder / name).exists():
+        place, parent = folder / name, folder / name.parent
+        if name in known and not place.is_dir():
+            continue
+        taken = name if os.path.lexists(place) else name.parent
+        if taken == name or (os.path.lexists(parent) and not parent.is_dir()):
             raise ExportError(
                 sentence(
-                    folder, "--to", f"a file {name} that is no export of prismid",
+                    folder,
+                    "--to",
+                    f"a file {taken} that is no export of prismid (its {README} lists those)",
                     "a folder without files of that name",
                 )
-            )  # fmt: skip
+            )
 
 
-def _move(written: Path, folder: Path, stale: Sequence[Path]) -> None:
+def _move(written: Path, folder: Path) -> None:
     """Replace files one by one: first the one that shows whose they are, last the series."""
     names = sorted(
         _names(written), key=lambda name: (name.name == SERIES, name.name != README, str(name))
     )
-    if (folder / README).exists():
-        for name in stale:
-            if name not in names:
-                (folder / name).unlink(missing_ok=True)
+    # What an earlier export holds beyond this one is no result of the case as it is.
+    for name in exported_files(folder / README) - set(names):
+        (folder / name).unlink(missing_ok=True)
     for name in names:
         (folder / name).parent.mkdir(exist_ok=True)
         os.replace(written / name, folder / name)

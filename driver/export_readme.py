@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -65,7 +66,17 @@ volume_model.med, volume_extended.med   the same for Salome, with the groups of 
 """
 
 
-def write_readme(path: Path, case_path: Path, diagnosed: bool, volume: bool, med: bool) -> None:
+_LISTED = "Files of this export; the next one into this folder replaces or removes these alone:"
+
+
+def write_readme(
+    path: Path,
+    case_path: Path,
+    diagnosed: bool,
+    volume: bool,
+    med: bool,
+    files: Sequence[Path],
+) -> None:
     """Write what the files of an export are.
 
     Args:
@@ -74,17 +85,29 @@ def write_readme(path: Path, case_path: Path, diagnosed: bool, volume: bool, med
         diagnosed: whether the extended model is there.
         volume: whether the fields of the volume are there.
         med: whether they are there as MED, too.
+        files: every file of the export, relative to its folder.
     """
     case = f"{case_path.resolve().parent.name}/{case_path.name}"
+    listed = "".join(f"  {file.as_posix()}\n" for file in sorted(files))
     made = datetime.now(UTC).isoformat(timespec="seconds")
     path.write_text(
         f"{_TITLE}\n\nCase {case}, prismid {prismid_version()}, {made}\n\n"
         f"{_FRAME}{_DIAGNOSED if diagnosed else _NOT_DIAGNOSED}\n"
-        f"{_FILES}{_VOLUMES if volume else ''}{_MED if med else ''}",
+        f"{_FILES}{_VOLUMES if volume else ''}{_MED if med else ''}"
+        f"\n{_LISTED}\n{listed}",
         encoding="utf-8",
     )
 
 
-def is_readme(path: Path) -> bool:
-    """Whether a file is such a text."""
-    return path.read_bytes().startswith(_TITLE.encode())
+def exported_files(path: Path) -> frozenset[Path]:
+    """The files that such a text lists, relative to its folder; none where it is another text."""
+    if not path.is_file():
+        return frozenset()
+    text = path.read_text(encoding="utf-8", errors="replace")
+    title, _, rest = text.partition("\n")
+    if title != _TITLE:
+        return frozenset()
+    listed = rest.partition(f"\n{_LISTED}\n")[2].splitlines()
+    names = (Path(line.strip()) for line in listed if line.strip())
+    # Anybody may have edited the text: nothing outside the folder is taken for an export.
+    return frozenset(name for name in names if not name.is_absolute() and ".." not in name.parts)

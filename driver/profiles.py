@@ -36,7 +36,8 @@ def load_config(path: Path, stated: bool) -> Config:
         stated: whether somebody has named it; else there need not be one.
 
     Raises:
-        ConfigError: the file is absent though it was named, no TOML, or a key is wrong.
+        ConfigError: the file is absent though it was named, cannot be read, is no TOML, or a key
+            is wrong.
     """
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -45,6 +46,10 @@ def load_config(path: Path, stated: bool) -> Config:
             return Config()
         raise ConfigError(
             sentence(path, "file", "nothing", f"the file that {CONFIG_VARIABLE} names")
+        ) from None
+    except OSError as error:
+        raise ConfigError(
+            sentence(path, "file", f"“{error.strerror}”", "a TOML file that can be read")
         ) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(sentence(path, "file", f"“{error}”", "a TOML file in UTF-8")) from None
@@ -62,7 +67,7 @@ def profile_of(case: Case, prepare_only: bool = False) -> Profile:
     """
     name = case.solver.name
     path = config_path()
-    users = load_config(path, stated=CONFIG_VARIABLE in os.environ).profiles
+    users = load_config(path, stated=bool(os.environ.get(CONFIG_VARIABLE))).profiles
     entries: dict[str, Any] = {}
     for profiles in (users, case.solver.profiles):
         if name in profiles:

@@ -16,6 +16,15 @@ from solver_adapters.response_file import prismid_version as prismid_version
 
 Array = NDArray[np.float64]
 
+# By the name of the result without its ending.
+_STAGES = {
+    "mesh": "mesh",
+    "measure": "measure",
+    "identify": "identify",
+    "identify_history": "identify",
+    "diagnosis": "diagnose",
+}
+
 
 class ResultError(InputError):
     """A result file that cannot be read back."""
@@ -63,9 +72,22 @@ def read_hdf5(path: Path) -> dict[str, Array]:
     except OSError as error:
         raise ResultError(
             f"{path}: found no readable HDF5 file ({error}), expected a result of prismid; "
-            "`prismid run --force` makes it anew"
+            f"{_remedy(path)}"
         ) from None
     return found
+
+
+def damaged(path: Path, found: str) -> ResultError:
+    """The sentence about a result that is not what its stage writes."""
+    return ResultError(
+        f"{path}: found {found}, expected a result of this version of prismid; {_remedy(path)}"
+    )
+
+
+def _remedy(path: Path) -> str:
+    stage = _STAGES.get(path.stem)
+    alone = "" if stage is None else f", running the stage {stage} alone"
+    return f"delete it, and `prismid run` makes it anew{alone}"
 
 
 def write_csv(path: Path, columns: Mapping[str, Sequence[object] | Array]) -> None:

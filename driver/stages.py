@@ -17,6 +17,7 @@ from typing import TypedDict
 from driver.case import Case, load_case
 from driver.errors import InputError
 from driver.images.files import split_dataset
+from driver.run_lock import sole_run
 
 RESULTS = "results"
 _RECORD = "stages.json"
@@ -81,11 +82,16 @@ class Stage:
     files: Callable[[Case], Sequence[Path]] = field(default=_no_files)
 
 
-class _Done(TypedDict):
+class Done(TypedDict):
+    """What is kept of a finished stage: key, names of its results, when it ended, how long."""
+
     key: str
     outputs: list[str]
     finished: str
     seconds: float
+
+
+Record = dict[str, Done]
 
 
 def measured_files(case: Case) -> tuple[Path, ...]:
@@ -121,6 +127,7 @@ def run_stages(
     Raises:
         PreparedError: such jobs were written.
         CaseError: the case cannot be used.
+        BusyError: another run is at work on the results.
         StageError: there is no stage of the name `until`, or two results have one name.
     """
     names = [stage.name for stage in stages]
@@ -131,13 +138,14 @@ def run_stages(
     results.mkdir(exist_ok=True)
     last = len(names) if until is None else names.index(until) + 1
     key = ""
-    for stage in stages[:last]:
-        key = stage_key(stage, case, key)
-        done = _read_record(results)
-        if not force and _is_done(done.get(stage.name), key, results):
-            report(f"{stage.name}: done and unchanged")
-            continue
-        _run_stage(stage, case, case_path, results, key, report, prepare_only)
+    with sole_run(results):
+        for stage in stages[:last]:
+            key = stage_key(stage, case, key)
+            done = read_record(results)
+            if not force and is_done(done.get(stage.name), key, results):
+                report(f"{stage.name}: done and unchanged")
+                continue
+            _run_stage(stage, case, case_path, results, key, report, prepare_only)
 
 
 def stage_key(stage: Stage, case: Case, key_before: str) -> str:
@@ -174,7 +182,7 @@ def _run_stage(
     outputs = sorted(
         str(path.relative_to(workdir)) for path in workdir.rglob("*") if path.is_file()
     )
-    done = _read_record(results)
+    done = read_record(results)
     old = done.pop(stage.name, None)
     for other, entry in done.items():
         shared = set(outputs) & set(entry["outputs"])
@@ -201,7 +209,8 @@ def _run_stage(
     report(f"{stage.name}: finished in {seconds:.1f} s")
 
 
-def _is_done(entry: _Done | None, key: str, results: Path) -> bool:
+def is_done(entry: Done | None, key: str, results: Path) -> bool:
+    """Whether a stage has run with a key and its results are there."""
     return (
         entry is not None
         and entry["key"] == key
@@ -209,20 +218,30 @@ def _is_done(entry: _Done | None, key: str, results: Path) -> bool:
     )
 
 
-def _read_record(results: Path) -> dict[str, _Done]:
+def read_record(results: Path) -> Record:
+    """The finished stages by name, as `stages.json` tells them."""
     path = results / _RECORD
     if not path.is_file():
         return {}
     try:
-        record: dict[str, _Done] = json.loads(path.read_text(encoding="utf-8"))
-        whole = all({"key", "outputs"} <= set(entry) for entry in record.values())
-    except (ValueError, TypeError, AttributeError):
-        whole = False
+        record: Record = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        record = {}
     # A damaged record is no record: the stages are run again.
+    whole = isinstance(record, dict) and all(map(_is_entry, record.values()))
     return record if whole else {}
 
 
-def _write_record(results: Path, record: dict[str, _Done]) -> None:
+def _is_entry(entry: object) -> bool:
+    return (
+        isinstance(entry, dict)
+        and isinstance(entry.get("key"), str)
+        and isinstance(entry.get("outputs"), list)
+        and all(isinstance(name, str) for name in entry["outputs"])
+    )
+
+
+def _write_record(results: Path, record: Record) -> None:
     write_whole(results / _RECORD, json.dumps(record, indent=2) + "\n")
 
 

@@ -69,6 +69,7 @@ def simulate_volume(
     history: History,
     values: Mapping[str, float],
     progress: Callable[[Progress], None] | None = None,
+    workspace: Path | None = None,
 ) -> Volume:
     """Run a model once, on the working mesh, for all nodes and cells at the images.
 
@@ -78,6 +79,7 @@ def simulate_volume(
         history: times and stage travel.
         values: every parameter of the model.
         progress: called as the run advances.
+        workspace: folder of the jobs of a solver that is a program of its own, or None.
 
     Raises:
         SolverError: the simulation could not be finished.
@@ -90,7 +92,7 @@ def simulate_volume(
         output_nodes=np.arange(len(mesh.points)),
         cell_fields=True,
     )
-    response = adapter.solve(simulation, progress=progress)
+    response = adapter.solve(simulation, workspace, progress)
     assert response.cells is not None
     times = history.time[history.image_row]
     return Volume(simulation.mesh, times, response.displacement, response.cells)
@@ -109,6 +111,7 @@ def write_volumes(
     models: Sequence[FittedModel],
     med: bool,
     log: Callable[[str], None],
+    workspace: Path | None = None,
 ) -> None:
     """Simulate each model once more and write what is inside.
 
@@ -120,8 +123,10 @@ def write_volumes(
         models: the fitted models.
         med: whether to write MED files beside the VTKHDF files.
         log: takes one line of progress.
+        workspace: folder of the jobs of a solver that is a program of its own, or None.
 
     Raises:
+        CommandMissingError: the program of the solver is absent.
         SolverError: a simulation could not be finished.
     """
     solver = capabilities_of(case)
@@ -132,7 +137,7 @@ def write_volumes(
     )
     for model in models:
         told = tenths(f"  {model.label}: ", log)
-        found = simulate_volume(case, mesh, history, model.values, told)
+        found = simulate_volume(case, mesh, history, model.values, told, workspace)
         for_paraview, for_salome = (folder / name for name in volume_files(model.label, True))
         write_vtkhdf(for_paraview, found.mesh, found.times, found.point_data, found.cell_data)
         if med:

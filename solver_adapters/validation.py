@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, get_args
@@ -124,23 +124,35 @@ def _refuse_bad_material(m: Material) -> None:
         if not 0 < ratio < np.inf:
             raise UnsupportedError(f"tau0_grains holds {ratio:g}; expected positive numbers")
     if m.interaction is not None:
-        rows = [len(row) for row in m.interaction]
-        if rows != [24] * 24:
-            raise UnsupportedError(
-                f"interaction has {len(rows)} rows of {sorted(set(rows))} numbers; "
-                "expected 24 rows of 24"
-            )
-        if not np.isfinite(m.interaction).all():
-            raise UnsupportedError(
-                "interaction holds a number that is not finite; expected 24 × 24 finite numbers"
-            )
-        least = min(min(row) for row in m.interaction)
-        if least < -1:
-            raise UnsupportedError(f"interaction holds {least:g}; expected -1 or more")
+        _refuse_bad_interaction(m.interaction)
     if m.strain_measure not in get_args(StrainMeasure):
         raise UnsupportedError(
             f"strain_measure is {m.strain_measure!r}; expected 'small' or 'finite'"
         )
+
+
+def _refuse_bad_interaction(table: Any) -> None:
+    try:
+        rows = [len(row) for row in table]
+    except TypeError:
+        raise BadSimulationError(
+            f"interaction is {table!r}; expected 24 rows of 24 numbers"
+        ) from None
+    if rows != [24] * 24:
+        raise UnsupportedError(
+            f"interaction has {len(rows)} rows of {sorted(set(rows))} numbers; "
+            "expected 24 rows of 24"
+        )
+    for row in table:
+        for value in row:
+            _expect_number("a number of interaction", value)
+    if not np.isfinite(table).all():
+        raise UnsupportedError(
+            "interaction holds a number that is not finite; expected 24 × 24 finite numbers"
+        )
+    least = min(min(row) for row in table)
+    if least < -1:
+        raise UnsupportedError(f"interaction holds {least:g}; expected -1 or more")
 
 
 def _refuse_bad_mesh(mesh: PrismMesh) -> None:
@@ -180,7 +192,15 @@ def _refuse_bad_mesh(mesh: PrismMesh) -> None:
                 f"the group {name} of mesh.nodes is empty; expected one node or more"
             )
     for name, nodes in mesh.nodes.items():
+        _expect_shape(f"mesh.nodes[{name!r}]", nodes, (None,))
         _expect_indices(f"mesh.nodes[{name!r}]", nodes, n_nodes, "nodes")
+        # The force on a face is a sum over its nodes.
+        twice = _twice(nodes)
+        if twice.size:
+            raise BadSimulationError(
+                f"the group {name} of mesh.nodes holds node {twice[0]} twice; "
+                "expected each node once"
+            )
     used = np.zeros(n_nodes, dtype=np.bool_)
     used[cells] = True
     loose = np.flatnonzero(~used)
@@ -359,8 +379,7 @@ def _refuse_bad_motion(simulation: Simulation) -> None:
     if mask.dtype != np.bool_:
         raise BadSimulationError(f"motion_mask holds {mask.dtype}; expected true or false")
     _expect_shape("motion", motion, (len(s.times), len(nodes), 3))
-    unique, count = np.unique(nodes, return_counts=True)
-    twice = unique[count > 1]
+    twice = _twice(nodes)
     if twice.size:
         raise BadSimulationError(
             f"{twice.size} nodes are prescribed twice in motion_nodes, the first is node "
@@ -433,6 +452,8 @@ def refuse_bad_directions(simulation: Simulation) -> None:
         "points": simulation.mesh.points.shape,
     }
     for direction in simulation.directions:
+        if not isinstance(direction.name, str):
+            raise BadSimulationError(f"a direction has the name {direction.name!r}; expected text")
         if direction.name in names:
             raise BadSimulationError(
                 f"two directions have the name {direction.name!r}; expected different names"
@@ -442,10 +463,16 @@ def refuse_bad_directions(simulation: Simulation) -> None:
 
 
 def _refuse_bad_direction(direction: Direction, shapes: dict[str, tuple[int, ...]]) -> None:
+    _expect_number(f"scale of direction {direction.name!r}", direction.scale)
     if not 0 < direction.scale < np.inf:
         raise BadSimulationError(
             f"scale of direction {direction.name!r} is {direction.scale:g}; "
             "expected a positive number"
+        )
+    if not isinstance(direction.material, Mapping):
+        raise BadSimulationError(
+            f"material of direction {direction.name!r} is {direction.material!r}; expected "
+            "numbers by the names of parameters"
         )
     for name, rate in direction.material.items():
         if name not in MATERIAL_PARAMETERS:
@@ -453,6 +480,7 @@ def _refuse_bad_direction(direction: Direction, shapes: dict[str, tuple[int, ...
                 f"direction {direction.name!r} changes {name!r}, which the material does not have; "
                 f"expected one of {', '.join(MATERIAL_PARAMETERS)}"
             )
+        _expect_number(f"the change of {name} in direction {direction.name!r}", rate)
         if not np.isfinite(rate):
             raise BadSimulationError(
                 f"direction {direction.name!r} changes {name} by {rate:g}; expected a finite number"
@@ -462,6 +490,12 @@ def _refuse_bad_direction(direction: Direction, shapes: dict[str, tuple[int, ...
         if change is not None:
             _expect_shape(f"{name} of direction {direction.name!r}", change, shape)
             _expect_finite(f"{name} of direction {direction.name!r}", change)
+
+
+def _twice(nodes: AnyArray) -> AnyArray:
+    """The nodes that are listed more than once."""
+    unique, count = np.unique(nodes, return_counts=True)
+    return unique[count > 1]
 
 
 def _expect_number(name: str, value: Any) -> None:

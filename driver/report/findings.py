@@ -23,7 +23,7 @@ from driver.measure_stage import MEASURE, MEASURE_CSV
 from driver.mesh_stage import FINE_MESH, MESH
 from driver.report.measured import DATASETS, MeasuredMotion, measured_motion, peaks
 from driver.report.measured_figures import FIGURES
-from driver.results import ResultError, read_hdf5
+from driver.results import damaged, read_hdf5
 from driver.stages import StageContext
 from meshes.files import read_med
 from meshes.prism_mesh import PrismMesh
@@ -179,7 +179,7 @@ def _datasets(path: Path, expected: tuple[str, ...]) -> dict[str, FloatArray]:
     found = read_hdf5(path)
     for name in expected:
         if name not in found:
-            raise _damaged(path, f"no dataset {name}")
+            raise damaged(path, f"no dataset {name}")
     return found
 
 
@@ -187,7 +187,7 @@ def _texts(path: Path, expected: tuple[str, ...]) -> list[Any]:
     with h5py.File(path, "r") as file:
         for name in expected:
             if name not in file.attrs:
-                raise _damaged(path, f"no attribute {name}")
+                raise damaged(path, f"no attribute {name}")
         return [json.loads(file.attrs[name]) for name in expected]
 
 
@@ -195,15 +195,8 @@ def _record(path: Path, expected: tuple[str, ...]) -> Record:
     try:
         record: Record = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
-        raise _damaged(path, f"no readable JSON ({error})") from None
+        raise damaged(path, f"no readable JSON ({error})") from None
     for name in expected:
         if name not in record:
-            raise _damaged(path, f"no entry {name}")
+            raise damaged(path, f"no entry {name}")
     return record
-
-
-def _damaged(path: Path, found: str) -> ResultError:
-    return ResultError(
-        f"{path}: found {found}, expected a result of this version of prismid; "
-        "`prismid run --force` makes it anew"
-    )

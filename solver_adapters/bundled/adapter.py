@@ -139,16 +139,17 @@ class _Run:
         if simulation.cell_fields:
             cells = len(simulation.mesh.cells)
             self._rows |= {name: np.zeros((n, cells, width)) for name, width in WIDTHS.items()}
-        if checkpoint is None:
-            self.index = 0
-            self._frame = self.stepper.start(float(simulation.times[0]))
-            self._start = self._frame
-            self._book()
-        else:
+        times = simulation.times
+        self._start = self.stepper.start(float(times[0]))
+        if checkpoint is not None and restart.fits(
+            checkpoint, self._start, self._rows, times, self.problem.prescribed.size
+        ):
             self.index, self._frame = checkpoint.index, checkpoint.frame
             self._rows = checkpoint.rows
-            self._start = self.stepper.start(float(simulation.times[0]))
             self.stepper.resume(checkpoint.last, checkpoint.ends, checkpoint.counts)
+        else:
+            self.index, self._frame = 0, self._start
+            self._book()
         self.checkpoint = self._at_instant()
 
     def advance(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver_adapters.bundled.instants import Increment, Instant
+from solver_adapters.bundled.law import NS
+from solver_adapters.interface import SolverError
 
 FloatArray = NDArray[np.float64]
 
 FILE = "restart.npz"
+_ROUNDING = 1e-9  # of the time of an instant (share of all)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +64,13 @@ def write(workspace: Path, key: str, checkpoint: Checkpoint) -> None:
 
 
 def read(workspace: Path, key: str) -> Checkpoint | None:
-    """The checkpoint of a workspace, None where there is none of this simulation and solver."""
+    """The checkpoint of a workspace, None where there is none of this simulation and solver.
+
+    Raises:
+        SolverError: a folder stands where the file of a checkpoint will be written.
+    """
+    if (workspace / FILE).is_dir():
+        raise SolverError(f"{workspace / FILE}: found a folder; expected a checkpoint or nothing")
     try:
         with (workspace / FILE).open("rb") as stream, np.load(stream) as stored:
             if str(stored["key"]) != key:
@@ -75,18 +85,58 @@ def read(workspace: Path, key: str) -> Checkpoint | None:
                 if f"{prefix}_dt" in names
             }
             rows = {name[4:]: stored[name] for name in names if name.startswith("row_")}
-            counts = tuple(int(count) for count in stored["counts"])
+            steps, iterations, cuts, refinements = (int(count) for count in stored["counts"])
             return Checkpoint(
                 int(stored["index"]),
                 frame,
                 last,
                 rows,
                 [float(end) for end in stored["ends"]],
-                (counts[0], counts[1], counts[2], counts[3]),
+                (steps, iterations, cuts, refinements),
             )
-    except (OSError, EOFError, BadZipFile, ValueError, KeyError):
+    except (OSError, EOFError, BadZipFile, ValueError, KeyError, TypeError):
         # No file, a damaged one or that of another version: the run starts anew.
         return None
+
+
+def fits(
+    checkpoint: Checkpoint,
+    start: Instant,
+    rows: Mapping[str, FloatArray],
+    times: FloatArray,
+    n_prescribed: int,
+) -> bool:
+    """Whether a run could have written a checkpoint: an instant of it, with arrays of its shapes.
+
+    Args:
+        checkpoint: what was read.
+        start: the state of the run at its first instant.
+        rows: results of the run by name, yet to be filled.
+        times: its instants [s], shape (n_times,).
+        n_prescribed: number of its prescribed degrees of freedom.
+    """
+    frame = checkpoint.frame
+    if _shapes(vars(frame)) != _shapes(vars(start)) or not 0 <= checkpoint.index < len(times):
+        return False
+    away = abs(frame.time - times[checkpoint.index])
+    points = len(start.H)
+    increment = {"du": start.u.shape, "slips": (points, NS), "motion": (n_prescribed,), "dt": ()}
+    return (
+        bool(away <= _ROUNDING * (times[-1] - times[0]))
+        and all(_shapes(vars(last)) == increment for last in checkpoint.last.values())
+        and _shapes(checkpoint.rows) == _shapes(rows)
+        and len(checkpoint.ends) == checkpoint.counts[0]
+    )
+
+
+def _shapes(arrays: Mapping[str, Any]) -> dict[str, tuple[int, ...] | None]:
+    """Shapes by name, None of what are no finite numbers."""
+    return {
+        name: np.shape(array)
+        if np.asarray(array).dtype.kind == "f" and np.isfinite(array).all()
+        else None
+        for name, array in arrays.items()
+    }
 
 
 def _plain(value: FloatArray) -> Any:

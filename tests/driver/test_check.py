@@ -14,6 +14,7 @@ from driver.check import check
 from driver.check_picture import boundary_trace
 from driver.estimate import estimate
 from solver_adapters.bundled.adapter import BundledAdapter
+from solver_adapters.calculix.adapter import CalculixAdapter
 from solver_adapters.interface import Capabilities, UnsupportedError
 from solver_adapters.registry import find_adapter
 from tests.solver_adapters.bar import BarAdapter
@@ -172,6 +173,15 @@ def test_a_scheme_that_the_solver_lacks_is_an_error_with_the_remedy(case_path):
     (message,) = found(case_path, "error")
     assert message.startswith('solver.integration: found "exponential", expected backward_euler')
     assert message.endswith("or the key left out")
+
+
+def test_a_strain_measure_that_a_program_lacks_is_told_once(case_path, monkeypatch):
+    monkeypatch.setattr(check_module, "solvers", lambda: {"calculix": CalculixAdapter})
+    edit(case_path, 'name = "bundled"', 'name = "calculix"')
+    edit(case_path, 'strain_measure = "small"', 'strain_measure = "finite"')
+    assert found(case_path, "error") == [
+        'material.strain_measure: found "finite", expected one that calculix offers: small'
+    ]
 
 
 def test_the_caution_of_a_solver_about_a_strain_measure_is_a_warning(case_path, monkeypatch):

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver import export, pipeline, volume_view
+from driver import export, finished_results, pipeline, volume_view
 from driver.boundary import LAMBDAS
 from driver.case import default_case, load_case, write_case
 from driver.export import ExportError, export_case
@@ -22,10 +22,12 @@ from driver.paraview import aligned, pixel_squares
 from driver.results import ResultError, write_hdf5
 from driver.specimen import mesh_of
 from driver.stages import stage_key
-from meshes.files import write_med
+from meshes.files import write_med, write_vtu
 from meshes.med_fields import read_med_fields
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.interface import Capabilities, CellFields, Progress, Response, Simulation
+from solver_adapters.jobs.errors import CommandMissingError
+from solver_adapters.jobs.status import Status
 
 Arrays = dict[str, tuple[NDArray[np.generic] | float, str]]
 PIXEL = 0.11
@@ -57,6 +59,7 @@ class LinearSolver:
 
     def __init__(self) -> None:
         self.asked: list[Simulation] = []
+        self.workspaces: list[Path | None] = []
 
     def capabilities(self) -> Capabilities:
         return Capabilities(frozenset(), frozenset({"small", "finite"}), False, self.cell_fields)
@@ -71,6 +74,7 @@ class LinearSolver:
         progress: Callable[[Progress], None] | None = None,
     ) -> Response:
         self.asked.append(simulation)
+        self.workspaces.append(workspace)
         if progress is not None:
             for time in simulation.times[1:]:
                 progress(Progress(time, simulation.times[-1], 1, 1, 0, 60.0))
@@ -142,13 +146,7 @@ class Results:
         }
         (self.folder / "diagnosis.json").write_text(json.dumps({"extended": extended}))
         write_med(coarse_mesh(), self.folder / "mesh.med")
-        corners = np.vstack([np.zeros(3), np.eye(3)])
-        pairs = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]
-        points = np.vstack([corners, [corners[list(pair)].mean(axis=0) for pair in pairs]])
-        cells = [("tetra10", np.arange(10)[None])]
-        meshio.Mesh(points, cells, cell_data={"grain": [np.array([2])]}).write(
-            self.folder / "mesh.vtu"
-        )
+        write_vtu(coarse_mesh(), self.folder / "mesh.vtu")
         self.record("mesh", "measure", "identify", "diagnose")
 
     def predictions(self, prefix: str) -> Arrays:
@@ -281,11 +279,13 @@ def test_squares_face_the_viewer_and_leave_masked_pixels_out() -> None:
         assert area == pytest.approx(PIXEL**2)
 
 
-def test_the_volume_mesh_keeps_its_grains(results: Results) -> None:
+def test_the_volume_mesh_keeps_its_grains_though_its_picture_was_cut(results: Results) -> None:
+    whole = (results.folder / "mesh.vtu").read_bytes()
+    (results.folder / "mesh.vtu").write_bytes(whole[:100])
     export_case(results.case_path, results.to)
     mesh = meshio.read(results.to / "mesh.vtu")
-    assert mesh.cells_dict["tetra10"].tolist() == [list(range(10))]
-    assert mesh.cell_data["grain"][0].tolist() == [2]
+    assert len(mesh.cells_dict["tetra10"]) == len(coarse_mesh().cells)
+    assert mesh.cell_data["grain"][0].tolist() == (coarse_mesh().grain + 1).tolist()
 
 
 @pytest.mark.parametrize("label", ["model", "extended"])
@@ -522,3 +522,161 @@ def test_a_volume_of_others_is_neither_overwritten_nor_removed(results: Results)
     assert not results.solver.asked  # told before the simulations
     export_case(results.case_path, results.to, volume=False)
     assert (results.to / "volume_model.vtkhdf").read_text() == "mine"
+
+
+def test_a_file_that_no_export_has_written_stays_beside_one(results: Results) -> None:
+    results.to.mkdir()
+    mine = {"volume_model.med": b"mine", "volume_extended.vtkhdf": b"mine, too"}
+    for name, content in mine.items():
+        (results.to / name).write_bytes(content)
+    for _ in range(2):
+        export_case(results.case_path, results.to, volume=False)
+        assert mine.items() <= contents(results.to).items()
+    for options in ({"med": True}, {}):
+        with pytest.raises(ExportError, match="found a file volume_.* that is no export"):
+            export_case(results.case_path, results.to, **options)
+    assert mine.items() <= contents(results.to).items()
+    assert not results.solver.asked
+
+
+def test_a_list_that_somebody_has_edited_removes_nothing_outside_the_folder(
+    results: Results,
+) -> None:
+    export_case(results.case_path, results.to, volume=False)
+    outside = results.to.parent / "mine.txt"
+    outside.write_text("mine")
+    with (results.to / "README.txt").open("a", encoding="utf-8") as readme:
+        readme.write(f"  ../mine.txt\n  {outside}\n")
+    export_case(results.case_path, results.to, volume=False)
+    assert outside.read_text() == "mine"
+
+
+def test_what_an_earlier_export_holds_beyond_this_one_is_removed(results: Results) -> None:
+    export_case(results.case_path, results.to, volume=False)
+    extra = results.to / "surface" / "surface_0003.vtu"
+    extra.write_text("of a longer test")
+    export_case(results.case_path, results.to, volume=False)
+    assert extra.is_file()
+    with (results.to / "README.txt").open("a", encoding="utf-8") as readme:
+        readme.write("  surface/surface_0003.vtu\n")
+    export_case(results.case_path, results.to, volume=False)
+    assert not extra.exists()
+
+
+def test_a_file_in_the_place_of_a_folder_of_the_export_is_refused(results: Results) -> None:
+    results.to.mkdir()
+    (results.to / "surface").write_text("mine")
+    with pytest.raises(ExportError, match="found a file surface that is no export"):
+        export_case(results.case_path, results.to)
+    assert contents(results.to) == {"surface": b"mine"}
+
+
+def test_med_without_the_volume_is_refused(results: Results) -> None:
+    with pytest.raises(ExportError, match="^--med: found --no-volume, expected --volume"):
+        export_case(results.case_path, results.to, volume=False, med=True)
+    assert not results.to.exists()
+
+
+def test_an_absent_program_leaves_the_volume_out_and_says_why(
+    results: Results, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def absent(*_: object) -> Response:
+        status = Status.COMMAND_MISSING
+        raise CommandMissingError("bar", status, 'found no "bar" on PATH', remedy="prepare")
+
+    monkeypatch.setattr(results.solver, "solve", absent)
+    told: list[str] = []
+    export_case(results.case_path, results.to, med=True, log=told.append)
+    assert told[-1] == (
+        'no fields of the volume: bar: found no "bar" on PATH (--no-volume leaves them out unasked)'
+    )
+    assert (results.to / "loads.csv").is_file()
+    assert not list(results.to.glob("volume_*"))
+    assert "vtkhdf" not in (results.to / "README.txt").read_text("utf-8")
+
+
+def test_the_jobs_of_the_volume_of_an_external_solver_are_kept_beside_those_of_a_run(
+    results: Results,
+) -> None:
+    export_case(results.case_path, results.to)
+    assert results.solver.workspaces == [None, None]
+    results.edit('name = "bundled"', 'name = "calculix"')
+    results.record("mesh", "measure", "identify", "diagnose")
+    export_case(results.case_path, results.to)
+    assert results.solver.workspaces[2:] == [results.folder / "jobs"] * 2
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "5", "null", '{"mesh": 5}', '{"mesh": ["key", "outputs"]}',
+             '{"mesh": {"key": "a", "outputs": 5}}', '{"mesh": {"key": "a", "outputs": [5]}}'],
+)  # fmt: skip
+def test_a_damaged_record_is_no_record(results: Results, text: str) -> None:
+    (results.folder / "stages.json").write_text(text)
+    with pytest.raises(ExportError, match="stage mesh: found no results, expected those of the"):
+        export_case(results.case_path, results.to)
+
+
+def other_parameters(results: Results) -> None:
+    with h5py.File(results.folder / "identify.h5", "a") as file:
+        file.attrs["names"] = json.dumps(["tau0"])
+
+
+def fewer_images(results: Results) -> None:
+    with h5py.File(results.folder / "measure.h5", "a") as file:
+        force = file["force"][:2]
+        del file["force"]
+        file["force"] = force
+
+
+def of_another_stage(results: Results) -> None:
+    measured = (results.folder / "measure.h5").read_bytes()
+    (results.folder / "identify.h5").write_bytes(measured)
+
+
+@pytest.mark.parametrize(
+    ("damage", "stage", "said"),
+    [
+        (of_another_stage, "identify", "identify.h5: found no numbers final/load"),
+        (other_parameters, "identify", "identify.h5: found no readable parameters"),
+        (fewer_images, "measure", r"measure.h5: found force of shape \(2,\) in place of \(3\)"),
+        (
+            lambda results: (results.folder / "mesh.med").write_text("half"),
+            "mesh",
+            "mesh.med: found no readable mesh",
+        ),
+        (
+            lambda results: (results.folder / "diagnosis.json").write_text('{"extended": 5}'),
+            "diagnose",
+            "diagnosis.json: found no readable extended model",
+        ),
+        (
+            lambda results: (results.folder / "measure.h5").write_text("half"),
+            "measure",
+            "measure.h5: found no readable HDF5 file",
+        ),
+    ],
+)
+def test_a_damaged_result_is_one_sentence_that_names_its_stage(
+    results: Results, damage: Callable[[Results], object], stage: str, said: str
+) -> None:
+    damage(results)
+    with pytest.raises(ResultError, match=said) as error:
+        export_case(results.case_path, results.to)
+    message = str(error.value)
+    assert message.endswith(f"`prismid run` makes it anew, running the stage {stage} alone")
+    assert "\n" not in message
+    assert not results.to.exists()
+
+
+def test_results_that_a_run_replaces_meanwhile_are_not_mixed(
+    results: Results, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = finished_results.read_med
+
+    def replaced(path: Path) -> PrismMesh:
+        results.record("mesh", "measure")
+        return read(path)
+
+    monkeypatch.setattr(finished_results, "read_med", replaced)
+    with pytest.raises(ExportError, match="found a run that replaces results"):
+        export_case(results.case_path, results.to)

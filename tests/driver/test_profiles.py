@@ -81,3 +81,16 @@ def test_a_file_that_was_named_must_be_there(config: Path) -> None:
     config.unlink()
     with pytest.raises(ConfigError, match="found nothing, expected the file that PRISMID_CONFIG"):
         profile_of(case())
+
+
+def test_an_empty_variable_names_no_file(nothing: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PRISMID_CONFIG", "")
+    assert config_path() == nothing
+    assert profile_of(case()) == Profile()
+
+
+def test_a_folder_in_the_place_of_the_file_is_told_in_one_sentence(config: Path) -> None:
+    config.unlink()
+    config.mkdir()
+    with pytest.raises(ConfigError, match=f"^{config}: file: found “Is a directory”, expected a"):
+        profile_of(case())

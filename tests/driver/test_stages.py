@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from driver.case import CaseError, default_case, write_case
+from driver.run_lock import BusyError
 from driver.stages import Stage, StageError, measured_files, run_stages
 
 
@@ -98,6 +99,18 @@ def test_force_reruns_and_until_stops(workshop):
         workshop.run(until="mash")
 
 
+def test_a_second_run_leaves_what_the_first_is_at_work_on(workshop):
+    def measure(context):
+        (context.workdir / "half.txt").write_text("half")
+        with pytest.raises(BusyError, match="another run, process .* is at work on it"):
+            run_stages(workshop.case_path, workshop.stages, report=workshop.lines.append)
+        assert (context.workdir / "half.txt").is_file()
+
+    workshop.stages[1] = replace(workshop.stages[1], run=measure)
+    assert workshop.run() == ["mesh"]
+    assert (workshop.folder / "results" / "half.txt").is_file()
+
+
 def test_a_stage_that_fails_leaves_the_results_of_its_last_run(workshop):
     workshop.run()
 
@@ -175,7 +188,7 @@ def test_a_damaged_record_is_no_record(tmp_path: Path, text: str) -> None:
     from driver import stages
 
     (tmp_path / "stages.json").write_text(text, encoding="utf-8")
-    assert stages._read_record(tmp_path) == {}
+    assert stages.read_record(tmp_path) == {}
 
 
 def test_a_dataset_is_known_by_the_content_of_its_file(workshop):

@@ -19,6 +19,7 @@ from tests.solver_adapters.boxes import BOXES, ORIENTATIONS, box, moved, pulled,
 GOOD = pulled(box(), Material(), (0.002, 0.004))
 MESH = GOOD.mesh
 N = len(MESH.points)
+S_PLUS = MESH.nodes["S_PLUS"]
 NAN, INF = float("nan"), float("inf")
 
 
@@ -124,6 +125,14 @@ UNSUPPORTED: list[tuple[Simulation, str]] = [
 ]
 
 BROKEN: list[tuple[Simulation, str]] = [
+    (
+        of_mesh(nodes={**MESH.nodes, "S_PLUS": np.append(S_PLUS, S_PLUS[2])}),
+        f"the group S_PLUS of mesh.nodes holds node {S_PLUS[2]} twice; expected each node once",
+    ),
+    (
+        of_mesh(nodes={**MESH.nodes, "S_PLUS": S_PLUS.tolist()}),
+        "mesh.nodes['S_PLUS'] is a list; expected an array",
+    ),
     (
         of_mesh(points=MESH.points[:, :2]),
         f"mesh.points has shape ({N}, 2); expected (n, 3)",
@@ -362,6 +371,41 @@ BROKEN: list[tuple[Simulation, str]] = [
     (
         along(material={"tau0": NAN}),
         "direction 'a' changes tau0 by nan; expected a finite number",
+    ),
+    (
+        along(material={"tau0": None}),
+        "the change of tau0 in direction 'a' is None; expected a number",
+    ),
+    (
+        along(material={"tau0": "a"}),
+        "the change of tau0 in direction 'a' is 'a'; expected a number",
+    ),
+    (
+        along(material={"tau0": 1j}),
+        "the change of tau0 in direction 'a' is 1j; expected a number",
+    ),
+    (
+        along(material=["tau0"]),
+        "material of direction 'a' is ['tau0']; expected numbers by the names of parameters",
+    ),
+    (along(scale="a"), "scale of direction 'a' is 'a'; expected a number"),
+    (along(scale=None), "scale of direction 'a' is None; expected a number"),
+    (
+        replace(GOOD, directions=(Direction(["a"]),)),  # type: ignore[arg-type]
+        "a direction has the name ['a']; expected text",
+    ),
+    (of_material(interaction=5), "interaction is 5; expected 24 rows of 24 numbers"),
+    (
+        of_material(interaction=(5,) * 24),
+        f"interaction is {(5,) * 24}; expected 24 rows of 24 numbers",
+    ),
+    (
+        of_material(interaction=(("a",) * 24,) * 24),
+        "a number of interaction is 'a'; expected a number",
+    ),
+    (
+        of_material(interaction=((None,) * 24,) * 24),
+        "a number of interaction is None; expected a number",
     ),
     (along(scale=0.0), "scale of direction 'a' is 0; expected a positive number"),
     (

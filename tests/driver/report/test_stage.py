@@ -148,7 +148,7 @@ def test_a_missing_result_is_named_in_one_sentence(results, tmp_path, name):
 def test_results_of_another_version_are_refused_with_what_to_do(results, tmp_path):
     with h5py.File(results.results / "diagnosis.h5", "a") as file:
         del file["after/rho"]
-    with pytest.raises(ResultError, match="found no dataset after/rho.*run --force"):
+    with pytest.raises(ResultError, match="found no dataset after/rho.*the stage diagnose alone"):
         run_report(results.context(tmp_path / "work"))
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.bundled.instants import Instant
+from solver_adapters.bundled.restart import FILE
 from solver_adapters.bundled.stepping import Stepper
 from solver_adapters.crystal import rotation_vector_matrix, schmid_tensors
 from solver_adapters.interface import (
@@ -184,6 +185,24 @@ def test_an_interruption_within_an_interval_goes_back_to_its_beginning(
     np.testing.assert_array_equal(resumed.ends, whole.ends)
     assert resumed.steps == whole.steps == 16
     np.testing.assert_allclose(resumed.force, whole.force, rtol=1e-8)
+
+
+@pytest.mark.parametrize("index", [99, -1])
+def test_a_checkpoint_beyond_the_run_is_not_taken_for_a_finished_one(
+    tmp_path: Path, index: int
+) -> None:
+    simulation = pulled(box(), Material(), HISTORY)
+
+    def interrupt(progress: Progress) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        BundledAdapter().solve(simulation, tmp_path, interrupt)
+    with np.load(tmp_path / FILE) as stored:
+        arrays = {**stored, "index": np.array(index)}
+    np.savez(tmp_path / FILE, **arrays)
+    found = BundledAdapter().solve(simulation, tmp_path)
+    np.testing.assert_array_equal(found.force, solve(simulation).force)
 
 
 def test_an_interrupted_run_does_not_serve_another_simulation(tmp_path: Path) -> None:

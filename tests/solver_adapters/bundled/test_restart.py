@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
+from numpy.typing import NDArray
 
 from solver_adapters.bundled.instants import Increment, Instant
 from solver_adapters.bundled.law import NS, S_ACC, S_X2
-from solver_adapters.bundled.restart import FILE, Checkpoint, read, write
+from solver_adapters.bundled.restart import FILE, Checkpoint, fits, read, write
+from solver_adapters.interface import SolverError
 
 
 def checkpoint() -> Checkpoint:
@@ -48,3 +52,66 @@ def test_no_file_another_key_and_a_damaged_file_are_no_checkpoint(tmp_path: Path
     for damaged in (b"", b"no archive", whole[: len(whole) // 2]):
         (tmp_path / FILE).write_bytes(damaged)
         assert read(tmp_path, "key") is None
+
+
+def test_a_folder_in_the_place_of_the_file_is_refused_before_the_run(tmp_path: Path) -> None:
+    (tmp_path / FILE).mkdir()
+    with pytest.raises(SolverError, match="found a folder; expected a checkpoint or nothing"):
+        read(tmp_path, "key")
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("counts", np.array([3, 9])),
+        ("counts", np.array(3)),
+        ("index", np.array([1, 2])),
+        ("index", np.array("a")),
+        ("ends", np.array(0.5)),
+    ],
+)
+def test_entries_of_other_shapes_are_no_checkpoint(
+    tmp_path: Path, name: str, value: NDArray[np.generic]
+) -> None:
+    write(tmp_path, "key", checkpoint())
+    with np.load(tmp_path / FILE) as stored:
+        arrays = {**stored, name: value}
+    np.savez(tmp_path / FILE, **arrays)
+    assert read(tmp_path, "key") is None
+
+
+TIMES = np.array([0.0, 0.5, 1.0, 1.5, 2.0])
+
+
+def of_run(found: Checkpoint) -> bool:
+    """Whether it is one of the run whose checkpoint the first one is."""
+    start = replace(checkpoint().frame, time=0.0)
+    return fits(found, start, {"force": np.zeros(5)}, TIMES, 6)
+
+
+def test_a_checkpoint_of_the_run_fits_it() -> None:
+    assert of_run(checkpoint())
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"index": 99},
+        {"index": 5},
+        {"index": -1},
+        {"index": 2},  # the frame is that of another instant
+        {"rows": {}},
+        {"rows": {"force": np.zeros(4)}},
+        {"rows": {"force": np.full(5, np.nan)}},
+        {"rows": {"force": np.array(["a"] * 5)}},
+        {"ends": [0.5]},
+        {"frame": replace(checkpoint().frame, u=np.zeros((3, 3)))},
+        {"frame": replace(checkpoint().frame, time=np.zeros(2))},
+        {"last": {False: replace(checkpoint().last[False], motion=np.zeros(5))}},
+        {"last": {True: replace(checkpoint().last[False], slips=np.zeros((1, NS)))}},
+    ],
+)
+def test_a_checkpoint_that_the_run_cannot_have_written_does_not_fit(
+    changes: dict[str, Any],
+) -> None:
+    assert not of_run(replace(checkpoint(), **changes))
