@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from solver_adapters.bundled import restart
 from solver_adapters.bundled.cell_fields import WIDTHS, cell_fields
-from solver_adapters.bundled.compilation import sources_hash
+from solver_adapters.bundled.identity import solver_hash
 from solver_adapters.bundled.problem import build_problem, build_tangents
 from solver_adapters.bundled.stepping import Stepper
 from solver_adapters.interface import (
@@ -48,8 +48,8 @@ class BundledAdapter:
         )
 
     def version(self) -> str:
-        """Hash of the sources of the solver."""
-        return sources_hash()[:12]
+        """Hash of the sources of the solver and of the versions of its libraries."""
+        return solver_hash()[:12]
 
     def solve(
         self,
@@ -136,11 +136,11 @@ class _Run:
             self._rows |= {name: np.zeros((n, cells, width)) for name, width in WIDTHS.items()}
         if checkpoint is None:
             self.index = 0
-            self._frame = self.stepper.start(float(simulation.times[0]))
-            self._start = self._frame
+            self._instant = self.stepper.start(float(simulation.times[0]))
+            self._start = self._instant
             self._book()
         else:
-            self.index, self._frame = checkpoint.index, checkpoint.frame
+            self.index, self._instant = checkpoint.index, checkpoint.instant
             self._rows = checkpoint.rows
             self._start = self.stepper.start(float(simulation.times[0]))
             self.stepper.resume(checkpoint.last, checkpoint.ends, checkpoint.counts)
@@ -155,7 +155,9 @@ class _Run:
         else:
             inside = (s.steps > begin) & (s.steps < end)
             ends = np.append(s.steps[inside], end)
-        self._frame = self.stepper.advance(self._frame, ends, self._motion, self._motion_tangent)
+        self._instant = self.stepper.advance(
+            self._instant, ends, self._motion, self._motion_tangent
+        )
         self.index += 1
         self._book()
         self.checkpoint = self._at_instant()
@@ -165,7 +167,7 @@ class _Run:
         s = self.stepper.statistics
         return restart.Checkpoint(
             self.index,
-            self._frame,
+            self._instant,
             dict(self.stepper.last),
             self._rows,
             list(s.ends),
@@ -199,14 +201,14 @@ class _Run:
         row = self._row.get(self.index)
         if row is None:
             return
-        nodes, frame = self.simulation.output_nodes, self._frame
+        nodes, instant = self.simulation.output_nodes, self._instant
         start = self._start
-        self._rows["displacement"][row] = (frame.u - start.u)[nodes]
-        self._rows["force"][row] = frame.force
-        self._rows["d_displacement"][:, row] = (frame.du - start.du)[nodes].transpose(2, 0, 1)
-        self._rows["d_force"][:, row] = frame.dforce
+        self._rows["displacement"][row] = (instant.u - start.u)[nodes]
+        self._rows["force"][row] = instant.force
+        self._rows["d_displacement"][:, row] = (instant.du - start.du)[nodes].transpose(2, 0, 1)
+        self._rows["d_force"][:, row] = instant.dforce
         if self.simulation.cell_fields:
-            for name, values in cell_fields(self.problem, start, frame).items():
+            for name, values in cell_fields(self.problem, start, instant).items():
                 self._rows[name][row] = values
 
     def _motion(self, instant: float) -> FloatArray:

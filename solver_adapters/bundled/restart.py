@@ -24,7 +24,7 @@ class Checkpoint:
 
     Attributes:
         index: the last instant reached, an index into the times of the simulation.
-        frame: the state there.
+        instant: the state there.
         last: increments from which later steps start, by whether the boundary moved.
         rows: results so far, by name.
         ends: ends of the time steps taken [s].
@@ -32,7 +32,7 @@ class Checkpoint:
     """
 
     index: int
-    frame: Instant
+    instant: Instant
     last: dict[bool, Increment]
     rows: dict[str, FloatArray]
     ends: list[float]
@@ -48,7 +48,7 @@ def write(workspace: Path, key: str, checkpoint: Checkpoint) -> None:
         "counts": np.array(checkpoint.counts),
     }
     arrays |= {f"row_{name}": value for name, value in checkpoint.rows.items()}
-    arrays |= {f"frame_{f.name}": getattr(checkpoint.frame, f.name) for f in fields(Instant)}
+    arrays |= {f"instant_{f.name}": getattr(checkpoint.instant, f.name) for f in fields(Instant)}
     for moved, increment in checkpoint.last.items():
         prefix = "moved" if moved else "held"
         arrays |= {f"{prefix}_{f.name}": getattr(increment, f.name) for f in fields(Increment)}
@@ -66,7 +66,9 @@ def read(workspace: Path, key: str) -> Checkpoint | None:
             if str(stored["key"]) != key:
                 return None
             names = set(stored.files)
-            frame = Instant(**{f.name: _plain(stored[f"frame_{f.name}"]) for f in fields(Instant)})
+            instant = Instant(
+                **{f.name: _plain(stored[f"instant_{f.name}"]) for f in fields(Instant)}
+            )
             last = {
                 moved: Increment(
                     **{f.name: _plain(stored[f"{prefix}_{f.name}"]) for f in fields(Increment)}
@@ -78,7 +80,7 @@ def read(workspace: Path, key: str) -> Checkpoint | None:
             counts = tuple(int(count) for count in stored["counts"])
             return Checkpoint(
                 int(stored["index"]),
-                frame,
+                instant,
                 last,
                 rows,
                 [float(end) for end in stored["ends"]],

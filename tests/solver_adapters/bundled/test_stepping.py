@@ -60,8 +60,8 @@ class Pulled:
     def motion(self, time: float) -> FloatArray:
         return time * self.speed
 
-    def advance(self, *ends: float, frame: Instant | None = None) -> Instant:
-        start = self.stepper.start(0.0) if frame is None else frame
+    def advance(self, *ends: float, instant: Instant | None = None) -> Instant:
+        start = self.stepper.start(0.0) if instant is None else instant
         return self.stepper.advance(start, np.array(ends), self.motion, _no_tangent)
 
     def start_from_rest(self) -> None:
@@ -96,11 +96,11 @@ def _calls(case: Pulled) -> list[float]:
 def test_a_step_is_halved_until_it_converges_and_doubled_after_each_success() -> None:
     """No step above 0.3 s converges: 1 and ½ are cut, ¼ taken, ½ tried again and cut, …"""
     case = _pulled(ELASTIC, longest=0.3)
-    frame = case.advance(1.0)
+    instant = case.advance(1.0)
     statistics = case.stepper.statistics
     assert statistics.ends == [0.25, 0.5, 0.75, 1.0]
     assert (statistics.steps, statistics.cuts, statistics.refinements) == (4, 2 + 2, 0)
-    assert frame.time == 1.0
+    assert instant.time == 1.0
 
 
 def test_the_next_asked_step_begins_with_its_whole_length() -> None:
@@ -152,21 +152,21 @@ def test_the_line_search_halves_a_step_that_a_soft_tangent_makes_too_long() -> N
     """
     case = _pulled(0.1 * ELASTIC, tolerance=1e-3, tangent=1 / 3)
     case.start_from_rest()
-    frame = case.advance(1.0)
+    instant = case.advance(1.0)
     statistics = case.stepper.statistics
     assert statistics.cuts == 0
     assert statistics.iterations >= 5
     assert len(_calls(case)) == 1 + 2 * statistics.iterations
     exact = _pulled(0.1 * ELASTIC).advance(1.0)
-    np.testing.assert_allclose(frame.force, exact.force, rtol=2e-3)
+    np.testing.assert_allclose(instant.force, exact.force, rtol=2e-3)
 
 
 def test_an_elastic_step_like_the_last_needs_no_iteration() -> None:
     """The increment of the last step of its kind, scaled by the motion, is the solution."""
     case = _pulled(ELASTIC)
-    frame = case.advance(0.4)
+    instant = case.advance(0.4)
     before, calls = case.stepper.statistics.iterations, len(_calls(case))
-    case.advance(1.0, frame=frame)
+    case.advance(1.0, instant=instant)
     assert case.stepper.statistics.iterations == before
     assert len(_calls(case)) == calls + 1
 
@@ -177,12 +177,12 @@ def test_a_stepper_that_resumes_goes_on_as_the_one_before() -> None:
     whole = _pulled(PLASTIC)
     last = whole.advance(*ends)
     first = _pulled(PLASTIC)
-    frame = first.advance(*ends[:3])
+    instant = first.advance(*ends[:3])
     s = first.stepper.statistics
     second = _pulled(PLASTIC)
     counts = (s.steps, s.iterations, s.cuts, s.refinements)
     second.stepper.resume(first.stepper.last, s.ends, counts)
-    found = second.advance(*ends[3:], frame=frame)
+    found = second.advance(*ends[3:], instant=instant)
     np.testing.assert_allclose(found.u, last.u, atol=1e-9 * abs(last.u).max())
     np.testing.assert_allclose(found.force, last.force, rtol=1e-9)
     for name in ("steps", "iterations", "cuts", "refinements", "ends"):
@@ -192,13 +192,13 @@ def test_a_stepper_that_resumes_goes_on_as_the_one_before() -> None:
 
 def test_moves_and_holds_are_remembered_apart() -> None:
     case = _pulled(PLASTIC)
-    frame = case.advance(0.5)
+    instant = case.advance(0.5)
     hold: Callable[[float], FloatArray] = lambda time: 0.5 * case.speed  # noqa: E731
-    held = case.stepper.advance(frame, np.array([0.9]), hold, _no_tangent)
+    held = case.stepper.advance(instant, np.array([0.9]), hold, _no_tangent)
     last = case.stepper.last
     assert set(last) == {True, False}
-    np.testing.assert_array_equal(last[True].du, frame.u)
-    np.testing.assert_array_equal(last[False].du, held.u - frame.u)
+    np.testing.assert_array_equal(last[True].du, instant.u)
+    np.testing.assert_array_equal(last[False].du, held.u - instant.u)
     assert last[True].dt == 0.5
     assert last[False].dt == pytest.approx(0.4)
     assert not last[False].motion.any()
@@ -206,9 +206,9 @@ def test_moves_and_holds_are_remembered_apart() -> None:
 
 def test_a_hold_relaxes_the_force() -> None:
     case = _pulled(PLASTIC)
-    frame = case.advance(0.5, 1.0)
-    held = case.stepper.advance(frame, np.array([2.0, 20.0]), lambda _: case.speed, _no_tangent)
-    assert 0.5 * frame.force < held.force < frame.force
+    instant = case.advance(0.5, 1.0)
+    held = case.stepper.advance(instant, np.array([2.0, 20.0]), lambda _: case.speed, _no_tangent)
+    assert 0.5 * instant.force < held.force < instant.force
 
 
 def test_steps_are_refined_where_the_error_of_the_force_is_asked_to_be_small() -> None:
