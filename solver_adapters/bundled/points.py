@@ -16,9 +16,9 @@ from solver_adapters.bundled.law import (
     S_ACC,
     S_X2,
     STRAIN_MODES,
-    interaction_matrix,
     local_parameters,
 )
+from solver_adapters.constants import interaction_matrix
 from solver_adapters.interface import Integration
 from solver_adapters.material import Material, StrainMeasure
 
