@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from solver_adapters.bundled import restart
 from solver_adapters.bundled.cell_fields import WIDTHS, cell_fields
 from solver_adapters.bundled.identity import solver_hash
-from solver_adapters.bundled.problem import build_problem, build_tangents
+from solver_adapters.bundled.problem import Problem, build_problem, build_tangents
 from solver_adapters.bundled.stepping import Stepper
 from solver_adapters.interface import (
     Capabilities,
@@ -69,7 +69,8 @@ class BundledAdapter:
         """
         refuse_bad_simulation(simulation)
         key = simulation_key(simulation, self.version()) if workspace else ""
-        run = _Run(simulation, restart.read(workspace, key) if workspace else None)
+        checkpoint = restart.read(workspace, key) if workspace else None
+        run = Run(simulation, build_problem(simulation), checkpoint)
         begun = written = time.monotonic()
         first, last = run.index, len(simulation.times) - 1
         try:
@@ -103,7 +104,7 @@ class BundledAdapter:
         return run.response()
 
 
-class _Run:
+class Run:
     """A simulation on its way from instant to instant.
 
     Attributes:
@@ -111,10 +112,15 @@ class _Run:
         checkpoint: what is needed to go on from there.
     """
 
-    def __init__(self, simulation: Simulation, checkpoint: restart.Checkpoint | None) -> None:
+    def __init__(
+        self,
+        simulation: Simulation,
+        problem: Problem,
+        checkpoint: restart.Checkpoint | None = None,
+    ) -> None:
         self.simulation = simulation
-        self.problem = build_problem(simulation)
-        self.tangents = build_tangents(simulation, self.problem)
+        self.problem = problem
+        self.tangents = build_tangents(simulation, problem)
         self.stepper = Stepper(
             self.problem,
             self.tangents,

@@ -58,4 +58,5 @@ def fast_log(x: float) -> float:
 @kernel
 def decay(x: float) -> float:
     """e^(−x) for x ≥ 0; where it is too small for a number of normal size it stays at e^(−600)."""
-    return fast_exp(-min(x, 600.0))
+    value: float = fast_exp(-min(x, 600.0))
+    return value

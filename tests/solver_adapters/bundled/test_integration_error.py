@@ -10,6 +10,7 @@ from solver_adapters.bundled.points import Points, points_of_grains
 from solver_adapters.crystal import bunge_matrix
 from solver_adapters.interface import FloatArray, Integration
 from solver_adapters.material import Material
+from tests.solver_adapters.bundled.rest import state_at_rest
 
 R = bunge_matrix(281, 8, 47)[None]
 STRETCH = np.diag([-0.45, 1.0, -0.55])
@@ -22,9 +23,10 @@ def taken(
     slips = np.zeros((1, 24))
     for strain in np.linspace(start, end, steps + 1)[1:]:
         H = (strain * STRETCH @ R[0]).reshape(1, 9)
-        state, slips, P, _, count = points.update(H, state, slips, dt / steps)
-        assert count[0] >= 0
-    return state, float((P.reshape(3, 3) @ R[0].T)[1, 1]), slips
+        found = points.update(H, state, slips, dt / steps)
+        assert found.iterations[0] >= 0
+        state, slips = found.state, found.slips
+    return state, float((found.P.reshape(3, 3) @ R[0].T)[1, 1]), slips
 
 
 @pytest.mark.parametrize("integration", ["exponential", "backward_euler"])
@@ -38,7 +40,7 @@ def test_the_estimate_is_no_less_than_a_third_of_the_error_and_no_idle_alarm(
     points = points_of_grains(
         Material(strain_measure="small"), integration, np.zeros(1, dtype=np.int64), R
     )
-    state = points.initial_state()
+    state = state_at_rest(points)
     if before:
         state, _, _ = taken(points, state, 0.0, before, 4.0, 400)
     _, coarse, slips = taken(points, state, before, after, 2.0, 1)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from solver_adapters.bundled.instants import Increment, Instant
-from solver_adapters.bundled.points import Points
+from solver_adapters.bundled.points import Points, PointSolution
 from solver_adapters.bundled.problem import Problem, build_problem, build_tangents
 from solver_adapters.bundled.stepping import Stepper
 from solver_adapters.interface import FloatArray, SolverError
@@ -41,12 +41,12 @@ class Law(Points):
 
     def update(
         self, H: FloatArray, state0: FloatArray, guess: FloatArray, dt: float, *more: Any
-    ) -> Any:
+    ) -> PointSolution:
         self.calls.append(dt)
-        state, slips, P, C, count = super().update(H, state0, guess, dt, *more)
+        solution = super().update(H, state0, guess, dt, *more)
         if dt > self.longest:
-            count[self.failing] = -1
-        return state, slips, P, self.tangent * C, count
+            solution.iterations[self.failing] = -1
+        return replace(solution, C=self.tangent * solution.C)
 
 
 @dataclass(frozen=True, eq=False)
