@@ -10,7 +10,7 @@ from solver_adapters.bundled.compilation import PACKAGES, hash_of
 # They compile, factor, solve, and do the rest.
 LIBRARIES = ("numba", "cvxopt", "scipy", "numpy")
 _BESIDE = (
-    *(f"solver_adapters/{name}.py" for name in ("constants", "crystal", "interface", "material")),
+    *(f"solver_adapters/{name}.py" for name in ("constants", "crystal", "material")),
     *(f"meshes/{name}.py" for name in ("cells", "tet10", "wedge15")),
 )
 

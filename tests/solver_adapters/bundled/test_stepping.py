@@ -1,52 +1,26 @@
-"""Time stepping with a crystal law that fails or misleads where the test says so."""
+"""Time stepping: cuts, regrowth and refinement, with a crystal law that fails on demand."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
-from solver_adapters.bundled.instants import Increment, Instant
-from solver_adapters.bundled.points import Points, PointSolution
-from solver_adapters.bundled.problem import Problem, build_problem, build_tangents
+from solver_adapters.bundled.instants import Instant
+from solver_adapters.bundled.problem import Problem, build_tangents
 from solver_adapters.bundled.stepping import Stepper
 from solver_adapters.interface import FloatArray, SolverError
 from solver_adapters.material import Material
 from tests.solver_adapters.boxes import box, pulled
+from tests.solver_adapters.bundled.troubled_law import troubled_problem
 
 ELASTIC, PLASTIC = 1e-4, 8e-3
 PARTS = 2.0**-10
 """The smallest part of a step that is tried."""
-
-
-@dataclass(frozen=True, eq=False)
-class Law(Points):
-    """The crystal law, except that a point fails in long steps and that the tangent is wrong.
-
-    Attributes:
-        longest: no point fails in a step up to this length [s].
-        failing: the point that fails in longer ones.
-        tangent: factor on the tangent.
-        calls: lengths of the steps it was asked for [s].
-    """
-
-    longest: float = np.inf
-    failing: int = 0
-    tangent: float = 1.0
-    calls: list[float] = field(default_factory=list)
-
-    def update(
-        self, H: FloatArray, state0: FloatArray, guess: FloatArray, dt: float, *more: Any
-    ) -> PointSolution:
-        self.calls.append(dt)
-        solution = super().update(H, state0, guess, dt, *more)
-        if dt > self.longest:
-            solution.iterations[self.failing] = -1
-        return replace(solution, C=self.tangent * solution.C)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +38,6 @@ class Pulled:
         start = self.stepper.start(0.0) if instant is None else instant
         return self.stepper.advance(start, np.array(ends), self.motion, _no_tangent)
 
-    def start_from_rest(self) -> None:
-        """Have the next step begin with the ends moved and all else at rest."""
-        still = np.zeros((self.problem.n_nodes, 3))
-        slips = np.zeros((self.problem.points.grain.size, 24))
-        last = Increment(still, slips, self.speed, 1.0)
-        self.stepper.resume({True: last}, [], (0, 0, 0, 0))
-
 
 def _no_tangent(time: float) -> FloatArray:
     raise AssertionError("nobody asked for derivatives")
@@ -80,17 +47,9 @@ def _pulled(
     strain: float, tolerance: float = 1e-9, accuracy: float | None = None, **law: Any
 ) -> Pulled:
     simulation = pulled(box(), Material(strain_measure="small"), (strain,))
-    problem = build_problem(simulation)
-    parts = {item.name: getattr(problem.points, item.name) for item in fields(Points)}
-    problem = replace(problem, points=Law(**parts, **law))
+    problem = troubled_problem(simulation, **law)
     stepper = Stepper(problem, build_tangents(simulation, problem), tolerance, accuracy)
     return Pulled(problem, stepper, problem.motion[1])
-
-
-def _calls(case: Pulled) -> list[float]:
-    law = case.problem.points
-    assert isinstance(law, Law)
-    return law.calls
 
 
 def test_a_step_is_halved_until_it_converges_and_doubled_after_each_success() -> None:
@@ -129,46 +88,6 @@ def test_a_step_that_cannot_be_saved_names_time_length_element_and_grain() -> No
         case.advance(1.0)
     assert case.stepper.statistics.cuts == 10
     assert case.stepper.statistics.steps == 0
-
-
-def test_where_equilibrium_stalls_the_message_says_how_far_off_and_the_grain_of_the_element() -> (
-    None
-):
-    """A tangent of the wrong sign leads away from equilibrium however short the step."""
-    case = _pulled(0.1 * ELASTIC, tangent=-1.0)
-    case.start_from_rest()
-    with pytest.raises(SolverError, match="the equilibrium iteration stalled at a") as failure:
-        case.advance(1.0)
-    found = re.search(r"residual of (\S+) µN \(element (\d+), grain (\d+)\)$", str(failure.value))
-    assert found is not None
-    assert float(found[1]) > 0.0
-    grain = case.problem.points.grain[4 * int(found[2])]
-    assert int(found[3]) == grain + 1
-
-
-def test_the_line_search_halves_a_step_that_a_soft_tangent_makes_too_long() -> None:
-    """With a third of the true tangent a full step turns the residual r into −2 r, half of it
-    into −r/2: one evaluation in vain and one of use in each iteration, and half the residual.
-    """
-    case = _pulled(0.1 * ELASTIC, tolerance=1e-3, tangent=1 / 3)
-    case.start_from_rest()
-    instant = case.advance(1.0)
-    statistics = case.stepper.statistics
-    assert statistics.cuts == 0
-    assert statistics.iterations >= 5
-    assert len(_calls(case)) == 1 + 2 * statistics.iterations
-    exact = _pulled(0.1 * ELASTIC).advance(1.0)
-    np.testing.assert_allclose(instant.force, exact.force, rtol=2e-3)
-
-
-def test_an_elastic_step_like_the_last_needs_no_iteration() -> None:
-    """The increment of the last step of its kind, scaled by the motion, is the solution."""
-    case = _pulled(ELASTIC)
-    instant = case.advance(0.4)
-    before, calls = case.stepper.statistics.iterations, len(_calls(case))
-    case.advance(1.0, instant=instant)
-    assert case.stepper.statistics.iterations == before
-    assert len(_calls(case)) == calls + 1
 
 
 def test_a_stepper_that_resumes_goes_on_as_the_one_before() -> None:
