@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver_adapters.bundled.assembly import displacement_gradients, element_forces
+from solver_adapters.bundled.checked import LinearSolverError
 from solver_adapters.bundled.instants import Increment, Instant
 from solver_adapters.bundled.law import NS, P_C11
-from solver_adapters.bundled.linear import LinearSolverError
 from solver_adapters.bundled.problem import Problem
 from solver_adapters.bundled.statistics import Statistics
 from solver_adapters.bundled.tangent_system import TangentSystem
