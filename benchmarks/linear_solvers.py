@@ -23,7 +23,7 @@ import scipy.sparse as sp
 from cvxopt import cholmod, matrix, spmatrix
 from scipy.sparse.linalg import splu
 
-from solver_adapters.bundled.linear import SymmetricSolver
+from solver_adapters.bundled.symmetric import SymmetricSolver
 from solver_adapters.interface import FloatArray, IntArray
 
 try:

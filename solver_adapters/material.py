@@ -16,8 +16,13 @@ class Material:
     """Constants of the Méric–Cailletaud law; the extensions stand at their null values.
 
     The critical resolved shear stress of system s in grain g at accumulated slips p is
-    ``tau0 * (tau0_112 if s is a {112} system) * (tau0_grain2 if g is the second grain)
-    + Q * sum_r h_sr * (1 - exp(-b * p_r))``, h = interaction + h_latent off the diagonal.
+    ``tau0 * grain * family * sense * skin + Q * sum_r h_sr * (1 - exp(-b * p_r))`` with
+
+    - grain: 1 in the first, tau0_grain2 in the second, those of tau0_grains in the later ones;
+    - family: tau0_112 of a {112} system, else 1;
+    - sense: tau0_antitwinning where a {112} system slips in the antitwinning sense, else 1;
+    - skin: 1 + (skin_tau0 - 1) * exp(-depth / skin_thickness) below the free surface;
+    - h = interaction + h_latent off the diagonal.
 
     Attributes:
         C11, C12, C44: cubic elastic constants [MPa].

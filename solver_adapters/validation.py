@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 from meshes.cells import EDGES, inverted_cells
 from meshes.prism_mesh import PrismMesh
+from solver_adapters.constants import elastic_constants, grain_ratios
 from solver_adapters.crystal import N_110, N_SYSTEMS, slip_systems
 from solver_adapters.interface import (
     Direction,
@@ -278,17 +279,13 @@ def _refuse_yielding_eigenstrain(simulation: Simulation) -> None:
     m = simulation.material
     if m.eigenstrain == 0:
         return
-    C11, C12 = m.elastic_scale * m.C11, m.elastic_scale * m.C12
-    C44 = m.elastic_scale * m.C44_scale * m.C44
+    C11, C12, C44 = elastic_constants(m)
     S11, S12 = np.linalg.inv(np.full((3, 3), C12) + (C11 - C12) * np.eye(3))[0, :2]
     along = simulation.orientations[:, 1]
     directions, normals = slip_systems()
     schmid = abs((along @ directions.T) * (along @ normals.T))
     strength = m.tau0 * np.where(np.arange(N_SYSTEMS) < N_110, 1.0, m.tau0_112)
-    ratios = np.ones(len(along))
-    given = [1.0, m.tau0_grain2, *m.tau0_grains][: len(along)]
-    ratios[: len(given)] = given
-    yields = ratios / (schmid / strength).max(axis=1)
+    yields = grain_ratios(m, len(along)) / (schmid / strength).max(axis=1)
     # Young's modulus of a cubic crystal along a unit vector in its axes.
     x, y, z = along.T**2
     modulus = 1 / (S11 - 2 * (S11 - S12 - 0.5 / C44) * (x * y + y * z + z * x))

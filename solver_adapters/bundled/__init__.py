@@ -1,1 +1,1 @@
-"""The bundled solver: quadratic tetrahedra, crystal plasticity, exact sensitivities."""
+"""The bundled solver: crystal plasticity on quadratic cells, with exact sensitivities."""

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from solver_adapters.bundled import restart
 from solver_adapters.bundled.cell_fields import WIDTHS, cell_fields
-from solver_adapters.bundled.compilation import sources_hash
-from solver_adapters.bundled.problem import build_problem, build_tangents
+from solver_adapters.bundled.identity import solver_hash
+from solver_adapters.bundled.problem import Problem, build_problem, build_tangents
 from solver_adapters.bundled.stepping import Stepper
 from solver_adapters.interface import (
     Capabilities,
@@ -52,8 +52,8 @@ class BundledAdapter:
         )
 
     def version(self) -> str:
-        """Hash of the sources of the solver."""
-        return sources_hash()[:12]
+        """Hash of the sources of the solver and of the versions of its libraries."""
+        return solver_hash()[:12]
 
     def solve(
         self,
@@ -73,7 +73,8 @@ class BundledAdapter:
         """
         refuse_bad_simulation(simulation)
         key = simulation_key(simulation, self.version()) if workspace else ""
-        run = _Run(simulation, restart.read(workspace, key) if workspace else None)
+        checkpoint = restart.read(workspace, key) if workspace else None
+        run = Run(simulation, build_problem(simulation), checkpoint)
         begun = written = time.monotonic()
         first, last = run.index, len(simulation.times) - 1
         try:
@@ -107,7 +108,7 @@ class BundledAdapter:
         return run.response()
 
 
-class _Run:
+class Run:
     """A simulation on its way from instant to instant.
 
     Attributes:
@@ -115,10 +116,15 @@ class _Run:
         checkpoint: what is needed to go on from there.
     """
 
-    def __init__(self, simulation: Simulation, checkpoint: restart.Checkpoint | None) -> None:
+    def __init__(
+        self,
+        simulation: Simulation,
+        problem: Problem,
+        checkpoint: restart.Checkpoint | None = None,
+    ) -> None:
         self.simulation = simulation
-        self.problem = build_problem(simulation)
-        self.tangents = build_tangents(simulation, self.problem)
+        self.problem = problem
+        self.tangents = build_tangents(simulation, problem)
         self.stepper = Stepper(
             self.problem,
             self.tangents,
@@ -144,11 +150,11 @@ class _Run:
         if checkpoint is not None and restart.fits(
             checkpoint, self._start, self._rows, times, self.problem.prescribed.size
         ):
-            self.index, self._frame = checkpoint.index, checkpoint.frame
+            self.index, self._instant = checkpoint.index, checkpoint.instant
             self._rows = checkpoint.rows
             self.stepper.resume(checkpoint.last, checkpoint.ends, checkpoint.counts)
         else:
-            self.index, self._frame = 0, self._start
+            self.index, self._instant = 0, self._start
             self._book()
         self.checkpoint = self._at_instant()
 
@@ -157,7 +163,9 @@ class _Run:
         s = self.simulation
         begin, end = s.times[self.index], s.times[self.index + 1]
         ends = self._ends[(self._ends > begin) & (self._ends <= end)]
-        self._frame = self.stepper.advance(self._frame, ends, self._motion, self._motion_tangent)
+        self._instant = self.stepper.advance(
+            self._instant, ends, self._motion, self._motion_tangent
+        )
         self.index += 1
         self._book()
         self.checkpoint = self._at_instant()
@@ -167,7 +175,7 @@ class _Run:
         s = self.stepper.statistics
         return restart.Checkpoint(
             self.index,
-            self._frame,
+            self._instant,
             dict(self.stepper.last),
             self._rows,
             list(s.ends),
@@ -201,14 +209,14 @@ class _Run:
         row = self._row.get(self.index)
         if row is None:
             return
-        nodes, frame = self.simulation.output_nodes, self._frame
+        nodes, instant = self.simulation.output_nodes, self._instant
         start = self._start
-        self._rows["displacement"][row] = (frame.u - start.u)[nodes]
-        self._rows["force"][row] = frame.force
-        self._rows["d_displacement"][:, row] = (frame.du - start.du)[nodes].transpose(2, 0, 1)
-        self._rows["d_force"][:, row] = frame.dforce
+        self._rows["displacement"][row] = (instant.u - start.u)[nodes]
+        self._rows["force"][row] = instant.force
+        self._rows["d_displacement"][:, row] = (instant.du - start.du)[nodes].transpose(2, 0, 1)
+        self._rows["d_force"][:, row] = instant.dforce
         if self.simulation.cell_fields:
-            for name, values in cell_fields(self.problem, start, frame).items():
+            for name, values in cell_fields(self.problem, start, instant).items():
                 self._rows[name][row] = values
 
     def _motion(self, instant: float) -> FloatArray:

@@ -26,11 +26,6 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 
-def triangle_size(n_nodes: int) -> int:
-    """Number of entries in the lower triangle of an element stiffness."""
-    return 3 * n_nodes * (3 * n_nodes + 1) // 2
-
-
 def displacement_gradients(
     u: FloatArray, cells: IntArray, gradients: FloatArray, H: FloatArray
 ) -> None:

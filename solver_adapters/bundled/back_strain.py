@@ -4,13 +4,13 @@ With dx = S dp − d x dp a step of slip Δp takes x to S (S x⁰ · left + gain
 """
 
 from solver_adapters.bundled.compilation import kernel
-from solver_adapters.bundled.elementary import fast_exp
+from solver_adapters.bundled.elementary import decay
 
 
 @kernel
 def share_left(u: float, exponential: bool) -> float:
     """Share of the recalled back strain that a step leaves: e^(−u) or 1/(1 + u), u = d Δp."""
-    return fast_exp(-min(u, 600.0)) if exponential else 1.0 / (1.0 + u)
+    return decay(u) if exponential else 1.0 / (1.0 + u)
 
 
 @kernel

@@ -27,13 +27,13 @@ WIDTHS = {"stress": 6, "slip": NS, "accumulated_slip": NS, "rotation": 3}
 _ROW, _COLUMN = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
 
 
-def cell_fields(problem: Problem, start: Instant, frame: Instant) -> dict[str, FloatArray]:
+def cell_fields(problem: Problem, start: Instant, instant: Instant) -> dict[str, FloatArray]:
     """The fields of `CellFields` at an instant, by name.
 
     Args:
         problem: the discrete problem.
         start: its state at the first instant, from which rotations count.
-        frame: its state at the instant; both with slips and stress.
+        instant: its state then; both with slips and stress.
 
     Returns:
         means over the undeformed volume of each cell, (n_cells, width).
@@ -41,16 +41,16 @@ def cell_fields(problem: Problem, start: Instant, frame: Instant) -> dict[str, F
     points = problem.points
     rotation = points.rotation[points.frame_of]
     if points.strain_measure == "finite":
-        stress = finite_stress(frame.P, frame.H, rotation)
+        stress = finite_stress(instant.P, instant.H, rotation)
         before = lattice_axes(start.H, start.state[:, :9], rotation)
-        turned = rotation_between(before, lattice_axes(frame.H, frame.state[:, :9], rotation))
+        turned = rotation_between(before, lattice_axes(instant.H, instant.state[:, :9], rotation))
     else:
-        stress = small_stress(frame.P, rotation)
-        turned = small_rotation(frame.H - start.H, frame.slip - start.slip, rotation)
+        stress = small_stress(instant.P, rotation)
+        turned = small_rotation(instant.H - start.H, instant.slip - start.slip, rotation)
     fields = {
         "stress": stress[:, _ROW, _COLUMN],
-        "slip": frame.slip,
-        "accumulated_slip": frame.state[:, S_ACC : S_ACC + NS],
+        "slip": instant.slip,
+        "accumulated_slip": instant.state[:, S_ACC : S_ACC + NS],
         "rotation": turned,
     }
     return {name: cell_means(values, problem.weights) for name, values in fields.items()}

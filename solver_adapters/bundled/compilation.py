@@ -1,13 +1,14 @@
 """How kernels are compiled: one decorator, and a cache on disk keyed on all kernel sources.
 
 Numba keys its cache on the file of a function and does not notice a changed callee in another
-file, nor changed arrays that were frozen into it: the folder below carries a hash of all sources.
+file, nor changed arrays that were frozen into it: the folder below carries a hash of all that.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,24 +21,53 @@ import numba  # noqa: E402
 _FAST = {"contract", "reassoc", "nsz", "arcp", "nnan"}
 
 
-def sources_hash() -> str:
-    """Hash of every source that the solver's answer depends on, and of Numba's version."""
-    here = Path(__file__).parent
-    beside = (
-        here.parent / name
-        for name in ("crystal.py", "interaction.py", "material.py", "time_steps.py")
-    )
-    meshes = here.parents[1] / "meshes"
-    cells = (meshes / name for name in ("cells.py", "tet10.py", "wedge15.py"))
-    digest = hashlib.sha256(numba.__version__.encode())
-    for source in (*sorted(here.glob("*.py")), *beside, *cells):
+PACKAGES = Path(__file__).parents[2]
+
+# Where kernels stand, and what they freeze: constants, layouts, tables.
+KERNEL_SOURCES = (
+    *(
+        f"solver_adapters/bundled/{name}.py"
+        for name in (
+            "assembly",
+            "back_strain",
+            "compilation",
+            "dense",
+            "elementary",
+            "finite_derivative",
+            "finite_strain",
+            "law",
+            "law_terms",
+            "point_kernels",
+            "relaxation",
+            "slip",
+            "slip_derivatives",
+            "slip_rows",
+            "small_derivative",
+            "small_strain",
+            "tensors",
+        )
+    ),
+    *(f"solver_adapters/{name}.py" for name in ("constants", "crystal", "material", "parameter")),
+)
+
+
+def hash_of(sources: Iterable[Path], versions: Mapping[str, str]) -> str:
+    """16 hexadecimal digits that change with a source or the version of a library."""
+    digest = hashlib.sha256(repr(sorted(versions.items())).encode())
+    for source in sources:
         digest.update(source.read_bytes())
     return digest.hexdigest()[:16]
 
 
+def kernels_hash(packages: Path = PACKAGES) -> str:
+    """Hash of what the compiled kernels come from, in the folder that holds `solver_adapters`."""
+    sources = (packages / name for name in KERNEL_SOURCES)
+    return hash_of(sources, {"numba": numba.__version__})
+
+
 def _cache_folder() -> Path:
     root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return root / "prismid" / f"kernels-{sources_hash()}"
+    return root / "prismid" / f"kernels-{kernels_hash()}"
 
 
 _config: Any = numba.config

@@ -48,8 +48,7 @@ class Differentiation:
         3. what du adds to the states and to the pulled force.
         """
         p, t = self.problem, self.tangents
-        moves = self._equilibrium.moves(instant, trial.u.ravel()[p.prescribed])
-        self._equilibrium.assemble(trial, moves, fresh=True)
+        self._equilibrium.assemble(trial, fresh=True)
         clock = time.perf_counter()
         du = np.zeros((p.n_nodes, 3, t.count))
         flat = du.reshape(3 * p.n_nodes, t.count)

@@ -1,6 +1,6 @@
 """The quadratic elements: Gauss points, and what is known there of the shape functions.
 
-An element is known by its number of nodes: the ten-node tetrahedron with 4 points and the
+By its number of nodes a cell is one of two elements: the ten-node tetrahedron with 4 points and the
 serendipity wedge of fifteen nodes with 6 (3 of the triangle × 2 of the line), nodes in VTK order.
 """
 
@@ -26,14 +26,12 @@ class Element:
 
     Attributes:
         name: its name in messages.
-        positions: Gauss points in reference coordinates, (n_gauss, 3).
         weights: reference weights, their sum the reference volume, (n_gauss,).
         values: shape functions at the Gauss points, (n_gauss, n_nodes).
         gradients: reference gradients of the shape functions there, (n_gauss, n_nodes, 3).
     """
 
     name: str
-    positions: FloatArray
     weights: FloatArray
     values: FloatArray
     gradients: FloatArray
@@ -43,7 +41,7 @@ def _tet10() -> Element:
     """Four points of degree 2."""
     a, b = (5 + 3 * np.sqrt(5)) / 20, (5 - np.sqrt(5)) / 20
     positions = np.vstack([np.zeros(3), (a - b) * np.eye(3)]) + b
-    return Element("tet10", positions, np.full(4, 1 / 24), *tet10.shape_functions(positions))
+    return Element("tet10", np.full(4, 1 / 24), *tet10.shape_functions(positions))
 
 
 def _wedge15() -> Element:
@@ -57,40 +55,47 @@ def _wedge15() -> Element:
     line, line_weights = np.polynomial.legendre.leggauss(2)
     positions = np.column_stack([np.tile(triangle, (2, 1)), np.repeat(line, 3)])
     weights = np.repeat(line_weights, 3) / 6
-    return Element("wedge15", positions, weights, *wedge15.shape_functions(positions))
+    return Element("wedge15", weights, *wedge15.shape_functions(positions))
 
 
 ELEMENTS: Mapping[int, Element] = MappingProxyType({10: _tet10(), 15: _wedge15()})
 """The elements by their number of nodes."""
 
 
-def n_gauss(cells: IntArray) -> int:
-    """Number of Gauss points of each cell, from the connectivity."""
-    return len(ELEMENTS[cells.shape[1]].weights)
-
-
-def gauss_positions(points: NDArray[Any], cells: IntArray) -> NDArray[Any]:
-    """Positions of the Gauss points [µm], (n_cells, n_gauss, 3); points may be complex."""
-    return np.asarray(np.einsum("qa,eai->eqi", ELEMENTS[cells.shape[1]].values, points[cells]))
-
-
-def shape_gradients(points: FloatArray, cells: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Physical shape gradients [1/µm] and weights [µm³] at the Gauss points.
-
-    Args:
-        points: node coordinates [µm], (n_nodes, 3).
-        cells: connectivity in VTK order, (n_cells, 10) or (n_cells, 15).
-
-    Returns:
-        gradients (n_cells, n_gauss, n, 3) and weights (n_cells, n_gauss).
+def element_of(cells: IntArray) -> Element:
+    """The element of cells (n_cells, n) in VTK order.
 
     Raises:
-        ValueError: a cell is inverted, or of a kind that has no element here.
+        ValueError: there is none of their number of nodes.
     """
     element = ELEMENTS.get(cells.shape[1])
     if element is None:
         known = ", ".join(f"{e.name} ({n})" for n, e in ELEMENTS.items())
         raise ValueError(f"the cells have {cells.shape[1]} nodes; expected one of {known}")
+    return element
+
+
+def gauss_positions(points: NDArray[Any], cells: IntArray, element: Element) -> NDArray[Any]:
+    """Positions of the Gauss points [µm], (n_cells, n_gauss, 3); points may be complex."""
+    return np.asarray(np.einsum("qa,eai->eqi", element.values, points[cells]))
+
+
+def shape_gradients(
+    points: FloatArray, cells: IntArray, element: Element
+) -> tuple[FloatArray, FloatArray]:
+    """Physical shape gradients [1/µm] and weights [µm³] at the Gauss points.
+
+    Args:
+        points: node coordinates [µm], (n_nodes, 3).
+        cells: connectivity in VTK order, (n_cells, n).
+        element: what the cells are, see `element_of`.
+
+    Returns:
+        gradients (n_cells, n_gauss, n, 3) and weights (n_cells, n_gauss).
+
+    Raises:
+        ValueError: a cell is inverted.
+    """
     jacobian = np.einsum("eai,qaj->eqij", points[cells], element.gradients)
     determinant = np.linalg.det(jacobian)
     if determinant.min() <= 0:

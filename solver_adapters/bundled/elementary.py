@@ -5,7 +5,7 @@ Both are accurate to 3 units in the last place for finite arguments of normal si
 
 import numpy as np
 
-from solver_adapters.bundled.compilation import ordered_kernel
+from solver_adapters.bundled.compilation import kernel, ordered_kernel
 
 _LN2_HIGH = 0.6931471803691238
 _LN2_LOW = 1.9082149292705877e-10
@@ -53,3 +53,10 @@ def fast_log(x: float) -> float:
     p = p * z + 2.0 / 3.0
     p = p * z + 2.0
     return exponent * 0.6931471805599453 + s * p
+
+
+@kernel
+def decay(x: float) -> float:
+    """e^(−x) for x ≥ 0; where it is too small for a number of normal size it stays at e^(−600)."""
+    value: float = fast_exp(-min(x, 600.0))
+    return value

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver_adapters.bundled.assembly import displacement_gradients, element_forces
+from solver_adapters.bundled.checked import LinearSolverError
 from solver_adapters.bundled.instants import Increment, Instant
 from solver_adapters.bundled.law import NS, P_C11
-from solver_adapters.bundled.linear import LinearSolverError
 from solver_adapters.bundled.problem import Problem
 from solver_adapters.bundled.statistics import Statistics
 from solver_adapters.bundled.tangent_system import TangentSystem
@@ -33,6 +33,7 @@ class Trial:
     """Points and forces at a trial displacement.
 
     Attributes:
+        moves: whether the boundary moves in the step, or holds.
         u: displacement [µm], (n_nodes, 3).
         H: displacement gradients times the crystal rotations, (n_points, 9).
         state: states of the points, (n_points, n_state).
@@ -43,6 +44,7 @@ class Trial:
         local_failure: the point whose law found no solution, or None.
     """
 
+    moves: bool
     u: FloatArray
     H: FloatArray
     state: FloatArray
@@ -67,27 +69,26 @@ class Equilibrium:
         self._least = _rounded_force(problem)
         self._system = TangentSystem(problem, statistics)
 
-    def moves(self, instant: Instant, motion: FloatArray) -> bool:
-        """Whether the boundary moves in a step to the prescribed motion (n_prescribed,)."""
-        return bool(np.any(motion != instant.u.ravel()[self.problem.prescribed]))
-
-    def _evaluate(self, instant: Instant, u: FloatArray, guess: FloatArray, dt: float) -> Trial:
+    def _evaluate(
+        self, instant: Instant, u: FloatArray, guess: FloatArray, dt: float, moves: bool
+    ) -> Trial:
         p, clock = self.problem, time.perf_counter()
         H = np.empty((p.points.grain.size, 9))
         displacement_gradients(u, p.cells, p.gradients, H)
-        state, slips, P, C, count = p.points.update(H, instant.state, guess, dt, instant.H)
+        found = p.points.update(H, instant.state, guess, dt, instant.H)
         clock = self.statistics.clock("points", clock)
         forces = np.empty(p.pattern.dofs.shape)
-        element_forces(P, p.gradients, p.weights, forces)
+        element_forces(found.P, p.gradients, p.weights, forces)
         total = p.pattern.node_sum(forces, p.n_nodes)
         self.statistics.clock("assembly", clock)
-        failed = int(np.argmin(count)) if count.min() < 0 else None
-        return Trial(u, H, state, slips, P, C, total, failed)
+        worst = int(np.argmin(found.iterations))
+        failed = worst if found.iterations[worst] < 0 else None
+        return Trial(moves, u, H, found.state, found.slips, found.P, found.C, total, failed)
 
-    def assemble(self, trial: Trial, moves: bool, fresh: bool = False) -> None:
-        """Take the tangent of a trial."""
+    def assemble(self, trial: Trial, fresh: bool = False) -> None:
+        """Take the tangent of a trial; `fresh` as in `TangentSystem.assemble`."""
         try:
-            self._system.assemble(trial.C, moves, fresh)
+            self._system.assemble(trial.C, trial.moves, fresh)
         except LinearSolverError as error:
             raise NotConvergedError(self._where(trial, str(error))) from None
 
@@ -99,26 +100,25 @@ class Equilibrium:
             raise NotConvergedError(self._where(trial, str(error))) from None
 
     def _predict(
-        self, instant: Instant, motion: FloatArray, dt: float, increments: dict[bool, Increment]
-    ) -> tuple[FloatArray, FloatArray]:
+        self, instant: Instant, motion: FloatArray, dt: float, last: dict[bool, Increment]
+    ) -> Trial:
         """Start of a step: the last step of its kind scaled, or one tangent step."""
         p = self.problem
         moved = motion - instant.u.ravel()[p.prescribed]
         moves = bool(np.any(moved))
-        last = increments.get(moves)
-        u = instant.u.copy()
-        if last is not None:
+        alike = last.get(moves)
+        if alike is not None:
             if moves:
-                ratio = float(moved @ last.motion / (last.motion @ last.motion))
+                ratio = float(moved @ alike.motion / (alike.motion @ alike.motion))
             else:
-                ratio = dt / last.dt
+                ratio = dt / alike.dt
             if 0.0 < ratio < 4.0:
-                u += ratio * last.du
+                u = instant.u + ratio * alike.du
                 u.ravel()[p.prescribed] = motion
-                return u, ratio * last.slips
+                return self._evaluate(instant, u, ratio * alike.slips, dt, moves)
         rest = np.zeros((p.points.grain.size, NS))
-        trial = self._evaluate(instant, instant.u, rest, dt)
-        self.assemble(trial, moves)
+        trial = self._evaluate(instant, instant.u, rest, dt, moves)
+        self.assemble(trial)
         lifted = np.zeros((p.n_nodes, 3))
         lifted.ravel()[p.prescribed] = moved
         H = np.empty((p.points.grain.size, 9))
@@ -128,7 +128,7 @@ class Equilibrium:
         element_forces(stress, p.gradients, p.weights, forces)
         residual = trial.forces + p.pattern.node_sum(forces, p.n_nodes)
         lifted.ravel()[p.pattern.free] = self.solve(trial, -residual[p.pattern.free])
-        return instant.u + lifted, rest
+        return self._evaluate(instant, instant.u + lifted, rest, dt, moves)
 
     def solve_step(
         self, instant: Instant, motion: FloatArray, dt: float, last: dict[bool, Increment]
@@ -145,16 +145,14 @@ class Equilibrium:
             NotConvergedError: it has to be cut.
         """
         free, prescribed = self.problem.pattern.free, self.problem.prescribed
-        moves = self.moves(instant, motion)
-        u, guess = self._predict(instant, motion, dt, last)
-        trial = self._evaluate(instant, u, guess, dt)
+        trial = self._predict(instant, motion, dt, last)
         norm = _norm(trial.forces[free])
         for _ in range(MOST_NEWTON):
             reaction = _norm(trial.forces[prescribed])
             target = max(max(self.tolerance, ROUNDING) * reaction, self._least)
             if norm <= target and trial.local_failure is None:
                 return trial
-            self.assemble(trial, moves)
+            self.assemble(trial)
             # No better than the last iteration needs.
             accuracy = min(ROUGH, max(0.1 * target / norm, FINE))
             step = self.solve(trial, -trial.forces[free], accuracy)
@@ -171,7 +169,7 @@ class Equilibrium:
         for _ in range(4):
             u = trial.u.copy()
             u.ravel()[free] += length * step
-            candidate = self._evaluate(instant, u, trial.slips, dt)
+            candidate = self._evaluate(instant, u, trial.slips, dt, trial.moves)
             new = _norm(candidate.forces[free])
             usable = np.isfinite(new) and candidate.local_failure is None
             if usable and (best is None or new < best[1]):

@@ -15,8 +15,8 @@ from scipy.linalg import expm
 
 from meshes.cells import outer_triangles
 from solver_adapters.bundled.element import (
+    Element,
     gauss_positions,
-    n_gauss,
     shape_gradient_velocity,
     shape_gradients,
 )
@@ -72,19 +72,19 @@ class _Points:
     nodes: AnyArray
 
 
-def crystal_frames(simulation: Simulation) -> Frames:
+def crystal_frames(simulation: Simulation, element: Element) -> Frames:
     """The frames of a simulation."""
     mesh = simulation.mesh
-    grain = np.repeat(mesh.grain, n_gauss(mesh.cells))
+    grain = np.repeat(mesh.grain, len(element.weights))
     if not _varies(simulation):
         return Frames(simulation.orientations, grain)
     rotation = _rotations(
-        simulation.orientations, _gradient(simulation), _points(simulation, None), grain
+        simulation.orientations, _gradient(simulation), _points(simulation, element, None), grain
     )
     return Frames(rotation.real, np.arange(grain.size))
 
 
-def frame_change(simulation: Simulation, direction: Direction) -> FloatArray:
+def frame_change(simulation: Simulation, element: Element, direction: Direction) -> FloatArray:
     """Derivative of the rotations of `crystal_frames`."""
     mesh = simulation.mesh
     spins = np.zeros((mesh.n_grains, 3), dtype=np.complex128)
@@ -96,21 +96,26 @@ def frame_change(simulation: Simulation, direction: Direction) -> FloatArray:
     gradient = _gradient(simulation).astype(np.complex128)
     if direction.lattice_gradient is not None:
         gradient += 1j * _STEP * direction.lattice_gradient
-    grain = np.repeat(mesh.grain, n_gauss(mesh.cells))
-    rotation = _rotations(orientations, gradient, _points(simulation, direction), grain)
+    grain = np.repeat(mesh.grain, len(element.weights))
+    points = _points(simulation, element, direction)
+    rotation = _rotations(orientations, gradient, points, grain)
     return np.ascontiguousarray(rotation.imag / _STEP)
 
 
-def at_rest(simulation: Simulation, frames: Frames) -> AtRest:
+def at_rest(simulation: Simulation, element: Element, frames: Frames) -> AtRest:
     """State and skin of a simulation."""
     values = tuple(getattr(simulation.material, name) for name in AT_REST)
     rotation = frames.rotation[frames.of_point]
-    state, skin = _rest(simulation, values, rotation, _points(simulation, None))
+    state, skin = _rest(simulation, values, rotation, _points(simulation, element, None))
     return AtRest(np.ascontiguousarray(state), np.ascontiguousarray(skin))
 
 
 def at_rest_change(
-    simulation: Simulation, direction: Direction, frames: Frames, drotation: FloatArray
+    simulation: Simulation,
+    element: Element,
+    direction: Direction,
+    frames: Frames,
+    drotation: FloatArray,
 ) -> AtRest | None:
     """Derivative of `at_rest` along a direction that turns the frames by `drotation`.
 
@@ -122,7 +127,8 @@ def at_rest_change(
         return None
     values = tuple(getattr(m, name) + 1j * _STEP * rates.get(name, 0.0) for name in AT_REST)
     rotation = (frames.rotation + 1j * _STEP * drotation)[frames.of_point]
-    state, skin = _rest(simulation, values, rotation, _points(simulation, direction))
+    points = _points(simulation, element, direction)
+    state, skin = _rest(simulation, values, rotation, points)
     return AtRest(state.imag / _STEP, skin.imag / _STEP)
 
 
@@ -161,16 +167,17 @@ def _gradient(simulation: Simulation) -> FloatArray:
     return simulation.lattice_gradient
 
 
-def _points(simulation: Simulation, direction: Direction | None) -> _Points:
+def _points(simulation: Simulation, element: Element, direction: Direction | None) -> _Points:
     mesh = simulation.mesh
     nodes: AnyArray = mesh.points
-    gradients, weights = shape_gradients(nodes, mesh.cells)
+    gradients, weights = shape_gradients(nodes, mesh.cells, element)
     volume: AnyArray = weights
     if direction is not None and direction.points is not None:
         nodes = nodes + 1j * _STEP * direction.points
         _, change = shape_gradient_velocity(gradients, weights, mesh.cells, direction.points)
         volume = volume + 1j * _STEP * change
-    return _Points(gauss_positions(nodes, mesh.cells).reshape(-1, 3), volume.ravel(), nodes)
+    positions = gauss_positions(nodes, mesh.cells, element)
+    return _Points(positions.reshape(-1, 3), volume.ravel(), nodes)
 
 
 def _rotations(

@@ -10,14 +10,15 @@ from numpy.typing import NDArray
 
 from solver_adapters.bundled.compilation import kernel
 from solver_adapters.bundled.finite_strain import (
-    CONJUGATE,
     CONJUGATE_SCHMID,
+    CONJUGATE_STRESS,
     D_A,
     D_FE,
     D_FP0,
+    D_FP1,
     D_MODES,
-    D_S,
-    D_T,
+    D_PIOLA,
+    D_STATE,
     DILATION,
     FE,
     FES,
@@ -26,12 +27,12 @@ from solver_adapters.bundled.finite_strain import (
     FP1,
     FT,
     GAIN,
-    MODES,
     ONE,
     P_BY_A,
     P_BY_H,
     PULLED,
     SCALE,
+    SCRATCH_MODES,
     SLIP_BY_H,
     SOFTENING,
     STATE_BY_A,
@@ -40,10 +41,10 @@ from solver_adapters.bundled.finite_strain import (
     TRIAL,
     TWO,
     UNDONE,
-    contract,
+    condensed_change,
     drive,
     modes_along_gradient,
-    slip_gradient,
+    resolve,
     stress_change,
 )
 from solver_adapters.bundled.law import NS, P_A1, P_C11, P_C12, P_C44
@@ -135,8 +136,8 @@ def _stress_and_state(w: FloatArray, p: FloatArray, width: int, stress: int, sta
     for m in range(width):
         for i in range(9):
             w[stress + 9 * m + i] = w[ONE + width * i + m]
-            w[D_FP0 + i] = -w[TWO + width * i + m]
-        _normalised(w, state + 9 * m, D_FP0)
+            w[D_FP1 + i] = -w[TWO + width * i + m]
+        _normalised(w, state + 9 * m, D_FP1)
 
 
 @kernel
@@ -175,17 +176,17 @@ def derivative(
         cubic(w, TWO, STRAIN, dp, 1)
         left(w, D_FE, FE, False, TWO, False, 1)
         left(w, TWO, TRIAL, True, D_FE, False, 1)
-        to_modes(w, MODES, TWO, 1)
-        drive(w, p, MODES, EXPLICIT)
+        to_modes(w, SCRATCH_MODES, TWO, 1)
+        drive(w, p, SCRATCH_MODES, EXPLICIT)
         for s in range(NS):
             w[EXPLICIT + s] *= w[SIGN + s]
     if dp[P_A1] != 0.0:
-        to_modes(w, MODES, CONJUGATE, 1)
-        contract(w, CONJUGATE_SCHMID, MODES, OTHER)
+        to_modes(w, SCRATCH_MODES, CONJUGATE_STRESS, 1)
+        resolve(w, CONJUGATE_SCHMID, SCRATCH_MODES, OTHER)
         non_schmid_derivative(w, p, dp)
     explicit_derivative(w, dt, p, skin, exponential, coupled, constant, dp, dskin, dstate0)
     weigh_residual(w, EXPLICIT, coupled)
-    slip_gradient(w, p)
+    condensed_change(w, p)
     total_slip_change(w, coupled)
     h0, h1, h2 = w[ONE], w[ONE + 1], w[ONE + 2]
     h3, h4, h5 = w[ONE + 3], w[ONE + 4], w[ONE + 5]
@@ -205,20 +206,20 @@ def derivative(
         )
     finish_derivative(w, p, exponential, dp, gains, dstate0, dstate1)
     # dFp⁰⁻¹ outside the trial, then H, then A
-    right(w, TWO, D_FP0, False, GAIN, False, 1)
-    _normalised(w, D_S, TWO)
-    left(w, D_T, PULLED, False, D_FP0, True, 1)
+    right(w, D_FP1, D_FP0, False, GAIN, False, 1)
+    _normalised(w, D_STATE, D_FP1)
+    left(w, D_PIOLA, PULLED, False, D_FP0, True, 1)
     if elastic:
         left(w, TWO, D_FE, False, GAIN, True, 1)
         left(w, D_FE, TWO, False, FP0, True, 1)
-        add(w, D_T, D_FE, 1.0, 1)
-    _add_products(w, D_T, P_BY_H, ONE, 9)
-    _add_products(w, D_T, P_BY_A, D_MODES, NM)
-    _add_products(w, D_S, STATE_BY_H, ONE, 9)
-    _add_products(w, D_S, STATE_BY_A, D_MODES, NM)
+        add(w, D_PIOLA, D_FE, 1.0, 1)
+    _add_products(w, D_PIOLA, P_BY_H, ONE, 9)
+    _add_products(w, D_PIOLA, P_BY_A, D_MODES, NM)
+    _add_products(w, D_STATE, STATE_BY_H, ONE, 9)
+    _add_products(w, D_STATE, STATE_BY_A, D_MODES, NM)
     for i in range(9):
-        dP[i] = w[D_T + i]
-        dstate1[i] = w[D_S + i]
+        dP[i] = w[D_PIOLA + i]
+        dstate1[i] = w[D_STATE + i]
 
 
 @kernel

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from solver_adapters.bundled.compilation import kernel
 from solver_adapters.bundled.dense import factor, solve
-from solver_adapters.bundled.law import FIRST_112, NS, P_A1
+from solver_adapters.bundled.law import NS, P_A1
+from solver_adapters.bundled.law_terms import driving_modes
 from solver_adapters.bundled.slip import (
     advance_slips,
     evaluate_systems,
@@ -36,7 +37,6 @@ from solver_adapters.bundled.slip_rows import (
     LOAD,
     N_SLIP_ROWS,
     OTHER,
-    SIGN,
     SIGNED,
     TAU,
     WEIGHT,
@@ -66,12 +66,13 @@ FE = TRIAL + 9
 STRAIN = FE + 9
 STRESS = STRAIN + 9  # S
 FES = STRESS + 9  # Fe·S
-CONJUGATE = FES + 9  # T
-GAIN = CONJUGATE + 9  # I − A
-FP1 = GAIN + 9
-D_FP0 = FP1 + 9
-MODES = D_FP0 + 9  # eight modes of a tensor
-FORCE = MODES + NM  # eight modes of a tensor
+CONJUGATE_STRESS = FES + 9  # T
+GAIN = CONJUGATE_STRESS + 9  # I − A
+FP1 = GAIN + 9  # Fp⁰⁻¹·(I − A)
+D_FP0 = FP1 + 9  # as the next along one direction
+D_FP1 = D_FP0 + 9
+SCRATCH_MODES = D_FP1 + 9  # scratch: eight modes of a tensor
+FORCE = SCRATCH_MODES + NM  # change of the modes of T
 UNIT = FORCE + NM  # the eight modes themselves as tensors, 9 × 8
 SLIP_STIFFNESS = UNIT + 9 * NM  # H, 8 × 8
 SOFTENING = SLIP_STIFFNESS + NM * NM  # Y, 8 × 8
@@ -81,8 +82,8 @@ D_FE = D_TRIAL + 81
 D_S = D_FE + 81
 D_T = D_S + 81
 D_A = D_T + 81
-D_MODES = D_A + 81
-ONE = D_MODES + 81
+D_MODES = D_A + 81  # modes of D_A
+ONE = D_MODES + 81  # scratch, as the next
 TWO = ONE + 81
 # What `finite_derivative` prepares for all directions.
 UNDONE = TWO + 81  # Fp⁰, the inverse of FP0
@@ -94,7 +95,9 @@ STATE_BY_H = P_BY_H + 81  # derivative of Fp⁻¹ likewise, 9 × 9
 SLIP_BY_H = STATE_BY_H + 81  # ∂Δp/∂H likewise, 9 × 24
 DILATION = SLIP_BY_H + 9 * NS  # derivative of ln det(Fp⁰⁻¹·(I − A))/3, 9
 SCALE = DILATION + 9  # factor that gives Fp⁻¹ unit determinant, 1
-WORKSPACE = SCALE + 1
+D_PIOLA = SCALE + 1  # derivative of P, 9
+D_STATE = D_PIOLA + 9  # derivative of Fp⁻¹ at unit determinant, 9
+WORKSPACE = D_STATE + 9
 
 
 @kernel
@@ -105,7 +108,7 @@ def prepare(
     interaction: FloatArray,
     sense: FloatArray,
 ) -> None:
-    """Put what is constant into a fresh workspace: modes (8, 24) and the slip systems' tables."""
+    """Put what is constant into a fresh workspace: modes (8, 24), and tables."""
     prepare_slip(w, interaction, sense)
     for k in range(NM):
         for s in range(NS):
@@ -117,20 +120,20 @@ def prepare(
 
 
 @kernel
-def contract(w: FloatArray, r: int, source: int, target: int) -> None:
-    """Over the systems: target_s = source : tensor_s, both in modes, those of tensors at r."""
+def resolve(w: FloatArray, tensors: int, source: int, target: int) -> None:
+    """Over the systems: target_s = source : tensor_s, both in modes."""
     t0, t1, t2, t3 = w[source], w[source + 1], w[source + 2], w[source + 3]
     t4, t5, t6, t7 = w[source + 4], w[source + 5], w[source + 6], w[source + 7]
     for s in range(NS):
         w[target + s] = (
-            w[r + s] * t0
-            + w[r + NS + s] * t1
-            + w[r + 2 * NS + s] * t2
-            + w[r + 3 * NS + s] * t3
-            + w[r + 4 * NS + s] * t4
-            + w[r + 5 * NS + s] * t5
-            + w[r + 6 * NS + s] * t6
-            + w[r + 7 * NS + s] * t7
+            w[tensors + s] * t0
+            + w[tensors + NS + s] * t1
+            + w[tensors + 2 * NS + s] * t2
+            + w[tensors + 3 * NS + s] * t3
+            + w[tensors + 4 * NS + s] * t4
+            + w[tensors + 5 * NS + s] * t5
+            + w[tensors + 6 * NS + s] * t6
+            + w[tensors + 7 * NS + s] * t7
         )
 
 
@@ -138,9 +141,9 @@ def contract(w: FloatArray, r: int, source: int, target: int) -> None:
 def drive(w: FloatArray, p: FloatArray, source: int, target: int) -> None:
     """Change of the driving stress of each system along its sign."""
     if p[P_A1] != 0.0:
-        contract(w, DRIVING, source, target)
+        resolve(w, DRIVING, source, target)
     else:
-        contract(w, SCHMID, source, target)
+        resolve(w, SCHMID, source, target)
 
 
 @kernel
@@ -163,8 +166,8 @@ def project(w: FloatArray, target: int, source: int) -> None:
 
 @kernel
 def _stresses(w: FloatArray, p: FloatArray) -> None:
-    project(w, MODES, SIGNED)
-    to_tensors(w, ONE, MODES, 1)
+    project(w, SCRATCH_MODES, SIGNED)
+    to_tensors(w, ONE, SCRATCH_MODES, 1)
     for i in range(9):
         w[GAIN + i] = -w[ONE + i]
     for i in range(3):
@@ -177,9 +180,9 @@ def _stresses(w: FloatArray, p: FloatArray) -> None:
         w[STRAIN + i] *= 0.5
     cubic(w, STRESS, STRAIN, p, 1)
     left(w, FES, FE, False, STRESS, False, 1)
-    left(w, CONJUGATE, TRIAL, True, FES, False, 1)
-    to_modes(w, MODES, CONJUGATE, 1)
-    contract(w, SCHMID, MODES, TAU)
+    left(w, CONJUGATE_STRESS, TRIAL, True, FES, False, 1)
+    to_modes(w, SCRATCH_MODES, CONJUGATE_STRESS, 1)
+    resolve(w, SCHMID, SCRATCH_MODES, TAU)
 
 
 @kernel
@@ -190,13 +193,9 @@ def _evaluate(w: FloatArray, p: FloatArray, dt: float, exponential: bool, couple
     if p[P_A1] == 0.0:
         error = evaluate_systems(w, dt, p, exponential, coupled)
         return error
-    contract(w, CONJUGATE_SCHMID, MODES, OTHER)
+    resolve(w, CONJUGATE_SCHMID, SCRATCH_MODES, OTHER)
     error = evaluate_systems(w, dt, p, exponential, coupled)
-    for k in range(NM):
-        for s in range(NS):
-            schmid, other = w[SCHMID + k * NS + s], w[CONJUGATE_SCHMID + k * NS + s]
-            scale = 1.0 + 0.5 * p[P_A1] if s < FIRST_112 else 1.0
-            w[DRIVING + k * NS + s] = scale * schmid + w[SIGN + s] * p[P_A1] * other
+    driving_modes(w, p, SCHMID, CONJUGATE_SCHMID, DRIVING, NM)
     return error
 
 
@@ -220,9 +219,9 @@ def _condense(w: FloatArray, p: FloatArray, coupled: bool) -> None:
             project(w, SLIP_STIFFNESS + NM * i, WEIGHTED)
         else:
             weigh_mode(w, (DRIVING if p[P_A1] != 0.0 else SCHMID) + i * NS, coupled)
-            project(w, FORCE, WEIGHTED)
+            project(w, SCRATCH_MODES, WEIGHTED)
             for k in range(NM):
-                w[SLIP_STIFFNESS + NM * k + i] = w[FORCE + k]
+                w[SLIP_STIFFNESS + NM * k + i] = w[SCRATCH_MODES + k]
     left(w, D_FE, TRIAL, False, UNIT, False, NM)
     _force_change(w, p, NM)
     left(w, TWO, TRIAL, True, ONE, False, NM)
@@ -236,7 +235,7 @@ def _condense(w: FloatArray, p: FloatArray, coupled: bool) -> None:
 
 
 @kernel
-def slip_gradient(w: FloatArray, p: FloatArray) -> None:
+def condensed_change(w: FloatArray, p: FloatArray) -> None:
     """D_MODES = (I + H·Y)⁻¹ Σ LOAD m⊗n, then D_TAU = −(m⊗n) : Y D_MODES."""
     project(w, D_MODES, LOAD)
     solve(w, FACTOR, NM, D_MODES, 1)
@@ -276,7 +275,7 @@ def update(
         _condense(w, p, coupled)
         if error <= tolerance or count >= most or not is_sound(w, error):
             break
-        slip_gradient(w, p)
+        condensed_change(w, p)
         advance_slips(w, p, exponential, coupled)
         count += 1
     # An element that is turned inside out has no meaning, though its equations may have a solution.

@@ -88,11 +88,11 @@ def _path_error(start: FloatArray, slip: FloatArray, d: FloatArray) -> FloatArra
 def _relaxed(mean: FloatArray, over0: FloatArray, n: FloatArray) -> FloatArray:
     """Overstress at the end of a relaxation, from that of its mean rate.
 
-    The better of the two tangents of `relaxation`: −n r/2 and ln a − a r; near n = 1, where the
-    overstress decays as exp(−a) and no power is left, the first alone.
+    v⁰ e^(−r) of `relaxation.near_fall`; near n = 1, where the overstress decays as exp(−a) and no
+    power is left, of its first tangent alone.
     """
     ratio = np.minimum(mean / np.maximum(over0, 1e-300), 1.0)
     power = np.maximum(n - 1.0, _LEAST_POWER)
-    far = np.where(n < 1.0 + _LEAST_POWER, 0.0, (ratio**n / power) ** (1.0 / power))
-    near = ratio**2
-    return np.asarray(over0 * np.maximum(np.minimum(far, 1.0), near))
+    near, far = ratio**2, np.minimum((ratio**n / power) ** (1.0 / power), 1.0)
+    end = np.where(n > 2.0, np.maximum(near, far), np.minimum(near, far))
+    return np.asarray(over0 * np.where(n < 1.0 + _LEAST_POWER, near, end))

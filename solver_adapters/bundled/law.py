@@ -24,6 +24,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from solver_adapters.constants import elastic_constants, grain_ratios
 from solver_adapters.crystal import N_110, N_SYSTEMS, schmid_tensors, slip_systems
 from solver_adapters.material import Material
 
@@ -109,29 +110,11 @@ def _twinning_senses() -> FloatArray:
 TWINNING_SENSE = _twinning_senses()
 
 
-def grain_ratios(material: Material, n_grains: int) -> FloatArray:
-    """Ratio of tau0 in each grain to that in the first, shape (n_grains,)."""
-    ratio = np.ones(n_grains)
-    ratio[1:2] = material.tau0_grain2
-    further = material.tau0_grains[: max(n_grains - 2, 0)]
-    ratio[2 : 2 + len(further)] = further
-    return ratio
-
-
-def interaction_matrix(material: Material) -> FloatArray:
-    """The matrix h without h_latent, shape (24, 24)."""
-    if material.interaction is None:
-        return np.eye(NS)
-    return np.array(material.interaction, dtype=np.float64)
-
-
 def local_parameters(material: Material, n_grains: int) -> FloatArray:
     """Constants of each grain in the order of the P_ indices, shape (n_grains, 16)."""
     m = material
     table = np.empty((n_grains, N_LOCAL))
-    table[:, P_C11] = m.C11 * m.elastic_scale
-    table[:, P_C12] = m.C12 * m.elastic_scale
-    table[:, P_C44] = m.C44 * m.elastic_scale * m.C44_scale
+    table[:, [P_C11, P_C12, P_C44]] = elastic_constants(m)
     for name, index in _DIRECT.items():
         table[:, index] = getattr(m, name)
     tau0 = m.tau0 * grain_ratios(m, n_grains)

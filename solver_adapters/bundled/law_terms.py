@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from solver_adapters.bundled.back_strain import gained, growth, recall_slope, share_left
 from solver_adapters.bundled.compilation import kernel
-from solver_adapters.bundled.elementary import fast_exp
+from solver_adapters.bundled.elementary import decay
 from solver_adapters.bundled.law import (
     FIRST_112,
     NS,
@@ -44,21 +44,28 @@ FloatArray = NDArray[np.float64]
 
 
 @kernel
+def interaction_of(w: FloatArray, p: FloatArray, s: int, r: int) -> float:
+    """How slip on system r hardens system s, with latent hardening."""
+    h: float = w[INTERACTION + NS * s + r] + (p[P_LATENT] if s != r else 0.0)
+    return h
+
+
+@kernel
 def harden(w: FloatArray, p: FloatArray, coupled: bool) -> None:
     """RISE and SLOPE of isotropic hardening; the whole slope matrix goes to COUPLED."""
     if not coupled:
         for s in range(NS):
-            rest = fast_exp(-min(p[P_B] * (w[ACC0 + s] + w[SLIP + s]), 600.0))
+            rest = decay(p[P_B] * (w[ACC0 + s] + w[SLIP + s]))
             w[RISE + s] = p[P_Q] * (1.0 - rest)
             w[SLOPE + s] = p[P_Q] * p[P_B] * rest
         return
     for s in range(NS):
         w[RISE + s] = 0.0
     for r in range(NS):
-        rest = fast_exp(-min(p[P_B] * (w[ACC0 + r] + w[SLIP + r]), 600.0))
+        rest = decay(p[P_B] * (w[ACC0 + r] + w[SLIP + r]))
         rise, slope = p[P_Q] * (1.0 - rest), p[P_Q] * p[P_B] * rest
         for s in range(NS):
-            h = w[INTERACTION + NS * s + r] + (p[P_LATENT] if s != r else 0.0)
+            h = interaction_of(w, p, s, r)
             w[RISE + s] += h * rise
             w[COUPLED + NS * s + r] = h * slope
     for s in range(NS):
@@ -83,11 +90,30 @@ def second_back_stress(w: FloatArray, p: FloatArray, exponential: bool) -> None:
 
 
 @kernel
+def schmid_factor(p: FloatArray) -> float:
+    """Factor on τ of {110}: the part of the stress on the conjugate plane that is τ itself."""
+    factor: float = 1.0 + 0.5 * p[P_A1]
+    return factor
+
+
+@kernel
+def driving_modes(
+    w: FloatArray, p: FloatArray, schmid: int, conjugate: int, target: int, count: int
+) -> None:
+    """Tensors whose product with the stress drives slip, in modes (count, 24), at SIGN."""
+    for k in range(count):
+        for s in range(NS):
+            scale = schmid_factor(p) if s < FIRST_112 else 1.0
+            other = w[conjugate + k * NS + s]
+            w[target + k * NS + s] = scale * w[schmid + k * NS + s] + w[SIGN + s] * p[P_A1] * other
+
+
+@kernel
 def non_schmid(w: FloatArray, p: FloatArray) -> None:
     """Resolved shear stress and RISE of {110} with the stress on the conjugate planes."""
-    factor_110 = 1.0 + 0.5 * p[P_A1]
+    factor = schmid_factor(p)
     for s in range(FIRST_112):
-        w[TAU + s] *= factor_110
+        w[TAU + s] *= factor
         w[RISE + s] -= p[P_A1] * w[OTHER + s]
 
 
@@ -104,8 +130,7 @@ def hardening_derivative(
         # Without hardening the points count as uncoupled, but its derivative is coupled.
         if coupled or p[P_Q] == 0.0:
             for s in range(NS):
-                h = w[INTERACTION + NS * s + r] + (p[P_LATENT] if s != r else 0.0)
-                w[EXPLICIT + s] -= h * change
+                w[EXPLICIT + s] -= interaction_of(w, p, s, r) * change
         else:
             w[EXPLICIT + r] -= change
         if dp[P_LATENT] != 0.0:
@@ -135,5 +160,5 @@ def second_back_stress_derivative(
 def non_schmid_derivative(w: FloatArray, p: FloatArray, dp: FloatArray) -> None:
     """Add to EXPLICIT what the driving stress owes to a1, with OTHER as it is at the solution."""
     for s in range(FIRST_112):
-        schmid = w[TAU + s] / (1.0 + 0.5 * p[P_A1])
+        schmid = w[TAU + s] / schmid_factor(p)
         w[EXPLICIT + s] += dp[P_A1] * (0.5 * w[SIGN + s] * schmid + w[OTHER + s])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,9 @@ from solver_adapters.bundled.law import (
     S_ACC,
     S_X2,
     STRAIN_MODES,
-    interaction_matrix,
     local_parameters,
 )
+from solver_adapters.constants import interaction_matrix
 from solver_adapters.interface import Integration
 from solver_adapters.material import Material, StrainMeasure
 
@@ -28,6 +28,30 @@ BoolArray = NDArray[np.bool_]
 
 # Parts in which the strain of a step is applied where the whole of it finds no solution.
 _CONTINUATION = 8
+
+
+@dataclass(frozen=True, eq=False)
+class PointSolution:
+    """A step solved at all points.
+
+    Attributes:
+        state: states at its end, (n_points, n_state).
+        slips: slips S Δp of the step, (n_points, 24).
+        P: first Piola–Kirchhoff stress times the crystal rotation [MPa], (n_points, 9).
+        C: tangent ∂P/∂H, (n_points, 9, 9).
+        iterations: negative where the law found no solution, (n_points,).
+    """
+
+    state: FloatArray
+    slips: FloatArray
+    P: FloatArray
+    C: FloatArray
+    iterations: IntArray
+
+    def put(self, where: IntArray, part: PointSolution) -> None:
+        """Replace what stands for some points."""
+        for item in fields(self):
+            getattr(self, item.name)[where] = getattr(part, item.name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,13 +126,6 @@ class Points:
     skin: FloatArray
     interaction: FloatArray
 
-    def initial_state(self) -> FloatArray:
-        """State of the crystal at rest, without a second back strain, shape (n_points, 81)."""
-        state = np.zeros((self.grain.size, S_X2))
-        if self.strain_measure == "finite":
-            state[:, [0, 4, 8]] = 1.0
-        return state
-
     @property
     def coupled(self) -> bool:
         """Whether slip on one system hardens others."""
@@ -142,7 +159,7 @@ class Points:
         guess: FloatArray,
         dt: float,
         H0: FloatArray | None = None,
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray]:
+    ) -> PointSolution:
         """Solve a step of length dt [s].
 
         Where the iteration fails from the guess it starts from rest; where that fails too and H0
@@ -154,26 +171,19 @@ class Points:
             guess: slips of the step to start from, (n_points, 24).
             dt: length of the step [s].
             H0: H at the start of the step, (n_points, 9), or None.
-
-        Returns:
-            state (n_points, n_state), slips (n_points, 24), stress times rotation [MPa]
-            (n_points, 9), tangent ∂P/∂H (n_points, 9, 9), iterations (n_points,), negative where
-            not converged.
         """
         solution = self._solve(slice(None), H, state0, guess, dt)
-        count = solution[-1]
-        failed = np.flatnonzero(count < 0)
+        failed = np.flatnonzero(solution.iterations < 0)
         if failed.size:
-            again = self._solve(failed, H, state0, np.zeros_like(guess), dt)
-            _put(solution, failed, again)
-            failed = np.flatnonzero(count < 0)
+            solution.put(failed, self._solve(failed, H, state0, np.zeros_like(guess), dt))
+            failed = np.flatnonzero(solution.iterations < 0)
         if failed.size and H0 is not None:
             slips = np.zeros_like(guess)
             for part in range(1, _CONTINUATION + 1):
                 share = part / _CONTINUATION
                 again = self._solve(failed, H0 + share * (H - H0), state0, slips, dt)
-                slips[failed] = again[1]
-            _put(solution, failed, again)
+                slips[failed] = again.slips
+            solution.put(failed, again)
         return solution
 
     def _solve(
@@ -183,7 +193,7 @@ class Points:
         state0: FloatArray,
         guess: FloatArray,
         dt: float,
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray]:
+    ) -> PointSolution:
         H, state0, guess = H[which], state0[which], guess[which]
         n = H.shape[0]
         state1, slips, P = np.empty_like(state0), np.empty((n, NS)), np.empty((n, 9))
@@ -209,7 +219,7 @@ class Points:
             C,
             count,
         )
-        return state1, slips, P, C, count
+        return PointSolution(state1, slips, P, C, count)
 
     def memory(self, k: int, n_derived: int) -> PointDerivatives:
         """Memory for derivatives along k directions."""
@@ -297,12 +307,3 @@ def points_of_grains(
         np.ones(grain.size),
         interaction_matrix(material),
     )
-
-
-def _put(
-    solution: tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray],
-    where: IntArray,
-    part: tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray],
-) -> None:
-    for whole, piece in zip(solution, part, strict=True):
-        whole[where] = piece

@@ -8,7 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver_adapters.bundled.assembly import Pattern, displacement_gradients, stiffness_pattern
-from solver_adapters.bundled.element import shape_gradient_velocity, shape_gradients
+from solver_adapters.bundled.element import (
+    Element,
+    element_of,
+    shape_gradient_velocity,
+    shape_gradients,
+)
 from solver_adapters.bundled.fields import (
     AT_REST,
     Frames,
@@ -30,7 +35,8 @@ class Problem:
     """Geometry, law and prescribed motion of a simulation.
 
     Attributes:
-        cells: connectivity in VTK order, (n_cells, n) with n nodes a cell.
+        element: what its cells are, n nodes and n_gauss points each.
+        cells: connectivity in VTK order, (n_cells, n).
         n_nodes: number of nodes.
         gradients: shape gradients turned into the crystal [1/µm], (n_cells, n_gauss, n, 3).
         weights: Gauss weights [µm³], (n_cells, n_gauss).
@@ -47,6 +53,7 @@ class Problem:
         strained: whether that state holds an eigenstrain, or a direction changes one.
     """
 
+    element: Element
     cells: IntArray
     n_nodes: int
     gradients: FloatArray
@@ -89,20 +96,25 @@ class Tangents:
         return int(self.law.local.shape[1])
 
 
-def build_problem(simulation: Simulation) -> Problem:
+def build_problem(simulation: Simulation, element: Element | None = None) -> Problem:
     """Discretise a simulation.
 
+    Args:
+        simulation: what is to be solved.
+        element: shape functions and quadrature of its cells; None is `element.element_of`.
+
     Raises:
-        ValueError: a cell of the mesh is inverted.
+        ValueError: a cell of the mesh is inverted, or of a kind that has no element.
     """
     mesh = simulation.mesh
-    gradients, weights = shape_gradients(mesh.points, mesh.cells)
-    frames = crystal_frames(simulation)
+    element = element or element_of(mesh.cells)
+    gradients, weights = shape_gradients(mesh.points, mesh.cells, element)
+    frames = crystal_frames(simulation, element)
     turned = _turn(gradients, frames.rotation, frames.of_point)
     mask = np.zeros(3 * len(mesh.points), dtype=np.bool_)
     dofs = 3 * simulation.motion_nodes[:, None] + np.arange(3)
     mask[dofs[simulation.motion_mask]] = True
-    start = at_rest(simulation, frames)
+    start = at_rest(simulation, element, frames)
     strained = simulation.material.eigenstrain != 0.0 or any(
         "eigenstrain" in direction.material for direction in simulation.directions
     )
@@ -113,6 +125,7 @@ def build_problem(simulation: Simulation) -> Problem:
     displacement_gradients(unit, mesh.cells, turned, pull)
     pull *= weights.reshape(-1, 1)
     return Problem(
+        element=element,
         cells=mesh.cells,
         n_nodes=len(mesh.points),
         gradients=turned,
@@ -151,7 +164,7 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
     turn, skinned = np.zeros(k, dtype=np.int64), np.zeros(k, dtype=np.int64)
     geometric, gradients, weights = [], [], []
     starts = np.zeros((points.grain.size, k, problem.state.shape[1]))
-    plain, _ = shape_gradients(mesh.points, mesh.cells)
+    plain, _ = shape_gradients(mesh.points, mesh.cells, problem.element)
     for index, direction in enumerate(simulation.directions):
         for name, rate in direction.material.items():
             if name not in AT_REST:
@@ -165,8 +178,10 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
             or (moves and len(points.rotation) > mesh.n_grains)
         ):
             turn[index] = len(rotations)
-            rotations.append(frame_change(simulation, direction))
-        change = at_rest_change(simulation, direction, frames, rotations[turn[index]])
+            rotations.append(frame_change(simulation, problem.element, direction))
+        change = at_rest_change(
+            simulation, problem.element, direction, frames, rotations[turn[index]]
+        )
         if change is not None:
             starts[:, index] = change.state
             skinned[index] = len(skins)

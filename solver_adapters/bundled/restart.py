@@ -28,7 +28,7 @@ class Checkpoint:
 
     Attributes:
         index: the last instant reached, an index into the times of the simulation.
-        frame: the state there.
+        instant: the state there.
         last: increments from which later steps start, by whether the boundary moved.
         rows: results so far, by name.
         ends: ends of the time steps taken [s].
@@ -36,7 +36,7 @@ class Checkpoint:
     """
 
     index: int
-    frame: Instant
+    instant: Instant
     last: dict[bool, Increment]
     rows: dict[str, FloatArray]
     ends: list[float]
@@ -52,7 +52,7 @@ def write(workspace: Path, key: str, checkpoint: Checkpoint) -> None:
         "counts": np.array(checkpoint.counts),
     }
     arrays |= {f"row_{name}": value for name, value in checkpoint.rows.items()}
-    arrays |= {f"frame_{f.name}": getattr(checkpoint.frame, f.name) for f in fields(Instant)}
+    arrays |= {f"instant_{f.name}": getattr(checkpoint.instant, f.name) for f in fields(Instant)}
     for moved, increment in checkpoint.last.items():
         prefix = "moved" if moved else "held"
         arrays |= {f"{prefix}_{f.name}": getattr(increment, f.name) for f in fields(Increment)}
@@ -76,7 +76,9 @@ def read(workspace: Path, key: str) -> Checkpoint | None:
             if str(stored["key"]) != key:
                 return None
             names = set(stored.files)
-            frame = Instant(**{f.name: _plain(stored[f"frame_{f.name}"]) for f in fields(Instant)})
+            instant = Instant(
+                **{f.name: _plain(stored[f"instant_{f.name}"]) for f in fields(Instant)}
+            )
             last = {
                 moved: Increment(
                     **{f.name: _plain(stored[f"{prefix}_{f.name}"]) for f in fields(Increment)}
@@ -88,7 +90,7 @@ def read(workspace: Path, key: str) -> Checkpoint | None:
             steps, iterations, cuts, refinements = (int(count) for count in stored["counts"])
             return Checkpoint(
                 int(stored["index"]),
-                frame,
+                instant,
                 last,
                 rows,
                 [float(end) for end in stored["ends"]],
@@ -115,10 +117,10 @@ def fits(
         times: its instants [s], shape (n_times,).
         n_prescribed: number of its prescribed degrees of freedom.
     """
-    frame = checkpoint.frame
-    if _shapes(vars(frame)) != _shapes(vars(start)) or not 0 <= checkpoint.index < len(times):
+    instant = checkpoint.instant
+    if _shapes(vars(instant)) != _shapes(vars(start)) or not 0 <= checkpoint.index < len(times):
         return False
-    away = abs(frame.time - times[checkpoint.index])
+    away = abs(instant.time - times[checkpoint.index])
     points = len(start.H)
     increment = {"du": start.u.shape, "slips": (points, NS), "motion": (n_prescribed,), "dt": ()}
     return (

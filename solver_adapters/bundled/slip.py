@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from solver_adapters.bundled.back_strain import gained, growth, share_left
 from solver_adapters.bundled.compilation import kernel
 from solver_adapters.bundled.dense import factor, solve
-from solver_adapters.bundled.elementary import fast_exp, fast_log
+from solver_adapters.bundled.elementary import decay, fast_exp, fast_log
 from solver_adapters.bundled.law import (
     FIRST_112,
     NS,
@@ -34,16 +34,17 @@ from solver_adapters.bundled.law_terms import harden, non_schmid, second_back_st
 from solver_adapters.bundled.relaxation import near_fall, rate_ratio, rate_slope
 from solver_adapters.bundled.slip_rows import (
     ACC0,
+    AHEAD,
     ASYMMETRY,
     COUPLED,
     D_TAU,
-    EXPLICIT,
     FALL,
     FALL_SLOPE,
     FALLEN,
     HAS_SECOND,
     INTERACTION,
     LOAD,
+    LOG_RATIO,
     OVER0,
     RESIDUAL,
     RISE,
@@ -137,18 +138,18 @@ def _fall(w: FloatArray, n: float, solved: bool) -> None:
         return
     for s in range(NS):
         falls = _begins_to_fall(w, s)
-        w[WEIGHTED + s] = fast_log(w[SLIP + s] / w[SLIP0 + s]) if falls else 0.0
-        w[FALL + s] = near_fall(w[WEIGHTED + s], n) if falls else w[FALL + s]
+        w[LOG_RATIO + s] = fast_log(w[SLIP + s] / w[SLIP0 + s]) if falls else 0.0
+        w[FALL + s] = near_fall(w[LOG_RATIO + s], n) if falls else w[FALL + s]
     if solved:
         # Newton's method is monotone from there: four steps reach the last digits for n from
         # 1.5 to 100.
         for _ in range(4):
             for s in range(NS):
                 r = w[FALL + s]
-                e, e_a = fast_exp(-min(r, 600.0)), fast_exp(-min((n - 1.0) * r, 600.0))
-                error = fast_log(rate_ratio(r, e, e_a, n)) - w[WEIGHTED + s]
+                e, e_a = decay(r), decay((n - 1.0) * r)
+                error = fast_log(rate_ratio(r, e, e_a, n)) - w[LOG_RATIO + s]
                 better = max(r + error / rate_slope(r, e, e_a, n), 0.0)
-                w[FALL + s] = better if w[WEIGHTED + s] < 0.0 else r
+                w[FALL + s] = better if w[LOG_RATIO + s] < 0.0 else r
 
 
 @kernel
@@ -157,7 +158,7 @@ def _relax(w: FloatArray, n: float, solved: bool) -> None:
     for s in range(NS):
         r = w[FALL + s]
         falls = r > 0.0
-        e, e_a = fast_exp(-min(r, 600.0)), fast_exp(-min((n - 1.0) * r, 600.0))
+        e, e_a = decay(r), decay((n - 1.0) * r)
         w[FALLEN + s] = w[SIGN + s] * w[OVER0 + s] * e
         w[FALL_SLOPE + s] = rate_slope(r, e, e_a, n)
         slip = w[SLIP0 + s] * rate_ratio(r, e, e_a, n)
@@ -312,8 +313,8 @@ def advance_slips(w: FloatArray, p: FloatArray, exponential: bool, coupled: bool
     n = p[P_N]
     if coupled:
         for s in range(NS):
-            w[EXPLICIT + s] = w[RESIDUAL + s] + w[SIGN + s] * w[D_TAU + s]
-        weigh_residual(w, EXPLICIT, coupled)
+            w[AHEAD + s] = w[RESIDUAL + s] + w[SIGN + s] * w[D_TAU + s]
+        weigh_residual(w, AHEAD, coupled)
     else:
         for s in range(NS):
             w[STEP + s] += w[WEIGHT + s] * w[SIGN + s] * w[D_TAU + s]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from solver_adapters.bundled.back_strain import growth, recall_slope, share_left
 from solver_adapters.bundled.compilation import kernel
-from solver_adapters.bundled.elementary import fast_exp, fast_log
+from solver_adapters.bundled.elementary import decay, fast_log
 from solver_adapters.bundled.law import (
     FIRST_112,
     NS,
@@ -43,6 +43,7 @@ from solver_adapters.bundled.slip_rows import (
     HISTORY,
     LEFT,
     OVER0,
+    OVER_CHANGE,
     OVER_GAIN,
     RECALL,
     SENSE,
@@ -63,7 +64,7 @@ FloatArray = NDArray[np.float64]
 
 @kernel
 def prepare_derivatives(w: FloatArray, p: FloatArray, exponential: bool) -> None:
-    """What the derivatives of the step in the workspace share: the rows from LEFT on."""
+    """What the derivatives of the step in the workspace share: the rows LEFT to UNHARDENED."""
     c, d, n = p[P_C], p[P_D], p[P_N]
     for s in range(NS):
         g = w[SLIP + s]
@@ -73,7 +74,7 @@ def prepare_derivatives(w: FloatArray, p: FloatArray, exponential: bool) -> None
         w[RECALL + s] = recall_slope(left, g, d, x0, exponential)
         w[GROWTH + s] = growth(left, x0, d, exponential)
         w[HISTORY + s] = w[SIGN + s] * c * left
-        w[UNHARDENED + s] = fast_exp(-min(p[P_B] * (w[ACC0 + s] + g), 600.0))
+        w[UNHARDENED + s] = decay(p[P_B] * (w[ACC0 + s] + g))
         falls = exponential and w[FALL + s] > 0.0
         # ln(Δp/Δt) = n ln(v⁰/K) + ln ρ(r; n); its derivative at fixed Δp gives −dr.
         v0 = w[OVER0 + s] if falls else 1.0
@@ -133,19 +134,19 @@ def _constants_derivative(
     for s in range(NS):
         g = max(w[SLIP + s], 1e-30)
         change = dp[P_K] / K - dp[P_N] * fast_log(g / dt) / (n * n)
-        w[STEP + s] = w[VISCOUS + s] * change
+        w[OVER_CHANGE + s] = w[VISCOUS + s] * change
     if exponential:
         for s in range(NS):
             r = w[FALL + s]
             falls = r > 0.0
             v0 = w[SIGN + s] * w[OVER0 + s] if falls else 1.0
-            e_a = fast_exp(-min((n - 1.0) * r, 600.0))
+            e_a = decay((n - 1.0) * r)
             fall = n * dp[P_K] / K + dp[P_N] * (rate_change(r, e_a, n) - fast_log(v0 / K))
             change = w[VISCOUS + s] * fall / w[FALL_SLOPE + s]
-            w[STEP + s] = change if falls else w[STEP + s]
+            w[OVER_CHANGE + s] = change if falls else w[OVER_CHANGE + s]
     for s in range(NS):
-        w[D_OVER + s] += w[STEP + s]
-        w[EXPLICIT + s] -= w[STEP + s]
+        w[D_OVER + s] += w[OVER_CHANGE + s]
+        w[EXPLICIT + s] -= w[OVER_CHANGE + s]
 
 
 @kernel

@@ -20,16 +20,16 @@ from solver_adapters.bundled.slip_derivatives import (
 )
 from solver_adapters.bundled.slip_rows import D_TAU, EXPLICIT, LOAD, OTHER, SIGN, STEP
 from solver_adapters.bundled.small_strain import (
-    BALANCE,
     CHANGE,
-    CONJUGATE,
+    CONJUGATE_SCHMID,
+    D_STRESS,
+    D_TRIAL,
     ELASTIC,
     FACTOR,
     INVERSE,
-    RHS,
     ROWS,
+    SCRATCH_MODES,
     STRESS,
-    TRIAL,
     VOLUME,
     add_stress,
     drive,
@@ -62,8 +62,8 @@ def response(
     mu0, mu1 = p[P_C11] - p[P_C12], 2.0 * p[P_C44]
     for j in range(9):
         for k in range(5):
-            w[RHS + k] = V[k, j]
-        _invert(w, RHS, CHANGE)
+            w[SCRATCH_MODES + k] = V[k, j]
+        _invert(w, SCRATCH_MODES, CHANGE)
         for k in range(5):
             by_state[j, k] = V[k, j] - w[CHANGE + k] / (mu0 if k < 2 else mu1)
         for k in range(5, 9):
@@ -118,27 +118,27 @@ def derivative(
     mu1 = 2.0 * p[P_C44]
     dmu0 = dp[P_C11] - dp[P_C12]
     dmu1 = 2.0 * dp[P_C44]
-    strain_modes(w, TRIAL, V, dH)  # the trial modes are not needed any more
+    strain_modes(w, D_TRIAL, V, dH)
     if turned:
-        strain_modes(w, ROWS, dV, H)
+        strain_modes(w, SCRATCH_MODES, dV, H)
         for k in range(6):
-            w[TRIAL + k] += w[ROWS + k]
-    dvolume = w[TRIAL + 5]
+            w[D_TRIAL + k] += w[SCRATCH_MODES + k]
+    dvolume = w[D_TRIAL + 5]
     for k in range(5):
-        de = w[TRIAL + k]
-        w[RHS + k] = (mu0 if k < 2 else mu1) * (de - dstate0[k]) + (dmu0 if k < 2 else dmu1) * w[
-            ELASTIC + k
-        ]
-    drive(w, p, RHS, EXPLICIT)
+        de = w[D_TRIAL + k]
+        w[D_STRESS + k] = (mu0 if k < 2 else mu1) * (de - dstate0[k]) + (
+            dmu0 if k < 2 else dmu1
+        ) * w[ELASTIC + k]
+    drive(w, p, D_STRESS, EXPLICIT)
     for s in range(NS):
         w[EXPLICIT + s] *= w[SIGN + s]
     if dp[P_A1] != 0.0:
-        resolve(w, CONJUGATE, STRESS, OTHER)
+        resolve(w, CONJUGATE_SCHMID, STRESS, OTHER)
         non_schmid_derivative(w, p, dp)
     explicit_derivative(w, dt, p, skin, exponential, coupled, constant, dp, dskin, dstate0)
     weigh_residual(w, EXPLICIT, coupled)
-    project(w, BALANCE, LOAD)
-    _invert(w, BALANCE, CHANGE)
+    project(w, SCRATCH_MODES, LOAD)
+    _invert(w, SCRATCH_MODES, CHANGE)
     for k in range(5):
         w[CHANGE + k] = -w[CHANGE + k]
     drive(w, p, CHANGE, D_TAU)
@@ -150,13 +150,13 @@ def derivative(
     for k in range(5):
         mu = mu0 if k < 2 else mu1
         dmu = dmu0 if k < 2 else dmu1
-        dsigma = w[RHS + k] + w[CHANGE + k]
-        dstate1[k] = w[TRIAL + k] - (dsigma - dmu * w[ELASTIC + k]) / mu
-        w[RHS + k] = dsigma
+        dsigma = w[D_STRESS + k] + w[CHANGE + k]
+        dstate1[k] = w[D_TRIAL + k] - (dsigma - dmu * w[ELASTIC + k]) / mu
+        w[D_STRESS + k] = dsigma
     for k in range(5, 9):
         dstate1[k] = 0.0
     for i in range(9):
         dP[i] = 0.0
-    add_stress(dP, V, w, RHS, dsigma_volume)
+    add_stress(dP, V, w, D_STRESS, dsigma_volume)
     if turned:
         add_stress(dP, dV, w, STRESS, bulk * w[VOLUME])

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from solver_adapters.bundled.compilation import kernel
 from solver_adapters.bundled.dense import factor, solve
-from solver_adapters.bundled.law import FIRST_112, NS, P_A1, P_C11, P_C12, P_C44
+from solver_adapters.bundled.law import NS, P_A1, P_C11, P_C12, P_C44
+from solver_adapters.bundled.law_terms import driving_modes
 from solver_adapters.bundled.slip import (
     advance_slips,
     evaluate_systems,
@@ -30,7 +31,6 @@ from solver_adapters.bundled.slip_rows import (
     LOAD,
     N_SLIP_ROWS,
     OTHER,
-    SIGN,
     SIGNED,
     TAU,
     WEIGHT,
@@ -39,18 +39,19 @@ from solver_adapters.bundled.slip_rows import (
 
 FloatArray = NDArray[np.float64]
 
-MODES = N_SLIP_ROWS  # Schmid modes, 5 × 24
-CONJUGATE = MODES + 5 * NS  # modes of the conjugate tensors, 5 × 24
-DRIVING = CONJUGATE + 5 * NS  # modes of the driving stress, 5 × 24, where it is not Schmid's
+SCHMID = N_SLIP_ROWS  # modes of the Schmid tensors, 5 × 24
+CONJUGATE_SCHMID = SCHMID + 5 * NS  # modes of the conjugate tensors, 5 × 24
+DRIVING = CONJUGATE_SCHMID + 5 * NS  # modes of the driving stress, 5 × 24, where it is not Schmid's
 TRIAL = DRIVING + 5 * NS  # e* and the trace mode, 6
-ELASTIC = TRIAL + 6  # elastic strain modes, 5
+D_TRIAL = TRIAL + 6  # its derivative, 6
+ELASTIC = D_TRIAL + 6  # elastic strain modes, 5
 STRESS = ELASTIC + 5  # stress modes, 5
-RHS = STRESS + 5  # 5
-FACTOR = RHS + 5  # LU of 1/μ + Σ w P Pᵀ, 5 × 5
-CHANGE = FACTOR + 25  # 5
+D_STRESS = STRESS + 5  # their derivative: at fixed slips, then in all, 5
+FACTOR = D_STRESS + 5  # LU of 1/μ + Σ w P Pᵀ, 5 × 5
+CHANGE = FACTOR + 25  # change of the stress modes, 5
 VOLUME = CHANGE + 5  # trace mode of the strain, 1
-BALANCE = VOLUME + 1  # 5
-ROWS = BALANCE + 5  # 5 × 9
+SCRATCH_MODES = VOLUME + 1  # scratch: modes of a tensor, 6
+ROWS = SCRATCH_MODES + 6  # modes of nine tensors times FACTOR's inverse, 5 × 9
 INVERSE = ROWS + 45  # (1/μ + Σ w P Pᵀ)⁻¹, 5 × 5, the second index first
 WORKSPACE = INVERSE + 25
 
@@ -58,17 +59,17 @@ WORKSPACE = INVERSE + 25
 @kernel
 def prepare(
     w: FloatArray,
-    modes: FloatArray,
+    schmid: FloatArray,
     conjugate: FloatArray,
     interaction: FloatArray,
     sense: FloatArray,
 ) -> None:
-    """Put what is constant into a fresh workspace: the modes are (8, 24), five of them used."""
+    """Put what is constant into a fresh workspace: the first five of modes (8, 24), and tables."""
     prepare_slip(w, interaction, sense)
     for k in range(5):
         for s in range(NS):
-            w[MODES + k * NS + s] = modes[k, s]
-            w[CONJUGATE + k * NS + s] = conjugate[k, s]
+            w[SCHMID + k * NS + s] = schmid[k, s]
+            w[CONJUGATE_SCHMID + k * NS + s] = conjugate[k, s]
 
 
 @kernel
@@ -77,36 +78,36 @@ def project(w: FloatArray, target: int, source: int) -> None:
     t0 = t1 = t2 = t3 = t4 = 0.0
     for s in range(NS):
         x = w[source + s]
-        t0 += w[MODES + s] * x
-        t1 += w[MODES + NS + s] * x
-        t2 += w[MODES + 2 * NS + s] * x
-        t3 += w[MODES + 3 * NS + s] * x
-        t4 += w[MODES + 4 * NS + s] * x
+        t0 += w[SCHMID + s] * x
+        t1 += w[SCHMID + NS + s] * x
+        t2 += w[SCHMID + 2 * NS + s] * x
+        t3 += w[SCHMID + 3 * NS + s] * x
+        t4 += w[SCHMID + 4 * NS + s] * x
     w[target], w[target + 1], w[target + 2] = t0, t1, t2
     w[target + 3], w[target + 4] = t3, t4
 
 
 @kernel
 def _stress(w: FloatArray, mu0: float, mu1: float) -> None:
-    project(w, BALANCE, SIGNED)
+    project(w, SCRATCH_MODES, SIGNED)
     for k in range(5):
-        e = w[TRIAL + k] - w[BALANCE + k]
+        e = w[TRIAL + k] - w[SCRATCH_MODES + k]
         w[ELASTIC + k] = e
         w[STRESS + k] = (mu0 if k < 2 else mu1) * e
 
 
 @kernel
-def resolve(w: FloatArray, modes: int, source: int, target: int) -> None:
-    """Over the systems: target_s = source : tensor_s, both in modes, those of tensors at modes."""
+def resolve(w: FloatArray, tensors: int, source: int, target: int) -> None:
+    """Over the systems: target_s = source : tensor_s, both in modes."""
     t0, t1, t2 = w[source], w[source + 1], w[source + 2]
     t3, t4 = w[source + 3], w[source + 4]
     for s in range(NS):
         w[target + s] = (
-            w[modes + s] * t0
-            + w[modes + NS + s] * t1
-            + w[modes + 2 * NS + s] * t2
-            + w[modes + 3 * NS + s] * t3
-            + w[modes + 4 * NS + s] * t4
+            w[tensors + s] * t0
+            + w[tensors + NS + s] * t1
+            + w[tensors + 2 * NS + s] * t2
+            + w[tensors + 3 * NS + s] * t3
+            + w[tensors + 4 * NS + s] * t4
         )
 
 
@@ -116,7 +117,7 @@ def drive(w: FloatArray, p: FloatArray, source: int, target: int) -> None:
     if p[P_A1] != 0.0:
         resolve(w, DRIVING, source, target)
     else:
-        resolve(w, MODES, source, target)
+        resolve(w, SCHMID, source, target)
 
 
 @kernel
@@ -131,18 +132,14 @@ def _evaluate(
 ) -> float:
     """Residuals at the slips; returns how far from solved they are."""
     _stress(w, mu0, mu1)
-    resolve(w, MODES, STRESS, TAU)
+    resolve(w, SCHMID, STRESS, TAU)
     error: float
     if p[P_A1] == 0.0:
         error = evaluate_systems(w, dt, p, exponential, coupled)
         return error
-    resolve(w, CONJUGATE, STRESS, OTHER)
+    resolve(w, CONJUGATE_SCHMID, STRESS, OTHER)
     error = evaluate_systems(w, dt, p, exponential, coupled)
-    for k in range(5):
-        for s in range(NS):
-            schmid, other = w[MODES + k * NS + s], w[CONJUGATE + k * NS + s]
-            scale = 1.0 + 0.5 * p[P_A1] if s < FIRST_112 else 1.0
-            w[DRIVING + k * NS + s] = scale * schmid + w[SIGN + s] * p[P_A1] * other
+    driving_modes(w, p, SCHMID, CONJUGATE_SCHMID, DRIVING, 5)
     return error
 
 
@@ -152,20 +149,20 @@ def _condense(w: FloatArray, mu0: float, mu1: float, p: FloatArray, coupled: boo
     for i in range(5):
         if symmetric:
             for s in range(NS):
-                w[WEIGHTED + s] = w[MODES + i * NS + s] * w[WEIGHT + s]
+                w[WEIGHTED + s] = w[SCHMID + i * NS + s] * w[WEIGHT + s]
             project(w, FACTOR + 5 * i, WEIGHTED)
         else:
-            weigh_mode(w, (DRIVING if p[P_A1] != 0.0 else MODES) + i * NS, coupled)
-            project(w, BALANCE, WEIGHTED)
+            weigh_mode(w, (DRIVING if p[P_A1] != 0.0 else SCHMID) + i * NS, coupled)
+            project(w, SCRATCH_MODES, WEIGHTED)
             for k in range(5):
-                w[FACTOR + 5 * k + i] = w[BALANCE + k]
+                w[FACTOR + 5 * k + i] = w[SCRATCH_MODES + k]
     for i in range(5):
         w[FACTOR + 6 * i] += 1.0 / (mu0 if i < 2 else mu1)
     factor(w, FACTOR, 5)
 
 
 @kernel
-def stress_change(w: FloatArray, p: FloatArray) -> None:
+def condensed_change(w: FloatArray, p: FloatArray) -> None:
     """CHANGE = −(1/μ + Σ w P Pᵀ)⁻¹ Σ LOAD P, D_TAU = P·CHANGE."""
     project(w, CHANGE, LOAD)
     solve(w, FACTOR, 5, CHANGE, 1)
@@ -242,7 +239,7 @@ def update(
         _condense(w, mu0, mu1, p, coupled)
         if error <= tolerance or count >= most or not is_sound(w, error):
             break
-        stress_change(w, p)
+        condensed_change(w, p)
         advance_slips(w, p, exponential, coupled)
         count += 1
     valid = error <= tolerance and is_sound(w, error)

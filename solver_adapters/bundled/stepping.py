@@ -67,12 +67,12 @@ class Stepper:
         if not p.strained:
             return instant
         # In no time nothing slips.
-        rest = np.zeros((p.prescribed.size, k))
+        still = np.zeros((p.prescribed.size, k))
         try:
             trial = self._equilibrium.solve_step(
                 instant, np.zeros(p.prescribed.size), _NO_TIME, self._last
             )
-            return self._accept(instant, trial, begin, _NO_TIME, rest)
+            return self._accept(instant, trial, begin, _NO_TIME, lambda _: still)
         except NotConvergedError as failure:
             raise SolverError(
                 f"no equilibrium with the eigenstrain before loading: {failure}"
@@ -147,8 +147,7 @@ class Stepper:
                 self.statistics.refinements += 1
                 size *= 0.5
                 continue
-            tangent = motion_tangent(target) if self.tangents.count else None
-            instant = self._accept(instant, trial, target, dt, tangent)
+            instant = self._accept(instant, trial, target, dt, motion_tangent)
             self.statistics.steps += 1
             self.statistics.ends.append(target)
             if self.accuracy is None or error < 0.5 * self.accuracy:
@@ -161,15 +160,17 @@ class Stepper:
         trial: Trial,
         end: float,
         dt: float,
-        motion_tangent: FloatArray | None,
+        motion_tangent: Callable[[float], FloatArray],
     ) -> Instant:
         """The instant at the end of a converged step, with its derivatives."""
         p = self.problem
         held = trial.u.ravel()[p.prescribed] - instant.u.ravel()[p.prescribed]
-        self._last[bool(np.any(held))] = Increment(trial.u - instant.u, trial.slips, held, dt)
+        self._last[trial.moves] = Increment(trial.u - instant.u, trial.slips, held, dt)
         du, dstate, dforce = instant.du, instant.dstate, instant.dforce
-        if motion_tangent is not None and self.tangents.count:
-            du, dstate, dforce = self._differentiation.derive(instant, trial, dt, motion_tangent)
+        if self.tangents.count:
+            du, dstate, dforce = self._differentiation.derive(
+                instant, trial, dt, motion_tangent(end)
+            )
         force = float(trial.forces[p.pulled].sum())
         slip, P = instant.slip, instant.P
         if self.cell_fields:

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver_adapters.bundled.assembly import element_stiffness
-from solver_adapters.bundled.linear import SymmetricSolver
 from solver_adapters.bundled.problem import Problem
 from solver_adapters.bundled.statistics import Statistics
+from solver_adapters.bundled.symmetric import SymmetricSolver
 from solver_adapters.bundled.triangles import RESIDUAL
 from solver_adapters.bundled.unsymmetric import UnsymmetricSolver
 

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_adapters.bundled.cholesky import Cholesky
-from solver_adapters.bundled.krylov import skew_iteration
-from solver_adapters.bundled.linear import (
+from solver_adapters.bundled.checked import (
     LinearSolverError,
     checked_columns,
     copy_values,
     refined,
     superlu,
 )
+from solver_adapters.bundled.cholesky import Cholesky
+from solver_adapters.bundled.krylov import skew_iteration
 from solver_adapters.bundled.triangles import RESIDUAL, Backsolve, TwoTriangles
 from solver_adapters.interface import FloatArray, IntArray
 

@@ -16,6 +16,7 @@ from driver.estimate import estimate
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.calculix.adapter import CalculixAdapter
 from solver_adapters.interface import Capabilities, UnsupportedError
+from solver_adapters.profile import Profile
 from solver_adapters.registry import find_adapter
 from tests.solver_adapters.bar import BarAdapter
 
@@ -176,7 +177,7 @@ def test_a_scheme_that_the_solver_lacks_is_an_error_with_the_remedy(case_path):
 
 
 def test_a_strain_measure_that_a_program_lacks_is_told_once(case_path, monkeypatch):
-    monkeypatch.setattr(check_module, "solvers", lambda: {"calculix": CalculixAdapter})
+    install(monkeypatch, CalculixAdapter(Profile(command=(sys.executable,))))
     edit(case_path, 'name = "bundled"', 'name = "calculix"')
     edit(case_path, 'strain_measure = "small"', 'strain_measure = "finite"')
     assert found(case_path, "error") == [

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.bundled import assembly
-from solver_adapters.bundled.element import shape_gradients
+from solver_adapters.bundled.element import element_of, shape_gradients
 from solver_adapters.interface import FloatArray, IntArray
 from tests.solver_adapters.boxes import BOXES
 
@@ -55,7 +55,7 @@ class Discrete:
 @pytest.fixture(scope="module", params=list(BOXES))
 def discrete(request: pytest.FixtureRequest) -> Discrete:
     mesh = BOXES[request.param]()
-    return Discrete(mesh, *shape_gradients(mesh.points, mesh.cells))
+    return Discrete(mesh, *shape_gradients(mesh.points, mesh.cells, element_of(mesh.cells)))
 
 
 def test_the_stored_lower_triangle_is_the_stiffness_on_the_free_degrees_of_freedom(

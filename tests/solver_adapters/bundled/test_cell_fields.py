@@ -16,7 +16,7 @@ from solver_adapters.bundled.cell_fields import (
     rotation_between,
     small_rotation,
 )
-from solver_adapters.bundled.element import shape_gradients
+from solver_adapters.bundled.element import element_of, shape_gradients
 from solver_adapters.crystal import rotation_vector_matrix, schmid_tensors
 from solver_adapters.interface import (
     CellFields,
@@ -40,7 +40,8 @@ def solve(simulation: Simulation) -> tuple[Response, CellFields]:
 
 
 def volumes(simulation: Simulation) -> FloatArray:
-    _, weights = shape_gradients(simulation.mesh.points, simulation.mesh.cells)
+    mesh = simulation.mesh
+    _, weights = shape_gradients(mesh.points, mesh.cells, element_of(mesh.cells))
     total: FloatArray = weights.sum(axis=1)
     return total
 

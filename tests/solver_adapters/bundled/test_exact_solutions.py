@@ -46,8 +46,9 @@ def test_a_patch_under_linear_motion_of_its_skin_strains_alike_to_rounding(
         error = response.displacement[row] - expected
         assert abs(error).max() < 1e-12 * abs(expected).max()
         H = np.tile((time * gradient @ crystal).ravel(), (len(state), 1))
-        state, slips, P, _, _ = problem.points.update(H, state, slips, 1.0)
-        stress = (P[0].reshape(3, 3) @ crystal.T)[1, 1]
+        found = problem.points.update(H, state, slips, 1.0)
+        state, slips = found.state, found.slips
+        stress = (found.P[0].reshape(3, 3) @ crystal.T)[1, 1]
         np.testing.assert_allclose(response.force[row], 4.0 * stress, rtol=1e-9)
     assert np.count_nonzero(slips[0]) > 5
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from solver_adapters.bundled.element import gauss_positions, n_gauss
+from solver_adapters.bundled.element import Element, element_of, gauss_positions
 from solver_adapters.bundled.fields import (
+    AtRest,
     at_rest,
     at_rest_change,
     crystal_frames,
@@ -34,7 +35,16 @@ def _simulation(kind: str, material: Material = GENERAL, jitter: float = 0.0) ->
 def _at(simulation: Simulation) -> FloatArray:
     """Gauss points, (n_points, 3)."""
     mesh = simulation.mesh
-    return gauss_positions(mesh.points, mesh.cells).reshape(-1, 3)
+    return gauss_positions(mesh.points, mesh.cells, _element(simulation)).reshape(-1, 3)
+
+
+def _element(simulation: Simulation) -> Element:
+    return element_of(simulation.mesh.cells)
+
+
+def _rest(simulation: Simulation) -> AtRest:
+    element = _element(simulation)
+    return at_rest(simulation, element, crystal_frames(simulation, element))
 
 
 def _share(material: Material, state: FloatArray) -> FloatArray:
@@ -48,7 +58,7 @@ def test_a_lattice_gradient_turns_each_point_with_its_distance_from_the_centroid
 ) -> None:
     """A rotation vector linear in Y, null at the mean of its grain: the halves meet at Y = 2."""
     simulation = replace(_simulation(kind), lattice_gradient=GRADIENT)
-    frames = crystal_frames(simulation)
+    frames = crystal_frames(simulation, _element(simulation))
     y = _at(simulation)[:, 1]
     np.testing.assert_array_equal(frames.of_point, np.arange(y.size))
     grain = (y > 2.0).astype(np.int64)
@@ -61,12 +71,12 @@ def test_without_a_gradient_a_grain_has_one_frame_and_a_null_gradient_the_same_o
     kind: str,
 ) -> None:
     simulation = _simulation(kind)
-    frames = crystal_frames(simulation)
+    frames = crystal_frames(simulation, _element(simulation))
     np.testing.assert_array_equal(frames.rotation, ORIENTATIONS)
-    grain = np.repeat(simulation.mesh.grain, n_gauss(simulation.mesh.cells))
+    grain = np.repeat(simulation.mesh.grain, len(_element(simulation).weights))
     np.testing.assert_array_equal(frames.of_point, grain)
     asked = Direction("gradient", lattice_gradient=GRADIENT)
-    spread = crystal_frames(replace(simulation, directions=(asked,)))
+    spread = crystal_frames(replace(simulation, directions=(asked,)), _element(simulation))
     assert len(spread.rotation) == grain.size
     np.testing.assert_allclose(spread.rotation, ORIENTATIONS[grain], atol=1e-15)
 
@@ -116,13 +126,13 @@ def test_changes_are_difference_quotients(name: str, kind: str) -> None:
     direction = _directions(plain)[name]
     step = 1e-5
     high, low = (_along(plain, direction, sign * step) for sign in (1, -1))
-    frames, above, below = (crystal_frames(s) for s in (plain, high, low))
-    drotation = frame_change(plain, direction)
+    frames, above, below = (crystal_frames(s, _element(s)) for s in (plain, high, low))
+    drotation = frame_change(plain, _element(plain), direction)
     expected = (above.rotation - below.rotation) / (2 * step)
     np.testing.assert_allclose(drotation, expected, atol=1e-9)
-    change = at_rest_change(plain, direction, frames, drotation)
+    change = at_rest_change(plain, _element(plain), direction, frames, drotation)
     assert change is not None
-    up, down = at_rest(high, above), at_rest(low, below)
+    up, down = at_rest(high, _element(high), above), at_rest(low, _element(low), below)
     for found, quotient in (
         (change.state, (up.state - down.state) / (2 * step)),
         (change.skin, (up.skin - down.skin) / (2 * step)),
@@ -132,10 +142,17 @@ def test_changes_are_difference_quotients(name: str, kind: str) -> None:
 
 def test_a_direction_without_part_in_the_state_at_rest_has_no_change_of_it() -> None:
     simulation = _simulation("tet10", Material())
-    frames = crystal_frames(simulation)
+    frames = crystal_frames(simulation, _element(simulation))
     null = np.zeros_like(frames.rotation)
-    assert at_rest_change(simulation, Direction("c", material={"c": 1.0}), frames, null) is None
-    felt = at_rest_change(simulation, Direction("x0", material={"x0": 1.0}), frames, null)
+    assert (
+        at_rest_change(
+            simulation, _element(simulation), Direction("c", material={"c": 1.0}), frames, null
+        )
+        is None
+    )
+    felt = at_rest_change(
+        simulation, _element(simulation), Direction("x0", material={"x0": 1.0}), frames, null
+    )
     assert felt is not None and felt.state[:, S_X:S_OVER].any()
 
 
@@ -145,7 +162,12 @@ def test_an_eigenstrain_is_linear_in_depth_and_without_mean(kind: str) -> None:
         pulled(one_grain(BOXES[kind]((2, 4, 2), SIZE)), GENERAL, (0.0,)),
         orientations=np.eye(3)[None],
     )
-    strain = _share(GENERAL, at_rest(simulation, crystal_frames(simulation)).state)
+    strain = _share(
+        GENERAL,
+        at_rest(
+            simulation, _element(simulation), crystal_frames(simulation, _element(simulation))
+        ).state,
+    )
     axial, z = strain[:, 1, 1], _at(simulation)[:, 2]
     np.testing.assert_allclose(strain[:, 0, 0], -axial / 2, atol=1e-13)
     np.testing.assert_allclose(strain[:, 2, 2], -axial / 2, atol=1e-13)
@@ -161,7 +183,9 @@ def test_the_skin_counts_the_distance_from_the_free_sides_alone(kind: str) -> No
     x, _, z = _at(simulation).T
     distance = np.min([x, SIZE[0] - x, z, SIZE[2] - z], axis=0)
     expected = 1 + 0.3 * np.exp(-distance / 0.4)
-    found = at_rest(simulation, crystal_frames(simulation)).skin
+    found = at_rest(
+        simulation, _element(simulation), crystal_frames(simulation, _element(simulation))
+    ).skin
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
@@ -173,4 +197,9 @@ def test_a_second_back_strain_is_carried_where_it_has_an_effect_or_a_derivative(
         (_simulation("tet10", Material(c2=100.0)), N_STATE),
         (asked, N_STATE),
     ):
-        assert at_rest(simulation, crystal_frames(simulation)).state.shape[1] == size
+        assert (
+            at_rest(
+                simulation, _element(simulation), crystal_frames(simulation, _element(simulation))
+            ).state.shape[1]
+            == size
+        )

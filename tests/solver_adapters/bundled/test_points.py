@@ -29,6 +29,7 @@ from solver_adapters.interaction import bcc24_classes
 from solver_adapters.interface import Integration
 from solver_adapters.material import Material, StrainMeasure
 from tests.solver_adapters.bundled import reference_law as reference
+from tests.solver_adapters.bundled.rest import state_at_rest
 
 AnyArray = NDArray[Any]
 ROTATIONS = np.stack([bunge_matrix(281, 8, 47), bunge_matrix(211, 45, 150)])
@@ -107,9 +108,10 @@ def _solve(
     for multiple in loading:
         H = (multiple * pull @ ROTATIONS[GRAIN]).reshape(N_POINTS, 9)
         state = end
-        end, slips, P, tangent, count = points.update(H, state, slips, DT)
-        assert count.min() >= 0
-    return Solved(points, H, state, slips, P, tangent, end)
+        found = points.update(H, state, slips, DT)
+        assert found.iterations.min() >= 0
+        end, slips = found.state, found.slips
+    return Solved(points, H, state, slips, found.P, found.C, end)
 
 
 LOADINGS = {
@@ -162,12 +164,12 @@ def test_the_slips_of_a_step_solve_the_equations_of_the_law(solved: Solved) -> N
 
 def test_the_start_of_the_iteration_does_not_matter(solved: Solved) -> None:
     rest = np.zeros_like(solved.slips)
-    end, slips, P, _, count = solved.points.update(solved.H, solved.state, rest, DT)
-    assert count.min() >= 0
-    np.testing.assert_allclose(slips, solved.slips, rtol=0, atol=10 * SLIP_TOLERANCE)
-    np.testing.assert_allclose(P, solved.P, rtol=0, atol=1e-8)
-    rows = np.r_[0:S_OVER, S_ACC : end.shape[1]]
-    np.testing.assert_allclose(end[:, rows], solved.end[:, rows], rtol=0, atol=1e-12)
+    found = solved.points.update(solved.H, solved.state, rest, DT)
+    assert found.iterations.min() >= 0
+    np.testing.assert_allclose(found.slips, solved.slips, rtol=0, atol=10 * SLIP_TOLERANCE)
+    np.testing.assert_allclose(found.P, solved.P, rtol=0, atol=1e-8)
+    rows = np.r_[0:S_OVER, S_ACC : found.state.shape[1]]
+    np.testing.assert_allclose(found.state[:, rows], solved.end[:, rows], rtol=0, atol=1e-12)
 
 
 def test_an_iteration_that_overflows_does_not_pass(measure: StrainMeasure) -> None:
@@ -178,9 +180,10 @@ def test_an_iteration_that_overflows_does_not_pass(measure: StrainMeasure) -> No
     rest = np.zeros((N_POINTS, 24))
     for strain, solvable in ((0.003, True), (0.3, False)):
         H = (strain * np.diag([-0.4, 1.0, -0.4]) @ ROTATIONS[GRAIN]).reshape(N_POINTS, 9)
-        _, _, P, _, count = points.update(H, points.initial_state(), rest, DT)
-        assert (count >= 0).all() == solvable
-        assert np.isfinite(P[count >= 0]).all()
+        found = points.update(H, state_at_rest(points), rest, DT)
+        valid = found.iterations >= 0
+        assert valid.all() == solvable
+        assert np.isfinite(found.P[valid]).all()
 
 
 def test_many_systems_slip_in_the_plastic_step(measure: StrainMeasure) -> None:

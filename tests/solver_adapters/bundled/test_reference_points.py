@@ -13,6 +13,7 @@ from solver_adapters.bundled.points import Points, points_of_grains
 from solver_adapters.crystal import bunge_matrix
 from solver_adapters.interface import Integration
 from solver_adapters.material import Material, StrainMeasure
+from tests.solver_adapters.bundled.rest import state_at_rest
 
 AnyArray = NDArray[Any]
 DATA = Path(__file__).parents[2] / "data" / "solver"
@@ -38,16 +39,17 @@ def _isochoric_error(
     with np.load(DATA / "crystal_point.npz") as data:
         t, e, _, _, s33 = data[measure][:, :5].T
     points = _points(Material(strain_measure=measure), integration)
-    state, slips = points.initial_state(), np.zeros((1, 24))
+    state, slips = state_at_rest(points), np.zeros((1, 24))
     errors = []
     for row in range(1, len(t)):
         for part in range(1, substeps + 1):
             strain = e[row - 1] + (e[row] - e[row - 1]) * part / substeps
             H = _gradient(measure, strain)
             dt = (t[row] - t[row - 1]) / substeps
-            state, slips, P, _, count = points.update((H @ R).reshape(1, 9), state, slips, dt)
-            assert count[0] >= 0
-        stress = P.reshape(3, 3) @ R.T
+            found = points.update((H @ R).reshape(1, 9), state, slips, dt)
+            assert found.iterations[0] >= 0
+            state, slips = found.state, found.slips
+        stress = found.P.reshape(3, 3) @ R.T
         if measure == "finite":
             F = np.eye(3) + H
             stress = stress @ F.T / np.linalg.det(F)
@@ -85,22 +87,22 @@ def _uniaxial_stress(points: Points, axis: int, times: AnyArray, strains: AnyArr
     free = np.array([k for k in range(6) if k != axis])
     rows = (basis @ R).reshape(6, 9)
     strain = np.zeros(6)
-    state, slips = points.initial_state(), np.zeros((1, 24))
+    state, slips = state_at_rest(points), np.zeros((1, 24))
     found = [0.0]
     for dt, target in zip(np.diff(times), strains[1:], strict=True):
         strain[axis] = target
         for _ in range(30):
             H = (strain @ rows).reshape(1, 9)
-            end, now, P, tangent, count = points.update(H, state, slips, float(dt))
-            assert count[0] >= 0
-            stress = (P.reshape(3, 3) @ R.T)[i, j]
+            end = points.update(H, state, slips, float(dt))
+            assert end.iterations[0] >= 0
+            stress = (end.P.reshape(3, 3) @ R.T)[i, j]
             if abs(stress[free]).max() < 1e-9 * abs(stress[axis]):
                 break
-            slopes = ((tangent[0] @ rows.T).T.reshape(6, 3, 3) @ R.T)[:, i, j].T
+            slopes = ((end.C[0] @ rows.T).T.reshape(6, 3, 3) @ R.T)[:, i, j].T
             strain[free] -= np.linalg.solve(slopes[np.ix_(free, free)], stress[free])
         else:
             raise AssertionError(f"the lateral strains did not converge at {target}")
-        state, slips = end, now
+        state, slips = end.state, end.slips
         found.append(float(stress[axis]))
     return np.array(found)
 

@@ -18,12 +18,12 @@ from solver_adapters.interface import SolverError
 
 def checkpoint() -> Checkpoint:
     rng = np.random.default_rng(3)
-    frame = Instant(
+    instant = Instant(
         1.5, rng.random((4, 3)), rng.random((8, 9)), rng.random((8, S_X2)), 7.5,
         rng.random((4, 3, 2)), rng.random((8, 2, S_ACC)), rng.random(2),
     )  # fmt: skip
     last = {False: Increment(rng.random((4, 3)), rng.random((8, NS)), rng.random(6), 0.5)}
-    return Checkpoint(3, frame, last, {"force": rng.random(5)}, [0.5, 1.0, 1.5], (3, 9, 1, 0))
+    return Checkpoint(3, instant, last, {"force": rng.random(5)}, [0.5, 1.0, 1.5], (3, 9, 1, 0))
 
 
 def test_a_checkpoint_is_read_as_it_was_written(tmp_path: Path) -> None:
@@ -34,7 +34,7 @@ def test_a_checkpoint_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert (found.index, found.ends, found.counts) == (3, [0.5, 1.0, 1.5], (3, 9, 1, 0))
     for item in fields(Instant):
         np.testing.assert_array_equal(
-            getattr(found.frame, item.name), getattr(written.frame, item.name)
+            getattr(found.instant, item.name), getattr(written.instant, item.name)
         )
     for item in fields(Increment):
         np.testing.assert_array_equal(

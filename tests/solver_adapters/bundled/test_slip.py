@@ -26,9 +26,9 @@ from solver_adapters.bundled.law import (
     S_X,
     S_X2,
     TWINNING_SENSE,
-    interaction_matrix,
     local_parameters,
 )
+from solver_adapters.constants import interaction_matrix
 from solver_adapters.interaction import bcc24_classes
 from solver_adapters.interface import FloatArray
 from solver_adapters.material import Material

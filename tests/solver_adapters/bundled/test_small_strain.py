@@ -10,6 +10,7 @@ from solver_adapters.crystal import bunge_matrix, schmid_tensors
 from solver_adapters.interface import FloatArray
 from solver_adapters.material import Material
 from tests.solver_adapters.bundled.elasticity import stiffness
+from tests.solver_adapters.bundled.rest import state_at_rest
 
 MATERIAL = Material(strain_measure="small")
 R = bunge_matrix(211, 45, 150)
@@ -25,13 +26,14 @@ def _history(
     points: Points, gradients: FloatArray, dt: float = 1.0
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Stresses (n, 3, 3), signed slips (n, 24) and states of steps with these gradients."""
-    state, slips = points.initial_state(), np.zeros((1, NS))
+    state, slips = state_at_rest(points), np.zeros((1, NS))
     stresses, all_slips, states = [], [], []
     for gradient in gradients:
         H = (gradient @ R).reshape(1, 9)
-        state, slips, P, _, count = points.update(H, state, slips, dt)
-        assert count[0] >= 0
-        stresses.append(P.reshape(3, 3) @ R.T)
+        found = points.update(H, state, slips, dt)
+        assert found.iterations[0] >= 0
+        state, slips = found.state, found.slips
+        stresses.append(found.P.reshape(3, 3) @ R.T)
         all_slips.append(slips[0])
         states.append(state[0])
     return np.array(stresses), np.array(all_slips), np.array(states)

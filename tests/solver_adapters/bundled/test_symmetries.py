@@ -66,10 +66,11 @@ def test_none_of_the_24_cube_rotations_changes_the_answer_of_a_crystal(
     state, slips = problem.state, np.zeros((len(turns), 24))
     for strain in HISTORY:
         H = (strain * pull @ turns).reshape(-1, 9)
-        state, slips, P, _, count = problem.points.update(H, state, slips, 1.0)
-        assert count.min() >= 0
+        found = problem.points.update(H, state, slips, 1.0)
+        assert found.iterations.min() >= 0
+        state, slips = found.state, found.slips
     assert (np.count_nonzero(slips, axis=1) >= 5).all()
-    stress = P.reshape(-1, 3, 3) @ turns.transpose(0, 2, 1)
+    stress = found.P.reshape(-1, 3, 3) @ turns.transpose(0, 2, 1)
     np.testing.assert_allclose(stress, np.broadcast_to(stress[0], stress.shape), atol=1e-8)
 
 
@@ -101,9 +102,9 @@ def test_a_large_rigid_turn_on_top_of_a_plastic_strain_turns_the_stress_along() 
     answers = []
     for motion in (F, Q @ F):
         H = ((motion - np.eye(3)) @ turns).reshape(-1, 9)
-        state, slips, P, _, count = problem.points.update(H, problem.state, rest, 1.0)
-        assert count.min() > 0
-        answers.append((state, slips, P.reshape(-1, 3, 3)))
+        found = problem.points.update(H, problem.state, rest, 1.0)
+        assert found.iterations.min() > 0
+        answers.append((found.state, found.slips, found.P.reshape(-1, 3, 3)))
     (state, slips, P), (state_q, slips_q, P_q) = answers
     assert (np.count_nonzero(slips, axis=1) >= 3).all()
     np.testing.assert_allclose(P_q, Q @ P, atol=1e-8 * abs(P).max())

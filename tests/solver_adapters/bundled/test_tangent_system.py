@@ -122,17 +122,18 @@ def test_the_equilibrium_iteration_converges_quadratically(
         while len(norms) < 25:
             H = np.empty((len(state), 9))
             displacement_gradients(u, problem.cells, problem.gradients, H)
-            end, slips, P, C, count = points.update(H, state, slips, 1.0)
-            assert count.min() >= 0
+            found = points.update(H, state, slips, 1.0)
+            assert found.iterations.min() >= 0
+            slips = found.slips
             forces = np.empty(problem.pattern.dofs.shape)
-            element_forces(P, problem.gradients, problem.weights, forces)
+            element_forces(found.P, problem.gradients, problem.weights, forces)
             residual = problem.pattern.node_sum(forces, problem.n_nodes)[free]
             norms.append(float(np.linalg.norm(residual)))
             if norms[-1] < floor:
                 break
-            system.assemble(C, moves=True, fresh=True)
+            system.assemble(found.C, moves=True, fresh=True)
             u.ravel()[free] -= system.solve(residual)
         assert norms[-1] < floor
-        rate, before, state = (u - last) / (part - before), part, end
+        rate, before, state = (u - last) / (part - before), part, found.state
     slopes = np.diff(np.log([norm for norm in norms if norm > floor]))
     assert slopes[-1] / slopes[-2] > 1.8

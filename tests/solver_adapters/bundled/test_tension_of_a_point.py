@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import polar
 
+from solver_adapters.bundled.points import PointSolution
 from solver_adapters.bundled.problem import build_problem
 from solver_adapters.crystal import rotation_vector_matrix, schmid_tensors, slip_systems
 from solver_adapters.interface import FloatArray, Simulation
@@ -29,12 +30,12 @@ def _uniaxial(problem_of: Simulation, stretches: FloatArray) -> tuple[FloatArray
     free = [0, 2, 3, 5, 6, 8]
     gauge = np.array([0.0, 1.0, 0.0, 0.0, -1.0, 0.0]) * 1e3
 
-    def answer(F: FloatArray) -> tuple[FloatArray, tuple[FloatArray, ...]]:
+    def answer(F: FloatArray) -> tuple[FloatArray, PointSolution]:
         H = np.tile((F - np.eye(3)).ravel() @ turn, (n, 1))
-        end, new, P, C, count = problem.points.update(H, state, slips, 1.0, strained)
-        residual = np.append((turn @ P[0])[free], gauge @ F.ravel()[free])
-        solved = count[0] >= 0 and np.isfinite(residual).all()
-        return residual if solved else np.full(7, np.inf), (end, new, P, C)
+        found = problem.points.update(H, state, slips, 1.0, strained)
+        residual = np.append((turn @ found.P[0])[free], gauge @ F.ravel()[free])
+        solved = found.iterations[0] >= 0 and np.isfinite(residual).all()
+        return residual if solved else np.full(7, np.inf), found
 
     F, rate = np.eye(3), np.zeros((3, 3))
     state, slips, before = problem.state, np.zeros((n, 24)), 1.0
@@ -44,11 +45,11 @@ def _uniaxial(problem_of: Simulation, stretches: FloatArray) -> tuple[FloatArray
         last = F
         F = F + rate * (stretch - before)
         F[:, 1] = [0.0, stretch, 0.0]
-        residual, (end, new, P, C) = answer(F)
+        residual, end = answer(F)
         for _ in range(60):
             if abs(residual).max() < 1e-7:
                 break
-            matrix = np.vstack([(turn @ C[0] @ turn.T)[np.ix_(free, free)], gauge])
+            matrix = np.vstack([(turn @ end.C[0] @ turn.T)[np.ix_(free, free)], gauge])
             step = np.linalg.lstsq(matrix, residual, rcond=None)[0]
             for length in 0.5 ** np.arange(12):
                 trial = F.copy()
@@ -56,12 +57,12 @@ def _uniaxial(problem_of: Simulation, stretches: FloatArray) -> tuple[FloatArray
                 changed, answered = answer(trial)
                 if np.linalg.norm(changed) < np.linalg.norm(residual):
                     break
-            F, residual, (end, new, P, C) = trial, changed, answered
+            F, residual, end = trial, changed, answered
         assert abs(residual).max() < 1e-7
         rate, before = (F - last) / (stretch - before), stretch
-        state, slips = end, new
+        state, slips = end.state, end.slips
         strained = np.tile((F - np.eye(3)).ravel() @ turn, (n, 1))
-        stresses.append((turn @ P[0])[4])
+        stresses.append((turn @ end.P[0])[4])
         gradients.append(F)
     return np.array(stresses), np.array(gradients)
 

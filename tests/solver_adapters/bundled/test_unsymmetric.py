@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from solver_adapters.bundled import linear
+from solver_adapters.bundled import checked
+from solver_adapters.bundled.checked import LinearSolverError
 from solver_adapters.bundled.cholesky import Cholesky
-from solver_adapters.bundled.linear import LinearSolverError
 from solver_adapters.bundled.triangles import LARGEST_RESIDUAL, RESIDUAL
 from solver_adapters.bundled.unsymmetric import UnsymmetricSolver
 from solver_adapters.interface import FloatArray
@@ -151,7 +151,7 @@ def test_a_system_that_no_backend_solves_raises(monkeypatch: pytest.MonkeyPatch)
 
     symmetric = positive_definite()
     solver = _factored(symmetric, antisymmetric(symmetric, 1e3))
-    monkeypatch.setattr(linear, "splu", lambda *_args, **_options: Spoiled())
+    monkeypatch.setattr(checked, "splu", lambda *_args, **_options: Spoiled())
     with pytest.raises(LinearSolverError, match="relative residual"):
         solver.solve(right_hand_sides(N))
 

@@ -10,13 +10,10 @@ import pytest
 import scipy.sparse as sp
 from cvxopt import cholmod
 
-from solver_adapters.bundled import linear
+from solver_adapters.bundled import checked, symmetric
+from solver_adapters.bundled.checked import LinearSolverError
 from solver_adapters.bundled.cholesky import Cholesky
-from solver_adapters.bundled.linear import (
-    LinearSolverError,
-    SymmetricSolver,
-    iterations_for_factor,
-)
+from solver_adapters.bundled.symmetric import SymmetricSolver, iterations_for_factor
 from solver_adapters.bundled.triangles import LARGEST_RESIDUAL, RESIDUAL
 from solver_adapters.interface import FloatArray
 from tests.solver_adapters.bundled.matrices import (
@@ -222,7 +219,7 @@ def test_a_system_that_no_backend_solves_raises(monkeypatch: pytest.MonkeyPatch)
 
     solver = _factored(positive_definite())
     monkeypatch.setattr(cholmod, "solve", _nothing)
-    monkeypatch.setattr(linear, "splu", lambda *_args, **_options: Spoiled())
+    monkeypatch.setattr(checked, "splu", lambda *_args, **_options: Spoiled())
     with pytest.raises(LinearSolverError, match="relative residual"):
         solver.solve(right_hand_sides(N))
 
@@ -251,9 +248,9 @@ def test_a_solution_that_rounding_does_not_excuse_raises_however_ill_the_conditi
 ) -> None:
     original = Cholesky.solve
     monkeypatch.setattr(Cholesky, "solve", lambda *a: original(*a) * (1 + 1e-6))
-    monkeypatch.setattr(linear, "REFINEMENTS", 0)
+    monkeypatch.setattr(checked, "REFINEMENTS", 0)
     solver = _factored(soft(1e8))
-    monkeypatch.setattr(linear, "superlu", lambda _: solver._cholesky.solve)
+    monkeypatch.setattr(symmetric, "superlu", lambda _: solver._cholesky.solve)
     with pytest.raises(LinearSolverError, match=r"relative residual 1\.0e-06"):
         solver.solve(np.ones(N))
 

@@ -1,0 +1,39 @@
+"""What every solver needs of a `Material`: constants with their factors and ratios applied."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver_adapters.crystal import N_SYSTEMS
+from solver_adapters.material import Material
+
+FloatArray = NDArray[np.float64]
+
+
+def elastic_constants(material: Material) -> tuple[float, float, float]:
+    """C11, C12 and C44 with the factors on them [MPa]."""
+    m = material
+    return (
+        m.C11 * m.elastic_scale,
+        m.C12 * m.elastic_scale,
+        m.C44 * m.elastic_scale * m.C44_scale,
+    )
+
+
+def grain_ratios(material: Material, n_grains: int) -> FloatArray:
+    """Ratio of tau0 in each grain to that in the first, shape (n_grains,)."""
+    given = (1.0, material.tau0_grain2, *material.tau0_grains)[:n_grains]
+    return np.array((*given, *[1.0] * (n_grains - len(given))))
+
+
+def interaction_matrix(material: Material) -> FloatArray:
+    """The interaction matrix without h_latent, shape (24, 24)."""
+    if material.interaction is None:
+        return np.eye(N_SYSTEMS)
+    return np.array(material.interaction, dtype=np.float64)
+
+
+def hardening_matrix(material: Material) -> FloatArray:
+    """h: the interaction matrix with h_latent off its diagonal, shape (24, 24)."""
+    return interaction_matrix(material) + material.h_latent * (1.0 - np.eye(N_SYSTEMS))
