@@ -85,7 +85,7 @@ TIMES = np.array([0.0, 0.5, 1.0, 1.5, 2.0])
 
 def of_run(found: Checkpoint) -> bool:
     """Whether it is one of the run whose checkpoint the first one is."""
-    start = replace(checkpoint().frame, time=0.0)
+    start = replace(checkpoint().instant, time=0.0)
     return fits(found, start, {"force": np.zeros(5)}, TIMES, 6)
 
 
@@ -99,14 +99,14 @@ def test_a_checkpoint_of_the_run_fits_it() -> None:
         {"index": 99},
         {"index": 5},
         {"index": -1},
-        {"index": 2},  # the frame is that of another instant
+        {"index": 2},  # that of another index
         {"rows": {}},
         {"rows": {"force": np.zeros(4)}},
         {"rows": {"force": np.full(5, np.nan)}},
         {"rows": {"force": np.array(["a"] * 5)}},
         {"ends": [0.5]},
-        {"frame": replace(checkpoint().frame, u=np.zeros((3, 3)))},
-        {"frame": replace(checkpoint().frame, time=np.zeros(2))},
+        {"instant": replace(checkpoint().instant, u=np.zeros((3, 3)))},
+        {"instant": replace(checkpoint().instant, time=np.zeros(2))},
         {"last": {False: replace(checkpoint().last[False], motion=np.zeros(5))}},
         {"last": {True: replace(checkpoint().last[False], slips=np.zeros((1, NS)))}},
     ],
