@@ -8,6 +8,8 @@ import pickle
 import shutil
 import socket
 import subprocess
+import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +29,7 @@ from solver_adapters.interface import (
 )
 from solver_adapters.jobs.errors import CommandMissingError, JobError
 from solver_adapters.material import Material
-from solver_adapters.response_file import read_provenance
+from solver_adapters.response_file import read_provenance, read_response, write_response
 from solver_adapters.validation import BadSimulationError
 from tests.solver_adapters.bar import BarAdapter, bar
 from tests.solver_adapters.boxes import box, pulled
@@ -131,13 +133,63 @@ def test_an_end_by_circumstances_is_told_and_never_kept(
     assert (tmp_path / folder / "stdout.txt").is_file()
 
 
-def test_a_damaged_response_is_made_anew(tmp_path: Path) -> None:
+def test_a_tiny_limit_of_memory_is_told_in_digits(tmp_path: Path) -> None:
+    error = failed(tmp_path, "import time; time.sleep(60)", memory=1e-3)
+    assert " MB, the limit is 0.001 MB" in str(error) and "(0 MB" not in str(error)
+
+
+def _empty(stored: Path) -> None:
+    stored.write_bytes(b"")
+
+
+def _of_another_job(stored: Path) -> None:
+    origin = read_provenance(stored)
+    write_response(stored, read_response(stored), replace(origin, key="0" * 64))
+
+
+def _of_another_motion(stored: Path) -> None:
+    response = read_response(stored)
+    moved = replace(response, displacement=1.001 * response.displacement)
+    write_response(stored, moved, read_provenance(stored))
+
+
+@pytest.mark.parametrize("damage", [_empty, _of_another_job, _of_another_motion, Path.unlink])
+def test_a_response_that_is_damaged_or_foreign_is_read_again_from_its_result_files(
+    tmp_path: Path, damage: Callable[[Path], None], caplog: pytest.LogCaptureFixture
+) -> None:
     bar().solve(SIMULATION, tmp_path)
     (stored,) = tmp_path.glob("*/response.h5")
-    stored.write_bytes(stored.read_bytes()[:100])
-    np.testing.assert_allclose(bar().solve(SIMULATION, tmp_path).force, FORCE, rtol=1e-9)
-    np.testing.assert_allclose(bar().solve(SIMULATION, tmp_path).force, FORCE, rtol=1e-9)
-    assert len(folders(tmp_path)) == 1
+    (stored.parent / "notes.txt").write_text("mine")
+    damage(stored)
+    for _ in range(2):
+        np.testing.assert_allclose(bar().solve(SIMULATION, tmp_path).force, FORCE, rtol=1e-9)
+    assert runs(tmp_path) == 1 and len(folders(tmp_path)) == 1
+    assert (stored.parent / "notes.txt").read_text() == "mine"
+    (message,) = caplog.messages
+    assert message.endswith("its result files were read again")
+
+
+@pytest.mark.parametrize("damaged", ["force.json", "bar.json"])
+def test_a_job_beyond_repair_is_kept_under_another_name_and_made_anew(
+    tmp_path: Path, damaged: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    for count in (1, 2):
+        bar().solve(SIMULATION, tmp_path)
+        key = folders(tmp_path)[0]
+        _empty(tmp_path / key / "response.h5")
+        (tmp_path / key / damaged).unlink()
+        (tmp_path / key / "notes.txt").write_text("mine")
+        np.testing.assert_allclose(bar().solve(SIMULATION, tmp_path).force, FORCE, rtol=1e-9)
+        kept = tmp_path / f"{key}.damaged-{count}"
+        assert (kept / "notes.txt").read_text() == "mine"
+        assert str(kept) in caplog.messages[-1] and damaged in caplog.messages[-1]
+
+
+def test_results_are_lost_by_no_status_that_was_set_by_hand(tmp_path: Path) -> None:
+    folder = computed(tmp_path)
+    change_record(folder, status="done")
+    np.testing.assert_allclose(without_program(tmp_path).force, FORCE, rtol=1e-9)
+    assert (folder / "force.json").is_file() and (folder / "response.h5").is_file()
 
 
 def test_what_a_dead_process_left_is_cleared_and_a_living_one_is_left_alone(
@@ -149,8 +201,8 @@ def test_what_a_dead_process_left_is_cleared_and_a_living_one_is_left_alone(
     ended = subprocess.Popen(["true"])
     ended.wait()
     dead, alive = (
-        tmp_path / f"{key}.partial-{socket.gethostname()}-{pid}-x"
-        for pid in (ended.pid, os.getpid())
+        tmp_path / f"{other}.partial-{socket.gethostname()}-{pid}-x"
+        for other, pid in (("of another job", ended.pid), (key, os.getpid()))
     )
     dead.mkdir()
     alive.mkdir()
@@ -248,6 +300,111 @@ def test_a_job_that_is_running_elsewhere_has_no_results_yet(tmp_path: Path) -> N
         without_program(tmp_path)
 
 
+def computed(jobs: Path, do: str = "") -> Path:
+    """A prepared job that was computed, and not read yet."""
+    folder = prepared(jobs, do)
+    subprocess.run(["sh", "run.sh"], cwd=folder, check=True)
+    return folder
+
+
+def change_record(folder: Path, **changes: object) -> None:
+    record = json.loads((folder / "job.json").read_text())
+    (folder / "job.json").write_text(json.dumps(record | changes))
+
+
+def _append(name: str) -> Callable[[Path], None]:
+    def append(folder: Path) -> None:
+        with (folder / name).open("a") as file:
+            file.write("# changed\n")
+
+    return append
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (_append("bar.py"), "/bar.py: found a file that was changed (line 6 without its header)"),
+        (lambda folder: (folder / "bar.json").unlink(), "/bar.json: No such file or directory"),
+        (lambda folder: (folder / "key.txt").write_text("1234\n"), "found results of the job 1234"),
+        (lambda folder: (folder / "exit_code.txt").write_text(""), "/exit_code.txt: found '', exp"),
+        (lambda folder: (folder / "exit_code.txt").write_text("o\n"), "/exit_code.txt: found 'o'"),
+        (lambda folder: (folder / "force.json").unlink(), "/force.json: found nothing"),
+    ],
+    ids=["deck", "no deck", "key", "empty exit code", "exit code", "no result"],
+)
+def test_results_that_are_not_those_of_a_prepared_job_are_refused(
+    tmp_path: Path, spoil: Callable[[Path], object], words: str
+) -> None:
+    folder = computed(tmp_path)
+    spoil(folder)
+    with pytest.raises(JobError) as error:
+        without_program(tmp_path)
+    assert error.value.status is Status.NO_RESULT and words in str(error.value)
+    assert f"copy all files back, or delete {folder.name} to have it prepared" in str(error.value)
+
+
+def test_other_ends_of_lines_and_another_provenance_are_no_other_deck(tmp_path: Path) -> None:
+    folder = computed(tmp_path)
+    deck = (folder / "bar.py").read_bytes()
+    (folder / "bar.py").write_bytes(deck.replace(b"# now", b"# then").replace(b"\n", b"\r\n"))
+    np.testing.assert_allclose(without_program(tmp_path).force, FORCE, rtol=1e-9)
+
+
+def test_files_of_a_queue_or_an_editor_do_not_make_a_prepared_job_computed(tmp_path: Path) -> None:
+    folder = prepared(tmp_path)
+    for name in ("slurm-1.out", "bar.py~", "key.txt"):
+        (folder / name).write_text("x")
+    with pytest.raises(CommandMissingError, match="has no results yet"):
+        without_program(tmp_path)
+    assert prepared(tmp_path) == folder
+
+
+def test_results_count_where_the_script_was_not_used(tmp_path: Path) -> None:
+    folder = prepared(tmp_path)
+    (folder / "force.json").write_text(json.dumps(FORCE.tolist()))
+    np.testing.assert_allclose(without_program(tmp_path).force, FORCE, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("key", "found", "expected"),
+    [
+        ("status", "banana", 'one of "done", "prepared"'),
+        ("status", "killed", 'one of "done", "prepared"'),
+        ("status", None, "a valid string"),
+        ("files", 3, "a valid array"),
+        ("files", "bar.py", "a valid array"),
+        ("solver", None, "a valid string"),
+        ("solver", ["bar"], "a valid string"),
+        ("wall", "long", "a valid number"),
+        ("key", "0" * 64, "the name of its folder"),
+    ],
+)
+def test_a_record_with_a_wrong_value_is_told_in_one_sentence(
+    tmp_path: Path, key: str, found: object, expected: str
+) -> None:
+    folder = computed(tmp_path)
+    change_record(folder, **{key: found})
+    with pytest.raises(ResultFileError) as error:
+        without_program(tmp_path)
+    said = f"{folder}/job.json: {key}: found {json.dumps(found)}, expected {expected}"
+    assert str(error.value).startswith(said) and "\n" not in str(error.value)
+
+
+def test_a_job_of_this_machine_is_never_a_prepared_one(tmp_path: Path) -> None:
+    bar().solve(SIMULATION, tmp_path)
+    (key,) = folders(tmp_path)
+    change_record(tmp_path / key, status="prepared")
+    with pytest.raises(ResultFileError, match='status: found "prepared", expected one of "bad d'):
+        bar().solve(SIMULATION, tmp_path)
+    assert runs(tmp_path) == 1
+
+
+def test_a_long_word_of_the_call_is_no_file(tmp_path: Path) -> None:
+    script = "exec " + sys.executable + " -S bar.py " + 300 * " "
+    asked = bar(command=("sh", "-c", script)).solve(SIMULATION, tmp_path)
+    np.testing.assert_allclose(asked.force, FORCE, rtol=1e-9)
+
+
 def test_a_record_that_was_spoiled_is_told_and_its_folder_is_left_alone(tmp_path: Path) -> None:
     folder = prepared(tmp_path)
     (folder / "force.json").write_text("[1, 2, 3]")
@@ -264,6 +421,7 @@ def test_whoever_hears_of_the_progress_can_end_the_job(tmp_path: Path) -> None:
 
     with pytest.raises(InterruptedError):
         bar("import time; time.sleep(60)").solve(SIMULATION, tmp_path, stop)
+    assert folders(tmp_path) == []
 
 
 def test_the_same_job_at_the_same_time_leaves_one_folder(tmp_path: Path) -> None:
