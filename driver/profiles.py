@@ -72,8 +72,8 @@ def profile_of(case: Case, prepare_only: bool = False) -> Profile:
         if name in profiles:
             entries |= profiles[name].model_dump(exclude_none=True)
             options |= profiles[name].options
-            if profiles[name].command is not None:
-                entries["command"] = _with_files_of(folder, profiles[name].command)
+            if (command := profiles[name].command) is not None:
+                entries["command"] = _with_files_of(folder, command)
     keys = {"memory_MB": "memory", "wall_time_s": "wall_time", "cpu_time_s": "cpu_time"}
     known = {keys.get(key, key): value for key, value in entries.items()}
     return Profile(**known | {"options": options}, prepare_only=prepare_only)

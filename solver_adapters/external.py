@@ -256,14 +256,20 @@ class ExternalAdapter(ABC):
             # Stopped on its way: what there is is of no use.
             shutil.rmtree(folder, ignore_errors=True)
             raise
-        found = self._outcome(simulation, folder, ended)
         record = replace(
             record, code=ended.code, wall=ended.wall, cpu=ended.cpu, memory=ended.memory
         )
+        try:
+            found = self._outcome(simulation, folder, ended)
+            if not isinstance(found, _Failure):
+                write_response(folder / RESPONSE, found, _provenance(record))
+        except BaseException:
+            # A full disk, or Ctrl-C: what was computed is not removed with the dead.
+            settle(folder, jobs, record.key, Status.NO_RESULT)
+            raise
         if isinstance(found, _Failure):
             write_record(folder, replace(record, status=found.status, detail=found.detail))
             raise self._failed(found, settle(folder, jobs, record.key, found.status))
-        write_response(folder / RESPONSE, found, _provenance(record))
         write_record(folder, replace(record, status=Status.DONE))
         settle(folder, jobs, record.key, Status.DONE)
         return found

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_adapters import external
 from solver_adapters.external import ResultFileError, Status
 from solver_adapters.interface import (
     Direction,
@@ -29,7 +30,12 @@ from solver_adapters.interface import (
 )
 from solver_adapters.jobs.errors import CommandMissingError, JobError
 from solver_adapters.material import Material
-from solver_adapters.response_file import read_provenance, read_response, write_response
+from solver_adapters.response_file import (
+    Provenance,
+    read_provenance,
+    read_response,
+    write_response,
+)
 from solver_adapters.validation import BadSimulationError
 from tests.solver_adapters.bar import BarAdapter, bar
 from tests.solver_adapters.boxes import box, pulled
@@ -422,6 +428,19 @@ def test_whoever_hears_of_the_progress_can_end_the_job(tmp_path: Path) -> None:
     with pytest.raises(InterruptedError):
         bar("import time; time.sleep(60)").solve(SIMULATION, tmp_path, stop)
     assert folders(tmp_path) == []
+
+
+def test_what_was_computed_is_kept_where_its_response_cannot_be_stored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, response: Response, origin: Provenance) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(external, "write_response", full)
+    with pytest.raises(OSError, match="No space left"):
+        bar().solve(SIMULATION, tmp_path)
+    (folder,) = folders(tmp_path)
+    assert folder.endswith(".no-result") and (tmp_path / folder / "force.json").is_file()
 
 
 def test_the_same_job_at_the_same_time_leaves_one_folder(tmp_path: Path) -> None:

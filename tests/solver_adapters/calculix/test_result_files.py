@@ -130,3 +130,9 @@ def test_instants_count_from_the_first_one_of_the_simulation(folder: Path) -> No
     found = CalculixAdapter().read(_later(ASKED), folder)
     assert found.ends[-1] == 106.0
     np.testing.assert_array_equal(found.force, CalculixAdapter().read(ASKED, folder).force)
+
+
+def test_a_result_that_is_a_folder_is_told_in_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "job.dat").mkdir()
+    with pytest.raises(ResultFileError, match=r"^job.dat: found no file that can be read \(Is a d"):
+        read_force(tmp_path / "job.dat", "S", np.array([1.0]))
