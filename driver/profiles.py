@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,8 @@ def load_config(path: Path, stated: bool) -> Config:
 def profile_of(case: Case, prepare_only: bool = False) -> Profile:
     """The profile of the solver of a case: its own entries, then the user's, then defaults.
 
+    Files that a command names are sought from the folder of the file that states it.
+
     Raises:
         ConfigError: the user's configuration cannot be used.
     """
@@ -69,9 +72,24 @@ def profile_of(case: Case, prepare_only: bool = False) -> Profile:
     path = config_path()
     users = load_config(path, stated=bool(os.environ.get(CONFIG_VARIABLE))).profiles
     entries: dict[str, Any] = {}
-    for profiles in (users, case.solver.profiles):
+    for folder, profiles in ((path.parent, users), (case.path(""), case.solver.profiles)):
         if name in profiles:
             entries |= profiles[name].model_dump(exclude_none=True)
+            if (command := profiles[name].command) is not None:
+                entries["command"] = _with_files_of(folder, command)
     keys = {"memory_MB": "memory", "wall_time_s": "wall_time", "cpu_time_s": "cpu_time"}
     known = {keys.get(key, key): value for key, value in entries.items()}
     return Profile(**known, prepare_only=prepare_only)
+
+
+def _with_files_of(folder: Path, command: Sequence[str]) -> tuple[str, ...]:
+    """A call that can be made in any folder: its files by their absolute paths.
+
+    A program without a slash is one of PATH, as in a shell.
+    """
+    program, *others = command
+    sought = [program if "/" in program else "", *others]
+    return tuple(
+        os.path.abspath(folder / file) if os.path.isfile(folder / file) else word
+        for word, file in zip(command, sought, strict=True)
+    )

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 import shutil
 import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -20,12 +21,13 @@ from solver_adapters.interface import (
     Response,
     Simulation,
 )
-from solver_adapters.jobs.answer import refuse_bad_response
+from solver_adapters.jobs.answer import refuse_bad_response, refuse_other_deck
 from solver_adapters.jobs.errors import CommandMissingError, JobError
 from solver_adapters.jobs.folder import (
     RESPONSE,
     Record,
     log_of,
+    put_away,
     read_record,
     settle,
     tail_of,
@@ -35,19 +37,27 @@ from solver_adapters.jobs.folder import (
 from solver_adapters.jobs.key import job_key
 from solver_adapters.jobs.prepared import (
     ELSEWHERE,
+    EXIT_CODE,
     PREPARED,
     exit_code,
     has_results,
     prepare,
     prepared_job,
+    refuse_other_job,
 )
 from solver_adapters.jobs.runner import Ended, Limits, run_program
+from solver_adapters.jobs.status import CACHED
 from solver_adapters.jobs.status import Status as Status
 from solver_adapters.profile import Profile as Profile
 from solver_adapters.profile import config_path
 from solver_adapters.refusal import refuse_unsupported
 from solver_adapters.registry import installed_capabilities
-from solver_adapters.response_file import Provenance, read_response, write_response
+from solver_adapters.response_file import (
+    Provenance,
+    read_provenance,
+    read_response,
+    write_response,
+)
 from solver_adapters.result_files import ResultFileError as ResultFileError
 from solver_adapters.validation import refuse_bad_simulation
 
@@ -57,6 +67,7 @@ ABSENT = "absent"
 """Identity of a program that is not on this machine."""
 
 _PASSING = "prismid-"
+_LOG = logging.getLogger(__name__)
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -76,11 +87,14 @@ class ExternalAdapter(ABC):
     Attributes:
         name: word of the case file.
         programs: commands that are looked for on PATH, the best first.
+        results: files that the program leaves and no other does; one of them tells that a prepared
+            job was computed where its script, which leaves its exit code, was not used.
         profile: how the program is called.
     """
 
     name: str
     programs: tuple[str, ...]
+    results: tuple[str, ...] = ()
 
     def __init__(self, profile: Profile | None = None) -> None:
         self.profile = profile or Profile()
@@ -145,7 +159,7 @@ class ExternalAdapter(ABC):
         digest = hashlib.sha256()
         for word in program:
             # The program itself, and scripts or settings that it is called with.
-            digest.update(_content_hash(Path(word)) if Path(word).is_file() else word.encode())
+            digest.update(_content_hash(Path(word)) if os.path.isfile(word) else word.encode())
         return f"{Path(program[0]).resolve().name} {digest.hexdigest()[:12]}"
 
     def program(self) -> tuple[str, ...] | None:
@@ -190,13 +204,13 @@ class ExternalAdapter(ABC):
             here, key=job_key(simulation, self.name, ELSEWHERE, files), solver=ELSEWHERE
         )
         with _jobs_in(workspace) as jobs:
-            for job in (here, elsewhere):
-                known = self._known(jobs / job.key)
+            for job, statuses in ((here, CACHED), (elsewhere, {PREPARED, Status.DONE})):
+                known = self._known(simulation, jobs / job.key, files, statuses)
                 if known is not None:
                     return known
             waiting = prepared_job(jobs / elsewhere.key)
-            if waiting is not None and has_results(jobs / elsewhere.key, waiting):
-                return self._collect(simulation, jobs / elsewhere.key, waiting)
+            if waiting is not None and has_results(jobs / elsewhere.key, self.results):
+                return self._collect(simulation, jobs / elsewhere.key, waiting, files)
             if self.profile.prepare_only:
                 if waiting is None:
                     self._prepare(jobs, elsewhere, files)
@@ -213,19 +227,39 @@ class ExternalAdapter(ABC):
             record = replace(here, command=self.command(program))
             return self._run(simulation, jobs, record, files, waiting_still)
 
-    def _known(self, folder: Path) -> Response | None:
-        """The response of a finished job; None where there is none, or a damaged one."""
-        record = read_record(folder)
+    def _known(
+        self,
+        simulation: Simulation,
+        folder: Path,
+        files: Mapping[str, bytes],
+        statuses: Collection[str],
+    ) -> Response | None:
+        """The response of a finished job; None where there is none, or one beyond repair.
+
+        Where the stored response is damaged, or of another job, the result files are read again.
+        Where these are no better, the folder gets another name: nobody's results are removed.
+        """
+        record = read_record(folder, statuses)
         if record is None or record.status == PREPARED:
             return None
         if record.status != Status.DONE:
             raise self._failed(_Failure(Status(record.status), record.detail), folder)
         try:
-            return read_response(folder / RESPONSE)
-        except ResultFileError:
-            # A damaged response is none: the job is run anew.
-            shutil.rmtree(folder)
-            return None
+            return _stored(simulation, folder)
+        except ResultFileError as error:
+            damage = str(error)
+        try:
+            found = self._read_again(simulation, folder, record, files)
+        except ResultFileError as error:
+            found = _Failure(Status.NO_RESULT, str(error))
+        if not isinstance(found, _Failure):
+            _LOG.warning("%s; its result files were read again", damage)
+            return found
+        _LOG.warning(
+            "%s; nor can its result files be read (%s); the folder is kept as %s, and the job is "
+            "made anew", damage, found.detail or found.status, put_away(folder),
+        )  # fmt: skip
+        return None
 
     def _run(
         self,
@@ -237,15 +271,26 @@ class ExternalAdapter(ABC):
     ) -> Response:
         folder = write_aside(jobs, record.key, files)
         limits = Limits(self.profile.memory, self.profile.wall_time, self.profile.cpu_time)
-        ended = run_program(record.command, folder, limits, self.environment(), waiting)
-        found = self._outcome(simulation, folder, ended)
+        try:
+            ended = run_program(record.command, folder, limits, self.environment(), waiting)
+        except BaseException:
+            # Stopped on its way: what there is is of no use.
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
         record = replace(
             record, code=ended.code, wall=ended.wall, cpu=ended.cpu, memory=ended.memory
         )
+        try:
+            found = self._outcome(simulation, folder, ended)
+            if not isinstance(found, _Failure):
+                write_response(folder / RESPONSE, found, _provenance(record))
+        except BaseException:
+            # A full disk, or Ctrl-C: what was computed is not removed with the dead.
+            settle(folder, jobs, record.key, Status.NO_RESULT)
+            raise
         if isinstance(found, _Failure):
             write_record(folder, replace(record, status=found.status, detail=found.detail))
             raise self._failed(found, settle(folder, jobs, record.key, found.status))
-        write_response(folder / RESPONSE, found, _provenance(record))
         write_record(folder, replace(record, status=Status.DONE))
         settle(folder, jobs, record.key, Status.DONE)
         return found
@@ -255,14 +300,35 @@ class ExternalAdapter(ABC):
         record = replace(record, status=PREPARED, command=self.command(program))
         prepare(jobs, record, files, self.environment())
 
-    def _collect(self, simulation: Simulation, folder: Path, record: Record) -> Response:
+    def _collect(
+        self, simulation: Simulation, folder: Path, record: Record, files: Mapping[str, bytes]
+    ) -> Response:
         """The response of a job that was computed elsewhere; its files stay as they are."""
+        try:
+            found = self._read_again(simulation, folder, record, files)
+        except ResultFileError as error:
+            found = _Failure(Status.NO_RESULT, str(error))
+        if isinstance(found, _Failure):
+            lost = f"copy all files back, or delete {folder.name} to have it prepared anew"
+            remedy = lost if found.status is Status.NO_RESULT else ""
+            raise self._failed(found, folder, remedy)
+        return found
+
+    def _read_again(
+        self, simulation: Simulation, folder: Path, record: Record, files: Mapping[str, bytes]
+    ) -> Response | _Failure:
+        """The response from the result files in a folder, stored there once more.
+
+        Raises:
+            ResultFileError: the files are of another job, or their exit code is not known.
+        """
+        refuse_other_job(folder)
+        refuse_other_deck(folder, files)
         code = exit_code(folder)
         found = self._outcome(simulation, folder, Ended(None, code, None, 0.0, 0.0, 0.0))
-        if isinstance(found, _Failure):
-            raise self._failed(found, folder)
-        write_response(folder / RESPONSE, found, _provenance(record))
-        write_record(folder, replace(record, status=Status.DONE, code=code))
+        if not isinstance(found, _Failure):
+            write_response(folder / RESPONSE, found, _provenance(record))
+            write_record(folder, replace(record, status=Status.DONE, code=code))
         return found
 
     def _outcome(self, simulation: Simulation, folder: Path, ended: Ended) -> Response | _Failure:
@@ -284,17 +350,17 @@ class ExternalAdapter(ABC):
 
     def _limit(self, ended: Ended) -> str:
         if ended.limit == "memory":
-            return f"{ended.memory:.0f} MB, the limit is {self.profile.memory:.0f} MB"
+            return f"{_number(ended.memory)} MB, the limit is {_number(self.profile.memory)} MB"
         if ended.limit == "wall_time":
             return f"limit of the wall-clock time {self.profile.wall_time:g} s"
         if ended.limit == "cpu_time":
             return f"limit of the CPU time {self.profile.cpu_time:g} s"
         return f"exit code {ended.code}"
 
-    def _failed(self, failure: _Failure, folder: Path) -> JobError:
+    def _failed(self, failure: _Failure, folder: Path, remedy: str = "") -> JobError:
         kept = "" if folder.parent.name.startswith(_PASSING) else str(folder)
         kind = CommandMissingError if failure.status is Status.COMMAND_MISSING else JobError
-        return kind(self.name, failure.status, failure.detail, tail_of(folder), kept)
+        return kind(self.name, failure.status, failure.detail, tail_of(folder), kept, remedy)
 
     def _missing(self, waiting: str) -> CommandMissingError:
         """What to put where, or whose results are awaited."""
@@ -308,7 +374,10 @@ class ExternalAdapter(ABC):
             "`prismid run --prepare-only` write the jobs for another machine"
         )
         if waiting:
-            remedy += f"; the job prepared in {waiting} has no results yet"
+            remedy += (
+                f"; the job prepared in {waiting} has no results yet (the last of its files is "
+                f"{EXIT_CODE})"
+            )
         return CommandMissingError(
             self.name, Status.COMMAND_MISSING, f"found no {looked}{where}", remedy=remedy
         )
@@ -316,6 +385,21 @@ class ExternalAdapter(ABC):
 
 def _provenance(record: Record) -> Provenance:
     return Provenance(record.adapter, record.solver, record.key)
+
+
+def _stored(simulation: Simulation, folder: Path) -> Response:
+    """The response that was stored in the folder of a job, if it is that of this job."""
+    path = folder / RESPONSE
+    key = read_provenance(path).key
+    if key != folder.name:
+        raise ResultFileError(f"{path}: found the response of the job {key}, expected this job's")
+    response = read_response(path)
+    refuse_bad_response(simulation, response)
+    return response
+
+
+def _number(value: float) -> str:
+    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
 
 
 @contextmanager

@@ -4,7 +4,8 @@ Along each direction the response is computed at +h and −h beside the asked ru
 direction are twice the cost of one-sided differences. They buy an error that falls with h² instead
 of h, so that h can be large against the noise of the solver, and a check: what the slopes to both
 sides differ from their mean bounds the error of the mean. Where that is too much, two more runs
-are made with a smaller step, or with a larger one where noise explains the difference.
+are made with a smaller step, or with a larger one where noise explains the difference or nothing
+is seen to change.
 
 A solver that iterates to a relative tolerance ε answers with about that much noise. Over the scale
 L of a direction the response changes by a share of order one, and the error of a central
@@ -37,6 +38,7 @@ from solver_adapters.interface import (
     SolverError,
     UnsupportedError,
 )
+from solver_adapters.jobs.errors import is_by_circumstances
 from solver_adapters.quotient import Pair, slope_through
 from solver_adapters.validation import refuse_bad_directions
 
@@ -86,6 +88,7 @@ class FiniteDifferences:
             UnsupportedError: a direction changes what the solver cannot honour.
             BadSimulationError: a direction does not fit the simulation.
             PreparedError: jobs were written to be run elsewhere; the folders of all are in it.
+            JobError: a run was killed, ran out of time or memory, or left no result.
             SolverError: as the solver, or the runs along a direction could not be made.
         """
         begun = time.monotonic()
@@ -116,7 +119,8 @@ class FiniteDifferences:
         }
         again = [(directions[k], step) for k, step in second.items()]
         for k, pair in zip(second, self._pairs(repeated, again, workspace), strict=True):
-            slopes[k] = min(slopes[k], slope_through(base, pair, noise), key=lambda s: s.asymmetry)
+            # Of two steps that both show no change the second, wider one is told.
+            slopes[k] = min(slope_through(base, pair, noise), slopes[k], key=lambda s: s.asymmetry)
         notes = [
             note
             for direction, slope in zip(directions, slopes, strict=True)
@@ -202,6 +206,9 @@ class FiniteDifferences:
                 # No other step would mend it.
                 raise
             except SolverError as error:
+                # A constant at its bound fails; a run that was killed or truncated is no bound.
+                if is_by_circumstances(error):
+                    raise
                 return error
 
         workers = min(len(runs), 1 if parent_process() else self.processes)

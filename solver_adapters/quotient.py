@@ -29,9 +29,11 @@ class Slope:
     Attributes:
         amounts: where along the direction the two runs are.
         displacement, force: the derivatives.
-        asymmetry: largest difference of a one-sided slope, in shares of the derivative.
+        asymmetry: largest difference of a one-sided slope, in shares of the derivative; infinite
+            where that is 0.
         noise: what of this the noise of the solver would make.
         same_steps: whether both runs took the time steps of the asked one.
+        seen: whether any number of either run differs from the asked one.
     """
 
     amounts: tuple[float, float]
@@ -40,6 +42,7 @@ class Slope:
     asymmetry: float
     noise: float
     same_steps: bool
+    seen: bool
 
     def better_step(self, scale: float) -> float | None:
         """A step that leaves half of the asymmetry that needs no word, if this one does not do."""
@@ -47,7 +50,7 @@ class Slope:
             return None
         step = max(abs(amount) for amount in self.amounts)
         wanted = ASYMMETRY / 2
-        if self.noise > self.asymmetry / 2:
+        if self.noise >= self.asymmetry / 2:  # both are infinite where nothing was seen
             return min(self.asymmetry / wanted * step, _WIDEST * scale)
         factor = max(wanted / self.asymmetry, self.noise / wanted, _NARROWEST)
         return min(factor, 0.5) * step
@@ -55,7 +58,13 @@ class Slope:
     def doubts(self, direction: Direction) -> list[str]:
         """What is to be said of this derivative."""
         doubts = []
-        if self.asymmetry > ASYMMETRY:
+        if not self.seen:
+            step = max(abs(amount) for amount in self.amounts)
+            doubts.append(
+                f"derivative along {direction.name!r}: no change was seen over ± {step:.3g} (scale "
+                f"{direction.scale:.3g}); the derivative is 0 within the noise of the solver"
+            )
+        elif self.asymmetry > ASYMMETRY:
             doubts.append(
                 f"derivative along {direction.name!r}: uncertain by about "
                 f"{min(self.asymmetry / 2, 1.0):.0%}, as a slope to one side differs from it by "
@@ -87,9 +96,10 @@ def slope_through(base: Response, pair: Pair, noise: float) -> Slope:
         amounts=(a1, a2),
         displacement=displacement,
         force=force,
-        asymmetry=off / size if size else (np.inf if off else 0.0),
+        asymmetry=off / size if size else np.inf,
         noise=2 * noise / (size * min(abs(a1), abs(a2))) if size else np.inf,
         same_steps=all(_same_steps(base, run) for run in (one, two)),
+        seen=bool(size or off),
     )
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -13,6 +14,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from solver_adapters.crystal import N_SYSTEMS
 from solver_adapters.interface import CellFields, Response
 from solver_adapters.result_files import ResultFileError
 
@@ -39,6 +41,7 @@ _CELLS = {
     "accumulated_slip": ("1", "slip without signs (output instant, cell, slip system)"),
     "rotation": ("rad", "rotation vector of the lattice (output instant, cell, X Y Z)"),
 }
+_CELLS_WIDTH = {"stress": 6, "slip": N_SYSTEMS, "accumulated_slip": N_SYSTEMS, "rotation": 3}
 _COUNTS = ("steps", "iterations", "cuts", "refinements")
 
 
@@ -64,7 +67,8 @@ class Provenance:
 def write_response(path: Path, response: Response, provenance: Provenance) -> None:
     """Write a response; an interrupted write leaves the old file."""
     aside = path.with_name(path.name + ".partial")
-    with h5py.File(aside, "w") as file:
+    # The format of HDF5 1.10 has checksums of its own tables, unlike the earliest one.
+    with h5py.File(aside, "w", libver="v110") as file:
         file.attrs["format"], file.attrs["revision"] = _FORMAT, _REVISION
         file.attrs["adapter"] = provenance.adapter
         file.attrs["solver"] = provenance.solver
@@ -90,9 +94,9 @@ def read_response(path: Path) -> Response:
     """The response of a file.
 
     Raises:
-        ResultFileError: the file is absent, empty, truncated, foreign or incomplete.
+        ResultFileError: the file is absent, empty, truncated, foreign, incomplete or damaged.
     """
-    with _opened(path) as file:
+    with _opened(path) as file, _told(path):
         values: dict[str, Any] = {name: _take(path, file, name) for name in _DATASETS}
         values |= {name: int(values[name]) for name in _COUNTS}
         values["seconds"] = {
@@ -102,7 +106,9 @@ def read_response(path: Path) -> Response:
         if "cells" in file:
             taken = {name: _take(path, file, f"cells/{name}") for name in _CELLS}
             values["cells"] = CellFields(**taken)
-    return Response(**values)
+    response = Response(**values)
+    _refuse_unfit(path, response)
+    return response
 
 
 def read_provenance(path: Path) -> Provenance:
@@ -111,9 +117,51 @@ def read_provenance(path: Path) -> Provenance:
     Raises:
         ResultFileError: as `read_response`.
     """
-    with _opened(path) as file:
+    with _opened(path) as file, _told(path):
         attributes: Mapping[str, Any] = file.attrs
         return Provenance(**{item.name: str(attributes[item.name]) for item in fields(Provenance)})
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Tell in one sentence what h5py makes of a damaged byte, which may be any error."""
+    try:
+        yield
+    except ResultFileError:
+        raise
+    except Exception as error:
+        raise ResultFileError(
+            f"{path}: found damaged HDF5 ({type(error).__name__}), expected a response that "
+            "prismid has written"
+        ) from None
+
+
+def _refuse_unfit(path: Path, response: Response) -> None:
+    """Raise where the arrays do not fit each other, or a number is not finite."""
+    instants, directions = response.force.size, len(response.d_force)
+    nodes = response.displacement.shape[1] if response.displacement.ndim == 3 else 0
+    shapes = {
+        "displacement": (instants, nodes, 3),
+        "force": (instants,),
+        "d_displacement": (directions, instants, nodes, 3),
+        "d_force": (directions, instants),
+        "ends": (response.ends.size,),
+    }
+    arrays = {name: getattr(response, name) for name in shapes}
+    if response.cells is not None:
+        cells = response.cells.stress.shape[1] if response.cells.stress.ndim == 3 else 0
+        for name, width in _CELLS_WIDTH.items():
+            shapes[f"cells/{name}"] = (instants, cells, width)
+            arrays[f"cells/{name}"] = getattr(response.cells, name)
+    for name, array in arrays.items():
+        if array.shape != shapes[name]:
+            raise ResultFileError(
+                f"{path}: found {name} of shape {array.shape}, expected {shapes[name]}"
+            )
+        if array.dtype != np.float64 or not np.isfinite(array).all():
+            raise ResultFileError(
+                f"{path}: found values of {name} that are no finite numbers, expected such"
+            )
 
 
 def prismid_version() -> str:
@@ -126,8 +174,10 @@ def prismid_version() -> str:
 
 def _put(group: h5py.Group, name: str, value: Any, unit: str, description: str) -> None:
     array = np.asarray(value)
+    # A checksum for each array of numbers; HDF5 has none for a scalar or for texts.
+    checked = bool(array.ndim and array.size) and array.dtype.kind in "fi"
     dataset = group.create_dataset(
-        name, data=array, compression="gzip" if array.size > 1000 else None
+        name, data=array, compression="gzip" if array.size > 1000 else None, fletcher32=checked
     )
     dataset.attrs["unit"], dataset.attrs["description"] = unit, description
 
@@ -144,11 +194,16 @@ def _opened(path: Path) -> h5py.File:
         cut = "truncated" in str(error)
         found = "a truncated HDF5 file" if cut else "no HDF5 file"
         raise ResultFileError(f"{path}: found {found}, {expected}") from None
-    if file.attrs.get("format") != _FORMAT or file.attrs.get("revision") != _REVISION:
+    try:
+        with _told(path):
+            origin = file.attrs.get("format"), file.attrs.get("revision")
+            if origin != (_FORMAT, _REVISION):
+                raise ResultFileError(
+                    f"{path}: found HDF5 of another origin, {expected} (revision {_REVISION})"
+                )
+    except ResultFileError:
         file.close()
-        raise ResultFileError(
-            f"{path}: found HDF5 of another origin, {expected} (revision {_REVISION})"
-        )
+        raise
     return file
 
 

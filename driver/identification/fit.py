@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from driver.identification.data import Data
 from driver.model import ForwardModel, Prediction
 from solver_adapters.interface import NotRunError, SolverError
+from solver_adapters.jobs.errors import JobError, is_by_circumstances
+from solver_adapters.jobs.status import Status
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
@@ -231,14 +233,14 @@ def fit(
     tolerance: float = DECREMENT,
     share: float = 0.0,
 ) -> Fit:
-    """Minimise the cost; a step that fails or climbs is halved.
+    """Minimise the cost; a step that fails, runs out of time or climbs is shortened.
 
     Args:
         objective: model and data.
         values: every parameter at the start.
         free: names of the parameters to identify.
         most: largest number of iterations.
-        log: takes one line for each iteration.
+        log: takes one line for each iteration, and for each trial point that fails.
         start: evaluation at `values` with `free`, where it is known already.
         tolerance: Newton decrement at which the fit has converged [σ].
         share: the fit also ends when a step lowers the cost, or would, by less than this share
@@ -247,6 +249,7 @@ def fit(
     Raises:
         SolverError, ValueError: the model cannot be evaluated at the start.
         NotRunError: a simulation was not run: the solver is absent, or its job was prepared.
+        JobError, ResultFileError: a simulation was killed, ran out of memory or left no result.
     """
     here = start if start is not None else objective.evaluate(values, free)
     history = [_record(here)]
@@ -260,7 +263,7 @@ def fit(
         if iteration == most:
             reason = f"the limit of {most} iterations, decrement {decrement:.2g} σ"
             return Fit(here, False, reason, tuple(history))
-        ahead = _descend(objective, here, step)
+        ahead = _descend(objective, here, step, log)
         if ahead is None:
             reason = f"no shorter step lowers the cost (decrement {decrement:.2g} σ)"
             return Fit(here, False, reason, tuple(history))
@@ -320,7 +323,9 @@ def _at_bound(parameter: Parameter, value: float, change: float) -> bool:
     return (value <= parameter.lower and change < 0) or (value >= parameter.upper and change > 0)
 
 
-def _descend(objective: Objective, here: Evaluation, step: FloatArray) -> Evaluation | None:
+def _descend(
+    objective: Objective, here: Evaluation, step: FloatArray, log: Log
+) -> Evaluation | None:
     length = 1.0
     for _ in range(MOST_HALVINGS):
         values = dict(here.values)
@@ -330,12 +335,20 @@ def _descend(objective: Objective, here: Evaluation, step: FloatArray) -> Evalua
             ahead = objective.evaluate(values, here.free)
         except NotRunError:
             raise  # a shorter step would not be run either
-        except (SolverError, ValueError):
+        except (SolverError, ValueError) as error:
+            if is_by_circumstances(error) and not _ran_out_of_time(error):
+                raise  # a shorter step might be killed as well, and would prove nothing
+            first = str(error).partition("\n")[0].removesuffix("; its log ends:")
+            log(f"    a trial point failed, so that the step is shortened: {first}")
             ahead = None
         if ahead is not None and ahead.cost < here.cost:
             return ahead
         length *= 0.4
     return None
+
+
+def _ran_out_of_time(error: Exception) -> bool:
+    return isinstance(error, JobError) and error.status is Status.OUT_OF_TIME
 
 
 def _record(here: Evaluation) -> dict[str, float]:

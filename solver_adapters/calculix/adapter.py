@@ -22,6 +22,7 @@ class CalculixAdapter(ExternalAdapter):
 
     name = "calculix"
     programs = ("ccx",)
+    results = tuple(f"{deck.JOB}.{ending}" for ending in ("frd", "dat"))
 
     def capabilities(self) -> Capabilities:
         """Small strain and {110}⟨111⟩ only; Q where h_latent is that of CalculiX."""

@@ -17,6 +17,8 @@ CAPABILITIES = Capabilities(
     ),
     strain_measures=frozenset(("small",)),
     derivatives=False,
+    # Six digits of a displacement in the .frd, where rounding makes up to 5e-6 of a value.
+    noise=1e-5,
     cost=15.0,
     conditional=frozenset(("tau0_112", "Q", "b", "h_latent", "interaction")),
     cells=frozenset((10, 15)),

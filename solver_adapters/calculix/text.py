@@ -15,12 +15,16 @@ def read_text(path: Path, what: str) -> str:
         what: what it should hold, for the message.
 
     Raises:
-        ResultFileError: there is no such file, or it is empty.
+        ResultFileError: there is no such file, it cannot be read, or it is empty.
     """
     try:
         text = path.read_text(encoding="ascii", errors="replace")
     except FileNotFoundError:
         raise ResultFileError(f"{path.name}: found no such file, expected {what}") from None
+    except OSError as error:
+        raise ResultFileError(
+            f"{path.name}: found no file that can be read ({error.strerror}), expected {what}"
+        ) from None
     if not text.strip():
         raise ResultFileError(f"{path.name}: found an empty file, expected {what}")
     return text

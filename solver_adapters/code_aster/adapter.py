@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from solver_adapters.code_aster import limits, listing, result
-from solver_adapters.code_aster.deck import EXPORT, render_files
+from solver_adapters.code_aster.deck import CELLS, EXPORT, NODES, render_files
 from solver_adapters.external import ExternalAdapter, Status
 from solver_adapters.interface import Capabilities, Response, Simulation
 
@@ -16,6 +16,7 @@ class CodeAsterAdapter(ExternalAdapter):
 
     name = "code_aster"
     programs = ("run_aster", "as_run")
+    results = (NODES, CELLS)
 
     def capabilities(self) -> Capabilities:
         """The law without the terms that Code_Aster lacks, both strain measures."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from solver_adapters.interface import NotRunError, SolverError
-from solver_adapters.jobs.status import REMEDIES, Status
+from solver_adapters.jobs.status import CACHED, REMEDIES, Status
+from solver_adapters.result_files import ResultFileError
 
 
 class JobError(SolverError):
@@ -44,3 +45,10 @@ class JobError(SolverError):
 
 class CommandMissingError(JobError, NotRunError):
     """The program of a solver is not on this machine, or not where the profile says."""
+
+
+def is_by_circumstances(error: Exception) -> bool:
+    """Whether a failure says nothing of the parameters: other ones might fail the same way."""
+    if isinstance(error, JobError):
+        return error.status not in CACHED
+    return isinstance(error, ResultFileError)

@@ -7,11 +7,12 @@ import os
 import shutil
 import socket
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import psutil
+from pydantic import TypeAdapter, ValidationError
 
 from solver_adapters.jobs.runner import STDERR, STDOUT
 from solver_adapters.jobs.status import CACHED, Status
@@ -19,6 +20,7 @@ from solver_adapters.result_files import ResultFileError
 
 RECORD, RESPONSE = "job.json", "response.h5"
 _TAIL = {STDOUT: 15, STDERR: 5}  # lines
+_TAIL_BYTES, _TAIL_WIDTH = 20_000, 200  # of what is read of a log, and of a line that is told
 
 
 @dataclass(frozen=True)
@@ -58,35 +60,69 @@ def write_record(folder: Path, record: Record) -> None:
     (folder / RECORD).write_text(text + "\n", encoding="utf-8")
 
 
-def read_record(folder: Path) -> Record | None:
+def read_record(folder: Path, statuses: Collection[str]) -> Record | None:
     """The record of a job; None where there is no folder.
 
+    Args:
+        folder: the folder of the job, named by its key.
+        statuses: those that its job can have.
+
     Raises:
-        ResultFileError: the folder has no record that can be read.
+        ResultFileError: the folder has no record that can be read, that of another job, or one
+            with a value that cannot be.
     """
     if not folder.is_dir():
         return None
     try:
-        return Record(**json.loads((folder / RECORD).read_text(encoding="utf-8")))
+        text = (folder / RECORD).read_text(encoding="utf-8")
+        record = Record(**json.loads(text))
+        TypeAdapter(Record).validate_json(text, strict=True)
+    except ValidationError as error:
+        first = error.errors()[0]
+        expected = first["msg"].removeprefix("Input should be ")
+        raise _bad_entry(folder, str(first["loc"][0]), first["input"], expected) from None
     except (OSError, ValueError, TypeError) as error:
         # Somebody's results may be in there: it is not for us to remove.
         raise ResultFileError(
             f"{folder / RECORD}: found no record of a job ({error}), expected the one that was "
             "written with it; mend it, or move the folder away"
         ) from None
+    if record.key != folder.name:
+        raise _bad_entry(folder, "key", record.key, "the name of its folder")
+    if record.status not in statuses:
+        listed = ", ".join(sorted(f'"{status}"' for status in statuses))
+        raise _bad_entry(folder, "status", record.status, f"one of {listed}")
+    return record
+
+
+def _bad_entry(folder: Path, key: str, found: object, expected: str) -> ResultFileError:
+    return ResultFileError(
+        f"{folder / RECORD}: {key}: found {json.dumps(found)}, expected {expected}; mend it, or "
+        "move the folder away"
+    )
+
+
+def put_away(folder: Path) -> Path:
+    """Give the folder of a job that cannot be read the next free name KEY.damaged-N."""
+    count = 1
+    while (aside := folder.with_name(f"{folder.name}.damaged-{count}")).exists():
+        count += 1
+    folder.rename(aside)
+    return aside
 
 
 def write_aside(jobs: Path, key: str, files: Mapping[str, bytes]) -> Path:
     """A folder beside that of the job, in which its files are; others may write theirs meanwhile.
 
-    What processes that have died left of the same job is removed.
+    What processes of this machine that have died left of any job is removed.
     """
     jobs.mkdir(parents=True, exist_ok=True)
-    prefix = f"{key}.partial-{socket.gethostname()}-"
-    for left in jobs.glob(f"{prefix}*"):
-        if not psutil.pid_exists(int(left.name.removeprefix(prefix).split("-")[0])):
+    mark = f".partial-{socket.gethostname()}-"
+    for left in jobs.glob(f"*{mark}*"):
+        process = left.name.partition(mark)[2].partition("-")[0]
+        if process.isdecimal() and not psutil.pid_exists(int(process)):
             shutil.rmtree(left, ignore_errors=True)
-    folder = Path(tempfile.mkdtemp(prefix=f"{prefix}{os.getpid()}-", dir=jobs))
+    folder = Path(tempfile.mkdtemp(prefix=f"{key}{mark}{os.getpid()}-", dir=jobs))
     folder.chmod(0o755)
     for name, content in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -123,10 +159,18 @@ def log_of(folder: Path) -> str:
 
 
 def tail_of(folder: Path) -> str:
-    """The last lines that a program has printed."""
+    """The last lines that a program has printed, cut to what a person can read."""
     lines: list[str] = []
     for name, count in _TAIL.items():
-        if (folder / name).is_file():
-            text = (folder / name).read_text(encoding="utf-8", errors="replace")
-            lines += [line.rstrip() for line in text.splitlines() if line.strip()][-count:]
+        path = folder / name
+        if path.is_file():
+            with path.open("rb") as file:
+                file.seek(max(path.stat().st_size - _TAIL_BYTES, 0))
+                text = file.read().decode("utf-8", errors="replace").expandtabs()
+            lines += [_legible(line) for line in text.splitlines() if line.strip()][-count:]
     return "\n".join(lines)
+
+
+def _legible(line: str) -> str:
+    shown = "".join(sign if sign.isprintable() else "\ufffd" for sign in line.rstrip())
+    return shown if len(shown) <= _TAIL_WIDTH else shown[:_TAIL_WIDTH] + " …"

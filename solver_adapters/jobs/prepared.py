@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from solver_adapters.jobs.folder import (
@@ -15,12 +15,14 @@ from solver_adapters.jobs.folder import (
     write_record,
 )
 from solver_adapters.jobs.runner import STDERR, STDOUT
+from solver_adapters.jobs.status import Status
+from solver_adapters.result_files import ResultFileError
 
 PREPARED = "prepared"
 ELSEWHERE = "elsewhere"
 """The identity under which the key of a prepared job is made: nobody knows yet where it runs."""
 
-README, SCRIPT, EXIT_CODE = "README.txt", "run.sh", "exit_code.txt"
+README, SCRIPT, EXIT_CODE, KEY = "README.txt", "run.sh", "exit_code.txt", "key.txt"
 
 
 def prepare(
@@ -41,7 +43,8 @@ def prepare(
     call = shlex.join(record.command)
     script = (
         '#!/bin/sh\ncd "$(dirname "$0")" || exit 1\n'
-        f"rm -f {EXIT_CODE}\n{settings}{call} > {STDOUT} 2> {STDERR} < /dev/null\n"
+        f"rm -f {EXIT_CODE}\necho {record.key} > {KEY}\n"
+        f"{settings}{call} > {STDOUT} 2> {STDERR} < /dev/null\n"
         f"echo $? > {EXIT_CODE}\n"
     )
     texts = {README: _readme(record, call), SCRIPT: script}
@@ -53,26 +56,57 @@ def prepare(
 
 def prepared_job(folder: Path) -> Record | None:
     """The record of a folder that `prepare` has written; None of any other."""
-    record = read_record(folder)
+    record = read_record(folder, {PREPARED, Status.DONE})
     return record if record is not None and record.status == PREPARED else None
 
 
-def has_results(folder: Path, record: Record) -> bool:
-    """Whether a prepared job has more files than were written, and its script has ended."""
-    if (folder / STDOUT).is_file() and not (folder / EXIT_CODE).is_file():
-        return False
-    own = {*record.files, README, SCRIPT, RECORD}
-    return any(
-        path.is_file() and str(path.relative_to(folder)) not in own for path in folder.rglob("*")
-    )
+def has_results(folder: Path, results: Iterable[str]) -> bool:
+    """Whether a prepared job was computed: its script has ended, or left one of these files.
+
+    Other files (of a queue, of an editor) say nothing, and a log without an exit code says that
+    the script has not ended.
+    """
+    if (folder / EXIT_CODE).exists():
+        return True
+    return not (folder / STDOUT).exists() and any((folder / name).exists() for name in results)
+
+
+def refuse_other_job(folder: Path) -> None:
+    """Raise where the results in the folder of a job were computed in that of another.
+
+    Raises:
+        ResultFileError: the script of another job has left its key.
+    """
+    path = folder / KEY
+    if path.exists():
+        found = _word(path, "the key of the job")
+        if found != folder.name:
+            raise ResultFileError(
+                f"{path}: found results of the job {found[:64]}, expected those of {folder.name}"
+            )
 
 
 def exit_code(folder: Path) -> int:
-    """The exit code that the script of a prepared job has left, 0 if none."""
-    try:
-        return int((folder / EXIT_CODE).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    """The exit code that the script of a prepared job has left, 0 if none.
+
+    Raises:
+        ResultFileError: there is a file, but no exit code in it.
+    """
+    path = folder / EXIT_CODE
+    if not path.exists():
         return 0
+    expected = f"the exit code that {SCRIPT} writes"
+    found = _word(path, expected)
+    if not found.isdecimal():
+        raise ResultFileError(f"{path}: found {found[:20]!r}, expected {expected}")
+    return int(found)
+
+
+def _word(path: Path, expected: str) -> str:
+    try:
+        return path.read_text(encoding="ascii", errors="replace").strip()
+    except OSError as error:
+        raise ResultFileError(f"{path}: {error.strerror}, expected {expected}") from None
 
 
 def _readme(record: Record, call: str) -> str:

@@ -63,6 +63,31 @@ def test_the_file_of_the_user_is_where_the_system_keeps_such_files(nothing: Path
     assert profile_of(case()).threads == 4
 
 
+@pytest.mark.usefixtures("nothing")
+def test_files_of_a_call_are_sought_from_the_folder_of_the_case(tmp_path: Path) -> None:
+    folder = tmp_path / "cases"
+    (folder / "bin").mkdir(parents=True)
+    for name in ("bin/solve", "wrapper.py", "python3"):
+        (folder / name).touch()
+
+    def command(*words: str) -> tuple[str, ...]:
+        stated = case(command=words)
+        stated._folder = folder
+        return profile_of(stated).command
+
+    wrapper, solve = str(folder / "wrapper.py"), str(folder / "bin" / "solve")
+    found = command("python3", "wrapper.py", "bin", "-q", "absent.py")
+    assert found == ("python3", wrapper, "bin", "-q", "absent.py")
+    assert command("bin/solve", "./wrapper.py") == (solve, wrapper)
+    assert command("./absent", 300 * "x") == ("./absent", 300 * "x")
+
+
+def test_files_of_a_call_of_the_user_are_sought_from_that_file(config: Path) -> None:
+    (config.parent / "wrapper.py").touch()
+    config.write_text('[profiles.bar]\ncommand = ["python3", "wrapper.py"]\n')
+    assert profile_of(case()).command == ("python3", str(config.parent / "wrapper.py"))
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -36,6 +36,7 @@ class BarAdapter(ExternalAdapter):
 
     name = "bar"
     programs = ("prismid-bar-that-nobody-has",)
+    results = ("force.json",)
 
     def __init__(self, profile: Profile | None = None) -> None:
         super().__init__(profile)
@@ -68,8 +69,14 @@ class BarAdapter(ExternalAdapter):
             raise ResultFileError(f"{path}: found nothing, expected the forces")
         force = np.array(json.loads(path.read_text()))
         nodes = len(simulation.output_nodes)
+        displacement = np.zeros((len(force), nodes, 3))
+        if len(force) == len(simulation.output):
+            _, moved, asked = np.intersect1d(
+                simulation.motion_nodes, simulation.output_nodes, return_indices=True
+            )
+            displacement[:, asked] = simulation.motion[simulation.output][:, moved]
         return Response(
-            np.zeros((len(force), nodes, 3)), force, np.zeros((0, len(force), nodes, 3)),
+            displacement, force, np.zeros((0, len(force), nodes, 3)),
             np.zeros((0, len(force))), steps=len(force),
         )  # fmt: skip
 

@@ -8,6 +8,8 @@ import pickle
 import shutil
 import socket
 import subprocess
+import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -15,19 +17,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_adapters.external import Status
+from solver_adapters import external
+from solver_adapters.external import ResultFileError, Status
 from solver_adapters.interface import (
     Direction,
     NotRunError,
     PreparedError,
     Progress,
+    Response,
     Simulation,
     UnfinishedError,
     UnsupportedError,
 )
 from solver_adapters.jobs.errors import CommandMissingError, JobError
 from solver_adapters.material import Material
-from solver_adapters.response_file import read_provenance
+from solver_adapters.response_file import (
+    Provenance,
+    read_provenance,
+    read_response,
+    write_response,
+)
 from solver_adapters.validation import BadSimulationError
 from tests.solver_adapters.bar import FORCE, SIMULATION, BarAdapter, bar, folders
 
@@ -121,13 +130,56 @@ def test_an_end_by_circumstances_is_told_and_never_kept(
     assert (tmp_path / folder / "stdout.txt").is_file()
 
 
-def test_a_damaged_response_is_made_anew(tmp_path: Path) -> None:
+def test_a_tiny_limit_of_memory_is_told_in_digits(tmp_path: Path) -> None:
+    error = failed(tmp_path, "import time; time.sleep(60)", memory=1e-3)
+    assert " MB, the limit is 0.001 MB" in str(error) and "(0 MB" not in str(error)
+
+
+def _empty(stored: Path) -> None:
+    stored.write_bytes(b"")
+
+
+def _of_another_job(stored: Path) -> None:
+    origin = read_provenance(stored)
+    write_response(stored, read_response(stored), replace(origin, key="0" * 64))
+
+
+def _of_another_motion(stored: Path) -> None:
+    response = read_response(stored)
+    moved = replace(response, displacement=1.001 * response.displacement)
+    write_response(stored, moved, read_provenance(stored))
+
+
+@pytest.mark.parametrize("damage", [_empty, _of_another_job, _of_another_motion, Path.unlink])
+def test_a_response_that_is_damaged_or_foreign_is_read_again_from_its_result_files(
+    tmp_path: Path, damage: Callable[[Path], None], caplog: pytest.LogCaptureFixture
+) -> None:
     bar().solve(SIMULATION, tmp_path)
     (stored,) = tmp_path.glob("*/response.h5")
-    stored.write_bytes(stored.read_bytes()[:100])
-    np.testing.assert_allclose(bar().solve(SIMULATION, tmp_path).force, FORCE, rtol=1e-9)
-    np.testing.assert_allclose(bar().solve(SIMULATION, tmp_path).force, FORCE, rtol=1e-9)
-    assert len(folders(tmp_path)) == 1
+    (stored.parent / "notes.txt").write_text("mine")
+    damage(stored)
+    for _ in range(2):
+        np.testing.assert_allclose(bar().solve(SIMULATION, tmp_path).force, FORCE, rtol=1e-9)
+    assert runs(tmp_path) == 1 and len(folders(tmp_path)) == 1
+    assert (stored.parent / "notes.txt").read_text() == "mine"
+    (message,) = caplog.messages
+    assert message.endswith("its result files were read again")
+
+
+@pytest.mark.parametrize("damaged", ["force.json", "bar.json"])
+def test_a_job_beyond_repair_is_kept_under_another_name_and_made_anew(
+    tmp_path: Path, damaged: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    for count in (1, 2):
+        bar().solve(SIMULATION, tmp_path)
+        key = folders(tmp_path)[0]
+        _empty(tmp_path / key / "response.h5")
+        (tmp_path / key / damaged).unlink()
+        (tmp_path / key / "notes.txt").write_text("mine")
+        np.testing.assert_allclose(bar().solve(SIMULATION, tmp_path).force, FORCE, rtol=1e-9)
+        kept = tmp_path / f"{key}.damaged-{count}"
+        assert (kept / "notes.txt").read_text() == "mine"
+        assert str(kept) in caplog.messages[-1] and damaged in caplog.messages[-1]
 
 
 def test_what_a_dead_process_left_is_cleared_and_a_living_one_is_left_alone(
@@ -139,8 +191,8 @@ def test_what_a_dead_process_left_is_cleared_and_a_living_one_is_left_alone(
     ended = subprocess.Popen(["true"])
     ended.wait()
     dead, alive = (
-        tmp_path / f"{key}.partial-{socket.gethostname()}-{pid}-x"
-        for pid in (ended.pid, os.getpid())
+        tmp_path / f"{other}.partial-{socket.gethostname()}-{pid}-x"
+        for other, pid in (("of another job", ended.pid), (key, os.getpid()))
     )
     dead.mkdir()
     alive.mkdir()
@@ -216,6 +268,26 @@ def test_an_absent_program_is_told_with_what_to_put_where(
         bar(command=("/opt/no/tool",)).solve(SIMULATION, tmp_path)
 
 
+def change_record(folder: Path, **changes: object) -> None:
+    record = json.loads((folder / "job.json").read_text())
+    (folder / "job.json").write_text(json.dumps(record | changes))
+
+
+def test_a_job_of_this_machine_is_never_a_prepared_one(tmp_path: Path) -> None:
+    bar().solve(SIMULATION, tmp_path)
+    (key,) = folders(tmp_path)
+    change_record(tmp_path / key, status="prepared")
+    with pytest.raises(ResultFileError, match='status: found "prepared", expected one of "bad d'):
+        bar().solve(SIMULATION, tmp_path)
+    assert runs(tmp_path) == 1
+
+
+def test_a_long_word_of_the_call_is_no_file(tmp_path: Path) -> None:
+    script = "exec " + sys.executable + " -S bar.py " + 300 * " "
+    asked = bar(command=("sh", "-c", script)).solve(SIMULATION, tmp_path)
+    np.testing.assert_allclose(asked.force, FORCE, rtol=1e-9)
+
+
 def test_whoever_hears_of_the_progress_can_end_the_job(tmp_path: Path) -> None:
     def stop(progress: Progress) -> None:
         assert (progress.time, progress.end) == (0.0, 2.0)
@@ -223,6 +295,20 @@ def test_whoever_hears_of_the_progress_can_end_the_job(tmp_path: Path) -> None:
 
     with pytest.raises(InterruptedError):
         bar("import time; time.sleep(60)").solve(SIMULATION, tmp_path, stop)
+    assert folders(tmp_path) == []
+
+
+def test_what_was_computed_is_kept_where_its_response_cannot_be_stored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, response: Response, origin: Provenance) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(external, "write_response", full)
+    with pytest.raises(OSError, match="No space left"):
+        bar().solve(SIMULATION, tmp_path)
+    (folder,) = folders(tmp_path)
+    assert folder.endswith(".no-result") and (tmp_path / folder / "force.json").is_file()
 
 
 def test_the_same_job_at_the_same_time_leaves_one_folder(tmp_path: Path) -> None:

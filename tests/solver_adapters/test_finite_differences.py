@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -28,7 +29,10 @@ from solver_adapters.interface import (
     SolverError,
     UnsupportedError,
 )
+from solver_adapters.jobs.errors import JobError
+from solver_adapters.jobs.status import CACHED, Status
 from solver_adapters.material import Material
+from solver_adapters.result_files import ResultFileError
 from solver_adapters.validation import BadSimulationError
 from tests.solver_adapters.boxes import box, pulled
 
@@ -245,11 +249,69 @@ def test_a_derivative_that_stays_doubtful_is_noted(scale: float, noise: float, k
     assert note.endswith(f"scale {scale:.3g}); expected 2% or less") and "\n" not in note
 
 
-def test_what_has_no_effect_has_no_derivative_and_needs_no_word() -> None:
+def test_what_has_no_effect_is_tried_over_the_widest_step_and_told() -> None:
     solver = Toy()
     response = FiniteDifferences(solver).solve(along(Direction("none", rotation=np.ones((2, 3)))))
     assert not response.d_force.any() and not response.d_displacement.any()
-    assert response.notes == () and len(solver.asked) == 3
+    assert len(solver.asked) == 1 + 2 + 2
+    assert response.notes == (
+        "derivative along 'none': no change was seen over ± 0.5 (scale 1); the derivative is 0 "
+        "within the noise of the solver",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Rounded(Toy):
+    """Answers with six digits, as a result file has them."""
+
+    def solve(
+        self, simulation: Simulation, workspace: Path | None = None, progress: Report | None = None
+    ) -> Response:
+        exact = super().solve(simulation, workspace, progress)
+
+        def digits(values: FloatArray) -> FloatArray:
+            return np.array([float(f"{v:.5e}") for v in values.ravel()]).reshape(values.shape)
+
+        return replace(exact, displacement=digits(exact.displacement), force=digits(exact.force))
+
+
+def test_a_change_below_the_digits_of_a_file_is_found_with_a_wider_step() -> None:
+    """The scale is wrong by 1e4: over the first step nothing changes in six digits."""
+    direction = replace(ALONG_TAU0, scale=40 * 1e-4)
+    solver = Rounded()
+    response = FiniteDifferences(solver).solve(along(direction))
+    assert len(solver.asked) == 1 + 2 + 2
+    assert _error_of_tau0(response) < 0.02 and response.notes == ()
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        *(JobError("toy", status) for status in Status if status not in CACHED),
+        ResultFileError("job.frd: found a truncated file"),
+    ],
+    ids=lambda error: str(getattr(error, "status", "result file")),
+)
+@pytest.mark.parametrize("processes", [1, 2])
+def test_a_run_that_was_ended_is_no_bound_of_a_parameter(
+    error: SolverError, processes: int
+) -> None:
+    def ended(simulation: Simulation, folder: Path | None, heed: Report) -> None:
+        if simulation.material.tau0 < 40:
+            raise error
+
+    with pytest.raises(type(error), match=f"^{re.escape(str(error))}$"):
+        FiniteDifferences(Toy(before=ended), processes).solve(along(ALONG_TAU0))
+
+
+@pytest.mark.parametrize("status", [Status.NOT_CONVERGED, Status.BAD_DECK])
+def test_a_job_that_fails_by_its_parameters_is_replaced(status: Status) -> None:
+    def bounded(simulation: Simulation, folder: Path | None, heed: Report) -> None:
+        if simulation.material.tau0 < 40:
+            raise JobError("toy", status)
+
+    response = FiniteDifferences(Toy(before=bounded)).solve(along(ALONG_TAU0))
+    assert _error_of_tau0(response) < 0.01
 
 
 def test_runs_side_by_side_give_what_runs_one_by_one_give() -> None:

@@ -66,16 +66,18 @@ def test_curvature_asks_for_a_smaller_step_that_would_do() -> None:
 
 
 def test_noise_asks_for_a_wider_step_within_half_of_the_scale() -> None:
-    found = Slope((0.1, -0.1), np.zeros(1), np.zeros(1), 0.05, noise=0.04, same_steps=True)
+    found = Slope((0.1, -0.1), np.ones(1), np.ones(1), 0.05, 0.04, same_steps=True, seen=True)
     assert found.better_step(4.0) == pytest.approx(0.5)
     assert found.better_step(0.4) == pytest.approx(0.2)
 
 
-def test_a_response_that_nothing_changes_has_no_asymmetry() -> None:
+def test_where_nothing_changes_the_widest_step_is_asked_for_and_told() -> None:
     still = response(0.0)
     found = slope_through(still, ((0.1, still), (-0.1, still)), 1e-5)
-    assert (found.asymmetry, found.noise) == (0.0, np.inf)
-    assert not found.force.any()
+    assert not found.seen and not found.force.any()
+    assert found.better_step(4.0) == pytest.approx(2.0)
+    (doubt,) = found.doubts(DIRECTION)
+    assert "no change was seen over ± 0.1" in doubt
 
 
 def test_runs_with_other_time_steps_are_doubted() -> None:
@@ -84,5 +86,5 @@ def test_runs_with_other_time_steps_are_doubted() -> None:
     assert same.same_steps
     found = slope_through(base, ((0.1, base), (-0.1, other)), 1e-9)
     assert not found.same_steps
-    (doubt,) = found.doubts(DIRECTION)
+    doubt = found.doubts(DIRECTION)[-1]
     assert "took other time steps than the asked one" in doubt

@@ -85,6 +85,23 @@ def _incomplete(path: Path) -> None:
         del file["d_force"]
 
 
+def _not_finite(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        file["force"][1] = np.nan
+
+
+def _other_shape(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file["displacement"]
+        file["displacement"] = np.zeros((2, 500, 3))
+
+
+def _other_type(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file["steps"]
+        file["steps"] = np.zeros(3)
+
+
 @pytest.mark.parametrize(
     ("damage", "found"),
     [
@@ -94,8 +111,21 @@ def _incomplete(path: Path) -> None:
         (lambda path: path.write_text("force 3\n"), "found no HDF5 file, expected a response"),
         (_foreign, "found HDF5 of another origin, expected a response"),
         (_incomplete, "found no readable dataset d_force, expected a whole response"),
+        (_not_finite, "found values of force that are no finite numbers, expected such"),
+        (_other_shape, "found displacement of shape (2, 500, 3), expected (3, 500, 3)"),
+        (_other_type, "found damaged HDF5 (TypeError), expected a response"),
     ],
-    ids=["absent", "empty", "truncated", "no HDF5", "foreign", "incomplete"],
+    ids=[
+        "absent",
+        "empty",
+        "truncated",
+        "no HDF5",
+        "foreign",
+        "incomplete",
+        "not finite",
+        "shape",
+        "type",
+    ],
 )
 def test_what_is_no_response_is_told_in_one_sentence(
     tmp_path: Path, damage: Callable[[Path], None], found: str
@@ -107,3 +137,37 @@ def test_what_is_no_response_is_told_in_one_sentence(
         read_response(path)
     assert str(error.value).startswith(f"{path}: {found}")
     assert "\n" not in str(error.value)
+
+
+def test_a_provenance_without_a_key_is_told_in_one_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "response.h5"
+    write_response(path, RESPONSE, ORIGIN)
+    with h5py.File(path, "r+") as file:
+        del file.attrs["key"]
+    with pytest.raises(ResultFileError, match=r"found damaged HDF5 \(KeyError\), expected a resp"):
+        read_provenance(path)
+
+
+def test_no_flipped_byte_changes_a_number_or_breaks_the_reader(tmp_path: Path) -> None:
+    path = tmp_path / "response.h5"
+    small = replace(
+        RESPONSE, cells=None, displacement=RESPONSE.displacement[:, :20],
+        d_displacement=RESPONSE.d_displacement[:, :, :20], notes=("a note",),
+    )  # fmt: skip
+    write_response(path, small, ORIGIN)
+    content = path.read_bytes()
+    told = 0
+    for place in range(0, len(content), 37):
+        spoiled = bytearray(content)
+        spoiled[place] ^= 0x41
+        path.write_bytes(spoiled)
+        try:
+            read_provenance(path)
+            found = read_response(path)
+        except ResultFileError:
+            told += 1
+        else:
+            np.testing.assert_array_equal(found.displacement, small.displacement)
+            np.testing.assert_array_equal(found.force, small.force)
+            np.testing.assert_array_equal(found.d_displacement, small.d_displacement)
+    assert told > 50

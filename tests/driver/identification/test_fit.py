@@ -19,6 +19,7 @@ from solver_adapters.interface import NotRunError, PreparedError, SolverError
 from solver_adapters.jobs.errors import CommandMissingError, JobError
 from solver_adapters.jobs.status import Status
 from solver_adapters.parameter import Parameter
+from solver_adapters.result_files import ResultFileError
 from tests.driver.analytic import Curve, Formula, formula
 
 FloatArray = NDArray[np.float64]
@@ -145,16 +146,10 @@ def test_a_trial_that_cannot_be_simulated_is_shortened(error: type[Exception]) -
     assert not found.converged and "σ" in found.reason
 
 
-@pytest.mark.parametrize(
-    "error",
-    [
-        JobError("bar", Status.OUT_OF_TIME),
-        JobError("bar", Status.KILLED),
-        JobError("bar", Status.NO_RESULT),
-    ],
-    ids=lambda error: str(error.status),
-)
-def test_a_trial_whose_job_failed_is_shortened(error: JobError) -> None:
+@pytest.mark.parametrize("status", [Status.OUT_OF_TIME, Status.NOT_CONVERGED, Status.BAD_DECK])
+def test_a_trial_whose_job_failed_is_shortened_and_told_in_one_line(status: Status) -> None:
+    error = JobError("bar", status, "limit 5 s", "the end\nof the log", "results/jobs/key")
+
     def brittle(p: FloatArray) -> tuple[FloatArray, FloatArray]:
         if p[0] > 0.7:
             raise error
@@ -163,9 +158,35 @@ def test_a_trial_whose_job_failed_is_shortened(error: JobError) -> None:
     objective = formula(brittle, np.array([5.0]), PLAIN[:1])
     found = fit(objective, {"a": 0.0}, "a", 3, silent)
     assert found.values["a"] == pytest.approx(0.5)
-    objective = formula(brittle, np.array([10.0]), PLAIN[:1])
-    found = fit(objective, {"a": 0.0}, "a", 3, silent)
+    objective, log = formula(brittle, np.array([10.0]), PLAIN[:1]), list[str]()
+    found = fit(objective, {"a": 0.0}, "a", 3, log.append)
     assert [point["a"] for point in objective.tried[:3]] == pytest.approx([0.0, 1.0, 0.4])
+    told = [line for line in log if "a trial point failed" in line]
+    assert len(told) == sum(point["a"] > 0.7 for point in objective.tried)
+    assert f": bar: {status} (limit 5 s); " in told[0]
+    assert told[0].endswith("; its files are in results/jobs/key")
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        *(JobError("bar", s) for s in (Status.KILLED, Status.NO_RESULT, Status.OUT_OF_MEMORY)),
+        ResultFileError("job.json: found nothing"),
+    ],
+    ids=lambda error: str(getattr(error, "status", "result file")),
+)
+def test_a_trial_that_failed_for_no_reason_of_its_parameters_ends_the_fit(
+    error: SolverError,
+) -> None:
+    def stopped(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        if p[0] > 0.7:
+            raise error
+        return 10 * p, np.array([[10.0]])
+
+    objective = formula(stopped, np.array([10.0]), PLAIN[:1])
+    with pytest.raises(type(error)):
+        fit(objective, {"a": 0.0}, "a", 3, silent)
+    assert len(objective.tried) == 2
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -23,3 +25,9 @@ def test_reactions_of_another_set_or_at_other_instants_are_refused() -> None:
         read_force(DATA / "job.dat", "LEFT", np.array([2.0]))
     with pytest.raises(ResultFileError, match="no sum of reactions at 3 s"):
         read_force(DATA / "job.dat", "S_PLUS", np.array([2.0, 3.0]))
+
+
+def test_a_result_that_is_a_folder_is_told_in_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "job.dat").mkdir()
+    with pytest.raises(ResultFileError, match=r"^job.dat: found no file that can be read \(Is a d"):
+        read_force(tmp_path / "job.dat", "S", np.array([1.0]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +69,96 @@ def test_a_job_that_is_running_elsewhere_has_no_results_yet(tmp_path: Path) -> N
         without_program(tmp_path)
 
 
+def computed(jobs: Path, do: str = "") -> Path:
+    """A prepared job that was computed, and not read yet."""
+    folder = prepared(jobs, do)
+    subprocess.run(["sh", "run.sh"], cwd=folder, check=True)
+    return folder
+
+
+def change_record(folder: Path, **changes: object) -> None:
+    record = json.loads((folder / "job.json").read_text())
+    (folder / "job.json").write_text(json.dumps(record | changes))
+
+
+def _append(name: str) -> Callable[[Path], None]:
+    def append(folder: Path) -> None:
+        with (folder / name).open("a") as file:
+            file.write("# changed\n")
+
+    return append
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (_append("bar.py"), "/bar.py: found a file that was changed (line 6 without its header)"),
+        (lambda folder: (folder / "bar.json").unlink(), "/bar.json: No such file or directory"),
+        (lambda folder: (folder / "key.txt").write_text("1234\n"), "found results of the job 1234"),
+        (lambda folder: (folder / "exit_code.txt").write_text(""), "/exit_code.txt: found '', exp"),
+        (lambda folder: (folder / "exit_code.txt").write_text("o\n"), "/exit_code.txt: found 'o'"),
+        (lambda folder: (folder / "force.json").unlink(), "/force.json: found nothing"),
+    ],
+    ids=["deck", "no deck", "key", "empty exit code", "exit code", "no result"],
+)
+def test_results_that_are_not_those_of_a_prepared_job_are_refused(
+    tmp_path: Path, spoil: Callable[[Path], object], words: str
+) -> None:
+    folder = computed(tmp_path)
+    spoil(folder)
+    with pytest.raises(JobError) as error:
+        without_program(tmp_path)
+    assert error.value.status is Status.NO_RESULT and words in str(error.value)
+    assert f"copy all files back, or delete {folder.name} to have it prepared" in str(error.value)
+
+
+def test_other_ends_of_lines_and_another_provenance_are_no_other_deck(tmp_path: Path) -> None:
+    folder = computed(tmp_path)
+    deck = (folder / "bar.py").read_bytes()
+    (folder / "bar.py").write_bytes(deck.replace(b"# now", b"# then").replace(b"\n", b"\r\n"))
+    np.testing.assert_allclose(without_program(tmp_path).force, FORCE, rtol=1e-9)
+
+
+def test_files_of_a_queue_or_an_editor_do_not_make_a_prepared_job_computed(tmp_path: Path) -> None:
+    folder = prepared(tmp_path)
+    for name in ("slurm-1.out", "bar.py~", "key.txt"):
+        (folder / name).write_text("x")
+    with pytest.raises(CommandMissingError, match="has no results yet"):
+        without_program(tmp_path)
+    assert prepared(tmp_path) == folder
+
+
+def test_results_count_where_the_script_was_not_used(tmp_path: Path) -> None:
+    folder = prepared(tmp_path)
+    (folder / "force.json").write_text(json.dumps(FORCE.tolist()))
+    np.testing.assert_allclose(without_program(tmp_path).force, FORCE, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("key", "found", "expected"),
+    [
+        ("status", "banana", 'one of "done", "prepared"'),
+        ("status", "killed", 'one of "done", "prepared"'),
+        ("status", None, "a valid string"),
+        ("files", 3, "a valid array"),
+        ("files", "bar.py", "a valid array"),
+        ("solver", None, "a valid string"),
+        ("solver", ["bar"], "a valid string"),
+        ("wall", "long", "a valid number"),
+        ("key", "0" * 64, "the name of its folder"),
+    ],
+)
+def test_a_record_with_a_wrong_value_is_told_in_one_sentence(
+    tmp_path: Path, key: str, found: object, expected: str
+) -> None:
+    folder = computed(tmp_path)
+    change_record(folder, **{key: found})
+    with pytest.raises(ResultFileError) as error:
+        without_program(tmp_path)
+    said = f"{folder}/job.json: {key}: found {json.dumps(found)}, expected {expected}"
+    assert str(error.value).startswith(said) and "\n" not in str(error.value)
+
+
 def test_a_record_that_was_spoiled_is_told_and_its_folder_is_left_alone(tmp_path: Path) -> None:
     folder = prepared(tmp_path)
     (folder / "force.json").write_text("[1, 2, 3]")
@@ -102,9 +193,9 @@ def test_the_script_runs_the_call_with_its_variables_and_keeps_its_exit_code(
     record = Record("bar", "k1", "elsewhere", status=PREPARED, command=call, files=["my deck"])
     folder = prepare(tmp_path, record, {"my deck": b"a deck\n"}, {"LEVEL": "two words"})
     assert folder == tmp_path / "k1" and prepared_job(folder) == read_record(folder)
-    assert not has_results(folder, record) and exit_code(folder) == 0
+    assert not has_results(folder, ("result",)) and not (folder / "exit_code.txt").exists()
     subprocess.run(["sh", str(folder / "run.sh")], check=True)
-    assert has_results(folder, record) and exit_code(folder) == 3
+    assert has_results(folder, ("result",)) and exit_code(folder) == 3
     assert (folder / "stdout.txt").read_text() == "a deck\n"
     assert (folder / "stderr.txt").read_text() == "two words\n"
 
@@ -114,3 +205,10 @@ def test_a_folder_that_was_not_prepared_is_no_prepared_job(tmp_path: Path) -> No
     bar().solve(SIMULATION, tmp_path)
     (key,) = folders(tmp_path)
     assert prepared_job(tmp_path / key) is None
+
+
+def test_results_are_lost_by_no_status_that_was_set_by_hand(tmp_path: Path) -> None:
+    folder = computed(tmp_path)
+    change_record(folder, status="done")
+    np.testing.assert_allclose(without_program(tmp_path).force, FORCE, rtol=1e-9)
+    assert (folder / "force.json").is_file() and (folder / "response.h5").is_file()
