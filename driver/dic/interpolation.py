@@ -67,6 +67,28 @@ def spline_images(stack: FloatArray, pixel: float, origin: tuple[float, float]) 
     return SplineImages(coefficients=coefficients, pixel=pixel, origin=origin)
 
 
+def samples(coefficients: FloatArray) -> FloatArray:
+    """The pixels of an image from its spline coefficients."""
+    knot = np.array([1.0, 4.0, 1.0]) / 6
+    rows = ndimage.correlate1d(coefficients, knot, axis=0, mode="mirror")
+    return np.asarray(ndimage.correlate1d(rows, knot, axis=1, mode="mirror"))
+
+
+def spline_slopes(coefficients: FloatArray, rows: IntArray, cols: IntArray) -> FloatArray:
+    """∂/∂row, ∂/∂col at whole pixels of an image from its coefficients, shape (n, 2) [1/px].
+
+    At a knot the cubic spline's slope is (c₊ − c₋)/2 along one axis, smoothed by (1, 4, 1)/6
+    along the other.
+    """
+    smooth, difference = np.array([1.0, 4.0, 1.0]) / 6, np.array([-0.5, 0.0, 0.5])
+    slopes = []
+    for axis in (0, 1):
+        along = ndimage.correlate1d(coefficients, difference, axis=axis, mode="mirror")
+        across = ndimage.correlate1d(along, smooth, axis=1 - axis, mode="mirror")
+        slopes.append(across[rows, cols])
+    return np.column_stack(slopes)
+
+
 def variance_gain(fraction_x: FloatArray, fraction_y: FloatArray) -> FloatArray:
     """Variance of interpolated white pixel noise, relative to that of a pixel.
 
