@@ -124,11 +124,12 @@ def _check(mesh: PlaneMesh) -> None:
             f"cells name nodes {mesh.cells.min()} to {mesh.cells.max()}; the mesh has "
             f"{len(mesh.points)} points, counted from 0."
         )
-    unused = np.setdiff1d(np.arange(len(mesh.points)), mesh.cells)
+    unused = np.flatnonzero(np.bincount(mesh.cells.ravel(), minlength=len(mesh.points)) == 0)
     if unused.size:
         raise ValueError(f"node {unused[0]} belongs to no cell; every node needs one.")
-    maps = np.einsum("qai,cad->cqdi", cell.gradient(cell.nodes), mesh.points[mesh.cells])
-    determinants = np.linalg.det(maps)
+    slopes = cell.gradient(cell.nodes)
+    x, y = (mesh.points[mesh.cells, axis] @ slopes.transpose(2, 1, 0) for axis in (0, 1))
+    determinants = x[0] * y[1] - x[1] * y[0]
     folded = np.flatnonzero(np.abs(np.sign(determinants).sum(axis=1)) < cell.n_nodes)
     if folded.size:
         raise ValueError(f"cell {folded[0]} is folded or flat; no pixel can be placed in it.")

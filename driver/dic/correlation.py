@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
@@ -172,8 +173,11 @@ def correlate(
     n_uv = len(basis_uv.nodes)
     for start in starts:
         start[: 2 * n_uv] *= pixel
-    with ThreadPoolExecutor(options.workers) as pool:
-        splines = list(pool.map(_coefficients, whole, stack))
+    with ExitStack() as closing:
+        pool = None
+        if min(options.workers, len(stack)) > 1:
+            pool = closing.enter_context(ThreadPoolExecutor(options.workers))
+        splines = list((pool.map if pool else map)(_coefficients, whole, stack))
         search = Search(pixels, basis_uv, basis_w, options, sigma, n_reference, splines, pool)
         system, ends, estimate = search.run(starts)
     return Correlation(

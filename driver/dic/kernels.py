@@ -222,3 +222,17 @@ def pair_hessians(
             for j in range(i + 1):
                 block[i, j] += line[i] * line[j]
     return blocks
+
+
+@_compiled
+def binned(image: FloatArray, scale: int) -> FloatArray:
+    """Means over squares of `scale` pixels; what is left at the far borders is dropped."""
+    rows, cols = image.shape[0] // scale, image.shape[1] // scale
+    means = np.zeros((rows, cols))
+    for i in range(rows * scale):
+        for j in range(cols):
+            total = 0.0
+            for k in range(scale):
+                total += image[i, j * scale + k]
+            means[i // scale, j] += total
+    return means / (scale * scale)

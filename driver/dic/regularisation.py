@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -9,6 +10,8 @@ from numpy.typing import NDArray
 from scipy.sparse import block_diag, coo_array, csc_array, diags_array, eye_array, kron
 
 from driver.dic.basis import Basis, GridBasis
+from driver.dic.factor import DENSE, Matrix
+from driver.images.heightmaps import ImageError
 from meshes.plane_mesh import PlaneMesh
 
 FloatArray = NDArray[np.float64]
@@ -18,50 +21,73 @@ Penalty = Literal["curvature", "equilibrium", "elastic"]
 POISSON = 0.3
 
 
-def roughness_of_motion(basis: Basis, penalty: Penalty) -> csc_array:
-    """R in pᵀRp = what the penalty sums for nodal [u | v], shape (2 n, 2 n).
+def penalties(basis_uv: Basis, basis_w: Basis, penalty: Penalty | None) -> list[Matrix]:
+    """R of the motion and R of the height, over the nodal values [u | v | w], both (n, n).
 
-    Each is free of dimension and scale, so that pᵀRp/roughness² counts standard deviations:
+    Each is free of dimension and scale, so that pᵀRp/roughness² counts standard deviations. Of
+    u and v:
 
-    - curvature: squares of the second differences ∂XX, ∂YY, ∂XY of u and of v over a grid;
+    - curvature: squares of the second differences ∂XX, ∂YY, ∂XY over a grid;
     - elastic: twice the energy of plane stress for E = 1, ν = 0.3, the edges free. A rigid
       motion costs nothing, a strain does;
     - equilibrium: squares of the nodal forces KU inside the mesh, where equilibrium without body
       forces wants zero (the equilibrium gap). An affine motion costs nothing.
 
+    Of w: second differences on a grid, else the Laplacian inside the mesh.
+
+    Args:
+        basis_uv: basis of u and of v.
+        basis_w: basis of w.
+        penalty: of u and v; None for curvature on a grid and equilibrium elsewhere.
+
     Raises:
-        ValueError: curvature is asked for on a mesh that is no regular grid.
+        ImageError: curvature is asked for on a mesh that is no regular grid.
     """
+    if penalty is None:
+        penalty = "curvature" if isinstance(basis_uv, GridBasis) else "equilibrium"
     if penalty == "curvature":
-        one = second_differences(basis)
-        return csc_array(block_diag([one, one]))
-    stiffness = plane_stress(basis.mesh)
-    if penalty == "elastic":
-        return stiffness
-    inside = diags_array(np.tile(~on_border(basis.mesh), 2).astype(np.float64))
-    gap = inside @ stiffness
+        if not isinstance(basis_uv, GridBasis):
+            raise ImageError(
+                "penalty 'curvature' on a mesh that is no regular grid; "
+                "'equilibrium' or 'elastic' is expected."
+            )
+        one = second_differences(basis_uv.cells)
+        uv = csc_array(block_diag([one, one]))
+    elif penalty == "elastic":
+        uv = plane_stress(basis_uv.mesh)
+    else:
+        uv = _gap(plane_stress(basis_uv.mesh), np.tile(~on_border(basis_uv.mesh), 2))
+    if isinstance(basis_w, GridBasis):
+        w = second_differences(basis_w.cells)
+    else:
+        w = _gap(_laplacian(basis_w.mesh), ~on_border(basis_w.mesh))
+    n_uv, n_w = uv.shape[0], w.shape[0]
+    if n_uv + n_w > DENSE:
+        return [
+            csc_array(block_diag([uv, csc_array((n_w, n_w))])),
+            csc_array(block_diag([csc_array((n_uv, n_uv)), w])),
+        ]
+    dense = np.zeros((2, n_uv + n_w, n_uv + n_w))
+    dense[0, :n_uv, :n_uv] = uv.toarray()
+    dense[1, n_uv:, n_uv:] = w.toarray()
+    return list(dense)
+
+
+def _gap(stiffness: csc_array, inside: BoolArray) -> csc_array:
+    gap = diags_array(inside.astype(np.float64)) @ stiffness
     return csc_array(gap.T @ gap)
 
 
-def roughness_of_height(basis: Basis) -> csc_array:
-    """R for nodal w, shape (n, n): second differences on a grid, else the Laplacian inside."""
-    if isinstance(basis, GridBasis):
-        return second_differences(basis)
-    inside = diags_array((~on_border(basis.mesh)).astype(np.float64))
-    gap = inside @ _laplacian(basis.mesh)
-    return csc_array(gap.T @ gap)
+@lru_cache(maxsize=16)
+def second_differences(cells: tuple[int, int]) -> csc_array:
+    """RᵀR for the second differences ∂XX, ∂YY and ∂XY of nodal values, in nodal units.
 
-
-def second_differences(basis: Basis) -> csc_array:
-    """RᵀR for the second differences ∂XX, ∂YY and ∂XY of nodal values, in nodal units."""
-    if not isinstance(basis, GridBasis):
-        raise ValueError(
-            "penalty 'curvature' on a mesh that is no regular grid; "
-            "'equilibrium' or 'elastic' is expected."
-        )
-    first = [_differences(n + 1, 1) for n in basis.cells]
-    second = [_differences(n + 1, 2) for n in basis.cells]
-    eye = [eye_array(n + 1) for n in basis.cells]
+    Args:
+        cells: number of elements of the grid along X and Y, its nodes fastest along Y.
+    """
+    first = [_differences(n + 1, 1) for n in cells]
+    second = [_differences(n + 1, 2) for n in cells]
+    eye = [eye_array(n + 1) for n in cells]
     bends = (kron(second[0], eye[1]), kron(eye[0], second[1]), kron(first[0], first[1]))
     return csc_array(sum(bend.T @ bend for bend in bends))
 

@@ -7,12 +7,12 @@ from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import block_diag, csc_array, diags_array
+from scipy.sparse import csc_array, diags_array
 
-from driver.dic.basis import Basis, GridBasis
+from driver.dic.basis import Basis
 from driver.dic.interpolation import variance_gain
-from driver.dic.regularisation import Penalty, roughness_of_height, roughness_of_motion
-from driver.dic.system import End, Pixels, System, assemble
+from driver.dic.regularisation import Penalty, penalties
+from driver.dic.system import End, Pixels, System
 from driver.images.heightmaps import ImageError
 
 FloatArray = NDArray[np.float64]
@@ -21,6 +21,7 @@ FIRST_ROUGHNESS = 1.0  # px; where the estimate of what the motion needs begins
 FIRST_NOISE = 0.05  # of the relief
 ROUNDS = 4  # of that estimate; each changes it by less than the one before
 ENOUGH = 0.2  # relative change of an estimate, of little consequence for the motion
+COARSE = 1e-2  # px; largest update at the end of a step of the ramp
 LEAST = 1e-3  # px, or of the noise for w: as good as affine
 
 
@@ -88,109 +89,93 @@ class Search:
     sigma: float | None
     n_reference: int
     splines: list[FloatArray]
-    pool: ThreadPoolExecutor
+    pool: ThreadPoolExecutor | None
 
     def run(self, starts: list[FloatArray]) -> tuple[System, list[End], Estimate]:
         """Ends of all images, with the system that led to them and what it assumed."""
-        options, pixel = self.options, self.pixels.pixel
-        hessian = assemble(self.pixels, self.basis_uv, self.basis_w)
-        kind = options.penalty or (
-            "curvature" if isinstance(self.basis_uv, GridBasis) else "equilibrium"
-        )
-        n_uv, n_w = 2 * len(self.basis_uv.nodes), len(self.basis_w.nodes)
-        uv = csc_array(
-            block_diag([roughness_of_motion(self.basis_uv, kind), csc_array((n_w, n_w))])
-        )
-        w = csc_array(block_diag([csc_array((n_uv, n_uv)), roughness_of_height(self.basis_w)]))
+        options = self.options
         estimate = Estimate(
             sigma=self.sigma or FIRST_NOISE * float(np.std(self.pixels.height)),
-            roughness=pixel * (options.roughness or FIRST_ROUGHNESS),
+            roughness=self.pixels.pixel * (options.roughness or FIRST_ROUGHNESS),
             roughness_w=options.roughness_w or np.inf,
         )
-        starts = self._ramp(hessian, uv, w, estimate, starts)
-        last = options.tikhonov[-1] if options.tikhonov else 0.0
-        for _ in range(ROUNDS):
-            system = self._system(hessian, uv, w, estimate, last)
-            ends = self._solve(system, starts, options.tolerance, last)
-            found = self._estimated(system, ends, uv, w, estimate)
-            if found.near(estimate):
+        ramp = options.tikhonov or (0.0,)
+        system = self._system(any(ramp))
+        for weight in ramp[:-1]:
+            self._weigh(system, estimate, weight)
+            starts = [end.p for end in self._solve(system, starts, COARSE)]
+        for round_ in range(ROUNDS):
+            self._weigh(system, estimate, ramp[-1])
+            ends = self._solve(system, starts, options.tolerance)
+            found = self._estimated(system, ends, estimate)
+            if found.near(estimate) or round_ == ROUNDS - 1:
                 break
             starts, estimate = [end.p for end in ends], found
         return system, ends, replace(estimate, sigma=found.sigma)
 
-    def _estimated(
-        self, system: System, ends: list[End], uv: csc_array, w: csc_array, before: Estimate
-    ) -> Estimate:
+    def _system(self, anchored: bool) -> System:
+        parts = penalties(self.basis_uv, self.basis_w, self.options.penalty)
+        system = System(self.pixels, self.basis_uv, self.basis_w, parts)
+        if not anchored:
+            return system
+        diagonal = mean_diagonals(system)
+        dense = isinstance(parts[0], np.ndarray)
+        anchor = np.diag(diagonal) if dense else csc_array(diags_array(diagonal))
+        return System(self.pixels, self.basis_uv, self.basis_w, [*parts, anchor])
+
+    def _weigh(self, system: System, estimate: Estimate, tikhonov: float) -> None:
+        variance = estimate.sigma**2 * (1 + 1 / self.n_reference)
+        weights = [variance / granted**2 for granted in (estimate.roughness, estimate.roughness_w)]
+        system.weigh([*weights, tikhonov][: len(system.parts)])
+
+    def _solve(self, system: System, starts: list[FloatArray], tolerance: float) -> list[End]:
+        def one(spline: FloatArray, start: FloatArray) -> End:
+            pull: FloatArray | float = 0.0
+            if len(system.parts) > 2:
+                pull = system.weights[2] * (system.parts[2] @ start)
+            return system.iterate(spline, start, tolerance, pull)
+
+        if self.pool is None:
+            return [one(*each) for each in zip(self.splines, starts, strict=True)]
+        return list(self.pool.map(one, self.splines, starts))
+
+    def _estimated(self, system: System, ends: list[End], before: Estimate) -> Estimate:
         """Noise from the residual; roughness by MacKay's fixed point of the evidence.
 
         With γ = rank − tr(A⁻¹P) unknowns that the images decide, a² = pᵀRp / γ.
         """
         options, p = self.options, np.array([end.p for end in ends])
-        sigma, granted = before.sigma, []
-        for part, fixed, now, least in (
-            (uv, options.roughness, before.roughness, LEAST * self.pixels.pixel),
-            (w, options.roughness_w, before.roughness_w, LEAST * sigma),
+        granted = []
+        if None not in (options.roughness, options.roughness_w):
+            sigma = before.sigma if self.sigma is not None else self._noise(system, ends)
+            return replace(before, sigma=sigma)
+        held = [
+            weight * trace for weight, trace in zip(system.weights, system.traces(), strict=True)
+        ]
+        for part, prior, fixed, now, least in zip(
+            system.parts[:2],
+            held[:2],
+            (options.roughness, options.roughness_w),
+            (before.roughness, before.roughness_w),
+            (LEAST * self.pixels.pixel, LEAST * before.sigma),
+            strict=True,
         ):
             if fixed is not None:
                 granted.append(now)
                 continue
             rank = float(np.count_nonzero(part.diagonal()))
-            variance = before.sigma**2 * (1 + 1 / self.n_reference)
-            held = (
-                system.penalty_trace(csc_array(part * (variance / now**2))) if now < np.inf else 0
-            )
             energy = float(np.mean(np.einsum("ti,ti->t", p, (part @ p.T).T)))
-            granted.append(max(np.sqrt(energy / max(rank - held, 1.0)), least))
-        if self.sigma is None:
-            freedom, squares, used = system.freedom(), 0.0, 0
-            for end in ends:
-                gain = expected_variance(system, end.p, self.n_reference)
-                squares += float(np.nansum(end.residual**2 / gain))
-                used += int(np.isfinite(end.residual).sum())
-            sigma = float(np.sqrt(squares / max(used - freedom * len(ends), 1.0)))
+            granted.append(max(float(np.sqrt(energy / max(rank - prior, 1.0))), least))
+        sigma = before.sigma if self.sigma is not None else self._noise(system, ends)
         return Estimate(sigma, *granted)
 
-    def _ramp(
-        self,
-        hessian: csc_array,
-        uv: csc_array,
-        w: csc_array,
-        estimate: Estimate,
-        starts: list[FloatArray],
-    ) -> list[FloatArray]:
-        for weight in self.options.tikhonov[:-1]:
-            system = self._system(hessian, uv, w, estimate, weight)
-            ends = self._solve(system, starts, 10 * self.options.tolerance, weight)
-            starts = [end.p for end in ends]
-        return starts
-
-    def _solve(
-        self, system: System, starts: list[FloatArray], tolerance: float, weight: float
-    ) -> list[End]:
-        def one(spline: FloatArray, start: FloatArray) -> End:
-            pull = weight * _mean_diagonals(system) * start if weight else 0.0
-            return system.iterate(spline, start, tolerance, pull)
-
-        return list(self.pool.map(one, self.splines, starts))
-
-    def _system(
-        self,
-        hessian: csc_array,
-        uv: csc_array,
-        w: csc_array,
-        estimate: Estimate,
-        tikhonov: float,
-    ) -> System:
-        variance = estimate.sigma**2 * (1 + 1 / self.n_reference)
-        penalty = csc_array(hessian.shape)
-        for part, granted in ((uv, estimate.roughness), (w, estimate.roughness_w)):
-            if np.isfinite(granted):
-                penalty = csc_array(penalty + (variance / granted**2) * part)
-        system = System(self.pixels, self.basis_uv, self.basis_w, hessian, penalty)
-        if tikhonov:
-            towards = csc_array(diags_array(tikhonov * _mean_diagonals(system)))
-            system = system.with_penalty(csc_array(penalty + towards))
-        return system
+    def _noise(self, system: System, ends: list[End]) -> float:
+        squares, used = 0.0, 0
+        for end in ends:
+            gain = expected_variance(system, end.p, self.n_reference)
+            squares += float(np.nansum(end.residual**2 / gain))
+            used += int(np.isfinite(end.residual).sum())
+        return float(np.sqrt(squares / max(used - system.freedom() * len(ends), 1.0)))
 
 
 def expected_variance(system: System, p: FloatArray, n_reference: int) -> FloatArray:
@@ -209,7 +194,7 @@ def motion_at_pixels(system: System, p: FloatArray) -> FloatArray:
     )
 
 
-def _mean_diagonals(system: System) -> FloatArray:
+def mean_diagonals(system: System) -> FloatArray:
     """The mean diagonal of the Hessian for u, v and for w, at each unknown, shape (n,)."""
     parts = np.split(system.hessian.diagonal(), [2 * system.n_uv])
     return np.concatenate([np.full(len(part), part.mean()) for part in parts])

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import block_diag, csc_array, csr_array, diags_array, hstack
+from scipy.sparse import csr_array, diags_array, hstack
 
-from driver.dic.basis import Basis, GridBasis, grid_basis, mesh_basis
+from driver.dic.basis import Basis, grid_basis, mesh_basis
 from driver.dic.interpolation import samples
 from driver.dic.outcome import explanation
-from driver.dic.regularisation import Penalty, roughness_of_motion
+from driver.dic.regularisation import penalties
 from driver.dic.surface_images import SurfaceImages, refine_gradient
-from driver.dic.system import End, Pixels, System, assemble
+from driver.dic.system import End, Pixels, System
 from driver.images.rigid import phase_correlation
 from meshes.plane_mesh import PlaneMesh
 
@@ -148,14 +148,10 @@ def _system(images: SurfaceImages, basis_uv: Basis, basis_w: Basis, roughness: f
         slope=np.ascontiguousarray(images.gradient),
         pixel=images.pixel,
     )
-    hessian = assemble(pixels, basis_uv, basis_w)
-    n_w = len(basis_w.nodes)
-    kind: Penalty = "curvature" if isinstance(basis_uv, GridBasis) else "equilibrium"
+    system = System(pixels, basis_uv, basis_w, penalties(basis_uv, basis_w, None)[:1])
     variance = images.sigma**2 * (1.0 + 1.0 / images.n_reference)
-    rough = (variance / roughness**2) * roughness_of_motion(basis_uv, kind)
-    penalty = csc_array(block_diag([rough, csc_array((n_w, n_w))]))
-    penalty.eliminate_zeros()
-    return System(pixels, basis_uv, basis_w, hessian, penalty)
+    system.weigh([variance / roughness**2])
+    return system
 
 
 def _first_pass(

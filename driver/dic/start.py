@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.sparse import block_diag, csc_array
 
 from driver.dic.basis import GridBasis, grid_basis
-from driver.dic.regularisation import second_differences
-from driver.dic.system import Pixels, System, assemble
+from driver.dic.kernels import binned
+from driver.dic.regularisation import penalties
+from driver.dic.system import Pixels, System
 from driver.images.rigid import phase_correlation
 
 FloatArray = NDArray[np.float64]
@@ -21,8 +21,8 @@ BoolArray = NDArray[np.bool_]
 ELEMENT = 16  # px of the level
 STIFF = 0.05  # px; granted to second differences: nearly affine, no local minimum to fall into
 TOLERANCE = 2e-2  # px of the level; enough for the next one
-SMALLEST = 64  # px; a level halves the images only if their shorter side stays as long
-FACTOR = 4  # between the finest coarse level and the image
+SMALLEST = 64  # px; the images are halved as long as their shorter side stays as long
+FACTOR = 4  # between the finest coarse level and the image, 2 for a small one
 DAMPING = 1e-3  # of the mean diagonal, on the second differences of w
 
 
@@ -41,7 +41,6 @@ class Starter:
 
     levels: tuple[_Level, ...]
     reference: FloatArray
-    region: BoolArray
 
     @staticmethod
     def build(reference: FloatArray, region: BoolArray) -> Starter:
@@ -53,11 +52,13 @@ class Starter:
         """
         rows, cols = np.nonzero(region)
         extent = np.ptp(rows) + 1, np.ptp(cols) + 1
-        coarsest = 1
-        while min(extent) // (2 * coarsest) >= SMALLEST:
-            coarsest *= 2
-        scales = [s for s in (coarsest, coarsest // 2) if s >= min(coarsest, FACTOR)]
-        return Starter(tuple(_level(reference, region, s) for s in scales), reference, region)
+        scale = 2
+        while min(extent) // (2 * scale) >= SMALLEST:
+            scale *= 2
+        scales = [scale]
+        while scales[-1] > FACTOR:
+            scales.append(scales[-1] // 2)
+        return Starter(tuple(_level(reference, region, s) for s in scales), reference)
 
     def follow(
         self, images: Sequence[FloatArray], nodes_uv: FloatArray, nodes_w: FloatArray
@@ -75,15 +76,15 @@ class Starter:
         starts = []
         top = self.levels[0]
         p = np.zeros(top.system.size)
-        before = _binned(self.reference, top.scale)
+        before = binned(self.reference, top.scale)
         for image in images:
-            small = _binned(image, top.scale)
+            small = binned(image, top.scale)
             p = self._best(top, p, before, small)
             for level, coarser in zip(self.levels, (None, *self.levels), strict=False):
                 if coarser is not None:
                     p = _carried(coarser, p, level)
-                binned = small if level is top else _binned(image, level.scale)
-                end = level.system.iterate(_spline(binned), p, TOLERANCE)
+                coarse = small if level is top else binned(image, level.scale)
+                end = level.system.iterate(_spline(coarse), p, TOLERANCE)
                 p = end.p if end.reason in ("converged", "slow") else p
             last = self.levels[-1]
             starts.append(_values(last, p, nodes_uv, nodes_w))
@@ -107,10 +108,10 @@ class Starter:
 
 
 def _level(reference: FloatArray, region: BoolArray, scale: int) -> _Level:
-    f = _binned(reference, scale)
-    inside = _binned(region.astype(np.float64), scale) > 0.99
+    f = binned(reference, scale)
+    inside = binned(region.astype(np.float64), scale) > 0.99
     if not inside.any():
-        inside = _binned(region.astype(np.float64), scale) > 0
+        inside = binned(region.astype(np.float64), scale) > 0
     rows, cols = (index.astype(np.float64) for index in np.nonzero(inside))
     xy = np.column_stack([rows, cols])
     at = inside.nonzero()
@@ -120,15 +121,12 @@ def _level(reference: FloatArray, region: BoolArray, scale: int) -> _Level:
     (low_row, low_col), (high_row, high_col) = xy.min(axis=0), xy.max(axis=0)
     bounds = (low_row, max(high_row, low_row + 1), low_col, max(high_col, low_col + 1))
     basis = grid_basis(xy, bounds, ELEMENT)
-    hessian = assemble(pixels, basis, basis)
-    rough = second_differences(basis)
-    n = len(basis.nodes)
-    diagonal = hessian.diagonal()
+    system = System(pixels, basis, basis, penalties(basis, basis, "curvature"))
+    n = 2 * len(basis.nodes)
     # The stiffness that white heights of a tenth of the relief would justify.
-    variance = (0.1 * float(np.std(f[at]))) ** 2 + 1e-300
-    uv = rough * (variance / STIFF**2)
-    w = rough * (DAMPING * float(diagonal[2 * n :].mean()))
-    system = System(pixels, basis, basis, hessian, csc_array(block_diag([uv, uv, w])))
+    variance = (0.1 * float(np.std(f[at]))) ** 2
+    diagonal = float(system.hessian.diagonal()[n:].mean())
+    system.weigh([variance / STIFF**2, DAMPING * diagonal])
     return _Level(scale, system, basis)
 
 
@@ -155,14 +153,6 @@ def _values(level: _Level, p: FloatArray, nodes_uv: FloatArray, nodes_w: FloatAr
 
 def _in_image(nodes: FloatArray, scale: int) -> FloatArray:
     return np.asarray(nodes * scale + (scale - 1) / 2)
-
-
-def _binned(image: FloatArray, scale: int) -> FloatArray:
-    if scale == 1:
-        return image
-    rows, cols = (n // scale for n in image.shape)
-    blocks = image[: rows * scale, : cols * scale].reshape(rows, scale, cols, scale)
-    return np.asarray(blocks.mean(axis=(1, 3)))
 
 
 def _box(pixels: Pixels) -> tuple[slice, slice]:

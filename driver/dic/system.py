@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import coo_array, csc_array, diags_array, tril
+from scipy.sparse import coo_array, csc_array
 
 from driver.dic.basis import Basis
+from driver.dic.factor import DENSE, Factor, Matrix, make_factor
 from driver.dic.kernels import cell_pairs, pair_hessians, residual_and_right_side
-from solver_adapters.bundled.cholesky import Cholesky
+from driver.images.heightmaps import ImageError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 Reason = Literal["converged", "slow", "diverged", "left"]
 
-DENSE = 400  # unknowns, up to which a dense factor is faster than a sparse one
 CONDITION = 1e10  # of the Hessian with unit diagonal, beyond which a ridge is added
 RIDGE = 1e-8  # of that unit diagonal
 MAX_ITERATIONS = 60
 DIVERGED = 5.0  # times the first update
 MIN_USED = 0.5  # of the pixels; a motion that takes more out of the image is lost
-PROBES = 32  # random vectors behind the trace of a large matrix: 2 % of the trace for n = 1000
+PROBES = 12  # random vectors behind the traces of large matrices: known to 1 % of n > 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,73 +67,90 @@ class End:
 
 
 class System:
-    """(M + P) with its factor.
+    """A = M + Σ a_k R_k with its factor, for one set of weights a at a time.
 
     Attributes:
         pixels: where the residual is taken.
-        basis_uv, basis_w: bases at these pixels.
+        basis_uv: basis of u and of v at these pixels.
+        basis_w: basis of w.
         hessian: M, symmetric, shape (n, n).
-        penalty: P, shape (n, n).
-        ridge: what was added to the diagonal of M + P scaled to unit diagonal.
+        parts: R_k, symmetric, shape (n, n).
+        weights: a_k.
+        ridge: what was added to the diagonal of A scaled to unit diagonal.
     """
 
+    weights: tuple[float, ...]
+    ridge: float
+
     def __init__(
-        self,
-        pixels: Pixels,
-        basis_uv: Basis,
-        basis_w: Basis,
-        hessian: csc_array,
-        penalty: csc_array,
+        self, pixels: Pixels, basis_uv: Basis, basis_w: Basis, parts: Sequence[Matrix] = ()
     ) -> None:
-        """Factor M + P, with a ridge where it is singular or nearly so."""
+        """Assemble the Hessian; `weigh` is to follow."""
         self.pixels, self.basis_uv, self.basis_w = pixels, basis_uv, basis_w
-        self.hessian, self.penalty = hessian, penalty
+        self.hessian = assemble(pixels, basis_uv, basis_w)
+        self.parts = tuple(parts)
         self.n_uv = len(basis_uv.nodes)
-        total = csc_array(hessian + penalty)
-        diagonal = total.diagonal()
-        self._scale = np.sqrt(np.where(diagonal > 0, diagonal, diagonal.max()))
-        weights = diags_array(1 / self._scale)
-        scaled = csc_array(weights @ total @ weights)
-        self.ridge = 0.0
-        self._factor = _factor(scaled)
-        if self._factor is None or self._smallest_eigenvalue() < 1 / CONDITION:
+        self.size = self.hessian.shape[0]
+        self._used: list[int] = []
+        self._factor: Factor | None = None
+
+    def weigh(self, weights: Sequence[float]) -> None:
+        """Set the weights and factor A, with a ridge where it is singular or nearly so."""
+        self.weights, self.ridge = tuple(weights), 0.0
+        # A part without weight is left out, as its pattern alone would fill the factor.
+        used = [k for k, weight in enumerate(self.weights) if weight]
+        if self._factor is None or used != self._used:
+            self._factor = make_factor([self.hessian, *(self.parts[k] for k in used)])
+            self._used = used
+        terms = [1.0, *(self.weights[k] for k in used)]
+        if not self._factor.set(terms, 0.0) or self._smallest_eigenvalue() < 1 / CONDITION:
             self.ridge = RIDGE
-            self._factor = _factor(csc_array(scaled + RIDGE * diags_array(np.ones(len(diagonal)))))
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-        return len(self._scale)
-
-    def with_penalty(self, penalty: csc_array) -> System:
-        """The same Hessian with another penalty, factored anew."""
-        return System(self.pixels, self.basis_uv, self.basis_w, self.hessian, penalty)
+            if not self._factor.set(terms, RIDGE):
+                raise ImageError(
+                    "the images do not decide the motion: the reference has no relief, or most "
+                    "of the mesh lies off the region of interest."
+                )
 
     def solve(self, right: FloatArray) -> FloatArray:
-        """(M + P)⁻¹ of right-hand sides of shape (n,) or (n, m)."""
-        columns = right.reshape(self.size, -1) / self._scale[:, None]
-        assert self._factor is not None
-        if isinstance(self._factor, Cholesky):
-            solution = self._factor.solve(columns)
-        else:
-            solution = cho_solve(self._factor, columns, check_finite=False)
-        return np.asarray((solution / self._scale[:, None]).reshape(right.shape))
+        """A⁻¹ of right-hand sides of shape (n,) or (n, m)."""
+        return self._factored.solve(right)
+
+    @property
+    def _factored(self) -> Factor:
+        if self._factor is None:
+            raise RuntimeError("solve needs a call of weigh first")
+        return self._factor
+
+    def penalty_force(self, p: FloatArray) -> FloatArray:
+        """Σ a_k R_k p, shape (n,)."""
+        force = np.zeros(self.size)
+        for weight, part in zip(self.weights, self.parts, strict=True):
+            if weight:
+                force += weight * (part @ p)
+        return force
 
     def freedom(self) -> float:
-        """Trace of (M + P)⁻¹ M: how many of the n unknowns the images decide."""
-        if not self.penalty.nnz and not self.ridge:
-            return float(self.size)
-        return self.size - self.penalty_trace(self.penalty)
+        """Trace of A⁻¹ M: how many of the n unknowns the images decide."""
+        held = [w * t for w, t in zip(self.weights, self.traces(), strict=True)]
+        return float(self.size - sum(held))
 
-    def penalty_trace(self, part: csc_array) -> float:
-        """Trace of (M + P)⁻¹ Q: exact for a small system, else from fixed random vectors."""
-        if self.size <= 4 * DENSE:
-            return float(self.solve(part.toarray()).trace())
+    def traces(self) -> list[float]:
+        """Trace of A⁻¹ R_k of each part with a weight, else 0.
+
+        Exact for a small system, else from fixed random vectors.
+        """
+        parts = [r if w else None for w, r in zip(self.weights, self.parts, strict=True)]
+        if self.size <= DENSE:
+            inverse = self.solve(np.eye(self.size))
+            return [0.0 if r is None else float(np.sum(inverse * r)) for r in parts]
+        if not any(self.weights):
+            return [0.0] * len(parts)
         probes = np.random.default_rng(0).choice([-1.0, 1.0], size=(self.size, PROBES))
-        return float(np.sum(probes * self.solve(np.asarray(part @ probes))) / PROBES)
+        solved = self.solve(probes)
+        return [0.0 if r is None else float(np.sum(solved * (r @ probes))) / PROBES for r in parts]
 
     def covariance_of(self, functionals: FloatArray) -> FloatArray:
-        """L (M+P)⁻¹ M (M+P)⁻¹ Lᵀ for the rows L (m, n), times σ² the covariance of L p."""
+        """L A⁻¹ M A⁻¹ Lᵀ for the rows L (m, n), times σ² the covariance of L p."""
         weights = self.solve(np.ascontiguousarray(functionals.T))
         return np.asarray(weights.T @ (self.hessian @ weights))
 
@@ -162,16 +179,18 @@ class System:
             image: cubic B-spline coefficients of g [µm], NaN where nothing was measured.
             start: nodal values [µm], (n,).
             tolerance: [px].
-            pull: P p₀ of a penalty on (p − p₀), (n,).
+            pull: a R p₀ of a penalty on (p − p₀), (n,).
         """
-        p, penalised = start, bool(self.penalty.nnz)
+        p, penalised = start, any(self.weights)
         step, before, first = 1.0, np.inf, np.inf
         reason: Reason = "slow"
         for iteration in range(1, MAX_ITERATIONS + 1):
             residual, right, used = self._residual_and_right(image, p)
             if used < MIN_USED * len(residual):
                 return End(p, residual, iteration, "left", before)
-            update = self.solve(right + pull - self.penalty @ p if penalised else right)
+            if penalised:
+                right += pull - self.penalty_force(p)
+            update = self.solve(right)
             largest = float(np.abs(update[: 2 * self.n_uv]).max()) / self.pixels.pixel
             first = min(first, largest) if iteration == 1 else first
             # M is that of the reference: where the frame is steeper, full steps overshoot.
@@ -188,20 +207,13 @@ class System:
 
     def _smallest_eigenvalue(self) -> float:
         """Of the scaled matrix, from above, by inverse iteration."""
-        vector = np.random.default_rng(0).normal(size=(self.size, 1))
-        assert self._factor is not None
-        grown = 1.0
-        for _ in range(3):
-            vector = vector / np.linalg.norm(vector)
-            if isinstance(self._factor, Cholesky):
-                vector = self._factor.solve(vector)
-            else:
-                vector = cho_solve(self._factor, vector, check_finite=False)
-            grown = float(np.linalg.norm(vector))
-        return 1 / grown
+        vector = np.random.default_rng(0).normal(size=self.size)
+        once = self._factored.solve_scaled(vector)
+        twice = self._factored.solve_scaled(once)
+        return float(np.linalg.norm(once) / np.linalg.norm(twice))
 
 
-def assemble(pixels: Pixels, basis_uv: Basis, basis_w: Basis) -> csc_array:
+def assemble(pixels: Pixels, basis_uv: Basis, basis_w: Basis) -> Matrix:
     """M_ij = Σ (∇f·ψ_i)(∇f·ψ_j) for [u | v | w], ∇f = (∂f/∂X, ∂f/∂Y, −1), shape (n, n)."""
     cells_uv, cells_w = basis_uv.mesh.cells, basis_w.mesh.cells
     pair, sample, count = cell_pairs(basis_uv.cell, basis_w.cell, len(cells_w))
@@ -213,29 +225,15 @@ def assemble(pixels: Pixels, basis_uv: Basis, basis_w: Basis) -> csc_array:
     n_uv, n = len(basis_uv.nodes), 2 * len(basis_uv.nodes) + len(basis_w.nodes)
     of = sample[:count]
     nodes_uv, nodes_w = cells_uv[basis_uv.cell[of]], cells_w[basis_w.cell[of]]
-    dofs = np.hstack([nodes_uv, nodes_uv + n_uv, nodes_w + 2 * n_uv]).astype(np.int32)
+    dofs = np.hstack([nodes_uv, nodes_uv + n_uv, nodes_w + 2 * n_uv])
     i, j = np.tril_indices(dofs.shape[1])
     values, rows, cols = blocks[:, i, j].ravel(), dofs[:, i].ravel(), dofs[:, j].ravel()
     del blocks
+    if n <= DENSE:
+        square = np.bincount(rows * n + cols, values, n * n).reshape(n, n)
+        return np.asarray(square + square.T - np.diag(square.diagonal()))
     lower = coo_array((values, (np.maximum(rows, cols), np.minimum(rows, cols))), shape=(n, n))
     lower = csc_array(lower)
     upper = lower.T.tocsc()
     upper.setdiag(0.0)
     return csc_array(lower + upper)
-
-
-def _factor(scaled: csc_array) -> Cholesky | tuple[FloatArray, bool] | None:
-    """Cholesky factor of a symmetric matrix, or None if it is not positive definite."""
-    if scaled.shape[0] <= DENSE:
-        try:
-            factor: tuple[FloatArray, bool] = cho_factor(scaled.toarray(), lower=True)
-        except np.linalg.LinAlgError:
-            return None
-        return factor
-    lower = csc_array(tril(scaled, format="csc"))
-    lower.sort_indices()
-    if np.any(lower.indices[lower.indptr[:-1]] != np.arange(scaled.shape[0])):
-        return None  # an empty diagonal: a function that sees no pixel
-    sparse = Cholesky(lower.indptr.astype(np.int64), lower.indices.astype(np.int64))
-    sparse.values[:] = lower.data
-    return sparse if sparse.factor() else None
