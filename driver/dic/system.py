@@ -207,7 +207,7 @@ class System:
 
     def _smallest_eigenvalue(self) -> float:
         """Of the scaled matrix, from above, by inverse iteration."""
-        vector = np.random.default_rng(0).normal(size=self.size)
+        vector = np.asarray(np.random.default_rng(0).normal(size=self.size))
         once = self._factored.solve_scaled(vector)
         twice = self._factored.solve_scaled(once)
         return float(np.linalg.norm(once) / np.linalg.norm(twice))
