@@ -38,7 +38,8 @@ class Options:
         roughness_w: the same for the second differences (or the Laplacian) of w, in the unit of
             the images.
         tikhonov: weights of |p − start|², relative to the mean diagonal of the Hessian, solved in
-            turn. The last one stays and biases towards the start: end with 0 for none.
+            turn. The last one stays and biases towards the start, whose own noise the covariance
+            leaves out: end with 0 for neither.
         tolerance: largest nodal update of u, v at convergence [px].
         workers: threads over the images; the result does not depend on it.
     """
@@ -164,7 +165,7 @@ class Search:
                 granted.append(now)
                 continue
             rank = float(np.count_nonzero(part.diagonal()))
-            energy = float(np.mean(np.einsum("ti,ti->t", p, (part @ p.T).T)))
+            energy = max(float(np.mean(np.einsum("ti,ti->t", p, (part @ p.T).T))), 0.0)
             granted.append(max(float(np.sqrt(energy / max(rank - prior, 1.0))), least))
         sigma = before.sigma if self.sigma is not None else self._noise(system, ends)
         return Estimate(sigma, *granted)
