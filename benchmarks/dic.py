@@ -112,11 +112,12 @@ def sample14(folder: Path) -> None:
     g = tifffile.imread(folder / "Sample14 L3 Amp0.1b.tif").astype(np.float64)
     mask = inset(f.shape, 30)
     command = np.loadtxt(folder / "command.csv", delimiter=",")[:, 3]
-    for name, mesh, goal in (
-        ("quad8 strips of 48 px", strips(f.shape, 30, 48), "<= 0.006"),
-        ("Q4 of 16 px", 16.0, None),
+    elastic = Options(penalty="elastic")
+    for name, mesh, goal, options in (
+        ("quad8 strips of 64 px", strips(f.shape, 30, 64), "<= 0.006", elastic),
+        ("Q4 of 16 px", 16.0, None, None),
     ):
-        found = correlate(f, g, mask=mask, mesh_uv=mesh, mesh_w=64.0)
+        found = correlate(f, g, mask=mask, mesh_uv=mesh, mesh_w=200.0, options=options)
         error = found.at_pixels()[:, 1] - command[found.system.pixels.cols.astype(int)]
         show(f"u rmse sample 14, {name} [px]", float(np.sqrt(np.mean(error**2))), goal)
 

@@ -34,8 +34,39 @@ class PlaneMesh:
     cells: IntArray
     kind: CellKind
 
-    def __post_init__(self) -> None:
-        _check(self)
+    def check(self) -> None:
+        """Refuse a mesh in which points cannot be placed.
+
+        Raises:
+            ValueError: an unknown kind, arrays of another shape, a node of no cell, a folded cell.
+        """
+        if self.kind not in CELLS:
+            raise ValueError(f"kind of cells {self.kind!r}; one of {', '.join(CELLS)} is expected.")
+        cell = self.cell
+        if self.points.ndim != 2 or self.points.shape[1] != 2 or not np.isfinite(self.points).all():
+            raise ValueError(
+                f"points of shape {self.points.shape}; finite X, Y of shape (n_nodes, 2) are "
+                "expected."
+            )
+        if self.cells.ndim != 2 or self.cells.shape[1] != cell.n_nodes or not len(self.cells):
+            raise ValueError(
+                f"cells of shape {self.cells.shape}; {self.kind} cells are "
+                f"(n_cells, {cell.n_nodes})."
+            )
+        if self.cells.min() < 0 or self.cells.max() >= len(self.points):
+            raise ValueError(
+                f"cells name nodes {self.cells.min()} to {self.cells.max()}; the mesh has "
+                f"{len(self.points)} points, counted from 0."
+            )
+        unused = np.flatnonzero(np.bincount(self.cells.ravel(), minlength=len(self.points)) == 0)
+        if unused.size:
+            raise ValueError(f"node {unused[0]} belongs to no cell; every node needs one.")
+        slopes = cell.gradient(cell.nodes)
+        x, y = (self.points[self.cells, axis] @ slopes.transpose(2, 1, 0) for axis in (0, 1))
+        determinants = x[0] * y[1] - x[1] * y[0]
+        folded = np.flatnonzero(np.abs(np.sign(determinants).sum(axis=1)) < cell.n_nodes)
+        if folded.size:
+            raise ValueError(f"cell {folded[0]} is folded or flat; no pixel can be placed in it.")
 
     @property
     def cell(self) -> PlaneCell:
@@ -105,31 +136,3 @@ def _inverse_map(cell: PlaneCell, nodes: FloatArray, xy: FloatArray) -> FloatArr
         if np.abs(miss).max() < 1e-13 * scale:
             break
     return at
-
-
-def _check(mesh: PlaneMesh) -> None:
-    if mesh.kind not in CELLS:
-        raise ValueError(f"kind of cells {mesh.kind!r}; one of {', '.join(CELLS)} is expected.")
-    cell = mesh.cell
-    if mesh.points.ndim != 2 or mesh.points.shape[1] != 2 or not np.isfinite(mesh.points).all():
-        raise ValueError(
-            f"points of shape {mesh.points.shape}; finite X, Y of shape (n_nodes, 2) are expected."
-        )
-    if mesh.cells.ndim != 2 or mesh.cells.shape[1] != cell.n_nodes or not len(mesh.cells):
-        raise ValueError(
-            f"cells of shape {mesh.cells.shape}; {mesh.kind} cells are (n_cells, {cell.n_nodes})."
-        )
-    if mesh.cells.min() < 0 or mesh.cells.max() >= len(mesh.points):
-        raise ValueError(
-            f"cells name nodes {mesh.cells.min()} to {mesh.cells.max()}; the mesh has "
-            f"{len(mesh.points)} points, counted from 0."
-        )
-    unused = np.flatnonzero(np.bincount(mesh.cells.ravel(), minlength=len(mesh.points)) == 0)
-    if unused.size:
-        raise ValueError(f"node {unused[0]} belongs to no cell; every node needs one.")
-    slopes = cell.gradient(cell.nodes)
-    x, y = (mesh.points[mesh.cells, axis] @ slopes.transpose(2, 1, 0) for axis in (0, 1))
-    determinants = x[0] * y[1] - x[1] * y[0]
-    folded = np.flatnonzero(np.abs(np.sign(determinants).sum(axis=1)) < cell.n_nodes)
-    if folded.size:
-        raise ValueError(f"cell {folded[0]} is folded or flat; no pixel can be placed in it.")

@@ -78,6 +78,11 @@ class GridBasis(Basis):
     bounds: tuple[float, float, float, float]
     cells: tuple[int, int]
 
+    def interpolated(self, values: FloatArray, points: FloatArray) -> FloatArray:
+        """Nodal values (n_functions, k) at points (n, 2) of the grid, shape (n, k)."""
+        cell, shape = _place(points, self.bounds, self.cells)
+        return np.asarray(np.einsum("na,nak->nk", shape, values[self.mesh.cells[cell]]))
+
     def at(self, points: FloatArray) -> csr_array:
         """The functions at any points of the grid; arguments as for any basis."""
         return _matrix(self.mesh, *_place(points, self.bounds, self.cells))
@@ -91,8 +96,9 @@ def mesh_basis(xy: FloatArray, mesh: PlaneMesh) -> Basis:
         mesh: the mesh, which holds them all.
 
     Raises:
-        ValueError: a pixel lies outside the mesh.
+        ValueError: the mesh is broken, or a pixel lies outside it.
     """
+    mesh.check()
     cell, local = mesh.locate(xy)
     outside = np.flatnonzero(cell < 0)
     if outside.size:

@@ -119,7 +119,9 @@ def _gain_polynomial() -> FloatArray:
     scale = -6.0 * POLE / (1.0 - POLE**2)
     autocorrelation = scale**2 * POLE**lag * (lag + (1.0 + POLE**2) / (1.0 - POLE**2))
     weights: Any = _weights(cast(Any, np.poly1d([1.0, 0.0])))
-    terms = (autocorrelation[abs(i - j)] * weights[i] * weights[j] for i, j in np.ndindex(4, 4))
+    terms = (
+        float(autocorrelation[abs(i - j)]) * weights[i] * weights[j] for i, j in np.ndindex(4, 4)
+    )
     return np.asarray(sum(terms, start=np.poly1d([0.0])).coeffs)
 
 

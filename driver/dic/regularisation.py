@@ -51,6 +51,8 @@ def penalties(basis_uv: Basis, basis_w: Basis, penalty: Penalty | None) -> list[
                 "penalty 'curvature' on a mesh that is no regular grid; "
                 "'equilibrium' or 'elastic' is expected."
             )
+        if isinstance(basis_w, GridBasis) and _size(basis_uv, basis_w) <= DENSE:
+            return _dense_curvatures(basis_uv.cells, basis_w.cells)
         one = second_differences(basis_uv.cells)
         uv = csc_array(block_diag([one, one]))
     elif penalty == "elastic":
@@ -62,15 +64,26 @@ def penalties(basis_uv: Basis, basis_w: Basis, penalty: Penalty | None) -> list[
     else:
         w = _gap(_laplacian(basis_w.mesh), ~on_border(basis_w.mesh))
     n_uv, n_w = uv.shape[0], w.shape[0]
-    if n_uv + n_w > DENSE:
-        return [
-            csc_array(block_diag([uv, csc_array((n_w, n_w))])),
-            csc_array(block_diag([csc_array((n_uv, n_uv)), w])),
-        ]
-    dense = np.zeros((2, n_uv + n_w, n_uv + n_w))
-    dense[0, :n_uv, :n_uv] = uv.toarray()
-    dense[1, n_uv:, n_uv:] = w.toarray()
-    return list(dense)
+    both = [
+        csc_array(block_diag([uv, csc_array((n_w, n_w))])),
+        csc_array(block_diag([csc_array((n_uv, n_uv)), w])),
+    ]
+    return both if n_uv + n_w > DENSE else [part.toarray() for part in both]
+
+
+def _size(basis_uv: Basis, basis_w: Basis) -> int:
+    return 2 * len(basis_uv.nodes) + len(basis_w.nodes)
+
+
+@lru_cache(maxsize=16)
+def _dense_curvatures(cells_uv: tuple[int, int], cells_w: tuple[int, int]) -> list[Matrix]:
+    """Both curvature penalties of small grids: made of many small sparse products, so kept."""
+    one, w = (second_differences(cells).toarray() for cells in (cells_uv, cells_w))
+    n, n_w = len(one), len(w)
+    motion, height = np.zeros((2, 2 * n + n_w, 2 * n + n_w))
+    motion[:n, :n] = motion[n : 2 * n, n : 2 * n] = one
+    height[2 * n :, 2 * n :] = w
+    return [motion, height]
 
 
 def _gap(stiffness: csc_array, inside: BoolArray) -> csc_array:

@@ -98,7 +98,7 @@ class Search:
         estimate = Estimate(
             sigma=self.sigma or FIRST_NOISE * float(np.std(self.pixels.height)),
             roughness=self.pixels.pixel * (options.roughness or FIRST_ROUGHNESS),
-            roughness_w=options.roughness_w or np.inf,
+            roughness_w=options.roughness_w or float(np.std(self.pixels.height)),
         )
         ramp = options.tikhonov or (0.0,)
         system = self._system(any(ramp))

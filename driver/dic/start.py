@@ -142,13 +142,14 @@ def _values(level: _Level, p: FloatArray, nodes_uv: FloatArray, nodes_w: FloatAr
     """Motion of a level in pixels of the image, at nodes given there, held beyond its grid."""
     n = len(level.basis.nodes)
     x0, x1, y0, y1 = level.basis.bounds
+    nodal = np.column_stack([level.scale * p[:n], level.scale * p[n : 2 * n], p[2 * n :]])
     uv, w = (
-        level.basis.at(np.clip((x - (level.scale - 1) / 2) / level.scale, (x0, y0), (x1, y1)))
+        level.basis.interpolated(
+            nodal, np.clip((x - (level.scale - 1) / 2) / level.scale, (x0, y0), (x1, y1))
+        )
         for x in (nodes_uv, nodes_w)
     )
-    return np.concatenate(
-        [level.scale * (uv @ p[:n]), level.scale * (uv @ p[n : 2 * n]), w @ p[2 * n :]]
-    )
+    return np.concatenate([uv[:, 0], uv[:, 1], w[:, 2]])
 
 
 def _in_image(nodes: FloatArray, scale: int) -> FloatArray:

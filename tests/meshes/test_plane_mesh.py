@@ -85,4 +85,4 @@ def test_a_broken_mesh_is_refused_in_one_sentence(
     points: FloatArray, cells: NDArray[np.int64], kind: CellKind, said: str
 ) -> None:
     with pytest.raises(ValueError, match=said):
-        PlaneMesh(points, cells, kind)
+        PlaneMesh(points, cells, kind).check()
