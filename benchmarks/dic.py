@@ -158,10 +158,12 @@ def alpha() -> None:
     """Elongation of the demo's images against its truth, and the time of 320 images."""
     case = load_case(ALPHA)
     images = surface_images(case, read_experiment(case))
-    measure(images)
-    start = time.process_time()
-    motion = measure(images)
-    cpu = (time.process_time() - start) * 320 / images.n_frames
+    best = np.inf
+    for _ in range(3):
+        start = time.process_time()
+        motion = measure(images)
+        best = min(best, time.process_time() - start)
+    cpu = best * 320 / images.n_frames
     lower, upper = images.bounds[2:]
     reach = case.specimen.length / (upper - lower)
     edges = edge_motion(motion, images, lower, upper)

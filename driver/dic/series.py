@@ -11,6 +11,7 @@ from scipy.sparse import csr_array, diags_array, hstack
 
 from driver.dic.basis import Basis, grid_basis, mesh_basis
 from driver.dic.interpolation import samples
+from driver.dic.kernels import binned
 from driver.dic.outcome import explanation
 from driver.dic.regularisation import penalties
 from driver.dic.surface_images import SurfaceImages, refine_gradient
@@ -26,6 +27,7 @@ ELEMENT_UV = 16  # px
 ELEMENT_W = 8  # px; slip steps and grains make the height vary faster than u, v
 ROUGHNESS = 1.0  # px; a jump of 6 % in strain between two elements of 16 px
 ROUGHNESS_FIRST = 0.05  # px; nearly affine: no local minimum for the first pass to fall into
+JUMP = 0.5  # px; a smaller shift between two frames is left to Gauss–Newton
 TOLERANCE = 1e-4  # px; largest nodal update of u, v at convergence
 TOLERANCE_FIRST = 2e-2  # px; enough to warp the images back
 
@@ -118,13 +120,16 @@ def measure(
         ends = list(pool.map(finish, range(images.n_frames)))
     coefficients = np.array([end.p for end in ends])
     motion = _expand(basis_uv, basis_w, coefficients)
+    # A pixel that left the image adds nothing.
+    residuals = np.nan_to_num([end.residual for end in ends])
+    squares = residuals**2 / images.expected_residual_variance(motion)
     return SurfaceMotion(
         basis_uv=basis_uv,
         basis_w=basis_w,
         coefficients=coefficients,
         covariance_one=images.sigma**2 * system.covariance_of(np.eye(system.size)),
         n_reference=images.n_reference,
-        chi=images.chi(motion, system.freedom()),
+        chi=np.sqrt(squares.sum(axis=1) / (len(images.xy) - system.freedom())),
         iterations=np.array([end.iterations for end in ends]),
         converged=np.array([end.reason == "converged" for end in ends]),
         reason=tuple(explanation(end, TOLERANCE) for end in ends),
@@ -164,15 +169,15 @@ def _first_pass(
         images.rows.min() : images.rows.max() + 1, images.cols.min() : images.cols.max() + 1
     ]
     starts = np.zeros((images.n_frames, system.size))
-    p, before = starts[0], images.reference_image[box]
+    p, before = starts[0], binned(images.reference_image[box], 2)
     for t, spline in enumerate(images.frames.coefficients):
-        after = samples(spline)[box]
-        shift = np.repeat(
-            [*phase_correlation(before, after), 0.0], [n // 2, n // 2, system.size - n]
-        )
-        moved = p + images.pixel * shift
-        left = [float(np.nanstd(system.residual(spline, q))) for q in (p, moved)]
-        p = system.iterate(spline, moved if left[1] < left[0] else p, TOLERANCE_FIRST).p
+        after = binned(samples(spline)[box], 2)
+        shift = 2 * images.pixel * np.array(phase_correlation(before, after))
+        if np.hypot(*shift) > JUMP * images.pixel:
+            moved = p + np.repeat([*shift, 0.0], [n // 2, n // 2, system.size - n])
+            left = [float(np.nanstd(system.residual(spline, q))) for q in (p, moved)]
+            p = moved if left[1] < left[0] else p
+        p = system.iterate(spline, p, TOLERANCE_FIRST).p
         starts[t], before = p, after
     return starts
 
