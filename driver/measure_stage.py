@@ -41,7 +41,12 @@ def run_measure(context: StageContext) -> None:
         f"repeats, {np.count_nonzero(images.codes == Excluded.DUST)} pixels with dust"
     )
     pixel = case.images.pixel_um
-    motion = measure(images, case.dic.element_px * pixel, case.dic.height_element_px * pixel)
+    motion = measure(
+        images,
+        case.dic.element_px * pixel,
+        case.dic.height_element_px * pixel,
+        workers=case.execution.processes,
+    )
     # The region of interest ends short of the edges: its mean stretch is carried on to them.
     lower, upper = images.bounds[2:]
     reach = case.specimen.length / (upper - lower)

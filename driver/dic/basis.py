@@ -3,34 +3,50 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from driver.dic.kernels import grid_places
+from meshes.plane_mesh import PlaneMesh
+
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """Bilinear Q4 functions on a regular grid.
+    """The shape functions of a plane mesh, and the pixels in its cells.
 
     Attributes:
-        values: each function at each pixel of the region of interest,
-            shape (n_pixels, n_functions).
-        nodes: position of the node of each function [µm], Y running fastest,
-            shape (n_functions, 2).
-        bounds: rectangle (x0, x1, y0, y1) of the grid [µm].
-        cells: number of elements along X and Y.
+        mesh: tri3, tri6, quad4 or quad8.
+        cell: cell of each pixel of the region of interest, shape (n_pixels,).
+        shape: functions of that cell at the pixel, shape (n_pixels, nodes of a cell).
     """
 
-    values: csr_array
-    nodes: FloatArray
-    bounds: tuple[float, float, float, float]
-    cells: tuple[int, int]
+    mesh: PlaneMesh
+    cell: IntArray
+    shape: FloatArray
+
+    @property
+    def nodes(self) -> FloatArray:
+        """Position of the node of each function [µm], shape (n_functions, 2)."""
+        return self.mesh.points
+
+    @property
+    def element_size(self) -> float:
+        """Side of a square as large as the mean cell [µm]."""
+        return self.mesh.size
+
+    @cached_property
+    def values(self) -> csr_array:
+        """Each function at each pixel, shape (n_pixels, n_functions)."""
+        return _matrix(self.mesh, self.cell, self.shape)
 
     def at(self, points: FloatArray) -> csr_array:
-        """The functions at any points of the grid.
+        """The functions at any points of the mesh.
 
         Args:
             points: X, Y [µm], shape (n, 2).
@@ -39,14 +55,63 @@ class Basis:
             Values, shape (n, n_functions).
 
         Raises:
-            ValueError: a point lies outside the bounds.
+            ValueError: a point lies outside the mesh.
         """
-        return _bilinear(points, self.bounds, self.cells)
+        cell, local = self.mesh.locate(points)
+        outside = np.flatnonzero(cell < 0)
+        if outside.size:
+            raise ValueError(
+                f"point {tuple(points[outside[0]].tolist())} µm lies outside the mesh of the basis."
+            )
+        return _matrix(self.mesh, cell, self.mesh.cell.shape(local))
+
+
+@dataclass(frozen=True, eq=False)
+class GridBasis(Basis):
+    """Bilinear Q4 functions on a regular grid.
+
+    Attributes:
+        bounds: rectangle (x0, x1, y0, y1) of the grid [µm].
+        cells: number of elements along X and Y; the nodes run fastest along Y.
+    """
+
+    bounds: tuple[float, float, float, float]
+    cells: tuple[int, int]
+
+    def interpolated(self, values: FloatArray, points: FloatArray) -> FloatArray:
+        """Nodal values (n_functions, k) at points (n, 2) of the grid, shape (n, k)."""
+        cell, shape = _place(points, self.bounds, self.cells)
+        return np.asarray(np.einsum("na,nak->nk", shape, values[self.mesh.cells[cell]]))
+
+    def at(self, points: FloatArray) -> csr_array:
+        """The functions at any points of the grid; arguments as for any basis."""
+        return _matrix(self.mesh, *_place(points, self.bounds, self.cells))
+
+
+def mesh_basis(xy: FloatArray, mesh: PlaneMesh) -> Basis:
+    """Basis on any plane mesh.
+
+    Args:
+        xy: pixels of the region of interest [µm], shape (n_pixels, 2).
+        mesh: the mesh, which holds them all.
+
+    Raises:
+        ValueError: the mesh is broken, or a pixel lies outside it.
+    """
+    mesh.check()
+    cell, local = mesh.locate(xy)
+    outside = np.flatnonzero(cell < 0)
+    if outside.size:
+        raise ValueError(
+            f"{outside.size} of {len(xy)} pixels lie outside the mesh of the basis, the first at "
+            f"{tuple(xy[outside[0]].tolist())} µm."
+        )
+    return Basis(mesh=mesh, cell=cell, shape=mesh.cell.shape(local))
 
 
 def grid_basis(
     xy: FloatArray, bounds: tuple[float, float, float, float], element_size: float
-) -> Basis:
+) -> GridBasis:
     """Q4 basis on a regular grid that fills the bounds.
 
     Args:
@@ -63,24 +128,31 @@ def grid_basis(
     x, y = np.meshgrid(
         np.linspace(x0, x1, cells[0] + 1), np.linspace(y0, y1, cells[1] + 1), indexing="ij"
     )
-    nodes = np.column_stack([x.ravel(), y.ravel()])
-    return Basis(values=_bilinear(xy, bounds, cells), nodes=nodes, bounds=bounds, cells=cells)
+    index = np.arange(x.size).reshape(x.shape)
+    corners = (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
+    mesh = PlaneMesh(
+        points=np.column_stack([x.ravel(), y.ravel()]),
+        cells=np.stack(corners, axis=-1).reshape(-1, 4),
+        kind="quad4",
+    )
+    cell, shape = _place(xy, bounds, cells)
+    return GridBasis(mesh=mesh, cell=cell, shape=shape, bounds=bounds, cells=cells)
 
 
-def _bilinear(
+def _place(
     points: FloatArray, bounds: tuple[float, float, float, float], cells: tuple[int, int]
-) -> csr_array:
-    lower, upper = np.array(bounds).reshape(2, 2).T
-    n_cells = np.array(cells)
-    place = (points - lower) / (upper - lower) * n_cells
-    if np.any(place < -1e-9) or np.any(place > n_cells + 1e-9):
-        worst = points[np.argmax(np.abs(place / n_cells - 0.5).max(axis=1))]
-        raise ValueError(f"point {tuple(worst)} µm lies outside the bounds {bounds} of the basis.")
-    cell = np.clip(place.astype(np.int64), 0, n_cells - 1)
-    t = place - cell
-    corner = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
-    weights = np.prod(np.where(corner, t[:, None, :], 1.0 - t[:, None, :]), axis=2)
-    node = (cell[:, None, 0] + corner[:, 0]) * (cells[1] + 1) + cell[:, None, 1] + corner[:, 1]
-    pixels = np.repeat(np.arange(len(points)), 4)
-    shape = (len(points), (cells[0] + 1) * (cells[1] + 1))
-    return csr_array((weights.ravel(), (pixels, node.ravel())), shape=shape)
+) -> tuple[IntArray, FloatArray]:
+    """Cell of each point and the four functions there."""
+    cell, shape, worst = grid_places(np.ascontiguousarray(points), np.array(bounds), cells)
+    if worst >= 0:
+        raise ValueError(
+            f"point {tuple(points[worst].tolist())} µm lies outside the bounds {bounds} "
+            "of the basis."
+        )
+    return cell, shape
+
+
+def _matrix(mesh: PlaneMesh, cell: IntArray, shape: FloatArray) -> csr_array:
+    n, m = shape.shape
+    indptr = np.arange(0, m * n + 1, m)
+    return csr_array((shape.ravel(), mesh.cells[cell].ravel(), indptr), shape=(n, len(mesh.points)))

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
-from scipy.linalg import toeplitz
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -42,29 +41,50 @@ class SplineImages:
             x: along the rows' index.
             y: along the columns' index.
         """
-        return self._evaluate(index, x, y)[0]
+        (value,) = self._at(_values, index, x, y)
+        return value
 
     def gradient(self, index: ArrayLike, x: FloatArray, y: FloatArray) -> FloatArray:
         """Slopes ∂/∂X, ∂/∂Y [-] at positions [µm], stacked along a last axis of two."""
-        _, d_row, d_col = self._evaluate(index, x, y)
+        _, d_row, d_col = self._at(_evaluate, index, x, y)
         return np.stack([d_row, d_col], axis=-1) / self.pixel
 
-    def _evaluate(self, index: ArrayLike, x: FloatArray, y: FloatArray) -> list[FloatArray]:
+    def _at(self, kernel: Any, index: ArrayLike, x: FloatArray, y: FloatArray) -> list[FloatArray]:
         frames = np.atleast_1d(np.asarray(index, dtype=np.int64))
         shape = np.broadcast_shapes(x.shape, y.shape, (len(frames), 1) if np.ndim(index) else ())
         rows, cols = (
             np.array(np.broadcast_to(p / self.pixel + o, shape)).reshape(len(frames), -1)
             for p, o in zip((x, y), self.origin, strict=True)
         )
-        return [
-            np.asarray(a).reshape(shape) for a in _evaluate(self.coefficients, frames, rows, cols)
-        ]
+        return [np.asarray(a).reshape(shape) for a in kernel(self.coefficients, frames, rows, cols)]
 
 
 def spline_images(stack: FloatArray, pixel: float, origin: tuple[float, float]) -> SplineImages:
     """Spline coefficients of height maps [µm], shape (T, rows, cols), without gaps."""
     coefficients = np.stack([ndimage.spline_filter(h, order=3, mode="mirror") for h in stack])
     return SplineImages(coefficients=coefficients, pixel=pixel, origin=origin)
+
+
+def samples(coefficients: FloatArray) -> FloatArray:
+    """The pixels of an image from its spline coefficients."""
+    knot = np.array([1.0, 4.0, 1.0]) / 6
+    rows = ndimage.correlate1d(coefficients, knot, axis=0, mode="mirror")
+    return np.asarray(ndimage.correlate1d(rows, knot, axis=1, mode="mirror"))
+
+
+def spline_slopes(coefficients: FloatArray, rows: IntArray, cols: IntArray) -> FloatArray:
+    """∂/∂row, ∂/∂col at whole pixels of an image from its coefficients, shape (n, 2) [1/px].
+
+    At a knot the cubic spline's slope is (c₊ − c₋)/2 along one axis, smoothed by (1, 4, 1)/6
+    along the other.
+    """
+    smooth, difference = np.array([1.0, 4.0, 1.0]) / 6, np.array([-0.5, 0.0, 0.5])
+    slopes = []
+    for axis in (0, 1):
+        along = ndimage.correlate1d(coefficients, difference, axis=axis, mode="mirror")
+        across = ndimage.correlate1d(along, smooth, axis=1 - axis, mode="mirror")
+        slopes.append(across[rows, cols])
+    return np.column_stack(slopes)
 
 
 def variance_gain(fraction_x: FloatArray, fraction_y: FloatArray) -> FloatArray:
@@ -81,17 +101,6 @@ def variance_gain(fraction_x: FloatArray, fraction_y: FloatArray) -> FloatArray:
     return _gain(fraction_x) * _gain(fraction_y)
 
 
-def _gain(position: FloatArray) -> FloatArray:
-    t = np.mod(position, 1.0)
-    weights = np.stack(_weights(t), axis=-1)
-    # Σ_k η(t − k)² = wᵀ R w, with R the autocorrelation of the prefilter q, for which
-    # Σ_j z^|j| z^|j+k| = z^k (k + (1 + z²)/(1 − z²)).
-    lag = np.arange(4)
-    scale = -6.0 * POLE / (1.0 - POLE**2)
-    autocorrelation = scale**2 * POLE**lag * (lag + (1.0 + POLE**2) / (1.0 - POLE**2))
-    return np.asarray(np.einsum("...i,ij,...j->...", weights, toeplitz(autocorrelation), weights))
-
-
 def _weights(t: Number) -> tuple[Number, Number, Number, Number]:
     s = 1.0 - t
     return (
@@ -100,6 +109,27 @@ def _weights(t: Number) -> tuple[Number, Number, Number, Number]:
         2.0 / 3.0 - s * s * (1.0 - 0.5 * s),
         t * t * t / 6.0,
     )
+
+
+def _gain_polynomial() -> FloatArray:
+    """Coefficients of Σ_k η(t − k)² in 0 ≤ t ≤ 1, highest power first."""
+    # Σ_k η(t − k)² = wᵀ R w, with R the autocorrelation of the prefilter q, for which
+    # Σ_j z^|j| z^|j+k| = z^k (k + (1 + z²)/(1 − z²)).
+    lag = np.arange(4)
+    scale = -6.0 * POLE / (1.0 - POLE**2)
+    autocorrelation = scale**2 * POLE**lag * (lag + (1.0 + POLE**2) / (1.0 - POLE**2))
+    weights: Any = _weights(cast(Any, np.poly1d([1.0, 0.0])))
+    terms = (
+        float(autocorrelation[abs(i - j)]) * weights[i] * weights[j] for i, j in np.ndindex(4, 4)
+    )
+    return np.asarray(sum(terms, start=np.poly1d([0.0])).coeffs)
+
+
+_GAIN = _gain_polynomial()
+
+
+def _gain(position: FloatArray) -> FloatArray:
+    return np.asarray(np.polyval(_GAIN, position - np.floor(position)))
 
 
 def _fold(k: int, n: int) -> int:
@@ -152,3 +182,29 @@ def _evaluate_points(
 
 
 _evaluate = _compiled(_evaluate_points)
+
+
+def _values_at_points(
+    coefficients: FloatArray, frames: IntArray, rows: FloatArray, cols: FloatArray
+) -> tuple[FloatArray]:
+    """Values at (frames, points)."""
+    _, n_rows, n_cols = coefficients.shape
+    value = np.empty_like(rows)
+    for m in range(rows.shape[0]):
+        image = coefficients[frames[m]]
+        for p in range(rows.shape[1]):
+            r, c = int(np.floor(rows[m, p])), int(np.floor(cols[m, p]))
+            a, b = _weights_at(rows[m, p] - r), _weights_at(cols[m, p] - c)
+            inside = r >= 1 and c >= 1 and r + 2 < n_rows and c + 2 < n_cols
+            total = 0.0
+            for i in range(4):
+                k = r - 1 + i if inside else _folded(r - 1 + i, n_rows)
+                line = 0.0
+                for j in range(4):
+                    line += b[j] * image[k, c - 1 + j if inside else _folded(c - 1 + j, n_cols)]
+                total += a[i] * line
+            value[m, p] = total
+    return (value,)
+
+
+_values = _compiled(_values_at_points)

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.sparse import csr_array, diags_array, hstack
 
-from driver.dic.basis import Basis, grid_basis
+from driver.dic.basis import Basis, grid_basis, mesh_basis
+from driver.dic.interpolation import samples
+from driver.dic.kernels import binned
+from driver.dic.outcome import explanation
+from driver.dic.regularisation import penalties
 from driver.dic.surface_images import SurfaceImages, refine_gradient
-from driver.images.rigid import shift_between
+from driver.dic.system import End, Pixels, System
+from driver.images.rigid import phase_correlation
+from meshes.plane_mesh import PlaneMesh
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -21,13 +27,9 @@ ELEMENT_UV = 16  # px
 ELEMENT_W = 8  # px; slip steps and grains make the height vary faster than u, v
 ROUGHNESS = 1.0  # px; a jump of 6 % in strain between two elements of 16 px
 ROUGHNESS_FIRST = 0.05  # px; nearly affine: no local minimum for the first pass to fall into
+JUMP = 0.5  # px; a smaller shift between two frames is left to Gauss–Newton
 TOLERANCE = 1e-4  # px; largest nodal update of u, v at convergence
 TOLERANCE_FIRST = 2e-2  # px; enough to warp the images back
-MAX_ITERATIONS = 60
-CONDITION = 1e10  # of the Hessian with unit diagonal, beyond which a ridge is added
-RIDGE = 1e-8  # of that unit diagonal
-CONVERGED = f"update of u, v below {TOLERANCE:g} px"
-STOPPED = f"no convergence in {MAX_ITERATIONS} steps"
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +73,10 @@ class SurfaceMotion:
 
 def measure(
     images: SurfaceImages,
-    size_uv: float | None = None,
-    size_w: float | None = None,
+    size_uv: float | PlaneMesh | None = None,
+    size_w: float | PlaneMesh | None = None,
     roughness: float | None = None,
+    workers: int = 1,
 ) -> SurfaceMotion:
     """Measure u, v, w of every frame against the reference.
 
@@ -95,92 +98,88 @@ def measure(
 
     Args:
         images: the series.
-        size_uv: element size of u and v [µm]; 16 pixels if None.
-        size_w: element size of w [µm]; 8 pixels if None.
+        size_uv: element size of u and v [µm]; 16 pixels if None; or their mesh.
+        size_w: element size of w [µm]; 8 pixels if None; or its mesh.
         roughness: standard deviation granted to second differences of nodal u, v [µm];
-            1 pixel if None, infinity for no penalty.
+            1 pixel if None, infinity for no penalty. On a mesh that is no regular grid the
+            equilibrium gap takes the place of the second differences.
+        workers: threads over the frames; the result does not depend on it.
     """
     pixel = images.pixel
-    basis_uv = grid_basis(images.xy, images.bounds, size_uv or ELEMENT_UV * pixel)
-    basis_w = grid_basis(images.xy, images.bounds, size_w or ELEMENT_W * pixel)
+    basis_uv = _basis(images, size_uv or ELEMENT_UV * pixel)
+    basis_w = _basis(images, size_w or ELEMENT_W * pixel)
     roughness = ROUGHNESS * pixel if roughness is None else roughness
-    first = _System.build(images, basis_uv, basis_w, min(roughness, ROUGHNESS_FIRST * pixel))
-    first_pass = np.zeros((images.n_frames, first.jacobian.shape[1]))
-    p, still = first_pass[0], images.reference_image
-    for t, image in enumerate(_stills(images)):
-        start = p + _rigid_start(still, image, images, basis_uv, basis_w)
-        p, still = first.solve(images, start, t, TOLERANCE_FIRST)[0], image
-        first_pass[t] = p
+    starts = _first_pass(images, basis_uv, basis_w, min(roughness, ROUGHNESS_FIRST * pixel))
+    images = refine_gradient(images, _expand(basis_uv, basis_w, starts))
+    system = _system(images, basis_uv, basis_w, roughness)
 
-    images = refine_gradient(images, _expand(basis_uv, basis_w, first_pass))
-    second = _System.build(images, basis_uv, basis_w, roughness)
-    ends = [second.solve(images, start, t, TOLERANCE) for t, start in enumerate(first_pass)]
-    coefficients = np.array([end[0] for end in ends])
-    converged = np.array([end[2] for end in ends])
-    response = second.response()
+    def finish(t: int) -> End:
+        return system.iterate(images.frames.coefficients[t], starts[t], TOLERANCE)
+
+    with ThreadPoolExecutor(workers) as pool:
+        ends = list(pool.map(finish, range(images.n_frames)))
+    coefficients = np.array([end.p for end in ends])
     motion = _expand(basis_uv, basis_w, coefficients)
+    # A pixel that left the image adds nothing.
+    residuals = np.nan_to_num([end.residual for end in ends])
+    squares = residuals**2 / images.expected_residual_variance(motion)
     return SurfaceMotion(
         basis_uv=basis_uv,
         basis_w=basis_w,
         coefficients=coefficients,
-        covariance_one=images.sigma**2 * response @ second.hessian @ response,
+        covariance_one=images.sigma**2 * system.covariance_of(np.eye(system.size)),
         n_reference=images.n_reference,
-        chi=images.chi(motion, float(np.sum(response * second.hessian))),
-        iterations=np.array([end[1] for end in ends]),
-        converged=converged,
-        reason=tuple(CONVERGED if done else STOPPED for done in converged),
+        chi=np.sqrt(squares.sum(axis=1) / (len(images.xy) - system.freedom())),
+        iterations=np.array([end.iterations for end in ends]),
+        converged=np.array([end.reason == "converged" for end in ends]),
+        reason=tuple(explanation(end, TOLERANCE) for end in ends),
         roughness=roughness,
-        ridge=second.ridge,
+        ridge=system.ridge,
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _System:
-    """Jacobian ∇f·ψ (n_pix, n), Hessian M, penalty P (both n, n), and the factored M + P."""
+def _basis(images: SurfaceImages, size: float | PlaneMesh) -> Basis:
+    if isinstance(size, PlaneMesh):
+        return mesh_basis(images.xy, size)
+    return grid_basis(images.xy, images.bounds, size)
 
-    basis_uv: Basis
-    basis_w: Basis
-    jacobian: csr_array
-    hessian: FloatArray
-    penalty: FloatArray
-    factor: tuple[FloatArray, bool]
-    ridge: float
 
-    @staticmethod
-    def build(images: SurfaceImages, basis_uv: Basis, basis_w: Basis, roughness: float) -> _System:
-        jacobian = sensitivity(images.gradient, basis_uv, basis_w)
-        hessian = (jacobian.T @ jacobian).toarray()
-        variance = images.sigma**2 * (1.0 + 1.0 / images.n_reference)
-        rough = variance / roughness**2 * _second_differences(basis_uv)
-        penalty = block_diag(rough, rough, np.zeros((basis_w.nodes.shape[0],) * 2))
-        total = hessian + penalty
-        diagonal = total.diagonal()
-        scale = np.sqrt(np.where(diagonal > 0, diagonal, diagonal.max()))
-        ridge = RIDGE if np.linalg.cond(total / np.outer(scale, scale)) > CONDITION else 0.0
-        factor = cho_factor(total + ridge * np.diag(scale**2))
-        return _System(basis_uv, basis_w, jacobian, hessian, penalty, factor, ridge)
+def _system(images: SurfaceImages, basis_uv: Basis, basis_w: Basis, roughness: float) -> System:
+    origin = images.frames.origin
+    pixels = Pixels(
+        rows=images.xy[:, 0] / images.pixel + origin[0],
+        cols=images.xy[:, 1] / images.pixel + origin[1],
+        height=images.reference,
+        slope=np.ascontiguousarray(images.gradient),
+        pixel=images.pixel,
+    )
+    system = System(pixels, basis_uv, basis_w, penalties(basis_uv, basis_w, None)[:1])
+    variance = images.sigma**2 * (1.0 + 1.0 / images.n_reference)
+    system.weigh([variance / roughness**2])
+    return system
 
-    def response(self) -> FloatArray:
-        """(M + P)⁻¹, shape (n, n)."""
-        return np.asarray(cho_solve(self.factor, np.eye(len(self.hessian))))
 
-    def solve(
-        self, images: SurfaceImages, start: FloatArray, t: int, tolerance: float
-    ) -> tuple[FloatArray, int, bool]:
-        p, n_moving = start, 2 * len(self.basis_uv.nodes)
-        step, largest_before = 1.0, np.inf
-        for iteration in range(1, MAX_ITERATIONS + 1):
-            motion = _expand(self.basis_uv, self.basis_w, p[None])
-            residual = images.residual(motion, np.array([t]))[0]
-            update = cho_solve(self.factor, self.jacobian.T @ residual - self.penalty @ p)
-            largest = float(np.abs(update[:n_moving]).max())
-            # M is that of the reference: where the frame is steeper, full steps overshoot.
-            if largest > 0.9 * largest_before:
-                step = max(0.5 * step, 0.2)
-            p, largest_before = p + step * update, largest
-            if largest < tolerance * images.pixel:
-                return p, iteration, True
-        return p, MAX_ITERATIONS, False
+def _first_pass(
+    images: SurfaceImages, basis_uv: Basis, basis_w: Basis, roughness: float
+) -> FloatArray:
+    """A stiff motion of every frame, each from where the one before it ended, shape (T, n)."""
+    system = _system(images, basis_uv, basis_w, roughness)
+    n = 2 * system.n_uv
+    box = np.s_[
+        images.rows.min() : images.rows.max() + 1, images.cols.min() : images.cols.max() + 1
+    ]
+    starts = np.zeros((images.n_frames, system.size))
+    p, before = starts[0], binned(images.reference_image[box], 2)
+    for t, spline in enumerate(images.frames.coefficients):
+        after = binned(samples(spline)[box], 2)
+        shift = 2 * images.pixel * np.array(phase_correlation(before, after))
+        if np.hypot(*shift) > JUMP * images.pixel:
+            moved = p + np.repeat([*shift, 0.0], [n // 2, n // 2, system.size - n])
+            left = [float(np.nanstd(system.residual(spline, q))) for q in (p, moved)]
+            p = moved if left[1] < left[0] else p
+        p = system.iterate(spline, p, TOLERANCE_FIRST).p
+        starts[t], before = p, after
+    return starts
 
 
 def sensitivity(gradient: FloatArray, basis_uv: Basis, basis_w: Basis) -> csr_array:
@@ -195,35 +194,7 @@ def sensitivity(gradient: FloatArray, basis_uv: Basis, basis_w: Basis) -> csr_ar
     return csr_array(hstack([along_x, along_y, -basis_w.values]))
 
 
-def _second_differences(basis: Basis) -> FloatArray:
-    """RᵀR for the second differences ∂XX, ∂YY and ∂XY of nodal values, in nodal units."""
-    eye_x, eye_y = (np.eye(n + 1) for n in basis.cells)
-    bends = (
-        np.kron(np.diff(eye_x, 2, axis=0), eye_y),
-        np.kron(eye_x, np.diff(eye_y, 2, axis=0)),
-        np.kron(np.diff(eye_x, axis=0), np.diff(eye_y, axis=0)),
-    )
-    return np.asarray(sum(bend.T @ bend for bend in bends))
-
-
 def _expand(basis_uv: Basis, basis_w: Basis, p: FloatArray) -> FloatArray:
     n = basis_uv.values.shape[1]
     parts = ((basis_uv, p[:, :n]), (basis_uv, p[:, n : 2 * n]), (basis_w, p[:, 2 * n :]))
     return np.stack([(basis.values @ q.T).T for basis, q in parts], axis=-1)
-
-
-def _stills(images: SurfaceImages) -> list[FloatArray]:
-    """The frames as sampled, from their spline coefficients."""
-    rows, cols = np.indices(images.shape, dtype=np.float64)
-    x, y = ((r - o) * images.pixel for r, o in zip((rows, cols), images.frames.origin, strict=True))
-    return [images.frames.value(t, x, y) for t in range(images.n_frames)]
-
-
-def _rigid_start(
-    before: FloatArray, after: FloatArray, images: SurfaceImages, basis_uv: Basis, basis_w: Basis
-) -> FloatArray:
-    mask = np.zeros(images.shape, dtype=bool)
-    mask[images.rows, images.cols] = True
-    shift = shift_between(before, after, images.pixel, mask)
-    n, n_w = basis_uv.values.shape[1], basis_w.values.shape[1]
-    return np.repeat(np.array(shift), [n, n, n_w])

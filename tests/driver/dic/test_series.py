@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from driver.dic.series import measure, sensitivity
 from driver.dic.surface_images import SurfaceImages, prepare
 from driver.images.heightmaps import read_stack
+from meshes.plane_mesh import PlaneMesh
+from tests.meshes.plane_examples import distorted
 
 DATA = Path(__file__).parents[2] / "data" / "dic"
 PIXEL, LEVEL = 0.11, 0.0065
@@ -114,6 +116,20 @@ def test_sensitivity_is_minus_the_derivative_of_the_residual(scene: Scene) -> No
     gradient = images.frames.gradient(0, images.xy[:, 0], images.xy[:, 1])
     predicted = -(sensitivity(gradient, bases.basis_uv, bases.basis_w) @ step)
     assert change == pytest.approx(predicted, abs=3e-3 * np.abs(predicted).max())
+
+
+def test_threads_change_nothing_and_the_trace_of_the_volume_mesh_serves_as_basis(
+    scene: Scene,
+) -> None:
+    motion = (linear(0.004, -0.007), linear(0.002, 0.01), STILL)
+    images = scene([motion] * 5, noise=1e-5)
+    square = distorted("tri6")
+    mesh = PlaneMesh(square.points * [1.2, 2.4] - [1.8, 0.05], square.cells, "tri6")
+    one, two = (measure(images, mesh, workers=n) for n in (1, 2))
+    assert np.array_equal(one.coefficients, two.coefficients)
+    assert one.converged.all()
+    truth = np.stack([part(*images.xy.T) for part in motion], axis=-1)
+    assert np.abs(one.at_pixels()[0] - truth)[:, :2].max() < 5e-3 * PIXEL
 
 
 def pair(name: str) -> tuple[SurfaceImages, NDArray[np.float64]]:

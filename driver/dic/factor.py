@@ -1,0 +1,123 @@
+"""Cholesky factors of a weighted sum of fixed symmetric matrices, dense if small."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dpotrs
+from scipy.sparse import csc_array, eye_array, tril
+
+from solver_adapters.bundled.cholesky import Cholesky
+
+FloatArray = NDArray[np.float64]
+Matrix: TypeAlias = FloatArray | csc_array
+
+DENSE = 400  # unknowns, up to which dense matrices are faster than sparse ones
+
+
+class Factor(Protocol):
+    """The factor of Σ a_k A_k, scaled to unit diagonal."""
+
+    def set(self, weights: Sequence[float], ridge: float) -> bool:
+        """Factor the sum and a ridge on its scaled diagonal; whether it is positive definite."""
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """Solution for right-hand sides of shape (n,) or (n, m)."""
+
+    def solve_scaled(self, right: FloatArray) -> FloatArray:
+        """Solution with the scaled matrix, shape (n,)."""
+
+
+def make_factor(terms: Sequence[Matrix]) -> Factor:
+    """The factor that suits the matrices A_k, all dense or all sparse."""
+    dense = [term for term in terms if isinstance(term, np.ndarray)]
+    return DenseFactor(dense) if len(dense) == len(terms) else SparseFactor(terms)
+
+
+class DenseFactor:
+    """By LAPACK."""
+
+    def __init__(self, terms: Sequence[FloatArray]) -> None:
+        """Keep the matrices."""
+        self._terms = terms
+
+    def set(self, weights: Sequence[float], ridge: float) -> bool:
+        """As in `Factor`."""
+        total = self._terms[0] * weights[0]
+        for weight, term in zip(weights[1:], self._terms[1:], strict=True):
+            if weight:
+                total += weight * term
+        self._scale = _scale(total.diagonal())
+        total *= self._scale[:, None]
+        total *= self._scale
+        total.flat[:: len(total) + 1] += ridge
+        self._factor, info = dpotrf(total, lower=1, overwrite_a=1)
+        return bool(info == 0)
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """As in `Factor`."""
+        scale = self._scale if right.ndim == 1 else self._scale[:, None]
+        return np.asarray(scale * dpotrs(self._factor, scale * right, lower=1)[0])
+
+    def solve_scaled(self, right: FloatArray) -> FloatArray:
+        """As in `Factor`."""
+        return np.asarray(dpotrs(self._factor, right, lower=1)[0])
+
+
+class SparseFactor:
+    """By CHOLMOD, the pattern analysed once."""
+
+    def __init__(self, terms: Sequence[Matrix]) -> None:
+        """Bring the lower triangles onto one pattern and analyse it."""
+        lower = [csc_array(tril(term, format="csc")) for term in terms]
+        n = terms[0].shape[0]
+        ones = [csc_array((np.ones(a.nnz), a.indices, a.indptr), shape=a.shape) for a in lower]
+        keys = [_keys(matrix) for matrix in lower]
+        pattern = _keys(csc_array(sum(ones[1:], start=ones[0]) + eye_array(n, format="csc")))
+        self._values = []
+        for key, matrix in zip(keys, lower, strict=True):
+            values = np.zeros(len(pattern))
+            values[np.searchsorted(pattern, key)] = matrix.data
+            self._values.append(values)
+        self._columns, self._rows = np.divmod(pattern, n)
+        self._diagonal = self._rows == self._columns
+        indptr = np.searchsorted(self._columns, np.arange(n + 1))
+        self._cholesky = Cholesky(indptr.astype(np.int64), self._rows)
+
+    def set(self, weights: Sequence[float], ridge: float) -> bool:
+        """As in `Factor`."""
+        total = self._cholesky.values
+        total[:] = 0.0
+        for weight, values in zip(weights, self._values, strict=True):
+            if weight:
+                total += weight * values
+        self._scale = _scale(total[self._diagonal])
+        total *= self._scale[self._rows]
+        total *= self._scale[self._columns]
+        total[self._diagonal] += ridge
+        return self._cholesky.factor()
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """As in `Factor`."""
+        scale = self._scale[:, None]
+        columns = scale * right.reshape(len(scale), -1)
+        return np.asarray((scale * self._cholesky.solve(columns)).reshape(right.shape))
+
+    def solve_scaled(self, right: FloatArray) -> FloatArray:
+        """As in `Factor`."""
+        return self._cholesky.solve(right[:, None])[:, 0]
+
+
+def _scale(diagonal: FloatArray) -> FloatArray:
+    return np.asarray(1 / np.sqrt(np.where(diagonal > 0, diagonal, diagonal.max())))
+
+
+def _keys(matrix: csc_array) -> NDArray[np.int64]:
+    """Column · n + row of each entry, increasing."""
+    matrix.sort_indices()
+    n = matrix.shape[0]
+    columns = np.repeat(np.arange(n, dtype=np.int64), np.diff(matrix.indptr))
+    return np.asarray(columns * n + matrix.indices)

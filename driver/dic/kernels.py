@@ -1,0 +1,238 @@
+"""The loops over pixels: residual, right-hand side, Hessian, places in a grid."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+# Loaded for its folder of compiled kernels.
+from solver_adapters.bundled import compilation as compilation
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# NaN has to stay NaN: it marks what was not measured.
+_compiled: Any = njit(
+    cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}
+)
+
+MAX_PARTNERS = 32
+
+
+@_compiled
+def grid_places(
+    points: FloatArray, bounds: FloatArray, cells: tuple[int, int]
+) -> tuple[IntArray, FloatArray, int]:
+    """Cell of each point of a regular grid and its four bilinear functions there.
+
+    Args:
+        points: X, Y, shape (n, 2).
+        bounds: x0, x1, y0, y1.
+        cells: number of elements along X and Y, numbered fastest along Y.
+
+    Returns:
+        cells (n,); functions of the corners (−−, +−, ++, −+), (n, 4); the first point outside
+        the bounds by more than rounding, or −1.
+    """
+    n = len(points)
+    cell = np.empty(n, np.int64)
+    shape = np.empty((n, 4))
+    outside = -1
+    per_x, per_y = cells[0] / (bounds[1] - bounds[0]), cells[1] / (bounds[3] - bounds[2])
+    for k in range(n):
+        x, y = (points[k, 0] - bounds[0]) * per_x, (points[k, 1] - bounds[2]) * per_y
+        if outside < 0 and not (-1e-9 <= x <= cells[0] + 1e-9 and -1e-9 <= y <= cells[1] + 1e-9):
+            outside = k
+        i, j = min(max(int(x), 0), cells[0] - 1), min(max(int(y), 0), cells[1] - 1)
+        s, t = x - i, y - j
+        cell[k] = i * cells[1] + j
+        shape[k, 0] = (1 - s) * (1 - t)
+        shape[k, 1] = s * (1 - t)
+        shape[k, 2] = s * t
+        shape[k, 3] = (1 - s) * t
+    return cell, shape, outside
+
+
+@_compiled
+def residual_and_right_side(
+    image: FloatArray,
+    rows: FloatArray,
+    cols: FloatArray,
+    per_pixel: float,
+    height: FloatArray,
+    slope: FloatArray,
+    cells_uv: IntArray,
+    cell_uv: IntArray,
+    shape_uv: FloatArray,
+    cells_w: IntArray,
+    cell_w: IntArray,
+    shape_w: FloatArray,
+    p: FloatArray,
+    n_uv: int,
+    residual: FloatArray,
+    right: FloatArray,
+) -> int:
+    """ρ = f + w − g(x + u) and b = Σ (∇f·ψ) ρ of one image at the nodal values p.
+
+    A pixel that leaves the image, or meets a NaN among its spline coefficients, has the residual
+    NaN and adds nothing to b.
+
+    Args:
+        image: cubic B-spline coefficients of g, shape (n_rows, n_cols).
+        rows: place of each pixel in the image [px], (n,).
+        cols: the same along the columns, (n,).
+        per_pixel: pixels to one unit of u.
+        height: f, (n,).
+        slope: ∂f/∂X, ∂f/∂Y, (n, 2).
+        cells_uv: nodes of the cells of u and v, (n_cells, m).
+        cell_uv: cell of each pixel, (n,).
+        shape_uv: its functions at the pixel, (n, m).
+        cells_w: nodes of the cells of w.
+        cell_w: cell of w of each pixel.
+        shape_w: its functions at the pixel.
+        p: nodal values [u | v | w].
+        n_uv: nodes of u.
+        residual: ρ, written, (n,).
+        right: b, written, (len(p),).
+
+    Returns:
+        The number of pixels used.
+    """
+    n_rows, n_cols = image.shape
+    m, q = shape_uv.shape[1], shape_w.shape[1]
+    right[:] = 0.0
+    used = 0
+    for k in range(len(rows)):
+        cu, cw = cell_uv[k], cell_w[k]
+        u, v, w = 0.0, 0.0, 0.0
+        for a in range(m):
+            node, value = cells_uv[cu, a], shape_uv[k, a]
+            u += value * p[node]
+            v += value * p[n_uv + node]
+        for a in range(q):
+            w += shape_w[k, a] * p[2 * n_uv + cells_w[cw, a]]
+        y, x = rows[k] + u * per_pixel, cols[k] + v * per_pixel
+        if not (-0.5 <= y <= n_rows - 0.5 and -0.5 <= x <= n_cols - 0.5):
+            residual[k] = np.nan
+            continue
+        r, c = int(np.floor(y)), int(np.floor(x))
+        t, s = y - r, x - c
+        a0, a3 = (1 - t) ** 3 / 6, t**3 / 6
+        a1 = 2 / 3 - t * t * (1 - 0.5 * t)
+        a2 = 1 - a0 - a1 - a3
+        b0, b3 = (1 - s) ** 3 / 6, s**3 / 6
+        b1 = 2 / 3 - s * s * (1 - 0.5 * s)
+        b2 = 1 - b0 - b1 - b3
+        if 1 <= r < n_rows - 2 and 1 <= c < n_cols - 2:
+            g = 0.0
+            for i in range(4):
+                line = (
+                    b0 * image[r - 1 + i, c - 1]
+                    + b1 * image[r - 1 + i, c]
+                    + b2 * image[r - 1 + i, c + 1]
+                    + b3 * image[r - 1 + i, c + 2]
+                )
+                g += (a0 if i == 0 else a1 if i == 1 else a2 if i == 2 else a3) * line
+        else:
+            g = 0.0
+            for i in range(4):
+                at = _mirrored(r - 1 + i, n_rows)
+                line = (
+                    b0 * image[at, _mirrored(c - 1, n_cols)]
+                    + b1 * image[at, _mirrored(c, n_cols)]
+                    + b2 * image[at, _mirrored(c + 1, n_cols)]
+                    + b3 * image[at, _mirrored(c + 2, n_cols)]
+                )
+                g += (a0 if i == 0 else a1 if i == 1 else a2 if i == 2 else a3) * line
+        rho = height[k] + w - g
+        residual[k] = rho
+        if rho != rho:
+            continue
+        used += 1
+        gx, gy = slope[k, 0] * rho, slope[k, 1] * rho
+        for a in range(m):
+            node, value = cells_uv[cu, a], shape_uv[k, a]
+            right[node] += value * gx
+            right[n_uv + node] += value * gy
+        for a in range(q):
+            right[2 * n_uv + cells_w[cw, a]] -= shape_w[k, a] * rho
+    return used
+
+
+@_compiled
+def _mirrored(k: int, n: int) -> int:
+    if n == 1:
+        return 0
+    k = abs(k) % (2 * n - 2)
+    return k if k < n else 2 * n - 2 - k
+
+
+@_compiled
+def cell_pairs(cell_uv: IntArray, cell_w: IntArray, n_w: int) -> tuple[IntArray, IntArray, int]:
+    """Number the pairs (cell of u, cell of w) that share a pixel.
+
+    Returns:
+        pair of each pixel (n,); a pixel of each pair, (n,) of which the first n_pairs count;
+        n_pairs, or −1 if a cell of w meets more than 32 cells of u.
+    """
+    partner = np.full((n_w, MAX_PARTNERS), -1)
+    name = np.empty((n_w, MAX_PARTNERS), np.int64)
+    pair = np.empty(len(cell_uv), np.int64)
+    sample = np.empty(len(cell_uv), np.int64)
+    count = 0
+    for k in range(len(cell_uv)):
+        u, w = cell_uv[k], cell_w[k]
+        j = 0
+        while j < MAX_PARTNERS and partner[w, j] != u and partner[w, j] >= 0:
+            j += 1
+        if j == MAX_PARTNERS:
+            return pair, sample, -1
+        if partner[w, j] < 0:
+            partner[w, j], name[w, j] = u, count
+            sample[count] = k
+            count += 1
+        pair[k] = name[w, j]
+    return pair, sample, count
+
+
+@_compiled
+def pair_hessians(
+    pair: IntArray, n_pairs: int, slope: FloatArray, shape_uv: FloatArray, shape_w: FloatArray
+) -> FloatArray:
+    """Lower triangles of Σ (∇f·ψ_i)(∇f·ψ_j) over the pixels of each pair of cells.
+
+    Returns:
+        Shape (n_pairs, k, k) with k = 2 · nodes of a cell of u + nodes of a cell of w.
+    """
+    m, q = shape_uv.shape[1], shape_w.shape[1]
+    size = 2 * m + q
+    blocks = np.zeros((n_pairs, size, size))
+    line = np.empty(size)
+    for k in range(len(pair)):
+        for a in range(m):
+            line[a] = slope[k, 0] * shape_uv[k, a]
+            line[m + a] = slope[k, 1] * shape_uv[k, a]
+        for a in range(q):
+            line[2 * m + a] = -shape_w[k, a]
+        block = blocks[pair[k]]
+        for i in range(size):
+            for j in range(i + 1):
+                block[i, j] += line[i] * line[j]
+    return blocks
+
+
+@_compiled
+def binned(image: FloatArray, scale: int) -> FloatArray:
+    """Means over squares of `scale` pixels; what is left at the far borders is dropped."""
+    rows, cols = image.shape[0] // scale, image.shape[1] // scale
+    means = np.zeros((rows, cols))
+    for i in range(rows * scale):
+        for j in range(cols):
+            total = 0.0
+            for k in range(scale):
+                total += image[i, j * scale + k]
+            means[i // scale, j] += total
+    return means / (scale * scale)

@@ -1,0 +1,201 @@
+"""Solving with a regularisation that the images themselves ask for."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import astuple, dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array, diags_array
+
+from driver.dic.basis import Basis
+from driver.dic.interpolation import variance_gain
+from driver.dic.regularisation import Penalty, penalties
+from driver.dic.system import End, Pixels, System
+from driver.images.heightmaps import ImageError
+
+FloatArray = NDArray[np.float64]
+
+FIRST_ROUGHNESS = 1.0  # px; where the estimate of what the motion needs begins
+FIRST_NOISE = 0.05  # of the relief
+ROUNDS = 4  # of that estimate; each changes it by less than the one before
+ENOUGH = 0.2  # relative change of an estimate, of little consequence for the motion
+COARSE = 1e-2  # px; largest update at the end of a step of the ramp
+LEAST = 1e-3  # px, or of the noise for w: as good as affine
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a correlation is regularised and ended.
+
+    Attributes:
+        penalty: what is penalised of u, v: "curvature" (second differences, regular grids only),
+            "equilibrium" (nodal forces inside an elastic sheet) or "elastic" (its energy). None
+            takes curvature on grids and equilibrium on other meshes.
+        roughness: standard deviation granted to what is penalised [px]: inf for no penalty; None
+            for the value that makes the images most probable.
+        roughness_w: the same for the second differences (or the Laplacian) of w, in the unit of
+            the images.
+        tikhonov: weights of |p − start|², relative to the mean diagonal of the Hessian, solved in
+            turn. The last one stays and biases towards the start, whose own noise the covariance
+            leaves out: end with 0 for neither.
+        tolerance: largest nodal update of u, v at convergence [px].
+        workers: threads over the images; the result does not depend on it.
+    """
+
+    penalty: Penalty | None = None
+    roughness: float | None = None
+    roughness_w: float | None = None
+    tikhonov: tuple[float, ...] = ()
+    tolerance: float = 1e-3
+    workers: int = 1
+
+    def __post_init__(self) -> None:
+        for name in ("roughness", "roughness_w"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise ImageError(f"{name} = {value}; a positive number, inf or None is expected.")
+        if any(not weight >= 0 for weight in self.tikhonov):
+            raise ImageError(f"tikhonov = {self.tikhonov}; weights of 0 or more are expected.")
+        if not self.tolerance > 0 or self.workers < 1:
+            raise ImageError(
+                f"tolerance = {self.tolerance}, workers = {self.workers}; "
+                "a positive tolerance and at least 1 worker are expected."
+            )
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Noise of one image, and what is granted to u, v (in the unit of the pixel) and to w."""
+
+    sigma: float
+    roughness: float
+    roughness_w: float
+
+    def near(self, other: Estimate) -> bool:
+        """Whether no value differs by more than is worth another solution."""
+        pairs = zip(astuple(self), astuple(other), strict=True)
+        return all(a == b or abs(a - b) <= ENOUGH * b for a, b in pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Solve, estimate noise and roughness from what is found, solve again."""
+
+    pixels: Pixels
+    basis_uv: Basis
+    basis_w: Basis
+    options: Options
+    sigma: float | None
+    n_reference: int
+    splines: list[FloatArray]
+    pool: ThreadPoolExecutor | None
+
+    def run(self, starts: list[FloatArray]) -> tuple[System, list[End], Estimate]:
+        """Ends of all images, with the system that led to them and what it assumed."""
+        options = self.options
+        estimate = Estimate(
+            sigma=self.sigma or FIRST_NOISE * float(np.std(self.pixels.height)),
+            roughness=self.pixels.pixel * (options.roughness or FIRST_ROUGHNESS),
+            roughness_w=options.roughness_w or float(np.std(self.pixels.height)),
+        )
+        ramp = options.tikhonov or (0.0,)
+        system = self._system(any(ramp))
+        for weight in ramp[:-1]:
+            self._weigh(system, estimate, weight)
+            starts = [end.p for end in self._solve(system, starts, COARSE)]
+        for round_ in range(ROUNDS):
+            self._weigh(system, estimate, ramp[-1])
+            ends = self._solve(system, starts, options.tolerance)
+            found = self._estimated(system, ends, estimate)
+            if found.near(estimate) or round_ == ROUNDS - 1:
+                break
+            starts, estimate = [end.p for end in ends], found
+        return system, ends, replace(estimate, sigma=found.sigma)
+
+    def _system(self, anchored: bool) -> System:
+        parts = penalties(self.basis_uv, self.basis_w, self.options.penalty)
+        system = System(self.pixels, self.basis_uv, self.basis_w, parts)
+        if not anchored:
+            return system
+        diagonal = mean_diagonals(system)
+        dense = isinstance(parts[0], np.ndarray)
+        anchor = np.diag(diagonal) if dense else csc_array(diags_array(diagonal))
+        return System(self.pixels, self.basis_uv, self.basis_w, [*parts, anchor])
+
+    def _weigh(self, system: System, estimate: Estimate, tikhonov: float) -> None:
+        variance = estimate.sigma**2 * (1 + 1 / self.n_reference)
+        weights = [variance / granted**2 for granted in (estimate.roughness, estimate.roughness_w)]
+        system.weigh([*weights, tikhonov][: len(system.parts)])
+
+    def _solve(self, system: System, starts: list[FloatArray], tolerance: float) -> list[End]:
+        def one(spline: FloatArray, start: FloatArray) -> End:
+            pull: FloatArray | float = 0.0
+            if len(system.parts) > 2:
+                pull = system.weights[2] * (system.parts[2] @ start)
+            return system.iterate(spline, start, tolerance, pull)
+
+        if self.pool is None:
+            return [one(*each) for each in zip(self.splines, starts, strict=True)]
+        return list(self.pool.map(one, self.splines, starts))
+
+    def _estimated(self, system: System, ends: list[End], before: Estimate) -> Estimate:
+        """Noise from the residual; roughness by MacKay's fixed point of the evidence.
+
+        With γ = rank − tr(A⁻¹P) unknowns that the images decide, a² = pᵀRp / γ.
+        """
+        options, p = self.options, np.array([end.p for end in ends])
+        granted = []
+        if None not in (options.roughness, options.roughness_w):
+            sigma = before.sigma if self.sigma is not None else self._noise(system, ends)
+            return replace(before, sigma=sigma)
+        held = [
+            weight * trace for weight, trace in zip(system.weights, system.traces(), strict=True)
+        ]
+        for part, prior, fixed, now, least in zip(
+            system.parts[:2],
+            held[:2],
+            (options.roughness, options.roughness_w),
+            (before.roughness, before.roughness_w),
+            (LEAST * self.pixels.pixel, LEAST * before.sigma),
+            strict=True,
+        ):
+            if fixed is not None:
+                granted.append(now)
+                continue
+            rank = float(np.count_nonzero(part.diagonal()))
+            energy = max(float(np.mean(np.einsum("ti,ti->t", p, (part @ p.T).T))), 0.0)
+            granted.append(max(float(np.sqrt(energy / max(rank - prior, 1.0))), least))
+        sigma = before.sigma if self.sigma is not None else self._noise(system, ends)
+        return Estimate(sigma, *granted)
+
+    def _noise(self, system: System, ends: list[End]) -> float:
+        squares, used = 0.0, 0
+        for end in ends:
+            gain = expected_variance(system, end.p, self.n_reference)
+            squares += float(np.nansum(end.residual**2 / gain))
+            used += int(np.isfinite(end.residual).sum())
+        return float(np.sqrt(squares / max(used - system.freedom() * len(ends), 1.0)))
+
+
+def expected_variance(system: System, p: FloatArray, n_reference: int) -> FloatArray:
+    """Variance of ρ that white noise of variance 1 in each image causes, shape (n_pix,)."""
+    at = system.pixels
+    moved = motion_at_pixels(system, p)[:, :2] / at.pixel
+    return variance_gain(at.rows + moved[:, 0], at.cols + moved[:, 1]) + 1 / n_reference
+
+
+def motion_at_pixels(system: System, p: FloatArray) -> FloatArray:
+    """u, v, w at the pixels from nodal values [u | v | w], shape (n_pix, 3)."""
+    u, v, w = np.split(p, [system.n_uv, 2 * system.n_uv])
+    parts = ((system.basis_uv, u), (system.basis_uv, v), (system.basis_w, w))
+    return np.stack(
+        [np.einsum("ka,ka->k", b.shape, q[b.mesh.cells[b.cell]]) for b, q in parts], axis=-1
+    )
+
+
+def mean_diagonals(system: System) -> FloatArray:
+    """The mean diagonal of the Hessian for u, v and for w, at each unknown, shape (n,)."""
+    parts = np.split(system.hessian.diagonal(), [2 * system.n_uv])
+    return np.concatenate([np.full(len(part), part.mean()) for part in parts])

@@ -1,0 +1,239 @@
+"""The normal equations of a correlation: assembled and factored once, solved for every image."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csc_array
+
+from driver.dic.basis import Basis
+from driver.dic.factor import DENSE, Factor, Matrix, make_factor
+from driver.dic.kernels import cell_pairs, pair_hessians, residual_and_right_side
+from driver.images.heightmaps import ImageError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+Reason = Literal["converged", "slow", "diverged", "left"]
+
+CONDITION = 1e10  # of the Hessian with unit diagonal, beyond which a ridge is added
+RIDGE = 1e-8  # of that unit diagonal
+MAX_ITERATIONS = 60
+DIVERGED = 5.0  # times the first update
+MIN_USED = 0.5  # of the pixels; a motion that takes more out of the image is lost
+PROBES = 12  # random vectors behind the traces of large matrices: known to 1 % of n > 400
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """Reference at the n pixels of the region of interest.
+
+    Attributes:
+        rows: place of each pixel in the images [px], (n,).
+        cols: the same along the columns, (n,).
+        height: f [µm], (n,).
+        slope: ∂f/∂X (along the rows' index), ∂f/∂Y [-], (n, 2).
+        pixel: size of a pixel [µm].
+    """
+
+    rows: FloatArray
+    cols: FloatArray
+    height: FloatArray
+    slope: FloatArray
+    pixel: float
+
+
+@dataclass(frozen=True, eq=False)
+class End:
+    """Where the iteration of one image ended.
+
+    Attributes:
+        p: nodal values [u | v | w] [µm], shape (n,).
+        residual: ρ at each pixel [µm], NaN where the pixel left the image or met no height.
+        iterations: Gauss–Newton steps.
+        reason: why it stopped.
+        last_update: largest nodal update of u, v in the last step [px].
+    """
+
+    p: FloatArray
+    residual: FloatArray
+    iterations: int
+    reason: Reason
+    last_update: float
+
+
+class System:
+    """A = M + Σ a_k R_k with its factor, for one set of weights a at a time.
+
+    Attributes:
+        pixels: where the residual is taken.
+        basis_uv: basis of u and of v at these pixels.
+        basis_w: basis of w.
+        hessian: M, symmetric, shape (n, n).
+        parts: R_k, symmetric, shape (n, n).
+        weights: a_k.
+        ridge: what was added to the diagonal of A scaled to unit diagonal.
+    """
+
+    weights: tuple[float, ...]
+    ridge: float
+
+    def __init__(
+        self, pixels: Pixels, basis_uv: Basis, basis_w: Basis, parts: Sequence[Matrix] = ()
+    ) -> None:
+        """Assemble the Hessian; `weigh` is to follow."""
+        self.pixels, self.basis_uv, self.basis_w = pixels, basis_uv, basis_w
+        self.hessian = assemble(pixels, basis_uv, basis_w)
+        self.parts = tuple(parts)
+        self.n_uv = len(basis_uv.nodes)
+        self.size = self.hessian.shape[0]
+        self._used: list[int] = []
+        self._factor: Factor | None = None
+
+    def weigh(self, weights: Sequence[float]) -> None:
+        """Set the weights and factor A, with a ridge where it is singular or nearly so."""
+        self.weights, self.ridge = tuple(weights), 0.0
+        # A part without weight is left out, as its pattern alone would fill the factor.
+        used = [k for k, weight in enumerate(self.weights) if weight]
+        if self._factor is None or used != self._used:
+            self._factor = make_factor([self.hessian, *(self.parts[k] for k in used)])
+            self._used = used
+        terms = [1.0, *(self.weights[k] for k in used)]
+        if not self._factor.set(terms, 0.0) or self._smallest_eigenvalue() < 1 / CONDITION:
+            self.ridge = RIDGE
+            if not self._factor.set(terms, RIDGE):
+                raise ImageError(
+                    "the images do not decide the motion: the reference has no relief, or most "
+                    "of the mesh lies off the region of interest."
+                )
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """A⁻¹ of right-hand sides of shape (n,) or (n, m)."""
+        return self._factored.solve(right)
+
+    @property
+    def _factored(self) -> Factor:
+        if self._factor is None:
+            raise RuntimeError("solve needs a call of weigh first")
+        return self._factor
+
+    def penalty_force(self, p: FloatArray) -> FloatArray:
+        """Σ a_k R_k p, shape (n,)."""
+        force = np.zeros(self.size)
+        for weight, part in zip(self.weights, self.parts, strict=True):
+            if weight:
+                force += weight * (part @ p)
+        return force
+
+    def freedom(self) -> float:
+        """Trace of A⁻¹ M: how many of the n unknowns the images decide."""
+        held = [w * t for w, t in zip(self.weights, self.traces(), strict=True)]
+        return float(self.size - sum(held))
+
+    def traces(self) -> list[float]:
+        """Trace of A⁻¹ R_k of each part with a weight, else 0.
+
+        Exact for a small system, else from fixed random vectors.
+        """
+        parts = [r if w else None for w, r in zip(self.weights, self.parts, strict=True)]
+        if self.size <= DENSE:
+            inverse = self.solve(np.eye(self.size))
+            return [0.0 if r is None else float(np.sum(inverse * r)) for r in parts]
+        if not any(self.weights):
+            return [0.0] * len(parts)
+        probes = np.random.default_rng(0).choice([-1.0, 1.0], size=(self.size, PROBES))
+        solved = self.solve(probes)
+        return [0.0 if r is None else float(np.sum(solved * (r @ probes))) / PROBES for r in parts]
+
+    def covariance_of(self, functionals: FloatArray) -> FloatArray:
+        """L A⁻¹ M A⁻¹ Lᵀ for the rows L (m, n), times σ² the covariance of L p."""
+        weights = self.solve(np.ascontiguousarray(functionals.T))
+        return np.asarray(weights.T @ (self.hessian @ weights))
+
+    def residual(self, image: FloatArray, p: FloatArray) -> FloatArray:
+        """ρ at each pixel [µm], NaN where it leaves the image or meets no height, shape (n,)."""
+        return self._residual_and_right(image, p)[0]
+
+    def _residual_and_right(
+        self, image: FloatArray, p: FloatArray
+    ) -> tuple[FloatArray, FloatArray, int]:
+        at, uv, w = self.pixels, self.basis_uv, self.basis_w
+        residual, right = np.empty(len(at.rows)), np.empty(self.size)
+        used = residual_and_right_side(
+            image, at.rows, at.cols, 1 / at.pixel, at.height, at.slope,
+            uv.mesh.cells, uv.cell, uv.shape, w.mesh.cells, w.cell, w.shape,
+            p, self.n_uv, residual, right,
+        )  # fmt: skip
+        return residual, right, used
+
+    def iterate(
+        self, image: FloatArray, start: FloatArray, tolerance: float, pull: FloatArray | float = 0.0
+    ) -> End:
+        """Gauss–Newton from a start until the nodal update of u, v falls below the tolerance.
+
+        Args:
+            image: cubic B-spline coefficients of g [µm], NaN where nothing was measured.
+            start: nodal values [µm], (n,).
+            tolerance: [px].
+            pull: a R p₀ of a penalty on (p − p₀), (n,).
+        """
+        p, penalised = start, any(self.weights)
+        step, before, first = 1.0, np.inf, np.inf
+        reason: Reason = "slow"
+        for iteration in range(1, MAX_ITERATIONS + 1):
+            residual, right, used = self._residual_and_right(image, p)
+            if used < MIN_USED * len(residual):
+                return End(p, residual, iteration, "left", before)
+            if penalised:
+                right += pull - self.penalty_force(p)
+            update = self.solve(right)
+            largest = float(np.abs(update[: 2 * self.n_uv]).max()) / self.pixels.pixel
+            first = min(first, largest) if iteration == 1 else first
+            # M is that of the reference: where the frame is steeper, full steps overshoot.
+            if largest > 0.9 * before:
+                step = max(0.5 * step, 0.2)
+            p, before = p + step * update, largest
+            if largest < tolerance:
+                reason = "converged"
+                break
+            if largest > DIVERGED * max(first, 1.0):
+                reason = "diverged"
+                break
+        return End(p, residual, iteration, reason, before)
+
+    def _smallest_eigenvalue(self) -> float:
+        """Of the scaled matrix, from above, by inverse iteration."""
+        vector = np.asarray(np.random.default_rng(0).normal(size=self.size))
+        once = self._factored.solve_scaled(vector)
+        twice = self._factored.solve_scaled(once)
+        return float(np.linalg.norm(once) / np.linalg.norm(twice))
+
+
+def assemble(pixels: Pixels, basis_uv: Basis, basis_w: Basis) -> Matrix:
+    """M_ij = Σ (∇f·ψ_i)(∇f·ψ_j) for [u | v | w], ∇f = (∂f/∂X, ∂f/∂Y, −1), shape (n, n)."""
+    cells_uv, cells_w = basis_uv.mesh.cells, basis_w.mesh.cells
+    pair, sample, count = cell_pairs(basis_uv.cell, basis_w.cell, len(cells_w))
+    if count < 0:
+        key = basis_uv.cell * len(cells_w) + basis_w.cell
+        _, sample, pair = np.unique(key, return_index=True, return_inverse=True)
+        pair, count = pair.ravel(), len(sample)
+    blocks = pair_hessians(pair, count, pixels.slope, basis_uv.shape, basis_w.shape)
+    n_uv, n = len(basis_uv.nodes), 2 * len(basis_uv.nodes) + len(basis_w.nodes)
+    of = sample[:count]
+    nodes_uv, nodes_w = cells_uv[basis_uv.cell[of]], cells_w[basis_w.cell[of]]
+    dofs = np.hstack([nodes_uv, nodes_uv + n_uv, nodes_w + 2 * n_uv])
+    i, j = np.tril_indices(dofs.shape[1])
+    values, rows, cols = blocks[:, i, j].ravel(), dofs[:, i].ravel(), dofs[:, j].ravel()
+    del blocks
+    if n <= DENSE:
+        square = np.bincount(rows * n + cols, values, n * n).reshape(n, n)
+        return np.asarray(square + square.T - np.diag(square.diagonal()))
+    lower = coo_array((values, (np.maximum(rows, cols), np.minimum(rows, cols))), shape=(n, n))
+    lower = csc_array(lower)
+    upper = lower.T.tocsc()
+    upper.setdiag(0.0)
+    return csc_array(lower + upper)

@@ -1,0 +1,138 @@
+"""A plane finite-element mesh, and where points lie in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from meshes.plane_cells import CELLS, CellKind, PlaneCell
+from meshes.surface import SurfaceMesh
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+TOLERANCE = 1e-9
+"""How far outside a cell a point may lie to be counted in, in reference coordinates."""
+NEWTON_STEPS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneMesh:
+    """Cells of one kind in the plane.
+
+    Attributes:
+        points: X, Y of the nodes [µm], shape (n_nodes, 2).
+        cells: connectivity: corners counter-clockwise or clockwise, then the nodes on the sides
+            01, 12, …; sides may be curved; shape (n_cells, nodes of the kind).
+        kind: "tri3", "tri6", "quad4" or "quad8".
+    """
+
+    points: FloatArray
+    cells: IntArray
+    kind: CellKind
+
+    def check(self) -> None:
+        """Refuse a mesh in which points cannot be placed.
+
+        Raises:
+            ValueError: an unknown kind, arrays of another shape, a node of no cell, a folded cell.
+        """
+        if self.kind not in CELLS:
+            raise ValueError(f"kind of cells {self.kind!r}; one of {', '.join(CELLS)} is expected.")
+        cell = self.cell
+        if self.points.ndim != 2 or self.points.shape[1] != 2 or not np.isfinite(self.points).all():
+            raise ValueError(
+                f"points of shape {self.points.shape}; finite X, Y of shape (n_nodes, 2) are "
+                "expected."
+            )
+        if self.cells.ndim != 2 or self.cells.shape[1] != cell.n_nodes or not len(self.cells):
+            raise ValueError(
+                f"cells of shape {self.cells.shape}; {self.kind} cells are "
+                f"(n_cells, {cell.n_nodes})."
+            )
+        if self.cells.min() < 0 or self.cells.max() >= len(self.points):
+            raise ValueError(
+                f"cells name nodes {self.cells.min()} to {self.cells.max()}; the mesh has "
+                f"{len(self.points)} points, counted from 0."
+            )
+        unused = np.flatnonzero(np.bincount(self.cells.ravel(), minlength=len(self.points)) == 0)
+        if unused.size:
+            raise ValueError(f"node {unused[0]} belongs to no cell; every node needs one.")
+        slopes = cell.gradient(cell.nodes)
+        x, y = (self.points[self.cells, axis] @ slopes.transpose(2, 1, 0) for axis in (0, 1))
+        determinants = x[0] * y[1] - x[1] * y[0]
+        folded = np.flatnonzero(np.abs(np.sign(determinants).sum(axis=1)) < cell.n_nodes)
+        if folded.size:
+            raise ValueError(f"cell {folded[0]} is folded or flat; no pixel can be placed in it.")
+
+    @property
+    def cell(self) -> PlaneCell:
+        """The kind of its cells."""
+        return CELLS[self.kind]
+
+    @property
+    def size(self) -> float:
+        """Side of a square as large as the mean cell [µm]."""
+        corners = self.points[self.cells[:, : self.cell.n_corners]]
+        following = np.roll(corners, -1, axis=1)
+        areas = corners[..., 0] * following[..., 1] - corners[..., 1] * following[..., 0]
+        return float(np.sqrt(np.mean(0.5 * np.abs(areas.sum(axis=1)))))
+
+    def locate(self, xy: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Cell that holds each point, and where in it.
+
+        Args:
+            xy: points [µm], shape (n, 2).
+
+        Returns:
+            cell of each point, −1 for one outside the mesh, shape (n,); reference coordinates,
+            shape (n, 2).
+        """
+        found = np.full(len(xy), -1, dtype=np.int64)
+        local = np.zeros((len(xy), 2))
+        order = np.argsort(xy[:, 1], kind="stable")
+        x, y = xy[order].T
+        nodes = self.points[self.cells]
+        # A curved side may leave the box of its nodes by less than an eighth of its length.
+        slack = np.where(self.cell.n_nodes > self.cell.n_corners, 0.125, 1e-9) * np.ptp(nodes, 1)
+        low, high = nodes.min(axis=1) - slack, nodes.max(axis=1) + slack
+        first = np.searchsorted(y, low[:, 1], side="left")
+        last = np.searchsorted(y, high[:, 1], side="right")
+        for k, (i, j) in enumerate(zip(first, last, strict=True)):
+            near = order[i:j][(x[i:j] >= low[k, 0]) & (x[i:j] <= high[k, 0])]
+            near = near[found[near] < 0]
+            if near.size:
+                at = _inverse_map(self.cell, nodes[k], xy[near])
+                inside = self.cell.excess(at) <= TOLERANCE
+                found[near[inside]] = k
+                local[near[inside]] = at[inside]
+        return found, local
+
+    def interpolation(self, cell: IntArray, local: FloatArray) -> sp.csr_array:
+        """Values at located points as linear combinations of nodal values, (n, n_nodes)."""
+        n, m = len(cell), self.cell.n_nodes
+        indptr = np.arange(0, m * n + 1, m)
+        data = self.cell.shape(local).ravel()
+        return sp.csr_array((data, self.cells[cell].ravel(), indptr), shape=(n, len(self.points)))
+
+
+def surface_plane(surface: SurfaceMesh) -> PlaneMesh:
+    """The trace of the prism's mesh on its face, as a plane mesh of tri6."""
+    return PlaneMesh(surface.points, surface.cells, "tri6")
+
+
+def _inverse_map(cell: PlaneCell, nodes: FloatArray, xy: FloatArray) -> FloatArray:
+    """Reference coordinates of points (n, 2) by Newton's method on the map of one cell."""
+    at = np.tile(cell.centre, (len(xy), 1))
+    scale = float(np.ptp(nodes, axis=0).max())
+    for _ in range(NEWTON_STEPS):
+        miss = xy - cell.shape(at) @ nodes
+        jacobian = np.einsum("nai,ad->ndi", cell.gradient(at), nodes)
+        step = np.linalg.solve(jacobian, miss[..., None])[..., 0]
+        at = np.clip(at + step, -3.0, 3.0)
+        if np.abs(miss).max() < 1e-13 * scale:
+            break
+    return at

@@ -1,0 +1,257 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from driver.dic.correlation import Correlation, correlate
+from driver.dic.interpolation import samples
+from driver.dic.regularisation import penalties
+from driver.dic.search import Options
+from driver.dic.surface_images import SurfaceImages
+from driver.images.heightmaps import ImageError
+from meshes.plane_cells import CellKind
+from meshes.plane_mesh import PlaneMesh, surface_plane
+from meshes.surface import SurfaceMesh
+from tests.meshes.plane_examples import distorted
+
+FloatArray = NDArray[np.float64]
+Scene = Callable[..., SurfaceImages]
+PIXEL = 0.11
+NONE = Options(roughness=np.inf, roughness_w=np.inf)
+
+
+def still(x: FloatArray, y: FloatArray) -> FloatArray:
+    return np.zeros(np.broadcast_shapes(x.shape, y.shape))
+
+
+def arrays(images: SurfaceImages) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Reference, frames and mask; the first pixel becomes the origin."""
+    mask = np.zeros(images.shape, dtype=bool)
+    mask[images.rows, images.cols] = True
+    return images.reference_image, np.array([*map(samples, images.frames.coefficients)]), mask
+
+
+def error(found: Correlation, images: SurfaceImages, motion: Any, t: int = 0) -> FloatArray:
+    """Found less true u, v, w [µm] at the pixels."""
+    at = found.system.pixels
+    x, y = ((p - o) * PIXEL for p, o in zip((at.rows, at.cols), images.frames.origin, strict=True))
+    return found.at_pixels(t) - np.stack([part(x, y) for part in motion], axis=-1)
+
+
+@pytest.mark.parametrize("component", [0, 1, 2])
+def test_each_component_has_its_sign_and_size(scene: Scene, component: int) -> None:
+    motion = [still, still, still]
+    motion[component] = lambda x, y: 0.004 * x - 0.007 * y + 0.02
+    images = scene([tuple(motion)], noise=1e-6)
+    f, g, mask = arrays(images)
+    found = correlate(f, g, PIXEL, mask, sigma=1e-6, options=Options(tolerance=1e-4))
+    wrong = error(found, images, motion)
+    assert found.converged.all()
+    assert np.abs(wrong[:, :2]).max() < 3e-3 * PIXEL
+    assert np.abs(wrong[:, 2]).max() < 3e-4
+
+
+def covering(kind: CellKind, scale: float = 3.3) -> PlaneMesh:
+    """A distorted mesh that holds the region of interest, 1.1 or 2.2 µm a cell."""
+    mesh = distorted(kind, scale=scale)
+    return PlaneMesh(mesh.points + [0.4, 0.3], mesh.cells, kind)
+
+
+@pytest.mark.parametrize("kind", ["tri3", "tri6", "quad4", "quad8"])
+def test_an_affine_motion_is_met_on_any_mesh_with_its_own_for_w(
+    scene: Scene, kind: CellKind
+) -> None:
+    motion = (
+        lambda x, y: 0.010 * x + 0.004 * y,
+        lambda x, y: 0.03 - 0.006 * x + 0.008 * y,
+        lambda x, y: 0.01 + 0.002 * y,
+    )
+    images = scene([motion], noise=1e-7)
+    f, g, mask = arrays(images)
+    found = correlate(f, g, PIXEL, mask, covering(kind), 12.0, sigma=1e-7, options=NONE)
+    assert found.converged.all()
+    assert found.basis_uv.mesh.kind == kind
+    wrong = error(found, images, motion)
+    assert np.sqrt(np.mean(wrong[:, :2] ** 2)) < 3e-3 * PIXEL
+    assert np.sqrt(np.mean(wrong[:, 2] ** 2)) < 1e-4
+
+
+def test_the_trace_of_the_volume_mesh_is_a_basis(scene: Scene) -> None:
+    mesh = covering("tri6")
+    surface = SurfaceMesh(mesh.points, mesh.cells, np.arange(len(mesh.points)))
+    images = scene([(still, still, still)], noise=1e-4)
+    f, g, mask = arrays(images)
+    found = correlate(f, g, PIXEL, mask, surface_plane(surface))
+    assert found.coefficients.shape[1] == 2 * len(mesh.points) + len(found.basis_w.nodes)
+    assert np.abs(found.at_pixels()[:, :2]).max() < 0.02 * PIXEL
+
+
+SHIFT = (
+    lambda x, y: still(x, y) + 0.37 * PIXEL,
+    lambda x, y: still(x, y) - 0.21 * PIXEL,
+    still,
+)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        NONE,
+        Options(roughness=0.05, roughness_w=0.05),
+        Options(penalty="equilibrium", roughness=0.02, roughness_w=np.inf),
+        Options(penalty="elastic", roughness=0.05, roughness_w=np.inf),
+        Options(roughness=0.05, roughness_w=np.inf, tikhonov=(1.0, 0.1, 0.0)),
+    ],
+    ids=["none", "curvature", "equilibrium", "elastic", "ramp"],
+)
+def test_the_covariance_is_the_scatter_of_100_draws_under_each_regularisation(
+    scene: Scene, options: Options
+) -> None:
+    images = scene([(still, still, still)] * 100, noise=0.009, n_repeats=400, seed=5)
+    f, g, mask = arrays(images)
+    found = correlate(f, g, PIXEL, mask, sigma=0.009, n_reference=400, options=options)
+    scatter = found.coefficients - found.coefficients.mean(axis=0)
+    covariance = found.covariance_one()
+    for part in np.split(np.arange(scatter.shape[1]), [2 * found.system.n_uv]):
+        precision = np.linalg.inv(covariance[np.ix_(part, part)])
+        squares = np.einsum("ti,ij,tj->", scatter[:, part], precision, scatter[:, part])
+        ratio = squares / (99 * len(part))  # known to √(2/(99·50)) = 2 %
+        assert ratio == pytest.approx(1.0, abs=0.1)
+    if options is not NONE:
+        free = correlate(f, g[:1], PIXEL, mask, sigma=0.009, n_reference=400, options=NONE)
+        less = covariance.diagonal() / free.covariance_one().diagonal()
+        assert (less < 1).all() and less.min() < 0.8
+
+
+def test_noise_and_roughness_are_estimated_from_the_images(scene: Scene) -> None:
+    images = scene([SHIFT] * 3, noise=0.009, seed=6)
+    f, g, mask = arrays(images)
+    found = correlate(f, g, PIXEL, mask, n_reference=10)
+    assert found.sigma == pytest.approx(0.009, rel=0.03)
+    assert found.chi == pytest.approx(1.0, abs=0.03)
+    # a translation has no second differences: what is granted is far below a pixel
+    assert found.roughness < 0.1
+    fixed = correlate(f, g, PIXEL, mask, sigma=0.009, n_reference=10, options=NONE)
+    rms = [np.sqrt(np.mean(error(c, images, SHIFT)[:, :2] ** 2)) for c in (found, fixed)]
+    assert rms[0] < 0.5 * rms[1]
+
+
+def test_threads_change_nothing(scene: Scene) -> None:
+    images = scene([SHIFT, (still, still, still), SHIFT] * 2, noise=0.009, seed=7)
+    f, g, mask = arrays(images)
+    one, three = (
+        correlate(f, g, PIXEL, mask, options=Options(workers=n)).coefficients for n in (1, 3)
+    )
+    assert np.array_equal(one, three)
+
+
+def test_a_ramp_that_ends_at_zero_leaves_no_bias(scene: Scene) -> None:
+    images = scene([SHIFT], noise=1e-4)
+    f, g, mask = arrays(images)
+    plain, ramped, held = (
+        correlate(
+            f, g, PIXEL, mask, sigma=1e-4,
+            options=Options(roughness=1.0, roughness_w=np.inf, tikhonov=ramp, tolerance=1e-5),
+        ).coefficients
+        for ramp in ((), (1.0, 0.1, 0.0), (1.0,))
+    )  # fmt: skip
+    assert ramped == pytest.approx(plain, abs=2e-5 * PIXEL)
+    assert np.abs(held - plain).max() > 1e-3 * PIXEL
+
+
+def test_pixels_without_height_take_no_part_in_either_image(scene: Scene) -> None:
+    images = scene([SHIFT], noise=1e-4)
+    f, g, mask = arrays(images)
+    f, g = f.copy(), g.copy()
+    f[20:24, 40:44] = np.nan
+    g[0, 10:14, 60:64] = np.nan
+    found = correlate(f, g, PIXEL, mask, sigma=1e-4)
+    assert np.sqrt(np.mean(error(found, images, SHIFT)[:, :2] ** 2)) < 0.01 * PIXEL
+    picture = found.residual_map()
+    assert np.isnan(picture[20:24, 40:44]).all() and np.isnan(picture[11:13, 61:63]).all()
+    assert np.isfinite(picture).sum() > 0.9 * mask.sum()
+    in_sigma = found.residual_map(in_sigma=True)
+    used = np.isfinite(in_sigma)
+    assert np.sqrt(np.mean(in_sigma[used] ** 2)) < 3
+    assert np.array_equal(np.sign(in_sigma[used]), np.sign(picture[used]))
+
+
+def test_what_failed_says_what_to_try(scene: Scene) -> None:
+    images = scene([SHIFT], noise=1e-3)
+    f, _, mask = arrays(images)
+    other = np.random.default_rng(8).normal(size=f.shape)
+    found = correlate(f, other, PIXEL, mask, sigma=1e-3, options=NONE)
+    assert not found.converged[0]
+    assert "; try" in found.reason[0]
+
+
+def test_affine_motions_are_in_equilibrium_and_rigid_ones_cost_no_energy(scene: Scene) -> None:
+    images = scene([SHIFT], noise=1e-3)
+    f, g, mask = arrays(images)
+    for kind in ("tri3", "tri6", "quad4", "quad8"):
+        found = correlate(f, g, PIXEL, mask, covering(kind), 12.0, sigma=1e-3, options=NONE)
+        x, y = found.basis_uv.nodes.T
+        n = len(x)
+        rest = np.zeros(len(found.basis_w.nodes))
+        affine = np.concatenate([0.3 * x - 0.1 * y, 0.2 * x + 0.5 * y, rest])
+        turned = np.concatenate([1 - y, x, rest])
+        bent = np.concatenate([x**2, np.zeros(n), rest])
+        for penalty, free, costs in (("equilibrium", affine, bent), ("elastic", turned, affine)):
+            r = penalties(found.basis_uv, found.basis_w, penalty)[0]
+            assert free @ (r @ free) < 1e-20 + 1e-12 * (costs @ (r @ costs))
+            assert costs @ (r @ costs) > 1e-3
+
+
+AWAY = PlaneMesh(distorted("tri3").points - 9, distorted("tri3").cells, "tri3")
+
+
+def relief() -> FloatArray:
+    return np.random.default_rng(9).normal(size=(40, 60))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"images": np.zeros((40, 61))}, r"image 0 of \(40, 61\) px, but the reference has"),
+        ({"images": []}, "the stack is empty"),
+        ({"images": np.full((40, 60), np.nan)}, "image 0: no pixel carries a height"),
+        ({"reference": np.zeros(40)}, r"reference of shape \(40,\)"),
+        ({"reference": np.ones((40, 60))}, "no relief"),
+        ({"mask": np.zeros((40, 60))}, "no pixel to correlate"),
+        ({"mask": np.zeros((40, 50))}, r"mask of \(40, 50\) px"),
+        ({"pixel": 0.0}, "pixel = 0.0"),
+        ({"sigma": -1.0}, "sigma = -1.0"),
+        ({"n_reference": 0}, "n_reference = 0"),
+        ({"mesh_uv": -8.0}, "element of -8.0 px"),
+        ({"mesh_uv": AWAY}, "no pixel lies in the mesh"),
+    ],
+)
+def test_bad_input_is_refused_in_one_sentence(change: dict[str, Any], said: str) -> None:
+    arguments = {"reference": relief(), "images": relief(), **change}
+    with pytest.raises(ImageError, match=said):
+        correlate(**arguments)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"roughness": 0.0}, "roughness = 0.0"),
+        ({"roughness_w": -1.0}, "roughness_w = -1.0"),
+        ({"tikhonov": (1.0, -1.0)}, "tikhonov"),
+        ({"workers": 0}, "workers = 0"),
+        ({"tolerance": 0.0}, "tolerance = 0.0"),
+    ],
+)
+def test_impossible_options_are_refused(change: dict[str, Any], said: str) -> None:
+    with pytest.raises(ImageError, match=said):
+        Options(**change)
+
+
+def test_curvature_needs_a_grid() -> None:
+    with pytest.raises(ImageError, match="no regular grid"):
+        correlate(relief(), relief(), mesh_uv=distorted("tri3", scale=10.0),
+                  options=Options(penalty="curvature"))  # fmt: skip
