@@ -192,7 +192,7 @@ def test_the_script_runs_the_call_with_its_variables_and_keeps_its_exit_code(
     call = ("sh", "-c", 'cat "my deck"; echo "$LEVEL" >&2; exit 3')
     record = Record("bar", "k1", "elsewhere", status=PREPARED, command=call, files=["my deck"])
     folder = prepare(tmp_path, record, {"my deck": b"a deck\n"}, {"LEVEL": "two words"})
-    assert folder == tmp_path / "k1" and prepared_job(folder) == read_record(folder)
+    assert folder == tmp_path / "k1" and prepared_job(folder) == read_record(folder, {PREPARED})
     assert not has_results(folder, ("result",)) and not (folder / "exit_code.txt").exists()
     subprocess.run(["sh", str(folder / "run.sh")], check=True)
     assert has_results(folder, ("result",)) and exit_code(folder) == 3
