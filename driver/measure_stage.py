@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
 from driver.check_picture import boundary_trace
 from driver.dic.basis import Basis
 from driver.dic.elongation import edge_motion
-from driver.dic.series import measure
-from driver.dic.surface_images import refine_gradient
+from driver.dic.interpolation import variance_gain
+from driver.dic.series import SurfaceMotion, measure, sensitivity
+from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.experiment import read_experiment
+from driver.images.noise import TemporalNoise, temporal_noise
 from driver.images.outliers import find_outliers, left_out, noise_levels, told
 from driver.images.region import Excluded
 from driver.report.measured import measured_motion
@@ -148,3 +152,31 @@ def element_corners(basis: Basis) -> IntArray:
     """Nodes at the corners of each element in order around it, shape (n_elements, n_corners)."""
     corners = 3 if basis.mesh.kind.startswith("tri") else 4
     return basis.mesh.cells[:, :corners]
+
+
+def _sampled(images: SurfaceImages) -> Iterator[FloatArray]:
+    """The corrected frames as sampled, one after the other."""
+    x, y = (
+        (at - start) * images.pixel
+        for at, start in zip(
+            np.indices(images.shape, dtype=np.float64), images.frames.origin, strict=True
+        )
+    )
+    return (images.frames.value(t, x, y) for t in range(images.n_frames))
+
+
+def _temporal(
+    images: SurfaceImages, gradient: FloatArray, motion: SurfaceMotion, kept: BoolArray
+) -> TemporalNoise | None:
+    """Noise of the frames that are kept, from one to the next."""
+    frames, at_pixels = np.flatnonzero(kept), motion.at_pixels()[kept]
+    moved = (images.xy + at_pixels[..., :2]) / images.pixel + images.frames.origin
+    seen = sensitivity(gradient, motion.basis_uv, motion.basis_w)
+    starts = range(0, seen.shape[0], _AT_A_TIME)
+    some = (seen[first : first + _AT_A_TIME] for first in starts)
+    taken = [((rows @ motion.covariance_one) * rows.toarray()).sum(axis=1) for rows in some]
+    return temporal_noise(
+        images.residual(at_pixels, frames),
+        variance_gain(moved[..., 0], moved[..., 1]),
+        np.concatenate(taken) / images.sigma**2,
+    )
