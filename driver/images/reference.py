@@ -85,6 +85,11 @@ def build_reference(
     if mask_dust:
         codes[spikes(np.median(repeats, axis=0), codes == Excluded.USED)] = Excluded.DUST
     used = np.asarray(codes == Excluded.USED)
+    if not used.any():
+        raise ImageError(
+            "images.dust: every pixel of the face stands out of its neighbours, expected isolated "
+            "spikes; with dust = false they are kept"
+        )
     shifts = np.array([np.zeros(3), *(shift_between(repeats[0], r, pixel, used)
                                       for r in repeats[1:])])  # fmt: skip
     noise = noise_from_repeats(repeats, used)

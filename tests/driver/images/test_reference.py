@@ -83,3 +83,12 @@ def test_a_repeat_without_heights_is_named() -> None:
     stack[2] = np.nan
     with pytest.raises(ImageError, match="no pixel of the images"):
         built(stack)
+
+
+def test_a_face_of_nothing_but_spikes_is_refused_with_the_key_that_keeps_it() -> None:
+    quarter = np.pi / 2
+    waves = 1e-3 * SIGMA * np.random.default_rng(1).normal(size=(3, *ROW.shape))
+    waves += np.cos(quarter * ROW) * np.cos(quarter * COL)
+    with pytest.raises(ImageError, match=r"^images\.dust: every pixel of the face"):
+        built(waves)
+    assert built(waves, mask_dust=False).region.any()
