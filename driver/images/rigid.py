@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from driver.images.heightmaps import ImageError, fill_off_surface, on_surface
+from driver.images.plane import plane_modes
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -33,7 +34,8 @@ def shift_between(
     """Translation (dx, dy, dz) such that image(x + dx, y + dy) = reference(x, y) + dz.
 
     Phase correlation over the bounding box of the mask finds the start; Gauss–Newton on the
-    heights over the mask finishes. x runs along the rows' index, y along the columns' index.
+    heights over the mask finishes, with a tilt between the two images free. x runs along the
+    rows' index, y along the columns' index.
 
     Args:
         reference: heights [µm], shape (rows, cols).
@@ -53,7 +55,7 @@ def shift_between(
     g = fill_off_surface(image, valid[1])
     rows, cols = np.nonzero(np.ones(f.shape, bool) if mask is None else mask)
     box = np.s_[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]
-    start = phase_correlation(f[box], g[box])
+    start = phase_correlation(_without_plane(f[box]), _without_plane(g[box]))
     return _gauss_newton(f, g, start, rows, cols, pixel)
 
 
@@ -94,20 +96,29 @@ def _gauss_newton(
     gradient = [
         ndimage.gaussian_filter(f, SMOOTHING, order=order)[rows, cols] for order in ((1, 0), (0, 1))
     ]
-    # ρ = f + w − g(x + u): its Jacobian is −∇f with ∇f = (∂f/∂x, ∂f/∂y, −1).
-    jacobian = np.column_stack([*gradient, -np.ones(len(rows))])
-    if np.linalg.matrix_rank(jacobian) < 3:
+    # ρ = f + w − g(x + u): its Jacobian is −∇f with ∇f = (∂f/∂x, ∂f/∂y, −1); w is a plane.
+    plane = plane_modes(rows.astype(np.float64), cols.astype(np.float64))
+    jacobian = np.column_stack([*gradient, -plane])
+    if np.linalg.matrix_rank(jacobian) < 5:
         raise ImageError("the reference surface has no relief: a shift cannot be measured.")
     hessian = jacobian.T @ jacobian
     coefficients = ndimage.spline_filter(g, order=3, mode="mirror")
-    shift = np.array([*start, 0.0])
+    shift = np.array([*start, 0.0, 0.0, 0.0])
     for _ in range(MAX_ITERATIONS):
         moved = ndimage.map_coordinates(
             coefficients, [rows + shift[0], cols + shift[1]], mode="mirror", prefilter=False
         )
-        residual = f[rows, cols] + shift[2] - moved
+        residual = f[rows, cols] + plane @ shift[2:] - moved
         update = np.linalg.solve(hessian, jacobian.T @ residual)
         shift = shift + update
         if np.abs(update[:2]).max() < TOLERANCE:
             break
-    return Shift(float(shift[0] * pixel), float(shift[1] * pixel), float(shift[2]))
+    dz = float((plane @ shift[2:]).mean())
+    return Shift(float(shift[0] * pixel), float(shift[1] * pixel), dz)
+
+
+def _without_plane(heights: FloatArray) -> FloatArray:
+    rows, cols = np.indices(heights.shape, dtype=np.float64)
+    plane = plane_modes(rows.ravel(), cols.ravel())
+    flat = heights.ravel()
+    return np.asarray(flat - plane @ (plane.T @ flat)).reshape(heights.shape)

@@ -35,6 +35,16 @@ def test_a_known_shift_is_recovered_within_a_thousandth_pixel(
     assert found.dz == pytest.approx(shift[2], abs=1e-4)
 
 
+@pytest.mark.parametrize("tilt", [0.1, -0.5])
+def test_a_tilt_larger_than_the_relief_does_not_move_the_shift(tilt: float) -> None:
+    mask = np.zeros(ROW.shape, bool)
+    mask[8:-8, 10:-10] = True
+    image = surface(ROW - 1.7, COL + 2.3) + tilt * (COL / 90 - 0.5)
+    found = shift_between(surface(ROW, COL), image, PIXEL, mask)
+    assert found.dx / PIXEL == pytest.approx(1.7, abs=1e-3)
+    assert found.dy / PIXEL == pytest.approx(-2.3, abs=1e-3)
+
+
 def test_a_shift_is_found_in_noise_beside_a_trench() -> None:
     rng = np.random.default_rng(6)
     images = []
