@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -15,6 +15,7 @@ from rich.markup import escape
 
 from driver.case import CaseError, default_case, schema_text, write_case
 from driver.errors import InputError, sentence
+from driver.log import Log, seldom
 from driver.stages import write_whole
 from meshes.system_libraries import SystemLibraryError
 from solver_adapters.interface import PreparedError, SolverError
@@ -186,7 +187,7 @@ def _told_in_one_line() -> Iterator[None]:
 
 
 @contextmanager
-def _progress(case: Path, alone: bool) -> Iterator[Callable[[str], None]]:
+def _progress(case: Path, alone: bool) -> Iterator[Log]:
     """A log of lines; on a terminal with the running step and its time below them."""
     console = Console(highlight=False, markup=False, soft_wrap=True)
     start = perf_counter()
@@ -199,7 +200,7 @@ def _progress(case: Path, alone: bool) -> Iterator[Callable[[str], None]]:
             status.update(escape(prefix + line))
 
     if status is None:
-        yield log
+        yield Log(log, seldom(lambda words: log(f"    {words}")))
     else:
         with status:
-            yield log
+            yield Log(log, lambda words: status.update(escape(prefix + words)))

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from driver.identification.fit import Correction, Evaluation, Fit
 from driver.identification.procedure import Identification, identify
+from driver.log import passing_of
 from driver.measure_stage import MEASURE
 from driver.mesh_stage import FINE_MESH, MESH
 from driver.results import read_hdf5, write_csv, write_hdf5
@@ -34,6 +35,7 @@ def load_workbench(context: StageContext) -> Workbench:
         context.results / JOBS,
         context.prepare_only,
         tuple(map(int, np.flatnonzero(measured["left_out"]))),
+        passing_of(context.log),
     )
 
 

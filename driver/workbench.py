@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from driver.identification.procedure import LAMBDA_PRIOR, start_values
 from driver.model import ForwardModel, declared_parameters
 from driver.specimen import adapter_of, build_model, surface_images
 from driver.surface_view import POSE_DECLARATIONS
+from driver.watched_solver import WatchedSolver
 from meshes.prism_mesh import PrismMesh
 
 FloatArray = NDArray[np.float64]
@@ -62,6 +63,7 @@ def build_workbench(
     jobs: Path | None = None,
     prepare_only: bool = False,
     left_out: tuple[int, ...] = (),
+    passing: Callable[[str], None] | None = None,
 ) -> Workbench:
     """Put a case together.
 
@@ -75,10 +77,13 @@ def build_workbench(
         jobs: folder of the jobs of a solver that is a program of its own, or None.
         prepare_only: whether they are written for another machine instead of being run.
         left_out: frames whose images are not fitted.
+        passing: takes words about a running simulation, if anyone is there to read them.
     """
     experiment = read_experiment(case)
     images = refine_gradient(surface_images(case, experiment), motion)
     adapter, history = adapter_of(case, prepare_only), experiment.history
+    if passing is not None:
+        adapter = WatchedSolver(adapter, passing)
     # The checkpoints of the bundled solver are for one run at a time, and its runs are short.
     jobs = None if case.solver.name == BUNDLED else jobs
     steps, fine_steps = case.solver.steps_per_interval, case.solver.fine_steps_per_interval

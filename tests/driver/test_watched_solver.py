@@ -1,0 +1,33 @@
+from __future__ import annotations
+
+import pickle
+
+from driver.watched_solver import WatchedSolver, sentence_of
+from solver_adapters.bundled.adapter import BundledAdapter
+from solver_adapters.interface import Progress
+from solver_adapters.material import Material
+from tests.solver_adapters.boxes import box, pulled
+
+
+def test_each_instant_of_a_run_is_told_to_both_listeners() -> None:
+    told: list[str] = []
+    seen: list[Progress] = []
+    simulation = pulled(box(), Material(strain_measure="small"), (0.001, 0.002))
+    solver = WatchedSolver(BundledAdapter(), told.append)
+    response = solver.solve(simulation, progress=seen.append)
+    assert told == [sentence_of(state) for state in seen] and len(told) == 2
+    assert f"{response.steps} steps, {response.iterations} iterations" in told[-1]
+    assert (solver.name, solver.version()) == ("bundled", BundledAdapter().version())
+    assert solver.capabilities() == BundledAdapter().capabilities()
+
+
+def test_what_is_told_of_a_run_names_times_counts_and_what_is_left() -> None:
+    state = Progress(time=120.0, end=3840.0, steps=6, iterations=21, cuts=1, remaining=12.4)
+    assert sentence_of(state) == (
+        "simulation at 120 of 3840 s: 6 steps, 21 iterations, 1 cut, 12 s left"
+    )
+
+
+def test_another_process_gets_the_solver_alone() -> None:
+    sent = pickle.loads(pickle.dumps(WatchedSolver(BundledAdapter(), print)))
+    assert type(sent) is BundledAdapter
