@@ -219,6 +219,9 @@ def test_a_solver_that_is_not_installed_is_an_error_with_those_that_are(case_pat
 
 def test_what_an_external_solver_refuses_is_found_before_it_runs(case_path, monkeypatch):
     class Refusing(BarAdapter):
+        def capabilities(self):
+            return replace(super().capabilities(), material=frozenset({"tau0", "c", "d"}))
+
         def judge(self, simulation):
             raise UnsupportedError("the bar has no images")
 

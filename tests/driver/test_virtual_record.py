@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 
 from driver import specimen
-from driver.case import load_case
+from driver.case import Case, load_case
 from driver.errors import InputError
-from driver.experiment import Experiment, read_experiment
+from driver.experiment import Experiment, heights, origin, read_experiment
 from driver.results import read_hdf5
 from driver.virtual_course import Course, pull, stage_program
 from driver.virtual_record import correlated, record
@@ -17,7 +18,7 @@ from driver.virtual_tables import Face, Microscope, Virtual
 from tests.driver import closed_form
 
 CASE = closed_form.small_case()
-QUIET = Microscope(repeats=4, flats=6, noise_nm=0.0)
+SMALL = Microscope(repeats=4, flats=6)
 
 
 @pytest.fixture(scope="module")
@@ -30,19 +31,30 @@ def course() -> Course:
         return pull(CASE, stage_program([(3, 1)]), stretch)
 
 
-def made(folder: Path, course: Course, seed: int, scope: Microscope = QUIET) -> Experiment:
+def made(folder: Path, course: Course, seed: int, scope: Microscope = SMALL) -> Experiment:
     folder.mkdir()
     return read_experiment(load_case(record(folder, CASE, course, seed, Virtual(microscope=scope))))
+
+
+def quiet(folder: Path, course: Course, **settings: object) -> Case:
+    """A case without noise, whose repeats are all alike: no experiment would be."""
+    folder.mkdir()
+    scope = Microscope(repeats=4, flats=6, noise_nm=0.0).model_copy(update=settings)
+    return load_case(record(folder, CASE, course, 1, Virtual(microscope=scope)))
+
+
+def taken(case: Case, name: str) -> np.ndarray:
+    """Heights [µm] of a stack of a case."""
+    return heights(case.images, tifffile.imread(case.path(f"{name}.tif")).astype(float))
 
 
 def test_relief_stage_and_noise_do_not_depend_on_what_happens(
     tmp_path: Path, course: Course
 ) -> None:
     """Image 0, the repeats and the flats are the same with and without an effect."""
-    scope = Microscope(repeats=4, flats=6)
-    pulled = made(tmp_path / "a", course, 1, scope)
-    still = made(tmp_path / "b", replace(course, motion=0 * course.motion), 1, scope)
-    other = made(tmp_path / "c", course, 2, scope)
+    pulled = made(tmp_path / "a", course, 1)
+    still = made(tmp_path / "b", replace(course, motion=0 * course.motion), 1)
+    other = made(tmp_path / "c", course, 2)
     for name in ("repeats", "flats"):
         np.testing.assert_array_equal(getattr(pulled, name), getattr(still, name))
         assert (getattr(pulled, name) != getattr(other, name)).mean() > 0.5
@@ -56,17 +68,15 @@ def test_the_images_read_back_are_the_truth_to_half_a_level(
     tmp_path: Path, course: Course, bits: int
 ) -> None:
     """The repeats are relief plus pattern, and the trench has no height."""
-    scope = QUIET.model_copy(update={"bits": bits})
-    experiment = made(tmp_path / "a", course, 1, scope)
-    truth = read_hdf5(tmp_path / "a" / "truth.h5")
-    assert experiment.repeats is not None
+    case = quiet(tmp_path / "a", course, bits=bits)
+    repeats, truth = taken(case, "repeats"), read_hdf5(tmp_path / "a" / "truth.h5")
     on_face = np.abs(truth["x"]) <= CASE.specimen.width / 2
-    level = load_case(tmp_path / "a" / "case.toml").images.level_um
+    level = case.images.level_um
     ground = {8: 100, 16: 25600, 32: 0}[bits] * level
-    wrong = experiment.repeats - ground - truth["relief"] - truth["pattern"]
+    wrong = repeats - ground - truth["relief"] - truth["pattern"]
     assert np.abs(wrong[:, on_face]).max() <= (0.5 * level if bits < 32 else 1e-8) * (1 + 1e-6)
-    off = experiment.repeats[:, ~on_face]
-    assert off.size and (np.isnan(off).all() if bits == 32 else (off == 0).all())
+    off = repeats[:, ~on_face]
+    assert off.size and np.isnan(off).all()
 
 
 def test_slip_steps_are_added_to_the_images_and_to_nothing_else(
@@ -74,18 +84,18 @@ def test_slip_steps_are_added_to_the_images_and_to_nothing_else(
 ) -> None:
     slip = np.zeros((len(course.motion), len(course.mesh.cells), 24))
     slip[-1, :, 3] = 0.01
-    folders, stacks = [tmp_path / "smooth", tmp_path / "stepped"], []
-    scope = QUIET.model_copy(update={"bits": 32})
-    for folder, spacing in zip(folders, (0.0, 0.5), strict=True):
-        folder.mkdir()
+    stacks: list[dict[str, np.ndarray]] = []
+    for name, spacing in (("smooth", 0.0), ("stepped", 0.5)):
+        (tmp_path / name).mkdir()
+        scope = Microscope(repeats=4, flats=6, noise_nm=0.0, bits=32)
         settings = Virtual(microscope=scope, face=Face(slip_spacing_um=spacing))
-        path = record(folder, CASE, replace(course, slip=slip), 1, settings)
-        stacks.append(read_experiment(load_case(path)))
+        case = load_case(record(tmp_path / name, CASE, replace(course, slip=slip), 1, settings))
+        stacks.append({stack: taken(case, stack) for stack in ("images", "repeats", "flats")})
     smooth, stepped = stacks
     for name in ("repeats", "flats"):
-        np.testing.assert_array_equal(getattr(smooth, name), getattr(stepped, name))
-    np.testing.assert_array_equal(smooth.frames[:-1], stepped.frames[:-1])
-    steps = np.nan_to_num(stepped.frames[-1] - smooth.frames[-1])
+        np.testing.assert_array_equal(smooth[name], stepped[name])
+    np.testing.assert_array_equal(smooth["images"][:-1], stepped["images"][:-1])
+    steps = np.nan_to_num(stepped["images"][-1] - smooth["images"][-1])
     # Half of γ h at the most, for the slip direction is a unit vector.
     assert 2e-4 < np.abs(steps).max() <= 0.01 * 0.5 / 2 * 1.01
 
@@ -96,10 +106,11 @@ def test_the_origin_is_off_by_its_error_and_that_of_the_truth(
     shifted = replace(course, values={**course.values, "origin_X": 0.05, "origin_Y": -0.02})
     places = []
     for name, moved in (("a", course), ("b", shifted)):
-        experiment = made(tmp_path / name, moved, 1)
+        case = quiet(tmp_path / name, moved)
         truth = read_hdf5(tmp_path / name / "truth.h5")
-        row, column = experiment.origin
-        stated = (0 - row) * experiment.pixel_um, (0 - column) * experiment.pixel_um
+        row, column = origin(case.images, truth["x"].shape)
+        pixel = case.images.pixel_um
+        stated = (0 - row) * pixel, (0 - column) * pixel
         places.append([truth["x"][0, 0] - stated[0], truth["y"][0, 0] - stated[1]])
     assert np.abs(places[0]).max() <= 0.5 * CASE.images.pixel_um
     np.testing.assert_allclose(np.subtract(places[1], places[0]), [0.05, -0.02], atol=1e-12)
