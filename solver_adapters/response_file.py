@@ -54,7 +54,7 @@ class Provenance:
         solver: identity of the solver.
         key: the key of the job.
         prismid: version of prismid that wrote it, "" for the one that runs.
-        written: when [ISO 8601, UTC], "" for now.
+        written: when [ISO 8601, UTC], "" for the moment of writing.
     """
 
     adapter: str

@@ -13,6 +13,7 @@ from typing import SupportsInt
 import numpy as np
 
 from solver_adapters.calculix.limits import hardens
+from solver_adapters.constants import elastic_constants, grain_ratios
 from solver_adapters.interface import FloatArray, IntArray, Simulation
 from solver_adapters.time_steps import between_instants, step_ends
 from templates import render
@@ -99,22 +100,21 @@ def _row(*integers: SupportsInt) -> str:
 
 def _tau0(simulation: Simulation) -> FloatArray:
     """The critical resolved shear stress of each grain [MPa], shape (n_grains,)."""
-    m, count = simulation.material, simulation.mesh.n_grains
-    ratios = (1.0, m.tau0_grain2, *m.tau0_grains, *[1.0] * count)[:count]
-    return m.tau0 * np.array(ratios)
+    m = simulation.material
+    return m.tau0 * grain_ratios(m, simulation.mesh.n_grains)
 
 
 def _crystals(simulation: Simulation) -> list[dict[str, object]]:
     """The constants of each different crystal."""
     m = simulation.material
-    stiff = m.elastic_scale
+    C11, C12, C44 = elastic_constants(m)
     isotropic = (m.Q, m.b) if hardens(m) else (_NULL, _NO_RATE)
     return [
         {
             "number": index,
-            "C11": number(m.C11 * stiff),
-            "C12": number(m.C12 * stiff),
-            "C44": number(m.C44 * stiff * m.C44_scale),
+            "C11": number(C11),
+            "C12": number(C12),
+            "C44": number(C44),
             "K": number(m.K),
             "n": number(m.n),
             "c": number(m.c or _NULL),

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_adapters.crystal import N_110, N_SYSTEMS
+from solver_adapters.constants import hardening_matrix
+from solver_adapters.crystal import N_110
 from solver_adapters.interface import Capabilities, Simulation, UnsupportedError
 from solver_adapters.material import Material
 from solver_adapters.profile import Profile
@@ -62,9 +63,8 @@ def hardens(material: Material) -> bool:
 
 
 def _refuse_interaction(material: Material) -> None:
-    given = np.eye(N_SYSTEMS) if material.interaction is None else np.array(material.interaction)
     apart = ~np.eye(N_110, dtype=np.bool_)
-    block = given[:N_110, :N_110] + material.h_latent * apart
+    block = hardening_matrix(material)[:N_110, :N_110]
     if abs(block - np.where(apart, LATENT, 1.0)).max() > _ROUNDING:
         own = "" if material.interaction is None else " and an interaction of its own"
         _refuse(

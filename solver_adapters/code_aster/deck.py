@@ -14,7 +14,8 @@ import numpy as np
 
 from meshes.files import write_med
 from meshes.prism_mesh import PrismMesh
-from solver_adapters.code_aster.law import grain_ratios, hardening, has_two_families
+from solver_adapters.code_aster.law import hardening, has_two_families
+from solver_adapters.constants import grain_ratios
 from solver_adapters.crystal import bunge_angles
 from solver_adapters.external import Profile
 from solver_adapters.interface import FloatArray, IntArray, Simulation
@@ -68,7 +69,7 @@ def _commands(
     """What the template of the command file names."""
     material, n_grains = simulation.material, simulation.mesh.n_grains
     said = hardening(material)
-    ratios = grain_ratios(material, n_grains)
+    ratios = grain_ratios(material, n_grains).tolist()
     ends = None if simulation.steps is None else step_ends(simulation)[1:]
     return {
         "version": version("prismid"),

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_adapters.constants import hardening_matrix
 from solver_adapters.crystal import N_110, N_SYSTEMS, slip_systems
 from solver_adapters.interaction import bcc24_classes, self_and_latent
 from solver_adapters.interface import FloatArray, IntArray
@@ -76,12 +77,6 @@ def system_order(material: Material) -> tuple[IntArray, FloatArray]:
     return places, senses
 
 
-def grain_ratios(material: Material, n_grains: int) -> tuple[float, ...]:
-    """Ratio of τ0 in each grain to that in the first."""
-    padded = (1.0, material.tau0_grain2, *material.tau0_grains, *[1.0] * n_grains)
-    return padded[:n_grains]
-
-
 def hardening(material: Material) -> Hardening:
     """The interaction of systems as Code_Aster takes it, of a material that `limits` accepts."""
     matrix = interaction_of(material)
@@ -101,7 +96,4 @@ def interaction_of(material: Material) -> FloatArray:
     """How slip on each system hardens the others, the identity where nothing hardens, (24, 24)."""
     if material.Q == 0.0:
         return np.eye(N_SYSTEMS)
-    latent = self_and_latent(0.0, material.h_latent)
-    if material.interaction is None:
-        return np.eye(N_SYSTEMS) + latent
-    return np.array(material.interaction, dtype=np.float64) + latent
+    return hardening_matrix(material)

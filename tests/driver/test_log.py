@@ -20,8 +20,10 @@ def test_a_log_of_lines_alone_takes_no_words_for_the_moment() -> None:
 
 def test_a_log_tells_of_a_long_simulation_only_now_and_then() -> None:
     told: list[str] = []
-    now = 100.0
-    tell = seldom(told.append, every=30.0, clock=lambda: now)
-    for now in (101.0, 129.9, 130.0, 131.0, 159.9, 161.0):  # noqa: B007
-        tell(f"at {now:g}")
+    instants = (100.0, 101.0, 129.9, 130.0, 131.0, 159.9, 161.0)
+    reading = {"at": instants[0]}
+    tell = seldom(told.append, every=30.0, clock=lambda: reading["at"])
+    for instant in instants[1:]:
+        reading["at"] = instant
+        tell(f"at {instant:g}")
     assert told == ["at 130", "at 161"]

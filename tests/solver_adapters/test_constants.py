@@ -22,7 +22,13 @@ def test_one_factor_is_on_all_elastic_constants_and_one_on_c44() -> None:
 
 @pytest.mark.parametrize(
     ("count", "expected"),
-    [(1, [1.0]), (2, [1.0, 0.9]), (3, [1.0, 0.9, 1.2]), (5, [1.0, 0.9, 1.2, 1.0, 1.0])],
+    [
+        (1, [1.0]),
+        (2, [1.0, 0.9]),
+        (3, [1.0, 0.9, 1.2]),
+        (4, [1.0, 0.9, 1.2, 1.0]),
+        (5, [1.0, 0.9, 1.2, 1.0, 1.0]),
+    ],
 )
 def test_grains_without_a_ratio_of_their_own_are_as_the_first(
     count: int, expected: list[float]

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from solver_adapters.code_aster.law import (
-    grain_ratios,
     hardening,
     has_two_families,
     system_order,
@@ -61,11 +60,6 @@ def test_families_with_a_tau0_of_their_own_get_the_obligatory_table() -> None:
     said = hardening(replace(HARD, tau0_112=1.1))
     np.testing.assert_array_equal(said.matrix, np.eye(24))
     assert not has_two_families(HARD)
-
-
-def test_grains_without_a_ratio_are_like_the_first() -> None:
-    assert grain_ratios(Material(tau0_grain2=0.9, tau0_grains=(1.2,)), 4) == (1.0, 0.9, 1.2, 1.0)
-    assert grain_ratios(Material(tau0_grain2=0.9), 1) == (1.0,)
 
 
 def test_one_family_keeps_the_order_of_bcc24() -> None:
