@@ -1,8 +1,9 @@
 """Directional derivatives of a solved step at a Gauss point in finite strain.
 
 Everything is linear in three things: the displacement gradient H, in which a change of Fp⁰⁻¹
-counts as F·dFp⁰⁻¹·Fp⁰; the change of A = Σ S Δp m⊗n that constants and history make at fixed H;
-and dFp⁰⁻¹ itself where it enters outside the trial. `response` prepares the matrices.
+counts as F·dFp⁰⁻¹·Fp⁰ and of which a spin only turns the stress; the change of A = Σ S Δp m⊗n that
+constants and history make at fixed H; and dFp⁰⁻¹ itself where it enters outside the trial.
+`response` prepares the matrices.
 """
 
 import numpy as np
@@ -30,17 +31,20 @@ from solver_adapters.bundled.finite_strain import (
     ONE,
     P_BY_A,
     P_BY_H,
+    PIOLA,
     PULLED,
     SCALE,
     SCRATCH_MODES,
     SLIP_BY_H,
     SOFTENING,
+    SPIN,
     STATE_BY_A,
     STATE_BY_H,
     STRAIN,
     TRIAL,
     TWO,
     UNDONE,
+    UNLOADED,
     condensed_change,
     drive,
     modes_along_gradient,
@@ -112,19 +116,42 @@ def response(
 
 @kernel
 def _fixed_tensors(w: FloatArray) -> None:
-    """UNDONE, PULLED, FP1, DILATION and SCALE."""
-    determinant = determinant_of(w, FP0)
-    cofactor(w, ONE, FP0)
-    for i in range(3):
-        for j in range(3):
-            w[UNDONE + 3 * i + j] = w[ONE + 3 * j + i] / determinant
+    """UNDONE, UNLOADED, PULLED, PIOLA, FP1, DILATION and SCALE."""
+    _invert(w, UNDONE, FP0)
+    _invert(w, UNLOADED, FT)
     left(w, PULLED, FES, False, GAIN, True, 1)
+    left(w, PIOLA, PULLED, False, FP0, True, 1)
     left(w, FP1, FP0, False, GAIN, False, 1)
     determinant = determinant_of(w, FP1)
     cofactor(w, DILATION, FP1)
     for i in range(9):
         w[DILATION + i] /= 3.0 * determinant
     w[SCALE] = determinant ** (-1.0 / 3.0)
+
+
+@kernel
+def _invert(w: FloatArray, target: int, source: int) -> None:
+    determinant = determinant_of(w, source)
+    cofactor(w, ONE, source)
+    for i in range(3):
+        for j in range(3):
+            w[target + 3 * i + j] = w[ONE + 3 * j + i] / determinant
+
+
+@kernel
+def _split_off_spin(w: FloatArray) -> None:
+    """Take the spin SPIN·F out of the change of F at ONE.
+
+    A turn of the crystal is nearly all spin, which must not make slip: taken with the rest, its
+    rounding would.
+    """
+    right(w, TWO, ONE, False, UNLOADED, False, 1)
+    for i in range(3):
+        for j in range(3):
+            w[SPIN + 3 * i + j] = 0.5 * (w[TWO + 3 * i + j] - w[TWO + 3 * j + i])
+    for i in range(9):
+        w[TWO + i] -= w[SPIN + i]
+    left(w, ONE, TWO, False, FT, False, 1)
 
 
 @kernel
@@ -168,6 +195,7 @@ def derivative(
     right(w, ONE, TWO, False, UNDONE, False, 1)
     for i in range(9):
         w[ONE + i] += dH[i] + dR[i]
+    _split_off_spin(w)
     for s in range(NS):
         w[EXPLICIT + s] = 0.0
     elastic = dp[P_C11] != 0.0 or dp[P_C12] != 0.0 or dp[P_C44] != 0.0
@@ -209,6 +237,8 @@ def derivative(
     right(w, D_FP1, D_FP0, False, GAIN, False, 1)
     _normalised(w, D_STATE, D_FP1)
     left(w, D_PIOLA, PULLED, False, D_FP0, True, 1)
+    left(w, TWO, SPIN, False, PIOLA, False, 1)
+    add(w, D_PIOLA, TWO, 1.0, 1)
     if elastic:
         left(w, TWO, D_FE, False, GAIN, True, 1)
         left(w, D_FE, TWO, False, FP0, True, 1)

@@ -88,7 +88,10 @@ TWO = ONE + 81
 # What `finite_derivative` prepares for all directions.
 UNDONE = TWO + 81  # Fp⁰, the inverse of FP0
 PULLED = UNDONE + 9  # Fe·S·(I − A)ᵀ
-P_BY_A = PULLED + 9  # ∂P/∂A for the modes of A, 8 × 9
+PIOLA = PULLED + 9  # P
+UNLOADED = PIOLA + 9  # F⁻¹
+SPIN = UNLOADED + 9  # of one direction, the part of D_H·F⁻¹ that turns the point as it is
+P_BY_A = SPIN + 9  # ∂P/∂A for the modes of A, 8 × 9
 STATE_BY_A = P_BY_A + 9 * NM  # derivative of Fp⁻¹ likewise, 8 × 9
 P_BY_H = STATE_BY_A + 9 * NM  # ∂P/∂H, the component of H first, 9 × 9
 STATE_BY_H = P_BY_H + 81  # derivative of Fp⁻¹ likewise, 9 × 9
