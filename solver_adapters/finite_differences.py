@@ -26,6 +26,7 @@ from threading import Event
 import numpy as np
 
 from solver_adapters.crystal import rotation_vector_matrix
+from solver_adapters.direction_checks import refuse_bad_directions
 from solver_adapters.interface import (
     Adapter,
     Capabilities,
@@ -40,7 +41,6 @@ from solver_adapters.interface import (
 )
 from solver_adapters.jobs.errors import is_by_circumstances
 from solver_adapters.quotient import Pair, slope_through
-from solver_adapters.validation import refuse_bad_directions
 
 
 class FiniteDifferences:

@@ -46,6 +46,10 @@ class UnsupportedError(SolverError):
     """A parameter, option or direction that this adapter cannot honour."""
 
 
+class BadSimulationError(SolverError):
+    """A simulation that contradicts itself or that no solver could run."""
+
+
 class NotRunError(SolverError):
     """A simulation that was not run, for a reason that other parameters would not mend."""
 

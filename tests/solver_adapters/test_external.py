@@ -20,6 +20,7 @@ import pytest
 from solver_adapters import external
 from solver_adapters.external import ResultFileError, Status
 from solver_adapters.interface import (
+    BadSimulationError,
     Direction,
     NotRunError,
     PreparedError,
@@ -37,7 +38,6 @@ from solver_adapters.response_file import (
     read_response,
     write_response,
 )
-from solver_adapters.validation import BadSimulationError
 from tests.solver_adapters.bar import FORCE, SIMULATION, BarAdapter, bar, folders
 
 

@@ -18,6 +18,7 @@ from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import (
     Adapter,
+    BadSimulationError,
     Capabilities,
     Direction,
     FloatArray,
@@ -33,7 +34,6 @@ from solver_adapters.jobs.errors import JobError
 from solver_adapters.jobs.status import CACHED, Status
 from solver_adapters.material import Material
 from solver_adapters.result_files import ResultFileError
-from solver_adapters.validation import BadSimulationError
 from tests.solver_adapters.boxes import box, pulled
 
 Report = Callable[[Progress], None]

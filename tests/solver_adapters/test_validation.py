@@ -11,9 +11,15 @@ import numpy as np
 import pytest
 
 from meshes.prism_mesh import PrismMesh
-from solver_adapters.interface import Direction, FloatArray, Simulation, UnsupportedError
+from solver_adapters.interface import (
+    BadSimulationError,
+    Direction,
+    FloatArray,
+    Simulation,
+    UnsupportedError,
+)
 from solver_adapters.material import MATERIAL_PARAMETERS, Material
-from solver_adapters.validation import _RULES, BadSimulationError, refuse_bad_simulation
+from solver_adapters.validation import _RULES, refuse_bad_simulation
 from tests.solver_adapters.boxes import BOXES, ORIENTATIONS, box, moved, pulled, skin
 
 GOOD = pulled(box(), Material(), (0.002, 0.004))
