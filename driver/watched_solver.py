@@ -38,7 +38,8 @@ class WatchedSolver:
         """Run a simulation; what it raises is what the solver raises."""
 
         def show(state: Progress) -> None:
-            self.tell(sentence_of(state))
+            if state.time < state.end:
+                self.tell(sentence_of(state))
             if progress is not None:
                 progress(state)
 

@@ -61,8 +61,8 @@ def region_codes(
     codes[~np.outer((x >= x0) & (x <= x1), (y >= y0) & (y <= y1))] = Excluded.OUTSIDE
     if (codes != Excluded.USED).all():
         raise ImageError(
-            f"no pixel of the images lies inside the bounds {bounds} µm, on the surface and in "
-            f"the mask; the field of view is X {x[0]:.3g} to {x[-1]:.3g}, "
-            f"Y {y[0]:.3g} to {y[-1]:.3g} µm."
+            f"images.origin_pixel: found no pixel of the face (X {x0:.3g} to {x1:.3g}, Y {y0:.3g} "
+            f"to {y1:.3g} µm) that carries a height and is in the mask, expected the face in the "
+            f"field of view (X {x[0]:.3g} to {x[-1]:.3g}, Y {y[0]:.3g} to {y[-1]:.3g} µm)"
         )
     return codes

@@ -136,7 +136,7 @@ def test_the_refined_gradient_has_less_error_than_the_first() -> None:
             "flat pattern of",
         ),
         (lambda a: a | {"mask": np.ones((3, 3), bool)}, "mask of"),
-        (lambda a: a | {"bounds": (90.0, 91.0, 0.0, 5.0)}, "no pixel of the images"),
+        (lambda a: a | {"bounds": (90.0, 91.0, 0.0, 5.0)}, "no pixel of the face"),
         (lambda a: a | {"frames": np.nan * a["frames"]}, "frame 0: no pixel carries a height"),
     ],
 )

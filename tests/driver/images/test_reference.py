@@ -81,7 +81,7 @@ def test_a_repeat_without_heights_is_named() -> None:
     stack[2, 19:21] = np.nan
     assert built(stack).region.any()
     stack[2] = np.nan
-    with pytest.raises(ImageError, match="no pixel of the images"):
+    with pytest.raises(ImageError, match="no pixel of the face"):
         built(stack)
 
 
