@@ -13,25 +13,13 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from driver.boundary import LAMBDAS
 from driver.case_errors import refusal, sentences
-from driver.case_tables import (
-    Boundary,
-    DiagnosisTable,
-    Dic,
-    Execution,
-    Grain,
-    HistoryTable,
-    Identification,
-    Images,
-    Loads,
-    MaterialTable,
-    Number,
-    Orientation,
-    Sections,
-    Solver,
-    Specimen,
-    Table,
-    Vector,
-)
+from driver.case_tables.images import Dic, Images
+from driver.case_tables.inference import DiagnosisTable, Identification
+from driver.case_tables.loading import Boundary, HistoryTable, Loads, Sections
+from driver.case_tables.material import MaterialTable
+from driver.case_tables.solver import Execution, Solver
+from driver.case_tables.specimen import Grain, Orientation, Specimen
+from driver.case_tables.values import Number, Table, Vector
 from driver.errors import InputError, sentence, why
 from driver.model import declared_parameters
 from driver.surface_view import POSE_DECLARATIONS

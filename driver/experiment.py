@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.case import Case
-from driver.case_tables import Images
+from driver.case_tables.images import Images
 from driver.errors import InputError, sentence
 from driver.history import History, read_history
 from driver.images.heightmaps import Stack, load_stack

@@ -12,7 +12,8 @@ from pydantic import Field, ValidationError
 
 from driver.case import Case
 from driver.case_errors import sentences
-from driver.case_tables import ProfileTable, Table
+from driver.case_tables.solver import ProfileTable
+from driver.case_tables.values import Table
 from driver.errors import InputError, sentence
 from solver_adapters.profile import CONFIG_VARIABLE, Profile, config_path
 

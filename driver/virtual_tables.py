@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError
 
 from driver.case_errors import sentences
-from driver.case_tables import Count, NonNegative, Number, Positive, Table
+from driver.case_tables.values import Count, NonNegative, Number, Positive, Table
 from driver.errors import InputError, sentence
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from driver.case import CaseError, bunge_matrix, case_text, default_case, load_case, schema
-from driver.case_tables import MaterialTable, ProfileTable
+from driver.case_tables.material import MaterialTable
+from driver.case_tables.solver import ProfileTable
 from solver_adapters.interaction import bcc24_classes
 from solver_adapters.material import Material
 

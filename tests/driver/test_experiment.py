@@ -5,7 +5,7 @@ import pytest
 import tifffile
 
 from driver.case import default_case, load_case, write_case
-from driver.case_tables import Images
+from driver.case_tables.images import Images
 from driver.experiment import ExperimentError, arrange, heights, origin, read_experiment
 
 RIGHT_HANDED = [

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from driver.case import Case, default_case
-from driver.case_tables import ProfileTable
+from driver.case_tables.solver import ProfileTable
 from driver.profiles import ConfigError, profile_of
 from solver_adapters.profile import Profile, config_path
 

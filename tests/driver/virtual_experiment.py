@@ -9,15 +9,12 @@ from collections.abc import Mapping, Sequence
 
 from driver.boundary import elongation_names, tilt_names
 from driver.case import Case
-from driver.case_tables import (
-    DiagnosisTable,
-    Grain,
-    Images,
-    LambdaStart,
-    MaterialTable,
-    Solver,
-    Specimen,
-)
+from driver.case_tables.images import Images
+from driver.case_tables.inference import DiagnosisTable
+from driver.case_tables.loading import LambdaStart
+from driver.case_tables.material import MaterialTable
+from driver.case_tables.solver import Solver
+from driver.case_tables.specimen import Grain, Specimen
 from driver.virtual_course import Course, stage_program
 from driver.virtual_course import pull as pull_case
 

@@ -1,0 +1,65 @@
+"""What is identified and diagnosed."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from driver.case_errors import refusal
+from driver.case_tables.values import Count, Positive, Table
+from solver_adapters.material import MATERIAL_DECLARATIONS
+
+
+def _known_parameters(names: tuple[str, ...]) -> tuple[str, ...]:
+    known = [parameter.name for parameter in MATERIAL_DECLARATIONS]
+    for name in names:
+        if name not in known:
+            raise refusal("one of " + ", ".join(known), found=f'"{name}"')
+    if not names:
+        raise refusal("at least one name of a material parameter")
+    return names
+
+
+Parameters = Annotated[tuple[str, ...], AfterValidator(_known_parameters)]
+
+
+class Identification(Table):
+    """Unknowns of the identification and their priors."""
+
+    parameters: Parameters = Field(
+        default=("tau0", "c", "d"),
+        description="a list of names of material parameters",
+    )
+    prior_width: dict[str, Positive] = Field(
+        default_factory=dict,
+        description="standard deviation of the logarithm of a parameter, 1.0 where not given",
+    )
+    max_iterations: Count = Field(
+        default=12, description="largest number of Gauss–Newton iterations"
+    )
+
+    def width(self, parameter: str) -> float:
+        """Prior standard deviation of log(p/p0) [-]."""
+        return self.prior_width.get(parameter, 1.0)
+
+    @model_validator(mode="after")
+    def _widths_of_parameters(self) -> Self:
+        for name in self.prior_width:
+            if name not in self.parameters:
+                raise refusal(
+                    "one of " + ", ".join(self.parameters), "prior_width", f'the name "{name}"'
+                )
+        return self
+
+
+class DiagnosisTable(Table):
+    """Which causes are tried and how."""
+
+    causes: Literal["all"] | tuple[str, ...] = Field(
+        default="all", description='"all" or a list of names of causes'
+    )
+    held_out_cycle: Literal["last", "none"] | Count = Field(
+        default="last", description='"last", "none" or the number of a cycle'
+    )
+    refit: Count = Field(default=5, description="number of causes refitted nonlinearly")
