@@ -29,7 +29,13 @@ FloatArray = NDArray[np.float64]
 
 
 # Parameters that a single grain does not have, by the beginning of their names.
-_OF_TWO_GRAINS = ("boundary_", "rotation_grain2", "rotation_frame", "tau0_grain2")
+_OF_TWO_GRAINS = (
+    "boundary_",
+    "rotation_grain2",
+    "rotation_frame",
+    "lattice_gradient_grain2",
+    "tau0_grain2",
+)
 
 
 class CaseError(InputError):
@@ -82,7 +88,8 @@ class Case(Table):
 
     @model_validator(mode="after")
     def _identified_inside_bounds(self) -> Self:
-        declared, constants = declared_parameters(n_knots=1), self.material.to_material()
+        constants = self.material.to_material()
+        declared = declared_parameters(1, constants)
         for name in self.identification.parameters:
             lower, upper, value = (
                 declared[name].lower,
@@ -99,7 +106,7 @@ class Case(Table):
 
     @model_validator(mode="after")
     def _extensions_of_the_model(self) -> Self:
-        declared = declared_parameters(n_knots=1)
+        declared = declared_parameters(1, self.material.to_material())
         always = (*LAMBDAS, *(parameter.name for parameter in POSE_DECLARATIONS))
         taken = {*always, *self.identification.parameters}
         known = [

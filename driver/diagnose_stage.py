@@ -193,6 +193,7 @@ def diagnosis_record(
             "on": found.gate.cause,
             "passed": found.gate.passed,
         },
+        "not_examined": {left.cause: left.why for left in found.not_examined},
         "baseline": fitted(before) | {"reason": before.reason},
         "extended": fitted(after) | {"reason": after.reason},
         "steps": [_step_record(step, bench) for step in found.steps],

@@ -38,6 +38,13 @@ ORIENTATION_DECLARATIONS: tuple[Parameter, ...] = tuple(
     for what in ("rotation_grain1", "rotation_grain2", "rotation_frame")
     for axis in "xyz"
 )
+_GRADIENTS = ("lattice_gradient_grain1", "lattice_gradient_grain2")
+LATTICE_DECLARATIONS: tuple[Parameter, ...] = tuple(
+    Parameter(f"{what}_{axis}", "rad/µm", 0.0, 0.7 * _DEGREE / 12, -0.02, 0.02)
+    for what in _GRADIENTS
+    for axis in "xyz"
+)
+"""How the lattice of a grain turns along Y; the scale is 0.7° over the 12 µm of the paper."""
 _OF_BOUNDARY = ("boundary_shift", "boundary_tilt_x", "boundary_tilt_z", "boundary_bow")
 
 
@@ -77,6 +84,8 @@ class Microstructure:
             names |= {f"{what}_{axis}" for axis in "xyz"}
         if len(self.orientations) > 1:
             names |= {f"rotation_frame_{axis}" for axis in "xyz"}
+        for what in _GRADIENTS[: len(self.orientations)]:
+            names |= {f"{what}_{axis}" for axis in "xyz"}
         return frozenset(names)
 
     def moved_mesh(self, values: Mapping[str, float]) -> PrismMesh:
@@ -102,6 +111,20 @@ class Microstructure:
                 for grain, orientation in enumerate(self.orientations)
             ]
         )
+
+    def lattice_gradient(self, values: Mapping[str, float]) -> FloatArray | None:
+        """Rotation vector of the lattice per µm along Y [rad/µm], (n_grains, 3); None if null."""
+        gradient = np.zeros((len(self.orientations), 3))
+        for grain, what in enumerate(_GRADIENTS[: len(self.orientations)]):
+            gradient[grain] = _vector(values, what)
+        return gradient if gradient.any() else None
+
+    def lattice_gradient_rate(self, name: str) -> FloatArray:
+        """Its derivative with respect to one parameter, shape (n_grains, 3)."""
+        what, axis = name.rsplit("_", 1)
+        rate = np.zeros((len(self.orientations), 3))
+        rate[_GRADIENTS.index(what), "xyz".index(axis)] = 1.0
+        return rate
 
     def rotation_rate(self, values: Mapping[str, float], name: str) -> FloatArray:
         """Rotation rate of each grain for a unit rate of one parameter, shape (n_grains, 3)."""

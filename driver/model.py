@@ -17,6 +17,7 @@ from driver.boundary import (
 from driver.instrument import IMAGE_DECLARATIONS, LOAD_DECLARATIONS, Instrument
 from driver.microstructure import (
     GEOMETRY_DECLARATIONS,
+    LATTICE_DECLARATIONS,
     ORIENTATION_DECLARATIONS,
     Microstructure,
 )
@@ -33,6 +34,7 @@ from solver_adapters.material import (
     MATERIAL_DECLARATIONS,
     MATERIAL_PARAMETERS,
     Material,
+    declarations_at,
     with_parameters,
 )
 from solver_adapters.parameter import Parameter
@@ -42,15 +44,18 @@ IntArray = NDArray[np.int64]
 
 Values = Mapping[str, float]
 
+_OF_THE_PAPER = Material()
 
-def declared_parameters(n_knots: int) -> dict[str, Parameter]:
-    """Every parameter of the general model by name."""
+
+def declared_parameters(n_knots: int, material: Material = _OF_THE_PAPER) -> dict[str, Parameter]:
+    """Every parameter of the general model by name, with its scale at a material."""
     declared = (
-        *MATERIAL_DECLARATIONS,
+        *declarations_at(material),
         *BOUNDARY_DECLARATIONS,
         *knot_declarations(n_knots),
         *GEOMETRY_DECLARATIONS,
         *ORIENTATION_DECLARATIONS,
+        *LATTICE_DECLARATIONS,
         *LOAD_DECLARATIONS,
         *IMAGE_DECLARATIONS,
         *POSE_DECLARATIONS,
@@ -129,10 +134,14 @@ class ForwardModel:
     view: SurfaceView
     workspace: Path | None = None
 
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """Every parameter by name, with its scale at the material of the case."""
+        return declared_parameters(self.boundary.weights.shape[1], self.material)
+
     def null_values(self) -> dict[str, float]:
         """Every parameter at its null, material constants as in the case, knots at zero."""
-        declared = declared_parameters(self.boundary.weights.shape[1])
-        values = {name: parameter.null for name, parameter in declared.items()}
+        values = {name: parameter.null for name, parameter in self.parameters.items()}
         return values | {p.name: getattr(self.material, p.name) for p in MATERIAL_DECLARATIONS}
 
     def simulation(self, values: Values, free: Sequence[str] = ()) -> Simulation:
@@ -147,6 +156,7 @@ class ForwardModel:
             motion=self.boundary.evaluate(values),
             output=self.image_row,
             output_nodes=self.surface_nodes,
+            lattice_gradient=self.microstructure.lattice_gradient(values),
             directions=tuple(self._direction(values, n) for n in free if self.simulated(n)),
             integration=self.integration,
             steps_per_interval=self.steps_per_interval,
@@ -221,7 +231,7 @@ class ForwardModel:
         return name not in _LOAD_NAMES | _IMAGE_NAMES | _POSE_NAMES
 
     def _direction(self, values: Values, name: str) -> Direction:
-        scale = declared_parameters(self.boundary.weights.shape[1])[name].change(values[name])
+        scale = self.parameters[name].change(values[name])
         if name in MATERIAL_PARAMETERS:
             return Direction(name, material={name: 1.0}, scale=scale)
         if name in self.microstructure.velocities:
@@ -229,6 +239,9 @@ class ForwardModel:
         if name.startswith("rotation_"):
             rate = self.microstructure.rotation_rate(values, name)
             return Direction(name, rotation=rate, scale=scale)
+        if name.startswith("lattice_gradient_"):
+            gradient = self.microstructure.lattice_gradient_rate(name)
+            return Direction(name, lattice_gradient=gradient, scale=scale)
         return Direction(name, motion=self.boundary.derivative(values, name), scale=scale)
 
 

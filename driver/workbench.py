@@ -17,7 +17,7 @@ from driver.experiment import Experiment, read_experiment
 from driver.identification.data import Data, build_image_data
 from driver.identification.fit import Objective
 from driver.identification.procedure import LAMBDA_PRIOR, start_values
-from driver.model import ForwardModel, declared_parameters
+from driver.model import ForwardModel
 from driver.specimen import adapter_of, build_model, surface_images
 from driver.surface_view import POSE_DECLARATIONS
 from driver.watched_solver import WatchedSolver
@@ -105,7 +105,7 @@ def build_workbench(
         np.arange(history.n_images),
         left_out=left_out,
     )
-    parameters = declared_parameters(history.n_knots)
+    parameters = working.parameters
     elongation, tilt = (_without(left_out, values) for values in (elongation, tilt))
     start, knots = start_values(working, elongation, tilt)
     if case.boundary.gauge == "rigid":

@@ -97,26 +97,40 @@ def with_parameters(material: Material, values: Mapping[str, float]) -> Material
     return replace(material, **changes)
 
 
-MATERIAL_DECLARATIONS: tuple[Parameter, ...] = (
-    Parameter("tau0", "MPa", 40.0, 1.0, 0.1, 2000.0, True),
-    Parameter("c", "MPa", 40e3, 1.0, 1.0, 1e7, True),
-    Parameter("d", "", 1500.0, 1.0, 1.0, 1e6, True),
-    Parameter("K", "MPa·s^(1/n)", 12.0, 0.3, 0.1, 1e3, True),
-    Parameter("n", "", 10.0, 0.3, 1.5, 60.0, True),
-    Parameter("Q", "MPa", 0.0, 10.0, 0.0, 2000.0),
-    Parameter("b", "", 30.0, 0.47, 1.0, 3000.0, True),
-    Parameter("tau0_112", "", 1.0, 0.10, 0.3, 3.0, True),
-    Parameter("tau0_grain2", "", 1.0, 0.10, 0.3, 3.0, True),
-    Parameter("tau0_antitwinning", "", 1.0, 0.10, 0.3, 3.0, True),
-    Parameter("a1", "", 0.0, 0.10, -0.9, 0.9),
-    Parameter("h_latent", "", 0.0, 0.2, -1.0, 10.0),
-    Parameter("c2", "MPa", 0.0, 1500.0, 0.0, 1e6),
-    Parameter("d2", "", 150.0, 0.5, 1.0, 1e5, True),
-    Parameter("x0", "", 0.0, 7e-5, -2e-4, 2e-4),
-    Parameter("eigenstrain", "", 0.0, 2e-4, -5e-3, 5e-3),
-    Parameter("skin_tau0", "", 1.0, 0.15, 0.3, 5.0, True),
-    Parameter("skin_thickness", "µm", 0.3, 0.5, 0.01, 2.0, True),
-    Parameter("elastic_scale", "", 1.0, 0.05, 0.3, 3.0, True),
-    Parameter("C44_scale", "", 1.0, 0.10, 0.5, 2.0, True),
-)
-"""The parameters of the law that can be identified or tried as a cause, with prior scales."""
+_SLOW_STRESS = 10.0  # saturated second back stress that a prior scale of c2 stands for [MPa]
+
+
+def declarations_at(material: Material) -> tuple[Parameter, ...]:
+    """The parameters that can be identified or tried as a cause, scaled at the constants of a case.
+
+    A back strain saturates at 1/d: the scale of x0 is a tenth of it, its bounds are three. The
+    scale of c2 is that of a saturated stress c2/d2 of 10 MPa, and the second back stress is
+    the slow one, d2 at most d/10 (or what the case says).
+    """
+    d = max(material.d, 1.0)
+    return (
+        Parameter("tau0", "MPa", 40.0, 1.0, 0.1, 2000.0, True),
+        Parameter("c", "MPa", 40e3, 1.0, 1.0, 1e7, True),
+        Parameter("d", "", 1500.0, 1.0, 1.0, 1e6, True),
+        Parameter("K", "MPa·s^(1/n)", 12.0, 0.3, 0.1, 1e3, True),
+        Parameter("n", "", 10.0, 0.3, 1.5, 60.0, True),
+        Parameter("Q", "MPa", 0.0, 10.0, 0.0, 2000.0),
+        Parameter("b", "", 30.0, 0.47, 1.0, 3000.0, True),
+        Parameter("tau0_112", "", 1.0, 0.10, 0.3, 3.0, True),
+        Parameter("tau0_grain2", "", 1.0, 0.10, 0.3, 3.0, True),
+        Parameter("tau0_antitwinning", "", 1.0, 0.10, 0.3, 3.0, True),
+        Parameter("a1", "", 0.0, 0.10, -0.9, 0.9),
+        Parameter("h_latent", "", 0.0, 0.2, -1.0, 10.0),
+        Parameter("c2", "MPa", 0.0, _SLOW_STRESS * material.d2, 0.0, 1e6),
+        Parameter("d2", "", 150.0, 0.5, 1.0, max(d / 10, material.d2), True),
+        Parameter("x0", "", 0.0, 0.1 / d, -0.3 / d, 0.3 / d),
+        Parameter("eigenstrain", "", 0.0, 2e-4, -5e-3, 5e-3),
+        Parameter("skin_tau0", "", 1.0, 0.15, 0.3, 5.0, True),
+        Parameter("skin_thickness", "µm", 0.3, 0.5, 0.01, 2.0, True),
+        Parameter("elastic_scale", "", 1.0, 0.05, 0.3, 3.0, True),
+        Parameter("C44_scale", "", 1.0, 0.10, 0.5, 2.0, True),
+    )
+
+
+MATERIAL_DECLARATIONS: tuple[Parameter, ...] = declarations_at(Material())
+"""The same at the constants of the paper."""

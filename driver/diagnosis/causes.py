@@ -44,6 +44,38 @@ LIBRARY: tuple[Cause, ...] = (
         companions=("b",), one_sided=True,
     ),
     Cause(
+        "second_back_stress", "material", ("c2",),
+        "a second back stress goes on growing after the first has saturated",
+        "a test to larger strain: the slope of the flow stress long after yield",
+        companions=("d2",), one_sided=True,
+    ),
+    Cause(
+        "cold_work", "material", ("x0",),
+        "the specimen carries a back stress from prior deformation",
+        "a first loading in compression: it would yield earlier or later than in tension",
+    ),
+    Cause(
+        "residual_stress", "material", ("eigenstrain",),
+        "residual stress bends the specimen before it is loaded",
+        "the curvature of the face before and after one end is cut free",
+    ),
+    Cause(
+        "twinning_asymmetry", "material", ("tau0_antitwinning",),
+        "the {112} systems slip more easily in the twinning sense than against it",
+        "a test in compression: the flow stresses differ",
+    ),
+    Cause(
+        "non_schmid", "material", ("a1",),
+        "stresses other than the resolved shear stress move the dislocations",
+        "specimens of two orientations with the same Schmid factor",
+    ),
+    Cause(
+        "damaged_skin", "material", ("skin_tau0",),
+        "a layer below the milled surface has another critical resolved shear stress",
+        "nano-indentation of the face at increasing depth, or a specimen annealed after milling",
+        companions=("skin_thickness",),
+    ),
+    Cause(
         "family_112", "material", ("tau0_112",),
         "the {112} systems have another critical resolved shear stress than the {110} systems",
         "slip traces on the deformed face: which planes carry the steps",
@@ -82,6 +114,16 @@ LIBRARY: tuple[Cause, ...] = (
         "ebsd_frame", "microstructure", _axes("rotation_frame"),
         "the EBSD frame is turned against the specimen",
         "the angle between the EBSD map and the edges of the prism",
+    ),
+    Cause(
+        "lattice_gradient_grain1", "microstructure", _axes("lattice_gradient_grain1"),
+        "the lattice of grain 1 turns along the specimen",
+        "EBSD of grain 1 on a fine grid along the face",
+    ),
+    Cause(
+        "lattice_gradient_grain2", "microstructure", _axes("lattice_gradient_grain2"),
+        "the lattice of grain 2 turns along the specimen",
+        "EBSD of grain 2 on a fine grid along the face",
     ),
     Cause(
         "boundary_position", "microstructure", ("boundary_shift",),
@@ -171,6 +213,49 @@ NUMERICS = Cause(
     "the same simulation on a finer mesh and with smaller steps",
 )  # fmt: skip
 """Scored along the finer-minus-working difference; its parameter is the missing share of it."""
+
+
+@dataclass(frozen=True)
+class NotExamined:
+    """A cause that was asked for and not tried.
+
+    Attributes:
+        cause: its name.
+        why: the reason, as the end of a sentence.
+    """
+
+    cause: str
+    why: str
+
+
+def not_examined(
+    specimen: Collection[str],
+    solver: Collection[str],
+    fitted: Collection[str],
+    wanted: Sequence[str] | None,
+) -> tuple[NotExamined, ...]:
+    """The causes that are not tried, each with its reason.
+
+    Args:
+        specimen: parameters of the general model that this specimen has.
+        solver: those that its solver can honour.
+        fitted: parameters that are fitted in the baseline.
+        wanted: names of the causes to try, None for all.
+    """
+    left: list[NotExamined] = []
+    for cause in LIBRARY:
+        if wanted is not None and cause.name not in wanted:
+            continue
+        absent = [name for name in cause.parameters if name not in specimen]
+        refused = [name for name in cause.parameters if name not in solver]
+        free = [name for name in cause.parameters if name in fitted]
+        if absent:
+            left.append(NotExamined(cause.name, f"the specimen has no {absent[0]}"))
+        elif refused:
+            left.append(NotExamined(cause.name, f"the solver cannot honour {refused[0]}"))
+        elif free:
+            left.append(NotExamined(cause.name, f"{free[0]} is fitted in the baseline"))
+    return tuple(left)
 
 
 def causes_of(

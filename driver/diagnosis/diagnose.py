@@ -10,12 +10,18 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from driver.boundary import elongation_names, tilt_names
-from driver.diagnosis.causes import LIBRARY, NUMERICS, Cause
+from driver.diagnosis.causes import LIBRARY, NUMERICS, Cause, NotExamined, not_examined
 from driver.diagnosis.held_out import HeldOut, HeldOutTask, knots_of_cycle, predict_held_out
 from driver.diagnosis.omnibus import FAMILY_LEVEL, Omnibus, omnibus
 from driver.diagnosis.refit import Refit, log_bayes_factor, refit_causes
 from driver.diagnosis.score import Score, cosine
-from driver.diagnosis.screening import screen, screened, whitened_difference
+from driver.diagnosis.screening import (
+    honoured,
+    parameters_of_the_specimen,
+    screen,
+    screened,
+    whitened_difference,
+)
 from driver.diagnosis.verdict import MOST_ADDITIONS, Verdict, decide
 from driver.identification.fit import Correction, Evaluation, Fit, Objective, fit
 from driver.identification.procedure import correction, temporal_noise, with_correction
@@ -87,6 +93,7 @@ class Diagnosis:
         explained: share of the excess misfit that the extension explains (NaN where the
             excess is within the scatter of noise).
         log_evidence: log Bayes factor of the extended model against the baseline.
+        not_examined: the causes that were not tried, and why.
         verdict: the answer.
     """
 
@@ -99,6 +106,7 @@ class Diagnosis:
     held_out: tuple[HeldOut, HeldOut] | None
     explained: float
     log_evidence: float
+    not_examined: tuple[NotExamined, ...]
     verdict: Verdict
 
 
@@ -149,6 +157,11 @@ def diagnose(
         SolverError: the model cannot be evaluated at the baseline.
     """
     model = objective.model
+    left = not_examined(
+        parameters_of_the_specimen(model), honoured(model), baseline.best.free, settings.wanted
+    )
+    for one in left:
+        log(f"  {one.cause} is not examined: {one.why}")
     limited = settings.free_chi > IMAGING
     if limited:
         objective = _inflated(objective, settings.free_chi)
@@ -216,6 +229,7 @@ def diagnose(
         held_out=(held[0], held[-1]) if held else None,
         explained=_explained(before, here.best) if causes else float("nan"),
         log_evidence=log_bayes_factor(before, here.best, current, added),
+        not_examined=left,
         verdict=verdict,
     )
 

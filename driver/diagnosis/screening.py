@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from driver.diagnosis.causes import NUMERICS, Cause, causes_of
 from driver.diagnosis.score import Score, prior_scaled, score
 from driver.identification.fit import Correction, Evaluation, Fit, Objective
+from driver.microstructure import LATTICE_DECLARATIONS
 from driver.model import ForwardModel
+from solver_adapters.material import MATERIAL_PARAMETERS
 
 FloatArray = NDArray[np.float64]
 
@@ -19,17 +21,30 @@ def screened(
     model: ForwardModel, fitted: Sequence[str], wanted: Sequence[str] | None
 ) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     """The causes that a model can have, and the parameters that screening needs free."""
-    known = (
-        frozenset(p for p in model.null_values() if not model.simulated(p))
-        | model.boundary.parameters
-        | model.microstructure.parameters
-        | model.adapter.capabilities().material
-    )
+    known = parameters_of_the_specimen(model) & honoured(model)
     candidates = causes_of(known, fitted, wanted)
     names = [*fitted]
     for cause in candidates:
         names += [n for n in (*cause.parameters, *cause.companions) if n not in names]
     return candidates, tuple(names)
+
+
+def parameters_of_the_specimen(model: ForwardModel) -> frozenset[str]:
+    """Parameters of the general model that this specimen has, whoever simulates it."""
+    seen = frozenset(p for p in model.parameters if not model.simulated(p))
+    law = frozenset(MATERIAL_PARAMETERS)
+    if len(model.microstructure.orientations) < 2:
+        law -= {"tau0_grain2"}
+    return seen | law | model.boundary.parameters | model.microstructure.parameters
+
+
+def honoured(model: ForwardModel) -> frozenset[str]:
+    """Parameters of the general model that the solver can honour."""
+    offered = model.adapter.capabilities()
+    refused = frozenset(MATERIAL_PARAMETERS) - offered.material
+    if not offered.lattice_gradient:
+        refused |= {parameter.name for parameter in LATTICE_DECLARATIONS}
+    return frozenset(model.parameters) - refused
 
 
 def screen(

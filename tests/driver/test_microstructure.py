@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from driver.microstructure import (
     GEOMETRY_DECLARATIONS,
+    LATTICE_DECLARATIONS,
     ORIENTATION_DECLARATIONS,
     Microstructure,
     build_microstructure,
@@ -15,7 +16,10 @@ from solver_adapters.crystal import bunge_matrix
 
 FloatArray = NDArray[np.float64]
 
-NULL = {p.name: p.null for p in (*GEOMETRY_DECLARATIONS, *ORIENTATION_DECLARATIONS)}
+NULL = {
+    p.name: p.null
+    for p in (*GEOMETRY_DECLARATIONS, *ORIENTATION_DECLARATIONS, *LATTICE_DECLARATIONS)
+}
 TURNED = dict(
     zip(
         [p.name for p in ORIENTATION_DECLARATIONS],
@@ -87,6 +91,18 @@ def test_a_change_that_turns_cells_inside_out_is_refused(two_grains: Microstruct
 def test_a_single_grain_has_neither_boundary_nor_second_orientation() -> None:
     geometry = PrismGeometry(4.0, 2.0, 1.7)
     single = build_microstructure(generate(geometry, 1.5), geometry, MEASURED[:1])
-    grain = {f"rotation_grain1_{axis}" for axis in "xyz"}
+    grain = {f"{what}_grain1_{axis}" for what in ("rotation", "lattice_gradient") for axis in "xyz"}
     assert single.parameters == {"depth_scale", "apex_shift"} | grain
     assert single.rotated(NULL | {"rotation_grain1_y": 0.1}).shape == (1, 3, 3)
+
+
+def test_the_lattice_gradient_is_linear_in_its_parameters(two_grains: Microstructure) -> None:
+    assert two_grains.lattice_gradient(NULL) is None
+    names = [p.name for p in LATTICE_DECLARATIONS]
+    assert set(names) <= two_grains.parameters
+    values = NULL | dict(zip(names, (1e-3, -2e-3, 3e-3, 4e-3, -5e-3, 6e-3), strict=True))
+    found = two_grains.lattice_gradient(values)
+    assert found is not None
+    np.testing.assert_allclose(found, [[1e-3, -2e-3, 3e-3], [4e-3, -5e-3, 6e-3]])
+    rates = sum(values[name] * two_grains.lattice_gradient_rate(name) for name in names)
+    np.testing.assert_allclose(rates, found)
