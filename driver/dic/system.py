@@ -25,7 +25,7 @@ RIDGE = 1e-8  # of that unit diagonal
 MAX_ITERATIONS = 60
 DIVERGED = 5.0  # times the first update
 MIN_USED = 0.5  # of the pixels; a motion that takes more out of the image is lost
-PROBES = 12  # random vectors behind the traces of large matrices: known to 1 % of n > 400
+PROBED = 5000  # numbers in the random vectors behind the traces of large matrices: known to 1 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +57,7 @@ class End:
         iterations: Gauss–Newton steps.
         reason: why it stopped.
         last_update: largest nodal update of u, v in the last step [px].
+        target: what A p should be, of the images linearised there: d = b + M p and the pull.
     """
 
     p: FloatArray
@@ -64,6 +65,7 @@ class End:
     iterations: int
     reason: Reason
     last_update: float
+    target: FloatArray
 
 
 class System:
@@ -145,9 +147,10 @@ class System:
             return [0.0 if r is None else float(np.sum(inverse * r)) for r in parts]
         if not any(self.weights):
             return [0.0] * len(parts)
-        probes = np.random.default_rng(0).choice([-1.0, 1.0], size=(self.size, PROBES))
+        n = -(-PROBED // self.size)
+        probes = np.random.default_rng(0).choice([-1.0, 1.0], size=(self.size, n))
         solved = self.solve(probes)
-        return [0.0 if r is None else float(np.sum(solved * (r @ probes))) / PROBES for r in parts]
+        return [0.0 if r is None else float(np.sum(solved * (r @ probes))) / n for r in parts]
 
     def covariance_of(self, functionals: FloatArray) -> FloatArray:
         """L A⁻¹ M A⁻¹ Lᵀ for the rows L (m, n), times σ² the covariance of L p."""
@@ -187,7 +190,8 @@ class System:
         for iteration in range(1, MAX_ITERATIONS + 1):
             residual, right, used = self._residual_and_right(image, p)
             if used < MIN_USED * len(residual):
-                return End(p, residual, iteration, "left", before)
+                target = right + pull + self.hessian @ p
+                return End(p, residual, iteration, "left", before, target)
             if penalised:
                 right += pull - self.penalty_force(p)
             update = self.solve(right)
@@ -196,14 +200,16 @@ class System:
             # M is that of the reference: where the frame is steeper, full steps overshoot.
             if largest > 0.9 * before:
                 step = max(0.5 * step, 0.2)
-            p, before = p + step * update, largest
+            last, p, before = p, p + step * update, largest
             if largest < tolerance:
                 reason = "converged"
                 break
             if largest > DIVERGED * max(first, 1.0):
                 reason = "diverged"
                 break
-        return End(p, residual, iteration, reason, before)
+        if penalised:
+            right += self.penalty_force(last)
+        return End(p, residual, iteration, reason, before, right + self.hessian @ last)
 
     def _smallest_eigenvalue(self) -> float:
         """Of the scaled matrix, from above, by inverse iteration."""
