@@ -118,7 +118,8 @@ def _level(reference: FloatArray, region: BoolArray, scale: int) -> _Level:
     slope = np.column_stack([d[at] for d in np.gradient(ndimage.gaussian_filter(f, 0.5))])
     pixels = Pixels(rows, cols, f[at], slope, 1.0)
     # A region one pixel wide still spans a grid.
-    (low_row, low_col), (high_row, high_col) = xy.min(axis=0), xy.max(axis=0)
+    low_row, low_col = float(rows.min()), float(cols.min())
+    high_row, high_col = float(rows.max()), float(cols.max())
     bounds = (low_row, max(high_row, low_row + 1), low_col, max(high_col, low_col + 1))
     basis = grid_basis(xy, bounds, ELEMENT)
     system = System(pixels, basis, basis, penalties(basis, basis, "curvature"))

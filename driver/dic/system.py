@@ -8,11 +8,12 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csc_array
+from scipy.sparse import csc_array
 
 from driver.dic.basis import Basis
 from driver.dic.factor import DENSE, Factor, Matrix, make_factor
 from driver.dic.kernels import cell_pairs, pair_hessians, residual_and_right_side
+from driver.dic.patterns import summed_dense, summed_sparse
 from driver.images.heightmaps import ImageError
 
 FloatArray = NDArray[np.float64]
@@ -232,14 +233,6 @@ def assemble(pixels: Pixels, basis_uv: Basis, basis_w: Basis) -> Matrix:
     of = sample[:count]
     nodes_uv, nodes_w = cells_uv[basis_uv.cell[of]], cells_w[basis_w.cell[of]]
     dofs = np.hstack([nodes_uv, nodes_uv + n_uv, nodes_w + 2 * n_uv])
-    i, j = np.tril_indices(dofs.shape[1])
-    values, rows, cols = blocks[:, i, j].ravel(), dofs[:, i].ravel(), dofs[:, j].ravel()
-    del blocks
     if n <= DENSE:
-        square = np.bincount(rows * n + cols, values, n * n).reshape(n, n)
-        return np.asarray(square + square.T - np.diag(square.diagonal()))
-    lower = coo_array((values, (np.maximum(rows, cols), np.minimum(rows, cols))), shape=(n, n))
-    lower = csc_array(lower)
-    upper = lower.T.tocsc()
-    upper.setdiag(0.0)
-    return csc_array(lower + upper)
+        return np.asarray(summed_dense(blocks, dofs, n))
+    return csc_array(summed_sparse(blocks, dofs, n), shape=(n, n))
