@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from driver.dic.basis import Basis, grid_basis, mesh_basis
-from driver.dic.interpolation import spline_slopes
 from driver.dic.outcome import explanation
 from driver.dic.search import Options, Search, expected_variance, motion_at_pixels
+from driver.dic.splines import coefficients, slopes_at
 from driver.dic.start import Starter
 from driver.dic.system import Pixels, System
 from driver.images.heightmaps import ImageError, fill_off_surface
@@ -165,8 +165,7 @@ def correlate(
     f = _gapless(f)
     basis_uv, basis_w, rows, cols = _bases(region, pixel, mesh_uv, mesh_w)
     starter = Starter.build(f, region)
-    spline = np.asarray(ndimage.spline_filter(f, order=3, mode="mirror"))
-    slope = spline_slopes(spline, rows, cols) / pixel
+    slope = slopes_at(coefficients(f), rows, cols) / pixel
     pixels = Pixels(rows.astype(float), cols.astype(float), f[rows, cols], slope, pixel)
     whole = [_gapless(g) for g in stack]
     starts = starter.follow(whole, basis_uv.nodes / pixel, basis_w.nodes / pixel)
@@ -247,7 +246,7 @@ def _gapless(image: FloatArray) -> FloatArray:
 
 def _coefficients(whole: FloatArray, image: FloatArray) -> FloatArray:
     """Spline coefficients, NaN where they carry heights that were not measured."""
-    spline = np.asarray(ndimage.spline_filter(whole, order=3, mode="mirror"))
+    spline: FloatArray = coefficients(whole)
     missing = ~np.isfinite(image)
     if missing.any():
         spline[ndimage.binary_dilation(missing, iterations=SPREAD)] = np.nan

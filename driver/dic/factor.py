@@ -7,7 +7,7 @@ from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotrs
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.sparse import csc_array
 
 from driver.dic.patterns import lower_union, spread
@@ -40,7 +40,7 @@ def make_factor(terms: Sequence[Matrix]) -> Factor:
 
 
 class DenseFactor:
-    """By LAPACK."""
+    """By LAPACK: its arrays run down the columns, symmetric ones either way."""
 
     def __init__(self, terms: Sequence[FloatArray]) -> None:
         """Keep the matrices."""
@@ -63,6 +63,14 @@ class DenseFactor:
         """As in `Factor`."""
         scale = self._scale if right.ndim == 1 else self._scale[:, None]
         return np.asarray(scale * dpotrs(self._factor, scale * right, lower=1)[0])
+
+    def traces(self) -> list[float]:
+        """Traces of the inverse times each term but the first."""
+        inverse = dpotri(self._factor, lower=1)[0]  # its lower triangle, above it zeros
+        inverse *= self._scale[:, None]
+        inverse *= self._scale
+        inverse.flat[:: len(inverse) + 1] *= 0.5
+        return [2.0 * float(np.vdot(inverse.T, term)) for term in self._terms[1:]]
 
     def solve_scaled(self, right: FloatArray) -> FloatArray:
         """As in `Factor`."""

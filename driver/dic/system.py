@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
 from driver.dic.basis import Basis
-from driver.dic.factor import DENSE, Factor, Matrix, make_factor
+from driver.dic.factor import DENSE, DenseFactor, Factor, Matrix, make_factor
 from driver.dic.kernels import cell_pairs, pair_hessians, residual_and_right_side
 from driver.dic.patterns import summed_dense, summed_sparse
 from driver.images.heightmaps import ImageError
@@ -142,16 +143,19 @@ class System:
 
         Exact for a small system, else from fixed random vectors.
         """
-        parts = [r if w else None for w, r in zip(self.weights, self.parts, strict=True)]
-        if self.size <= DENSE:
-            inverse = self.solve(np.eye(self.size))
-            return [0.0 if r is None else float(np.sum(inverse * r)) for r in parts]
-        if not any(self.weights):
-            return [0.0] * len(parts)
-        n = -(-PROBED // self.size)
-        probes = np.random.default_rng(0).choice([-1.0, 1.0], size=(self.size, n))
-        solved = self.solve(probes)
-        return [0.0 if r is None else float(np.sum(solved * (r @ probes))) / n for r in parts]
+        found = [0.0] * len(self.parts)
+        if not self._used:
+            return found
+        if isinstance(self._factor, DenseFactor):
+            used = self._factor.traces()
+        else:
+            probes = _probes(self.size, -(-PROBED // self.size))
+            solved = self.solve(probes)
+            every = probes.shape[1]
+            used = [float(np.sum(solved * (self.parts[k] @ probes))) / every for k in self._used]
+        for k, trace in zip(self._used, used, strict=True):
+            found[k] = trace
+        return found
 
     def covariance_of(self, functionals: FloatArray) -> FloatArray:
         """L A⁻¹ M A⁻¹ Lᵀ for the rows L (m, n), times σ² the covariance of L p."""
@@ -214,10 +218,15 @@ class System:
 
     def _smallest_eigenvalue(self) -> float:
         """Of the scaled matrix, from above, by inverse iteration."""
-        vector = np.asarray(np.random.default_rng(0).normal(size=self.size))
-        once = self._factored.solve_scaled(vector)
+        once = self._factored.solve_scaled(_probes(self.size, 1)[:, 0])
         twice = self._factored.solve_scaled(once)
         return float(np.linalg.norm(once) / np.linalg.norm(twice))
+
+
+@lru_cache(maxsize=4)
+def _probes(size: int, n: int) -> FloatArray:
+    """Fixed random signs, shape (size, n)."""
+    return np.random.default_rng(0).choice([-1.0, 1.0], size=(size, n))
 
 
 def assemble(pixels: Pixels, basis_uv: Basis, basis_w: Basis) -> Matrix:
