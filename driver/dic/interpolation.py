@@ -83,7 +83,9 @@ def variance_gain(fraction_x: FloatArray, fraction_y: FloatArray) -> FloatArray:
         fraction_x: position along the rows' index [px]; only its fraction counts.
         fraction_y: position along the columns' index [px].
     """
-    return _gain(fraction_x) * _gain(fraction_y)
+    x, y = np.broadcast_arrays(fraction_x, fraction_y)
+    gains = _gains(np.ravel(x), np.ravel(y), _GAIN)
+    return np.asarray(gains).reshape(x.shape)
 
 
 def _weights(t: Number) -> tuple[Number, Number, Number, Number]:
@@ -113,8 +115,15 @@ def _gain_polynomial() -> FloatArray:
 _GAIN = _gain_polynomial()
 
 
-def _gain(position: FloatArray) -> FloatArray:
-    return np.asarray(np.polyval(_GAIN, position - np.floor(position)))
+def _gains_at_points(x: FloatArray, y: FloatArray, polynomial: FloatArray) -> FloatArray:
+    gains = np.empty_like(x)
+    for k in range(len(x)):
+        s, t = x[k] - np.floor(x[k]), y[k] - np.floor(y[k])
+        along, across = 0.0, 0.0
+        for c in polynomial:
+            along, across = along * s + c, across * t + c
+        gains[k] = along * across
+    return gains
 
 
 def _fold(k: int, n: int) -> int:
@@ -166,6 +175,7 @@ def _evaluate_points(
     return value, d_row, d_col
 
 
+_gains = _compiled(_gains_at_points)
 _evaluate = _compiled(_evaluate_points)
 
 

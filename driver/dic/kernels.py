@@ -59,6 +59,29 @@ def grid_places(
 
 
 @_compiled
+def motion_of(
+    cells_uv: IntArray,
+    cell_uv: IntArray,
+    shape_uv: FloatArray,
+    cells_w: IntArray,
+    cell_w: IntArray,
+    shape_w: FloatArray,
+    p: FloatArray,
+    n_uv: int,
+) -> FloatArray:
+    """u, v, w at the pixels, shape (n, 3); arguments as of `residual_and_right_side`."""
+    motion = np.zeros((len(cell_uv), 3))
+    for k in range(len(cell_uv)):
+        for a in range(shape_uv.shape[1]):
+            node, value = cells_uv[cell_uv[k], a], shape_uv[k, a]
+            motion[k, 0] += value * p[node]
+            motion[k, 1] += value * p[n_uv + node]
+        for a in range(shape_w.shape[1]):
+            motion[k, 2] += shape_w[k, a] * p[2 * n_uv + cells_w[cell_w[k], a]]
+    return motion
+
+
+@_compiled
 def _mirrored(k: int, n: int) -> int:
     if n == 1:
         return 0

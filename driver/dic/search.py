@@ -12,6 +12,7 @@ from scipy.sparse import csc_array, diags_array
 from driver.dic.basis import Basis
 from driver.dic.evidence import Estimate, Evidence, weigh
 from driver.dic.interpolation import variance_gain
+from driver.dic.kernels import motion_of
 from driver.dic.regularisation import Penalty, penalties
 from driver.dic.system import End, Pixels, System
 from driver.images.heightmaps import ImageError
@@ -20,7 +21,7 @@ FloatArray = NDArray[np.float64]
 
 FIRST_ROUGHNESS = 1.0  # px; where the estimate of what the motion needs begins
 FIRST_ROUGHNESS_W, FIRST_NOISE = 0.1, 0.05  # of the relief
-COARSE = 1e-2  # px; largest update at the end of a step of the ramp, or before the estimate
+COARSE = 3e-2  # px; largest update at the end of a step of the ramp, or before the estimate
 
 
 @dataclass(frozen=True)
@@ -146,11 +147,11 @@ def expected_variance(system: System, p: FloatArray, n_reference: int) -> FloatA
 
 def motion_at_pixels(system: System, p: FloatArray) -> FloatArray:
     """u, v, w at the pixels from nodal values [u | v | w], shape (n_pix, 3)."""
-    u, v, w = np.split(p, [system.n_uv, 2 * system.n_uv])
-    parts = ((system.basis_uv, u), (system.basis_uv, v), (system.basis_w, w))
-    return np.stack(
-        [np.einsum("ka,ka->k", b.shape, q[b.mesh.cells[b.cell]]) for b, q in parts], axis=-1
+    n, uv, w = system.n_uv, system.basis_uv, system.basis_w
+    motion: FloatArray = motion_of(
+        uv.mesh.cells, uv.cell, uv.shape, w.mesh.cells, w.cell, w.shape, p, n
     )
+    return motion
 
 
 def mean_diagonals(system: System) -> FloatArray:
