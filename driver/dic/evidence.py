@@ -34,6 +34,7 @@ class Evidence:
         system: M and the penalties, with the weights of the last solution.
         targets: d and the pull of an anchor, shape (T, n).
         anchor: weight of the anchor, if the system has one.
+        ranks: of the penalties of u, v and of w.
         free: which of roughness and roughness_w are to be found.
         n_reference: images averaged into the reference.
     """
@@ -41,6 +42,7 @@ class Evidence:
     system: System
     targets: FloatArray
     anchor: float
+    ranks: tuple[int, int]
     free: tuple[bool, bool]
     n_reference: int
 
@@ -69,8 +71,14 @@ class Evidence:
             last, now, stale = (now, drift), now + leap, False
             estimate = Estimate(sigma, *(float(a) for a in np.exp(now)))
             weigh(self.system, estimate, self.n_reference, self.anchor)
-            p = self.system.solve(np.ascontiguousarray(self.targets.T)).T
+            p = self._moved(p)
         return estimate, p
+
+    def _moved(self, p: FloatArray) -> FloatArray:
+        """Solutions of A p = d, as steps from p: a ridge in the factor does not pull them to 0."""
+        system = self.system
+        held = np.array([system.hessian @ q + system.penalty_force(q) for q in p])
+        return np.asarray(p + system.solve(np.ascontiguousarray((self.targets - held).T)).T)
 
     def _drift(
         self, p: FloatArray, now: FloatArray, least_w: float
@@ -84,7 +92,7 @@ class Evidence:
         for k, (part, least) in enumerate(zip(system.parts[:2], leasts, strict=True)):
             if not self.free[k]:
                 continue
-            rank = float(np.count_nonzero(part.diagonal()))
+            rank = self.ranks[k]
             decided = max(rank - system.weights[k] * traces[k], 1.0)
             energy = max(float(np.sum(p.T * (part @ p.T))) / len(p), 0.0)
             drift[k] = np.log(max(np.sqrt(energy / decided), least)) - now[k]

@@ -91,9 +91,25 @@ def _mirrored(k: int, n: int) -> int:
 
 @_inlined
 def _residual_and_right_side(
-    m, q, image, rows, cols, per_pixel, height, slope, cells_uv, cell_uv, shape_uv,
-    cells_w, cell_w, shape_w, p, n_uv, residual, right,
-):  # type: ignore[no-untyped-def]  # fmt: skip
+    m: int,
+    q: int,
+    image: FloatArray,
+    rows: FloatArray,
+    cols: FloatArray,
+    per_pixel: float,
+    height: FloatArray,
+    slope: FloatArray,
+    cells_uv: IntArray,
+    cell_uv: IntArray,
+    shape_uv: FloatArray,
+    cells_w: IntArray,
+    cell_w: IntArray,
+    shape_w: FloatArray,
+    p: FloatArray,
+    n_uv: int,
+    residual: FloatArray,
+    right: FloatArray,
+) -> int:
     n_rows, n_cols = image.shape
     right[:] = 0.0
     used = 0
@@ -241,7 +257,15 @@ def cell_pairs(cell_uv: IntArray, cell_w: IntArray, n_w: int) -> tuple[IntArray,
 
 
 @_inlined
-def _pair_hessians(m, q, pair, n_pairs, slope, shape_uv, shape_w):  # type: ignore[no-untyped-def]
+def _pair_hessians(
+    m: int,
+    q: int,
+    pair: IntArray,
+    n_pairs: int,
+    slope: FloatArray,
+    shape_uv: FloatArray,
+    shape_w: FloatArray,
+) -> FloatArray:
     size = 2 * m + q
     length = size * (size + 1) // 2
     blocks = np.zeros((n_pairs, length))

@@ -13,7 +13,7 @@ from driver.dic.basis import Basis
 from driver.dic.evidence import Estimate, Evidence, weigh
 from driver.dic.interpolation import variance_gain
 from driver.dic.kernels import motion_of
-from driver.dic.regularisation import Penalty, penalties
+from driver.dic.regularisation import Penalty, penalties, ranks
 from driver.dic.system import End, Pixels, System
 from driver.images.heightmaps import ImageError
 
@@ -97,7 +97,8 @@ class Search:
         ends = self._solve(system, starts, starts, COARSE if unsettled else options.tolerance)
         if unsettled:
             targets = np.array([end.target for end in ends])
-            evidence = Evidence(system, targets, anchor, free, self.n_reference)
+            rank = ranks(self.basis_uv, self.basis_w, options.penalty)
+            evidence = Evidence(system, targets, anchor, rank, free, self.n_reference)
             p = np.array([end.p for end in ends])
             estimate, p = evidence.settle(p, estimate, self.sigma or self._noise(system, ends))
             ends = self._solve(system, list(p), starts, options.tolerance)

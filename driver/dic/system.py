@@ -96,6 +96,7 @@ class System:
         self.n_uv = len(basis_uv.nodes)
         self.size = self.hessian.shape[0]
         self._used: list[int] = []
+        self._sound: tuple[float, ...] = ()
         self._factor: Factor | None = None
 
     def weigh(self, weights: Sequence[float]) -> None:
@@ -105,9 +106,15 @@ class System:
         used = [k for k, weight in enumerate(self.weights) if weight]
         if self._factor is None or used != self._used:
             self._factor = make_factor([self.hessian, *(self.parts[k] for k in used)])
-            self._used = used
+            self._used, self._sound = used, ()
         terms = [1.0, *(self.weights[k] for k in used)]
-        if not self._factor.set(terms, 0.0) or self._smallest_eigenvalue() < 1 / CONDITION:
+        definite = self._factor.set(terms, 0.0)
+        # More weight than where A was sound makes no direction softer.
+        if definite and self._sound and np.all(np.greater_equal(self.weights, self._sound)):
+            return
+        if definite and self._smallest_eigenvalue() >= 1 / CONDITION:
+            self._sound = self.weights
+        else:
             self.ridge = RIDGE
             if not self._factor.set(terms, RIDGE):
                 raise ImageError(
