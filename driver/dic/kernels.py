@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numba import njit
@@ -19,7 +20,13 @@ _compiled: Any = njit(
     cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}
 )
 
-_inlined: Any = njit(inline="always")
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def _inlined(function: Function) -> Function:
+    """Compiled into its caller, whose constants it then knows."""
+    return cast(Function, njit(inline="always")(function))
+
 
 MAX_PARTNERS = 32
 
