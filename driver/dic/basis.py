@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,18 +125,25 @@ def grid_basis(
     """
     x0, x1, y0, y1 = bounds
     cells = (max(1, round((x1 - x0) / element_size)), max(1, round((y1 - y0) / element_size)))
+    cell, shape = _place(xy, bounds, cells)
+    mesh = _grid(bounds, cells)
+    return GridBasis(mesh=mesh, cell=cell, shape=shape, bounds=bounds, cells=cells)
+
+
+@lru_cache(maxsize=16)
+def _grid(bounds: tuple[float, float, float, float], cells: tuple[int, int]) -> PlaneMesh:
+    """The mesh of a grid: wanted again for each pair of images of one size."""
+    x0, x1, y0, y1 = bounds
     x, y = np.meshgrid(
         np.linspace(x0, x1, cells[0] + 1), np.linspace(y0, y1, cells[1] + 1), indexing="ij"
     )
     index = np.arange(x.size).reshape(x.shape)
     corners = (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
-    mesh = PlaneMesh(
+    return PlaneMesh(
         points=np.column_stack([x.ravel(), y.ravel()]),
         cells=np.stack(corners, axis=-1).reshape(-1, 4),
         kind="quad4",
     )
-    cell, shape = _place(xy, bounds, cells)
-    return GridBasis(mesh=mesh, cell=cell, shape=shape, bounds=bounds, cells=cells)
 
 
 def _place(

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from driver.dic.basis import Basis, grid_basis, mesh_basis
-from driver.dic.interpolation import spline_slopes
 from driver.dic.outcome import explanation
 from driver.dic.search import Options, Search, expected_variance, motion_at_pixels
+from driver.dic.splines import coefficients, slopes_at
 from driver.dic.start import Starter
 from driver.dic.system import Pixels, System
 from driver.images.heightmaps import ImageError, fill_off_surface
@@ -165,8 +165,7 @@ def correlate(
     f = _gapless(f)
     basis_uv, basis_w, rows, cols = _bases(region, pixel, mesh_uv, mesh_w)
     starter = Starter.build(f, region)
-    spline = np.asarray(ndimage.spline_filter(f, order=3, mode="mirror"))
-    slope = spline_slopes(spline, rows, cols) / pixel
+    slope = slopes_at(coefficients(f), rows, cols) / pixel
     pixels = Pixels(rows.astype(float), cols.astype(float), f[rows, cols], slope, pixel)
     whole = [_gapless(g) for g in stack]
     starts = starter.follow(whole, basis_uv.nodes / pixel, basis_w.nodes / pixel)
@@ -247,7 +246,7 @@ def _gapless(image: FloatArray) -> FloatArray:
 
 def _coefficients(whole: FloatArray, image: FloatArray) -> FloatArray:
     """Spline coefficients, NaN where they carry heights that were not measured."""
-    spline = np.asarray(ndimage.spline_filter(whole, order=3, mode="mirror"))
+    spline: FloatArray = coefficients(whole)
     missing = ~np.isfinite(image)
     if missing.any():
         spline[ndimage.binary_dilation(missing, iterations=SPREAD)] = np.nan
@@ -259,22 +258,23 @@ def _bases(
 ) -> tuple[Basis, Basis, IntArray, IntArray]:
     """Both bases at the pixels that they share, and the rows and columns of these."""
     rows, cols = np.nonzero(region)
-    xy = np.column_stack([rows, cols]).astype(np.float64) * pixel
-    inside = np.ones(len(xy), dtype=bool)
-    for mesh in (mesh_uv, mesh_w):
-        if isinstance(mesh, PlaneMesh):
-            inside &= mesh.locate(xy)[0] >= 0
-        elif not mesh > 0:
-            raise ImageError(f"element of {mesh} px; a positive size or a mesh is expected.")
-    if not inside.any():
-        (x0, y0), (x1, y1) = xy.min(axis=0), xy.max(axis=0)
-        raise ImageError(
-            f"no pixel lies in the mesh; those to correlate reach over X {x0:.4g} to {x1:.4g}, "
-            f"Y {y0:.4g} to {y1:.4g}."
-        )
-    rows, cols, xy = rows[inside], cols[inside], xy[inside]
-    low, high = xy.min(axis=0), xy.max(axis=0)
-    high = np.maximum(high, low + pixel)  # one row of pixels still spans a grid
+    xy = np.column_stack([rows, cols]) * np.float64(pixel)
+    meshes = [mesh for mesh in (mesh_uv, mesh_w) if isinstance(mesh, PlaneMesh)]
+    for size in (mesh_uv, mesh_w):
+        if not isinstance(size, PlaneMesh) and not size > 0:
+            raise ImageError(f"element of {size} px; a positive size or a mesh is expected.")
+    if meshes:
+        inside = np.all([mesh.locate(xy)[0] >= 0 for mesh in meshes], axis=0)
+        if not inside.any():
+            (x0, y0), (x1, y1) = xy.min(axis=0), xy.max(axis=0)
+            raise ImageError(
+                f"no pixel lies in the mesh; those to correlate reach over X {x0:.4g} to {x1:.4g}, "
+                f"Y {y0:.4g} to {y1:.4g}."
+            )
+        rows, cols, xy = rows[inside], cols[inside], xy[inside]
+    low = np.array([rows.min(), cols.min()]) * pixel
+    # One row of pixels still spans a grid.
+    high = np.maximum(np.array([rows.max(), cols.max()]) * pixel, low + pixel)
     bounds = (float(low[0]), float(high[0]), float(low[1]), float(high[1]))
     uv, w = (
         mesh_basis(xy, mesh)

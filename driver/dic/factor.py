@@ -7,12 +7,14 @@ from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dpotrs
-from scipy.sparse import csc_array, eye_array, tril
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
+from scipy.sparse import csc_array
 
+from driver.dic.patterns import lower_union, spread
 from solver_adapters.bundled.cholesky import Cholesky
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 Matrix: TypeAlias = FloatArray | csc_array
 
 DENSE = 400  # unknowns, up to which dense matrices are faster than sparse ones
@@ -38,7 +40,7 @@ def make_factor(terms: Sequence[Matrix]) -> Factor:
 
 
 class DenseFactor:
-    """By LAPACK."""
+    """By LAPACK: its arrays run down the columns, symmetric ones either way."""
 
     def __init__(self, terms: Sequence[FloatArray]) -> None:
         """Keep the matrices."""
@@ -62,6 +64,14 @@ class DenseFactor:
         scale = self._scale if right.ndim == 1 else self._scale[:, None]
         return np.asarray(scale * dpotrs(self._factor, scale * right, lower=1)[0])
 
+    def traces(self) -> list[float]:
+        """Traces of the inverse times each term but the first."""
+        inverse = dpotri(self._factor, lower=1)[0]  # its lower triangle, above it zeros
+        inverse *= self._scale[:, None]
+        inverse *= self._scale
+        inverse.flat[:: len(inverse) + 1] *= 0.5
+        return [2.0 * float(np.vdot(inverse.T, term)) for term in self._terms[1:]]
+
     def solve_scaled(self, right: FloatArray) -> FloatArray:
         """As in `Factor`."""
         return np.asarray(dpotrs(self._factor, right, lower=1)[0])
@@ -72,20 +82,14 @@ class SparseFactor:
 
     def __init__(self, terms: Sequence[Matrix]) -> None:
         """Bring the lower triangles onto one pattern and analyse it."""
-        lower = [csc_array(tril(term, format="csc")) for term in terms]
-        n = terms[0].shape[0]
-        ones = [csc_array((np.ones(a.nnz), a.indices, a.indptr), shape=a.shape) for a in lower]
-        keys = [_keys(matrix) for matrix in lower]
-        pattern = _keys(csc_array(sum(ones[1:], start=ones[0]) + eye_array(n, format="csc")))
-        self._values = []
-        for key, matrix in zip(keys, lower, strict=True):
-            values = np.zeros(len(pattern))
-            values[np.searchsorted(pattern, key)] = matrix.data
-            self._values.append(values)
-        self._columns, self._rows = np.divmod(pattern, n)
-        self._diagonal = self._rows == self._columns
-        indptr = np.searchsorted(self._columns, np.arange(n + 1))
-        self._cholesky = Cholesky(indptr.astype(np.int64), self._rows)
+        columns = [_columns(term) for term in terms]
+        indptr, rows = columns[0][:2]
+        for other in columns[1:] or columns:
+            indptr, rows = lower_union(indptr, rows, *other[:2])
+        self._values = [spread(indptr, rows, *term) for term in columns]
+        self._rows, self._diagonal = rows, indptr[:-1]
+        self._columns = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
+        self._cholesky = Cholesky(indptr, rows)
 
     def set(self, weights: Sequence[float], ridge: float) -> bool:
         """As in `Factor`."""
@@ -115,9 +119,8 @@ def _scale(diagonal: FloatArray) -> FloatArray:
     return np.asarray(1 / np.sqrt(np.where(diagonal > 0, diagonal, diagonal.max())))
 
 
-def _keys(matrix: csc_array) -> NDArray[np.int64]:
-    """Column · n + row of each entry, increasing."""
-    matrix.sort_indices()
-    n = matrix.shape[0]
-    columns = np.repeat(np.arange(n, dtype=np.int64), np.diff(matrix.indptr))
-    return np.asarray(columns * n + matrix.indices)
+def _columns(matrix: Matrix) -> tuple[IntArray, IntArray, FloatArray]:
+    """indptr, indices (sorted) and data."""
+    sparse = csc_array(matrix)
+    sparse.sort_indices()
+    return sparse.indptr.astype(np.int64), sparse.indices.astype(np.int64), sparse.data

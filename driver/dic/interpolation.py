@@ -10,11 +10,11 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
+from driver.dic.splines import POLE, coefficients
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Number = TypeVar("Number", float, FloatArray)
-
-POLE = np.sqrt(3.0) - 2.0  # of the filter from samples to cubic B-spline coefficients
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,30 +61,15 @@ class SplineImages:
 
 def spline_images(stack: FloatArray, pixel: float, origin: tuple[float, float]) -> SplineImages:
     """Spline coefficients of height maps [µm], shape (T, rows, cols), without gaps."""
-    coefficients = np.stack([ndimage.spline_filter(h, order=3, mode="mirror") for h in stack])
-    return SplineImages(coefficients=coefficients, pixel=pixel, origin=origin)
+    found = np.stack([coefficients(np.ascontiguousarray(h, dtype=np.float64)) for h in stack])
+    return SplineImages(coefficients=found, pixel=pixel, origin=origin)
 
 
-def samples(coefficients: FloatArray) -> FloatArray:
+def samples(spline: FloatArray) -> FloatArray:
     """The pixels of an image from its spline coefficients."""
     knot = np.array([1.0, 4.0, 1.0]) / 6
-    rows = ndimage.correlate1d(coefficients, knot, axis=0, mode="mirror")
+    rows = ndimage.correlate1d(spline, knot, axis=0, mode="mirror")
     return np.asarray(ndimage.correlate1d(rows, knot, axis=1, mode="mirror"))
-
-
-def spline_slopes(coefficients: FloatArray, rows: IntArray, cols: IntArray) -> FloatArray:
-    """∂/∂row, ∂/∂col at whole pixels of an image from its coefficients, shape (n, 2) [1/px].
-
-    At a knot the cubic spline's slope is (c₊ − c₋)/2 along one axis, smoothed by (1, 4, 1)/6
-    along the other.
-    """
-    smooth, difference = np.array([1.0, 4.0, 1.0]) / 6, np.array([-0.5, 0.0, 0.5])
-    slopes = []
-    for axis in (0, 1):
-        along = ndimage.correlate1d(coefficients, difference, axis=axis, mode="mirror")
-        across = ndimage.correlate1d(along, smooth, axis=1 - axis, mode="mirror")
-        slopes.append(across[rows, cols])
-    return np.column_stack(slopes)
 
 
 def variance_gain(fraction_x: FloatArray, fraction_y: FloatArray) -> FloatArray:
@@ -98,7 +83,9 @@ def variance_gain(fraction_x: FloatArray, fraction_y: FloatArray) -> FloatArray:
         fraction_x: position along the rows' index [px]; only its fraction counts.
         fraction_y: position along the columns' index [px].
     """
-    return _gain(fraction_x) * _gain(fraction_y)
+    x, y = np.broadcast_arrays(fraction_x, fraction_y)
+    gains = _gains(np.ravel(x), np.ravel(y), _GAIN)
+    return np.asarray(gains).reshape(x.shape)
 
 
 def _weights(t: Number) -> tuple[Number, Number, Number, Number]:
@@ -128,8 +115,15 @@ def _gain_polynomial() -> FloatArray:
 _GAIN = _gain_polynomial()
 
 
-def _gain(position: FloatArray) -> FloatArray:
-    return np.asarray(np.polyval(_GAIN, position - np.floor(position)))
+def _gains_at_points(x: FloatArray, y: FloatArray, polynomial: FloatArray) -> FloatArray:
+    gains = np.empty_like(x)
+    for k in range(len(x)):
+        s, t = x[k] - np.floor(x[k]), y[k] - np.floor(y[k])
+        along, across = 0.0, 0.0
+        for c in polynomial:
+            along, across = along * s + c, across * t + c
+        gains[k] = along * across
+    return gains
 
 
 def _fold(k: int, n: int) -> int:
@@ -181,6 +175,7 @@ def _evaluate_points(
     return value, d_row, d_col
 
 
+_gains = _compiled(_gains_at_points)
 _evaluate = _compiled(_evaluate_points)
 
 

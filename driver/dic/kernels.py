@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numba import njit
@@ -18,6 +19,14 @@ IntArray = NDArray[np.int64]
 _compiled: Any = njit(
     cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}
 )
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def _inlined(function: Function) -> Function:
+    """Compiled into its caller, whose constants it then knows."""
+    return cast(Function, njit(inline="always")(function))
+
 
 MAX_PARTNERS = 32
 
@@ -57,7 +66,40 @@ def grid_places(
 
 
 @_compiled
-def residual_and_right_side(
+def motion_of(
+    cells_uv: IntArray,
+    cell_uv: IntArray,
+    shape_uv: FloatArray,
+    cells_w: IntArray,
+    cell_w: IntArray,
+    shape_w: FloatArray,
+    p: FloatArray,
+    n_uv: int,
+) -> FloatArray:
+    """u, v, w at the pixels, shape (n, 3); arguments as of `residual_and_right_side`."""
+    motion = np.zeros((len(cell_uv), 3))
+    for k in range(len(cell_uv)):
+        for a in range(shape_uv.shape[1]):
+            node, value = cells_uv[cell_uv[k], a], shape_uv[k, a]
+            motion[k, 0] += value * p[node]
+            motion[k, 1] += value * p[n_uv + node]
+        for a in range(shape_w.shape[1]):
+            motion[k, 2] += shape_w[k, a] * p[2 * n_uv + cells_w[cell_w[k], a]]
+    return motion
+
+
+@_compiled
+def _mirrored(k: int, n: int) -> int:
+    if n == 1:
+        return 0
+    k = abs(k) % (2 * n - 2)
+    return k if k < n else 2 * n - 2 - k
+
+
+@_inlined
+def _residual_and_right_side(
+    m: int,
+    q: int,
     image: FloatArray,
     rows: FloatArray,
     cols: FloatArray,
@@ -75,34 +117,7 @@ def residual_and_right_side(
     residual: FloatArray,
     right: FloatArray,
 ) -> int:
-    """ρ = f + w − g(x + u) and b = Σ (∇f·ψ) ρ of one image at the nodal values p.
-
-    A pixel that leaves the image, or meets a NaN among its spline coefficients, has the residual
-    NaN and adds nothing to b.
-
-    Args:
-        image: cubic B-spline coefficients of g, shape (n_rows, n_cols).
-        rows: place of each pixel in the image [px], (n,).
-        cols: the same along the columns, (n,).
-        per_pixel: pixels to one unit of u.
-        height: f, (n,).
-        slope: ∂f/∂X, ∂f/∂Y, (n, 2).
-        cells_uv: nodes of the cells of u and v, (n_cells, m).
-        cell_uv: cell of each pixel, (n,).
-        shape_uv: its functions at the pixel, (n, m).
-        cells_w: nodes of the cells of w.
-        cell_w: cell of w of each pixel.
-        shape_w: its functions at the pixel.
-        p: nodal values [u | v | w].
-        n_uv: nodes of u.
-        residual: ρ, written, (n,).
-        right: b, written, (len(p),).
-
-    Returns:
-        The number of pixels used.
-    """
     n_rows, n_cols = image.shape
-    m, q = shape_uv.shape[1], shape_w.shape[1]
     right[:] = 0.0
     used = 0
     for k in range(len(rows)):
@@ -163,11 +178,61 @@ def residual_and_right_side(
 
 
 @_compiled
-def _mirrored(k: int, n: int) -> int:
-    if n == 1:
-        return 0
-    k = abs(k) % (2 * n - 2)
-    return k if k < n else 2 * n - 2 - k
+def residual_and_right_side(
+    image: FloatArray,
+    rows: FloatArray,
+    cols: FloatArray,
+    per_pixel: float,
+    height: FloatArray,
+    slope: FloatArray,
+    cells_uv: IntArray,
+    cell_uv: IntArray,
+    shape_uv: FloatArray,
+    cells_w: IntArray,
+    cell_w: IntArray,
+    shape_w: FloatArray,
+    p: FloatArray,
+    n_uv: int,
+    residual: FloatArray,
+    right: FloatArray,
+) -> int:
+    """ρ = f + w − g(x + u) and b = Σ (∇f·ψ) ρ of one image at the nodal values p.
+
+    A pixel that leaves the image, or meets a NaN among its spline coefficients, has the residual
+    NaN and adds nothing to b.
+
+    Args:
+        image: cubic B-spline coefficients of g, shape (n_rows, n_cols).
+        rows: place of each pixel in the image [px], (n,).
+        cols: the same along the columns, (n,).
+        per_pixel: pixels to one unit of u.
+        height: f, (n,).
+        slope: ∂f/∂X, ∂f/∂Y, (n, 2).
+        cells_uv: nodes of the cells of u and v, (n_cells, m).
+        cell_uv: cell of each pixel, (n,).
+        shape_uv: its functions at the pixel, (n, m).
+        cells_w: nodes of the cells of w.
+        cell_w: cell of w of each pixel.
+        shape_w: its functions at the pixel.
+        p: nodal values [u | v | w].
+        n_uv: nodes of u.
+        residual: ρ, written, (n,).
+        right: b, written, (len(p),).
+
+    Returns:
+        The number of pixels used.
+    """
+    m, q = shape_uv.shape[1], shape_w.shape[1]
+    # With the numbers of nodes known to the compiler the loops over them vanish.
+    if m == 4 and q == 4:
+        return _residual_and_right_side(
+            4, 4, image, rows, cols, per_pixel, height, slope, cells_uv, cell_uv, shape_uv,
+            cells_w, cell_w, shape_w, p, n_uv, residual, right,
+        )  # fmt: skip
+    return _residual_and_right_side(
+        m, q, image, rows, cols, per_pixel, height, slope, cells_uv, cell_uv, shape_uv,
+        cells_w, cell_w, shape_w, p, n_uv, residual, right,
+    )  # fmt: skip
 
 
 @_compiled
@@ -198,30 +263,51 @@ def cell_pairs(cell_uv: IntArray, cell_w: IntArray, n_w: int) -> tuple[IntArray,
     return pair, sample, count
 
 
-@_compiled
-def pair_hessians(
-    pair: IntArray, n_pairs: int, slope: FloatArray, shape_uv: FloatArray, shape_w: FloatArray
+@_inlined
+def _pair_hessians(
+    m: int,
+    q: int,
+    pair: IntArray,
+    n_pairs: int,
+    slope: FloatArray,
+    shape_uv: FloatArray,
+    shape_w: FloatArray,
 ) -> FloatArray:
-    """Lower triangles of Σ (∇f·ψ_i)(∇f·ψ_j) over the pixels of each pair of cells.
-
-    Returns:
-        Shape (n_pairs, k, k) with k = 2 · nodes of a cell of u + nodes of a cell of w.
-    """
-    m, q = shape_uv.shape[1], shape_w.shape[1]
     size = 2 * m + q
-    blocks = np.zeros((n_pairs, size, size))
-    line = np.empty(size)
+    length = size * (size + 1) // 2
+    blocks = np.zeros((n_pairs, length))
+    line, total = np.empty(size), np.zeros(length)
     for k in range(len(pair)):
         for a in range(m):
             line[a] = slope[k, 0] * shape_uv[k, a]
             line[m + a] = slope[k, 1] * shape_uv[k, a]
         for a in range(q):
             line[2 * m + a] = -shape_w[k, a]
-        block = blocks[pair[k]]
+        at = 0
         for i in range(size):
             for j in range(i + 1):
-                block[i, j] += line[i] * line[j]
+                total[at + j] += line[i] * line[j]
+            at += i + 1
+        if k + 1 == len(pair) or pair[k + 1] != pair[k]:
+            for at in range(length):
+                blocks[pair[k], at] += total[at]
+                total[at] = 0.0
     return blocks
+
+
+@_compiled
+def pair_hessians(
+    pair: IntArray, n_pairs: int, slope: FloatArray, shape_uv: FloatArray, shape_w: FloatArray
+) -> FloatArray:
+    """Lower triangles of Σ (∇f·ψ_i)(∇f·ψ_j) over the pixels of each pair of cells, packed by rows.
+
+    Returns:
+        Shape (n_pairs, k (k + 1) / 2) with k = 2 · nodes of a cell of u + nodes of a cell of w.
+    """
+    m, q = shape_uv.shape[1], shape_w.shape[1]
+    if m == 4 and q == 4:
+        return _pair_hessians(4, 4, pair, n_pairs, slope, shape_uv, shape_w)
+    return _pair_hessians(m, q, pair, n_pairs, slope, shape_uv, shape_w)
 
 
 @_compiled

@@ -71,6 +71,26 @@ def penalties(basis_uv: Basis, basis_w: Basis, penalty: Penalty | None) -> list[
     return both if n_uv + n_w > DENSE else [part.toarray() for part in both]
 
 
+def ranks(basis_uv: Basis, basis_w: Basis, penalty: Penalty | None) -> tuple[int, int]:
+    """Ranks of both `penalties`: the unknowns less the motions and the heights that cost nothing.
+
+    Args:
+        basis_uv: as in `penalties`.
+        basis_w: as in `penalties`.
+        penalty: as in `penalties`.
+    """
+    n = len(basis_uv.nodes)
+    if penalty == "elastic":
+        uv = 2 * n - 3
+    elif penalty == "equilibrium" or not isinstance(basis_uv, GridBasis):
+        uv = 2 * int((~on_border(basis_uv.mesh)).sum())
+    else:
+        uv = 2 * (n - 3)
+    if isinstance(basis_w, GridBasis):
+        return uv, len(basis_w.nodes) - 3
+    return uv, int((~on_border(basis_w.mesh)).sum())
+
+
 def _size(basis_uv: Basis, basis_w: Basis) -> int:
     return 2 * len(basis_uv.nodes) + len(basis_w.nodes)
 

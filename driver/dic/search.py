@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
 
 from driver.dic.basis import Basis
+from driver.dic.evidence import Estimate, Evidence, weigh
 from driver.dic.interpolation import variance_gain
-from driver.dic.regularisation import Penalty, penalties
+from driver.dic.kernels import motion_of
+from driver.dic.regularisation import Penalty, penalties, ranks
 from driver.dic.system import End, Pixels, System
 from driver.images.heightmaps import ImageError
 
 FloatArray = NDArray[np.float64]
 
 FIRST_ROUGHNESS = 1.0  # px; where the estimate of what the motion needs begins
-FIRST_NOISE = 0.05  # of the relief
-ROUNDS = 4  # of that estimate; each changes it by less than the one before
-ENOUGH = 0.2  # relative change of an estimate, of little consequence for the motion
-COARSE = 1e-2  # px; largest update at the end of a step of the ramp
-LEAST = 1e-3  # px, or of the noise for w: as good as affine
+FIRST_ROUGHNESS_W, FIRST_NOISE = 0.1, 0.05  # of the relief
+COARSE = 3e-2  # px; largest update at the end of a step of the ramp, or before the estimate
 
 
 @dataclass(frozen=True)
@@ -65,20 +64,6 @@ class Options:
             )
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """Noise of one image, and what is granted to u, v (in the unit of the pixel) and to w."""
-
-    sigma: float
-    roughness: float
-    roughness_w: float
-
-    def near(self, other: Estimate) -> bool:
-        """Whether no value differs by more than is worth another solution."""
-        pairs = zip(astuple(self), astuple(other), strict=True)
-        return all(a == b or abs(a - b) <= ENOUGH * b for a, b in pairs)
-
-
 @dataclass(frozen=True, eq=False)
 class Search:
     """Solve, estimate noise and roughness from what is found, solve again."""
@@ -95,24 +80,29 @@ class Search:
     def run(self, starts: list[FloatArray]) -> tuple[System, list[End], Estimate]:
         """Ends of all images, with the system that led to them and what it assumed."""
         options = self.options
+        relief = float(np.std(self.pixels.height))
         estimate = Estimate(
-            sigma=self.sigma or FIRST_NOISE * float(np.std(self.pixels.height)),
+            sigma=self.sigma or FIRST_NOISE * relief,
             roughness=self.pixels.pixel * (options.roughness or FIRST_ROUGHNESS),
-            roughness_w=options.roughness_w or float(np.std(self.pixels.height)),
+            roughness_w=options.roughness_w or FIRST_ROUGHNESS_W * relief,
         )
-        ramp = options.tikhonov or (0.0,)
-        system = self._system(any(ramp))
-        for weight in ramp[:-1]:
-            self._weigh(system, estimate, weight)
-            starts = [end.p for end in self._solve(system, starts, COARSE)]
-        for round_ in range(ROUNDS):
-            self._weigh(system, estimate, ramp[-1])
-            ends = self._solve(system, starts, options.tolerance)
-            found = self._estimated(system, ends, estimate)
-            if found.near(estimate) or round_ == ROUNDS - 1:
-                break
-            starts, estimate = [end.p for end in ends], found
-        return system, ends, replace(estimate, sigma=found.sigma)
+        free = (options.roughness is None, options.roughness_w is None)
+        *ramp, anchor = options.tikhonov or (0.0,)
+        system = self._system(any(options.tikhonov))
+        for weight in ramp:
+            weigh(system, estimate, self.n_reference, weight)
+            starts = [end.p for end in self._solve(system, starts, starts, COARSE)]
+        weigh(system, estimate, self.n_reference, anchor)
+        unsettled = any(free) or (self.sigma is None and any(system.weights[:2]))
+        ends = self._solve(system, starts, starts, COARSE if unsettled else options.tolerance)
+        if unsettled:
+            targets = np.array([end.target for end in ends])
+            rank = ranks(self.basis_uv, self.basis_w, options.penalty)
+            evidence = Evidence(system, targets, anchor, rank, free, self.n_reference)
+            p = np.array([end.p for end in ends])
+            estimate, p = evidence.settle(p, estimate, self.sigma or self._noise(system, ends))
+            ends = self._solve(system, list(p), starts, options.tolerance)
+        return system, ends, replace(estimate, sigma=self.sigma or self._noise(system, ends))
 
     def _system(self, anchored: bool) -> System:
         parts = penalties(self.basis_uv, self.basis_w, self.options.penalty)
@@ -124,51 +114,21 @@ class Search:
         anchor = np.diag(diagonal) if dense else csc_array(diags_array(diagonal))
         return System(self.pixels, self.basis_uv, self.basis_w, [*parts, anchor])
 
-    def _weigh(self, system: System, estimate: Estimate, tikhonov: float) -> None:
-        variance = estimate.sigma**2 * (1 + 1 / self.n_reference)
-        weights = [variance / granted**2 for granted in (estimate.roughness, estimate.roughness_w)]
-        system.weigh([*weights, tikhonov][: len(system.parts)])
-
-    def _solve(self, system: System, starts: list[FloatArray], tolerance: float) -> list[End]:
-        def one(spline: FloatArray, start: FloatArray) -> End:
+    def _solve(
+        self,
+        system: System,
+        starts: list[FloatArray],
+        anchors: list[FloatArray],
+        tolerance: float,
+    ) -> list[End]:
+        def one(spline: FloatArray, start: FloatArray, anchor: FloatArray) -> End:
             pull: FloatArray | float = 0.0
             if len(system.parts) > 2:
-                pull = system.weights[2] * (system.parts[2] @ start)
+                pull = system.weights[2] * (system.parts[2] @ anchor)
             return system.iterate(spline, start, tolerance, pull)
 
-        if self.pool is None:
-            return [one(*each) for each in zip(self.splines, starts, strict=True)]
-        return list(self.pool.map(one, self.splines, starts))
-
-    def _estimated(self, system: System, ends: list[End], before: Estimate) -> Estimate:
-        """Noise from the residual; roughness by MacKay's fixed point of the evidence.
-
-        With γ = rank − tr(A⁻¹P) unknowns that the images decide, a² = pᵀRp / γ.
-        """
-        options, p = self.options, np.array([end.p for end in ends])
-        granted = []
-        if None not in (options.roughness, options.roughness_w):
-            sigma = before.sigma if self.sigma is not None else self._noise(system, ends)
-            return replace(before, sigma=sigma)
-        held = [
-            weight * trace for weight, trace in zip(system.weights, system.traces(), strict=True)
-        ]
-        for part, prior, fixed, now, least in zip(
-            system.parts[:2],
-            held[:2],
-            (options.roughness, options.roughness_w),
-            (before.roughness, before.roughness_w),
-            (LEAST * self.pixels.pixel, LEAST * before.sigma),
-            strict=True,
-        ):
-            if fixed is not None:
-                granted.append(now)
-                continue
-            rank = float(np.count_nonzero(part.diagonal()))
-            energy = max(float(np.mean(np.einsum("ti,ti->t", p, (part @ p.T).T))), 0.0)
-            granted.append(max(float(np.sqrt(energy / max(rank - prior, 1.0))), least))
-        sigma = before.sigma if self.sigma is not None else self._noise(system, ends)
-        return Estimate(sigma, *granted)
+        run = map if self.pool is None else self.pool.map
+        return list(run(one, self.splines, starts, anchors))
 
     def _noise(self, system: System, ends: list[End]) -> float:
         squares, used = 0.0, 0
@@ -188,11 +148,11 @@ def expected_variance(system: System, p: FloatArray, n_reference: int) -> FloatA
 
 def motion_at_pixels(system: System, p: FloatArray) -> FloatArray:
     """u, v, w at the pixels from nodal values [u | v | w], shape (n_pix, 3)."""
-    u, v, w = np.split(p, [system.n_uv, 2 * system.n_uv])
-    parts = ((system.basis_uv, u), (system.basis_uv, v), (system.basis_w, w))
-    return np.stack(
-        [np.einsum("ka,ka->k", b.shape, q[b.mesh.cells[b.cell]]) for b, q in parts], axis=-1
+    n, uv, w = system.n_uv, system.basis_uv, system.basis_w
+    motion: FloatArray = motion_of(
+        uv.mesh.cells, uv.cell, uv.shape, w.mesh.cells, w.cell, w.shape, p, n
     )
+    return motion
 
 
 def mean_diagonals(system: System) -> FloatArray:

@@ -116,8 +116,11 @@ def measure(
     def finish(t: int) -> End:
         return system.iterate(images.frames.coefficients[t], starts[t], TOLERANCE)
 
-    with ThreadPoolExecutor(workers) as pool:
-        ends = list(pool.map(finish, range(images.n_frames)))
+    if workers == 1:
+        ends = [finish(t) for t in range(images.n_frames)]
+    else:
+        with ThreadPoolExecutor(workers) as pool:
+            ends = list(pool.map(finish, range(images.n_frames)))
     coefficients = np.array([end.p for end in ends])
     motion = _expand(basis_uv, basis_w, coefficients)
     # A pixel that left the image adds nothing.

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from driver.dic.basis import GridBasis, grid_basis
 from driver.dic.kernels import binned
 from driver.dic.regularisation import penalties
+from driver.dic.splines import coefficients, slopes_at
 from driver.dic.system import Pixels, System
 from driver.images.rigid import phase_correlation
 
@@ -84,7 +84,7 @@ class Starter:
                 if coarser is not None:
                     p = _carried(coarser, p, level)
                 coarse = small if level is top else binned(image, level.scale)
-                end = level.system.iterate(_spline(coarse), p, TOLERANCE)
+                end = level.system.iterate(coefficients(coarse), p, TOLERANCE)
                 p = end.p if end.reason in ("converged", "slow") else p
             last = self.levels[-1]
             starts.append(_values(last, p, nodes_uv, nodes_w))
@@ -102,7 +102,7 @@ class Starter:
             return p
         n = level.system.n_uv
         moved = p + np.repeat([*shift, 0.0], [n, n, level.system.size - 2 * n])
-        spline = _spline(after)
+        spline = coefficients(after)
         left = [np.nanstd(level.system.residual(spline, q)) for q in (p, moved)]
         return moved if left[1] < left[0] else p
 
@@ -112,13 +112,15 @@ def _level(reference: FloatArray, region: BoolArray, scale: int) -> _Level:
     inside = binned(region.astype(np.float64), scale) > 0.99
     if not inside.any():
         inside = binned(region.astype(np.float64), scale) > 0
-    rows, cols = (index.astype(np.float64) for index in np.nonzero(inside))
-    xy = np.column_stack([rows, cols])
     at = inside.nonzero()
-    slope = np.column_stack([d[at] for d in np.gradient(ndimage.gaussian_filter(f, 0.5))])
+    # Samples taken for coefficients: a spline that smooths the noise a little.
+    slope = slopes_at(f, *at)
+    rows, cols = (index.astype(np.float64) for index in at)
+    xy = np.column_stack([rows, cols])
     pixels = Pixels(rows, cols, f[at], slope, 1.0)
     # A region one pixel wide still spans a grid.
-    (low_row, low_col), (high_row, high_col) = xy.min(axis=0), xy.max(axis=0)
+    low_row, low_col = float(rows.min()), float(cols.min())
+    high_row, high_col = float(rows.max()), float(cols.max())
     bounds = (low_row, max(high_row, low_row + 1), low_col, max(high_col, low_col + 1))
     basis = grid_basis(xy, bounds, ELEMENT)
     system = System(pixels, basis, basis, penalties(basis, basis, "curvature"))
@@ -161,7 +163,3 @@ def _box(pixels: Pixels) -> tuple[slice, slice]:
         slice(int(pixels.rows.min()), int(pixels.rows.max()) + 1),
         slice(int(pixels.cols.min()), int(pixels.cols.max()) + 1),
     )
-
-
-def _spline(image: FloatArray) -> FloatArray:
-    return np.asarray(ndimage.spline_filter(image, order=3, mode="mirror"))

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csc_array
+from scipy.sparse import csc_array
 
 from driver.dic.basis import Basis
-from driver.dic.factor import DENSE, Factor, Matrix, make_factor
+from driver.dic.factor import DENSE, DenseFactor, Factor, Matrix, make_factor
 from driver.dic.kernels import cell_pairs, pair_hessians, residual_and_right_side
+from driver.dic.patterns import summed_dense, summed_sparse
 from driver.images.heightmaps import ImageError
 
 FloatArray = NDArray[np.float64]
@@ -25,7 +27,7 @@ RIDGE = 1e-8  # of that unit diagonal
 MAX_ITERATIONS = 60
 DIVERGED = 5.0  # times the first update
 MIN_USED = 0.5  # of the pixels; a motion that takes more out of the image is lost
-PROBES = 12  # random vectors behind the traces of large matrices: known to 1 % of n > 400
+PROBED = 5000  # numbers in the random vectors behind the traces of large matrices: known to 1 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +59,7 @@ class End:
         iterations: Gauss–Newton steps.
         reason: why it stopped.
         last_update: largest nodal update of u, v in the last step [px].
+        target: what A p should be, of the images linearised there: d = b + M p and the pull.
     """
 
     p: FloatArray
@@ -64,6 +67,7 @@ class End:
     iterations: int
     reason: Reason
     last_update: float
+    target: FloatArray
 
 
 class System:
@@ -92,6 +96,7 @@ class System:
         self.n_uv = len(basis_uv.nodes)
         self.size = self.hessian.shape[0]
         self._used: list[int] = []
+        self._sound: tuple[float, ...] = ()
         self._factor: Factor | None = None
 
     def weigh(self, weights: Sequence[float]) -> None:
@@ -101,9 +106,15 @@ class System:
         used = [k for k, weight in enumerate(self.weights) if weight]
         if self._factor is None or used != self._used:
             self._factor = make_factor([self.hessian, *(self.parts[k] for k in used)])
-            self._used = used
+            self._used, self._sound = used, ()
         terms = [1.0, *(self.weights[k] for k in used)]
-        if not self._factor.set(terms, 0.0) or self._smallest_eigenvalue() < 1 / CONDITION:
+        definite = self._factor.set(terms, 0.0)
+        # More weight than where A was sound makes no direction softer.
+        if definite and self._sound and np.all(np.greater_equal(self.weights, self._sound)):
+            return
+        if definite and self._smallest_eigenvalue() >= 1 / CONDITION:
+            self._sound = self.weights
+        else:
             self.ridge = RIDGE
             if not self._factor.set(terms, RIDGE):
                 raise ImageError(
@@ -139,15 +150,19 @@ class System:
 
         Exact for a small system, else from fixed random vectors.
         """
-        parts = [r if w else None for w, r in zip(self.weights, self.parts, strict=True)]
-        if self.size <= DENSE:
-            inverse = self.solve(np.eye(self.size))
-            return [0.0 if r is None else float(np.sum(inverse * r)) for r in parts]
-        if not any(self.weights):
-            return [0.0] * len(parts)
-        probes = np.random.default_rng(0).choice([-1.0, 1.0], size=(self.size, PROBES))
-        solved = self.solve(probes)
-        return [0.0 if r is None else float(np.sum(solved * (r @ probes))) / PROBES for r in parts]
+        found = [0.0] * len(self.parts)
+        if not self._used:
+            return found
+        if isinstance(self._factor, DenseFactor):
+            used = self._factor.traces()
+        else:
+            probes = _probes(self.size, -(-PROBED // self.size))
+            solved = self.solve(probes)
+            every = probes.shape[1]
+            used = [float(np.sum(solved * (self.parts[k] @ probes))) / every for k in self._used]
+        for k, trace in zip(self._used, used, strict=True):
+            found[k] = trace
+        return found
 
     def covariance_of(self, functionals: FloatArray) -> FloatArray:
         """L A⁻¹ M A⁻¹ Lᵀ for the rows L (m, n), times σ² the covariance of L p."""
@@ -187,7 +202,8 @@ class System:
         for iteration in range(1, MAX_ITERATIONS + 1):
             residual, right, used = self._residual_and_right(image, p)
             if used < MIN_USED * len(residual):
-                return End(p, residual, iteration, "left", before)
+                target = right + pull + self.hessian @ p
+                return End(p, residual, iteration, "left", before, target)
             if penalised:
                 right += pull - self.penalty_force(p)
             update = self.solve(right)
@@ -196,21 +212,28 @@ class System:
             # M is that of the reference: where the frame is steeper, full steps overshoot.
             if largest > 0.9 * before:
                 step = max(0.5 * step, 0.2)
-            p, before = p + step * update, largest
+            last, p, before = p, p + step * update, largest
             if largest < tolerance:
                 reason = "converged"
                 break
             if largest > DIVERGED * max(first, 1.0):
                 reason = "diverged"
                 break
-        return End(p, residual, iteration, reason, before)
+        if penalised:
+            right += self.penalty_force(last)
+        return End(p, residual, iteration, reason, before, right + self.hessian @ last)
 
     def _smallest_eigenvalue(self) -> float:
         """Of the scaled matrix, from above, by inverse iteration."""
-        vector = np.asarray(np.random.default_rng(0).normal(size=self.size))
-        once = self._factored.solve_scaled(vector)
+        once = self._factored.solve_scaled(_probes(self.size, 1)[:, 0])
         twice = self._factored.solve_scaled(once)
         return float(np.linalg.norm(once) / np.linalg.norm(twice))
+
+
+@lru_cache(maxsize=4)
+def _probes(size: int, n: int) -> FloatArray:
+    """Fixed random signs, shape (size, n)."""
+    return np.random.default_rng(0).choice([-1.0, 1.0], size=(size, n))
 
 
 def assemble(pixels: Pixels, basis_uv: Basis, basis_w: Basis) -> Matrix:
@@ -226,14 +249,6 @@ def assemble(pixels: Pixels, basis_uv: Basis, basis_w: Basis) -> Matrix:
     of = sample[:count]
     nodes_uv, nodes_w = cells_uv[basis_uv.cell[of]], cells_w[basis_w.cell[of]]
     dofs = np.hstack([nodes_uv, nodes_uv + n_uv, nodes_w + 2 * n_uv])
-    i, j = np.tril_indices(dofs.shape[1])
-    values, rows, cols = blocks[:, i, j].ravel(), dofs[:, i].ravel(), dofs[:, j].ravel()
-    del blocks
     if n <= DENSE:
-        square = np.bincount(rows * n + cols, values, n * n).reshape(n, n)
-        return np.asarray(square + square.T - np.diag(square.diagonal()))
-    lower = coo_array((values, (np.maximum(rows, cols), np.minimum(rows, cols))), shape=(n, n))
-    lower = csc_array(lower)
-    upper = lower.T.tocsc()
-    upper.setdiag(0.0)
-    return csc_array(lower + upper)
+        return np.asarray(summed_dense(blocks, dofs, n))
+    return csc_array(summed_sparse(blocks, dofs, n), shape=(n, n))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -65,14 +66,12 @@ def phase_correlation(f: FloatArray, g: FloatArray) -> tuple[float, float]:
     The cross-power spectrum is whitened within the band of the pattern only, and the peak is
     interpolated by a parabola in each direction.
     """
-    taper = np.outer(np.hanning(f.shape[0] + 2)[1:-1], np.hanning(f.shape[1] + 2)[1:-1])
-    spectra = [np.fft.fft2((h - h.mean()) * taper) for h in (f, g)]
+    taper, band = _filters((f.shape[0], f.shape[1]))
+    spectra = [np.fft.rfft2((h - h.mean()) * taper) for h in (f, g)]
     cross = np.conj(spectra[0]) * spectra[1]
-    frequency = np.hypot(*np.meshgrid(*map(np.fft.fftfreq, f.shape), indexing="ij"))
-    band = np.exp(-0.5 * (frequency / BANDWIDTH) ** 2)
     magnitude = np.abs(cross)
-    whitened = np.divide(cross, magnitude, out=np.zeros_like(cross), where=magnitude > 0)
-    peak = np.fft.ifft2(whitened * band).real
+    cross *= np.divide(band, magnitude, out=np.zeros_like(band), where=magnitude > 0)
+    peak = np.fft.irfft2(cross, f.shape)
     top = np.unravel_index(int(peak.argmax()), peak.shape)
     shift = []
     for axis, at in enumerate(top):
@@ -83,6 +82,14 @@ def phase_correlation(f: FloatArray, g: FloatArray) -> tuple[float, float]:
         offset = 0.5 * (before - after) / curvature if curvature < 0 else 0.0
         shift.append(float((at + n // 2) % n - n // 2 + offset))
     return shift[0], shift[1]
+
+
+@lru_cache(maxsize=8)
+def _filters(shape: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
+    """Taper of an image, and band of its real spectrum."""
+    taper = np.outer(np.hanning(shape[0] + 2)[1:-1], np.hanning(shape[1] + 2)[1:-1])
+    frequency = np.hypot(np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1]))
+    return taper, np.exp(-0.5 * (frequency / BANDWIDTH) ** 2)
 
 
 def _gauss_newton(
