@@ -11,7 +11,6 @@ from scipy.sparse import block_diag, coo_array, csc_array, diags_array, eye_arra
 
 from driver.dic.basis import Basis, GridBasis
 from driver.dic.factor import DENSE, Matrix
-from driver.images.heightmaps import ImageError
 from meshes.plane_mesh import PlaneMesh
 
 FloatArray = NDArray[np.float64]
@@ -27,7 +26,8 @@ def penalties(basis_uv: Basis, basis_w: Basis, penalty: Penalty | None) -> list[
     Each is free of dimension and scale, so that pᵀRp/roughness² counts standard deviations. Of
     u and v:
 
-    - curvature: squares of the second differences ∂XX, ∂YY, ∂XY over a grid;
+    - curvature (Tikhonov of second order): squares of the second differences ∂XX, ∂YY, ∂XY over
+      a grid, of the nodal Laplacians inside any other mesh. An affine motion costs nothing;
     - elastic: twice the energy of plane stress for E = 1, ν = 0.3, the edges free. A rigid
       motion costs nothing, a strain does;
     - equilibrium: squares of the nodal forces KU inside the mesh, where equilibrium without body
@@ -39,36 +39,50 @@ def penalties(basis_uv: Basis, basis_w: Basis, penalty: Penalty | None) -> list[
         basis_uv: basis of u and of v.
         basis_w: basis of w.
         penalty: of u and v; None for curvature on a grid and equilibrium elsewhere.
-
-    Raises:
-        ImageError: curvature is asked for on a mesh that is no regular grid.
     """
     if penalty is None:
         penalty = "curvature" if isinstance(basis_uv, GridBasis) else "equilibrium"
     if penalty == "curvature":
-        if not isinstance(basis_uv, GridBasis):
-            raise ImageError(
-                "penalty 'curvature' on a mesh that is no regular grid; "
-                "'equilibrium' or 'elastic' is expected."
-            )
-        if isinstance(basis_w, GridBasis) and _size(basis_uv, basis_w) <= DENSE:
-            return _dense_curvatures(basis_uv.cells, basis_w.cells)
-        one = second_differences(basis_uv.cells)
-        uv = csc_array(block_diag([one, one]))
+        if isinstance(basis_uv, GridBasis) and isinstance(basis_w, GridBasis):
+            if _size(basis_uv, basis_w) <= DENSE:
+                return _dense_curvatures(basis_uv.cells, basis_w.cells)
+        uv = csc_array(block_diag([_bending(basis_uv)] * 2))
     elif penalty == "elastic":
         uv = plane_stress(basis_uv.mesh)
     else:
         uv = _gap(plane_stress(basis_uv.mesh), np.tile(~on_border(basis_uv.mesh), 2))
-    if isinstance(basis_w, GridBasis):
-        w = second_differences(basis_w.cells)
-    else:
-        w = _gap(_laplacian(basis_w.mesh), ~on_border(basis_w.mesh))
+    w = _bending(basis_w)
     n_uv, n_w = uv.shape[0], w.shape[0]
     both = [
         csc_array(block_diag([uv, csc_array((n_w, n_w))])),
         csc_array(block_diag([csc_array((n_uv, n_uv)), w])),
     ]
     return both if n_uv + n_w > DENSE else [part.toarray() for part in both]
+
+
+def modes(basis_uv: Basis, penalty: Penalty | None) -> int:
+    """Rank of R of the motion: what of u, v costs something.
+
+    All nodal values but the affine motions (curvature on a grid) or the rigid ones (elastic); two
+    for each node inside the mesh (equilibrium, curvature elsewhere), whose blocks are definite.
+
+    Args:
+        basis_uv: basis of u and of v.
+        penalty: as in `penalties`.
+    """
+    free = 2 * len(basis_uv.nodes)
+    if penalty == "elastic":
+        return free - 3
+    if isinstance(basis_uv, GridBasis) and penalty != "equilibrium":
+        return free - 6
+    return 2 * int(np.count_nonzero(~on_border(basis_uv.mesh)))
+
+
+def _bending(basis: Basis) -> csc_array:
+    """Second differences on a grid, else the Laplacian inside the mesh."""
+    if isinstance(basis, GridBasis):
+        return second_differences(basis.cells)
+    return _gap(_laplacian(basis.mesh), ~on_border(basis.mesh))
 
 
 def _size(basis_uv: Basis, basis_w: Basis) -> int:
