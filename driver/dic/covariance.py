@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from driver.dic.basis import Basis
 from driver.dic.series import SurfaceMotion, sensitivity
 from driver.dic.surface_images import SurfaceImages
-from driver.dic.system import Pixels, System
 
 FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _MARGIN = 10  # px, over which the cardinal cubic spline falls to 2e-6
 
 
 def covariance_in_time(
-    motion: SurfaceMotion, images: SurfaceImages, functional: FloatArray
+    motion: SurfaceMotion, images: SurfaceImages, functionals: FloatArray
 ) -> FloatArray:
     """Covariance of L p_t, p_t the nodal values of frame t, between the frames.
 
@@ -42,17 +37,19 @@ def covariance_in_time(
     Args:
         motion: measured motion.
         images: the images behind it.
-        functional: L [1], shape (n,).
+        functionals: k rows L [1], shape (k, n).
 
     Returns:
-        [µm²], shape (T, T).
+        [µm²], shape (k, T, T).
     """
-    weights = pixel_weights(motion, functional)
-    shared = weights @ weights.T * images.sigma**2
-    found = np.diag(shared.diagonal()) + shared / images.n_reference
-    if images.sigma_flat:
-        found += flat_covariance(motion, images, weights)
-    return found
+    found = []
+    for weights in pixel_weights(motion, functionals):
+        shared = weights @ weights.T * images.sigma**2
+        one = np.diag(shared.diagonal()) + shared / images.n_reference
+        if images.sigma_flat:
+            one += flat_covariance(motion, images, weights)
+        found.append(one)
+    return np.array(found)
 
 
 def held_back(motion: SurfaceMotion, images: SurfaceImages, functional: FloatArray) -> float:
@@ -72,17 +69,15 @@ def held_back(motion: SurfaceMotion, images: SurfaceImages, functional: FloatArr
     return float(np.sqrt(variance * max(energy, 0.0)))
 
 
-def pixel_weights(motion: SurfaceMotion, functional: FloatArray) -> FloatArray:
-    """q_t of every frame, 0 at pixels that it lacks, shape (T, n_pix)."""
-    whole = motion.system
+def pixel_weights(motion: SurfaceMotion, functionals: FloatArray) -> FloatArray:
+    """q_t of every frame, 0 at pixels that it lacks, for k rows L (k, n), shape (k, T, n_pix)."""
+    whole, right = motion.system, np.ascontiguousarray(functionals.T)
     seen = sensitivity(whole.pixels.slope, motion.basis_uv, motion.basis_w)
-    weights = np.tile(seen @ whole.solve(functional), (len(motion.compared), 1))
+    found = np.repeat((seen @ whole.solve(right)).T[:, None], len(motion.compared), axis=1)
     for t in np.flatnonzero(~motion.compared.all(axis=1)):
         kept = motion.compared[t]
-        if kept.any():
-            system = _restricted(whole, kept)
-            weights[t] = kept * (seen @ system.solve(functional))
-    return weights
+        found[:, t] = (seen @ motion.equations.of(kept).solve(right)).T * kept if kept.any() else 0
+    return np.asarray(found)
 
 
 def flat_covariance(
@@ -128,20 +123,3 @@ def _b_splines(t: FloatArray) -> FloatArray:
     """The four cubic B-splines at a fraction of a pixel, shape (4, n)."""
     s = 1.0 - t
     return np.array([s**3, 4 - 6 * t**2 + 3 * t**3, 4 - 6 * s**2 + 3 * s**3, t**3]) / 6
-
-
-def _restricted(system: System, kept: BoolArray) -> System:
-    """The normal equations of some of the pixels, under the same penalties."""
-    pixels = system.pixels
-    some = Pixels(
-        pixels.rows[kept], pixels.cols[kept], pixels.height[kept],
-        np.ascontiguousarray(pixels.slope[kept]), pixels.pixel,
-    )  # fmt: skip
-    basis_uv, basis_w = _part(system.basis_uv, kept), _part(system.basis_w, kept)
-    smaller = System(some, basis_uv, basis_w, system.parts)
-    smaller.weigh(system.weights)
-    return smaller
-
-
-def _part(basis: Basis, kept: BoolArray) -> Basis:
-    return replace(basis, cell=basis.cell[kept], shape=basis.shape[kept])

@@ -67,13 +67,12 @@ def readings(
     edges = edge_motion(smoothed, images, lower, upper)
     mean_w = np.zeros(measured.coefficients.shape[1])
     mean_w[-len(measured.basis_w.nodes) :] = measured.basis_w.values.mean(axis=0)
+    functionals = np.array([reach * edges.difference(1), reach * edges.difference(2), mean_w])
+    covariances = covariance_in_time(measured, images, functionals)
     found = {}
-    for name, functional in (
-        ("elongation", reach * edges.difference(1)),
-        ("tilt", reach * edges.difference(2)),
-        ("mean_w", mean_w),
+    for name, functional, covariance in zip(
+        ("elongation", "tilt", "mean_w"), functionals, covariances, strict=True
     ):
-        covariance = covariance_in_time(measured, images, functional)
         held = held_back(measured, images, functional)
         single = float(np.median(np.sqrt(covariance.diagonal() + held**2)))
         if name != "mean_w":

@@ -12,6 +12,7 @@ from scipy.sparse import csr_array, diags_array, hstack
 
 from driver.dic.basis import Basis, grid_basis, mesh_basis
 from driver.dic.evidence import estimated_roughness
+from driver.dic.gaps import Equations
 from driver.dic.interpolation import samples
 from driver.dic.kernels import binned
 from driver.dic.outcome import explanation
@@ -61,7 +62,7 @@ class SurfaceMotion:
             0 if it was well conditioned.
         compared: whether each pixel entered the motion of each frame, shape (T, n_pix): not where
             the frame has no height there or ends before it.
-        system: normal equations of the last pass, all pixels compared.
+        equations: normal equations of the last pass.
     """
 
     basis_uv: Basis
@@ -76,7 +77,12 @@ class SurfaceMotion:
     roughness: float
     ridge: float
     compared: BoolArray
-    system: System
+    equations: Equations
+
+    @property
+    def system(self) -> System:
+        """The equations of a frame that has every pixel."""
+        return self.equations.whole
 
     def at_pixels(self) -> FloatArray:
         """u, v, w at the pixels of the region of interest [µm], shape (T, n_pix, 3)."""
@@ -110,7 +116,7 @@ def measure(
     penalty that leaves affine motions free. The second takes the gradient from all images, warped
     back, and relaxes to `roughness`, by way of 1 pixel where that is estimated.
 
-    A pixel without a height in one frame is left out of ρ and b of that frame alone.
+    A pixel without a height in one frame is left out of ρ, b and M of that frame alone.
 
     Args:
         images: the series.
@@ -142,10 +148,13 @@ def measure(
     starts = _first_pass(images, system)
     images = refine_gradient(images, _expand(basis_uv, basis_w, starts))
     system = _system(images, basis_uv, basis_w, penalty)
+    relief = float(np.var(images.reference))
+    bends = penalties(basis_uv, basis_w, penalty)[1]
+    equations = Equations(system, bends, variance / relief)
 
     def solve(starts: FloatArray, tolerance: float) -> list[End]:
         def one(spline: FloatArray, start: FloatArray) -> End:
-            return system.iterate(spline, start, tolerance)
+            return equations.solve(spline, start, tolerance)
 
         with ThreadPoolExecutor(workers) as pool:
             return list(pool.map(one, images.frames.coefficients, starts))
@@ -180,7 +189,7 @@ def measure(
         roughness=granted,
         ridge=system.ridge,
         compared=compared,
-        system=system,
+        equations=equations,
     )
 
 
