@@ -56,11 +56,12 @@ def smooth_along_travel(
             allowed at a turning point.
         length: of travel [µm] below which changes count as noise.
         n_reference: number of images averaged into the reference.
-        turning_points: images at which the loading turns; found where the travel turns if None.
+        turning_points: images at which the loading turns; where the travel turns or rests if None.
         kept: images that count, shape (T,); all if None.
 
     Raises:
-        ImageError: sizes that differ, a length that is not positive, or an image without travel.
+        ImageError: sizes that differ, a length that is not positive, or an image without travel
+            that is no turning point.
     """
     n = len(coefficients)
     if travel.shape != (n,):
@@ -69,7 +70,9 @@ def smooth_along_travel(
         raise ImageError(f"length = {length} µm; a positive stage travel is expected.")
     steps = np.diff(travel)
     if turning_points is None:
-        turning_points = 1 + np.flatnonzero(np.sign(steps[1:]) != np.sign(steps[:-1]))
+        # A hold is one, however many images it has.
+        on = (steps[1:] != 0) & (np.sign(steps[1:]) == np.sign(steps[:-1]))
+        turning_points = 1 + np.flatnonzero(~on)
     rows = []
     for t in np.setdiff1d(np.arange(1, n - 1), turning_points):
         before, after = abs(steps[t - 1]), abs(steps[t])
@@ -78,7 +81,9 @@ def smooth_along_travel(
         row = np.zeros(n)
         row[t - 1 : t + 2] = [1 / before, -1 / before - 1 / after, 1 / after]
         rows.append(row * 2 / (before + after) * length**2)
-    bends = np.array(rows).reshape(-1, n)
+    if not rows:
+        raise ImageError("the stage did not travel on over any three images in turn.")
+    bends = np.array(rows)
     heard = np.ones(n) if kept is None else np.where(kept, 1.0, _UNHEARD)
     smoother = np.linalg.solve(np.diag(heard) + bends.T @ bends, np.diag(heard))
     once = np.eye(n) + np.ones((n, n)) / n_reference

@@ -18,6 +18,7 @@ BoolArray = NDArray[np.bool_]
 # Squares of second differences of white noise are correlated: k of them, from k + 2 frames, have
 # the scatter of k/(1 + 2 (4/6)² + 2 (1/6)²) independent ones.
 _SHARED = 1.0 + 2.0 * ((4 / 6) ** 2 + (1 / 6) ** 2)
+FITTED = 0.95  # share of a pixel's variance in the motion, beyond which its residual says nothing
 CHANCE = 0.01  # of one pixel or more that is called noisier in a series of uniform noise
 
 
@@ -104,8 +105,8 @@ def temporal_noise(
     if n_differences < 1:
         return None
     difference = residual[:-2] - 2.0 * residual[1:-1] + residual[2:]
-    scale = (gain[:-2] + 4.0 * gain[1:-1] + gain[2:]) * (1.0 - fitted)
-    seen = np.isfinite(difference)
+    scale = (gain[:-2] + 4.0 * gain[1:-1] + gain[2:]) * np.maximum(1.0 - fitted, 1.0 - FITTED)
+    seen = np.isfinite(difference) & (fitted < FITTED)
     count = seen.sum(axis=0)
     if not count.any():
         return None

@@ -151,7 +151,9 @@ def measured_motion(
     nodal = np.stack([m["coefficients"][:, :n_uv], m["coefficients"][:, n_uv : 2 * n_uv]], axis=-1)
     # What smoothing along travel leaves of the noise of an image; nothing of what all share.
     left = float(np.median((m["smoother"] ** 2).sum(axis=1)))
-    nodal_sigma = np.sqrt(np.diag(m["covariance_one"]) * (left + 1.0 / float(m["n_reference"])))
+    # Rounding may leave a node that no pixel sees a variance just below zero.
+    variance = np.maximum(np.diag(m["covariance_one"]), 0.0)
+    nodal_sigma = np.sqrt(variance * (left + 1.0 / float(m["n_reference"])))
     row, column = m["origin"].tolist()
     return MeasuredMotion(
         face=Face(

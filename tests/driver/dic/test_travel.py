@@ -92,3 +92,12 @@ def test_the_stage_is_not_smoothed_and_the_elongation_scatters_as_stated(scene: 
     assert square == pytest.approx(np.mean(stated), rel=0.5)
     assert square < 0.6 * before
     assert np.mean(chi) == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_hold_of_many_images_is_a_turning_point() -> None:
+    travel = np.array([0.0, 5, 10, 15, 15, 15, 15, 20, 25, 30])
+    rests = np.where(travel < 15, 0.2 * travel, 3.0)
+    rests[4:7] = [4.0, 2.0, 5.0]  # whatever it does while the stage rests
+    rests[7:] = 5.0 + 0.1 * (travel[7:] - 15)
+    smoothed = smooth_along_travel(rests[:, None], travel, 20.0, 10)
+    assert smoothed.coefficients[:, 0] == pytest.approx(rests, abs=1e-9)
