@@ -27,7 +27,8 @@ def penalties(basis_uv: Basis, basis_w: Basis, penalty: Penalty | None) -> list[
     u and v:
 
     - curvature (Tikhonov of second order): squares of the second differences ∂XX, ∂YY, ∂XY over
-      a grid, of the nodal Laplacians inside any other mesh. An affine motion costs nothing;
+      a grid; on any other mesh, with G the gradient averaged at the nodes and h the element size,
+      ∫ |∇u − G|² + h² |∇G|². An affine motion, and no other, costs nothing;
     - elastic: twice the energy of plane stress for E = 1, ν = 0.3, the edges free. A rigid
       motion costs nothing, a strain does;
     - equilibrium: squares of the nodal forces KU inside the mesh, where equilibrium without body
@@ -46,12 +47,15 @@ def penalties(basis_uv: Basis, basis_w: Basis, penalty: Penalty | None) -> list[
         if isinstance(basis_uv, GridBasis) and isinstance(basis_w, GridBasis):
             if _size(basis_uv, basis_w) <= DENSE:
                 return _dense_curvatures(basis_uv.cells, basis_w.cells)
-        uv = csc_array(block_diag([_bending(basis_uv)] * 2))
+        uv = csc_array(block_diag([_curvature(basis_uv)] * 2))
     elif penalty == "elastic":
         uv = plane_stress(basis_uv.mesh)
     else:
         uv = _gap(plane_stress(basis_uv.mesh), np.tile(~on_border(basis_uv.mesh), 2))
-    w = _bending(basis_w)
+    if isinstance(basis_w, GridBasis):
+        w = second_differences(basis_w.cells)
+    else:
+        w = _gap(_laplacian(basis_w.mesh), ~on_border(basis_w.mesh))
     n_uv, n_w = uv.shape[0], w.shape[0]
     both = [
         csc_array(block_diag([uv, csc_array((n_w, n_w))])),
@@ -63,8 +67,8 @@ def penalties(basis_uv: Basis, basis_w: Basis, penalty: Penalty | None) -> list[
 def modes(basis_uv: Basis, penalty: Penalty | None) -> int:
     """Rank of R of the motion: what of u, v costs something.
 
-    All nodal values but the affine motions (curvature on a grid) or the rigid ones (elastic); two
-    for each node inside the mesh (equilibrium, curvature elsewhere), whose blocks are definite.
+    All nodal values but the affine motions (curvature) or the rigid ones (elastic); two for each
+    node inside the mesh (equilibrium), whose block of the stiffness is definite.
 
     Args:
         basis_uv: basis of u and of v.
@@ -73,16 +77,33 @@ def modes(basis_uv: Basis, penalty: Penalty | None) -> int:
     free = 2 * len(basis_uv.nodes)
     if penalty == "elastic":
         return free - 3
-    if isinstance(basis_uv, GridBasis) and penalty != "equilibrium":
+    if penalty == "curvature" or (penalty is None and isinstance(basis_uv, GridBasis)):
         return free - 6
     return 2 * int(np.count_nonzero(~on_border(basis_uv.mesh)))
 
 
-def _bending(basis: Basis) -> csc_array:
-    """Second differences on a grid, else the Laplacian inside the mesh."""
+def _curvature(basis: Basis) -> csc_array:
     if isinstance(basis, GridBasis):
         return second_differences(basis.cells)
-    return _gap(_laplacian(basis.mesh), ~on_border(basis.mesh))
+    mesh = basis.mesh
+    slopes, areas = _slopes(mesh)
+    n_cells, n_points, m, _ = slopes.shape
+    at, weight = np.arange(n_cells * n_points), diags_array(areas.ravel())
+    rows, nodes = np.repeat(at, m), np.repeat(mesh.cells, n_points, axis=0).ravel()
+
+    def operator(values: FloatArray) -> csc_array:
+        return csc_array(coo_array((values.ravel(), (rows, nodes)), (len(at), len(mesh.points))))
+
+    shape = operator(np.tile(mesh.cell.shape(mesh.cell.quadrature[0]), (n_cells, 1)))
+    along = [operator(slopes[..., axis]) for axis in (0, 1)]
+    near = shape.multiply(shape).T @ weight
+    mean = diags_array(1 / near.sum(axis=1)) @ near
+    costs = []
+    for slope in along:
+        at_nodes = mean @ slope
+        costs.append(slope - shape @ at_nodes)
+        costs += [mesh.size * (change @ at_nodes) for change in along]
+    return csc_array(sum(cost.T @ weight @ cost for cost in costs))
 
 
 def _size(basis_uv: Basis, basis_w: Basis) -> int:
