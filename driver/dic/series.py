@@ -143,7 +143,7 @@ def measure(
     first = ROUGHNESS_FIRST * pixel
     if isinstance(roughness, float):
         first = min(roughness, first)
-    system = _system(images, basis_uv, basis_w, None)
+    system = _system(images, basis_uv, basis_w, "curvature")
     system.weigh([variance / first**2])
     starts = _first_pass(images, system)
     images = refine_gradient(images, _expand(basis_uv, basis_w, starts))
