@@ -14,13 +14,15 @@ from driver.case import Case, load_case
 from driver.check_images import look_at_images
 from driver.check_picture import draw
 from driver.diagnosis.causes import LIBRARY
+from driver.dic.coverage import within
 from driver.errors import InputError
 from driver.estimate import estimate
 from driver.experiment import Experiment, read_experiment
 from driver.finding import Finding
 from driver.profiles import profile_of
-from driver.specimen import build_model, integration_of, mesh_of
+from driver.specimen import build_model, correlation_meshes, integration_of, mesh_of, used_face
 from driver.stages import RESULTS
+from meshes.plane_mesh import PlaneMesh
 from meshes.prism import PrismGeometry, generate
 from solver_adapters.external import ABSENT, ExternalAdapter
 from solver_adapters.interface import Adapter, Capabilities, SolverError
@@ -56,6 +58,7 @@ def check(case_path: Path) -> list[Finding]:
     findings += of_solver
     n_cells, mesh_finding = _mesh(case)
     findings.append(mesh_finding)
+    findings += _correlation(case)
     try:
         experiment = read_experiment(case)
     except InputError as error:
@@ -185,6 +188,20 @@ def _mesh(case: Case) -> tuple[int, Finding]:
     )
     n_cells, n_nodes = len(mesh.cells), len(mesh.points)
     return n_cells, Finding("ok", "mesh", f"{n_cells} tet10 ({grains}), {n_nodes} nodes")
+
+
+def _correlation(case: Case) -> Iterator[Finding]:
+    """The meshes of correlation that are no regular grids."""
+    try:
+        meshes = correlation_meshes(case)
+        within([mesh for mesh in meshes if isinstance(mesh, PlaneMesh)], used_face(case))
+    except InputError as error:
+        yield Finding("error", "dic", str(error))
+        return
+    for key, mesh in zip(("mesh", "height_mesh"), meshes, strict=True):
+        if isinstance(mesh, PlaneMesh):
+            size = mesh.size / case.images.pixel_um
+            yield Finding("ok", "dic", f"dic.{key}: {len(mesh.cells)} {mesh.kind} of {size:.1f} px")
 
 
 def _history(case: Case, experiment: Experiment) -> Iterator[Finding]:

@@ -143,7 +143,7 @@ def _frames(
             "warning",
             "images",
             f"images.frames: {np.count_nonzero(holes)} frames lack heights on the face, frame "
-            f"{worst} at most, of {holes[worst]} pixels: they are filled from their neighbours",
+            f"{worst} at most, of {holes[worst]} pixels: they are left out there",
         )
     try:
         frames = corrected(experiment.frames, flat, "frame")

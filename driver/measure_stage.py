@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.case import Case
 from driver.check_picture import boundary_trace
 from driver.dic.basis import Basis
-from driver.dic.elongation import edge_motion
 from driver.dic.interpolation import variance_gain
+from driver.dic.readings import Reading, readings
 from driver.dic.series import SurfaceMotion, measure, sensitivity
 from driver.dic.surface_images import SurfaceImages, refine_gradient
+from driver.dic.travel import smoothed_motion
+from driver.errors import InputError
 from driver.experiment import read_experiment
+from driver.images.heightmaps import ImageError, fill_off_surface
 from driver.images.noise import TemporalNoise, temporal_noise
 from driver.images.outliers import find_outliers, left_out, noise_levels, told
 from driver.images.region import Excluded
 from driver.report.measured import measured_motion
 from driver.report.measured_figures import write_figures
 from driver.results import read_hdf5, write_csv, write_hdf5
-from driver.specimen import surface_images
+from driver.specimen import correlation_meshes, surface_images
 from driver.stages import StageContext
 
 FloatArray = NDArray[np.float64]
@@ -28,6 +32,7 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
 _AT_A_TIME = 4096  # pixels, whose rows of a dense matrix fit into memory
+_TOLD = 5  # frames at most, of which it is told why they stopped
 MEASURE, MEASURE_CSV = "measure.h5", "measure.csv"
 
 
@@ -41,41 +46,36 @@ def run_measure(context: StageContext) -> None:
         f"{1e3 * images.sigma / np.sqrt(2 * images.noise_dof):.2f} nm from {images.n_reference} "
         f"repeats, {np.count_nonzero(images.codes == Excluded.DUST)} pixels with dust"
     )
-    pixel = case.images.pixel_um
-    motion = measure(
+    pixel, history = case.images.pixel_um, experiment.history
+    rows = history.image_row
+    single = measure(
         images,
-        case.dic.element_px * pixel,
-        case.dic.height_element_px * pixel,
+        *correlation_meshes(case),
+        roughness=case.dic.roughness_um(pixel),
         workers=case.execution.processes,
+        penalty=case.dic.penalised,
     )
-    # The region of interest ends short of the edges: its mean stretch is carried on to them.
-    lower, upper = images.bounds[2:]
-    reach = case.specimen.length / (upper - lower)
-    edges = edge_motion(motion, images, lower, upper)
+    _tell_regularisation(case, single, context.log)
+    rigid = single.at_pixels().mean(axis=1)
+    noise = noise_levels(_sampled(images), images.codes == Excluded.USED)
+    outliers = find_outliers(single.chi, noise, rigid, pixel, "σ")
+    left = left_out(outliers, images.n_frames)
+    motion, smoother = _along_travel(case, single, images, history.stage[rows], ~left)
+    read = readings(single, images, case.specimen.length, motion, smoother)
+    _tell_readings(single, motion, read, context.log)
+    for frame, what in told(outliers).items():
+        kept = "its image is not fitted, its load is" if left[frame] else "it is kept"
+        context.log(f"  frame {frame} is unlike its neighbours: {what}; {kept}")
     at_pixels = motion.at_pixels()
     refined = refine_gradient(images, at_pixels)
     residual = images.residual(at_pixels)
     standardised = residual / np.sqrt(images.expected_residual_variance(at_pixels))
     # The fit has taken its degrees of freedom out of the residual: χ counts them, so does this.
-    standardised *= (motion.chi / np.sqrt(np.mean(standardised**2, axis=1)))[:, None]
-    mean_w = np.zeros(motion.coefficients.shape[1])
-    mean_w[-len(motion.basis_w.nodes) :] = motion.basis_w.values.mean(axis=0)
-    variance_w = mean_w @ motion.covariance_one @ mean_w * (1.0 + 1.0 / motion.n_reference)
-    history = experiment.history
-    rows = history.image_row
-    context.log(
-        f"  χ of free correlation {np.sqrt(np.mean(motion.chi**2)):.3f}, elongation "
-        f"± {1e3 * reach * edges.elongation_sigma:.1f} nm an image, "
-        f"{np.count_nonzero(~motion.converged)} frames not converged"
+    square = np.nansum(standardised**2, axis=1) / np.maximum(
+        np.isfinite(standardised).sum(axis=1), 1
     )
-    rigid = at_pixels.mean(axis=1)
-    noise = noise_levels(_sampled(images), images.codes == Excluded.USED)
-    outliers = find_outliers(motion.chi, noise, rigid, pixel, "σ")
-    left = left_out(outliers, images.n_frames)
-    for frame, what in told(outliers).items():
-        kept = "its image is not fitted, its load is" if left[frame] else "it is kept"
-        context.log(f"  frame {frame} is unlike its neighbours: {what}; {kept}")
-    later = _temporal(images, refined.gradient, motion, ~left)
+    standardised *= (motion.chi / np.sqrt(np.where(square > 0, square, 1.0)))[:, None]
+    later = _temporal(images, refined.gradient, single, ~left)
     if later is not None:
         context.log(
             f"  noise {1e3 * later.sigma:.2f} nm from frame to frame, larger than that at "
@@ -119,12 +119,15 @@ def run_measure(context: StageContext) -> None:
             "residual": (residual.astype(np.float32), "µm"),
             "residual_over_noise": (standardised.astype(np.float32), "1"),
             "chi": (motion.chi, "1"),
-            "elongation": (reach * edges.elongation, "µm"),
-            "elongation_sigma": (reach * edges.elongation_sigma, "µm"),
-            "tilt": (reach * edges.tilt, "µm"),
-            "tilt_sigma": (reach * edges.tilt_sigma, "µm"),
-            "mean_w": (motion.coefficients @ mean_w, "µm"),
-            "mean_w_sigma": (float(np.sqrt(variance_w)), "µm"),
+            "iterations": (motion.iterations, "1"),
+            "converged": (motion.converged.astype(np.float64), "1"),
+            "stopped": (np.char.encode(motion.reason, "utf-8"), "text"),
+            "penalty": (np.array(case.dic.penalty.encode()), "text"),
+            "roughness": (motion.roughness, "µm"),
+            "roughness_estimated": (float(case.dic.roughness_px == "estimated"), "1"),
+            "travel_length": (case.dic.travel_um or 0.0, "µm"),
+            "smoother": (smoother, "1"),
+            **_of_readings(read),
         },
     )
     write_csv(
@@ -134,18 +137,93 @@ def run_measure(context: StageContext) -> None:
             "time_s": history.time[rows].tolist(),
             "stage_um": history.stage[rows].tolist(),
             "force_uN": experiment.force.tolist(),
-            "elongation_nm": (1e3 * reach * edges.elongation).tolist(),
-            "tilt_nm": (1e3 * reach * edges.tilt).tolist(),
+            "elongation_nm": (1e3 * read["elongation"].value).tolist(),
+            "tilt_nm": (1e3 * read["tilt"].value).tolist(),
             "chi": motion.chi.tolist(),
             "shift_X_nm": (1e3 * rigid[:, 0]).tolist(),
             "shift_Y_nm": (1e3 * rigid[:, 1]).tolist(),
             "shift_Z_nm": (1e3 * rigid[:, 2]).tolist(),
             "left_out": left.astype(int).tolist(),
+            "converged": motion.converged.astype(int).tolist(),
+            "stopped": motion.reason,
         },
     )
     written = read_hdf5(context.workdir / MEASURE)
     measured = measured_motion(written, case.images.level_um, boundary_trace(case))
     write_figures(measured, context.workdir)
+
+
+def _along_travel(
+    case: Case, single: SurfaceMotion, images: SurfaceImages, stage: FloatArray, kept: BoolArray
+) -> tuple[SurfaceMotion, FloatArray]:
+    """The motion smoothed as the case asks for, and the smoother."""
+    if case.dic.travel_um is None:
+        return single, np.eye(images.n_frames)
+    try:
+        return smoothed_motion(single, images, stage, case.dic.travel_um, kept)
+    except ImageError as error:
+        raise InputError(f"dic.travel_um: {error}") from None
+
+
+def _of_readings(read: dict[str, Reading]) -> dict[str, tuple[FloatArray | float, str]]:
+    datasets: dict[str, tuple[FloatArray | float, str]] = {}
+    for name, reading in read.items():
+        datasets[name] = (reading.value, "µm")
+        datasets[f"{name}_sigma"] = (float(np.median(reading.sigma)), "µm")
+        datasets[f"{name}_covariance"] = (reading.covariance, "µm²")
+        datasets[f"{name}_single"] = (reading.single, "µm")
+        datasets[f"{name}_held"] = (reading.held, "µm")
+    return datasets
+
+
+def _tell_regularisation(case: Case, motion: SurfaceMotion, log: Callable[[str], None]) -> None:
+    for name, basis in (("u, v", motion.basis_uv), ("w", motion.basis_w)):
+        log(
+            f"  mesh of {name}: {len(basis.mesh.cells)} {basis.mesh.kind}, {len(basis.nodes)} "
+            f"nodes, {basis.element_size / case.images.pixel_um:.1f} px"
+        )
+    if np.isinf(motion.roughness):
+        log("  no regularisation")
+    else:
+        how = "estimated" if case.dic.roughness_px == "estimated" else "as stated"
+        log(
+            f"  regularisation {case.dic.penalty}, roughness "
+            f"{motion.roughness / case.images.pixel_um:.3g} px ({how})"
+        )
+    if motion.ridge:
+        log("  the images do not decide every nodal value: a ridge holds the others")
+
+
+def _tell_readings(
+    single: SurfaceMotion,
+    motion: SurfaceMotion,
+    read: dict[str, Reading],
+    log: Callable[[str], None],
+) -> None:
+    lacking = ~single.compared
+    if lacking.any():
+        frames = lacking.any(axis=1)
+        log(
+            f"  {np.count_nonzero(frames)} frames lack heights on the face, frame "
+            f"{int(lacking.sum(axis=1).argmax())} at most, at {lacking.sum(axis=1).max()} pixels: "
+            "they are left out there"
+        )
+    elongation = read["elongation"]
+    sigma = 1e3 * np.median(elongation.sigma)
+    log(
+        f"  χ of free correlation {np.sqrt(np.mean(motion.chi**2)):.3f}, elongation ± {sigma:.1f} "
+        f"nm an image, of which {1e3 * elongation.held:.1f} nm are what the penalty may hold back"
+    )
+    if motion is not single:
+        log(
+            f"  smoothed along stage travel (± {1e3 * elongation.single:.1f} nm an image without); "
+            "neighbouring images are correlated, elongation_covariance says how much"
+        )
+    failed = np.flatnonzero(~single.converged)
+    for t in failed[:_TOLD]:
+        log(f"  frame {t}: {single.reason[t]}")
+    if failed.size > _TOLD:
+        log(f"  {failed.size - _TOLD} more frames did not converge: {MEASURE_CSV} says why")
 
 
 def element_corners(basis: Basis) -> IntArray:
@@ -155,14 +233,15 @@ def element_corners(basis: Basis) -> IntArray:
 
 
 def _sampled(images: SurfaceImages) -> Iterator[FloatArray]:
-    """The corrected frames as sampled, one after the other."""
+    """The corrected frames as sampled, extended over gaps, one after the other."""
     x, y = (
         (at - start) * images.pixel
         for at, start in zip(
             np.indices(images.shape, dtype=np.float64), images.frames.origin, strict=True
         )
     )
-    return (images.frames.value(t, x, y) for t in range(images.n_frames))
+    seen = (images.frames.value(t, x, y) for t in range(images.n_frames))
+    return (fill_off_surface(heights, np.isfinite(heights)) for heights in seen)
 
 
 def _temporal(

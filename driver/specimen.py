@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from driver.boundary import BoundaryMotion
 from driver.case import Case
+from driver.dic.coverage import pixels_on, within
 from driver.dic.surface_images import SurfaceImages, prepare
 from driver.errors import InputError
 from driver.experiment import Experiment
@@ -20,6 +21,8 @@ from driver.microstructure import build_microstructure
 from driver.model import ForwardModel
 from driver.profiles import profile_of
 from driver.surface_view import SurfaceView
+from meshes.plane_files import read_plane_mesh
+from meshes.plane_mesh import PlaneMesh
 from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import trace
@@ -29,6 +32,8 @@ from solver_adapters.interface import Adapter, Capabilities, Integration
 from solver_adapters.registry import find_adapter
 
 FloatArray = NDArray[np.float64]
+
+TRACE = "trace"  # of the working mesh, in place of a mesh file of the correlation
 
 
 def geometry_of(case: Case) -> PrismGeometry:
@@ -102,11 +107,18 @@ def integration_of(case: Case, adapter: Adapter) -> Integration:
 
 
 def surface_images(case: Case, experiment: Experiment) -> SurfaceImages:
-    """The corrected images over the measured face.
+    """The corrected images over the measured face, or the part of it that the meshes cover.
 
     Raises:
+        InputError: a mesh of the correlation cannot be used.
         ImageError: the images do not fit together, or show no part of the face.
     """
+    meshes = [mesh for mesh in correlation_meshes(case) if isinstance(mesh, PlaneMesh)]
+    bounds, mask = within(meshes, used_face(case)), experiment.mask
+    if meshes:
+        shape = experiment.frames.shape[1:]
+        covered = pixels_on(meshes, shape, experiment.pixel_um, experiment.origin)
+        mask = covered if mask is None else mask & covered
     flat = None if experiment.flats is None else flat_pattern(experiment.flats)
     return prepare(
         experiment.frames,
@@ -114,10 +126,35 @@ def surface_images(case: Case, experiment: Experiment) -> SurfaceImages:
         flat,
         experiment.pixel_um,
         experiment.origin,
-        used_face(case),
-        experiment.mask,
+        bounds,
+        mask,
         case.images.dust == "mask",
     )
+
+
+def correlation_meshes(case: Case) -> tuple[float | PlaneMesh, float | PlaneMesh]:
+    """Element size [µm] or mesh of u and v in the correlation, and that of w.
+
+    Raises:
+        InputError: a mesh file cannot be used.
+    """
+    dic, pixel = case.dic, case.images.pixel_um
+    return (
+        _correlation_mesh(case, "mesh") or dic.element_px * pixel,
+        _correlation_mesh(case, "height_mesh") or dic.height_element_px * pixel,
+    )
+
+
+def _correlation_mesh(case: Case, key: str) -> PlaneMesh | None:
+    name: str | None = getattr(case.dic, key)
+    if name is None:
+        return None
+    if name == TRACE:
+        return trace(mesh_of(case, case.specimen.mesh_size)).plane
+    try:
+        return read_plane_mesh(case.path(name))
+    except ValueError as error:
+        raise InputError(f"{case.path(name)}: dic.{key}: {error}") from None
 
 
 def reference_of(case: Case, experiment: Experiment, flat: FlatField | None) -> Reference:

@@ -95,9 +95,12 @@ Record = dict[str, Done]
 
 
 def measured_files(case: Case) -> tuple[Path, ...]:
-    """The images and the history that a case names."""
-    images = case.images
-    names = (images.frames, images.flats, images.repeats, images.mask, case.history.file)
+    """The images, the history and the meshes of correlation that a case names."""
+    images, dic = case.images, case.dic
+    names = (
+        images.frames, images.flats, images.repeats, images.mask, case.history.file,
+        *(mesh for mesh in (dic.mesh, dic.height_mesh) if mesh != "trace"),
+    )  # fmt: skip
     return tuple(Path(split_dataset(case.path(name))[0]) for name in names if name is not None)
 
 

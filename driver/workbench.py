@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from driver.boundary import LAMBDAS
 from driver.case import Case
-from driver.dic.basis import grid_basis
+from driver.dic.series import basis_on
 from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.experiment import Experiment, read_experiment
 from driver.identification.data import Data, build_image_data
 from driver.identification.fit import Objective
 from driver.identification.procedure import LAMBDA_PRIOR, start_values
 from driver.model import ForwardModel
-from driver.specimen import adapter_of, build_model, surface_images
+from driver.specimen import adapter_of, build_model, correlation_meshes, surface_images
 from driver.surface_view import POSE_DECLARATIONS
 from driver.watched_solver import WatchedSolver
 from meshes.prism_mesh import PrismMesh
@@ -90,10 +90,11 @@ def build_workbench(
     working = build_model(case, mesh, history, images.xy, adapter, steps, jobs)
     finer = build_model(case, fine_mesh, history, images.xy, adapter, fine_steps, jobs)
     pixel = case.images.pixel_um
+    mesh_uv, mesh_w = correlation_meshes(case)
     image_data = build_image_data(
         images,
-        grid_basis(images.xy, images.bounds, case.dic.element_px * pixel),
-        grid_basis(images.xy, images.bounds, case.dic.height_element_px * pixel),
+        basis_on(images, mesh_uv),
+        basis_on(images, mesh_w),
         motion.mean(axis=1),
         case.boundary.gauge,
     )

@@ -9,7 +9,6 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from meshes.plane_cells import CELLS, CellKind, PlaneCell
-from meshes.surface import SurfaceMesh
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -117,11 +116,6 @@ class PlaneMesh:
         indptr = np.arange(0, m * n + 1, m)
         data = self.cell.shape(local).ravel()
         return sp.csr_array((data, self.cells[cell].ravel(), indptr), shape=(n, len(self.points)))
-
-
-def surface_plane(surface: SurfaceMesh) -> PlaneMesh:
-    """The trace of the prism's mesh on its face, as a plane mesh of tri6."""
-    return PlaneMesh(surface.points, surface.cells, "tri6")
 
 
 def _inverse_map(cell: PlaneCell, nodes: FloatArray, xy: FloatArray) -> FloatArray:

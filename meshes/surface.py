@@ -1,4 +1,4 @@
-"""The measured face as a plane tri6 mesh, and its interpolation to image points."""
+"""The measured face as a plane quadratic mesh, and its interpolation to image points."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from meshes.plane_mesh import PlaneMesh
 from meshes.prism_mesh import PrismMesh
 
 FloatArray = NDArray[np.float64]
@@ -23,8 +24,9 @@ class SurfaceMesh:
 
     Attributes:
         points: X and Y of the nodes [µm], shape (n_nodes, 2).
-        cells: tri6 connectivity (3 corners, then the mid-edge nodes of 01, 12, 20), straight
-            sides, shape (n_cells, 6).
+        cells: connectivity, straight sides: tri6, shape (n_cells, 6) (3 corners, then the
+            mid-edge nodes of 01, 12, 20), or quad8, shape (n_cells, 8) (4 corners, then those of
+            01, 12, 23, 30).
         nodes: index of each node in `PrismMesh.points`, sorted, shape (n_nodes,).
     """
 
@@ -32,23 +34,22 @@ class SurfaceMesh:
     cells: IntArray
     nodes: IntArray
 
+    @property
+    def plane(self) -> PlaneMesh:
+        """The same as a plane mesh of tri6 or quad8."""
+        return PlaneMesh(self.points, self.cells, "tri6" if self.cells.shape[1] == 6 else "quad8")
+
 
 def trace(mesh: PrismMesh, group: str = "TOP") -> SurfaceMesh:
     """The mesh of a face that is not seen edge-on along Z.
 
     Args:
-        mesh: the prism.
+        mesh: the prism, whose face is of tri6 or, as TOP in a mesh of wedges, of quad8.
         group: name of the face.
-
-    Raises:
-        ValueError: the face is made of quad8, as TOP is in a mesh of wedges.
     """
-    if mesh.faces[group].shape[1] != 6:
-        raise ValueError(
-            f"the face {group} is made of quad8; a tri6 face, of a tet10 mesh, is expected"
-        )
-    nodes, local = np.unique(mesh.faces[group], return_inverse=True)
-    return SurfaceMesh(mesh.points[nodes, :2], local.reshape(-1, 6), nodes)
+    faces = mesh.faces[group]
+    nodes, local = np.unique(faces, return_inverse=True)
+    return SurfaceMesh(mesh.points[nodes, :2], local.reshape(faces.shape), nodes)
 
 
 def interpolation(surface: SurfaceMesh, xy: FloatArray) -> tuple[sp.csr_array, BoolArray]:
@@ -62,11 +63,17 @@ def interpolation(surface: SurfaceMesh, xy: FloatArray) -> tuple[sp.csr_array, B
         matrix of shape (n_points, n_nodes), with an all-zero row for each point off the mesh;
         whether each point lies on the mesh (to 1e-9 of a cell), shape (n_points,).
     """
-    cell, barycentric = _locate(surface, xy)
-    inside = cell >= 0
-    values = _tri6_shape(barycentric[inside])
+    if surface.cells.shape[1] == 6:
+        cell, at = _locate(surface, xy)
+        inside = cell >= 0
+        values = _tri6_shape(at[inside])
+    else:
+        plane = surface.plane
+        cell, at = plane.locate(xy)
+        inside = cell >= 0
+        values = plane.cell.shape(at[inside])
     columns = surface.cells[cell[inside]]
-    row_ends = np.concatenate([[0], np.cumsum(6 * inside)])
+    row_ends = np.concatenate([[0], np.cumsum(columns.shape[1] * inside)])
     matrix = sp.csr_array(
         (values.ravel(), columns.ravel(), row_ends), shape=(len(xy), len(surface.points))
     )

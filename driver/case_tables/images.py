@@ -88,7 +88,38 @@ class Images(Table):
 
 
 class Dic(Table):
-    """Element sizes of the digital image correlation."""
+    """Meshes and regularisation of the digital image correlation."""
 
     element_px: Count = Field(default=16, description="element of the in-plane motion, pixels")
     height_element_px: Count = Field(default=8, description="element of the height change, pixels")
+    mesh: str | None = Field(
+        default=None,
+        description='a text in quotes, a plane mesh file (.msh, .med, .vtu; µm) or "trace"',
+    )
+    height_mesh: str | None = Field(
+        default=None,
+        description='a text in quotes, a plane mesh file (.msh, .med, .vtu; µm) or "trace"',
+    )
+    penalty: Literal["tikhonov", "equilibrium_gap", "elastic"] = Field(
+        default="tikhonov", description="what of the in-plane motion is regularised"
+    )
+    roughness_px: Positive | Literal["estimated", "none"] = Field(
+        default="estimated",
+        description='a number > 0 of pixels that the penalty grants, "estimated" or "none"',
+    )
+    travel_um: Positive | None = Field(
+        default=None, description="a number > 0, stage travel below which changes are noise"
+    )
+
+    @property
+    def penalised(self) -> Literal["curvature", "equilibrium", "elastic"]:
+        """The penalty by its name in `driver.dic.regularisation`."""
+        if self.penalty == "tikhonov":
+            return "curvature"
+        return "equilibrium" if self.penalty == "equilibrium_gap" else "elastic"
+
+    def roughness_um(self, pixel_um: float) -> float | Literal["estimated"]:
+        """What the penalty grants [µm], infinity for none, for pixels of a size [µm]."""
+        if self.roughness_px == "estimated":
+            return "estimated"
+        return np.inf if self.roughness_px == "none" else self.roughness_px * pixel_um

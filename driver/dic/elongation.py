@@ -8,10 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from driver.dic.basis import Basis
 from driver.dic.series import SurfaceMotion
 from driver.dic.surface_images import SurfaceImages
+from driver.images.heightmaps import ImageError
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 SAMPLES = 64  # along each edge
 
@@ -26,12 +29,18 @@ class EdgeMotion:
         covariance_one: covariance of [minus | plus] from the noise of one frame [µm²],
             shape (6, 6).
         n_reference: number of images averaged into the reference.
+        average: [minus | plus] of nodal values [u | v | w], shape (6, n).
     """
 
     minus: FloatArray
     plus: FloatArray
     covariance_one: FloatArray
     n_reference: int
+    average: FloatArray
+
+    def difference(self, component: int) -> FloatArray:
+        """What makes plus less minus of u, v or w (0, 1, 2) of the nodal values, shape (n,)."""
+        return np.asarray(self.average[3 + component] - self.average[component])
 
     @property
     def elongation(self) -> FloatArray:
@@ -74,8 +83,10 @@ def edge_motion(
             0 for the line itself. A strip has less noise and, where the specimen strains,
             less elongation.
 
+    Points that lie off a mesh are passed over: an edge of it need not be straight.
+
     Raises:
-        ValueError: an edge lies outside the bounds of the bases.
+        ImageError: an edge lies outside the bounds of the bases.
     """
     x = np.linspace(images.xy[:, 0].min(), images.xy[:, 0].max(), SAMPLES)
     inwards = band * np.sign(y_plus - y_minus)
@@ -83,6 +94,12 @@ def edge_motion(
     for y_edge, y_inner in ((y_minus, y_minus + inwards), (y_plus, y_plus - inwards)):
         y = np.linspace(y_edge, y_inner, SAMPLES if band else 1)
         points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        points = points[_on(motion.basis_uv, points) & _on(motion.basis_w, points)]
+        if not len(points):
+            raise ImageError(
+                f"the meshes of correlation end before the edge Y = {y_edge:.4g} µm; meshes that "
+                "reach it are expected."
+            )
         uv, w = (basis.at(points).mean(axis=0) for basis in (motion.basis_uv, motion.basis_w))
         means.append(block_diag(uv, uv, w))
     average = np.vstack(means)
@@ -92,4 +109,9 @@ def edge_motion(
         plus=edges[:, 3:],
         covariance_one=average @ motion.covariance_one @ average.T,
         n_reference=motion.n_reference,
+        average=average,
     )
+
+
+def _on(basis: Basis, points: FloatArray) -> BoolArray:
+    return np.asarray(basis.mesh.locate(points)[0] >= 0)

@@ -89,9 +89,8 @@ class Evidence:
             return drift, share
         system, leasts = self.system, (LEAST * self.system.pixels.pixel, least_w)
         traces = system.traces()
-        for k, (part, least) in enumerate(zip(system.parts[:2], leasts, strict=True)):
-            if not self.free[k]:
-                continue
+        for k in np.flatnonzero(self.free):
+            part, least = system.parts[k], leasts[k]
             rank = self.ranks[k]
             decided = max(rank - system.weights[k] * traces[k], 1.0)
             energy = max(float(np.sum(p.T * (part @ p.T))) / len(p), 0.0)

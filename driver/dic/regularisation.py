@@ -11,7 +11,6 @@ from scipy.sparse import block_diag, coo_array, csc_array, diags_array, eye_arra
 
 from driver.dic.basis import Basis, GridBasis
 from driver.dic.factor import DENSE, Matrix
-from driver.images.heightmaps import ImageError
 from meshes.plane_mesh import PlaneMesh
 
 FloatArray = NDArray[np.float64]
@@ -27,7 +26,9 @@ def penalties(basis_uv: Basis, basis_w: Basis, penalty: Penalty | None) -> list[
     Each is free of dimension and scale, so that pᵀRp/roughness² counts standard deviations. Of
     u and v:
 
-    - curvature: squares of the second differences ∂XX, ∂YY, ∂XY over a grid;
+    - curvature (Tikhonov of second order): squares of the second differences ∂XX, ∂YY, ∂XY over
+      a grid; on any other mesh, with G the gradient averaged at the nodes and h the element size,
+      ∫ |∇u − G|² + h² |∇G|². An affine motion, and no other, costs nothing;
     - elastic: twice the energy of plane stress for E = 1, ν = 0.3, the edges free. A rigid
       motion costs nothing, a strain does;
     - equilibrium: squares of the nodal forces KU inside the mesh, where equilibrium without body
@@ -39,22 +40,14 @@ def penalties(basis_uv: Basis, basis_w: Basis, penalty: Penalty | None) -> list[
         basis_uv: basis of u and of v.
         basis_w: basis of w.
         penalty: of u and v; None for curvature on a grid and equilibrium elsewhere.
-
-    Raises:
-        ImageError: curvature is asked for on a mesh that is no regular grid.
     """
     if penalty is None:
         penalty = "curvature" if isinstance(basis_uv, GridBasis) else "equilibrium"
     if penalty == "curvature":
-        if not isinstance(basis_uv, GridBasis):
-            raise ImageError(
-                "penalty 'curvature' on a mesh that is no regular grid; "
-                "'equilibrium' or 'elastic' is expected."
-            )
-        if isinstance(basis_w, GridBasis) and _size(basis_uv, basis_w) <= DENSE:
-            return _dense_curvatures(basis_uv.cells, basis_w.cells)
-        one = second_differences(basis_uv.cells)
-        uv = csc_array(block_diag([one, one]))
+        if isinstance(basis_uv, GridBasis) and isinstance(basis_w, GridBasis):
+            if _size(basis_uv, basis_w) <= DENSE:
+                return _dense_curvatures(basis_uv.cells, basis_w.cells)
+        uv = csc_array(block_diag([_curvature(basis_uv)] * 2))
     elif penalty == "elastic":
         uv = plane_stress(basis_uv.mesh)
     else:
@@ -72,23 +65,53 @@ def penalties(basis_uv: Basis, basis_w: Basis, penalty: Penalty | None) -> list[
 
 
 def ranks(basis_uv: Basis, basis_w: Basis, penalty: Penalty | None) -> tuple[int, int]:
-    """Ranks of both `penalties`: the unknowns less the motions and the heights that cost nothing.
+    """Ranks of both `penalties`, of the motion and of the height, see there."""
+    free = len(basis_w.nodes) - 3
+    if not isinstance(basis_w, GridBasis):
+        free = int(np.count_nonzero(~on_border(basis_w.mesh)))
+    return modes(basis_uv, penalty), free
+
+
+def modes(basis_uv: Basis, penalty: Penalty | None) -> int:
+    """Rank of R of the motion: what of u, v costs something.
+
+    All nodal values but the affine motions (curvature) or the rigid ones (elastic); two for each
+    node inside the mesh (equilibrium), whose block of the stiffness is definite.
 
     Args:
-        basis_uv: as in `penalties`.
-        basis_w: as in `penalties`.
+        basis_uv: basis of u and of v.
         penalty: as in `penalties`.
     """
-    n = len(basis_uv.nodes)
+    free = 2 * len(basis_uv.nodes)
     if penalty == "elastic":
-        uv = 2 * n - 3
-    elif penalty == "equilibrium" or not isinstance(basis_uv, GridBasis):
-        uv = 2 * int((~on_border(basis_uv.mesh)).sum())
-    else:
-        uv = 2 * (n - 3)
-    if isinstance(basis_w, GridBasis):
-        return uv, len(basis_w.nodes) - 3
-    return uv, int((~on_border(basis_w.mesh)).sum())
+        return free - 3
+    if penalty == "curvature" or (penalty is None and isinstance(basis_uv, GridBasis)):
+        return free - 6
+    return 2 * int(np.count_nonzero(~on_border(basis_uv.mesh)))
+
+
+def _curvature(basis: Basis) -> csc_array:
+    if isinstance(basis, GridBasis):
+        return second_differences(basis.cells)
+    mesh = basis.mesh
+    slopes, areas = _slopes(mesh)
+    n_cells, n_points, m, _ = slopes.shape
+    at, weight = np.arange(n_cells * n_points), diags_array(areas.ravel())
+    rows, nodes = np.repeat(at, m), np.repeat(mesh.cells, n_points, axis=0).ravel()
+
+    def operator(values: FloatArray) -> csc_array:
+        return csc_array(coo_array((values.ravel(), (rows, nodes)), (len(at), len(mesh.points))))
+
+    shape = operator(np.tile(mesh.cell.shape(mesh.cell.quadrature[0]), (n_cells, 1)))
+    along = [operator(slopes[..., axis]) for axis in (0, 1)]
+    near = shape.multiply(shape).T @ weight
+    mean = diags_array(1 / near.sum(axis=1)) @ near
+    costs = []
+    for slope in along:
+        at_nodes = mean @ slope
+        costs.append(slope - shape @ at_nodes)
+        costs += [mesh.size * (change @ at_nodes) for change in along]
+    return csc_array(sum(cost.T @ weight @ cost for cost in costs))
 
 
 def _size(basis_uv: Basis, basis_w: Basis) -> int:

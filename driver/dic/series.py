@@ -4,24 +4,29 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array, hstack
 
 from driver.dic.basis import Basis, grid_basis, mesh_basis
+from driver.dic.evidence import Estimate, Evidence
+from driver.dic.gaps import Equations
 from driver.dic.interpolation import samples
 from driver.dic.kernels import binned
 from driver.dic.outcome import explanation
-from driver.dic.regularisation import penalties
+from driver.dic.regularisation import Penalty, penalties, ranks
 from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.dic.system import End, Pixels, System
+from driver.images.heightmaps import ImageError, fill_off_surface
 from driver.images.rigid import phase_correlation
 from meshes.plane_mesh import PlaneMesh
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+Roughness = float | Literal["estimated"] | None
 
 ELEMENT_UV = 16  # px
 ELEMENT_W = 8  # px; slip steps and grains make the height vary faster than u, v
@@ -30,6 +35,7 @@ ROUGHNESS_FIRST = 0.05  # px; nearly affine: no local minimum for the first pass
 JUMP = 0.5  # px; a smaller shift between two frames is left to Gauss–Newton
 TOLERANCE = 1e-4  # px; largest nodal update of u, v at convergence
 TOLERANCE_FIRST = 2e-2  # px; enough to warp the images back
+LARGEST = 5000  # nodal values, whose covariance takes 200 MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,15 +49,19 @@ class SurfaceMotion:
         covariance_one: covariance that the noise of one frame causes [µm²], shape (n, n):
             σ² M⁻¹, or σ² A⁻¹ M A⁻¹ with the penalty, A = M + P. Between the frames t and t'
             the measured motion has the covariance covariance_one · (δ_tt' + 1/n_reference):
-            all share the noise of the reference.
+            all share the noise of the reference. A frame with pixels that were not compared has
+            more, and the error of the flat pattern adds its own: `covariance_in_time` has both.
         n_reference: number of images averaged into the reference.
         chi: residual in units of noise, degrees of freedom counted, shape (T,).
         iterations: Gauss–Newton steps of the last pass, shape (T,).
         converged: whether the update fell below the tolerance, shape (T,).
         reason: why the iteration of each frame ended, length T.
-        roughness: standard deviation granted to second differences of nodal u, v [µm].
+        roughness: standard deviation granted to what is penalised of u, v [µm].
         ridge: what was added to the diagonal of the Hessian scaled to unit diagonal;
             0 if it was well conditioned.
+        compared: whether each pixel entered the motion of each frame, shape (T, n_pix): not where
+            the frame has no height there or ends before it.
+        equations: normal equations of the last pass.
     """
 
     basis_uv: Basis
@@ -65,6 +75,13 @@ class SurfaceMotion:
     reason: tuple[str, ...]
     roughness: float
     ridge: float
+    compared: BoolArray
+    equations: Equations
+
+    @property
+    def system(self) -> System:
+        """The equations of a frame that has every pixel."""
+        return self.equations.whole
 
     def at_pixels(self) -> FloatArray:
         """u, v, w at the pixels of the region of interest [µm], shape (T, n_pix, 3)."""
@@ -75,8 +92,9 @@ def measure(
     images: SurfaceImages,
     size_uv: float | PlaneMesh | None = None,
     size_w: float | PlaneMesh | None = None,
-    roughness: float | None = None,
+    roughness: Roughness = None,
     workers: int = 1,
+    penalty: Penalty | None = None,
 ) -> SurfaceMotion:
     """Measure u, v, w of every frame against the reference.
 
@@ -85,69 +103,115 @@ def measure(
 
         M_ij = Σ (∇f·ψ_i)(∇f·ψ_j),    b_i = Σ (∇f·ψ_i) ρ,
 
-    factored once for all frames. P = σ²(1 + 1/n) RᵀR/roughness², with R the second
-    differences of u and of v over the grid, keeps modes in bounds that a weak pattern leaves
-    to the noise. It costs nothing for an affine motion, so a uniform elongation is not biased.
+    factored once for all frames. P = σ²(1 + 1/n) R/roughness², with R the penalty of
+    `regularisation`, keeps modes in bounds that a weak pattern leaves to the noise. Curvature and
+    equilibrium cost nothing for an affine motion, so a uniform elongation is not biased.
 
     A height change shorter than about three elements of w does not fit its basis and pulls on
     u, v in proportion to itself, well before χ shows it: choose `size_w` by the topography.
 
-    The first pass starts each frame from the one before it and the rigid shift between the
-    two, stiffly, with the gradient of the smoothed reference. The second takes the gradient
-    from all images, warped back, and relaxes the penalty to `roughness`.
+    The regularisation is ramped down. The first pass starts each frame from the one before it and
+    the rigid shift between the two, stiffly, with the gradient of the smoothed reference and a
+    penalty that leaves affine motions free. The second takes the gradient from all images, warped
+    back, and relaxes to `roughness`, by way of 1 pixel where that is estimated.
+
+    A pixel without a height in one frame is left out of ρ, b and M of that frame alone.
 
     Args:
         images: the series.
         size_uv: element size of u and v [µm]; 16 pixels if None; or their mesh.
         size_w: element size of w [µm]; 8 pixels if None; or its mesh.
-        roughness: standard deviation granted to second differences of nodal u, v [µm];
-            1 pixel if None, infinity for no penalty. On a mesh that is no regular grid the
-            equilibrium gap takes the place of the second differences.
+        roughness: standard deviation granted to what is penalised [µm]; 1 pixel if None, infinity
+            for no penalty; "estimated" for what makes the images most probable.
         workers: threads over the frames; the result does not depend on it.
+        penalty: of u and v; None for curvature on a grid and equilibrium elsewhere.
+
+    Raises:
+        ImageError: more nodal values than their covariance has room for.
     """
     pixel = images.pixel
-    basis_uv = _basis(images, size_uv or ELEMENT_UV * pixel)
-    basis_w = _basis(images, size_w or ELEMENT_W * pixel)
-    roughness = ROUGHNESS * pixel if roughness is None else roughness
-    starts = _first_pass(images, basis_uv, basis_w, min(roughness, ROUGHNESS_FIRST * pixel))
+    basis_uv = basis_on(images, size_uv or ELEMENT_UV * pixel)
+    basis_w = basis_on(images, size_w or ELEMENT_W * pixel)
+    size = 2 * len(basis_uv.nodes) + len(basis_w.nodes)
+    if size > LARGEST:
+        raise ImageError(
+            f"the meshes of correlation have {size} nodal values of u, v and w; at most {LARGEST} "
+            "are expected: take larger elements."
+        )
+    variance = images.sigma**2 * (1.0 + 1.0 / images.n_reference)
+    first = ROUGHNESS_FIRST * pixel
+    if isinstance(roughness, float):
+        first = min(roughness, first)
+    system = _system(images, basis_uv, basis_w, "curvature")
+    system.weigh([variance / first**2])
+    starts = _first_pass(images, system)
     images = refine_gradient(images, _expand(basis_uv, basis_w, starts))
-    system = _system(images, basis_uv, basis_w, roughness)
+    system = _system(images, basis_uv, basis_w, penalty)
+    relief = float(np.var(images.reference))
+    bends = penalties(basis_uv, basis_w, penalty)[1]
+    equations = Equations(system, bends, variance / relief)
 
-    def finish(t: int) -> End:
-        return system.iterate(images.frames.coefficients[t], starts[t], TOLERANCE)
+    def solve(starts: FloatArray, tolerance: float) -> list[End]:
+        def one(spline: FloatArray, start: FloatArray) -> End:
+            return equations.solve(spline, start, tolerance)
 
-    if workers == 1:
-        ends = [finish(t) for t in range(images.n_frames)]
-    else:
+        if workers == 1:
+            return list(map(one, images.frames.coefficients, starts))
         with ThreadPoolExecutor(workers) as pool:
-            ends = list(pool.map(finish, range(images.n_frames)))
+            return list(pool.map(one, images.frames.coefficients, starts))
+
+    if roughness == "estimated":
+        system.weigh([variance / (ROUGHNESS * pixel) ** 2])
+        p = np.array([end.p for end in solve(starts, TOLERANCE_FIRST)])
+        targets = np.array([system.hessian @ q + system.penalty_force(q) for q in p])
+        rank = ranks(basis_uv, basis_w, penalty)
+        evidence = Evidence(system, targets, 0.0, rank, (True, False), images.n_reference)
+        # The height has no penalty here.
+        guess = Estimate(images.sigma, ROUGHNESS * pixel, roughness_w=1.0)
+        estimate, starts = evidence.settle(p, guess, images.sigma)
+        granted = estimate.roughness
+    else:
+        granted = ROUGHNESS * pixel if roughness is None else roughness
+    system.weigh([variance / granted**2])
+    ends = solve(starts, TOLERANCE)
     coefficients = np.array([end.p for end in ends])
     motion = _expand(basis_uv, basis_w, coefficients)
-    # A pixel that left the image adds nothing.
-    residuals = np.nan_to_num([end.residual for end in ends])
+    residuals = np.array([end.residual for end in ends])
     squares = residuals**2 / images.expected_residual_variance(motion)
+    compared = np.isfinite(residuals)
+    left = np.maximum(compared.sum(axis=1) - system.freedom(), 1.0)
     return SurfaceMotion(
         basis_uv=basis_uv,
         basis_w=basis_w,
         coefficients=coefficients,
         covariance_one=images.sigma**2 * system.covariance_of(np.eye(system.size)),
         n_reference=images.n_reference,
-        chi=np.sqrt(squares.sum(axis=1) / (len(images.xy) - system.freedom())),
+        chi=np.sqrt(np.nansum(squares, axis=1) / left),
         iterations=np.array([end.iterations for end in ends]),
         converged=np.array([end.reason == "converged" for end in ends]),
         reason=tuple(explanation(end, TOLERANCE) for end in ends),
-        roughness=roughness,
+        roughness=granted,
         ridge=system.ridge,
+        compared=compared,
+        equations=equations,
     )
 
 
-def _basis(images: SurfaceImages, size: float | PlaneMesh) -> Basis:
+def basis_on(images: SurfaceImages, size: float | PlaneMesh) -> Basis:
+    """The basis of a component over the region of interest.
+
+    Args:
+        images: the series.
+        size: of the elements of a regular grid [µm], or a mesh that holds all pixels.
+    """
     if isinstance(size, PlaneMesh):
         return mesh_basis(images.xy, size)
     return grid_basis(images.xy, images.bounds, size)
 
 
-def _system(images: SurfaceImages, basis_uv: Basis, basis_w: Basis, roughness: float) -> System:
+def _system(
+    images: SurfaceImages, basis_uv: Basis, basis_w: Basis, penalty: Penalty | None
+) -> System:
     origin = images.frames.origin
     pixels = Pixels(
         rows=images.xy[:, 0] / images.pixel + origin[0],
@@ -156,17 +220,11 @@ def _system(images: SurfaceImages, basis_uv: Basis, basis_w: Basis, roughness: f
         slope=np.ascontiguousarray(images.gradient),
         pixel=images.pixel,
     )
-    system = System(pixels, basis_uv, basis_w, penalties(basis_uv, basis_w, None)[:1])
-    variance = images.sigma**2 * (1.0 + 1.0 / images.n_reference)
-    system.weigh([variance / roughness**2])
-    return system
+    return System(pixels, basis_uv, basis_w, penalties(basis_uv, basis_w, penalty)[:1])
 
 
-def _first_pass(
-    images: SurfaceImages, basis_uv: Basis, basis_w: Basis, roughness: float
-) -> FloatArray:
+def _first_pass(images: SurfaceImages, system: System) -> FloatArray:
     """A stiff motion of every frame, each from where the one before it ended, shape (T, n)."""
-    system = _system(images, basis_uv, basis_w, roughness)
     n = 2 * system.n_uv
     box = np.s_[
         images.rows.min() : images.rows.max() + 1, images.cols.min() : images.cols.max() + 1
@@ -174,7 +232,8 @@ def _first_pass(
     starts = np.zeros((images.n_frames, system.size))
     p, before = starts[0], binned(images.reference_image[box], 2)
     for t, spline in enumerate(images.frames.coefficients):
-        after = binned(samples(spline)[box], 2)
+        seen = samples(spline)[box]
+        after = binned(fill_off_surface(seen, np.isfinite(seen)), 2)
         shift = 2 * images.pixel * np.array(phase_correlation(before, after))
         if np.hypot(*shift) > JUMP * images.pixel:
             moved = p + np.repeat([*shift, 0.0], [n // 2, n // 2, system.size - n])

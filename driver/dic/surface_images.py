@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from driver.dic.interpolation import SplineImages, spline_images, variance_gain
 from driver.images.flatfield import FlatField, left_over
-from driver.images.heightmaps import ImageError
+from driver.images.heightmaps import ImageError, on_surface
 from driver.images.reference import build_reference, corrected
 from driver.images.region import Bounds, CodeArray
 
@@ -32,7 +32,7 @@ class SurfaceImages:
         cols: column of each pixel, shape (n_pix,).
         reference: height f of each pixel, mean of the repeats [µm], shape (n_pix,).
         gradient: ∂f/∂X, ∂f/∂Y at each pixel [-], shape (n_pix, 2).
-        frames: the T images of the series.
+        frames: the T images of the series, their coefficients NaN where no height was measured.
         sigma: standard deviation of the noise of one frame at a pixel [µm].
         n_reference: number of images averaged into `reference`.
         shape: (rows, cols) of an image.
@@ -41,6 +41,7 @@ class SurfaceImages:
         reference_image: the whole reference [µm], extended over trenches, shape (rows, cols).
         noise_dof: degrees of freedom behind `sigma`.
         sigma_flat: standard error of the flat pattern that was subtracted [µm].
+        flat_error: the same at each pixel [µm], shape (rows, cols).
         codes: what becomes of each pixel, values of `Excluded`, shape (rows, cols).
     """
 
@@ -58,6 +59,7 @@ class SurfaceImages:
     reference_image: FloatArray
     noise_dof: int
     sigma_flat: float
+    flat_error: FloatArray
     codes: CodeArray
 
     @property
@@ -66,7 +68,7 @@ class SurfaceImages:
         return len(self.frames.coefficients)
 
     def residual(self, motion: FloatArray, index: IntArray | None = None) -> FloatArray:
-        """ρ = f(x) + w − g(x + u, y + v) [µm].
+        """ρ = f(x) + w − g(x + u, y + v) [µm], NaN next to a pixel that the frame lacks.
 
         Args:
             motion: u, v, w along X, Y, Z at each pixel [µm], shape (T, n_pix, 3).
@@ -100,7 +102,7 @@ class SurfaceImages:
     ) -> FloatArray:
         """Residual of each frame in units of noise; 1 if only noise is left.
 
-        χ² = Σ ρ²/E[ρ²] / (n_pix − n_parameters).
+        χ² = Σ ρ²/E[ρ²] / (n_pix − n_parameters), over the pixels that the frame has.
 
         Args:
             motion: as in `residual`.
@@ -111,7 +113,8 @@ class SurfaceImages:
             Shape (T,).
         """
         squares = self.residual(motion, index) ** 2 / self.expected_residual_variance(motion)
-        return np.asarray(np.sqrt(squares.sum(axis=1) / (len(self.xy) - n_parameters)))
+        freedom = np.maximum(np.isfinite(squares).sum(axis=1) - n_parameters, 1.0)
+        return np.asarray(np.sqrt(np.nansum(squares, axis=1) / freedom))
 
 
 def prepare(
@@ -127,8 +130,10 @@ def prepare(
     """Correct the images and gather what correlation needs.
 
     The flat pattern is subtracted; repeats that moved significantly are registered to the
-    first one; pixels without a height are filled from their neighbours and, with a margin,
-    kept out of the region of interest, as is dust.
+    first one; pixels that a repeat lacks are, with a margin, kept out of the region of interest,
+    as is dust. Where a frame lacks a height its spline has no number: whatever would be
+    interpolated from there is NaN in that frame alone. (Its neighbours' coefficients are those of
+    the surface extended over the gap: two pixels off they err by 2 % of what that is wrong by.)
 
     Args:
         frames: height maps of the series [µm], shape (T, rows, cols).
@@ -161,7 +166,7 @@ def prepare(
         cols=cols,
         reference=reference.heights[rows, cols],
         gradient=spline_images(smooth[None], pixel, origin).gradient(0, xy[:, 0], xy[:, 1]),
-        frames=spline_images(corrected(frames, flat, "frame"), pixel, origin),
+        frames=_with_gaps(spline_images(corrected(frames, flat, "frame"), pixel, origin), frames),
         sigma=reference.noise.sigma,
         n_reference=reference.n,
         shape=(shape[0], shape[1]),
@@ -170,16 +175,23 @@ def prepare(
         reference_image=reference.heights,
         noise_dof=reference.noise.dof,
         sigma_flat=0.0 if flat is None else flat.sigma,
+        flat_error=np.zeros(shape) if flat is None else flat.error,
         codes=reference.codes,
     )
+
+
+def _with_gaps(splines: SplineImages, frames: FloatArray) -> SplineImages:
+    splines.coefficients[~on_surface(frames)] = np.nan
+    return splines
 
 
 def refine_gradient(images: SurfaceImages, motion: FloatArray) -> SurfaceImages:
     """Take the gradient from the mean of the repeats and of all frames, warped back.
 
     The mean of n + T images has little noise of its own to be mistaken for pattern. A frame
-    counts by 1/χ², so that one with an artefact does not spoil it. The reference values stay
-    those of the repeats alone: later statistics need to know whose noise they carry.
+    counts by 1/χ², so that one with an artefact does not spoil it, and not at all at the pixels
+    that it lacks. The reference values stay those of the repeats alone: later statistics need to
+    know whose noise they carry.
 
     Args:
         images: the series.
@@ -194,12 +206,15 @@ def refine_gradient(images: SurfaceImages, motion: FloatArray) -> SurfaceImages:
     nearest = ndimage.distance_transform_edt(~roi, return_distances=False, return_indices=True)
     carried = motion[:, pixel_of[tuple(nearest)][rows, cols]]
     moved = (np.column_stack([rows, cols]) - images.frames.origin) * images.pixel + carried[..., :2]
-    weights = np.minimum(1.0, images.chi(motion) ** -2.0)
+    weights = np.maximum(images.chi(motion), 1.0) ** -2.0
     total = images.n_reference * images.reference_image[rows, cols]
+    count = np.full(len(rows), float(images.n_reference))
     for t, weight in enumerate(weights):
         warped = images.frames.value(t, moved[t, :, 0], moved[t, :, 1]) - carried[t, :, 2]
-        total = total + weight * warped
+        seen = np.isfinite(warped)
+        total[seen] += weight * warped[seen]
+        count += weight * seen
     mean = images.reference_image.copy()
-    mean[rows, cols] = total / (images.n_reference + weights.sum())
+    mean[rows, cols] = total / count
     spline = spline_images(mean[None], images.pixel, images.frames.origin)
     return replace(images, gradient=spline.gradient(0, images.xy[:, 0], images.xy[:, 1]))

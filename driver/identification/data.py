@@ -78,7 +78,8 @@ class ImageData:
         shift[:, :3] = self.mean_motion[index] - motion.mean(axis=1)
         for _ in range(_SHIFT_ITERATIONS):
             moved = motion + np.einsum("tr,rpc->tpc", shift, self.rigid)
-            rho = self.images.residual(moved, index)
+            # A pixel that a frame lacks says nothing, whatever the prediction.
+            rho = np.nan_to_num(self.images.residual(moved, index))
             step = rho @ seen @ inverse
             shift += step
         rho = rho - step @ seen.T  # the last, small step to first order

@@ -18,6 +18,7 @@ BoolArray = NDArray[np.bool_]
 # Squares of second differences of white noise are correlated: k of them, from k + 2 frames, have
 # the scatter of k/(1 + 2 (4/6)² + 2 (1/6)²) independent ones.
 _SHARED = 1.0 + 2.0 * ((4 / 6) ** 2 + (1 / 6) ** 2)
+FITTED = 0.95  # share of a pixel's variance in the motion, beyond which its residual says nothing
 CHANCE = 0.01  # of one pixel or more that is called noisier in a series of uniform noise
 
 
@@ -92,23 +93,29 @@ def temporal_noise(
     slowly: both fall out of ρ(t−1) − 2 ρ(t) + ρ(t+1), whose variance is that of six readings.
 
     Args:
-        residual: ρ of frames in their order [µm], shape (T, n_pix).
+        residual: ρ of frames in their order [µm], NaN where a frame lacks a pixel, (T, n_pix).
         gain: variance of interpolated white noise at the pixels, shape (T, n_pix).
         fitted: share of the variance of each pixel that the fitted motion takes, shape
             (n_pix,).
 
     Returns:
-        None for fewer than three frames.
+        None for fewer than three frames with a pixel in common.
     """
     n_differences = len(residual) - 2
     if n_differences < 1:
         return None
     difference = residual[:-2] - 2.0 * residual[1:-1] + residual[2:]
-    scale = (gain[:-2] + 4.0 * gain[1:-1] + gain[2:]) * (1.0 - fitted)
-    variance = np.mean(difference**2 / scale, axis=0)
+    scale = (gain[:-2] + 4.0 * gain[1:-1] + gain[2:]) * np.maximum(1.0 - fitted, 1.0 - FITTED)
+    seen = np.isfinite(difference) & (fitted < FITTED)
+    count = seen.sum(axis=0)
+    if not count.any():
+        return None
+    total = np.sum(difference**2 / scale, axis=0, where=seen)
+    mean = float(total.sum() / count.sum())
+    variance = np.where(count > 0, total / np.maximum(count, 1), mean)
     map_dof = n_differences / _SHARED
-    mean = float(np.mean(variance))
-    limit = chi2.isf(CHANCE / variance.size, map_dof) / map_dof
+    own = np.maximum(count, 1) / _SHARED
+    limit = chi2.isf(CHANCE / variance.size, own) / own
     return TemporalNoise(
         sigma=float(np.sqrt(mean)),
         dof=map_dof * float(variance.size - fitted.sum()),

@@ -25,9 +25,17 @@ class Face:
 
     Attributes:
         mesh: the elements.
+
+    Raises:
+        ValueError: elements of another kind, as the face of a mesh of wedges has.
     """
 
     mesh: SurfaceMesh
+
+    def __post_init__(self) -> None:
+        """Refuse what `locate` cannot place points in."""
+        if self.mesh.cells.shape[1] != 6:
+            raise ValueError("the face is made of quad8; a tri6 face, of a tet10 mesh, is expected")
 
     @cached_property
     def bounds(self) -> FloatArray:

@@ -80,6 +80,7 @@ def noise_floor(case_path: Path, log: Log) -> None:
         "squared slopes are noise"
     )
     ratio = case.dic.height_element_px / case.dic.element_px
+    roughness = case.dic.roughness_um(pixel)
     rows: list[Row] = []
     freedom, start, steps = 1, perf_counter(), 0
 
@@ -93,8 +94,11 @@ def noise_floor(case_path: Path, log: Log) -> None:
     for size in SIZES:
         size_w = ratio * size
         uv, w = size * pixel, size_w * pixel
-        measured, freedom = measured_gamma_u(repeats, specimen.length, uv, w)
-        rows.append(Row(size, size_w, errors(lab, uv, w, done), measured))
+        measured, freedom = measured_gamma_u(
+            repeats, specimen.length, uv, w, roughness, case.dic.penalised
+        )
+        found = errors(lab, uv, w, done, roughness, case.dic.penalised)
+        rows.append(Row(size, size_w, found, measured))
     take = chosen(rows)
     for line in table(rows, take, freedom):
         log(line)

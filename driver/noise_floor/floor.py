@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.case import Case
-from driver.dic.series import measure
+from driver.dic.regularisation import Penalty
+from driver.dic.series import Roughness, measure
 from driver.dic.surface_images import SurfaceImages
 from driver.experiment import Experiment
 from driver.images.plane import plane_modes
@@ -59,7 +60,12 @@ def repeats_as_frames(case: Case, experiment: Experiment) -> SurfaceImages:
 
 
 def measured_gamma_u(
-    repeats: SurfaceImages, length: float, size_uv: float, size_w: float
+    repeats: SurfaceImages,
+    length: float,
+    size_uv: float,
+    size_w: float,
+    roughness: Roughness = None,
+    penalty: Penalty | None = None,
 ) -> tuple[float, int]:
     """Standard deviation of the elongation of an image that the repeats show.
 
@@ -71,11 +77,14 @@ def measured_gamma_u(
         length: of the specimen [µm].
         size_uv: element size of u and v [µm].
         size_w: element size of w [µm].
+        roughness: as in `measure`.
+        penalty: as in `measure`.
 
     Returns:
         [µm], and its degrees of freedom n − 1: it is known to a share of 1/√(2 (n − 1)).
     """
-    stretch, _ = elongation(measure(repeats, size_uv, size_w), repeats, length)
+    motion = measure(repeats, size_uv, size_w, roughness, penalty=penalty)
+    stretch, _ = elongation(motion, repeats, length)
     n = len(stretch)
     return float(stretch.std(ddof=1) * np.sqrt(1 + 1 / n)), n - 1
 

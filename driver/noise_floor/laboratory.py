@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from driver.dic.basis import Basis
 from driver.dic.elongation import edge_motion
-from driver.dic.series import SurfaceMotion, measure
+from driver.dic.regularisation import Penalty
+from driver.dic.series import Roughness, SurfaceMotion, measure
 from driver.dic.surface_images import SurfaceImages, prepare
 from driver.microscope.series import carried
 from driver.microscope.texture import Texture, texture
@@ -138,7 +139,12 @@ class Errors:
 
 
 def errors(
-    lab: Laboratory, size_uv: float, size_w: float, done: Callable[[], None] = lambda: None
+    lab: Laboratory,
+    size_uv: float,
+    size_w: float,
+    done: Callable[[], None] = lambda: None,
+    roughness: Roughness = None,
+    penalty: Penalty | None = None,
 ) -> Errors:
     """Correlate all series with one mesh.
 
@@ -150,12 +156,14 @@ def errors(
         size_uv: element size of u and v [µm].
         size_w: element size of w [µm].
         done: called after each series.
+        roughness: as in `measure`.
+        penalty: as in `measure`.
     """
     found: dict[str, list[FloatArray]] = {quantity: [] for quantity in QUANTITIES}
     predicted, converged = [], []
     for number in range(SERIES):
         images = lab.series(number)
-        motion = measure(images, size_uv, size_w)
+        motion = measure(images, size_uv, size_w, roughness, penalty=penalty)
         fields = np.concatenate([motion.at_pixels(), strain_yy(motion, images)[..., None]], axis=2)
         wrong = fields - np.repeat(lab.truth, DRAWS, axis=0)
         for index, quantity in enumerate(QUANTITIES[:4]):

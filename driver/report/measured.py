@@ -12,12 +12,15 @@ from driver.report.maps import Face
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 DATASETS = (
     "stage", "cycle", "reference", "pixel", "origin", "rows", "cols", "motion", "coefficients",
     "covariance_one", "n_reference", "nodes_uv", "nodes_w", "cells_uv", "cells_w", "residual",
-    "residual_over_noise", "chi", "sigma", "elongation", "elongation_sigma", "tilt", "tilt_sigma",
-    "mean_w", "mean_w_sigma",
+    "residual_over_noise", "chi", "sigma", "converged", "stopped", "penalty", "roughness",
+    "roughness_estimated", "travel_length", "smoother",
+    *(f"{reading}{part}" for reading in ("elongation", "tilt", "mean_w")
+      for part in ("", "_covariance", "_held", "_single")),
 )  # fmt: skip
 BAND = 1.96  # standard deviations of a 95 % band
 SHOWN = 4  # images at most that are shown as maps
@@ -30,11 +33,37 @@ class Curve:
 
     Attributes:
         value: its values [µm], shape (T,).
-        sigma: standard deviation of each, the reference's noise included [µm].
+        sigma: standard deviation of each, the reference's noise included [µm], shape (T,).
+        held: of what the penalty may hold back, contained in `sigma` [µm].
+        single: median of `sigma` without smoothing along stage travel [µm].
     """
 
     value: FloatArray
-    sigma: float
+    sigma: FloatArray
+    held: float
+    single: float
+
+    @property
+    def typical(self) -> float:
+        """Median of `sigma` [µm]."""
+        return float(np.median(self.sigma))
+
+
+@dataclass(frozen=True)
+class Regularisation:
+    """What kept the motion in bounds.
+
+    Attributes:
+        penalty: name of it, as in the case.
+        roughness: what it grants [px]; infinity for no penalty.
+        estimated: whether the images themselves said so.
+        travel: stage travel below which changes count as noise [µm]; 0 for no smoothing.
+    """
+
+    penalty: str
+    roughness: float
+    estimated: bool
+    travel: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +82,13 @@ class MeasuredMotion:
         cells_uv: corners of the elements of u and v, shape (n, n_corners).
         cells_w: the same of w.
         nodal_uv: u, v of the nodes less the same mean [µm], shape (T, n_uv, 2).
-        residual: ρ [µm], shape (T, n_pix).
+        residual: ρ [µm], NaN where an image lacks the pixel, shape (T, n_pix).
         standardised: ρ over the standard deviation that noise gives it, degrees of freedom
             counted: its root mean square over an image is χ, shape (T, n_pix).
         chi: χ of each image, shape (T,).
+        converged: whether the correlation of each image did, shape (T,).
+        stopped: why it ended, and what to try where it failed, length T.
+        regularisation: what kept the motion in bounds.
         nodal_sigma: standard deviation of a nodal value of u, v, w [µm], median over the nodes,
             shape (3,).
         sigma: standard deviation of the height noise at a pixel of one image [µm].
@@ -79,6 +111,9 @@ class MeasuredMotion:
     residual: FloatArray
     standardised: FloatArray
     chi: FloatArray
+    converged: BoolArray
+    stopped: tuple[str, ...]
+    regularisation: Regularisation
     nodal_sigma: FloatArray
     sigma: float
     elongation: Curve
@@ -114,7 +149,11 @@ def measured_motion(
     mean = m["motion"].mean(axis=1, keepdims=True)
     n_uv = len(m["nodes_uv"])
     nodal = np.stack([m["coefficients"][:, :n_uv], m["coefficients"][:, n_uv : 2 * n_uv]], axis=-1)
-    nodal_sigma = np.sqrt(np.diag(m["covariance_one"]) * (1.0 + 1.0 / float(m["n_reference"])))
+    # What smoothing along travel leaves of the noise of an image; nothing of what all share.
+    left = float(np.median((m["smoother"] ** 2).sum(axis=1)))
+    # Rounding may leave a node that no pixel sees a variance just below zero.
+    variance = np.maximum(np.diag(m["covariance_one"]), 0.0)
+    nodal_sigma = np.sqrt(variance * (left + 1.0 / float(m["n_reference"])))
     row, column = m["origin"].tolist()
     return MeasuredMotion(
         face=Face(
@@ -134,12 +173,30 @@ def measured_motion(
         residual=m["residual"],
         standardised=m["residual_over_noise"],
         chi=m["chi"],
+        converged=m["converged"] > 0,
+        stopped=tuple(_text(why) for why in m["stopped"]),
+        regularisation=Regularisation(
+            penalty=_text(m["penalty"]),
+            roughness=float(m["roughness"]) / float(m["pixel"]),
+            estimated=bool(m["roughness_estimated"]),
+            travel=float(m["travel_length"]),
+        ),
         nodal_sigma=np.array([np.median(part) for part in np.split(nodal_sigma, [n_uv, 2 * n_uv])]),
         sigma=float(m["sigma"]),
-        elongation=Curve(m["elongation"], float(m["elongation_sigma"])),
-        tilt=Curve(m["tilt"], float(m["tilt_sigma"])),
-        mean_w=Curve(m["mean_w"], float(m["mean_w_sigma"])),
+        elongation=_curve(m, "elongation"),
+        tilt=_curve(m, "tilt"),
+        mean_w=_curve(m, "mean_w"),
     )  # fmt: skip
+
+
+def _curve(m: Mapping[str, FloatArray], name: str) -> Curve:
+    held = float(m[f"{name}_held"])
+    sigma = np.sqrt(m[f"{name}_covariance"].diagonal() + held**2)
+    return Curve(m[name], sigma, held, float(m[f"{name}_single"]))
+
+
+def _text(value: NDArray[np.generic]) -> str:
+    return bytes(value.item()).decode("utf-8")
 
 
 def peaks(stage: FloatArray, cycle: IntArray) -> IntArray:

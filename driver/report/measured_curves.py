@@ -25,7 +25,8 @@ def noise(measured: MeasuredMotion) -> Figure:
     """Histogram of ρ/σ over all pixels and images against the unit normal, and χ of each image."""
     figure = new_figure(3.4)
     shares, curve = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
-    values = np.clip(measured.standardised.ravel(), _BINS[0], _BINS[-1])
+    seen = measured.standardised[np.isfinite(measured.standardised)]
+    values = np.clip(seen, _BINS[0], _BINS[-1])
     density, _ = np.histogram(values, _BINS, density=True)
     shares.stairs(density, _BINS, fill=True, color=AFTER, alpha=0.35)
     shares.stairs(density, _BINS, color=AFTER, lw=1.2, label="all pixels and images")
@@ -39,6 +40,10 @@ def noise(measured: MeasuredMotion) -> Figure:
     shares.legend(loc="upper left")
     image = np.arange(len(measured.chi))
     curve.plot(image, measured.chi, ".-", ms=4, lw=0.9, color=AFTER)
+    failed = image[~measured.converged]
+    if failed.size:
+        curve.plot(failed, measured.chi[failed], "x", ms=7, mew=1.6, color=MEASURED,
+                   label="not converged")  # fmt: skip
     curve.axhline(1.0, color=MEASURED, lw=1.4, ls="--", label="noise alone")
     for k, shown in enumerate(measured.shown):
         curve.axvline(shown, color=GREY, lw=0.9, ls=":", label="" if k else "shown as maps")
@@ -84,7 +89,7 @@ def _draw(axis: Axes, measured: MeasuredMotion, curve: Curve) -> None:
     cycles = np.unique(measured.cycle).tolist()
     for loading, images in phases(measured.stage, measured.cycle):
         colour, stage = LOADING if loading else UNLOADING, measured.stage[images]
-        axis.fill_between(stage, value[images] - half, value[images] + half, color=colour,
+        axis.fill_between(stage, (value - half)[images], (value + half)[images], color=colour,
                           alpha=0.13, lw=0)  # fmt: skip
         mark = _mark(cycles.index(measured.cycle[images[-1]]))
         # The first image of a phase has its mark as the last one of the phase before.

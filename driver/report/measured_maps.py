@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
@@ -91,9 +91,7 @@ def fields(measured: MeasuredMotion) -> Figure:
             colours[..., :3] *= light
             axis.pcolormesh(corners[..., 1], corners[..., 0], colours)
             axis.add_collection(_outlines(moved, measured.cells_uv, 0.7, 0.9, "black"), False)
-            axis.add_patch(
-                Rectangle(*_box(measured.nodes_uv), fill=False, ec=_ROI, lw=1.0, ls="--")
-            )
+            axis.add_collection(_border(measured.nodes_uv, measured.cells_uv), autolim=False)
             _frame(axis, face, shape)
             if k == 0:
                 axis.set_ylabel("X [µm]")
@@ -190,7 +188,7 @@ def field_limits(values: FloatArray) -> tuple[float, float]:
 
 
 def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    return float(np.sqrt(np.nanmean(values**2)))
 
 
 def _nm(measured: MeasuredMotion) -> FloatArray:
@@ -248,6 +246,9 @@ def _outlines(
                           linewidths=width, alpha=alpha)  # fmt: skip
 
 
-def _box(nodes: FloatArray) -> tuple[tuple[float, float], float, float]:
-    (x, y), (width, length) = nodes.min(axis=0), np.ptp(nodes, axis=0)
-    return (float(y), float(x)), float(length), float(width)
+def _border(nodes: FloatArray, cells: IntArray) -> LineCollection:
+    """The sides (X, Y) that belong to one element alone, Y to the right."""
+    sides = np.stack([cells, np.roll(cells, -1, axis=1)], axis=-1).reshape(-1, 2)
+    ends, count = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
+    lines = nodes[ends[count == 1]][..., ::-1]
+    return LineCollection(list(lines), colors=_ROI, linewidths=1.0, linestyles="--")

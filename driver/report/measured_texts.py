@@ -11,6 +11,12 @@ from driver.report.measured import BAND, Curve, MeasuredMotion
 from driver.report.measured_maps import COMPONENTS
 from driver.report.wording import chi, joined, number, with_sigma
 
+PENALTIES = {
+    "tikhonov": "Tikhonov, its second derivatives",
+    "equilibrium_gap": "the equilibrium gap of an elastic sheet",
+    "elastic": "the elastic energy",
+}
+_TOLD = 3  # images at most, of which it is said why they stopped
 _FAR = 3.0  # σ beyond which pixels are counted
 _FAR_SHARE = 0.0026998  # of a normal distribution, beyond 3 σ
 
@@ -76,21 +82,54 @@ def _travel(m: MeasuredMotion) -> PictureText:
     last = int(m.shown[-1])
 
     def at_peak(curve: Curve) -> str:
-        return f"{with_sigma(1e3 * curve.value[last], 1e3 * curve.sigma)} nm"
+        return f"{with_sigma(1e3 * curve.value[last], 1e3 * float(curve.sigma[last]))} nm"
 
-    half = [number(1e3 * BAND * c.sigma, 2) for c in (m.elongation, m.tilt, m.mean_w)]
+    half = [number(1e3 * BAND * c.typical, 2) for c in (m.elongation, m.tilt, m.mean_w)]
     return PictureText(
         f"Motion of the ends against each other (the mean stretch of the region of interest "
         f"carried on to them) and mean height change, image by image. Bands: 95 %, ± {BAND} "
-        f"standard deviations from the covariance of the correlation, that is "
+        f"standard deviations from the covariance of the correlation (noise of images and "
+        f"reference, error of the flat pattern, and what the penalty may hold back), typically "
         f"± {half[0]} nm for the elongation, ± {half[1]} nm for the tilt and ± {half[2]} nm for "
-        f"the mean of w. That mean holds what the stage refocuses, and jumps with it. At the end "
-        f"of the last loading the elongation is {at_peak(m.elongation)} and the tilt "
-        f"{at_peak(m.tilt)} (± one standard deviation).",
+        f"the mean of w. {_regularised(m)} The mean of w holds what the stage refocuses, and "
+        f"jumps with it. At the end of the last loading the elongation is {at_peak(m.elongation)} "
+        f"and the tilt {at_peak(m.tilt)} (± one standard deviation).{_smoothed(m)}",
         f"Curves over stage travel from {number(m.stage.min())} to {number(m.stage.max())} µm, "
         f"loading solid and unloading dashed: the elongation reaches {at_peak(m.elongation)}, the "
         f"tilt {at_peak(m.tilt)}.",
     )
+
+
+def _regularised(m: MeasuredMotion) -> str:
+    regularisation = m.regularisation
+    if not np.isfinite(regularisation.roughness):
+        return "The motion is not regularised."
+    how = "estimated from the images" if regularisation.estimated else "as the case states"
+    return (
+        f"In space the motion is regularised ({PENALTIES[regularisation.penalty]}, roughness "
+        f"{number(regularisation.roughness, 2)} px, {how}): of the elongation that may hold back "
+        f"{number(1e3 * m.elongation.held, 2)} nm (one standard deviation)."
+    )
+
+
+def _smoothed(m: MeasuredMotion) -> str:
+    if not m.regularisation.travel:
+        return ""
+    return (
+        f" Changes below {m.regularisation.travel:g} µm of stage travel count as noise, the shifts "
+        f"of the stage excepted: the standard deviation of the elongation falls from "
+        f"{number(1e3 * m.elongation.single, 2)} to {number(1e3 * m.elongation.typical, 2)} nm, "
+        f"and the errors of neighbouring images are correlated."
+    )
+
+
+def _stopped(m: MeasuredMotion) -> str:
+    failed = np.flatnonzero(~m.converged)
+    if not failed.size:
+        return f" The correlation of all {len(m.chi)} images converged."
+    told = "; ".join(f"image {t} {m.stopped[t]}" for t in failed[:_TOLD])
+    more = f"; so did {failed.size - _TOLD} others" if failed.size > _TOLD else ""
+    return f" Crosses: {failed.size} of {len(m.chi)} images did not converge: {told}{more}."
 
 
 def _residuals(m: MeasuredMotion) -> PictureText:
@@ -106,7 +145,7 @@ def _residuals(m: MeasuredMotion) -> PictureText:
 
 
 def _noise(m: MeasuredMotion) -> PictureText:
-    values, worst = m.standardised, int(np.argmax(m.chi))
+    values, worst = m.standardised[np.isfinite(m.standardised)], int(np.argmax(m.chi))
     far = 100.0 * float(np.mean(np.abs(values) > _FAR))
     return PictureText(
         f"Left: all {values.size} residuals over their noise; with noise alone they follow the "
@@ -114,7 +153,7 @@ def _noise(m: MeasuredMotion) -> PictureText:
         f"{number(far, 2)} % lie beyond {_FAR:g} σ (normal: {number(100 * _FAR_SHARE, 2)} %), the "
         f"farthest at {number(float(np.abs(values).max()), 2)} σ. Right: χ of each image, from "
         f"{chi(float(m.chi.min()))} to {chi(float(m.chi.max()))} (image {worst}), "
-        f"{chi(_rms(m.chi))} over all.",
+        f"{chi(_rms(m.chi))} over all.{_stopped(m)}",
         f"Histogram of residuals beside the unit normal, standard deviation "
         f"{number(float(values.std()))}; χ of {len(m.chi)} images between "
         f"{chi(float(m.chi.min()))} and {chi(float(m.chi.max()))}.",
@@ -122,4 +161,4 @@ def _noise(m: MeasuredMotion) -> PictureText:
 
 
 def _rms(values: NDArray[np.float64]) -> float:
-    return float(np.sqrt(np.mean(values.astype(np.float64) ** 2)))
+    return float(np.sqrt(np.nanmean(values.astype(np.float64) ** 2)))

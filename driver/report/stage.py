@@ -69,7 +69,7 @@ def draw(findings: Findings) -> Iterator[tuple[str, Figure]]:
     last = sides[-1]
     yield "motion", figures.motion(
         m["stage"], m["cycle"].astype(np.int64), np.column_stack([m["elongation"], m["tilt"]]),
-        np.array([float(m["elongation_sigma"]), float(m["tilt_sigma"])]),
+        np.array([findings.motion.elongation.typical, findings.motion.tilt.typical]),
         history.stage, {side: findings.edges(side) for side in sides}, history.turning,
     )  # fmt: skip
     peaks = findings.peaks

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import SurfaceMesh, interpolation, trace
 
@@ -61,3 +62,29 @@ def test_no_points_give_an_empty_matrix(surface: SurfaceMesh) -> None:
     matrix, inside = interpolation(surface, np.empty((0, 2)))
     assert matrix.shape == (0, len(surface.points))
     assert inside.shape == (0,)
+
+
+@pytest.fixture(scope="module")
+def swept_face(geometry: PrismGeometry) -> SurfaceMesh:
+    return trace(generate(geometry, 1.65, "wedge15"))
+
+
+def test_the_face_of_wedges_is_a_mesh_of_quad8(swept_face: SurfaceMesh) -> None:
+    plane = swept_face.plane
+    plane.check()
+    assert plane.kind == "quad8"
+    # 4 × 12 µm, by the corners of the cells.
+    assert plane.size**2 * len(plane.cells) == pytest.approx(48.0)
+
+
+def test_a_linear_field_is_interpolated_exactly_on_the_face_of_wedges(
+    swept_face: SurfaceMesh,
+) -> None:
+    # The cells lean with the boundary: on a parallelogram or trapezium quad8 holds linear fields.
+    xy = np.random.default_rng(3).uniform((-1.99, 0.01), (1.99, 11.99), (400, 2))
+    matrix, inside = interpolation(swept_face, xy)
+    field = np.array([0.3, -0.7])
+    assert inside.all()
+    assert matrix @ (swept_face.points @ field + 1.5) == pytest.approx(xy @ field + 1.5, abs=1e-10)
+    matrix, inside = interpolation(swept_face, np.array([[2.5, 6.0], [0.0, 6.0]]))
+    assert inside.tolist() == [False, True] and matrix[[0]].nnz == 0

@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from driver.dic.basis import grid_basis, mesh_basis
 from driver.dic.correlation import Correlation, correlate
 from driver.dic.interpolation import samples
-from driver.dic.regularisation import penalties
+from driver.dic.regularisation import Penalty, modes, penalties
 from driver.dic.search import Options
 from driver.dic.surface_images import SurfaceImages
 from driver.images.heightmaps import ImageError
 from meshes.plane_cells import CellKind
-from meshes.plane_mesh import PlaneMesh, surface_plane
+from meshes.plane_mesh import PlaneMesh
 from meshes.surface import SurfaceMesh
 from tests.meshes.plane_examples import distorted
 
@@ -85,7 +86,7 @@ def test_the_trace_of_the_volume_mesh_is_a_basis(scene: Scene) -> None:
     surface = SurfaceMesh(mesh.points, mesh.cells, np.arange(len(mesh.points)))
     images = scene([(still, still, still)], noise=1e-4)
     f, g, mask = arrays(images)
-    found = correlate(f, g, PIXEL, mask, surface_plane(surface))
+    found = correlate(f, g, PIXEL, mask, surface.plane)
     assert found.coefficients.shape[1] == 2 * len(mesh.points) + len(found.basis_w.nodes)
     assert np.abs(found.at_pixels()[:, :2]).max() < 0.02 * PIXEL
 
@@ -251,7 +252,22 @@ def test_impossible_options_are_refused(change: dict[str, Any], said: str) -> No
         Options(**change)
 
 
-def test_curvature_needs_a_grid() -> None:
-    with pytest.raises(ImageError, match="no regular grid"):
-        correlate(relief(), relief(), mesh_uv=distorted("tri3", scale=10.0),
-                  options=Options(penalty="curvature"))  # fmt: skip
+@pytest.mark.parametrize("kind", ["tri3", "tri6", "quad4", "quad8"])
+def test_curvature_on_any_mesh_costs_nothing_for_an_affine_motion(kind: CellKind) -> None:
+    mesh = distorted(kind)
+    basis = mesh_basis(np.array([[1.1, 1.3]]), mesh)
+    part, _ = penalties(basis, basis, "curvature")
+    x, y = mesh.points.T
+    affine = np.concatenate([1 + 2 * x - y, 3 * x + y, 0 * x])
+    bent = np.concatenate([x**2, 0 * x, 0 * x])
+    assert abs(affine @ part @ affine) < 1e-10 * (bent @ part @ bent)
+    assert bent @ part @ bent > 1e-3
+    assert modes(basis, "curvature") == np.linalg.matrix_rank(np.asarray(part))
+
+
+@pytest.mark.parametrize("penalty", ["curvature", "equilibrium", "elastic"])
+def test_the_modes_that_cost_are_the_rank_of_the_penalty(penalty: Penalty) -> None:
+    xy = np.array([[1.1, 1.3]])
+    for basis in (grid_basis(xy, (0, 3, 0, 4), 1.0), mesh_basis(xy, distorted("tri6"))):
+        part, _ = penalties(basis, basis, penalty)
+        assert modes(basis, penalty) == np.linalg.matrix_rank(np.asarray(part))

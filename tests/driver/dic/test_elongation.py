@@ -56,5 +56,5 @@ def test_the_stated_sigma_is_the_scatter_of_the_elongation(scene: Scene) -> None
 
 def test_an_edge_off_the_measured_surface_is_refused(scene: Scene) -> None:
     images = scene([(affine(0, 0), affine(0, 0), affine(0, 0))], noise=0.001)
-    with pytest.raises(ValueError, match="outside the bounds"):
+    with pytest.raises(ValueError, match="end before the edge Y = -0.5 µm"):
         edge_motion(measure(images), images, -0.5, LENGTH)

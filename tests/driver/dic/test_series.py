@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from driver.dic.regularisation import Penalty, modes
 from driver.dic.series import measure, sensitivity
 from driver.dic.surface_images import SurfaceImages, prepare
-from driver.images.heightmaps import read_stack
+from driver.images.heightmaps import ImageError, read_stack
+from meshes.plane_cells import CellKind
 from meshes.plane_mesh import PlaneMesh
+from tests.driver.dic.conftest import BOUNDS, ORIGIN, deformed
 from tests.meshes.plane_examples import distorted
 
 DATA = Path(__file__).parents[2] / "data" / "dic"
@@ -177,3 +180,76 @@ def test_functions_that_see_no_pixel_are_held_by_a_stated_ridge(scene: Scene) ->
     assert measured.ridge > 0.0
     assert measured.converged.all()
     assert measured.at_pixels()[0, :, 0].mean() == pytest.approx(0.02, abs=1e-3)
+
+
+def test_heights_that_one_frame_lacks_are_left_out_of_it_alone() -> None:
+    """A hole over a third of a frame, which its neighbours' values would fill with steps."""
+    truth = (linear(0.004, -0.007), linear(0.002, 0.01), linear(0.001, 0.002))
+    frames = np.repeat(deformed(*truth)[None], 2, axis=0)
+    rng = np.random.default_rng(8)
+    hole = np.zeros(frames.shape[1:], dtype=bool)
+    hole[14:26, 20:50] = True
+    hole |= rng.random(hole.shape) < 0.01
+    repeats = np.repeat(deformed(STILL, STILL, STILL)[None], 4, axis=0)
+    repeats += 1e-5 * rng.normal(size=repeats.shape)
+    frames[1, hole] = np.nan
+    images = prepare(frames, repeats, None, PIXEL, ORIGIN, BOUNDS)
+    measured = measure(images)
+    assert measured.converged.all()
+    assert measured.compared[0].all() and 0.5 < measured.compared[1].mean() < 0.9
+    error = measured.at_pixels() - np.stack([part(*images.xy.T) for part in truth], axis=-1)
+    rms = np.sqrt(np.mean(error[1][measured.compared[1]] ** 2, axis=0))
+    # Filled from its neighbours the hole puts the same frame off by 0.19 px and 13 nm.
+    assert rms[:2].max() < 4e-3 * PIXEL and rms[2] < 4e-4
+    residual = images.residual(measured.at_pixels())
+    assert np.isfinite(residual[0]).all()
+    assert np.array_equal(np.isfinite(residual[1]), measured.compared[1])
+
+
+@pytest.mark.parametrize("penalty", ["curvature", "equilibrium", "elastic"])
+def test_the_roughness_is_that_of_the_motion_where_the_images_say_it(
+    scene: Scene, penalty: Penalty
+) -> None:
+    wave: Field = lambda x, y: 0.03 * np.sin(2 * np.pi * (y + 0.3 * x) / 4.0)  # noqa: E731
+    flat = (constant(0.02), linear(0.0, 0.004), STILL)
+    found = {}
+    for name, motion in (("smooth", flat), ("rough", (wave, wave, STILL))):
+        images = scene([motion] * 6, noise=0.006, seed=5)
+        measured = measure(images, roughness="estimated", penalty=penalty)
+        assert measured.converged.all()
+        found[name] = measured.roughness
+        truth = np.stack([part(*images.xy.T) for part in motion], axis=-1)
+        error = [
+            np.sqrt(np.mean((m.at_pixels() - truth)[..., :2] ** 2))
+            for m in (measured, measure(images, roughness=np.inf, penalty=penalty))
+        ]
+        assert error[0] < 1.02 * error[1]
+    assert found["smooth"] < 0.5 * found["rough"]
+    curved = measure(images, roughness=np.inf, penalty=penalty)
+    part = curved.system.parts[0]
+    p = curved.coefficients
+    own = np.einsum("ti,ti->t", p, (part @ p.T).T).mean() / modes(curved.basis_uv, penalty)
+    # Without a penalty the noise is part of the roughness, at this noise a small one.
+    assert found["rough"] == pytest.approx(np.sqrt(own), rel=0.25)
+
+
+@pytest.mark.parametrize("kind", ["tri3", "tri6", "quad4", "quad8"])
+@pytest.mark.parametrize("penalty", ["curvature", "equilibrium", "elastic"])
+def test_every_penalty_is_ramped_down_to_the_true_motion_on_every_mesh(
+    scene: Scene, kind: CellKind, penalty: Penalty
+) -> None:
+    square = distorted(kind)
+    mesh = PlaneMesh(square.points * [1.2, 2.4] - [1.8, 0.05], square.cells, kind)
+    # 2 % over 7 µm: the ends move by 1.3 px, and stiffness of the first pass must not keep them.
+    motion = (linear(0.004, -0.007), linear(0.002, 0.02), linear(0.001, 0.002))
+    images = scene([motion], noise=1e-5)
+    measured = measure(images, mesh, mesh, penalty=penalty, roughness=PIXEL)
+    truth = np.stack([part(*images.xy.T) for part in motion], axis=-1)
+    assert measured.converged.all()
+    assert np.abs(measured.at_pixels()[0] - truth)[:, :2].max() < 5e-3 * PIXEL
+
+
+def test_too_many_nodal_values_are_refused_in_one_sentence(scene: Scene) -> None:
+    images = scene([(STILL, STILL, STILL)], noise=1e-3)
+    with pytest.raises(ImageError, match="at most 5000 are expected: take larger elements"):
+        measure(images, PIXEL, PIXEL)

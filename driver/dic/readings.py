@@ -1,0 +1,81 @@
+"""Elongation, tilt and mean height change of the specimen, with covariances over the images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.dic.covariance import covariance_in_time, held_back
+from driver.dic.elongation import edge_motion
+from driver.dic.series import SurfaceMotion
+from driver.dic.surface_images import SurfaceImages
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """A number that is read from the motion of each of T images.
+
+    Attributes:
+        value: [µm], shape (T,).
+        covariance: of the noise of images and reference and of the flat pattern [µm²], (T, T).
+        held: standard deviation of what the penalty holds back [µm], alike in all images.
+        single: standard deviation of an image by itself, not smoothed along travel, median [µm].
+    """
+
+    value: FloatArray
+    covariance: FloatArray
+    held: float
+    single: float
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Standard deviation in each image, all of it [µm], shape (T,)."""
+        return np.asarray(np.sqrt(self.covariance.diagonal() + self.held**2))
+
+
+def readings(
+    measured: SurfaceMotion,
+    images: SurfaceImages,
+    length: float,
+    smoothed: SurfaceMotion,
+    smoother: FloatArray,
+) -> dict[str, Reading]:
+    """Elongation v(S+) − v(S−), tilt w(S+) − w(S−), and the mean of w over the pixels.
+
+    The region of interest ends short of the edges: its mean stretch is carried on to them. The
+    stage's translation moves the mean of w alone, which smoothing leaves as it is.
+
+    Args:
+        measured: motion of each image by itself.
+        images: the images behind it.
+        length: of the specimen [µm].
+        smoothed: the motion along stage travel; `measured` itself where it is not smoothed.
+        smoother: S, shape (T, T).
+
+    Returns:
+        By name: elongation, tilt, mean_w.
+
+    Raises:
+        ImageError: a mesh ends before an edge of the region of interest.
+    """
+    lower, upper = images.bounds[2:]
+    reach = length / (upper - lower)
+    edges = edge_motion(smoothed, images, lower, upper)
+    mean_w = np.zeros(measured.coefficients.shape[1])
+    mean_w[-len(measured.basis_w.nodes) :] = measured.basis_w.values.mean(axis=0)
+    functionals = np.array([reach * edges.difference(1), reach * edges.difference(2), mean_w])
+    covariances = covariance_in_time(measured, images, functionals)
+    found = {}
+    for name, functional, covariance in zip(
+        ("elongation", "tilt", "mean_w"), functionals, covariances, strict=True
+    ):
+        held = held_back(measured, images, functional)
+        single = float(np.median(np.sqrt(covariance.diagonal() + held**2)))
+        if name != "mean_w":
+            covariance = smoother @ covariance @ smoother.T
+        found[name] = Reading(smoothed.coefficients @ functional, covariance, held, single)
+    return found

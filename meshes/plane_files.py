@@ -1,0 +1,69 @@
+"""Plane meshes from the files of mesh generators: gmsh, MED (Salome), VTU."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from pathlib import Path
+
+import meshio
+import numpy as np
+from numpy.typing import NDArray
+
+from meshes.plane_cells import CELLS, CellKind
+from meshes.plane_mesh import PlaneMesh
+
+IntArray = NDArray[np.int64]
+
+_FORMATS = {".msh": "gmsh", ".med": "med", ".vtu": "vtu"}
+_KINDS: dict[str, CellKind] = {
+    "triangle": "tri3", "triangle6": "tri6", "quad": "quad4", "quad8": "quad8",
+}  # fmt: skip
+_LESSER = ("vertex", "line", "line3")  # points and sides of the plane, which are passed over
+_FLAT = 1e-6  # of the extent, by which Z may differ
+
+
+def read_plane_mesh(path: Path) -> PlaneMesh:
+    """Read the cells of a plane mesh, all of one kind; nodes of none of them are dropped.
+
+    Args:
+        path: a file of gmsh (.msh), MED (.med) or VTU (.vtu); X, Y in µm, one Z for all nodes.
+
+    Raises:
+        ValueError: no such mesh; the message says what was found and what was expected, not where.
+    """
+    expected = "a plane mesh of tri3, tri6, quad4 or quad8 (.msh, .med or .vtu)"
+    file_format = _FORMATS.get(path.suffix.lower())
+    if file_format is None:
+        raise ValueError(f"found the ending {path.suffix or 'none'}, expected {expected}")
+    if not path.is_file():
+        raise ValueError(f"found no such file, expected {expected}")
+    # On a damaged file meshio prints and leaves, or fails anywhere in its readers.
+    try:
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            mesh = meshio.read(path, file_format=file_format)
+    except (Exception, SystemExit):
+        raise ValueError(f"found no readable {file_format} file, expected {expected}") from None
+    blocks: dict[CellKind, list[IntArray]] = {}
+    for block in mesh.cells:
+        if block.type in _LESSER or not len(block.data):
+            continue
+        if block.type not in _KINDS:
+            raise ValueError(f"found cells of the kind {block.type}, expected {expected}")
+        blocks.setdefault(_KINDS[block.type], []).append(np.asarray(block.data, dtype=np.int64))
+    if len(blocks) != 1:
+        found = " and ".join(sorted(blocks)) or "none of these cells"
+        raise ValueError(f"found {found}, expected {expected}, all cells of one kind")
+    ((kind, parts),) = blocks.items()
+    used, local = np.unique(np.concatenate(parts), return_inverse=True)
+    points = np.asarray(mesh.points, dtype=np.float64)[used]
+    height = np.ptp(points[:, 2:], axis=0).max(initial=0.0)
+    if not height <= _FLAT * np.ptp(points[:, :2], axis=0).max():
+        raise ValueError(f"found nodes that differ by {height:.3g} µm in Z, expected a plane mesh")
+    plane = PlaneMesh(points[:, :2].copy(), local.reshape(-1, CELLS[kind].n_nodes), kind)
+    try:
+        plane.check()
+    except ValueError as error:
+        said = str(error).split(";")[0]
+        raise ValueError(f"found that {said}, expected cells that hold points") from None
+    return plane
