@@ -254,8 +254,8 @@ class Data:
     def _jitter_root(self) -> FloatArray:
         """R with (I + FᵀF)^(−1/2) = I − RᵀR, F = σ_e Gᵀ whitened as the rest, shape (T_all, n)."""
         assert self.jitter is not None
-        load, image = self.jitter.columns()
-        seen = image[:, self.index[self.with_image]] / self.image.noise_factor
+        load = self.jitter.load
+        seen = self.jitter.image[:, self.index[self.with_image]] / self.image.noise_factor
         parts = [self._whiten_images(seen).reshape(len(seen), -1)]
         if self.with_loads:
             parts.insert(0, self._whiten_loads(load[:, self.index]))
