@@ -66,3 +66,8 @@ class Boundary(Table):
         default=0.0, description="noise of the elongation at each stop, one standard deviation"
     )
     lambda_start: LambdaStart = LambdaStart()
+
+    @property
+    def jitter(self) -> float:
+        """Noise of the elongation at each stop [µm]."""
+        return 1e-3 * self.jitter_nm
