@@ -152,6 +152,15 @@ def test_stages_free_what_they_say() -> None:
     assert sum(line.startswith("stage ") for line in lines) == 3
 
 
+@pytest.mark.parametrize("order", ["joint", "paper"])
+def test_from_the_starts_of_the_paper_few_iterations_do(order: str) -> None:
+    """The paper took 10 for its amplitudes and 4 to 6 for its law."""
+    found, _ = identification(order=order)
+    iterations = {stage: len(fit_.history) - 1 for stage, fit_ in found.stages.items()}
+    assert iterations["A"] <= 10 and iterations["B"] <= 6 and iterations["C"] <= 6
+    assert all(fit_.converged and fit_.reason for fit_ in found.stages.values())
+
+
 def test_in_the_order_of_the_paper_knots_stay_as_they_were_measured() -> None:
     found, lines = identification(order="paper")
     A, B, C = (found.stages[name] for name in "ABC")
