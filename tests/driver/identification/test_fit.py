@@ -7,14 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.identification.fit import (
-    DECREMENT,
-    LARGEST_STEP,
-    LARGEST_STEP_LOG,
-    MOST_HALVINGS,
-    Fit,
-    fit,
-)
+from driver.identification.fit import DECREMENT, MOST_HALVINGS, Fit, fit
+from driver.identification.step import LARGEST_STEP, LARGEST_STEP_LOG
 from solver_adapters.interface import NotRunError, PreparedError, SolverError
 from solver_adapters.jobs.errors import CommandMissingError, JobError
 from solver_adapters.jobs.status import Status
@@ -262,6 +256,17 @@ def test_a_fit_that_only_starts_another_ends_after_a_step_that_brought_little() 
     slow = formula(lambda p: (100 + 50 / (1 + p), -50 / (1 + p)[None] ** 2), np.zeros(1), PLAIN[:1])
     found = fit(slow, {"a": 0.0}, "a", 50, silent, share=0.05)
     assert found.converged and found.reason.startswith("the last step lowered the cost by")
+
+
+def test_a_gain_that_derivatives_promise_and_that_never_comes_is_not_waited_for() -> None:
+    """A residual of 5 that the slope, wrong by a twentieth, claims to see: decrement 0.3 σ."""
+    right, wrong = np.zeros((1, 60)), np.zeros((1, 60))
+    right[0, 0], wrong[0, :2] = 10.0, (10.0, 0.5)
+    measured = np.concatenate([[0.05, 5.0], np.zeros(58)])
+    objective = formula(lambda p: (p @ right, wrong), measured, PLAIN[:1])
+    found = fit(objective, {"a": 0.0}, "a", 20, silent)
+    assert found.converged and len(found.history) == 2
+    assert found.reason == "the last step lowered the cost by 0.002 only"
 
 
 def test_a_prior_may_raise_the_misfit() -> None:
