@@ -169,7 +169,7 @@ def test_without_an_addition_one_model_is_shown(results, tmp_path):
     run_report(results.context(tmp_path / "work"))
     text = shown((tmp_path / "work" / "report.html").read_text("utf-8"))
     assert "Nothing wrong: the model leaves only noise. What is left is noise." in text
-    assert "All parameters together, from images and loads" in text
+    assert "All free parameters together, from images and loads" in text
     assert "log Bayes factor" not in text and "→" not in text and "extension" not in text
 
 
@@ -242,3 +242,36 @@ def test_the_identified_motion_passes_through_its_knots(written, tmp_path):
 
 def test_a_frame_that_is_left_out_is_named(page):
     assert "; 7 is unlike its neighbours and not fitted but for the load" in page
+
+
+def test_with_the_knots_held_the_page_shows_the_law_and_how_the_amplitudes_were_found(
+    results, tmp_path
+):
+    """In the paper's order only the law is free at the end, and only the amplitudes in stage A."""
+    with h5py.File(results.results / "identify.h5", "a") as file:
+        names = json.loads(file.attrs["names"])
+        rows = [names.index(name) for name in ("tau0", "c", "d")]
+        file.attrs["names"] = json.dumps(["tau0", "c", "d"])
+        for name in ("start", "values", "prior/mean", "prior/width", "prior_share"):
+            replaced(file, name, file[name][...][rows])
+        for name in ("covariance", "correlation"):
+            replaced(file, name, file[name][...][np.ix_(rows, rows)])
+    path = results.results / "identify_history.json"
+    stages = json.loads(path.read_text("utf-8"))
+    for stage, fit in stages.items():
+        for record in fit["iterations"]:
+            for name in list(record):
+                free = name.startswith("lambda") if stage == "A" else name in ("tau0", "c", "d")
+                if not free and "chi" not in name:
+                    del record[name]
+    path.write_text(json.dumps(stages), "utf-8")
+    run_report(results.context(tmp_path / "work"))
+    text = shown((tmp_path / "work" / "report.html").read_text("utf-8"))
+    assert "identified 4.47 0.9700 0.9700 0.9700 0.9700" in text
+    assert "Knots of the boundary motion" not in text
+    assert "τ₀ tau0 MPa 40.00 5.6 to 280 21.34 ± 0.12" in text
+
+
+def replaced(file, name, values):
+    del file[name]
+    file[name] = values
