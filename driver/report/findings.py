@@ -112,6 +112,11 @@ class Findings:
         """γ_F [µN]."""
         return self.case.loads.gamma_F
 
+    def start_of(self, name: str) -> float:
+        """Value of a parameter where the identification began."""
+        found = self.estimates.get(name)
+        return self.values[name] if found is None else found.start
+
     def fitted_values(self, side: str) -> dict[str, float]:
         """Every parameter of the general model before or after."""
         record = self.diagnosis["baseline" if side == "before" else "extended"]

@@ -121,7 +121,9 @@ def law_tiles(findings: Findings) -> list[Row]:
 
 def _hessian_alternative(findings: Findings) -> str:
     size = np.diag(findings.identified["kinematic_hessian"])
-    first, second = (label(findings.hessian_names[k]) for k in np.argsort(-size)[:2])
+    order = np.argsort(-size)[:2]
+    # An attribute of the page takes no index.
+    first, second = (label(findings.hessian_names[k]).replace("_", "") for k in order)
     return (
         "Kinematic Hessian and correlation matrix, a number in each cell; "
         f"{first} and {second} move the images most"

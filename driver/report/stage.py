@@ -158,5 +158,6 @@ def _convergence(findings: Findings) -> Figure:
             "χ_f of images": column("paper_chi_f"),
         },
         [course(name) for name in few if name in LAMBDAS],
-        [course(name) for name in few if name not in LAMBDAS],
+        # What starts at zero has no relative course.
+        [course(name) for name in few if name not in LAMBDAS and findings.start_of(name)],
     )

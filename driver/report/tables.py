@@ -116,8 +116,7 @@ def parameter_rows(findings: Findings) -> list[tuple[str, list[Row]]]:
             continue
         unit = (before.get(name) or after[name])["unit"]
         factor, shown = reading_unit(name, unit)
-        found = findings.estimates.get(name)
-        start = findings.values[name] if found is None else found.start
+        start = findings.start_of(name)
         groups.setdefault(_group(name, findings.diagnosis["added"]), []).append(
             {
                 "label": label(name),

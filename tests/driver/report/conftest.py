@@ -200,7 +200,7 @@ def _write_identified(folder):
                 np.where(np.array(names) == "d", 0.83, np.diag(covariance) / width**2),
                 "1",
             ),
-            "kinematic_hessian": (np.diag(np.arange(1.0, 8.0)), "of log p"),
+            "kinematic_hessian": (np.diag(np.arange(7.0, 0.0, -1.0)), "of log p"),
             "hessian_names": (np.array([*LAMBDAS, *LAW], dtype="S"), ""),
             "paper/chi": (np.array([4.64, 4.52]), "1"),
             "paper/chi_f": (np.array([4.46, 4.47]), "1"),
