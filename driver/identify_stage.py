@@ -56,7 +56,7 @@ def run_identify(context: StageContext) -> None:
     )  # fmt: skip
     final = found.final
     budget = error_budget(bench, final.best, read_hdf5(context.result(MEASURE))["chi"])
-    for name in bench.law:
+    for name in (n for n in (*LAMBDAS, *bench.law) if n in final.best.free):
         sigma = final.sigma(name, bench.objective.parameters)
         context.log(f"  {name} = {final.values[name]:.5g} ± {sigma:.2g}")
     for warning in warnings_of(found):
