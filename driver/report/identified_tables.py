@@ -77,7 +77,7 @@ def estimate_rows(found: Mapping[str, Estimate]) -> tuple[Groups, Groups]:
     for name, estimate in found.items():
         if group_of(name):
             many.setdefault(titles[group_of(name)], []).append(_estimate_row(name, estimate))
-    return list(alone.items()), list(many.items())
+    return list(alone.items()), [(t, many[t]) for t in titles.values() if t in many]
 
 
 def _estimate_row(name: str, found: Estimate) -> Row:

@@ -180,7 +180,8 @@ def interval(low: float, high: float, sigma: float) -> str:
     if not math.isfinite(sigma) or sigma <= 0 or _places(sigma) > 5:
         return f"{number(low)} to {number(high)}"
     places = _places(sigma)
-    texts = (f"{round(end, places):.{max(places, 0)}f}" for end in (low, high))
+    # 0.0 is added for an end that rounds to −0.
+    texts = (f"{round(end, places) + 0.0:.{max(places, 0)}f}" for end in (low, high))
     return " to ".join(texts).replace("-", "−")
 
 

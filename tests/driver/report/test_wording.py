@@ -103,7 +103,8 @@ def test_a_number_of_a_cell_is_short(value, text):
 @pytest.mark.parametrize(
     ("low", "high", "sigma", "text"),
     [(21.1, 21.6, 0.12, "21.10 to 21.60"), (-1.0, 3.0, 1.02, "−1.0 to 3.0"),
-     (40912.0, 43000.0, 2500.0, "40900 to 43000"), (1e-8, 3e-8, 5e-9, "1.00·10⁻⁸ to 3.00·10⁻⁸"),
+     (-0.3, 120.0, 30.0, "0 to 120"), (40912.0, 43000.0, 2500.0, "40900 to 43000"),
+     (1e-8, 3e-8, 5e-9, "1.00·10⁻⁸ to 3.00·10⁻⁸"),
      (2.0, 2.0, 0.0, "2.00 to 2.00")],
 )  # fmt: skip
 def test_an_interval_has_the_digits_that_its_sigma_leaves(low, high, sigma, text):
