@@ -56,7 +56,7 @@ def run_identify(context: StageContext) -> None:
     )  # fmt: skip
     final = found.final
     budget = error_budget(bench, final.best, read_hdf5(context.result(MEASURE))["chi"])
-    for name in bench.law:
+    for name in (n for n in (*LAMBDAS, *bench.law) if n in final.best.free):
         sigma = final.sigma(name, bench.objective.parameters)
         context.log(f"  {name} = {final.values[name]:.5g} ± {sigma:.2g}")
     for warning in warnings_of(found):
@@ -139,6 +139,8 @@ def _write(
             "covariance": (covariance, "of θ"),
             "correlation": (covariance / np.outer(deviation, deviation), "1"),
             "prior_share": (prior_shares(final.best), "1"),
+            **_prior(found),
+            "initial/load": (found.stages["A"].start_load, "µN"),
             "correction/motion": (np.asarray(correction.motion), "µm"),
             "correction/load": (np.asarray(correction.load), "µN"),
             "noise_factor": (found.objective.data.image.noise_factor, "1"),
@@ -167,9 +169,18 @@ def _write(
             "unit": [parameters[name].unit for name in names],
         },
     )
-    record = {stage: {"reason": fit.reason, "iterations": fit.history}
-              for stage, fit in found.stages.items()}  # fmt: skip
+    record = {
+        stage: {"reason": fit.reason, "seconds": round(fit.seconds, 2), "iterations": fit.history}
+        for stage, fit in found.stages.items()
+    }
     (context.workdir / HISTORY_JSON).write_text(json.dumps(record, indent=1), encoding="utf-8")
+
+
+def _prior(found: Identification) -> Arrays:
+    """Mean and width of the prior of each free parameter; NaN and ∞ where there is none."""
+    none = (np.nan, np.inf)
+    prior = np.array([found.objective.prior.get(name, none) for name in found.final.best.free])
+    return {"prior/mean": (prior[:, 0], "see units"), "prior/width": (prior[:, 1], "of θ")}
 
 
 def _as_in_the_paper(found: Identification) -> Arrays:

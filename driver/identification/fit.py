@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from time import monotonic
 
 import numpy as np
 from numpy.typing import NDArray
@@ -217,12 +218,17 @@ class Fit:
         converged: whether the Newton decrement became negligible.
         reason: why the iteration ended.
         history: values of the free parameters, cost and χ after each iteration.
+        start_load: predicted readings where the fit began [µN], shape (T_all,); empty if it was
+            not iterated.
+        seconds: duration, wall clock.
     """
 
     best: Evaluation
     converged: bool
     reason: str
     history: tuple[dict[str, float], ...]
+    start_load: FloatArray = field(default_factory=lambda: np.empty(0))
+    seconds: float = 0.0
 
     @property
     def values(self) -> dict[str, float]:
@@ -273,8 +279,13 @@ def fit(
         NotRunError: a simulation was not run: the solver is absent, or its job was prepared.
         JobError, ResultFileError: a simulation was killed, ran out of memory or left no result.
     """
+    began = monotonic()
     here = start if start is not None else objective.evaluate(values, free)
-    history = [_record(here)]
+    start_load, history = here.load, [_record(here)]
+
+    def ended(converged: bool, reason: str) -> Fit:
+        return Fit(here, converged, reason, tuple(history), start_load, monotonic() - began)
+
     _tell(log, 0, here, None)
     iteration = 0
     while True:
@@ -284,14 +295,14 @@ def fit(
         )  # fmt: skip
         enough = max(tolerance, math.sqrt(share * here.cost), math.sqrt(here.excess) * NEGLIGIBLE)
         if decrement < enough:
-            return Fit(here, True, f"the Newton decrement is {decrement:.2g} σ", tuple(history))
+            return ended(True, f"the Newton decrement is {decrement:.2g} σ")
         if iteration == most:
             reason = f"the limit of {most} iterations, decrement {decrement:.2g} σ"
-            return Fit(here, False, reason, tuple(history))
+            return ended(False, reason)
         ahead = _descend(objective, here, step, log)
         if ahead is None:
             reason = f"no shorter step lowers the cost (decrement {decrement:.2g} σ)"
-            return Fit(here, False, reason, tuple(history))
+            return ended(False, reason)
         gained = here.cost - ahead.cost
         fallen = gained / here.cost
         here, iteration = ahead, iteration + 1
@@ -299,11 +310,10 @@ def fit(
         _tell(log, iteration, here, decrement)
         if fallen < share:
             reason = f"the last step lowered the cost by {fallen:.1%}"
-            return Fit(here, True, reason, tuple(history))
+            return ended(True, reason)
         if gained < tolerance**2:
             # Derivatives by differences may promise a gain for ever that never comes.
-            reason = f"the last step lowered the cost by {gained:.1g} only"
-            return Fit(here, True, reason, tuple(history))
+            return ended(True, f"the last step lowered the cost by {gained:.1g} only")
 
 
 def _descend(

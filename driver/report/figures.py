@@ -126,6 +126,7 @@ def loads(
     measured: FloatArray,
     predicted: Mapping[str, FloatArray],
     noise: float,
+    initial: FloatArray,
 ) -> Figure:
     """Loops of the load over stage travel, and its residual over time.
 
@@ -135,11 +136,13 @@ def loads(
         measured: measured load [µN], shape (T,).
         predicted: load [µN] of "before" (and "after"), each of shape (T,).
         noise: standard deviation γ_F of the load [µN].
+        initial: load with the parameters at the start [µN], shape (T,).
     """
-    figure = new_figure(3.9)
+    figure = new_figure(4.2)
     loop, residual = figure.subplots(1, 2, width_ratios=(1.0, 1.15))
     names = side_labels(tuple(predicted))
     loop.plot(stage, measured, "o", ms=3.5, mfc="none", mec=MEASURED, mew=0.9, label="measured")
+    loop.plot(stage, initial, "-.", color=CYCLES[3], lw=1.3, label="at the start")
     for side, load in predicted.items():
         style = "--" if side == "before" and len(predicted) > 1 else "-"
         loop.plot(stage, load, style, color=SIDE_COLOURS[side], lw=1.4, label=names[side])
@@ -153,7 +156,7 @@ def loads(
     low, high = residual.get_ylim()
     residual.set_ylim(low, high + 0.2 * (high - low))
     loop.set_ylim(bottom=min(0.0, measured.min()) - 0.22 * np.ptp(measured))
-    loop.legend(loc="lower center", ncols=3, handlelength=1.6, columnspacing=1.2)
+    loop.legend(loc="lower center", ncols=2, handlelength=2.0, columnspacing=1.2)
     residual.legend(loc="upper right", ncols=3, handlelength=1.4, columnspacing=1.0)
     for axis in (loop, residual):
         grid(axis)

@@ -21,10 +21,12 @@ from driver.identify_stage import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
 from driver.images.flatfield import left_over
 from driver.measure_stage import MEASURE, MEASURE_CSV
 from driver.mesh_stage import FINE_MESH, MESH
+from driver.model import declared_parameters
+from driver.report.identified import Estimate, estimates
 from driver.report.measured import DATASETS, MeasuredMotion, measured_motion, peaks
 from driver.report.measured_figures import FIGURES
 from driver.results import damaged, read_hdf5
-from driver.stages import StageContext
+from driver.stages import StageContext, read_record
 from meshes.files import read_med
 from meshes.prism_mesh import PrismMesh
 
@@ -47,6 +49,11 @@ FILES = {
 _READ = (MESH, MEASURE, IDENTIFY, HISTORY_JSON, DIAGNOSIS, DIAGNOSIS_H5)
 _MEASURED = (
     "time", "force", "xy", "left_out", "sigma_flat", *DATASETS)  # fmt: skip
+_IDENTIFIED = (
+    "start", "values", "covariance", "correlation", "kinematic_hessian", "hessian_names",
+    "prior/mean", "prior/width", "prior_share", "paper/chi", "paper/chi_f", "paper/chi_F",
+    "initial/load", "noise_factor",
+)  # fmt: skip
 _FITTED = ("before/load", "before/motion", "before/rho", "after/load", "after/motion", "after/rho")
 
 
@@ -62,10 +69,11 @@ class Findings:
         motion: the same as the pictures of free correlation need it.
         pictures: these pictures as PNG files, by name.
         fitted: datasets of `diagnosis.h5`: "before/…", "after/…".
-        names: identified parameters of the baseline, length k.
-        units: their units.
-        start: their values at the start, shape (k,).
-        correlation: their correlation matrix, shape (k, k).
+        estimates: the k identified parameters of the baseline, by name.
+        identified: datasets of `identify.h5`, without predictions.
+        hessian_names: parameters of the kinematic Hessian.
+        warnings: sentences on what the data did not decide.
+        seconds: what each part of the run took, by name [s].
         values: every parameter of the general model at the baseline.
         noise_factor: noise on the correlation basis over that of the repeats.
         iterations: iterations of each stage of the identification.
@@ -79,10 +87,11 @@ class Findings:
     motion: MeasuredMotion
     pictures: dict[str, bytes]
     fitted: dict[str, FloatArray]
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    start: FloatArray
-    correlation: FloatArray
+    estimates: dict[str, Estimate]
+    identified: dict[str, FloatArray]
+    hessian_names: tuple[str, ...]
+    warnings: tuple[str, ...]
+    seconds: dict[str, float]
     values: dict[str, float]
     noise_factor: float
     iterations: Record
@@ -102,6 +111,11 @@ class Findings:
     def load_noise(self) -> float:
         """γ_F [µN]."""
         return self.case.loads.gamma_F
+
+    def start_of(self, name: str) -> float:
+        """Value of a parameter where the identification began."""
+        found = self.estimates.get(name)
+        return self.values[name] if found is None else found.start
 
     def fitted_values(self, side: str) -> dict[str, float]:
         """Every parameter of the general model before or after."""
@@ -153,26 +167,41 @@ def read_findings(context: StageContext) -> Findings:
         HistoryError: the history cannot be used.
     """
     paths = {name: context.result(name) for name in _READ}
-    identified = _datasets(paths[IDENTIFY], ("start", "correlation", "noise_factor"))
-    names, units, values = _texts(paths[IDENTIFY], ("names", "units", "all_values"))
+    identified = _datasets(paths[IDENTIFY], _IDENTIFIED)
+    names, warnings, values = _texts(paths[IDENTIFY], ("names", "warnings", "all_values"))
     case, measured = context.case, _datasets(paths[MEASURE], _MEASURED)
+    history = read_history(case.path(case.history.file))
+    iterations = _record(paths[HISTORY_JSON], ("C",))
     return Findings(
         case=case,
         mesh=read_med(paths[MESH]),
-        history=read_history(case.path(case.history.file)),
+        history=history,
         measured=measured,
         motion=measured_motion(measured, case.images.level_um, boundary_trace(case)),
         pictures={name: context.result(f"{name}.png").read_bytes() for name in FIGURES},
         fitted=_datasets(paths[DIAGNOSIS_H5], _FITTED),
-        names=tuple(names),
-        units=tuple(units),
-        start=identified["start"],
-        correlation=identified["correlation"],
+        estimates=estimates(names, declared_parameters(history.n_knots), identified),
+        identified=identified,
+        hessian_names=tuple(name.decode() for name in identified["hessian_names"].tolist()),
+        warnings=tuple(warnings),
+        seconds=_seconds(context.results, iterations),
         values=values,
         noise_factor=float(identified["noise_factor"]),
-        iterations=_record(paths[HISTORY_JSON], ("C",)),
+        iterations=iterations,
         diagnosis=_record(paths[DIAGNOSIS], ("verdict", "added", "gain", "steps")),
     )
+
+
+def _seconds(results: Path, iterations: Record) -> dict[str, float]:
+    """Duration of the stages of the run [s], the identification by its own stages."""
+    spent: dict[str, float] = {}
+    for name, done in read_record(results).items():
+        if name == "identify":
+            parts = {f"identify {part}": r["seconds"] for part, r in iterations.items()}
+            spent |= parts | {"identify, the rest": done["seconds"] - sum(parts.values())}
+        elif name != "report":
+            spent[name] = done["seconds"]
+    return spent
 
 
 def _datasets(path: Path, expected: tuple[str, ...]) -> dict[str, FloatArray]:

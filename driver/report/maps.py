@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from driver.report.figures import side_labels
@@ -50,17 +51,19 @@ class Face:
         image[self.rows - self.rows.min(), self.cols - self.cols.min()] = values
         return image
 
-    def extent(self, first: tuple[float, float], shape: tuple[int, ...]) -> tuple[float, ...]:
+    def extent(
+        self, first: tuple[float, float], shape: tuple[int, ...]
+    ) -> tuple[float, float, float, float]:
         """Limits (Y left, Y right, X bottom, X top) [µm] of an image from its first pixel."""
         row, column = first[0] - self.origin[0] - 0.5, first[1] - self.origin[1] - 0.5
-        ends = column, column + shape[1], row + shape[0], row
-        return tuple(self.pixel * end for end in ends)
+        left, right, bottom, top = column, column + shape[1], row + shape[0], row
+        return self.pixel * left, self.pixel * right, self.pixel * bottom, self.pixel * top
 
-    def show(self, axes: Axes, values: FloatArray, cmap: str, low: float, high: float) -> object:
+    def show(self, axes: Axes, values: FloatArray, cmap: str, low: float, high: float) -> AxesImage:
         """Draw values at the pixels, Y to the right and X down as the rows, with the boundary."""
         image = self.grid(values)
         extent = self.extent((float(self.rows.min()), float(self.cols.min())), image.shape)
-        picture = axes.imshow(image, cmap=cmap, vmin=low, vmax=high, extent=extent,  # type: ignore[arg-type]
+        picture = axes.imshow(image, cmap=cmap, vmin=low, vmax=high, extent=extent,
                               interpolation="nearest")  # fmt: skip
         self.draw_trace(axes)
         for spine in axes.spines.values():
@@ -205,7 +208,7 @@ def fields(face: Face, rows: Mapping[str, FloatArray]) -> Figure:
             if k == 0:
                 axis.set_ylabel(f"{name}\nX [µm]")
         axes[-1, k].set_xlabel("Y [µm]")
-        figure.colorbar(picture, ax=axes[:, k], location="bottom", shrink=0.85, aspect=28,  # type: ignore[arg-type]
+        figure.colorbar(picture, ax=axes[:, k], location="bottom", shrink=0.85, aspect=28,
                         label=f"{component[0]} − mean [nm]")  # fmt: skip
     return figure
 
@@ -242,6 +245,6 @@ def residual_maps(
         axis.set_xlabel("Y [µm]")
     for axis in axes[:, 0]:
         axis.set_ylabel("X [µm]")
-    figure.colorbar(signed, ax=axes[:n], shrink=0.6, label="ρ/σ [1]", extend="both")  # type: ignore[arg-type]
-    figure.colorbar(spread, ax=axes[n:], label="rms of ρ/σ [1]")  # type: ignore[arg-type]
+    figure.colorbar(signed, ax=axes[:n], shrink=0.6, label="ρ/σ [1]", extend="both")
+    figure.colorbar(spread, ax=axes[n:], label="rms of ρ/σ [1]")
     return figure

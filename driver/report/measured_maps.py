@@ -38,7 +38,7 @@ def reference(measured: MeasuredMotion) -> Figure:
     figure = new_figure(_height(face, heights.shape, WIDTH - 1.3) + 0.85)
     axes = figure.subplots()
     extent = face.extent((0.0, 0.0), heights.shape)
-    picture = axes.imshow(_nm(measured), cmap="gray", vmin=low, vmax=high, extent=extent)  # type: ignore[arg-type]
+    picture = axes.imshow(_nm(measured), cmap="gray", vmin=low, vmax=high, extent=extent)
     figure.colorbar(picture, ax=axes, fraction=0.03, pad=0.01, label="height [nm]")
     for name, nodes, cells, width, alpha in (
         ("w", measured.nodes_w, measured.cells_w, 0.6, 0.55),
@@ -129,7 +129,7 @@ def residuals(measured: MeasuredMotion) -> Figure:
         axes[row, 0].set_ylabel("X [µm]")
     for axis in axes[-1]:
         axis.set_xlabel("Y [µm]")
-    bar = figure.colorbar(nm, ax=axes[:, 0], shrink=0.75, aspect=30, extend="both")  # type: ignore[arg-type]
+    bar = figure.colorbar(nm, ax=axes[:, 0], shrink=0.75, aspect=30, extend="both")
     bar.set_label("ρ [nm]", labelpad=1.0)
 
     def to_levels(nm: ArrayLike) -> ArrayLike:
@@ -140,7 +140,7 @@ def residuals(measured: MeasuredMotion) -> Figure:
 
     other = bar.ax.secondary_yaxis("left", functions=(to_levels, to_nm))
     other.set_ylabel("ρ [grey levels]", labelpad=1.0)
-    figure.colorbar(over, ax=axes[:, 1], shrink=0.75, aspect=30, extend="both", label="ρ/σ [1]")  # type: ignore[arg-type]
+    figure.colorbar(over, ax=axes[:, 1], shrink=0.75, aspect=30, extend="both", label="ρ/σ [1]")
     return figure
 
 

@@ -7,8 +7,9 @@ from typing import Any
 
 from driver.diagnosis.diagnose import GATE, IMAGING
 from driver.model import declared_parameters
+from driver.report.evidence_figures import signed_evidence
 from driver.report.findings import Findings
-from driver.report.inference_figures import signed_evidence
+from driver.report.identified_texts import identification, law_tiles
 from driver.report.measured_texts import texts
 from driver.report.references import REFERENCES
 from driver.report.style import INDEXED, data_uri
@@ -18,6 +19,7 @@ from templates import render
 
 TEMPLATE = "report.html.j2"
 Row = dict[str, Any]
+_FEW = ("Law", "Added", "Apex amplitudes")  # groups of parameters that are shown at once
 
 # How a verdict is coloured: settled, to be settled, or open.
 _TONES = {
@@ -55,6 +57,7 @@ def report_page(
     said = [readable(text, causes) for text in verdict_texts(diagnosis)]
     if findings.extended:
         said.append(gain_text(diagnosis))
+    shifts = parameter_rows(findings) if findings.extended else []
     page = render(
         TEMPLATE,
         title=title,
@@ -67,6 +70,7 @@ def report_page(
         paragraphs=said[1:],
         next=readable(diagnosis["next"], causes),
         added=added_rows(findings),
+        law=law_tiles(findings),
         tiles=tiles(diagnosis),
         checks=checks(findings),
         facts=facts(findings),
@@ -84,7 +88,9 @@ def report_page(
             }
             for index, step in enumerate(diagnosis["steps"], start=1)
         ],
-        groups=parameter_rows(findings),
+        identified=identification(findings),
+        groups=[group for group in shifts if group[0] in _FEW],
+        other_groups=[group for group in shifts if group[0] not in _FEW],
         figures={name: data_uri(image) for name, image in figures.items()},
         references=REFERENCES,
         files=files,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 
 import numpy as np
@@ -10,15 +10,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from driver.boundary import LAMBDAS
-from driver.report import figures, inference_figures, maps
+from driver.report import evidence_figures, figures, history_figures, maps, matrix_figures
 from driver.report.findings import FILES, Findings, Record, read_findings
+from driver.report.identified_tables import core
 from driver.report.page import report_page
 from driver.report.style import png
 from driver.report.tables import ordered
-from driver.report.wording import cause_label, label
+from driver.report.wording import cause_label, label, reading_unit, short_label
 from driver.results import prismid_version
 from driver.stages import StageContext
-from solver_adapters.material import MATERIAL_DECLARATIONS
 
 FloatArray = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ REPORT = "report.html"
 _STAGE_NAMES = {
     "A": "A: images",
     "B": "B: law, loads",
-    "C": "C: corrected",
+    "C": "C: all, corrected",
 }
 
 
@@ -81,6 +81,7 @@ def draw(findings: Findings) -> Iterator[tuple[str, Figure]]:
     yield "loads", figures.loads(
         m["stage"], m["time"], m["force"],
         {side: findings.fitted[f"{side}/load"] for side in sides}, findings.load_noise,
+        findings.identified["initial/load"],
     )  # fmt: skip
 
     residual = {side: findings.residual(side) for side in sides}
@@ -96,15 +97,39 @@ def draw(findings: Findings) -> Iterator[tuple[str, Figure]]:
     )  # fmt: skip
     for index, step in enumerate(findings.diagnosis["steps"], start=1):
         yield f"evidence_{index}", _evidence(step)
-    identified = [label(name) for name in findings.names]
-    yield "correlation", inference_figures.correlation(identified, findings.correlation)
-    yield "convergence", _convergence(findings.iterations)
+    yield from _matrices(findings)
+    yield "convergence", _convergence(findings)
+
+
+def _matrices(findings: Findings) -> Iterator[tuple[str, Figure]]:
+    """Kinematic Hessian and correlation of the few that count, and correlation of all."""
+    names, matrix = tuple(findings.estimates), findings.identified["correlation"]
+
+    def part(wanted: Sequence[str]) -> FloatArray:
+        rows = [names.index(name) for name in wanted]
+        return matrix[np.ix_(rows, rows)]
+
+    few = core(names)
+    yield (
+        "sensitivity",
+        matrix_figures.hessian_and_correlation(
+            [short_label(name) for name in findings.hessian_names],
+            findings.identified["kinematic_hessian"],
+            [short_label(name) for name in few],
+            part(few),
+        ),
+    )
+    every = [*few, *(name for name in names if name not in few)]
+    yield (
+        "correlation",
+        matrix_figures.correlation_of_all([short_label(name) for name in every], part(every)),
+    )
 
 
 def _evidence(step: Record) -> Figure:
     causes = ordered(step["causes"])
     refits = [c["refit"]["log_evidence"] if c["refit"] else np.nan for c in causes]
-    return inference_figures.evidence(
+    return evidence_figures.evidence(
         [cause_label(cause["cause"]) for cause in causes],
         [cause["category"] for cause in causes],
         np.array([cause["log_evidence"] for cause in causes]),
@@ -112,18 +137,27 @@ def _evidence(step: Record) -> Figure:
     )
 
 
-def _convergence(iterations: Record) -> Figure:
-    stages = [name for name in _STAGE_NAMES if name in iterations]
-    records = [iterations[name]["iterations"] for name in stages]
-    last = records[-1][-1]
-    law = [parameter.name for parameter in MATERIAL_DECLARATIONS]
-    names = [name for name in (*law, *LAMBDAS) if last.get(name, 0.0) != 0.0]
+def _convergence(findings: Findings) -> Figure:
+    stages = [name for name in _STAGE_NAMES if name in findings.iterations]
+    records = [findings.iterations[name]["iterations"] for name in stages]
 
-    def column(name: str, scale: float) -> list[FloatArray]:
-        return [np.array([r.get(name, np.nan) / scale for r in record]) for record in records]
+    def column(name: str, factor: float = 1.0) -> list[FloatArray]:
+        return [np.array([factor * r.get(name, np.nan) for r in record]) for record in records]
 
-    loads = [np.where(chi > 0, chi, np.nan) for chi in column("chi_load", 1.0)]
-    return inference_figures.convergence(
-        column("chi_image", 1.0), loads, [_STAGE_NAMES[name] for name in stages],
-        {label(name): column(name, last[name]) for name in names},
-    )  # fmt: skip
+    def course(name: str) -> history_figures.Course:
+        found = findings.estimates[name]
+        factor, unit = reading_unit(name, found.parameter.unit)
+        return history_figures.Course(label(name), unit, column(name, factor), factor * found.sigma)
+
+    few = core(tuple(findings.estimates))
+    return history_figures.convergence(
+        [_STAGE_NAMES[name] for name in stages],
+        {
+            "χ_F of loads": column("paper_chi_F"),
+            "χ of images, mesh": column("chi_image"),
+            "χ_f of images": column("paper_chi_f"),
+        },
+        [course(name) for name in few if name in LAMBDAS],
+        # What starts at zero has no relative course.
+        [course(name) for name in few if name not in LAMBDAS and findings.start_of(name)],
+    )

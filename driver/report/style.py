@@ -29,7 +29,7 @@ CATEGORIES = {
 SIGNED = "RdBu_r"  # around zero
 GREY = "#6b6b6b"
 
-INDEXED = re.compile("([χγU])_([FYZ])")  # symbols with an index, as they stand in texts
+INDEXED = re.compile("([χγU]|λ[⁺⁻])_([FYZf])")  # symbols with an index, as they stand in texts
 
 WIDTH = 9.6  # in; shown at about 100 pixels per inch, so that 10 pt reads as on the page
 DPI = 150
@@ -73,7 +73,7 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
 
 
 def typeset(text: str) -> str:
-    """A text of a figure with χ_F, γ_F, U_Y and U_Z as indexed symbols."""
+    """A text of a figure with χ_F, γ_F, λ⁺_Y, U_Y and the like as indexed symbols."""
     return INDEXED.sub(r"$\\mathregular{\1_\2}$", text)
 
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from driver.boundary import LAMBDAS
+from driver.report.evidence_figures import signed_evidence
 from driver.report.findings import Findings
-from driver.report.inference_figures import signed_evidence
 from driver.report.wording import (
     cause_label,
     change,
@@ -110,14 +110,13 @@ def added_rows(findings: Findings) -> list[Row]:
 def parameter_rows(findings: Findings) -> list[tuple[str, list[Row]]]:
     """Groups of parameters with start, value before and after, and their shift in σ."""
     before, after = findings.diagnosis["baseline"], findings.diagnosis["extended"]
-    starts = dict(zip(findings.names, findings.start.tolist(), strict=True))
     groups: dict[str, list[Row]] = {}
     for name in dict.fromkeys((*before, *after)):
         if name == "reason":
             continue
         unit = (before.get(name) or after[name])["unit"]
         factor, shown = reading_unit(name, unit)
-        start = starts.get(name, findings.values[name])
+        start = findings.start_of(name)
         groups.setdefault(_group(name, findings.diagnosis["added"]), []).append(
             {
                 "label": label(name),
@@ -125,7 +124,7 @@ def parameter_rows(findings: Findings) -> list[tuple[str, list[Row]]]:
                 "unit": shown,
                 "start": number(factor * start, 4),
                 "before": _pair(before.get(name), factor),
-                "after": _pair(after.get(name), factor) if findings.extended else None,
+                "after": _pair(after.get(name), factor),
                 "shift": _shift(before.get(name), after.get(name)),
             }
         )

@@ -56,7 +56,7 @@ _CAUSES = {
     "section_depth": "depth of the section",
 }
 _LABELS |= {
-    f"lambda_{side}_{axis}": f"λ{sign} {axis}"
+    f"lambda_{side}_{axis}": f"λ{sign}_{axis}"
     for side, sign in (("plus", "⁺"), ("minus", "⁻"))
     for axis in "YZ"
 }
@@ -65,6 +65,7 @@ _LABELS |= {
     for what, turned in (("grain1", "grain 1"), ("grain2", "grain 2"), ("frame", "the EBSD frame"))
     for axis in "xyz"
 }
+_SHORT = {"origin_X": "origin X", "origin_Y": "origin Y", "load_gain": "load gain"}
 _KNOTS = {"elongation": "ΔU_Y", "tilt": "ΔU_Z"}
 _PERCENT = frozenset(
     ("load_gain", "depth_scale", "height_scale", "stretch_curvature", "magnification_drift")
@@ -82,6 +83,11 @@ def label(name: str) -> str:
     return _LABELS.get(name, name)
 
 
+def short_label(name: str) -> str:
+    """A parameter where there is little room, as beside a matrix."""
+    return _SHORT.get(name) or label(name).replace(", knot ", " ")
+
+
 def cause_label(name: str) -> str:
     """A cause as it is written in text."""
     return _CAUSES.get(name, name.replace("_", " "))
@@ -91,6 +97,14 @@ def readable(text: str, causes: Iterable[str]) -> str:
     """A text with the names of these causes as they are written."""
     for name in sorted(causes, key=len, reverse=True):
         text = re.sub(rf"\b{name}\b", cause_label(name), text)
+    return text
+
+
+def named(text: str, parameters: Iterable[str]) -> str:
+    """A text with these parameters as they are written."""
+    for name in sorted(parameters, key=len, reverse=True):
+        if len(name) > 1:
+            text = re.sub(rf"\b{name}\b", label(name), text)
     return text
 
 
@@ -128,6 +142,13 @@ def number(value: float | None, digits: int = 3) -> str:
     return text.replace("-", "−")
 
 
+def compact(value: float) -> str:
+    """A number of any size in a few characters: “430”, “−4·10⁵”."""
+    if value == 0.0 or 0.01 <= abs(value) < 9995.0:
+        return number(value, 2)
+    return _scientific(value, 1).replace("-", "−")
+
+
 def chi(value: float) -> str:
     """A χ: two decimals up to ten, then three digits."""
     return f"{value:.2f}" if value < 9.995 else number(value)
@@ -142,8 +163,7 @@ def with_sigma(value: float, sigma: float | None) -> str:
     """“value ± σ”: σ with two digits if it begins with 1 or 2, else with one; value to match."""
     if sigma is None or not math.isfinite(sigma) or sigma <= 0:
         return number(value, 4)
-    exponent = math.floor(math.log10(sigma))
-    places = (1 if sigma / 10.0**exponent < 2.95 else 0) - exponent
+    places = _places(sigma)
     if places > 5:
         # Both with the power of ten of the larger one.
         power = math.floor(math.log10(max(abs(value), sigma)))
@@ -153,6 +173,30 @@ def with_sigma(value: float, sigma: float | None) -> str:
     digits = max(places, 0)
     text = f"{round(value, places):.{digits}f} ± {round(sigma, places):.{digits}f}"
     return text.replace("-", "−")
+
+
+def interval(low: float, high: float, sigma: float) -> str:
+    """“low to high”, with the digits that a standard deviation leaves."""
+    if not math.isfinite(sigma) or sigma <= 0 or _places(sigma) > 5:
+        return f"{number(low)} to {number(high)}"
+    places = _places(sigma)
+    # 0.0 is added for an end that rounds to −0.
+    texts = (f"{round(end, places) + 0.0:.{max(places, 0)}f}" for end in (low, high))
+    return " to ".join(texts).replace("-", "−")
+
+
+def percent(share: float) -> str:
+    """A share from 0 to 1; only what is whole is 100 %."""
+    if share < 0.01:
+        return "< 1 %"
+    return f"{min(round(100 * share), 99) if share < 1 else 100} %"
+
+
+def duration(seconds: float) -> str:
+    """“0.4 s”, “72 s”, “4.5 min” or “2.1 h”."""
+    if seconds < 100:
+        return f"{seconds:.1f} s" if seconds < 10 else f"{seconds:.0f} s"
+    return f"{seconds / 60:.1f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
 
 
 def probability(p: float) -> str:
@@ -200,6 +244,12 @@ def with_unit(text: str, unit: str) -> str:
 def joined(words: Sequence[str]) -> str:
     """“a”, “a and b”, “a, b and c”."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def _places(sigma: float) -> int:
+    """Decimal places: two digits of σ if it begins with 1 or 2, else one."""
+    exponent = math.floor(math.log10(sigma))
+    return (1 if sigma / 10.0**exponent < 2.95 else 0) - exponent
 
 
 def _scientific(value: float, digits: int) -> str:

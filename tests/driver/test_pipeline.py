@@ -188,11 +188,13 @@ def test_the_identification_is_written_with_its_uncertainty(finished: Run) -> No
     np.testing.assert_allclose(np.diag(found["correlation"]), 1.0)
     assert float(found["budget/model"]) == pytest.approx(1.0, abs=0.1)
     assert float(found["budget/load"]) > 2  # the elongation is not proportional to stage travel
+    assert found["prior/width"].shape == found["prior/mean"].shape == (n,)
+    assert found["initial/load"].shape == found["final/load"].shape
     text = (finished.results / "identify.csv").read_text("utf-8").splitlines()
     assert text[0] == "parameter,value,sigma,unit" and len(text) == n + 1
     stages = json.loads((finished.results / "identify_history.json").read_text("utf-8"))
     assert list(stages) == ["A", "B", "C"]
-    assert all("σ" in stage["reason"] for stage in stages.values())
+    assert all("σ" in stage["reason"] and stage["seconds"] > 0 for stage in stages.values())
 
 
 def test_the_identification_keeps_what_the_paper_shows(finished: Run) -> None:

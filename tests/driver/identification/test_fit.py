@@ -305,6 +305,15 @@ def test_an_evaluation_that_is_known_already_is_not_repeated() -> None:
     assert objective.tried == [] and found.best is start
 
 
+def test_a_fit_keeps_the_load_with_which_it_began_and_its_duration() -> None:
+    objective = formula(linear, np.ones(40), PLAIN)
+    start = replace(objective.evaluate(ZERO, "abc"), load=np.array([3.0, 5.0]))
+    found = fit(objective, ZERO, "abc", 5, silent, start=start)
+    assert found.best is not start
+    np.testing.assert_array_equal(found.start_load, [3.0, 5.0])
+    assert found.seconds > 0
+
+
 def test_restricting_an_evaluation_is_evaluating_with_fewer_free() -> None:
     objective = formula(linear, np.ones(40), PLAIN, {"b": (0.1, 0.3)})
     values = ZERO | {"b": 0.4}

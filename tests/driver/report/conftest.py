@@ -32,6 +32,7 @@ LAMBDAS = ("lambda_plus_Y", "lambda_plus_Z", "lambda_minus_Y", "lambda_minus_Z")
 VALUES = {"tau0": 21.34, "c": 44120.0, "d": 1140.0} | dict.fromkeys(LAMBDAS, 0.97)
 SIGMAS = {"tau0": 0.12, "c": 350.0, "d": 13.0} | dict.fromkeys(LAMBDAS, 0.021)
 NODAL_SIGMA = (0.019, 0.018, 0.002)  # of u, v, w at a node, the reference's noise included [µm]
+PRIOR_WIDTH = {"tau0": 1.0, "c": 1.0, "d": 0.0125} | dict.fromkeys(LAMBDAS, 2.0)  # in θ
 SEED = 3
 
 
@@ -195,18 +196,37 @@ def _write_identified(folder):
     fitted = _fitted()
     correlation = np.eye(len(names))
     correlation[-1, -2] = correlation[-2, -1] = -0.93
+    sigmas = [fitted[n]["sigma"] / declared[n].slope(fitted[n]["value"]) for n in names]
+    covariance = correlation * np.outer(sigmas, sigmas)
     null = {name: parameter.null for name, parameter in declared.items()}
+    start = np.array([null[name] for name in names])
+    width = np.array([PRIOR_WIDTH.get(name, np.inf) for name in names])
+    values = np.array([fitted[name]["value"] for name in names])
     everything = null | {name: fitted[name]["value"] for name in names}
     write_hdf5(
         folder / "identify.h5",
         {
-            "start": (np.array([null[name] for name in names]), "see units"),
+            "start": (start, "see units"),
+            "values": (values, "see units"),
+            "covariance": (covariance, "of θ"),
             "correlation": (correlation, "1"),
+            "prior/mean": (np.where(np.isinf(width), np.nan, start), "see units"),
+            "prior/width": (width, "of θ"),
+            "prior_share": (
+                np.where(np.array(names) == "d", 0.83, np.diag(covariance) / width**2),
+                "1",
+            ),
+            "kinematic_hessian": (np.diag(np.arange(7.0, 0.0, -1.0)), "of log p"),
+            "hessian_names": (np.array([*LAMBDAS, *LAW], dtype="S"), ""),
+            "paper/chi": (np.array([4.64, 4.52]), "1"),
+            "paper/chi_f": (np.array([4.46, 4.47]), "1"),
+            "paper/chi_F": (np.array([78.0, 58.0]), "1"),
+            "initial/load": (30.0 * np.array(STAGE), "µN"),
             "noise_factor": (1.04, "1"),
         },
         {
             "names": json.dumps(names),
-            "units": json.dumps([declared[name].unit for name in names]),
+            "warnings": json.dumps(["d: the data hardly see it", "lambda_plus_Y stands at 5"]),
             "all_values": json.dumps(everything),
             "reason": "the Newton decrement is 0.04 σ",
         },
@@ -215,16 +235,24 @@ def _write_identified(folder):
     stages = {
         stage: {
             "reason": "the Newton decrement is 0.04 σ",
+            "seconds": 20.0,
             "iterations": [
                 iteration
                 | {"tau0": 40.0 - 5 * k, "cost": 10.0, "chi_image": 2.0 - 0.3 * k}
                 | {"chi_load": 0.0 if stage == "A" else 30.0 / (k + 1)}
+                | (dict.fromkeys(LAMBDAS, 1.0) if stage == "A" and k == 0 else {})
+                | {"paper_chi": 5.0 - k, "paper_chi_f": 4.6 - 0.1 * k, "paper_chi_F": 78.0 - k}
                 for k in range(3)
             ],
         }
         for stage in ("A", "B", "C")
     }
     (folder / "identify_history.json").write_text(json.dumps(stages), "utf-8")
+    done = {
+        name: {"key": "", "outputs": [], "finished": "", "seconds": seconds}
+        for name, seconds in (("mesh", 0.5), ("measure", 9.5), ("identify", 90.0))
+    }
+    (folder / "stages.json").write_text(json.dumps(done), "utf-8")
 
 
 def _write_diagnosed(folder, rng):

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from driver.report import figures, inference_figures, maps
-from driver.report.style import CATEGORIES, png
+from driver.report import figures, maps
+from driver.report.style import png
 
 T = 9
 STAGE = np.r_[np.linspace(0, 40, 5), np.linspace(30, 0, 4)]
@@ -42,53 +42,15 @@ def test_motion_is_drawn_in_nanometres_over_stage_travel():
 
 def test_the_residual_of_the_load_is_measured_minus_model_with_the_noise_as_a_band():
     measured = 20.0 * STAGE
-    figure = figures.loads(STAGE, TIME, measured, {"before": measured - 7.0}, 5.97)
+    figure = figures.loads(STAGE, TIME, measured, {"before": measured - 7.0}, 5.97, 2 * measured)
     loop, residual = figure.axes
     line = next(line for line in residual.lines if line.get_label() == "identified model")
     assert np.allclose(line.get_ydata(), 7.0)
     assert residual.patches[0].get_height() == pytest.approx(2 * 5.97)
+    initial = next(line for line in loop.lines if line.get_label() == "at the start")
+    assert np.array_equal(initial.get_ydata(), 2 * measured)
     assert loop.get_ylabel() == "load on the specimen [µN]"
     assert residual.get_ylabel() == "measured − model [µN]"
-
-
-def test_evidence_marks_the_best_refit_and_the_line_three_below_it():
-    score, refit = np.array([20.0, 30.0, 4.0, -1.0]), np.array([41.0, 12.0, np.nan, np.nan])
-    figure = inference_figures.evidence(
-        ["a", "b", "c", "d"], ["material", "boundary", "instrument", "numerics"], score, refit
-    )
-    axes = figure.axes[0]
-    assert texts(axes) == ["+41.0", "+12.0", "+4.0", "−1.0"]
-    assert [bar.get_linewidth() for bar in axes.patches] == [2.0, 0.6, 0.6, 0.6]
-    verticals = [line.get_xdata()[0] for line in axes.lines if len(set(line.get_xdata())) == 1]
-    assert 0.0 in verticals and 38.0 in verticals
-    assert axes.get_xscale() == "linear"
-    colour = axes.patches[1].get_facecolor()[:3]
-    assert np.allclose(
-        colour, [int(CATEGORIES["boundary"][k : k + 2], 16) / 255 for k in (1, 3, 5)]
-    )
-
-
-def test_evidence_in_the_thousands_is_drawn_logarithmically_and_says_so():
-    figure = inference_figures.evidence(
-        ["a", "b"], ["material", "material"], np.array([3000.0, 2.0]), np.full(2, np.nan)
-    )
-    axes = figure.axes[0]
-    assert axes.get_xscale() == "symlog" and "logarithmic beyond" in axes.get_xlabel()
-
-
-def test_without_a_refit_that_pays_nothing_is_marked_as_the_best():
-    figure = inference_figures.evidence(
-        ["a", "b"], ["material", "material"], np.array([-1.0, -2.0]), np.array([-0.5, np.nan])
-    )
-    assert {bar.get_linewidth() for bar in figure.axes[0].patches} == {0.6}
-
-
-def test_strong_correlations_are_written_and_the_scale_is_symmetric():
-    matrix = np.array([[1.0, -0.93, 0.2], [-0.93, 1.0, 0.1], [0.2, 0.1, 1.0]])
-    figure = inference_figures.correlation(["τ₀", "c", "d"], matrix)
-    axes = figure.axes[0]
-    assert texts(axes) == ["−.93", "−.93"]
-    assert axes.images[0].get_clim() == (-1.0, 1.0)
 
 
 def face():
@@ -150,4 +112,5 @@ def test_the_grain_boundary_is_where_faces_of_two_grains_meet():
 
 
 def test_a_figure_becomes_a_png_file():
-    assert png(inference_figures.correlation(["a"], np.eye(1))).startswith(b"\x89PNG")
+    side = {"model": 1.0, "basis": 1.0, "load": 1.0}
+    assert png(figures.budget(1.0, {"before": side})).startswith(b"\x89PNG")

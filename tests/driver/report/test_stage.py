@@ -17,7 +17,8 @@ from driver.stages import StageError
 
 FIGURES = (
     "budget", "specimen", "motion", "fields", "loads", "residual_maps",
-    "residual_history", "evidence_1", "evidence_2", "correlation", "convergence",
+    "residual_history", "evidence_1", "evidence_2", "sensitivity", "correlation",
+    "convergence",
 )  # fmt: skip
 MEASURED = (
     "measure_reference", "measure_fields", "measure_travel", "measure_residuals", "measure_noise",
@@ -70,7 +71,7 @@ def test_the_pictures_of_free_correlation_stand_in_the_page_with_words_for_each(
     written, measured, page
 ):
     assert tuple(texts(measured)) == MEASURED
-    section = page[page.index('id="measured"') : page.index('id="motion"')]
+    section = page[page.index('id="measured"') : page.index('id="specimen"')]
     for name, text in texts(measured).items():
         image = base64.b64encode((written.results / f"{name}.png").read_bytes()).decode()
         assert f'<img src="data:image/png;base64,{image}" alt="{text.alternative}">' in section
@@ -99,12 +100,57 @@ def test_every_cause_stands_in_the_table_with_its_sentence(page):
     assert "load drift over the test +0.140 µN not visible" in text
 
 
-def test_parameters_are_written_with_their_uncertainty_and_unit(page):
+def test_identified_parameters_are_written_with_interval_prior_and_its_share(page):
+    text = shown(page)
+    assert "τ₀ tau0 MPa 40.00 5.6 to 280 21.34 ± 0.12 21.11 to 21.58 &lt; 1 %" in text
+    assert "c c GPa 40.00 5.6 to 280 44.1 ± 0.4 43.4 to 44.8 &lt; 1 %" in text
+    assert "d d 1 1500 1500 to 1500 1140 ± 13 1115 to 1166 83 %" in text
+    assert "Not decided by the data: d: the data hardly see it." in text
+    assert "Not decided by the data: λ⁺_Y stands at 5." in text
+    assert "ΔU_Y, knot 1 elongation_1 nm 0 none 30.00 ± 0.20 29.61 to 30.39 –" in text
+    assert "Strongest: c and d (−0.93)." in text
+
+
+def test_what_the_extension_changed_is_told(page):
     text = shown(page)
     assert "τ₀ tau0 MPa 40.00 21.34 ± 0.12 21.34 ± 0.12 0" in text
-    assert "c c GPa 40.00 44.1 ± 0.4 44.1 ± 0.4 0" in text
-    assert "ΔU_Y, knot 1 elongation_1 nm 0 30.00 ± 0.20" in text
+    assert "ΔU_Y, knot 1 elongation_1 nm 0 30.00 ± 0.20 30.00 ± 0.20 0" in text
     assert "tau0_grain2 1.000 – 1.149 ± 0.004 –" in text
+
+
+def test_the_law_stands_beside_the_verdict_with_its_intervals(page):
+    text = shown(page)
+    top = text[: text.index("Can the verdict be trusted?")]
+    assert "τ₀ 21.34 ± 0.12 MPa 95 %: 21.11 to 21.58; before the extension 21.34 ± 0.12" in top
+    assert "c 44.1 ± 0.4 GPa" in top and "λ" not in top
+
+
+def test_residuals_and_parameters_stand_in_the_form_of_the_literature(page):
+    text = shown(page)
+    assert "χ_f λ⁺_Y λ⁺_Z λ⁻_Y λ⁻_Z free correlation (DIC) 0.70 – – – – start 4.46 1.00" in text
+    assert "identified 4.47 0.970 ± 0.021" in text
+    assert "χ χ_f χ_F τ₀ [MPa] c [GPa] d start 4.64 4.46 78.0 40.00 40.00 1500" in text
+    assert "identified 4.52 4.47 58.0 21.34 ± 0.12 44.1 ± 0.4 1140 ± 13" in text
+    # noise alone: √((1 + 1/10)/2) with ten images in the reference
+    assert "noise alone leaves χ_f = 0.74 here" in text
+
+
+def test_the_budget_stands_in_numbers_under_its_bars(page):
+    text = shown(page)
+    assert "noise alone 1.00 0.74 1.00 1.00 free correlation (DIC) 1.01 0.70 – –" in text
+    assert "identified model 1.31 4.47 1.60 6.70 extended model 1.02 – 1.03 0.98" in text
+
+
+def test_the_time_is_told_by_stage(page):
+    text = shown(page)
+    assert "mesh 0.5 s &lt; 1 % measure 9.5 s 10 % identify A 20 s 20 %" in text
+    assert "identify, the rest 30 s 30 % all 1.7 min 100 %" in text
+
+
+def test_every_figure_has_words_for_those_who_do_not_see_it(page):
+    alternatives = re.findall(r'<img src="[^"]*" alt="([^"]*)"', page)
+    assert len(alternatives) == len(FIGURES) + len(MEASURED)
+    assert all(len(words) > 15 and "<" not in words for words in alternatives)
 
 
 def test_only_files_that_are_there_are_listed(page):
@@ -123,7 +169,8 @@ def test_without_an_addition_one_model_is_shown(results, tmp_path):
     run_report(results.context(tmp_path / "work"))
     text = shown((tmp_path / "work" / "report.html").read_text("utf-8"))
     assert "Nothing wrong: the model leaves only noise. What is left is noise." in text
-    assert "Identified" in text and "log Bayes factor" not in text and "→" not in text
+    assert "All free parameters together, from images and loads" in text
+    assert "log Bayes factor" not in text and "→" not in text and "extension" not in text
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -195,3 +242,36 @@ def test_the_identified_motion_passes_through_its_knots(written, tmp_path):
 
 def test_a_frame_that_is_left_out_is_named(page):
     assert "; 7 is unlike its neighbours and not fitted but for the load" in page
+
+
+def test_with_the_knots_held_the_page_shows_the_law_and_how_the_amplitudes_were_found(
+    results, tmp_path
+):
+    """In the paper's order only the law is free at the end, and only the amplitudes in stage A."""
+    with h5py.File(results.results / "identify.h5", "a") as file:
+        names = json.loads(file.attrs["names"])
+        rows = [names.index(name) for name in ("tau0", "c", "d")]
+        file.attrs["names"] = json.dumps(["tau0", "c", "d"])
+        for name in ("start", "values", "prior/mean", "prior/width", "prior_share"):
+            replaced(file, name, file[name][...][rows])
+        for name in ("covariance", "correlation"):
+            replaced(file, name, file[name][...][np.ix_(rows, rows)])
+    path = results.results / "identify_history.json"
+    stages = json.loads(path.read_text("utf-8"))
+    for stage, fit in stages.items():
+        for record in fit["iterations"]:
+            for name in list(record):
+                free = name.startswith("lambda") if stage == "A" else name in ("tau0", "c", "d")
+                if not free and "chi" not in name:
+                    del record[name]
+    path.write_text(json.dumps(stages), "utf-8")
+    run_report(results.context(tmp_path / "work"))
+    text = shown((tmp_path / "work" / "report.html").read_text("utf-8"))
+    assert "identified 4.47 0.9700 0.9700 0.9700 0.9700" in text
+    assert "Knots of the boundary motion" not in text
+    assert "τ₀ tau0 MPa 40.00 5.6 to 280 21.34 ± 0.12" in text
+
+
+def replaced(file, name, values):
+    del file[name]
+    file[name] = values

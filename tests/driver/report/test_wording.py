@@ -4,14 +4,21 @@ import pytest
 
 from driver.diagnosis.causes import LIBRARY
 from driver.model import declared_parameters
+from driver.report.style import INDEXED
 from driver.report.wording import (
     change,
     chi,
+    compact,
+    duration,
+    interval,
     label,
+    named,
     number,
+    percent,
     probability,
     readable,
     reading_unit,
+    short_label,
     signed,
     smallest,
     with_sigma,
@@ -74,7 +81,7 @@ def test_a_logarithm_is_read_as_a_change_in_percent():
 
 def test_every_parameter_that_can_be_shown_has_a_label_without_underscores():
     labels = {name: label(name) for name in declared_parameters(4)}
-    assert not [name for name, text in labels.items() if "_" in text.replace("ΔU_", "")]
+    assert not [name for name, text in labels.items() if "_" in INDEXED.sub("", text)]
     assert len(set(labels.values())) == len(labels)
 
 
@@ -82,3 +89,50 @@ def test_names_of_causes_in_a_text_become_words():
     names = [cause.name for cause in LIBRARY]
     text = readable("Check load_gain; check tilt_drift and boundary_tilt.", names)
     assert text == "Check load gain; check tilt drift and tilt of the grain boundary."
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (0.011, "0.011"), (-430.4, "−430"), (9994.0, "9994"), (9996.0, "1·10⁴"),
+     (-4.2e5, "−4·10⁵"), (-3e-3, "−3·10⁻³")],
+)  # fmt: skip
+def test_a_number_of_a_cell_is_short(value, text):
+    assert compact(value) == text and len(text) <= 8
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "sigma", "text"),
+    [(21.1, 21.6, 0.12, "21.10 to 21.60"), (-1.0, 3.0, 1.02, "−1.0 to 3.0"),
+     (-0.3, 120.0, 30.0, "0 to 120"), (40912.0, 43000.0, 2500.0, "40900 to 43000"),
+     (1e-8, 3e-8, 5e-9, "1.00·10⁻⁸ to 3.00·10⁻⁸"),
+     (2.0, 2.0, 0.0, "2.00 to 2.00")],
+)  # fmt: skip
+def test_an_interval_has_the_digits_that_its_sigma_leaves(low, high, sigma, text):
+    assert interval(low, high, sigma) == text
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [(0.0, "< 1 %"), (0.0099, "< 1 %"), (0.012, "1 %"), (0.65, "65 %"), (0.999, "99 %"),
+     (1.0, "100 %")],
+)  # fmt: skip
+def test_only_what_is_whole_is_a_hundred_percent(share, text):
+    assert percent(share) == text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.42, "0.4 s"), (72.4, "72 s"), (270.0, "4.5 min"), (7560.0, "2.1 h")],
+)
+def test_a_duration_is_told_in_the_unit_that_suits_it(seconds, text):
+    assert duration(seconds) == text
+
+
+def test_beside_a_matrix_labels_are_short():
+    assert short_label("elongation_3") == "ΔU_Y 3" and short_label("origin_X") == "origin X"
+    assert max(len(short_label(name)) for name in declared_parameters(4) if "lambda" in name) <= 4
+
+
+def test_parameters_in_a_text_are_written_as_elsewhere():
+    text = named("tau0_112 and tau0: c hardly", ["tau0", "tau0_112", "c"])
+    assert text == "τ₀ of {112} / τ₀ of {110} and τ₀: c hardly"

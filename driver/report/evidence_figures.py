@@ -1,8 +1,8 @@
-"""Figures of the inference: evidence of the causes, correlation and convergence of parameters."""
+"""Evidence of every cause, as bars."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,24 +12,17 @@ from numpy.typing import NDArray
 
 from driver.diagnosis.diagnose import WITHIN
 from driver.report.style import (
-    AFTER,
     BEFORE,
     CATEGORIES,
-    CYCLES,
     GREY,
     MEASURED,
-    SIGNED,
-    WIDTH,
-    grid,
     new_figure,
     styled,
-    typeset,
 )
 
 FloatArray = NDArray[np.float64]
 
 _LINEAR = 10.0  # of the evidence axis; logarithmic beyond
-_WRITTEN = 0.7  # correlations beyond which the value is written
 
 
 @styled
@@ -106,77 +99,3 @@ def _evidence_key(categories: Sequence[str], refitted: bool) -> list[Patch | Lin
                           label="its screening, before the refit"))  # fmt: skip
         key.append(Line2D([], [], color=BEFORE, ls="--", label=f"best − {WITHIN:g}"))
     return key
-
-
-@styled
-def correlation(names: Sequence[str], matrix: FloatArray) -> Figure:
-    """Correlation matrix of the identified parameters; strong ones with their value.
-
-    Args:
-        names: the parameters, length k.
-        matrix: shape (k, k).
-    """
-    k = len(names)
-    side = min(WIDTH - 0.3, max(4.2, 0.34 * k + 1.9))
-    figure = new_figure(0.88 * side, side + 0.3)
-    axis = figure.subplots()
-    picture = axis.imshow(matrix, cmap=SIGNED, vmin=-1.0, vmax=1.0)
-    for row, column in np.argwhere(np.abs(matrix) >= _WRITTEN):
-        if row != column:
-            text = f"{matrix[row, column]:.2f}".replace("-", "−").replace("0.", ".")
-            axis.text(column, row, text, ha="center", va="center", color="white", fontsize=7.0)
-    written = [typeset(name) for name in names]
-    axis.set_xticks(range(k), written, rotation=90)
-    axis.set_yticks(range(k), written)
-    axis.tick_params(length=0, labelsize=8.5, pad=6)
-    for spine in axis.spines.values():
-        spine.set_visible(False)
-    axis.set_xticks(np.arange(k + 1) - 0.5, minor=True)
-    axis.set_yticks(np.arange(k + 1) - 0.5, minor=True)
-    axis.tick_params(which="minor", length=0)
-    axis.grid(True, which="minor", color="white", lw=1.0)
-    figure.colorbar(picture, ax=axis, shrink=0.75, label="correlation [1]")
-    return figure
-
-
-@styled
-def convergence(
-    chi_image: Sequence[FloatArray],
-    chi_load: Sequence[FloatArray],
-    stages: Sequence[str],
-    values: Mapping[str, Sequence[FloatArray]],
-) -> Figure:
-    """χ and parameters over the iterations of the stages of an identification.
-
-    Args:
-        chi_image: χ of the images on the correlation mesh, one array for each stage.
-        chi_load: χ_F, NaN in a stage without loads.
-        stages: names of the stages.
-        values: by label, parameters over their last value, NaN where held, one array a stage.
-    """
-    figure = new_figure(5.0)
-    upper, lower = figure.subplots(2, 1, sharex=True)
-    ends = np.cumsum([0, *(len(chi) for chi in chi_image)])
-    at = np.arange(ends[-1])
-    upper.semilogy(at, np.concatenate(list(chi_load)), "s-", ms=4, lw=1.2, color=BEFORE,
-                   label=typeset("χ_F (loads)"))  # fmt: skip
-    upper.semilogy(at, np.concatenate(list(chi_image)), "o-", ms=4, lw=1.2, color=AFTER,
-                   label="χ (images, correlation mesh)")  # fmt: skip
-    colours = (*CYCLES, AFTER, BEFORE, MEASURED)
-    for index, (name, parts) in enumerate(values.items()):
-        lower.plot(at, np.concatenate(list(parts)), ".-", ms=5, lw=1.1,
-                   color=colours[index % len(colours)], label=name)  # fmt: skip
-    upper.axhline(1.0, color=GREY, lw=1.0, ls="--")
-    lower.axhline(1.0, color=GREY, lw=1.0, ls="--")
-    for k, name in enumerate(stages):
-        for axis in (upper, lower):
-            axis.axvspan(ends[k] - 0.5, ends[k + 1] - 0.5, color=GREY, lw=0,
-                         alpha=0.10 if k % 2 else 0.0)  # fmt: skip
-        upper.text((ends[k] + ends[k + 1] - 1) / 2, 1.0, name, ha="center", va="bottom",
-                   transform=upper.get_xaxis_transform(), weight="bold", fontsize=9)  # fmt: skip
-    upper.set(ylabel="χ [1]", xlim=(-0.5, ends[-1] - 0.5))
-    lower.set(ylabel="value / last value [1]", xlabel="iteration")
-    for axis in (upper, lower):
-        grid(axis)
-        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return figure

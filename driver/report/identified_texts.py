@@ -1,0 +1,138 @@
+"""What the page says of the identification: tables, and words around its figures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from driver.boundary import LAMBDAS
+from driver.report.findings import Findings
+from driver.report.identified import interval_of
+from driver.report.identified_tables import (
+    apex_table,
+    budget_table,
+    core,
+    estimate_rows,
+    law_table,
+    strongest,
+    time_table,
+)
+from driver.report.wording import (
+    chi,
+    interval,
+    label,
+    named,
+    number,
+    reading_unit,
+    with_sigma,
+    with_unit,
+)
+
+Row = dict[str, Any]
+
+_MODELS = {"before": "identified model", "after": "extended model"}
+
+
+def identification(findings: Findings) -> Row:
+    """Tables and texts of the section on the identification, by name."""
+    found, results = findings.estimates, findings.identified
+    few = core(tuple(found))
+    names = list(found)
+    rows = [names.index(name) for name in few]
+    free = free_chi_f(findings)
+    paper = {
+        key: (float(results[f"paper/{key}"][0]), float(results[f"paper/{key}"][1]))
+        for key in ("chi", "chi_f", "chi_F")
+    }
+    gain = findings.diagnosis["gain"]
+    groups, many = estimate_rows(found)
+    return {
+        "groups": groups,
+        "many": many,
+        "warnings": [named(text, names) for text in findings.warnings],
+        "strongest": strongest(few, results["correlation"][np.ix_(rows, rows)]),
+        "apex": apex_table(_amplitudes(findings), free, paper["chi_f"]),
+        "law": law_table(found, paper),
+        "budget": budget_table(
+            (gain["budget_before"]["free"], free),
+            {_MODELS[side]: gain[f"budget_{side}"] for side in findings.sides},
+            {_MODELS["before"]: paper["chi_f"][1]},
+            noise_chi_f(findings),
+        ),
+        "noise": chi(noise_chi_f(findings)),
+        "time": time_table(findings.seconds),
+        "hessian_alternative": _hessian_alternative(findings),
+        "history_alternative": _history_alternative(findings),
+    }
+
+
+def _amplitudes(findings: Findings) -> dict[str, tuple[float, float, float | None]]:
+    """Start, value and standard deviation; in the paper's order they are held at the end."""
+    first = next(iter(findings.iterations.values()))["iterations"][0]
+    found = findings.estimates
+    return {
+        name: (
+            first[name],
+            findings.values[name],
+            found[name].sigma if name in found else None,
+        )
+        for name in LAMBDAS
+        if name in first
+    }
+
+
+def noise_chi_f(findings: Findings) -> float:
+    """χ_f of the paper where noise alone is left: √((1 + 1/n)/2), n repeats in the reference."""
+    return float(np.sqrt(0.5 * (1.0 + 1.0 / float(findings.measured["n_reference"]))))
+
+
+def free_chi_f(findings: Findings) -> float:
+    """χ_f of free correlation in the weighting of the paper, over the images that are fitted."""
+    m = findings.measured
+    kept = m["residual"][m["left_out"] == 0].astype(np.float64)
+    return float(np.sqrt(np.mean(kept**2) / (2.0 * float(m["sigma"]) ** 2)))
+
+
+def law_tiles(findings: Findings) -> list[Row]:
+    """The parameters of the law as they came out, with their 95 % intervals."""
+    last = findings.diagnosis["extended" if findings.extended else "baseline"]
+    tiles = []
+    for name, found in findings.estimates.items():
+        if name not in core((name,)) or name in LAMBDAS:
+            continue
+        factor, unit = reading_unit(name, found.parameter.unit)
+        value, sigma = last[name]["value"], last[name]["sigma"]
+        low, high = interval_of(found.parameter, value, sigma / found.parameter.slope(value))
+        before = ""
+        if findings.extended:
+            earlier = with_sigma(factor * found.value, factor * found.sigma)
+            before = f"; before the extension {earlier}"
+        tiles.append(
+            {
+                "title": label(name),
+                "value": with_unit(with_sigma(factor * value, factor * sigma), unit),
+                "note": f"95 %: {interval(factor * low, factor * high, factor * sigma)}{before}; "
+                f"start {number(factor * found.start, 4)}",
+            }
+        )
+    return tiles
+
+
+def _hessian_alternative(findings: Findings) -> str:
+    size = np.diag(findings.identified["kinematic_hessian"])
+    order = np.argsort(-size)[:2]
+    # An attribute of the page takes no index.
+    first, second = (label(findings.hessian_names[k]).replace("_", "") for k in order)
+    return (
+        "Kinematic Hessian and correlation matrix, a number in each cell; "
+        f"{first} and {second} move the images most"
+    )
+
+
+def _history_alternative(findings: Findings) -> str:
+    last = findings.iterations["C"]["iterations"]
+    return (
+        "Curves over the iterations of the stages A, B and C: apex amplitudes, other parameters "
+        f"over their start, residuals; stage C ends after {len(last) - 1} iterations"
+    )
