@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -130,9 +130,7 @@ def build_workbench(
     pose = tuple(parameter.name for parameter in POSE_DECLARATIONS)
     half_a_pixel = case.images.origin_uncertainty_px * pixel
     prior |= {name: (0.0, half_a_pixel / parameters[name].scale) for name in pose}
-    uncertainty = case.sections.relative_uncertainty
-    if uncertainty:
-        prior["load_gain"] = (0.0, uncertainty / parameters["load_gain"].scale)
+    prior |= {name: (0.0, u / parameters[name].scale) for name, u in _of_loads(case).items()}
     return Workbench(
         experiment=experiment,
         images=images,
@@ -153,7 +151,15 @@ def _without(left_out: tuple[int, ...], values: FloatArray) -> FloatArray:
 
 
 def _law(case: Case) -> tuple[str, ...]:
-    names: Sequence[str] = (*case.identification.parameters, *case.extensions)
-    if case.sections.relative_uncertainty:
-        names = (*names, "load_gain")
+    names = (*case.identification.parameters, *case.extensions, *_of_loads(case))
     return tuple(dict.fromkeys(names))
+
+
+def _of_loads(case: Case) -> dict[str, float]:
+    """Stated standard deviations of what the load cell makes of the force, by parameter."""
+    stated = {
+        "load_gain": case.sections.relative_uncertainty,
+        "load_offset": case.loads.offset_uncertainty_uN,
+        "load_lag": case.loads.clock_uncertainty_s,
+    }
+    return {name: deviation for name, deviation in stated.items() if deviation}

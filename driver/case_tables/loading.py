@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from driver.case_tables.values import NonNegative, Number, Positive, Table
+from driver.load_clock import LARGEST_LAG
 
 
 class HistoryTable(Table):
@@ -31,11 +32,17 @@ class Sections(Table):
 
 
 class Loads(Table):
-    """Noise of the loads."""
+    """Noise of the loads, and what is known of their zero and of their clock."""
 
     noise_uN: Positive = Field(default=5.97, description="standard deviation at specimen scale")
     autocorrelation: Annotated[float, Field(strict=True, ge=0, lt=1)] = Field(
         default=0.0, description="correlation of the noise from one image to the next"
+    )
+    offset_uncertainty_uN: NonNegative = Field(
+        default=0.0, description="standard deviation of the zero of the load at the specimen"
+    )
+    clock_uncertainty_s: Annotated[float, Field(strict=True, ge=0, le=LARGEST_LAG / 3)] = Field(
+        default=0.0, description="standard deviation of the lag of the load behind the images"
     )
 
     @property
