@@ -29,8 +29,8 @@ STEPS = {
     "rotation_grain2_x": 1e-4, "rotation_frame_z": 1e-4,
     "lambda_plus_Y": 1e-3, "elongation_2": 1e-5, "tilt_1": 1e-5, "stretch_curvature": 1e-4,
     "depth_scale": 1e-4, "boundary_shift": 1e-4, "apex_shift": 1e-4,
-    "load_gain": 1e-4, "load_drift": 1e-2, "load_lag": 1e-4, "height_scale": 1e-4, "tilt_drift": 1e-5,
-    "origin_Y": 1e-4,
+    "load_gain": 1e-4, "load_drift": 1e-2, "load_lag": 1e-4,
+    "height_scale": 1e-4, "tilt_drift": 1e-5, "origin_Y": 1e-4,
 }  # fmt: skip
 CARRIED = ("boundary_shift", "origin_Y")
 VALUES = {
