@@ -180,6 +180,11 @@ def turning_points(stage: FloatArray) -> IntArray:
     return np.array(turning, dtype=np.int64)
 
 
+def phase_of_images(history: History) -> IntArray:
+    """In which loading or unloading each image lies, from 0; the turning image ends its phase."""
+    return _segment(history.turning, history.image_row)
+
+
 def knot_weights(history: History) -> FloatArray:
     """Weights of the knots in each row: linear in stage travel between the turning points.
 

@@ -33,7 +33,7 @@ def stages(case: Case) -> Sequence[Stage]:
     """All stages of a case, in their order."""
     return (
         Stage("mesh", "1", _MESH, run_mesh),
-        Stage("measure", "4", _MEASURE, run_measure, measured_files),
+        Stage("measure", "5", _MEASURE, run_measure, measured_files),
         Stage("identify", "3", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, measured_files),
         Stage("diagnose", "1", ("diagnosis",), run_diagnose, measured_files),
         Stage("report", "2", _REPORT, run_report, measured_files),

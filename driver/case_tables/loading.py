@@ -17,6 +17,14 @@ class HistoryTable(Table):
         default="history.csv",
         description="a text in quotes, CSV of time_s, stage_um, image, force_N",
     )
+    grip_distance_mm: Positive = Field(
+        default=32.0, description="distance of the grips, over which the stage travels"
+    )
+
+    @property
+    def grip_distance(self) -> float:
+        """Distance of the grips [µm]."""
+        return self.grip_distance_mm * 1e3
 
 
 class Sections(Table):

@@ -46,7 +46,7 @@ FILES = {
 
 _READ = (MESH, MEASURE, IDENTIFY, HISTORY_JSON, DIAGNOSIS, DIAGNOSIS_H5)
 _MEASURED = (
-    "time", "force", "xy", "left_out", "sigma_flat", *DATASETS)  # fmt: skip
+    "time", "force", "xy", "sigma_flat", *DATASETS)  # fmt: skip
 _FITTED = ("before/load", "before/motion", "before/rho", "after/load", "after/motion", "after/rho")
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.grip_motion import GripMotion, grip_motion
 from driver.report.maps import Face
 
 FloatArray = NDArray[np.float64]
@@ -17,7 +18,7 @@ DATASETS = (
     "stage", "cycle", "reference", "pixel", "origin", "rows", "cols", "motion", "coefficients",
     "covariance_one", "n_reference", "nodes_uv", "nodes_w", "cells_uv", "cells_w", "residual",
     "residual_over_noise", "chi", "sigma", "elongation", "elongation_sigma", "tilt", "tilt_sigma",
-    "mean_w", "mean_w_sigma",
+    "mean_w", "mean_w_sigma", "phase", "left_out", "grip/nominal",
 )  # fmt: skip
 BAND = 1.96  # standard deviations of a 95 % band
 SHOWN = 4  # images at most that are shown as maps
@@ -63,6 +64,7 @@ class MeasuredMotion:
         elongation: v of the end S+ less that of S−.
         tilt: w of the end S+ less that of S−.
         mean_w: mean of w over the region of interest.
+        grip: how the elongation follows the stage travel.
     """
 
     face: Face
@@ -84,6 +86,7 @@ class MeasuredMotion:
     elongation: Curve
     tilt: Curve
     mean_w: Curve
+    grip: GripMotion
 
     @property
     def shown(self) -> IntArray:
@@ -116,6 +119,7 @@ def measured_motion(
     nodal = np.stack([m["coefficients"][:, :n_uv], m["coefficients"][:, n_uv : 2 * n_uv]], axis=-1)
     nodal_sigma = np.sqrt(np.diag(m["covariance_one"]) * (1.0 + 1.0 / float(m["n_reference"])))
     row, column = m["origin"].tolist()
+    own = float(m["elongation_sigma"]) / np.sqrt(1.0 + 1.0 / float(m["n_reference"]))
     return MeasuredMotion(
         face=Face(
             m["rows"].astype(np.int64), m["cols"].astype(np.int64), float(m["pixel"]),
@@ -139,6 +143,10 @@ def measured_motion(
         elongation=Curve(m["elongation"], float(m["elongation_sigma"])),
         tilt=Curve(m["tilt"], float(m["tilt_sigma"])),
         mean_w=Curve(m["mean_w"], float(m["mean_w_sigma"])),
+        grip=grip_motion(
+            m["stage"], m["elongation"], own, m["phase"].astype(np.int64), m["left_out"] == 0,
+            float(m["grip/nominal"]),
+        ),
     )  # fmt: skip
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.report.grip_texts import sentences
 from driver.report.measured import BAND, Curve, MeasuredMotion
 from driver.report.measured_maps import COMPONENTS
 from driver.report.wording import chi, joined, number, with_sigma
@@ -29,6 +30,7 @@ def texts(measured: MeasuredMotion) -> dict[str, PictureText]:
         "measure_reference": _reference(measured),
         "measure_fields": _fields(measured),
         "measure_travel": _travel(measured),
+        "measure_grip": _grip(measured),
         "measure_residuals": _residuals(measured),
         "measure_noise": _noise(measured),
     }
@@ -90,6 +92,17 @@ def _travel(m: MeasuredMotion) -> PictureText:
         f"Curves over stage travel from {number(m.stage.min())} to {number(m.stage.max())} µm, "
         f"loading solid and unloading dashed: the elongation reaches {at_peak(m.elongation)}, the "
         f"tilt {at_peak(m.tilt)}.",
+    )
+
+
+def _grip(m: MeasuredMotion) -> PictureText:
+    words = sentences(m.grip)
+    return PictureText(
+        f"Do the grips follow the stage? {' '.join(words)} Left: elongation of each image with "
+        f"the line of all of them; dashed, what the distance of the grips makes. Right: what "
+        f"that line leaves, image by image.",
+        f"Elongation over stage travel with a straight line, and the differences from it. "
+        f"{words[0]}",
     )
 
 
