@@ -71,11 +71,11 @@ def estimate(
         case, solver, round(finer), intervals * case.solver.fine_steps_per_interval, 0
     )
     fits = round(_ITERATION_SHARE * case.identification.max_iterations)
-    refits = case.diagnosis.refit * _PER_REFIT
+    refits = case.diagnosis.refit * _PER_REFIT if case.with_images else 0
     # Only the refits are independent of each other and run side by side.
     solving = working * (fits + refits / case.execution.processes) + _FINE_RUNS * fine
     face = case.specimen.length * case.specimen.width / case.images.pixel_um**2
-    correlation = _PIXEL_SECONDS * face * n_images
+    correlation = _PIXEL_SECONDS * face * n_images if case.with_images else 0.0
     nodes = finer * _NODES_PER_CELL
     response = 8.0 * n_images * 3 * nodes * (directions + 1)
     memory = case.execution.processes * (_PROCESS_BYTES + response) + _IMAGE_COPIES * 8.0 * n_pixels

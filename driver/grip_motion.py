@@ -200,7 +200,7 @@ class _Line:
     def through(cls, stage: FloatArray, value: FloatArray, degree: int) -> _Line:
         centre, length = float(np.mean(stage)), float(np.ptp(stage)) / 2
         basis = np.vander((stage - centre) / length, degree + 1, increasing=True)
-        inverse = np.linalg.inv(basis.T @ basis)
+        inverse: FloatArray = np.linalg.inv(basis.T @ basis).astype(np.float64)
         coefficients = inverse @ basis.T @ value
         rest = value - basis @ coefficients
         return cls(

@@ -97,6 +97,8 @@ Record = dict[str, Done]
 def measured_files(case: Case) -> tuple[Path, ...]:
     """The images and the history that a case names."""
     images = case.images
+    if not case.with_images:
+        return (case.path(case.history.file),)
     names = (images.frames, images.flats, images.repeats, images.mask, case.history.file)
     return tuple(Path(split_dataset(case.path(name))[0]) for name in names if name is not None)
 

@@ -117,7 +117,7 @@ def build_workbench(
         zip(LAMBDAS, (table.plus_Y, table.plus_Z, table.minus_Y, table.minus_Z), strict=True)
     )
     start |= case.extensions
-    law = _law(case)
+    law = law_of(case)
     prior = {name: (start[name], LAMBDA_PRIOR / parameters[name].scale) for name in LAMBDAS}
     prior |= {
         name: (start[name], case.identification.width(name))
@@ -130,7 +130,9 @@ def build_workbench(
     pose = tuple(parameter.name for parameter in POSE_DECLARATIONS)
     half_a_pixel = case.images.origin_uncertainty_px * pixel
     prior |= {name: (0.0, half_a_pixel / parameters[name].scale) for name in pose}
-    prior |= {name: (0.0, u / parameters[name].scale) for name, u in _of_loads(case).items()}
+    prior |= {
+        name: (0.0, u / parameters[name].scale) for name, u in load_uncertainties(case).items()
+    }
     return Workbench(
         experiment=experiment,
         images=images,
@@ -150,12 +152,13 @@ def _without(left_out: tuple[int, ...], values: FloatArray) -> FloatArray:
     return np.asarray(np.interp(frames, kept, values[kept]))
 
 
-def _law(case: Case) -> tuple[str, ...]:
-    names = (*case.identification.parameters, *case.extensions, *_of_loads(case))
+def law_of(case: Case) -> tuple[str, ...]:
+    """Names of the free parameters of law, load cell and extensions."""
+    names = (*case.identification.parameters, *case.extensions, *load_uncertainties(case))
     return tuple(dict.fromkeys(names))
 
 
-def _of_loads(case: Case) -> dict[str, float]:
+def load_uncertainties(case: Case) -> dict[str, float]:
     """Stated standard deviations of what the load cell makes of the force, by parameter."""
     stated = {
         "load_gain": case.sections.relative_uncertainty,

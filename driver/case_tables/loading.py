@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from driver.case_errors import refusal
 from driver.case_tables.values import NonNegative, Number, Positive, Table
 from driver.load_clock import LARGEST_LAG
 
@@ -77,4 +78,23 @@ class Boundary(Table):
     U_X: Literal["held", "free"] = Field(
         default="held", description="lateral motion of the end faces"
     )
+    motion: Literal["images", "stage"] = Field(
+        default="images", description="what the elongation is known from"
+    )
+    stage_ratio: Positive | None = Field(
+        default=None, description='elongation over stage travel, for motion = "stage"'
+    )
+    stage_ratio_uncertainty: Positive | None = Field(
+        default=None, description="standard deviation of stage_ratio, in each phase anew"
+    )
     lambda_start: LambdaStart = LambdaStart()
+
+    @model_validator(mode="after")
+    def _ratio_of_the_stage(self) -> Self:
+        for key in ("stage_ratio", "stage_ratio_uncertainty"):
+            given = getattr(self, key)
+            if self.motion == "stage" and given is None:
+                raise refusal('a number > 0 with motion = "stage"', key)
+            if self.motion == "images" and given is not None:
+                raise refusal('nothing with motion = "images"', key, f"{given:g}")
+        return self

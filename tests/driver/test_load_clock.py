@@ -1,10 +1,16 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from driver.boundary import LAMBDAS, elongation_names, tilt_names
+from driver.identification.fit import fit
 from driver.load_clock import LARGEST_LAG, load_at
+from tests.driver import closed_form
+from tests.driver.closed_form import KNOTS, LAW
 
 FloatArray = NDArray[np.float64]
 
@@ -56,3 +62,19 @@ def test_rows_closer_than_a_second_are_read_as_well() -> None:
     times = np.array([0.0, 0.2, 0.4, 10.0])
     force, _ = load_at(times, FORCE, np.array([0.1, 0.3]))
     np.testing.assert_allclose(force, [28.0, 53.0], rtol=1e-12)
+
+
+@pytest.mark.parametrize(("lag", "seed"), [(2.0, 0), (-2.0, 1), (0.0, 2), (0.0, 3)])
+def test_a_fit_finds_the_lag_from_none_with_the_knots_free(lag: float, seed: int) -> None:
+    """Images and loads of the closed-form specimen; the start is where the force bends."""
+    bench = closed_form.bench()
+    made = closed_form.objective(bench, bench.truth | {"load_lag": lag}, seed)
+    prior = closed_form.priors(bench, bench.truth) | {"load_lag": (0.0, 1.0)}
+    n = len(KNOTS) + 1
+    free = (*LAMBDAS, *elongation_names(n), *tilt_names(n), *LAW, "load_lag")
+    found = fit(replace(made, prior=prior), bench.truth, free, 15, print)
+    assert found.converged
+    sigma = found.sigma("load_lag", made.parameters)
+    assert abs(found.values["load_lag"] - lag) < 3 * sigma
+    assert sigma < 0.5
+    assert found.best.chi_load == pytest.approx(1.0, abs=0.35)
