@@ -46,6 +46,26 @@ def knot_declarations(n_knots: int) -> tuple[Parameter, ...]:
     return tuple(Parameter(name, "µm", 0.0, 0.01) for name in names)
 
 
+def knots_of_stage(
+    travel: FloatArray, ratio: float, uncertainty: float
+) -> tuple[FloatArray, FloatArray]:
+    """Elongation at the knots after the first where only the stage was watched.
+
+    The ratio may be off by its uncertainty in every phase anew, for what the machine takes of the
+    travel is another in elastic and in plastic phases, on loading and on unloading.
+
+    Args:
+        travel: of the stage at the turning points [µm], shape (n_knots,).
+        ratio: elongation over stage travel.
+        uncertainty: its standard deviation in a phase.
+
+    Returns:
+        elongation and its standard deviation [µm], shape (n_knots − 1,) each.
+    """
+    steps = np.diff(travel)
+    return ratio * np.cumsum(steps), uncertainty * np.sqrt(np.cumsum(steps**2))
+
+
 @dataclass(frozen=True, eq=False)
 class BoundaryMotion:
     """Where the end-face nodes are, and how stage travel spreads the knots over time.

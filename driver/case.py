@@ -51,7 +51,7 @@ class Case(Table):
     )
     orientation: Orientation = Orientation()
     material: MaterialTable = MaterialTable()
-    images: Images
+    images: Images = Images()
     history: HistoryTable = HistoryTable()
     sections: Sections = Sections()
     loads: Loads = Loads()
@@ -123,6 +123,19 @@ class Case(Table):
                     f"a number from {lower:g} to {upper:g}", "extensions", f"{name} = {value:g}"
                 )
         return self
+
+    @model_validator(mode="after")
+    def _images_where_they_are_used(self) -> Self:
+        if self.with_images and self.images.frames is None:
+            raise refusal(
+                'a text in quotes, the images, for boundary.motion = "images"', "images.frames"
+            )
+        return self
+
+    @property
+    def with_images(self) -> bool:
+        """Whether the motion comes from images; else it comes from the stage travel."""
+        return self.boundary.motion == "images"
 
     def path(self, name: str) -> Path:
         """A path of the case file, relative to the folder of the case."""

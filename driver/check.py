@@ -9,6 +9,7 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from driver.case import Case, load_case
 from driver.check_images import look_at_images
@@ -17,8 +18,9 @@ from driver.diagnosis.causes import LIBRARY
 from driver.dic.coverage import within
 from driver.errors import InputError
 from driver.estimate import estimate
-from driver.experiment import Experiment, read_experiment
+from driver.experiment import Experiment, history_of, read_experiment
 from driver.finding import Finding
+from driver.history import History
 from driver.profiles import profile_of
 from driver.specimen import build_model, correlation_meshes, integration_of, mesh_of, used_face
 from driver.stages import RESULTS
@@ -28,6 +30,8 @@ from solver_adapters.external import ABSENT, ExternalAdapter
 from solver_adapters.interface import Adapter, Capabilities, SolverError
 from solver_adapters.profile import config_path
 from solver_adapters.registry import find_adapter
+
+FloatArray = NDArray[np.float64]
 
 
 def check(case_path: Path) -> list[Finding]:
@@ -58,6 +62,8 @@ def check(case_path: Path) -> list[Finding]:
     findings += of_solver
     n_cells, mesh_finding = _mesh(case)
     findings.append(mesh_finding)
+    if not case.with_images:
+        return [*findings, *_loads_alone(case, adapter, n_cells)]
     findings += _correlation(case)
     try:
         experiment = read_experiment(case)
@@ -68,7 +74,10 @@ def check(case_path: Path) -> list[Finding]:
     seen, reference = look_at_images(case, experiment)
     findings += seen
     if n_cells and adapter is not None:
-        findings.append(_cost(case, adapter.capabilities(), n_cells, experiment))
+        stacks = (experiment.frames, experiment.flats, experiment.repeats)
+        n_pixels = sum(stack.size for stack in stacks if stack is not None)
+        n_images = experiment.history.n_images
+        findings.append(_cost(case, adapter.capabilities(), n_cells, n_images, n_pixels))
         # What is wrong above would be told once more, in words for another reader.
         told = any(finding.level == "error" for finding in of_solver)
         if isinstance(adapter, ExternalAdapter) and not told:
@@ -204,15 +213,32 @@ def _correlation(case: Case) -> Iterator[Finding]:
             yield Finding("ok", "dic", f"dic.{key}: {len(mesh.cells)} {mesh.kind} of {size:.1f} px")
 
 
+def _loads_alone(case: Case, adapter: Adapter | None, n_cells: int) -> Iterator[Finding]:
+    """What a run from loads alone needs."""
+    try:
+        history = history_of(case)
+    except InputError as error:
+        yield Finding("error", "history", str(error))
+        return
+    yield _course(history, history.force * case.force_scale, "loads")
+    yield Finding("ok", "images", 'not used, for boundary.motion is "stage": no picture is drawn')
+    if n_cells and adapter is not None:
+        yield _cost(case, adapter.capabilities(), n_cells, history.n_images, 0)
+
+
+def _course(history: History, force: FloatArray, what: str) -> Finding:
+    return Finding(
+        "ok",
+        "history",
+        f"{history.n_images} {what} in {history.cycle.max()} cycle(s), {history.time[-1]:g} s, "
+        f"stage travel to {history.stage.max():g} µm, load to {force.max():.0f} µN",
+    )
+
+
 def _history(case: Case, experiment: Experiment) -> Iterator[Finding]:
     history = experiment.history
     cycles = int(history.cycle.max())
-    yield Finding(
-        "ok",
-        "history",
-        f"{history.n_images} images in {cycles} cycle(s), {history.time[-1]:g} s, stage travel to "
-        f"{history.stage.max():g} µm, load to {experiment.force.max():.0f} µN",
-    )
+    yield _course(history, experiment.force, "images")
     held_out = case.diagnosis.held_out_cycle
     if isinstance(held_out, int) and held_out > cycles:
         yield Finding(
@@ -235,10 +261,8 @@ def _refused(case: Case, adapter: ExternalAdapter, experiment: Experiment) -> It
         yield Finding("error", "solver", str(error))
 
 
-def _cost(case: Case, solver: Capabilities, n_cells: int, experiment: Experiment) -> Finding:
-    stacks = (experiment.frames, experiment.flats, experiment.repeats)
-    n_pixels = sum(stack.size for stack in stacks if stack is not None)
-    cost = estimate(case, solver, n_cells, experiment.history.n_images, n_pixels)
+def _cost(case: Case, solver: Capabilities, n_cells: int, n_images: int, n_pixels: int) -> Finding:
+    cost = estimate(case, solver, n_cells, n_images, n_pixels)
     free = shutil.disk_usage(case.path(".")).free / 1e9
     return Finding(
         "ok",

@@ -71,7 +71,7 @@ def estimate(
         case, solver, round(finer), intervals * case.solver.fine_steps_per_interval, 0
     )
     fits = round(_ITERATION_SHARE * case.identification.max_iterations)
-    refits = case.diagnosis.refit * _PER_REFIT
+    refits = case.diagnosis.refit * _PER_REFIT if case.with_images else 0
     # Only further starts and the refits are independent of each other and run side by side.
     beside = (fits * (case.identification.starts - 1) + refits) / case.execution.processes
     solving = working * (fits + beside) + _FINE_RUNS * fine
@@ -81,7 +81,7 @@ def estimate(
             case, solver, n_cells, intervals * case.solver.steps_per_interval, n_images
         )
     face = case.specimen.length * case.specimen.width / case.images.pixel_um**2
-    correlation = _PIXEL_SECONDS * face * n_images
+    correlation = _PIXEL_SECONDS * face * n_images if case.with_images else 0.0
     nodes = finer * _NODES_PER_CELL
     response = 8.0 * n_images * 3 * nodes * (directions + 1)
     memory = case.execution.processes * (_PROCESS_BYTES + response) + _IMAGE_COPIES * 8.0 * n_pixels

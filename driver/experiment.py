@@ -63,6 +63,15 @@ class Experiment:
     clipped: int = 0
 
 
+def history_of(case: Case) -> History:
+    """The loading history of a case, of its images or, where it has none, of its loads.
+
+    Raises:
+        HistoryError: the history cannot be used.
+    """
+    return read_history(case.path(case.history.file), case.with_images)
+
+
 def read_experiment(case: Case) -> Experiment:
     """Read the images, the history and the loads of a case.
 
@@ -80,7 +89,7 @@ def read_experiment(case: Case) -> Experiment:
             return None
 
     images = case.images
-    history = attempt(lambda: read_history(case.path(case.history.file)))
+    history = attempt(lambda: history_of(case))
     frames = attempt(lambda: _frames(case, history))
     flats = attempt(lambda: _optional(case, "flats", frames))
     repeats = attempt(lambda: _optional(case, "repeats", frames))
@@ -170,6 +179,10 @@ def _stack(case: Case, key: str, name: str, like: Stack | None) -> Stack:
 
 
 def _frames(case: Case, history: History | None) -> Stack:
+    if case.images.frames is None:
+        raise ExperimentError(
+            'images.frames: found nothing (boundary.motion = "stage" does without), expected images'
+        )
     stack = _stack(case, "frames", case.images.frames, None)
     if history is not None and len(stack.levels) != history.n_images:
         gap = f" ({stack.gap})" if stack.gap else ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,14 @@ from driver.errors import InputError, sentence, why
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 COLUMNS = ("time_s", "stage_um", "image", "force_N")
 # The stage has turned when it has gone back by this share of its whole range: less is play
 # or encoder noise.
 _REVERSAL = 0.02
+# A row that only logs a load is left out where the travel is straight within this share.
+_STRAIGHT = 0.002
 
 
 class HistoryError(InputError):
@@ -32,7 +36,8 @@ class History:
     Attributes:
         time: instants [s], increasing, shape (n_rows,).
         stage: stage travel [µm], shape (n_rows,).
-        image_row: row of each image, shape (n_images,).
+        image_row: row of each image, or of each load where no images were taken,
+            shape (n_images,).
         force: macroscopic force at each image [N], shape (n_images,).
         turning: rows at which the stage turns, each at the end of its hold, with the first and
             the last row of the history, shape (n_knots,).
@@ -58,15 +63,22 @@ class History:
         return self.turning.size
 
 
-def read_history(path: Path) -> History:
+def read_history(path: Path, with_images: bool = True) -> History:
     """Read a history of columns time_s, stage_um, image, force_N.
 
-    Image and force stand only in the rows where an image was taken.
+    A row with a load but no image belongs to a log of loads. The load of an image that has none
+    in its own row lies on the line between the loads logged before and after it. A row of the
+    log is an instant of the history only where the stage travel bends.
+
+    Args:
+        path: the file.
+        with_images: whether the images are read; if not, each load stands for itself, and the
+            column of the images is not looked at.
 
     Raises:
         HistoryError: the file is absent, a column is missing, a cell is no number, times do not
-            increase, images are not numbered 0, 1, 2, …, an image has no load, or the stage
-            never moves.
+            increase, images are not numbered 0, 1, 2, …, an image has no load, there are fewer
+            than two images (loads), or the stage never moves.
     """
     rows = _read_rows(path)
     time = np.array([_number(path, row, "time_s") for row in rows])
@@ -75,36 +87,76 @@ def read_history(path: Path) -> History:
         if time[index] <= time[index - 1]:
             found, before = rows[index]["time_s"], rows[index - 1]["time_s"]
             raise _error(path, rows[index], "time_s", found, f"more than the {before} s before it")
-    image_row: list[int] = []
-    force: list[float] = []
-    for index, row in enumerate(rows):
-        if not row["image"]:
-            continue
-        if row["image"] != str(len(image_row)):
-            raise _error(path, row, "image", row["image"],
-                         f"{len(image_row)}, for images are numbered 0, 1, 2, …")  # fmt: skip
-        if not row["force_N"]:
-            raise _error(path, row, "force_N", "nothing", f"the load of image {row['image']}")
-        image_row.append(index)
-        force.append(_number(path, row, "force_N"))
-    if len(image_row) < 2:
-        raise HistoryError(
-            sentence(path, "image", f"{len(image_row)} images", "image 0 and at least one more")
-        )
+    loaded = np.array([bool(row["force_N"]) for row in rows], dtype=bool)
+    load = np.array([_number(path, row, "force_N") if row["force_N"] else np.nan for row in rows])
+    seen = _image_rows(path, rows) if with_images else np.flatnonzero(loaded)
+    if seen.size < 2:
+        column, what = ("image", "images") if with_images else ("force_N", "loads")
+        least = "image 0 and at least one more" if with_images else "at least two"
+        raise HistoryError(sentence(path, column, f"{seen.size} {what}", least))
     if np.ptp(stage) == 0:
         raise HistoryError(
             sentence(path, "stage_um", f"{stage[0]:g} in every row", "a stage that moves")
         )
+    force = _load_of_images(path, rows, time, load, seen)
+    stated = ~loaded
+    stated[seen] = True
+    kept = _instants(time, stage, stated)
+    time, stage, seen = time[kept], stage[kept], np.searchsorted(kept, seen)
     turning = turning_points(stage)
-    rows_of_images = np.array(image_row, dtype=np.int64)
     return History(
         time=time,
         stage=stage,
-        image_row=rows_of_images,
-        force=np.array(force),
+        image_row=seen,
+        force=force,
         turning=turning,
-        cycle=_segment(turning, rows_of_images) // 2 + 1,
+        cycle=_segment(turning, seen) // 2 + 1,
     )
+
+
+def _image_rows(path: Path, rows: list[dict[str, str]]) -> IntArray:
+    found: list[int] = []
+    for index, row in enumerate(rows):
+        if not row["image"]:
+            continue
+        if row["image"] != str(len(found)):
+            raise _error(path, row, "image", row["image"],
+                         f"{len(found)}, for images are numbered 0, 1, 2, …")  # fmt: skip
+        found.append(index)
+    return np.array(found, dtype=np.int64)
+
+
+def _load_of_images(
+    path: Path, rows: list[dict[str, str]], time: FloatArray, load: FloatArray, images: IntArray
+) -> FloatArray:
+    """The load in the row of each image, else from the log between its neighbours [N]."""
+    loaded = np.flatnonzero(np.isfinite(load))
+    force = load[images]
+    for image in np.flatnonzero(np.isnan(force)).tolist():
+        row = images[image]
+        first = images[image - 1] if image else -1
+        last = images[image + 1] if image + 1 < images.size else len(rows)
+        near = loaded[(loaded > first) & (loaded < last)]
+        if not (near.size and near[0] < row < near[-1]):
+            expected = f"the load of image {image}, or loads logged shortly before and after it"
+            raise _error(path, rows[row], "force_N", "nothing", expected)
+        force[image] = np.interp(time[row], time[near], load[near])
+    return force
+
+
+def _instants(time: FloatArray, stage: FloatArray, stated: BoolArray) -> IntArray:
+    """Rows that are stated instants, and those of the log at which the stage travel bends."""
+    kept = stated.copy()
+    kept[[0, -1]] = True
+    tolerance = _STRAIGHT * np.ptp(stage)
+    while True:
+        rows = np.flatnonzero(kept)
+        off = np.abs(stage - np.interp(time, time[rows], stage[rows]))
+        worst = [a + int(np.argmax(off[a:b])) for a, b in pairwise(rows.tolist())]
+        bends = [row for row in worst if off[row] > tolerance]
+        if not bends:
+            return rows
+        kept[bends] = True
 
 
 def turning_points(stage: FloatArray) -> IntArray:
@@ -126,6 +178,11 @@ def turning_points(stage: FloatArray) -> IntArray:
             direction, best = -direction, row
     turning.append(stage.size - 1)
     return np.array(turning, dtype=np.int64)
+
+
+def phase_of_images(history: History) -> IntArray:
+    """In which loading or unloading each image lies, from 0; the turning image ends its phase."""
+    return _segment(history.turning, history.image_row)
 
 
 def knot_weights(history: History) -> FloatArray:

@@ -1,4 +1,8 @@
-"""What the instruments make of motion and force: gains, offsets and drifts, null when perfect."""
+"""What the instruments make of motion and force: gains, offsets and drifts, null when perfect.
+
+The force that they are given is that of the instant at which the load was read, `load_lag` after
+the image (`driver.load_clock`).
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.load_clock import LARGEST_LAG
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
@@ -16,6 +21,7 @@ LOAD_DECLARATIONS: tuple[Parameter, ...] = (
     Parameter("load_gain", "", 0.0, 0.03, -0.9, 2.0),
     Parameter("load_offset", "µN", 0.0, 10.0),
     Parameter("load_drift", "µN", 0.0, 20.0),
+    Parameter("load_lag", "s", 0.0, 3.0, -LARGEST_LAG, LARGEST_LAG),
 )
 IMAGE_DECLARATIONS: tuple[Parameter, ...] = (
     Parameter("height_scale", "", 0.0, 0.03, -0.5, 0.5),
@@ -56,10 +62,21 @@ class Instrument:
                 seen += values[name] * self._pattern(name)
         return seen
 
-    def reading_derivative(self, name: str, force: FloatArray) -> FloatArray:
-        """∂reading/∂(load parameter)."""
+    def reading_derivative(
+        self, name: str, force: FloatArray, rate: FloatArray, values: Mapping[str, float]
+    ) -> FloatArray:
+        """∂reading/∂(load parameter), shape (T,).
+
+        Args:
+            name: of the parameter.
+            force: that the specimen carries when the load is read [µN], shape (T,).
+            rate: ∂force/∂time then [µN/s], shape (T,).
+            values: every parameter.
+        """
         if name == "load_gain":
             return force
+        if name == "load_lag":
+            return np.asarray((1 + values["load_gain"]) * rate)
         return np.ones_like(force) if name == "load_offset" else self.progress
 
     def appearance_derivative(self, name: str, motion: FloatArray) -> FloatArray:

@@ -17,10 +17,13 @@ from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.dic.travel import smoothed_motion
 from driver.errors import InputError
 from driver.experiment import read_experiment
+from driver.grip_motion import grip_motion
+from driver.history import phase_of_images
 from driver.images.heightmaps import ImageError, fill_off_surface
 from driver.images.noise import TemporalNoise, temporal_noise
 from driver.images.outliers import find_outliers, left_out, noise_levels, told
 from driver.images.region import Excluded
+from driver.report.grip_texts import sentences
 from driver.report.measured import measured_motion
 from driver.report.measured_figures import write_figures
 from driver.results import read_hdf5, write_csv, write_hdf5
@@ -81,6 +84,17 @@ def run_measure(context: StageContext) -> None:
             f"  noise {1e3 * later.sigma:.2f} nm from frame to frame, larger than that at "
             f"{np.count_nonzero(later.larger)} pixels"
         )
+    nominal = case.specimen.length / case.history.grip_distance
+    grip = grip_motion(
+        history.stage[rows],
+        read["elongation"].value,
+        read["elongation"].own,
+        phase_of_images(history),
+        ~left,
+        nominal,
+    )
+    for line in sentences(grip):
+        context.log(f"  {line}")
     nowhere = np.full(len(images.xy), np.nan)
     write_hdf5(
         context.workdir / MEASURE,
@@ -109,6 +123,12 @@ def run_measure(context: StageContext) -> None:
             "noise_larger": (np.zeros(len(nowhere)) if later is None else later.larger, "1"),
             "rigid": (rigid, "µm"),
             "left_out": (left.astype(np.float64), "1"),
+            "phase": (phase_of_images(history), "1"),
+            "grip/nominal": (nominal, "1"),
+            "grip/sigma": (read["elongation"].own, "µm"),
+            "grip/ratio": (grip.ratio.value, "1"),
+            "grip/ratio_sigma": (grip.ratio.sigma, "1"),
+            "grip/scatter": (grip.scatter, "1"),
             "motion": (at_pixels, "µm"),
             "coefficients": (motion.coefficients, "µm"),
             "covariance_one": (motion.covariance_one, "µm²"),

@@ -15,6 +15,7 @@ from driver.boundary import (
     knot_declarations,
 )
 from driver.instrument import IMAGE_DECLARATIONS, LOAD_DECLARATIONS, Instrument
+from driver.load_clock import load_at
 from driver.microstructure import (
     GEOMETRY_DECLARATIONS,
     LATTICE_DECLARATIONS,
@@ -164,7 +165,7 @@ class ForwardModel:
             motion_nodes=self.boundary.nodes,
             motion_mask=self.boundary.mask,
             motion=self.boundary.evaluate(values),
-            output=self.image_row,
+            output=self._rows(values, free),
             output_nodes=self.surface_nodes,
             lattice_gradient=self.microstructure.lattice_gradient(values),
             directions=tuple(self._direction(values, n) for n in free if self.simulated(n)),
@@ -189,36 +190,51 @@ class ForwardModel:
         return self.observe(response, values, free)
 
     def observe(self, response: Response, values: Values, free: Sequence[str]) -> Prediction:
-        """What the instruments make of a response."""
-        T, n = response.displacement.shape[:2]
+        """What the instruments make of the response to `simulation(values, free)`."""
+        seen = np.searchsorted(self._rows(values, free), self.image_row)
+        displacement = response.displacement[seen]
+        force, rate, d_force = self._when_read(response, values, free)
+        T, n = displacement.shape[:2]
         d_surface, d_load = np.zeros((len(free), T, n, 3)), np.zeros((len(free), T))
         row = 0
         for index, name in enumerate(free):
             if self.simulated(name):
-                d_surface[index] = response.d_displacement[row]
+                d_surface[index] = response.d_displacement[row, seen]
                 d_surface[index, ..., 2] *= 1 + values["height_scale"]
-                d_load[index] = (1 + values["load_gain"]) * response.d_force[row]
+                d_load[index] = (1 + values["load_gain"]) * d_force[row]
                 row += 1
             elif name in _POSE_NAMES:
                 continue
             elif name in _LOAD_NAMES:
-                d_load[index] = self.instrument.reading_derivative(name, response.force)
+                d_load[index] = self.instrument.reading_derivative(name, force, rate, values)
             else:
-                d_surface[index] = self.instrument.appearance_derivative(
-                    name, response.displacement
-                )
-        surface = self.instrument.appearance(response.displacement, values)
+                d_surface[index] = self.instrument.appearance_derivative(name, displacement)
+        surface = self.instrument.appearance(displacement, values)
         points = self.microstructure.moved_mesh(values).points[self.surface_nodes, :2]
         look = self.view.look(points, values)
         return Prediction(
             surface=surface,
-            load=self.instrument.reading(response.force, values),
+            load=self.instrument.reading(force, values),
             d_surface=d_surface,
             d_load=d_load,
             carried=self._carried(surface, look, free),
             look=look,
             response=response,
         )
+
+    def _rows(self, values: Values, free: Sequence[str]) -> IntArray:
+        """Rows of the history that are asked for: of the images, all where the load may lag."""
+        return np.arange(self.times.size) if _lagging(values, free) else self.image_row
+
+    def _when_read(
+        self, response: Response, values: Values, free: Sequence[str]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Force [µN], its rate [µN/s] and its derivatives when the load of each image is read."""
+        if not _lagging(values, free):
+            return response.force, np.zeros_like(response.force), response.d_force
+        at = self.times[self.image_row] + values["load_lag"]
+        force, rate = load_at(self.times, response.force, at)
+        return force, rate, load_at(self.times, response.d_force, at)[0]
 
     def _carried(
         self, surface: FloatArray, look: Look, free: Sequence[str]
@@ -253,6 +269,11 @@ class ForwardModel:
             gradient = self.microstructure.lattice_gradient_rate(name)
             return Direction(name, lattice_gradient=gradient, scale=scale)
         return Direction(name, motion=self.boundary.derivative(values, name), scale=scale)
+
+
+def _lagging(values: Values, free: Sequence[str]) -> bool:
+    """Whether the load may be read at another time than the image."""
+    return values["load_lag"] != 0.0 or "load_lag" in free
 
 
 _LOAD_NAMES = frozenset(p.name for p in LOAD_DECLARATIONS)

@@ -9,10 +9,12 @@ from driver.case import Case, load_case
 from driver.diagnose_stage import DIAGNOSIS, run_diagnose
 from driver.errors import sentence
 from driver.estimate import estimate
-from driver.history import read_history
-from driver.identify_stage import run_identify
+from driver.experiment import history_of
+from driver.identify_stage import IDENTIFY, run_identify
+from driver.loads_stage import SKIPPED, run_identify_loads
 from driver.measure_stage import run_measure
 from driver.mesh_stage import run_mesh
+from driver.report.loads_page import run_report_loads
 from driver.report.stage import run_report
 from driver.specimen import capabilities_of, mesh_of
 from driver.stages import RESULTS, Stage, StageError, measured_files, run_stages
@@ -30,10 +32,17 @@ _REPORT = (*_MESH, *_MEASURE, *_IDENTIFY, "diagnosis")
 
 
 def stages(case: Case) -> Sequence[Stage]:
-    """All stages of a case, in their order."""
+    """All stages of a case, in their order; without images nothing is measured or diagnosed."""
+    if not case.with_images:
+        inputs = (*_MESH, "history", "sections", "loads", *_IDENTIFY)
+        return (
+            Stage("mesh", "1", _MESH, run_mesh),
+            Stage("identify", "1", inputs, run_identify_loads, measured_files),
+            Stage("report", "1", inputs, run_report_loads, measured_files),
+        )
     return (
         Stage("mesh", "1", _MESH, run_mesh),
-        Stage("measure", "4", _MEASURE, run_measure, measured_files),
+        Stage("measure", "5", _MEASURE, run_measure, measured_files),
         Stage("identify", "4", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, measured_files),
         Stage("diagnose", "1", ("diagnosis",), run_diagnose, measured_files),
         Stage("report", "3", _REPORT, run_report, measured_files),
@@ -59,11 +68,13 @@ def run(
     use_threads(case.execution.processes * case.execution.threads)
     n_cells = len(mesh_of(case, case.specimen.mesh_size).cells)
     solver = capabilities_of(case)
-    cost = estimate(case, solver, n_cells, read_history(case.path(case.history.file)).n_images)
+    cost = estimate(case, solver, n_cells, history_of(case).n_images)
     log(
         f"all stages take about {cost.seconds / 60:.1f} min on free cores "
         f"and {cost.memory / 1e9:.1f} GB of memory"
     )
+    if not case.with_images:
+        log(SKIPPED)
     run_stages(case_path, stages(case), until, force, log, prepare_only)
 
 
@@ -71,20 +82,25 @@ def report(case_path: Path) -> None:
     """Write the report page anew from the results that are there.
 
     Raises:
-        StageError: there is no diagnosis yet.
+        StageError: there is no diagnosis yet, or no identification where there are no images.
     """
-    diagnosis = case_path.parent / RESULTS / DIAGNOSIS
-    if not diagnosis.is_file():
+    case = load_case(case_path)
+    needed = case_path.parent / RESULTS / (DIAGNOSIS if case.with_images else IDENTIFY)
+    if not needed.is_file():
         raise StageError(
-            sentence(diagnosis, "file", "nothing", f"the results of `prismid run {case_path}`")
+            sentence(needed, "file", "nothing", f"the results of `prismid run {case_path}`")
         )
-    run_stages(case_path, stages(load_case(case_path))[-1:], None, True, print)
+    run_stages(case_path, stages(case)[-1:], None, True, print)
 
 
 def export(case_path: Path, folder: Path, volume: bool, med: bool, log: Log) -> None:
     """Write the results in the formats of other programs, see `export_case`."""
     from driver.export import export_case
 
-    execution = load_case(case_path).execution
+    case = load_case(case_path)
+    if not case.with_images:
+        expected = '"images": the fields that are exported are those of images and models'
+        raise StageError(sentence(case_path, "boundary.motion", '"stage"', expected))
+    execution = case.execution
     use_threads(execution.processes * execution.threads)
     export_case(case_path, folder, volume, med, log)

@@ -97,6 +97,8 @@ Record = dict[str, Done]
 def measured_files(case: Case) -> tuple[Path, ...]:
     """The images, the history and the meshes of correlation that a case names."""
     images, dic = case.images, case.dic
+    if not case.with_images:
+        return (case.path(case.history.file),)
     names = (
         images.frames, images.flats, images.repeats, images.mask, case.history.file,
         *(mesh for mesh in (dic.mesh, dic.height_mesh) if mesh != "trace"),

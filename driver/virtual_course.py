@@ -124,7 +124,10 @@ def pull(
     response = adapter.solve(simulation, progress=progress)
     seen = model.observe(response, values, ())
     bare = course_of(simulation, response, history, values)
-    return replace(bare, motion=seen.surface, load=seen.load)
+    # A load that lags is read between the rows, and then every row is answered.
+    at_images = np.searchsorted(simulation.output, history.image_row)
+    slip = None if bare.slip is None else bare.slip[at_images]
+    return replace(bare, motion=seen.surface, load=seen.load, slip=slip)
 
 
 def knots(history: History, program: Program, length: float) -> dict[str, float]:

@@ -89,6 +89,7 @@ def simulate_volume(
     model = build_model(case, mesh, history, no_pixels, adapter, case.solver.steps_per_interval)
     simulation = replace(
         model.simulation(values),
+        output=history.image_row,
         output_nodes=np.arange(len(mesh.points)),
         cell_fields=True,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -127,7 +127,7 @@ def build_workbench(
         zip(LAMBDAS, (table.plus_Y, table.plus_Z, table.minus_Y, table.minus_Z), strict=True)
     )
     start |= case.extensions
-    law = _law(case)
+    law = law_of(case)
     n_images, n_pixels = history.n_images - len(left_out), len(images.xy)
     prior = prior_of(case.identification, start, parameters, n_images, n_pixels)
     null = working.null_values()
@@ -137,9 +137,9 @@ def build_workbench(
     pose = tuple(parameter.name for parameter in POSE_DECLARATIONS)
     half_a_pixel = case.images.origin_uncertainty_px * pixel
     prior |= {name: (0.0, half_a_pixel / parameters[name].scale) for name in pose}
-    uncertainty = case.sections.relative_uncertainty
-    if uncertainty:
-        prior["load_gain"] = (0.0, uncertainty / parameters["load_gain"].scale)
+    prior |= {
+        name: (0.0, u / parameters[name].scale) for name, u in load_uncertainties(case).items()
+    }
     return Workbench(
         experiment=experiment,
         images=images,
@@ -169,8 +169,17 @@ def _without(left_out: tuple[int, ...], values: FloatArray) -> FloatArray:
     return np.asarray(np.interp(frames, kept, values[kept]))
 
 
-def _law(case: Case) -> tuple[str, ...]:
-    names: Sequence[str] = (*case.identification.parameters, *case.extensions)
-    if case.sections.relative_uncertainty:
-        names = (*names, "load_gain")
+def law_of(case: Case) -> tuple[str, ...]:
+    """Names of the free parameters of law, load cell and extensions."""
+    names = (*case.identification.parameters, *case.extensions, *load_uncertainties(case))
     return tuple(dict.fromkeys(names))
+
+
+def load_uncertainties(case: Case) -> dict[str, float]:
+    """Stated standard deviations of what the load cell makes of the force, by parameter."""
+    stated = {
+        "load_gain": case.sections.relative_uncertainty,
+        "load_offset": case.loads.offset_uncertainty_uN,
+        "load_lag": case.loads.clock_uncertainty_s,
+    }
+    return {name: deviation for name, deviation in stated.items() if deviation}

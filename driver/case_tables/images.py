@@ -18,8 +18,10 @@ _AXES = {f"{sign}{name}": (1.0 if sign == "+" else -1.0) * np.eye(3)[axis]
 class Images(Table):
     """Where the height maps are, and how they lie on the specimen."""
 
-    frames: str = Field(
-        description="a text in quotes, the stack, pattern, folder or FILE.h5:/DATASET of the images"
+    frames: str | None = Field(
+        default=None,
+        description="a text in quotes, the stack, pattern, folder or FILE.h5:/DATASET of the "
+        'images; needed with boundary.motion = "images"',
     )
     flats: str | None = Field(default=None, description="images of a flat reference surface")
     repeats: str | None = Field(default=None, description="repeated images before loading")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from driver.case_errors import refusal
 from driver.case_tables.values import NonNegative, Number, Positive, Table
+from driver.load_clock import LARGEST_LAG
 
 
 class HistoryTable(Table):
@@ -16,6 +18,14 @@ class HistoryTable(Table):
         default="history.csv",
         description="a text in quotes, CSV of time_s, stage_um, image, force_N",
     )
+    grip_distance_mm: Positive = Field(
+        default=32.0, description="distance of the grips, over which the stage travels"
+    )
+
+    @property
+    def grip_distance(self) -> float:
+        """Distance of the grips [µm]."""
+        return self.grip_distance_mm * 1e3
 
 
 class Sections(Table):
@@ -31,11 +41,17 @@ class Sections(Table):
 
 
 class Loads(Table):
-    """Noise of the loads."""
+    """Noise of the loads, and what is known of their zero and of their clock."""
 
     noise_uN: Positive = Field(default=5.97, description="standard deviation at specimen scale")
     autocorrelation: Annotated[float, Field(strict=True, ge=0, lt=1)] = Field(
         default=0.0, description="correlation of the noise from one image to the next"
+    )
+    offset_uncertainty_uN: NonNegative = Field(
+        default=0.0, description="standard deviation of the zero of the load at the specimen"
+    )
+    clock_uncertainty_s: Annotated[float, Field(strict=True, ge=0, le=LARGEST_LAG / 3)] = Field(
+        default=0.0, description="standard deviation of the lag of the load behind the images"
     )
 
     @property
@@ -65,9 +81,28 @@ class Boundary(Table):
     jitter_nm: NonNegative = Field(
         default=0.0, description="noise of the elongation at each stop, one standard deviation"
     )
+    motion: Literal["images", "stage"] = Field(
+        default="images", description="what the elongation is known from"
+    )
+    stage_ratio: Positive | None = Field(
+        default=None, description='elongation over stage travel, for motion = "stage"'
+    )
+    stage_ratio_uncertainty: Positive | None = Field(
+        default=None, description="standard deviation of stage_ratio, in each phase anew"
+    )
     lambda_start: LambdaStart = LambdaStart()
 
     @property
     def jitter(self) -> float:
         """Noise of the elongation at each stop [µm]."""
         return 1e-3 * self.jitter_nm
+
+    @model_validator(mode="after")
+    def _ratio_of_the_stage(self) -> Self:
+        for key in ("stage_ratio", "stage_ratio_uncertainty"):
+            given = getattr(self, key)
+            if self.motion == "stage" and given is None:
+                raise refusal('a number > 0 with motion = "stage"', key)
+            if self.motion == "images" and given is not None:
+                raise refusal('nothing with motion = "images"', key, f"{given:g}")
+        return self

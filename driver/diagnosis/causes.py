@@ -186,6 +186,11 @@ LIBRARY: tuple[Cause, ...] = (
         "record the load of an unloaded cell for as long as the test",
     ),
     Cause(
+        "load_lag", "instrument", ("load_lag",),
+        "the clocks of the load cell and of the images differ",
+        "a jerk of the stage that both record, or one clock for both",
+    ),
+    Cause(
         "height_scale", "instrument", ("height_scale",),
         "the heights are scaled wrongly",
         "a step-height standard under the same optics",

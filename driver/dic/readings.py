@@ -36,6 +36,13 @@ class Reading:
         """Standard deviation in each image, all of it [µm], shape (T,)."""
         return np.asarray(np.sqrt(self.covariance.diagonal() + self.held**2))
 
+    @property
+    def own(self) -> float:
+        """Standard deviation of an image without what all images share [µm], median."""
+        T = self.value.size
+        shared = (self.covariance.sum() - self.covariance.trace()) / (T * (T - 1))
+        return float(np.sqrt(np.median(self.covariance.diagonal()) - shared))
+
 
 def readings(
     measured: SurfaceMotion,

@@ -196,7 +196,8 @@ class Evaluation:
     @property
     def chi_image(self) -> float:
         """Root mean square of the whitened image residual on the correlation basis."""
-        return float(np.sqrt(np.mean(self.residual[self.n_load :] ** 2)))
+        part = self.residual[self.n_load :]
+        return float(np.sqrt(np.mean(part**2))) if part.size else 0.0
 
     @property
     def hessian(self) -> FloatArray:
@@ -353,7 +354,8 @@ def _record(here: Evaluation) -> dict[str, float]:
 
 def _tell(log: Log, iteration: int, here: Evaluation, decrement: float | None) -> None:
     loads = f"χ_F {here.chi_load:7.2f}  " if here.n_load else ""
+    images = f"χ of images {here.chi_image:.3f}" if here.residual.size > here.n_load else ""
     step = "" if decrement is None else f"  step {decrement:.3g} σ"
-    log(f"  iteration {iteration}: {loads}χ of images {here.chi_image:.3f}{step}")
+    log(f"  iteration {iteration}: {loads}{images}{step}")
     for note in here.prediction.response.notes:
         log(f"    {note}")

@@ -72,7 +72,7 @@ def simulation_error(
         size: element size of the finer mesh [µm].
         ratio: element size of the finer over that of the working mesh.
     """
-    kappa = ratio / (1.0 - ratio)
+    kappa = share_left(ratio)
     z = image.pixel_sensitivity(motion)
     left, amplitude, _ = np.linalg.svd(z, full_matrices=False)
     shapes = kappa * left[:, :_SHAPES] * amplitude[:_SHAPES]
@@ -84,6 +84,15 @@ def simulation_error(
     covariance = effect.T @ effect
     total = float(np.trace(covariance))  # 0 where the finer simulation agrees exactly
     return SimulationError(shapes, covariance / total if total else covariance, kappa * load)
+
+
+def share_left(ratio: float) -> float:
+    """κ: what the finer simulation leaves wrong over finer minus working, first order in h.
+
+    Args:
+        ratio: element size of the finer over that of the working mesh.
+    """
+    return ratio / (1.0 - ratio)
 
 
 def _fields(xy: FloatArray, size: float) -> FloatArray:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.grip_motion import GripMotion, grip_motion
 from driver.report.maps import Face
 
 FloatArray = NDArray[np.float64]
@@ -21,6 +22,7 @@ DATASETS = (
     "roughness_estimated", "travel_length", "smoother",
     *(f"{reading}{part}" for reading in ("elongation", "tilt", "mean_w")
       for part in ("", "_covariance", "_held", "_single")),
+    "phase", "left_out", "grip/nominal", "grip/sigma",
 )  # fmt: skip
 BAND = 1.96  # standard deviations of a 95 % band
 SHOWN = 4  # images at most that are shown as maps
@@ -95,6 +97,7 @@ class MeasuredMotion:
         elongation: v of the end S+ less that of S−.
         tilt: w of the end S+ less that of S−.
         mean_w: mean of w over the region of interest.
+        grip: how the elongation follows the stage travel.
     """
 
     face: Face
@@ -119,6 +122,7 @@ class MeasuredMotion:
     elongation: Curve
     tilt: Curve
     mean_w: Curve
+    grip: GripMotion
 
     @property
     def shown(self) -> IntArray:
@@ -186,6 +190,10 @@ def measured_motion(
         elongation=_curve(m, "elongation"),
         tilt=_curve(m, "tilt"),
         mean_w=_curve(m, "mean_w"),
+        grip=grip_motion(
+            m["stage"], m["elongation"], float(m["grip/sigma"]), m["phase"].astype(np.int64),
+            m["left_out"] == 0, float(m["grip/nominal"]),
+        ),
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from driver.report import measured_curves, measured_maps
+from driver.report import grip_figure, measured_curves, measured_maps
 from driver.report.measured import MeasuredMotion
 from driver.report.style import png
 
@@ -15,6 +15,7 @@ FIGURES: dict[str, Callable[[MeasuredMotion], Figure]] = {
     "measure_reference": measured_maps.reference,
     "measure_fields": measured_maps.fields,
     "measure_travel": measured_curves.travel,
+    "measure_grip": grip_figure.grip,
     "measure_residuals": measured_maps.residuals,
     "measure_noise": measured_curves.noise,
 }

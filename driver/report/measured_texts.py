@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.report.grip_texts import sentences
 from driver.report.measured import BAND, Curve, MeasuredMotion
 from driver.report.measured_maps import COMPONENTS
 from driver.report.wording import chi, joined, number, with_sigma
@@ -35,6 +36,7 @@ def texts(measured: MeasuredMotion) -> dict[str, PictureText]:
         "measure_reference": _reference(measured),
         "measure_fields": _fields(measured),
         "measure_travel": _travel(measured),
+        "measure_grip": _grip(measured),
         "measure_residuals": _residuals(measured),
         "measure_noise": _noise(measured),
     }
@@ -130,6 +132,17 @@ def _stopped(m: MeasuredMotion) -> str:
     told = "; ".join(f"image {t} {m.stopped[t]}" for t in failed[:_TOLD])
     more = f"; so did {failed.size - _TOLD} others" if failed.size > _TOLD else ""
     return f" Crosses: {failed.size} of {len(m.chi)} images did not converge: {told}{more}."
+
+
+def _grip(m: MeasuredMotion) -> PictureText:
+    words = sentences(m.grip)
+    return PictureText(
+        f"Do the grips follow the stage? {' '.join(words)} Left: elongation of each image with "
+        f"the line of all of them; dashed, what the distance of the grips makes. Right: what "
+        f"that line leaves, image by image.",
+        f"Elongation over stage travel with a straight line, and the differences from it. "
+        f"{words[0]}",
+    )
 
 
 def _residuals(m: MeasuredMotion) -> PictureText:

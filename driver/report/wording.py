@@ -38,6 +38,7 @@ _LABELS = {
     "load_gain": "error of the load gain",
     "load_offset": "load offset",
     "load_drift": "load drift over the test",
+    "load_lag": "lag of the load behind the image",
     "height_scale": "error of the height scale",
     "magnification_drift": "drift of magnification",
     "scan_shear_drift": "drift of the shear of the field",

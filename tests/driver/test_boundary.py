@@ -9,6 +9,7 @@ from driver.boundary import (
     BoundaryMotion,
     elongation_names,
     knot_declarations,
+    knots_of_stage,
     tilt_names,
 )
 from driver.history import knot_weights
@@ -119,3 +120,11 @@ def test_free_ends_pin_one_node_along_x(U_X: str, held: str) -> None:
     ).boundary.mask
     assert mask[:, 1:].all()
     assert mask[:, 0].sum() == (len(mask) if held == "all" else 1)
+
+
+def test_knots_of_the_stage_follow_its_travel_and_their_errors_add_phase_by_phase() -> None:
+    along, sigma = knots_of_stage(np.array([0.0, 100.0, 70.0, 170.0]), 2e-4, 1e-5)
+    np.testing.assert_allclose(along, [0.02, 0.014, 0.034])
+    np.testing.assert_allclose(sigma, 1e-5 * np.sqrt([1e4, 1e4 + 9e2, 2e4 + 9e2]))
+    # A stage that comes back to where it was says less of the end than a still one.
+    assert knots_of_stage(np.array([0.0, 50.0, 0.0]), 2e-4, 1e-5)[1][-1] > 0

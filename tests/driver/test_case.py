@@ -209,7 +209,7 @@ def test_every_key_stands_in_the_written_case():
 def test_the_schema_refuses_unknown_keys_and_is_named_by_the_case():
     assert case_text(default_case()).splitlines()[0] == "#:schema ./case.schema.json"
     assert schema()["additionalProperties"] is False
-    assert schema()["$defs"]["Images"]["required"] == ["frames"]
+    assert schema()["$defs"]["Grain"]["required"] == ["name", "euler_deg"]
 
 
 def test_the_schema_beside_the_example_is_that_of_the_model():

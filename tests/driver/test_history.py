@@ -60,6 +60,50 @@ def test_a_motion_of_knots_is_constant_in_holds_and_halfway_at_half_the_travel(t
     np.testing.assert_array_equal(motion[1::2], motion[2::2])
 
 
+def logged(rows, images_have_loads):
+    """A test logged once a second: load 10 N/µm of travel and 0.1 N/s beside it."""
+    knots = np.array([[float(cell) for cell in row.split(",")[:2]] for row in ROWS])
+    image = {int(float(row.split(",")[0])): row.split(",")[2] for row in ROWS}
+    lines = []
+    for second in np.arange(0, 241):
+        stage = np.interp(second, *knots.T)
+        at_image = image.get(int(second), "") != ""
+        force = f"{10 * stage + 0.1 * second:.6f}" if images_have_loads or not at_image else ""
+        lines.append(f"{second},{stage:.6f},{image.get(int(second), '')},{force}")
+    return lines if rows is None else [lines[k] for k in rows]
+
+
+def test_of_a_log_of_loads_only_the_rows_at_which_the_travel_bends_are_instants(tmp_path):
+    history = read_history(write(tmp_path, logged(None, True)))
+    plain = read_history(write(tmp_path))
+    np.testing.assert_array_equal(history.time, plain.time)
+    np.testing.assert_allclose(history.stage, plain.stage)
+    np.testing.assert_array_equal(history.image_row, plain.image_row)
+    np.testing.assert_array_equal(history.turning, plain.turning)
+    rows = history.image_row
+    np.testing.assert_allclose(history.force, 10 * history.stage[rows] + 0.1 * history.time[rows])
+
+
+def test_an_image_without_a_load_has_that_of_the_log_around_it(tmp_path):
+    # Images 1 to 5 between two rows of the log, the first and the last with their own loads.
+    lines = logged(None, False)
+    lines[0], lines[-1] = "0,0,0,0", "240,15,6,174"
+    history = read_history(write(tmp_path, lines))
+    # A second before an image the stage holds, a second after it moves by 0.5 or 1 µm.
+    hold = 10 * history.stage + 0.1 * history.time
+    moved = 5 * np.array([0, 0.5, -0.5, 0.5, 1, -0.5, 0])
+    np.testing.assert_allclose(history.force, hold[history.image_row] + moved, atol=1e-6)
+
+
+def test_without_images_every_load_stands_for_itself(tmp_path):
+    rows = [",".join([*row.split(",")[:2], "", row.split(",")[3]]) for row in ROWS]
+    history = read_history(write(tmp_path, rows), with_images=False)
+    assert history.image_row.tolist() == [0, 2, 4, 6, 8, 10, 12]
+    assert history.force.tolist() == [0.5, 100, 150, 20, 120, 180, 30]
+    with pytest.raises(HistoryError, match="force_N: found 1 loads, expected at least two"):
+        read_history(write(tmp_path, ["0,0,,1", "10,5,,"]), with_images=False)
+
+
 def test_encoder_noise_in_a_hold_is_no_reversal():
     up_and_down = np.r_[np.linspace(0, 100, 41), np.linspace(97.5, 50, 20)]
     clean = turning_points(up_and_down)

@@ -7,11 +7,12 @@ from driver.instrument import IMAGE_DECLARATIONS, LOAD_DECLARATIONS, Instrument
 
 NULL = {p.name: p.null for p in (*LOAD_DECLARATIONS, *IMAGE_DECLARATIONS)}
 OFF = {
-    "load_gain": 0.1, "load_offset": 12.0, "load_drift": -7.0, "height_scale": 0.2,
+    "load_gain": 0.1, "load_offset": 12.0, "load_drift": -7.0, "load_lag": 2.0, "height_scale": 0.2,
     "magnification_drift": 0.01, "scan_shear_drift": -0.02, "tilt_drift": 0.03,
 }  # fmt: skip
 RNG = np.random.default_rng(2)
 FORCE = RNG.normal(100, 50, 4)
+RATE = np.array([3.0, -1.0, 0.5, 0.0])
 MOTION = RNG.normal(0, 0.1, (4, 6, 3))
 
 
@@ -37,7 +38,9 @@ def test_the_motion_handed_in_is_left_alone(instrument: Instrument) -> None:
 def test_the_derivative_of_the_reading(instrument: Instrument, name: str) -> None:
     h = 1e-4
     above, below = (instrument.reading(FORCE, OFF | {name: OFF[name] + s}) for s in (h, -h))
-    derivative = instrument.reading_derivative(name, FORCE)
+    if name == "load_lag":  # the force is another one then
+        above, below = (instrument.reading(FORCE + s * RATE, OFF) for s in (h, -h))
+    derivative = instrument.reading_derivative(name, FORCE, RATE, OFF)
     np.testing.assert_allclose(derivative, (above - below) / (2 * h), rtol=1e-9)
 
 

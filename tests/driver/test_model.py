@@ -29,13 +29,14 @@ STEPS = {
     "rotation_grain2_x": 1e-4, "rotation_frame_z": 1e-4,
     "lambda_plus_Y": 1e-3, "elongation_2": 1e-5, "tilt_1": 1e-5, "stretch_curvature": 1e-4,
     "depth_scale": 1e-4, "boundary_shift": 1e-4, "apex_shift": 1e-4,
-    "load_gain": 1e-4, "load_drift": 1e-2, "height_scale": 1e-4, "tilt_drift": 1e-5,
-    "origin_Y": 1e-4,
+    "load_gain": 1e-4, "load_drift": 1e-2, "load_lag": 1e-4,
+    "height_scale": 1e-4, "tilt_drift": 1e-5, "origin_Y": 1e-4,
 }  # fmt: skip
 CARRIED = ("boundary_shift", "origin_Y")
 VALUES = {
     "tau0": 35.0, "rotation_grain1_y": 0.05, "rotation_frame_z": -0.03, "lambda_plus_Y": 0.8,
     "lambda_minus_Z": 1.2, "depth_scale": 0.04, "boundary_shift": 0.1, "load_gain": 0.1,
+    "load_lag": 0.3,
     "height_scale": -0.05, "magnification_drift": 1e-3, "origin_X": 0.02,
 }  # fmt: skip
 
@@ -134,7 +135,7 @@ def test_a_solver_gets_one_direction_for_each_parameter_that_it_feels(
 ) -> None:
     simulation = model.simulation(values, tuple(STEPS))
     named = [direction.name for direction in simulation.directions]
-    observed = {"load_gain", "load_drift", "height_scale", "tilt_drift", "origin_Y"}
+    observed = {"load_gain", "load_drift", "load_lag", "height_scale", "tilt_drift", "origin_Y"}
     assert named == [name for name in STEPS if name not in observed]
     kinds = {
         d.name: (bool(d.material), d.rotation is not None, d.motion is not None,
@@ -148,6 +149,24 @@ def test_a_solver_gets_one_direction_for_each_parameter_that_it_feels(
     scales = {direction.name: direction.scale for direction in simulation.directions}
     # One prior scale: e-fold for tau0, which is 35 MPa here, 10 nm for a knot.
     assert (scales["tau0"], scales["elongation_2"], scales["depth_scale"]) == (35.0, 0.01, 0.05)
+
+
+def test_the_load_is_that_of_the_image_after_its_hold_and_a_lag_reads_another(
+    model: ForwardModel, values: dict[str, float], prediction: Prediction
+) -> None:
+    """Images at 0, 20, 30 (after a hold from 20 s on) and 50 s, the stage moves from 30 s on."""
+    prompt = model.predict(values | {"load_lag": 0.0})
+    simulation = replace(model.simulation(values), output=np.arange(6))
+    every = (1 + values["load_gain"]) * model.adapter.solve(simulation).force
+    # The hold relaxes, which the image after it sees.
+    assert every[3] < 0.99 * every[2]
+    np.testing.assert_allclose(prompt.load, every[[0, 2, 3, 5]], rtol=1e-12)
+    early, late = (model.predict(values | {"load_lag": s}) for s in (-10.0, 4.0))
+    np.testing.assert_allclose(early.load, every[[0, 1, 2, 4]], rtol=1e-9)
+    between = [0.6 * every[k] + 0.4 * every[k + 1] for k in (0, 2, 3)]
+    np.testing.assert_allclose(late.load, [*between, every[5]], rtol=1e-9)
+    # The images are those of their own time, whatever the load.
+    np.testing.assert_allclose(early.surface, prompt.surface, atol=1e-12)
 
 
 def test_nulls_are_those_of_the_declarations_but_for_the_constants_of_the_case(

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from driver.specimen import build_model, mesh_of
 from driver.virtual_course import course_of, knots, pull, stage_program
 from driver.virtual_record import record
 from driver.virtual_tables import Face, Program, Virtual
-from solver_adapters.interface import CellFields, Response
+from solver_adapters.interface import Capabilities, CellFields, Progress, Response, Simulation
 from tests.driver import closed_form
 
 
@@ -80,6 +81,43 @@ def test_the_instruments_see_what_the_truth_says_of_them() -> None:
     )
     np.testing.assert_allclose(gained.load, 1.1 * plain.load)
     np.testing.assert_allclose(gained.motion, plain.motion * [1.0, 1.0, 1.2])
+
+
+class WithSlip(closed_form.ClosedFormSolver):
+    """The solver in closed form with slips that say at which row they stand."""
+
+    def capabilities(self) -> Capabilities:
+        return replace(super().capabilities(), cell_fields=True)
+
+    def solve(
+        self,
+        simulation: Simulation,
+        workspace: Path | None = None,
+        progress: Callable[[Progress], None] | None = None,
+    ) -> Response:
+        n_cells = len(simulation.mesh.cells)
+        rows = np.asarray(simulation.output, dtype=np.float64)[:, None, None]
+        cells = CellFields(*(rows * np.ones((n_cells, n)) for n in (6, 24, 24, 3)))
+        return replace(super().solve(simulation), cells=cells)
+
+
+def test_a_load_that_lags_is_read_later_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(specimen, "find_adapter", lambda name, profile: WithSlip())
+    history = stage_program([(2, 1)])
+    stretch = {"elongation_1": 0.02, "elongation_2": 0.015}
+    plain = pull(closed_form.small_case(), history, stretch, cell_slip=True)
+    every = replace(history, image_row=np.arange(7))
+    rows = pull(closed_form.small_case(), every, stretch).load
+    # A hold of 30 s earlier: the load at the end of the move.
+    early = pull(closed_form.small_case(), history, stretch | {"load_lag": -30.0}, cell_slip=True)
+    np.testing.assert_allclose(early.load, rows[[0, 1, 3, 5]])
+    late = pull(closed_form.small_case(), history, stretch | {"load_lag": 5.0}, cell_slip=True)
+    np.testing.assert_allclose(late.load[1:3], (rows[[2, 4]] + rows[[3, 5]]) / 2)
+    for lagging in (early, late):
+        np.testing.assert_array_equal(lagging.motion, plain.motion)
+        assert lagging.slip is not None and plain.slip is not None
+        np.testing.assert_array_equal(lagging.slip, plain.slip)
+        assert lagging.slip[:, 0, 0].tolist() == [0, 2, 4, 6]
 
 
 def test_any_response_becomes_a_course_whatever_the_order_of_its_nodes() -> None:

@@ -83,6 +83,14 @@ def test_a_poorly_known_section_is_a_free_gain_of_the_load(case: Case) -> None:
     assert bench.objective.prior["load_gain"] == pytest.approx((0.0, 10.0))
 
 
+def test_what_is_stated_of_zero_and_clock_of_the_load_is_a_prior(case: Case) -> None:
+    bench = built(case, loads={"offset_uncertainty_uN": 5.0, "clock_uncertainty_s": 1.5})
+    assert bench.law == (*LAW, "load_offset", "load_lag")
+    # Their scales are 10 µN and 3 s.
+    assert bench.objective.prior["load_offset"] == pytest.approx((0.0, 0.5))
+    assert bench.objective.prior["load_lag"] == pytest.approx((0.0, 0.5))
+
+
 def test_extensions_are_freed_from_their_start_with_a_prior_about_their_null(case: Case) -> None:
     extended = case.model_copy(update={"extensions": {"tau0_112": 1.2, "tilt_drift": 1e-3}})
     bench = built(extended, material={"tau0_112": 1.05})

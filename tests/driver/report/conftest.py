@@ -24,6 +24,7 @@ from meshes.prism import generate
 
 STAGE = (0.0, 10.0, 20.0, 30.0, 20.0, 10.0, 25.0, 40.0, 55.0, 45.0, 35.0)
 CYCLE = (1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2)
+PHASE = (0, 0, 0, 0, 1, 1, 2, 2, 2, 3, 3)
 PEAKS = (3, 8)
 KNOTS = (0.030, 0.018, 0.060, 0.042)  # elongation at the turning points after the first [µm]
 PIXEL, ORIGIN = 0.11, (20.0, 6.0)
@@ -167,6 +168,8 @@ def _write_measured(path, time, rng):
             "smoother": (np.eye(T), "1"),
             "left_out": (1.0 * (np.arange(T) == 7), "1"),
             "sigma_flat": (0.0, "µm"),
+            "phase": (np.array(PHASE), "1"),
+            "grip/nominal": (12.0 / 32e3, "1"),
         },
     )
     for name in FIGURES:

@@ -21,7 +21,8 @@ FIGURES = (
     "convergence",
 )  # fmt: skip
 MEASURED = (
-    "measure_reference", "measure_fields", "measure_travel", "measure_residuals", "measure_noise",
+    "measure_reference", "measure_fields", "measure_travel", "measure_grip",
+    "measure_residuals", "measure_noise",
 )  # fmt: skip
 KINDS = (
     "nothing wrong", "named", "one of this set", "named, but something is left", "unexplained",

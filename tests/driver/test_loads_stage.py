@@ -1,0 +1,161 @@
+"""A case without images, from its files to the report, with the solver in closed form."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from driver import check as check_module
+from driver import pipeline, specimen
+from driver.case import CaseError, load_case
+from driver.check import check
+from driver.experiment import ExperimentError, read_experiment
+from driver.loads_stage import SKIPPED
+from driver.results import read_hdf5
+from driver.stages import StageError
+from solver_adapters.profile import Profile
+from tests.driver import closed_form
+from tests.driver.closed_form import KNOTS, LAW
+
+TRUTH = {"tau0": 44.0}
+RATIO, UNCERTAINTY = 4.5e-4, 1e-4
+
+
+def solver(name: str, profile: Profile) -> closed_form.ClosedFormSolver:
+    return closed_form.ClosedFormSolver(0.001)
+
+
+def write(folder: Path) -> Path:
+    """History with loads and no image, and a case without `[images]`."""
+    closed_form.write_files(folder, TRUTH)
+    for name in ("images.tif", "repeats.tif"):
+        (folder / name).unlink()
+    rows = [line.split(",") for line in (folder / "history.csv").read_text("utf-8").splitlines()]
+    lines = [",".join(rows[0]), *(f"{t},{s},,{force}" for t, s, _, force in rows[1:])]
+    (folder / "history.csv").write_text("\n".join(lines), encoding="utf-8")
+    path = folder / "case.toml"
+    text = path.read_text("utf-8")
+    text = text[: text.index("[images]")] + text[text.index("[history]") :]
+    stated = f"stage_ratio = {RATIO}\nstage_ratio_uncertainty = {UNCERTAINTY}\n"
+    assert text.count('\nmotion = "images"') == 1
+    text = text.replace('\nmotion = "images"', f'\nmotion = "stage"\n{stated}#')
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """The case file of a finished run, and its log."""
+    path = write(tmp_path_factory.mktemp("loads"))
+    lines: list[str] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(specimen, "find_adapter", solver)
+        pipeline.run(path, None, False, lines.append)
+    return path, "\n".join(lines)
+
+
+def test_a_run_without_images_goes_from_mesh_over_identify_to_report(
+    finished: tuple[Path, str],
+) -> None:
+    path, log = finished
+    assert SKIPPED in log
+    started = [line.split(":")[0] for line in log.splitlines() if line.endswith(": started")]
+    assert started == ["mesh", "identify", "report"]
+    assert not (path.parent / "results" / "measure.h5").exists()
+
+
+def test_law_and_elongation_are_found_within_their_uncertainty(
+    finished: tuple[Path, str],
+) -> None:
+    path, _ = finished
+    results = read_hdf5(path.parent / "results" / "identify.h5")
+    with h5py.File(path.parent / "results" / "identify.h5", "r") as file:
+        names = json.loads(file.attrs["names"])
+        assert file.attrs["converged"]
+    truth = {"tau0": 44.0, "c": 40e3, "d": 1500.0}
+    truth |= {f"elongation_{k}": value for k, value in enumerate(KNOTS, start=1)}
+    for name, value in truth.items():
+        row = names.index(name)
+        assert abs(results["values"][row] - value) < 3 * results["sigma"][row], name
+    assert results["budget/load"] == pytest.approx(1.0, abs=0.3)
+    # Loads fix each elastic unloading far better than the travel of the stage does.
+    first, second = (names.index(f"elongation_{k}") for k in (1, 2))
+    gap = np.zeros(len(names))
+    gap[[first, second]] = 1.0, -1.0
+    unloading = 0.01 * np.sqrt(gap @ results["covariance"] @ gap)  # θ is in units of 0.01 µm
+    assert unloading < 0.2 * results["sigma"][second]
+
+
+def test_no_tilt_and_no_pose_is_sought(finished: tuple[Path, str]) -> None:
+    path, _ = finished
+    with h5py.File(path.parent / "results" / "identify.h5", "r") as file:
+        names = json.loads(file.attrs["names"])
+    assert set(names) == {
+        *LAW, *(f"elongation_{k}" for k in range(1, 5)),
+        "lambda_plus_Y", "lambda_plus_Z", "lambda_minus_Y", "lambda_minus_Z",
+    }  # fmt: skip
+
+
+def test_what_the_loads_do_not_tell_keeps_the_width_of_its_prior(
+    finished: tuple[Path, str],
+) -> None:
+    path, _ = finished
+    results = read_hdf5(path.parent / "results" / "identify.h5")
+    with h5py.File(path.parent / "results" / "identify.h5", "r") as file:
+        names = json.loads(file.attrs["names"])
+    shares = dict(zip(names, results["prior_share"], strict=True))
+    # Without tilt the amplitudes along Z move nothing.
+    assert shares["lambda_plus_Z"] == pytest.approx(1.0)
+    assert shares["tau0"] < 0.2
+
+
+def test_the_report_says_what_it_rests_on(finished: tuple[Path, str]) -> None:
+    page = (finished[0].parent / "results" / "report.html").read_text("utf-8")
+    assert "identified from loads alone" in page and "(4.5 ± 1.0)·10⁻⁴" in page
+    assert "<code>tau0</code>" in page and "<code>elongation_4</code>" in page
+    assert "diagnosis are left out" in page
+
+
+def test_check_tells_that_no_images_are_used(
+    finished: tuple[Path, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(check_module, "find_adapter", solver)
+    told = {finding.subject: finding for finding in check(finished[0])}
+    assert told["images"].message.startswith("not used")
+    assert "loads in 2 cycle(s)" in told["history"].message and "cost" in told
+
+
+def test_what_needs_images_is_refused_in_a_sentence(finished: tuple[Path, str]) -> None:
+    path, _ = finished
+    with pytest.raises(StageError, match='boundary.motion: found "stage", expected "images"'):
+        pipeline.export(path, path.parent / "export", True, False, print)
+    with pytest.raises(ExperimentError, match="images.frames: found nothing"):
+        read_experiment(load_case(path))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('\nmotion = "stage"\n', "\n",
+         "boundary.stage_ratio: found 0.00045, expected nothing with"),
+        (f"stage_ratio = {RATIO}\n", "", "boundary.stage_ratio: found nothing, expected a number"),
+        (f"stage_ratio_uncertainty = {UNCERTAINTY}\n", "",
+         "boundary.stage_ratio_uncertainty: found nothing, expected a number"),
+        (f"stage_ratio = {RATIO}\n", "stage_ratio = -1\n",
+         "boundary.stage_ratio: found -1, expected a number > 0"),
+    ],
+)  # fmt: skip
+def test_a_ratio_that_does_not_fit_is_named(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    path = write(tmp_path)
+    text = path.read_text("utf-8")
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(CaseError) as error:
+        load_case(path)
+    assert message in str(error.value)
