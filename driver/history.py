@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,17 +59,21 @@ class History:
         return self.turning.size
 
 
-def read_history(path: Path) -> History:
+def read_history(path: Path, with_loads: bool = True) -> History:
     """Read a history of columns time_s, stage_um, image, force_N.
 
     Image and force stand only in the rows where an image was taken.
+
+    Args:
+        path: the CSV file.
+        with_loads: whether the loads are needed; else they may be absent, and are 0.
 
     Raises:
         HistoryError: the file is absent, a column is missing, a cell is no number, times do not
             increase, images are not numbered 0, 1, 2, …, an image has no load, or the stage
             never moves.
     """
-    rows = _read_rows(path)
+    rows = _read_rows(path, COLUMNS if with_loads else COLUMNS[:-1])
     time = np.array([_number(path, row, "time_s") for row in rows])
     stage = np.array([_number(path, row, "stage_um") for row in rows])
     for index in range(1, len(rows)):
@@ -83,10 +88,10 @@ def read_history(path: Path) -> History:
         if row["image"] != str(len(image_row)):
             raise _error(path, row, "image", row["image"],
                          f"{len(image_row)}, for images are numbered 0, 1, 2, …")  # fmt: skip
-        if not row["force_N"]:
+        if with_loads and not row["force_N"]:
             raise _error(path, row, "force_N", "nothing", f"the load of image {row['image']}")
         image_row.append(index)
-        force.append(_number(path, row, "force_N"))
+        force.append(_number(path, row, "force_N") if row.get("force_N") else 0.0)
     if len(image_row) < 2:
         raise HistoryError(
             sentence(path, "image", f"{len(image_row)} images", "image 0 and at least one more")
@@ -153,19 +158,19 @@ def _segment(turning: IntArray, rows: IntArray) -> IntArray:
     return np.maximum(np.searchsorted(turning, rows, side="left") - 1, 0)
 
 
-def _read_rows(path: Path) -> list[dict[str, str]]:
-    """The rows with their line number under the key "line"."""
+def _read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
+    """The rows with their line number under the key "line"; `columns` have to be there."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file, skipinitialspace=True)
             names = [name.strip() for name in reader.fieldnames or ()]
             reader.fieldnames = names
-            missing = [name for name in COLUMNS if name not in names]
+            missing = [name for name in columns if name not in names]
             if missing:
                 found = ",".join(names) or "no columns"
                 raise HistoryError(sentence(path, "row 1", found, "the column " + missing[0]))
             return [
-                {name: (row[name] or "").strip() for name in COLUMNS}
+                {name: (row[name] or "").strip() for name in COLUMNS if name in names}
                 | {"line": str(reader.line_num)}
                 for row in reader
             ]
