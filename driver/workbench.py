@@ -111,7 +111,12 @@ def assemble(
         experiment: history and loads; its frames are not looked at.
         images: the corrected images with the low-noise gradient.
         mean_motion: mean motion of each image [µm], shape (T, 3).
-        elongation, tilt, jobs, prepare_only, left_out, passing: as in `build_workbench`.
+        elongation: as in `build_workbench`, and so are the others.
+        tilt: ditto.
+        jobs: ditto.
+        prepare_only: ditto.
+        left_out: ditto.
+        passing: ditto.
     """
     adapter, history = adapter_of(case, prepare_only), experiment.history
     if passing is not None:

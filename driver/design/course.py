@@ -76,9 +76,7 @@ def with_holds(history: History, factor: float) -> History:
     return replace(history, time=history.time[0] + np.concatenate([[0.0], np.cumsum(steps)]))
 
 
-def carried_on(
-    knots: Mapping[str, float], history: History, longer: History
-) -> dict[str, float]:
+def carried_on(knots: Mapping[str, float], history: History, longer: History) -> dict[str, float]:
     """Knots of a history whose last phase goes on: at the pace of its last unloading.
 
     Motion is linear in stage travel within a phase. Where the history ends loaded, the pace of an

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.boundary import LAMBDAS, elongation_names, tilt_names
-from driver.case import Case
 from driver.design.course import carried_on, changed, compressed
 from driver.design.information import LOOSE, Knowledge, knowledge
 from driver.design.settings import Settings
@@ -175,7 +174,12 @@ def _bench(plan: Plan, passing: Callable[[str], None] | None = None) -> _Bench:
         case,
         mesh_of(case, case.specimen.mesh_size),
         mesh_of(case, case.specimen.fine_mesh_size),
-        replace(surface.experiment, history=history, force=np.zeros(history.n_images)),
+        replace(
+            surface.experiment,
+            history=history,
+            force=np.zeros(history.n_images),
+            gamma_F=case.loads.gamma_F,
+        ),  # fmt: skip
         images,
         np.zeros((history.n_images, 3)),
         edges[0],
@@ -184,8 +188,10 @@ def _bench(plan: Plan, passing: Callable[[str], None] | None = None) -> _Bench:
         passing=passing,
     )
     fitted = (*LAMBDAS, *bench.knots, *bench.law)
+    # A knot that is not fitted (a tilt, in the rigid gauge) stays where the identification has it.
     known = {name: value for name, value in assumed.items() if name in bench.knots}
-    values = bench.start | known | plan.settings.truth
+    truth = {name: v for name, v in plan.settings.truth.items() if name not in assumed}
+    values = bench.start | truth | known
     wanted = None if case.diagnosis.causes == "all" else case.diagnosis.causes
     causes, names = screened(bench.working, fitted, wanted)
     return _Bench(bench, values, fitted, causes, names, history)
@@ -214,4 +220,3 @@ def _course(plan: Plan) -> tuple[History, dict[str, float]]:
     if test.compression:
         known = carried_on(known, plan.history, compressed(plan.history))
     return changed(plan.history, test), known
-

@@ -37,6 +37,7 @@ class Knowledge:
         name: the parameter.
         value: where the model was linearised.
         unit: of the value.
+        relative: whether θ is a logarithm, and σ of it a relative one.
         sigma: standard deviation, in the unit; infinite where nothing fixes it.
         theta: the same of θ: relative for a logarithm, else in scales.
         prior: standard deviation of θ before the experiment, infinite where there is no prior.
@@ -50,6 +51,7 @@ class Knowledge:
     name: str
     value: float
     unit: str
+    relative: bool
     sigma: float
     theta: float
     prior: float
@@ -89,7 +91,7 @@ def knowledge(
         data: what it was whitened with.
         parameters: declarations by name.
     """
-    covariance = np.linalg.inv(here.hessian)
+    covariance: FloatArray = np.asarray(np.linalg.inv(here.hessian), dtype=np.float64)
     parts = _parts(here, data, covariance)
     alone = 1.0 / np.sqrt(np.maximum(np.sum(here.jacobian**2, axis=1), 1e-30))
     return tuple(
@@ -127,6 +129,7 @@ def _one(
         name=parameter.name,
         value=value,
         unit=parameter.unit,
+        relative=parameter.logarithmic,
         sigma=np.inf if loose and unknown else theta * abs(parameter.slope(value)),
         theta=np.inf if loose and unknown else theta,
         prior=np.inf if loose else prior,
@@ -139,12 +142,12 @@ def _one(
 
 
 def _partner(here: Evaluation, i: int, covariance: FloatArray) -> tuple[str, float]:
-    """Whose knowledge would help a parameter most, and by what factor on σ."""
+    """Who of the others would help a parameter most, were it known, and the factor on σ."""
     best, least = "", 1.0
     for group, members in groups_of(here.free).items():
-        rows = [here.free.index(name) for name in members if here.free.index(name) != i]
-        if not rows:
+        if here.free[i] in members:
             continue
+        rows = [here.free.index(name) for name in members]
         across = covariance[i, rows]
         explained = across @ np.linalg.solve(covariance[np.ix_(rows, rows)], across)
         factor = float(np.sqrt(max(1.0 - explained / covariance[i, i], 0.0)))
@@ -158,9 +161,7 @@ _CORRELATED = 0.7  # factor on σ below which a correlation is worth a word
 _MAIN = 0.25  # share of the variance from which a source is worth a word
 
 
-def _limit(
-    unknown: bool, insensitive: bool, parts: FloatArray, partner: str, factor: float
-) -> str:
+def _limit(unknown: bool, insensitive: bool, parts: FloatArray, partner: str, factor: float) -> str:
     if unknown and insensitive:
         return "not seen: the data do not depend on it, the prior alone holds it"
     order = np.argsort(-parts)

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from driver.case import Case
 from driver.case_errors import sentences
-from driver.design.settings import Settings, Schedule, label, merged
+from driver.design.settings import Schedule, Settings, label, merged
 from driver.errors import InputError
 
 _TURN = 30.0  # ° about the normal of the face, of the last grain
@@ -99,9 +99,10 @@ def variant(base: Variant, name: str, change: dict[str, Any], path: Path) -> Var
     tests = merged(base.test.model_dump(), change.get("test", {}))
     try:
         case = Case.model_validate(data, context={"folder": base.case.path("")})
-        test = Schedule.model_validate(tests)
+        test = Settings.model_validate({"test": tests}).test
     except ValidationError as error:
-        model, given = (Schedule, tests) if error.title == "Schedule" else (Case, data)
+        of_case = error.title == Case.__name__
+        model, given = (Case, data) if of_case else (Settings, {"test": tests})
         raise InputError(sentences(path, model, given, error)) from None
     return Variant(name, label(change), case, test)
 

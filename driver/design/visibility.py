@@ -21,8 +21,6 @@ NAMED_AT = 6.0
 """Projected misfit [σ] from which a cause is named rightly in 19 of 20 cases, if not alone in its
 class then as one of it: measured on a surrogate with 30 causes. It is seen from `SEEN_AT` on."""
 
-_NOTHING = 1e-3  # σ; of a prior scale that leaves no trace
-
 
 @dataclass(frozen=True)
 class Visible:
@@ -67,12 +65,17 @@ class Outlook:
     Attributes:
         cause: the cause.
         parameters: its parameters.
-        alike: causes that could not be told from it, with the cosine between them.
+        cosines: cosine between what it and each other cause do to the data.
     """
 
     cause: Cause
     parameters: tuple[Visible, ...]
-    alike: Mapping[str, float]
+    cosines: Mapping[str, float]
+
+    @property
+    def alike(self) -> dict[str, float]:
+        """The causes that could not be told from it, with the cosine between them."""
+        return {name: angle for name, angle in self.cosines.items() if angle > PARALLEL}
 
     @property
     def in_scales(self) -> float:
@@ -101,14 +104,13 @@ def outlooks(
         scored = score(cause, effect, fitted, len(causes))
         found.append((scored, _visible(scored, effect, fitted, parameters)))
     return tuple(
-        Outlook(scored.cause, visible, _alike(scored, [other for other, _ in found]))
+        Outlook(
+            scored.cause,
+            visible,
+            {other.cause.name: cosine(scored, other) for other, _ in found if other is not scored},
+        )
         for scored, visible in found
     )
-
-
-def _alike(one: Score, others: Sequence[Score]) -> dict[str, float]:
-    angles = {o.cause.name: cosine(one, o) for o in others if o is not one}
-    return {name: angle for name, angle in angles.items() if angle > PARALLEL}
 
 
 def _visible(
@@ -121,7 +123,7 @@ def _visible(
     for i, name in enumerate(scored.cause.parameters):
         parameter, seen = parameters[name], float(scored.visible[i])
         hidden_by, factor = _hidden_by(effect[i], fitted)
-        nothing = whole[i] < _NOTHING**2
+        nothing = not np.isfinite(seen)
         found.append(
             Visible(
                 name=name,
