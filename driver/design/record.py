@@ -74,7 +74,8 @@ def _outlook(o: Outlook) -> dict[str, Any]:
         "category": o.cause.category,
         "sentence": o.cause.sentence,
         "parameters": [_visible(p) for p in o.parameters],
-        "not_told_from": dict(o.alike),
+        "cosines": dict(o.cosines),
+        "not_told_from": list(o.alike),
     }
 
 

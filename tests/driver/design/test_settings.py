@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,7 @@ from driver.design.variants import base_variant, usual_changes, variant, variant
 from driver.errors import InputError
 from tests.driver import closed_form
 
+DOCS = Path(__file__).resolve().parents[3] / "docs" / "design.md"
 BASE = base_variant(closed_form.small_case(), Settings())
 SETTINGS = """
 [program]
@@ -116,6 +119,15 @@ def test_only_what_changes_the_test_or_the_specimen_is_simulated_anew() -> None:
 def test_a_change_that_changes_nothing_is_left_out() -> None:
     same = {"loads": {"noise_uN": BASE.case.loads.noise_uN}}
     assert variants(BASE, {"same": same}, {}, (), Path()) == []
+
+
+def test_every_key_of_a_test_is_documented_with_its_default() -> None:
+    rows = re.findall(r"^\| `test` \| `(\w+)` \| (.*?) \|", DOCS.read_text("utf-8"), re.M)
+    expected = {
+        name: "—" if field.default is None else json.dumps(field.default)
+        for name, field in Schedule.model_fields.items()
+    }
+    assert dict(rows) == expected
 
 
 def test_tables_are_merged_key_by_key() -> None:
