@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from time import perf_counter
 
 from driver.case import Case, load_case
 from driver.design.course import changed
@@ -78,9 +79,9 @@ def design(
     own = [plan for plan in plans if not plan.variant.simulated_as(base.variant)]
     seconds, memory = _cost(base, own)
     log(
-        f"{1 + len(own)} simulations with all sensitivities, each once more on the finer mesh, for "
-        f"{len(plans)} changes: about {seconds / 60:.1f} min on free cores and "
-        f"{memory / 1e9:.1f} GB of memory"
+        f"the case and {len(plans)} changes: {1 + len(own)} of them simulated with all "
+        "sensitivities, and once more on the finer mesh; "
+        f"about {seconds / 60:.1f} min on free cores and {memory / 1e9:.1f} GB of memory"
     )
     use_threads(case.execution.processes * case.execution.threads)
     log("the experiment of the case")
@@ -91,9 +92,14 @@ def design(
     found = {id(plan): forecast(plan, simulated) for plan in plans if id(plan) in served}
     alone = [plan for plan in plans if id(plan) not in served]
 
+    start, ended = perf_counter(), 0
+
     def done(index: int, result: Forecast | str) -> None:
-        said = f": {result}" if isinstance(result, str) else ""
-        log(f"  {alone[index].variant.name}: {'failed' if said else 'simulated'}{said}")
+        nonlocal ended
+        ended += 1
+        said = f"failed: {result}" if isinstance(result, str) else "simulated"
+        left = (perf_counter() - start) * (len(alone) / ended - 1)
+        log(f"  {ended} of {len(alone)}, {alone[index].variant.name}: {said}; {left:.0f} s to go")
 
     if alone:
         log(f"{len(alone)} changed experiments, {case.execution.processes} at a time")

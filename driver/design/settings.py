@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -124,9 +125,5 @@ def _leaves(table: dict[str, Any], above: Sequence[str] = ()) -> list[tuple[str,
         if isinstance(value, dict):
             found += _leaves(value, (*above, key))
         else:
-            found.append((".".join((*above, key)), f"{value:g}" if _plain(value) else str(value)))
+            found.append((".".join((*above, key)), json.dumps(value, ensure_ascii=False)))
     return found
-
-
-def _plain(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -47,7 +47,11 @@ def test_an_entry_of_a_list_is_named_by_its_number() -> None:
 
 
 def test_a_change_is_told_as_it_can_be_given() -> None:
-    for change in ({"loads": {"noise_uN": 2.0}, "test": {"holds": 3.0}}, {"test": {"stops": 2}}):
+    for change in (
+        {"loads": {"noise_uN": 2.0}, "test": {"holds": 3.5, "stops": 2}},
+        {"test": {"compression": True}},
+        {"grains": {"2": {"euler_deg": [1.0, 2.5, 3.0], "name": "other"}}},
+    ):
         assert read_change(label(change)) == change
 
 
