@@ -10,7 +10,16 @@ from time import perf_counter
 
 from driver.case import Case, load_case
 from driver.design.course import changed
-from driver.design.forecast import Forecast, Plan, can_serve, forecast, simulate, whole_forecast
+from driver.design.forecast import (
+    Forecast,
+    Plan,
+    Simulated,
+    can_serve,
+    forecast,
+    prepare,
+    simulate,
+    whole_forecast,
+)
 from driver.design.picture import draw
 from driver.design.record import design_record
 from driver.design.settings import Settings, read_change, read_settings
@@ -85,31 +94,43 @@ def design(
     )
     use_threads(case.execution.processes * case.execution.threads)
     log("the experiment of the case")
-    simulated = simulate(base, passing_of(log))
-    before = forecast(base, simulated)
+    prepared = prepare(base, passing_of(log))
+    simulated = simulate(prepared)
+    before = forecast(prepared, simulated)
     log(f"  simulated, {len(simulated.names)} sensitivities")
-    served = {id(plan) for plan in plans if can_serve(simulated, plan, base)}
-    found = {id(plan): forecast(plan, simulated) for plan in plans if id(plan) in served}
-    alone = [plan for plan in plans if id(plan) not in served]
+    others = _changed(plans, base, simulated, log)
+    for line in told(before, surface.told, others):
+        log(line)
+    _write(results, before, surface, others)
+    log(f"{results}: {', '.join(FILES)}")
 
+
+def _changed(plans: Sequence[Plan], base: Plan, simulated: Simulated, log: Log) -> list[Forecast]:
+    """Forecasts of the changed experiments; those that need a simulation, side by side."""
+    found: dict[int, Forecast] = {}
+    for number, plan in enumerate(plans):
+        if plan.variant.simulated_as(base.variant):
+            own = prepare(plan)
+            if can_serve(simulated, own):
+                found[number] = forecast(own, simulated)
+    alone = [number for number in range(len(plans)) if number not in found]
+    execution = base.variant.case.execution
+    if alone:
+        log(f"{len(alone)} changed experiments, {execution.processes} at a time")
     start, ended = perf_counter(), 0
 
     def done(index: int, result: Forecast | str) -> None:
         nonlocal ended
         ended += 1
+        name = plans[alone[index]].variant.name
         said = f"failed: {result}" if isinstance(result, str) else "simulated"
         left = (perf_counter() - start) * (len(alone) / ended - 1)
-        log(f"  {ended} of {len(alone)}, {alone[index].variant.name}: {said}; {left:.0f} s to go")
+        log(f"  {ended} of {len(alone)}, {name}: {said}; {left:.0f} s to go")
 
-    if alone:
-        log(f"{len(alone)} changed experiments, {case.execution.processes} at a time")
-    ends = side_by_side(_attempt, alone, case.execution.processes, case.execution.threads, done)
-    found |= {id(p): end for p, end in zip(alone, ends, strict=True) if isinstance(end, Forecast)}
-    others = [found[id(plan)] for plan in plans if id(plan) in found]
-    for line in told(before, surface.told, others):
-        log(line)
-    _write(results, before, surface, others)
-    log(f"{results}: {', '.join(FILES)}")
+    asked = [plans[number] for number in alone]
+    ends = side_by_side(_attempt, asked, execution.processes, execution.threads, done)
+    found |= {n: end for n, end in zip(alone, ends, strict=True) if isinstance(end, Forecast)}
+    return [found[number] for number in sorted(found)]
 
 
 def _attempt(plan: Plan) -> Forecast | str:

@@ -91,7 +91,20 @@ class Forecast:
 
 
 @dataclass(frozen=True, eq=False)
-class _Bench:
+class Prepared:
+    """Models and working point of a plan.
+
+    Attributes:
+        plan: the plan.
+        bench: models, data without images, and priors, as the identification has them.
+        values: every parameter, where the model is linearised.
+        fitted: names of the parameters that the identification fits.
+        causes: those that the specimen can have.
+        names: of all parameters whose sensitivities are needed, the fitted ones first.
+        history: of the test.
+    """
+
+    plan: Plan
     bench: Workbench
     values: dict[str, float]
     fitted: tuple[str, ...]
@@ -100,67 +113,13 @@ class _Bench:
     history: History
 
 
-def simulate(plan: Plan, passing: Callable[[str], None] | None = None) -> Simulated:
-    """Simulate the experiment with all sensitivities, and once more finer without any.
+def prepare(plan: Plan, passing: Callable[[str], None] | None = None) -> Prepared:
+    """Models and working point of an experiment.
 
-    Raises:
-        SolverError: a simulation could not be finished.
+    Args:
+        plan: the experiment.
+        passing: takes words about a running simulation, if anyone is there to read them.
     """
-    own = _bench(plan, passing)
-    prediction = own.bench.working.predict(own.values, own.names)
-    fine = own.bench.finer.predict(own.values)
-    change = Correction(fine.motion - prediction.motion, fine.load - prediction.load)
-    return Simulated(prediction, own.names, change)
-
-
-def can_serve(simulated: Simulated, plan: Plan, of: Plan) -> bool:
-    """Whether the simulation of one plan holds all that another one needs."""
-    if not plan.variant.simulated_as(of.variant):
-        return False
-    return set(_bench(plan).names) <= set(simulated.names)
-
-
-def forecast(plan: Plan, simulated: Simulated) -> Forecast:
-    """Weigh the sensitivities of a simulation with the noise of an experiment."""
-    own, test, case = _bench(plan), plan.variant.test, plan.variant.case
-    n_images = own.history.n_images
-    index = np.repeat(np.arange(n_images), test.images_per_stop)
-    data = own.bench.objective.data.frames(index)
-    objective = replace(own.bench.objective, data=data, prior=_priors(own))
-    if not test.exact_simulation:
-        sizes = (case.specimen.mesh_size, case.specimen.fine_mesh_size)
-        objective = with_correction(objective, 1.0, simulated.change, sizes)
-    rows = [simulated.names.index(name) for name in own.names]
-    wide = objective.expect(simulated.prediction.restrict(rows), own.values, own.names)
-    fitted = objective.restrict(wide, own.fitted)
-    turning = own.history.turning
-    next_image = np.abs(own.history.image_row[None] - turning[:, None]).argmin(axis=1)
-    names = elongation_names(own.history.n_knots)
-    return Forecast(
-        variant=plan.variant,
-        n_images=index.size,
-        duration=float(np.ptp(own.history.time)),
-        elongation=np.array([0.0, *(own.values[name] for name in names)]),
-        load=simulated.prediction.load[next_image],
-        parameters=knowledge(fitted, objective.data, objective.parameters),
-        causes=outlooks(own.causes, wide, fitted, objective.parameters),
-    )
-
-
-def whole_forecast(plan: Plan) -> Forecast:
-    """The forecast of an experiment that needs a simulation of its own."""
-    return forecast(plan, simulate(plan))
-
-
-def _priors(own: _Bench) -> dict[str, tuple[float, float]]:
-    """Those of the identification, and a loose one where it has none."""
-    objective: Objective = own.bench.objective
-    loose = {name: (own.values[name], LOOSE) for name in own.fitted}
-    return loose | dict(objective.prior)
-
-
-def _bench(plan: Plan, passing: Callable[[str], None] | None = None) -> _Bench:
-    """Models, data and working point of an experiment, as the identification has them."""
     case, test = plan.variant.case, plan.variant.test
     surface, noise = _surface(plan)
     images = surface.with_noise(noise, test.repeats)
@@ -194,7 +153,64 @@ def _bench(plan: Plan, passing: Callable[[str], None] | None = None) -> _Bench:
     values = bench.start | truth | known
     wanted = None if case.diagnosis.causes == "all" else case.diagnosis.causes
     causes, names = screened(bench.working, fitted, wanted)
-    return _Bench(bench, values, fitted, causes, names, history)
+    return Prepared(plan, bench, values, fitted, causes, names, history)
+
+
+def simulate(own: Prepared) -> Simulated:
+    """Simulate the experiment with all sensitivities, and once more finer without any.
+
+    Raises:
+        SolverError: a simulation could not be finished.
+    """
+    prediction = own.bench.working.predict(own.values, own.names)
+    fine = own.bench.finer.predict(own.values)
+    change = Correction(fine.motion - prediction.motion, fine.load - prediction.load)
+    return Simulated(prediction, own.names, change)
+
+
+def can_serve(simulated: Simulated, own: Prepared) -> bool:
+    """Whether a simulation of the same specimen and test has all sensitivities that are needed."""
+    return set(own.names) <= set(simulated.names)
+
+
+def forecast(own: Prepared, simulated: Simulated) -> Forecast:
+    """Weigh the sensitivities of a simulation with the noise of an experiment."""
+    test, case = own.plan.variant.test, own.plan.variant.case
+    n_images = own.history.n_images
+    index = np.repeat(np.arange(n_images), test.images_per_stop)
+    data = own.bench.objective.data.frames(index)
+    objective = replace(own.bench.objective, data=data, prior=_priors(own))
+    if not test.exact_simulation:
+        sizes = (case.specimen.mesh_size, case.specimen.fine_mesh_size)
+        objective = with_correction(objective, 1.0, simulated.change, sizes)
+    rows = [simulated.names.index(name) for name in own.names]
+    wide = objective.expect(simulated.prediction.restrict(rows), own.values, own.names)
+    fitted = objective.restrict(wide, own.fitted)
+    turning = own.history.turning
+    next_image = np.abs(own.history.image_row[None] - turning[:, None]).argmin(axis=1)
+    names = elongation_names(own.history.n_knots)
+    return Forecast(
+        variant=own.plan.variant,
+        n_images=index.size,
+        duration=float(np.ptp(own.history.time)),
+        elongation=np.array([0.0, *(own.values[name] for name in names)]),
+        load=simulated.prediction.load[next_image],
+        parameters=knowledge(fitted, objective.data, objective.parameters),
+        causes=outlooks(own.causes, wide, fitted, objective.parameters),
+    )
+
+
+def whole_forecast(plan: Plan) -> Forecast:
+    """The forecast of an experiment that needs a simulation of its own."""
+    own = prepare(plan)
+    return forecast(own, simulate(own))
+
+
+def _priors(own: Prepared) -> dict[str, tuple[float, float]]:
+    """Those of the identification, and a loose one where it has none."""
+    objective: Objective = own.bench.objective
+    loose = {name: (own.values[name], LOOSE) for name in own.fitted}
+    return loose | dict(objective.prior)
 
 
 def _surface(plan: Plan) -> tuple[Surface, float]:

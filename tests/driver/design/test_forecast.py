@@ -14,7 +14,15 @@ import pytest
 from driver import pipeline, specimen
 from driver.case import Case, load_case
 from driver.design.comparison import gain, pairs
-from driver.design.forecast import Forecast, Plan, can_serve, forecast, simulate, whole_forecast
+from driver.design.forecast import (
+    Forecast,
+    Plan,
+    can_serve,
+    forecast,
+    prepare,
+    simulate,
+    whole_forecast,
+)
 from driver.design.settings import Settings, read_change
 from driver.design.surface import expected_surface
 from driver.design.variants import base_variant, variant
@@ -80,9 +88,9 @@ def test_what_was_predicted_is_the_covariance_of_the_fit(before: Forecast, fitte
 def changed(base: Plan, text: str) -> Forecast:
     """The forecast of a change that needs no simulation."""
     plan = replace(base, variant=variant(base.variant, text, read_change(text), PATH))
-    simulated = simulate(base)
-    assert can_serve(simulated, plan, base)
-    return forecast(plan, simulated)
+    simulated, own = simulate(prepare(base)), prepare(plan)
+    assert plan.variant.simulated_as(base.variant) and can_serve(simulated, own)
+    return forecast(own, simulated)
 
 
 def test_less_noise_and_more_images_never_know_less(base: Plan, before: Forecast) -> None:
@@ -141,7 +149,7 @@ def test_causes_that_scale_the_load_alike_are_not_told_apart(before: Forecast) -
 def test_a_longer_course_is_simulated_anew(base: Plan, before: Forecast) -> None:
     text = "test.compression=true"
     plan = replace(base, variant=variant(base.variant, text, read_change(text), PATH))
-    assert not can_serve(simulate(base), plan, base)
+    assert not plan.variant.simulated_as(base.variant)
     after = whole_forecast(plan)
     assert after.n_images > before.n_images
     assert after.elongation[-1] < before.elongation[-1] and after.load[-1] < before.load[-1]
