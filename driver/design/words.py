@@ -122,13 +122,13 @@ def _gains(base: Forecast, others: Sequence[Forecast]) -> list[str]:
     lines = ["what a change would buy: σ, or the smallest magnitude seen, over that of the case"]
     for k, (other, won) in enumerate(zip(others, gains, strict=True)):
         lines.append(f"[{k + 1}] {other.variant.name}{_effort(base, other)}: {in_words(won)}")
-    lines.append(f"{'':<25}{columns}")
+    lines.append(f"{'':<27}{columns}")
     means = [by_group(won.sigma) for won in gains]
     for group in by_group({p.name: 1.0 for p in base.parameters}):
-        lines.append(f"{group:<25}" + "".join(_cell(mean.get(group)) for mean in means))
+        lines.append(f"{group:<27}" + "".join(_cell(mean.get(group)) for mean in means))
     for outlook in sorted(base.causes, key=lambda o: o.in_scales):
         name = outlook.cause.name
-        lines.append(f"{name:<25}" + "".join(_cell(won.seen.get(name)) for won in gains))
+        lines.append(f"{name:<27}" + "".join(_cell(won.seen.get(name)) for won in gains))
     return lines
 
 
