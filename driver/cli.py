@@ -167,6 +167,28 @@ def virtual(
         make(_case_file(case), settings, to, seed, log)
 
 
+@app.command()
+def design(
+    case: CaseArgument,
+    settings: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="what is assumed of face, test and truth"),
+    ] = None,
+    change: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE", help='a change to compare, as "loads.noise_uN=2"'),
+    ] = None,
+    usual: Annotated[
+        bool, typer.Option("--usual/--no-usual", help="compare the usual changes, too")
+    ] = True,
+) -> None:
+    """Say before an experiment what CASE will know of parameters and causes, and what limits it."""
+    from driver.design.command import design as foresee
+
+    with _told_in_one_line(), _progress(case, alone=True) as log:
+        foresee(_case_file(case), settings, change or (), usual, log)
+
+
 def _case_file(case: Path) -> Path:
     """The case file, where the folder of the case was given."""
     return case / "case.toml" if case.is_dir() else case

@@ -90,9 +90,12 @@ def estimate(
     return Estimate(solving + correlation, memory, runs * evaluations)
 
 
-def simulation_seconds(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> float:
-    """Wall-clock time of one simulation on the working mesh without derivatives [s]."""
-    return _simulation(case, solver, n_cells, 2 * n_images * case.solver.steps_per_interval, 0)
+def simulation_seconds(
+    case: Case, solver: Capabilities, n_cells: int, n_images: int, directions: int = 0
+) -> float:
+    """Wall-clock time of one simulation on the working mesh, with derivatives if asked [s]."""
+    steps = 2 * n_images * case.solver.steps_per_interval
+    return _simulation(case, solver, n_cells, steps, directions)
 
 
 def _simulation(

@@ -14,6 +14,7 @@ from driver.case import Case
 from driver.case_tables.images import Images
 from driver.errors import InputError, sentence
 from driver.history import History, read_history
+from driver.images.files import Refused, files_of, split_dataset
 from driver.images.heightmaps import Stack, load_stack
 
 FloatArray = NDArray[np.float64]
@@ -109,6 +110,52 @@ def read_experiment(case: Case) -> Experiment:
         gamma_F=case.loads.gamma_F,
         clipped=_clipped(frames),
     )
+
+
+def read_unloaded(case: Case, history: History) -> Experiment | None:
+    """What can be there before a test: repeats, flats and mask.
+
+    Args:
+        case: the case; files that it names may be absent.
+        history: what will be done to the specimen.
+
+    Returns:
+        An experiment without frames, its loads without a meaning; None without repeats.
+
+    Raises:
+        InputError: a file that is there cannot be used.
+    """
+    images = case.images
+    there = {key: _is_there(case, key) for key in ("repeats", "flats", "mask")}
+    repeats = _optional(case, "repeats", None) if there["repeats"] else None
+    if repeats is None:
+        return None
+    flats = _optional(case, "flats", repeats) if there["flats"] else None
+    mask = _mask(case, repeats) if there["mask"] else None
+    size = (repeats.levels.shape[1], repeats.levels.shape[2])
+    return Experiment(
+        frames=np.zeros((0, *arrange(images, repeats.levels).shape[1:])),
+        flats=None if flats is None else heights(images, flats.levels),
+        repeats=heights(images, repeats.levels),
+        pixel_um=images.pixel_um,
+        origin=origin(images, size),
+        mask=None if mask is None else arrange(images, _used(mask))[0],
+        history=history,
+        force=np.zeros(history.n_images),
+        gamma_f=images.gamma_f,
+        gamma_F=case.loads.gamma_F,
+    )
+
+
+def _is_there(case: Case, key: str) -> bool:
+    name: str | None = getattr(case.images, key)
+    if name is None:
+        return False
+    try:
+        files_of(split_dataset(case.path(name))[0])
+    except Refused:
+        return False
+    return True
 
 
 def heights(images: Images, levels: FloatArray) -> FloatArray:

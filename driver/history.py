@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -63,7 +64,7 @@ class History:
         return self.turning.size
 
 
-def read_history(path: Path, with_images: bool = True) -> History:
+def read_history(path: Path, with_images: bool = True, with_loads: bool = True) -> History:
     """Read a history of columns time_s, stage_um, image, force_N.
 
     A row with a load but no image belongs to a log of loads. The load of an image that has none
@@ -74,21 +75,23 @@ def read_history(path: Path, with_images: bool = True) -> History:
         path: the file.
         with_images: whether the images are read; if not, each load stands for itself, and the
             column of the images is not looked at.
+        with_loads: whether the loads are needed; else they may be absent, and are 0.
 
     Raises:
         HistoryError: the file is absent, a column is missing, a cell is no number, times do not
             increase, images are not numbered 0, 1, 2, …, an image has no load, there are fewer
             than two images (loads), or the stage never moves.
     """
-    rows = _read_rows(path)
+    rows = _read_rows(path, COLUMNS if with_loads else COLUMNS[:-1])
     time = np.array([_number(path, row, "time_s") for row in rows])
     stage = np.array([_number(path, row, "stage_um") for row in rows])
     for index in range(1, len(rows)):
         if time[index] <= time[index - 1]:
             found, before = rows[index]["time_s"], rows[index - 1]["time_s"]
             raise _error(path, rows[index], "time_s", found, f"more than the {before} s before it")
-    loaded = np.array([bool(row["force_N"]) for row in rows], dtype=bool)
-    load = np.array([_number(path, row, "force_N") if row["force_N"] else np.nan for row in rows])
+    loaded = np.array([bool(row.get("force_N")) for row in rows], dtype=bool)
+    load = np.full(len(rows), np.nan)
+    load[loaded] = [_number(path, row, "force_N") for row in np.array(rows)[loaded]]
     seen = _image_rows(path, rows) if with_images else np.flatnonzero(loaded)
     if seen.size < 2:
         column, what = ("image", "images") if with_images else ("force_N", "loads")
@@ -98,7 +101,9 @@ def read_history(path: Path, with_images: bool = True) -> History:
         raise HistoryError(
             sentence(path, "stage_um", f"{stage[0]:g} in every row", "a stage that moves")
         )
-    force = _load_of_images(path, rows, time, load, seen)
+    force = np.nan_to_num(load[seen])
+    if with_loads:
+        force = _load_of_images(path, rows, time, load, seen)
     stated = ~loaded
     stated[seen] = True
     kept = _instants(time, stage, stated)
@@ -210,19 +215,19 @@ def _segment(turning: IntArray, rows: IntArray) -> IntArray:
     return np.maximum(np.searchsorted(turning, rows, side="left") - 1, 0)
 
 
-def _read_rows(path: Path) -> list[dict[str, str]]:
-    """The rows with their line number under the key "line"."""
+def _read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
+    """The rows with their line number under the key "line"; `columns` have to be there."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file, skipinitialspace=True)
             names = [name.strip() for name in reader.fieldnames or ()]
             reader.fieldnames = names
-            missing = [name for name in COLUMNS if name not in names]
+            missing = [name for name in columns if name not in names]
             if missing:
                 found = ",".join(names) or "no columns"
                 raise HistoryError(sentence(path, "row 1", found, "the column " + missing[0]))
             return [
-                {name: (row[name] or "").strip() for name in COLUMNS}
+                {name: (row[name] or "").strip() for name in COLUMNS if name in names}
                 | {"line": str(reader.line_num)}
                 for row in reader
             ]

@@ -118,7 +118,7 @@ def pull(
     )
     start = truth.boundary.lambda_start.model_dump()
     values = model.null_values() | {f"lambda_{name}": value for name, value in start.items()}
-    _refuse_unknown(hidden, history.n_knots)
+    refuse_unknown(hidden, history.n_knots)
     values |= hidden
     simulation = replace(model.simulation(values), cell_fields=cell_slip)
     response = adapter.solve(simulation, progress=progress)
@@ -175,7 +175,12 @@ def stage_program(cycles: Sequence[tuple[int, int]]) -> History:
     return History(times, travel, images, none, turning_points(travel), none.astype(np.int64))
 
 
-def _refuse_unknown(hidden: Mapping[str, float], n_knots: int) -> None:
+def refuse_unknown(hidden: Mapping[str, float], n_knots: int) -> None:
+    """Refuse true values of parameters that are not of the general model, or out of bounds.
+
+    Raises:
+        InputError: naming the parameter.
+    """
     declared = declared_parameters(n_knots)
     for name, value in hidden.items():
         if name not in declared:

@@ -22,6 +22,7 @@ from driver.microscope.slip_steps import slip_steps
 from driver.model import declared_parameters
 from driver.results import prismid_version, write_hdf5
 from driver.virtual_course import Course
+from driver.virtual_tables import Face as FaceTable
 from driver.virtual_tables import Virtual
 
 FloatArray = NDArray[np.float64]
@@ -135,11 +136,11 @@ def _lens(case: Case, course: Course, settings: Virtual, rng: np.random.Generato
     return _Lens(camera, origin, error)
 
 
-def _subject(case: Case, course: Course, settings: Virtual, rng: np.random.Generator) -> Subject:
-    look, face = settings.face, Face(course.face)
+def random_relief(case: Case, look: FaceTable, rng: np.random.Generator) -> Relief:
+    """The relief of a face as the settings describe it, also on the rim around it."""
     half = case.specimen.width / 2
     bounds = (-half - _AROUND, half + _AROUND, -_AROUND, case.specimen.length + _AROUND)
-    relief = Relief.random(
+    return Relief.random(
         rng,
         bounds,
         look.dot_height_nm * 1e-3,
@@ -147,6 +148,12 @@ def _subject(case: Case, course: Course, settings: Virtual, rng: np.random.Gener
         look.dots_per_um2,
         look.roughness_nm * 1e-3,
     )
+
+
+def _subject(case: Case, course: Course, settings: Virtual, rng: np.random.Generator) -> Subject:
+    look, face = settings.face, Face(course.face)
+    half = case.specimen.width / 2
+    relief = random_relief(case, look, rng)
     steps = None
     if look.slip_spacing_um:
         if course.slip is None:

@@ -90,6 +90,43 @@ def build_workbench(
     """
     experiment = read_experiment(case)
     images = refine_gradient(surface_images(case, experiment), motion)
+    mean_motion = motion.mean(axis=1)
+    return assemble(
+        case, mesh, fine_mesh, experiment, images, mean_motion, elongation, tilt, jobs,
+        prepare_only, left_out, passing,
+    )  # fmt: skip
+
+
+def assemble(
+    case: Case,
+    mesh: PrismMesh,
+    fine_mesh: PrismMesh,
+    experiment: Experiment,
+    images: SurfaceImages,
+    mean_motion: FloatArray,
+    elongation: FloatArray,
+    tilt: FloatArray,
+    jobs: Path | None = None,
+    prepare_only: bool = False,
+    left_out: tuple[int, ...] = (),
+    passing: Callable[[str], None] | None = None,
+) -> Workbench:
+    """Put a case together from an experiment and images that are at hand.
+
+    Args:
+        case: the case.
+        mesh: working mesh.
+        fine_mesh: finer mesh.
+        experiment: history and loads; its frames are not looked at.
+        images: the corrected images with the low-noise gradient.
+        mean_motion: mean motion of each image [µm], shape (T, 3).
+        elongation: as in `build_workbench`, and so are the others.
+        tilt: ditto.
+        jobs: ditto.
+        prepare_only: ditto.
+        left_out: ditto.
+        passing: ditto.
+    """
     adapter, history = adapter_of(case, prepare_only), experiment.history
     if passing is not None:
         adapter = WatchedSolver(adapter, passing)
@@ -104,7 +141,7 @@ def build_workbench(
         images,
         basis_on(images, mesh_uv),
         basis_on(images, mesh_w),
-        motion.mean(axis=1),
+        mean_motion,
         case.boundary.gauge,
     )
     data = Data(

@@ -24,7 +24,7 @@ from solver_adapters.parameter import Parameter
 FloatArray = NDArray[np.float64]
 
 # A one-σ-per-family threshold of 1 % over tens of causes is near 3.5 σ; one more σ for power.
-_SEEN_AT = 4.5
+SEEN_AT = 4.5
 _RANK = 1e-9
 _FAINT = 1e-8  # a prior scale that moves the data by less than 1e-4 σ leaves no trace
 
@@ -94,7 +94,7 @@ def score(
             evidence = -0.5 * float(np.linalg.slogdet(inflated)[1])
     variance = np.diag(np.linalg.inv(inflated))
     seen = np.diag(A) > floor
-    visible = np.where(seen, _SEEN_AT / np.sqrt(np.where(seen, np.diag(A), 1.0)), np.inf)
+    visible = np.where(seen, SEEN_AT / np.sqrt(np.where(seen, np.diag(A), 1.0)), np.inf)
     basis = (vector[:, kept] / np.sqrt(eigenvalue[kept])).T @ projected
     norms = np.linalg.norm(basis, axis=1, keepdims=True)
     return Score(

@@ -268,8 +268,32 @@ class Data:
         gain = -np.expm1(-0.5 * np.log1p(strength)) / strength
         return np.asarray((np.sqrt(gain) * modes).T @ factor)
 
+    def noise_part(self, rows: FloatArray) -> FloatArray:
+        """What measurement noise alone makes of estimates from whitened numbers.
+
+        Whitened numbers have unit covariance, R (I + Σ) R with Σ that of the simulation's error
+        and of the noise of the boundary, and R = (I + Σ)^(−1/2): an estimate e = row · r owes
+        |row R|² of its variance |row|² to the noise of images and loads.
+
+        Args:
+            rows: weights of the whitened numbers, shape (k, n).
+
+        Returns:
+            row R, shape (k, n).
+        """
+        rows = self._whiten_jitter(rows)
+        if self.simulation_error is None:
+            return rows
+        loads, images = rows[:, : self.n_load], rows[:, self.n_load :]
+        z = self._whiten_simulation(images.reshape(len(rows), -1, self.image.n_z))
+        if self.with_loads:
+            loads = self._whiten_load_simulation(loads)
+        return np.concatenate([loads, z.reshape(images.shape)], axis=1)
+
     def _whiten_images(self, z: FloatArray) -> FloatArray:
-        white = self._whiten_reference(z)
+        return self._whiten_simulation(self._whiten_reference(z))
+
+    def _whiten_simulation(self, white: FloatArray) -> FloatArray:
         if self.simulation_error is None:
             return white
         seen = self.index[self.with_image]
@@ -283,7 +307,9 @@ class Data:
         return np.asarray(z - shrink * z.mean(axis=-2, keepdims=True))
 
     def _whiten_loads(self, load: FloatArray) -> FloatArray:
-        white = self._whiten_series(load)
+        return self._whiten_load_simulation(self._whiten_series(load))
+
+    def _whiten_load_simulation(self, white: FloatArray) -> FloatArray:
         if self.simulation_error is None:
             return white
         pattern = self._whiten_series(self.simulation_error.load[self.index])

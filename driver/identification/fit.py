@@ -79,24 +79,42 @@ class Objective:
         motion = prediction.motion + self.correction.motion
         load = prediction.load + self.correction.load
         residual, shift, rho = self.data.residual(motion, load)
-        slopes = np.array([self.parameters[name].slope(values[name]) for name in free])
-        jacobian = self.data.sensitivity(prediction)
-        jacobian *= slopes[:, None]
-        gap, weight = self._prior_at(values, free)
-        return Evaluation(
-            values=dict(values),
-            free=tuple(free),
+        return replace(
+            self.expect(prediction, values, free),
             residual=residual,
-            jacobian=jacobian,
-            prior_gap=gap,
-            prior_weight=weight,
-            n_load=self.data.n_load,
             load=load,
             motion=motion,
             shift=shift,
             rho=rho,
-            prediction=prediction,
             paper=paper_chi(self.data, load, rho),
+        )
+
+    def expect(
+        self, prediction: Prediction, values: Mapping[str, float], free: Sequence[str]
+    ) -> Evaluation:
+        """What a prediction, held against data that it meets exactly, would say of parameters.
+
+        No image is looked at: there need not be any.
+        """
+        slopes = np.array([self.parameters[name].slope(values[name]) for name in free])
+        jacobian = self.data.sensitivity(prediction)
+        jacobian *= slopes[:, None]
+        gap, weight = self._prior_at(values, free)
+        image, n_frames = self.data.image, self.data.index.size
+        return Evaluation(
+            values=dict(values),
+            free=tuple(free),
+            residual=np.zeros(jacobian.shape[1]),
+            jacobian=jacobian,
+            prior_gap=gap,
+            prior_weight=weight,
+            n_load=self.data.n_load,
+            load=prediction.load,
+            motion=prediction.motion,
+            shift=np.zeros((n_frames, len(image.rigid))),
+            rho=np.zeros((n_frames, len(image.images.xy))),
+            prediction=prediction,
+            paper=PaperChi(0.0, 0.0, 0.0),
         )
 
     def complete(self, evaluation: Evaluation, free: Sequence[str]) -> Evaluation:

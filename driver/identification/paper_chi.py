@@ -47,7 +47,8 @@ def paper_chi(data: Data, load: FloatArray, rho: FloatArray) -> PaperChi:
     """
     n_pixels = rho.shape[1]
     gap = (data.load - load)[data.index]
-    of_images = float(np.mean(rho[data.with_image] ** 2)) / (2 * data.image.images.sigma**2)
+    seen = rho[data.with_image] / data.image.images.sigma
+    of_images = float(np.mean(seen**2)) / 2 if seen.size else 0.0
     of_loads = float(np.mean(gap**2)) / data.load_noise**2
     both = (n_pixels * of_images + of_loads) / (1 + n_pixels)
     return PaperChi(sqrt(both), sqrt(of_images), sqrt(of_loads))

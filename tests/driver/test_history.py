@@ -149,3 +149,13 @@ def test_a_stage_that_never_moves_and_a_lone_image_are_refused(tmp_path):
         read_history(write(tmp_path, ["0,5,0,1", "10,5,1,2"]))
     with pytest.raises(HistoryError, match="image: found 1 images, expected image 0 and at least"):
         read_history(write(tmp_path, ["0,0,0,1", "10,5,,"]))
+
+
+def test_loads_may_be_absent_where_none_are_needed(tmp_path: Path) -> None:
+    path = tmp_path / "history.csv"
+    path.write_text("time_s,stage_um,image\n0,0,0\n10,5,\n40,5,1\n", encoding="utf-8")
+    found = read_history(path, with_loads=False)
+    assert found.n_images == 2
+    np.testing.assert_array_equal(found.force, 0.0)
+    with pytest.raises(HistoryError, match="force_N"):
+        read_history(path)

@@ -11,6 +11,8 @@ from driver.dic.basis import grid_basis
 from driver.dic.interpolation import spline_images
 from driver.dic.surface_images import SurfaceImages
 from driver.identification.data import Data, Gauge, build_image_data
+from driver.identification.fit import Correction
+from driver.identification.procedure import with_correction
 from tests.driver import closed_form
 from tests.driver.closed_form import BOUNDS, ORIGIN, PIXEL, SHAPE
 
@@ -229,3 +231,36 @@ def test_a_noise_factor_divides_residual_and_sensitivity_alike() -> None:
     np.testing.assert_allclose(
         2 * louder.pixel_sensitivity(field), draw.image.pixel_sensitivity(field)
     )
+
+
+def test_the_noise_part_of_a_row_is_the_row_whitened_once_more() -> None:
+    """R of (I + Σ)^(−1/2): what turns sensitivities without a simulation error into those with."""
+    objective = closed_form.objective(BENCH, BENCH.truth)
+    prediction = BENCH.model.predict(BENCH.truth, ("tau0", "elongation_1", "tilt_2"))
+    rng = np.random.default_rng(9)
+    change = Correction(
+        1e-3 * rng.standard_normal(prediction.motion.shape),
+        rng.standard_normal(prediction.load.shape),
+    )
+    plain = objective.data
+    with_error = with_correction(objective, 1.0, change, closed_form.SIZES).data
+    rows = plain.sensitivity(prediction)
+    np.testing.assert_allclose(
+        with_error.noise_part(rows), with_error.sensitivity(prediction), atol=1e-9
+    )
+    part, whole = (np.linalg.norm(r, axis=1) for r in (with_error.noise_part(rows), rows))
+    assert np.all(part < whole)
+    np.testing.assert_array_equal(plain.noise_part(rows), rows)
+
+
+def test_an_expected_evaluation_needs_no_image() -> None:
+    objective = closed_form.objective(BENCH, BENCH.truth)
+    free = ("tau0", "elongation_1", "boundary_shift", "load_gain")
+    made = objective.evaluate(BENCH.truth, free)
+    images = objective.data.image.images
+    blank = replace(images.frames, coefficients=images.frames.coefficients[:0])
+    image = replace(objective.data.image, images=replace(images, frames=blank))
+    empty = replace(objective, data=replace(objective.data, image=image))
+    expected = empty.expect(made.prediction, BENCH.truth, free)
+    np.testing.assert_array_equal(expected.jacobian, made.jacobian)
+    assert expected.misfit == 0.0 and expected.n_load == made.n_load

@@ -1,0 +1,182 @@
+"""`prismid design`: from a case to what its experiment will say, before it is made."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+
+from driver.case import Case, load_case
+from driver.design.course import changed
+from driver.design.forecast import (
+    Forecast,
+    Plan,
+    Simulated,
+    can_serve,
+    forecast,
+    prepare,
+    simulate,
+    whole_forecast,
+)
+from driver.design.picture import draw
+from driver.design.record import design_record
+from driver.design.settings import Settings, read_change, read_settings
+from driver.design.surface import Surface, expected_surface
+from driver.design.variants import base_variant, usual_changes, variants
+from driver.design.words import told
+from driver.errors import InputError
+from driver.estimate import simulation_seconds
+from driver.history import History, HistoryError, read_history
+from driver.identify_stage import JOBS
+from driver.log import passing_of
+from driver.report.style import png
+from driver.side_by_side import side_by_side
+from driver.specimen import capabilities_of, mesh_of
+from driver.stages import RESULTS, write_whole
+from driver.virtual_course import stage_program
+from solver_adapters.bundled.compilation import use_threads
+from solver_adapters.interface import SolverError
+
+Log = Callable[[str], None]
+
+FILES = ("design.json", "design.png")
+_DIRECTIONS = 90  # of boundary, law and all causes, in round numbers
+_PROCESS_BYTES = 300e6
+# Numbers that are held at a time for each pixel of each image.
+_COPIES = 60
+
+
+def design(
+    case_path: Path,
+    settings_path: Path | None,
+    changes: Sequence[str],
+    usual: bool,
+    log: Log,
+) -> None:
+    """Say what an experiment will say, and what changes of it would buy.
+
+    Args:
+        case_path: the case; images and loads need not exist, its history only where the settings
+            give no cycles.
+        settings_path: what is assumed, or None for the defaults.
+        changes: keys of the case or of `test` with other values, a comparison for each.
+        usual: whether the usual changes are compared, too.
+        log: takes one line of progress.
+
+    Raises:
+        InputError: the case, a setting or a change cannot be used.
+        SolverError: the experiment of the case could not be simulated.
+    """
+    case = load_case(case_path)
+    settings = Settings() if settings_path is None else read_settings(settings_path)
+    history = _history(case, settings)
+    surface = expected_surface(case, settings, history)
+    if settings.test.repeats is not None:
+        surface = replace(surface, images=surface.with_noise(1.0, settings.test.repeats))
+    results = case_path.parent / RESULTS
+    base = Plan(base_variant(case, settings), history, surface, settings, results / JOBS)
+    asked = variants(
+        base.variant,
+        usual_changes(case, settings.test, surface.images.n_reference) if usual else {},
+        settings.what_if,
+        [read_change(text) for text in changes],
+        settings_path or case_path,
+    )
+    plans = [replace(base, variant=variant) for variant in asked]
+    own = [plan for plan in plans if not plan.variant.simulated_as(base.variant)]
+    seconds, memory = _cost(base, own)
+    log(
+        f"the case and {len(plans)} changes: {1 + len(own)} of them simulated with all "
+        "sensitivities, and once more on the finer mesh; "
+        f"about {seconds / 60:.1f} min on free cores and {memory / 1e9:.1f} GB of memory"
+    )
+    use_threads(case.execution.processes * case.execution.threads)
+    log("the experiment of the case")
+    prepared = prepare(base, passing_of(log))
+    simulated = simulate(prepared)
+    before = forecast(prepared, simulated)
+    log(f"  simulated, {len(simulated.names)} sensitivities")
+    others = _changed(plans, base, simulated, log)
+    for line in told(before, surface.told, others):
+        log(line)
+    _write(results, before, surface, others)
+    log(f"{results}: {', '.join(FILES)}")
+
+
+def _changed(plans: Sequence[Plan], base: Plan, simulated: Simulated, log: Log) -> list[Forecast]:
+    """Forecasts of the changed experiments; those that need a simulation, side by side."""
+    found: dict[int, Forecast] = {}
+    for number, plan in enumerate(plans):
+        if plan.variant.simulated_as(base.variant):
+            own = prepare(plan)
+            if can_serve(simulated, own):
+                found[number] = forecast(own, simulated)
+    alone = [number for number in range(len(plans)) if number not in found]
+    execution = base.variant.case.execution
+    if alone:
+        log(f"{len(alone)} changed experiments, {execution.processes} at a time")
+    start, ended = perf_counter(), 0
+
+    def done(index: int, result: Forecast | str) -> None:
+        nonlocal ended
+        ended += 1
+        name = plans[alone[index]].variant.name
+        said = f"failed: {result}" if isinstance(result, str) else "simulated"
+        left = (perf_counter() - start) * (len(alone) / ended - 1)
+        log(f"  {ended} of {len(alone)}, {name}: {said}; {left:.0f} s to go")
+
+    asked = [plans[number] for number in alone]
+    ends = side_by_side(_attempt, asked, execution.processes, execution.threads, done)
+    found |= {n: end for n, end in zip(alone, ends, strict=True) if isinstance(end, Forecast)}
+    return [found[number] for number in sorted(found)]
+
+
+def _attempt(plan: Plan) -> Forecast | str:
+    """The forecast of a change, or why there is none: the others are still worth having."""
+    try:
+        return whole_forecast(plan)
+    except (SolverError, InputError, ValueError) as error:
+        return str(error).partition("\n")[0]
+
+
+def _history(case: Case, settings: Settings) -> History:
+    if settings.program.cycles:
+        return stage_program(settings.program.cycles)
+    try:
+        return read_history(case.path(case.history.file), with_loads=False)
+    except HistoryError as error:
+        raise HistoryError(
+            f"{error}; or `cycles` under [program] of --settings, where no test is planned yet"
+        ) from None
+
+
+def _cost(base: Plan, own: Sequence[Plan]) -> tuple[float, float]:
+    """Seconds and bytes, roughly."""
+    execution = base.variant.case.execution
+    images = [changed(p.history, p.variant.test).n_images for p in (base, *own)]
+    each = [_seconds(p.variant.case, n) for p, n in zip((base, *own), images, strict=True)]
+    wall = each[0] + sum(each[1:]) / min(execution.processes, max(len(own), 1))
+    pixels = len(base.surface.images.xy)
+    bytes_each = _PROCESS_BYTES + 8.0 * _COPIES * pixels * max(images)
+    return wall, bytes_each * (1 + min(execution.processes, len(own)))
+
+
+def _seconds(case: Case, n_images: int) -> float:
+    solver, specimen = capabilities_of(case), case.specimen
+    working, fine = (
+        len(mesh_of(case, size).cells) for size in (specimen.mesh_size, specimen.fine_mesh_size)
+    )
+    steps = {"steps_per_interval": case.solver.fine_steps_per_interval}
+    finer = case.model_copy(update={"solver": case.solver.model_copy(update=steps)})
+    return simulation_seconds(case, solver, working, n_images, _DIRECTIONS) + simulation_seconds(
+        finer, solver, fine, n_images
+    )
+
+
+def _write(folder: Path, base: Forecast, surface: Surface, others: Sequence[Forecast]) -> None:
+    folder.mkdir(exist_ok=True)
+    record = design_record(base, surface.told, surface.images.sigma, others)
+    write_whole(folder / FILES[0], json.dumps(record, indent=1, ensure_ascii=False) + "\n")
+    (folder / FILES[1]).write_bytes(png(draw(base, others)))

@@ -1,0 +1,129 @@
+"""The settings of a design, `prismid design --settings FILE`, and changes given on the way."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, ValidationError
+
+from driver.case_errors import sentences
+from driver.case_tables.values import Count, Number, Positive, Table
+from driver.errors import InputError, sentence
+from driver.virtual_tables import Face, Microscope, Program
+
+
+class Schedule(Table):
+    """How a test departs from the history of the case."""
+
+    images_per_stop: Count = Field(
+        default=1, description="a whole number, images and readings of the load at every stop"
+    )
+    stops: Count = Field(
+        default=1, description="a whole number, stops with image and hold in the place of one"
+    )
+    holds: Positive = Field(default=1.0, description="a factor on the time of every hold")
+    compression: bool = Field(
+        default=False,
+        description="true or false, a leg of compression as long as the last loading",
+    )
+    repeats: Count | None = Field(
+        default=None, description="a whole number, images averaged into the reference"
+    )
+    exact_simulation: bool = Field(
+        default=False, description="true or false, meshes and steps whose own error is nil"
+    )
+
+
+class Settings(Table):
+    """What is assumed of an experiment that has not been made, and what it is compared with."""
+
+    face: Face = Face()
+    microscope: Microscope = Microscope()
+    program: Program = Program()
+    truth: dict[str, Number] = Field(
+        default_factory=dict,
+        description="assumed values of parameters of the general model, in internal units",
+    )
+    test: Schedule = Schedule()
+    what_if: dict[str, dict[str, Any]] = Field(
+        default_factory=dict,
+        description="tables [what_if.NAME] of keys of the case, and of [what_if.NAME.test]",
+    )
+
+
+def read_settings(path: Path) -> Settings:
+    """Read the settings of a design.
+
+    Raises:
+        InputError: the file is absent or no TOML, or a key is unknown or out of range.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(sentence(path, "file", "nothing", "the settings of a design")) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(sentence(path, "file", f"“{error}”", "a TOML file in UTF-8")) from None
+    try:
+        return Settings.model_validate(data)
+    except ValidationError as error:
+        raise InputError(sentences(path, Settings, data, error)) from None
+
+
+def read_change(text: str) -> dict[str, Any]:
+    """A change of the command line: `loads.noise_uN = 2.0`, several of them parted by `;`.
+
+    Raises:
+        InputError: it is no TOML.
+    """
+    try:
+        found = tomllib.loads(text.replace(";", "\n"))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(
+            f'--change: found "{text}" ({error}), expected KEY=VALUE as in the case file, such as '
+            '"loads.noise_uN=2", or "test.holds=3"'
+        ) from None
+    if not found:
+        raise InputError(f'--change: found "{text}", expected KEY=VALUE, as "loads.noise_uN=2"')
+    return found
+
+
+def merged(whole: Any, change: Any) -> Any:
+    """A table of the case with the keys of a change in it.
+
+    A table laid over a list changes some of its entries, its keys are their numbers from 1:
+    `grains.2.euler_deg`.
+
+    Raises:
+        KeyError: a list has no entry of that number.
+    """
+    if isinstance(whole, dict) and isinstance(change, dict):
+        joined = {key: merged(whole[key], change[key]) for key in change if key in whole}
+        return {**whole, **change, **joined}
+    if isinstance(whole, list | tuple) and isinstance(change, dict):
+        places = {str(number + 1): number for number in range(len(whole))}
+        entries = list(whole)
+        for key, value in change.items():
+            if key not in places:
+                raise KeyError(key)
+            entries[places[key]] = merged(entries[places[key]], value)
+        return entries
+    return change
+
+
+def label(change: dict[str, Any]) -> str:
+    """A change in one line, as it could be given on the command line."""
+    return "; ".join(f"{key}={value}" for key, value in _leaves(change))
+
+
+def _leaves(table: dict[str, Any], above: Sequence[str] = ()) -> list[tuple[str, str]]:
+    found: list[tuple[str, str]] = []
+    for key, value in table.items():
+        if isinstance(value, dict):
+            found += _leaves(value, (*above, key))
+        else:
+            found.append((".".join((*above, key)), json.dumps(value, ensure_ascii=False)))
+    return found

@@ -1,0 +1,134 @@
+"""Variants of an experiment: the one of the case, and it with a change each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from driver.case import Case
+from driver.case_errors import sentences
+from driver.design.settings import Schedule, Settings, label, merged
+from driver.errors import InputError
+
+_TURN = 30.0  # ° about the normal of the face, of the last grain
+# Tables of the case that a simulation does not depend on; of the images, the noise alone.
+_BESIDE_THE_SIMULATION = frozenset(
+    {"loads", "sections", "dic", "identification", "diagnosis", "execution"}
+)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """An experiment that could be made.
+
+    Attributes:
+        name: what it is called, in a few words.
+        change: the keys that differ from the experiment of the case, in one line.
+        case: its case.
+        test: its test, against the history of the case.
+    """
+
+    name: str
+    change: str
+    case: Case
+    test: Schedule
+
+    def simulated_as(self, other: Variant) -> bool:
+        """Whether the simulation of another one serves, for only noise and weights differ."""
+        return (
+            _simulated(self.case) == _simulated(other.case)
+            and self.test.stops == other.test.stops
+            and self.test.holds == other.test.holds
+            and self.test.compression == other.test.compression
+        )
+
+
+def base_variant(case: Case, settings: Settings) -> Variant:
+    """The experiment of the case."""
+    return Variant("as the case", "", case, settings.test)
+
+
+def usual_changes(case: Case, test: Schedule, n_repeats: int) -> dict[str, dict[str, Any]]:
+    """What anyone would ask, by name; the ones that need no simulation first.
+
+    Args:
+        case: the case.
+        test: its test.
+        n_repeats: images averaged into its reference.
+    """
+    last = len(case.grains)
+    phi1, *others = case.grains[-1].euler_deg
+    turned = [(phi1 + _TURN) % 360.0, *others]
+    return {
+        "two images a stop": {"test": {"images_per_stop": 2 * test.images_per_stop}},
+        "half the load noise": {"loads": {"noise_uN": case.loads.noise_uN / 2}},
+        "half the height noise": {"images": {"noise_nm": case.images.noise_nm / 2}},
+        "twice the repeats": {"test": {"repeats": 2 * n_repeats}},
+        "an exact simulation": {"test": {"exact_simulation": True}},
+        "twice the stops": {"test": {"stops": 2 * test.stops}},
+        "holds ten times longer": {"test": {"holds": 10.0 * test.holds}},
+        "a leg of compression": {"test": {"compression": True}},
+        f"grain {last} turned by {_TURN:g}°": {"grains": {str(last): {"euler_deg": turned}}},
+    }
+
+
+def variant(base: Variant, name: str, change: dict[str, Any], path: Path) -> Variant:
+    """An experiment with a change.
+
+    Args:
+        base: the experiment of the case.
+        name: what the change is called.
+        change: nested keys of the case, and of the table `test`.
+        path: where the change stands, to be told.
+
+    Raises:
+        InputError: a key is unknown or out of range.
+    """
+    keys = {key: value for key, value in change.items() if key != "test"}
+    try:
+        data = merged(base.case.model_dump(mode="json"), keys)
+    except KeyError as error:
+        raise InputError(
+            f"{path}: {name}: found the entry {error.args[0]} of a list, expected one of its "
+            "numbers, counted from 1"
+        ) from None
+    tests = merged(base.test.model_dump(), change.get("test", {}))
+    try:
+        case = Case.model_validate(data, context={"folder": base.case.path("")})
+        test = Settings.model_validate({"test": tests}).test
+    except ValidationError as error:
+        of_case = error.title == Case.__name__
+        model, given = (Case, data) if of_case else (Settings, {"test": tests})
+        raise InputError(sentences(path, model, given, error)) from None
+    return Variant(name, label(change), case, test)
+
+
+def variants(
+    base: Variant,
+    usual: dict[str, dict[str, Any]],
+    named: dict[str, dict[str, Any]],
+    given: Sequence[dict[str, Any]],
+    path: Path,
+) -> list[Variant]:
+    """All variants, those that change nothing left out.
+
+    Args:
+        base: the experiment of the case.
+        usual: what anyone would ask, by name.
+        named: changes of the settings, by name.
+        given: changes of the command line.
+        path: the file of the settings.
+    """
+    found = [variant(base, name, change, path) for name, change in (usual | named).items()]
+    found += [variant(base, label(change), change, Path("--change")) for change in given]
+    return [one for one in found if (one.case, one.test) != (base.case, base.test)]
+
+
+def _simulated(case: Case) -> dict[str, Any]:
+    whole = case.model_dump(mode="json", exclude=set(_BESIDE_THE_SIMULATION))
+    whole["images"]["noise_nm"] = 0.0
+    return whole
