@@ -19,13 +19,12 @@ from driver.diagnosis.score import Score
 from driver.diagnosis.screening import screened
 from driver.errors import sentence
 from driver.identification.fit import Evaluation, Fit
-from driver.identification.procedure import with_correction
 from driver.identify_stage import (
     IDENTIFY,
     error_budget,
     fit_arrays,
     load_workbench,
-    saved_correction,
+    saved_objective,
 )
 from driver.measure_stage import MEASURE
 from driver.results import read_hdf5, write_hdf5
@@ -51,13 +50,7 @@ def run_diagnose(context: StageContext) -> None:
         converged, reason = bool(file.attrs["converged"]), str(file.attrs["reason"])
     if not converged:
         context.log(f"  the baseline has not converged ({reason}): read the verdict with care")
-    sizes = (case.specimen.mesh_size, case.specimen.fine_mesh_size)
-    objective = with_correction(
-        bench.objective,
-        float(identified["noise_factor"]),
-        saved_correction(identified),
-        sizes,
-    )
+    objective = saved_objective(bench, identified)
     # One simulation gives the baseline and the sensitivities of every cause.
     wide = objective.evaluate(values, screened(objective.model, free, wanted)[1])
     baseline = Fit(objective.restrict(wide, free), converged, reason, ())
@@ -69,7 +62,7 @@ def run_diagnose(context: StageContext) -> None:
         processes=case.execution.processes,
         threads=case.execution.threads,
         free_chi=float(np.sqrt(np.mean(free_chi[measured["left_out"] == 0] ** 2))),
-        sizes=sizes,
+        sizes=bench.plan.sizes,
     )
     found = diagnose(baseline, objective, bench.finer, cycles, settings, context.log, wide)
     context.log(f"verdict: {found.verdict.kind}. {found.verdict.text}")

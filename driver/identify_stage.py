@@ -3,23 +3,32 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.identification.fit import Correction, Evaluation, Fit
-from driver.identification.procedure import Identification, identify
+from driver.boundary import LAMBDAS
+from driver.identification.boundary_jitter import BoundaryJitter
+from driver.identification.fit import Correction, Evaluation, Fit, Objective
+from driver.identification.identifiability import prior_shares, ruled_by_prior
+from driver.identification.kinematic import kinematic_hessian
+from driver.identification.procedure import Identification, identify, with_correction
 from driver.log import passing_of
 from driver.measure_stage import MEASURE
 from driver.mesh_stage import FINE_MESH, MESH
 from driver.results import read_hdf5, write_csv, write_hdf5
 from driver.stages import StageContext
+from driver.surface_view import POSE_DECLARATIONS
 from driver.workbench import Workbench, build_workbench
 from meshes.files import read_med
+from solver_adapters.parameter import Parameter
 
 JOBS = "jobs"
 IDENTIFY, IDENTIFY_CSV, HISTORY_JSON = "identify.h5", "identify.csv", "identify_history.json"
 FloatArray = NDArray[np.float64]
+Arrays = dict[str, tuple[NDArray[np.generic] | float, str]]
 
 
 def load_workbench(context: StageContext) -> Workbench:
@@ -43,15 +52,15 @@ def run_identify(context: StageContext) -> None:
     """Identify, and write parameters, covariance, budget and predictions."""
     bench = load_workbench(context)
     found = identify(
-        bench.working, bench.finer, bench.objective, bench.start, bench.law, bench.knots,
-        (context.case.specimen.mesh_size, context.case.specimen.fine_mesh_size),
-        context.case.identification.max_iterations, context.log,
+        bench.working, bench.finer, bench.objective, bench.start, bench.plan, context.log
     )  # fmt: skip
     final = found.final
     budget = error_budget(bench, final.best, read_hdf5(context.result(MEASURE))["chi"])
     for name in bench.law:
         sigma = final.sigma(name, bench.objective.parameters)
         context.log(f"  {name} = {final.values[name]:.5g} ± {sigma:.2g}")
+    for warning in warnings_of(found):
+        context.log(f"  {warning}")
     context.log(
         f"  budget: noise 1, free correlation {budget['free']:.2f}, "
         f"this model {budget['model']:.2f} (images), {budget['load']:.2f} (loads)"
@@ -78,14 +87,29 @@ def error_budget(bench: Workbench, best: Evaluation, free_chi: FloatArray) -> di
     }
 
 
-def saved_correction(results: dict[str, FloatArray]) -> Correction:
-    """The correction of a finished identification."""
-    return Correction(results["correction/motion"], results["correction/load"])
+def warnings_of(found: Identification) -> tuple[str, ...]:
+    """Sentences on what the data did not decide: parameters at a bound, or ruled by the prior."""
+    parameters, final = found.objective.parameters, found.final
+    bounds = [
+        f"{name} stands at its bound {final.values[name]:g}: its interval ends there"
+        for name in final.at_bounds(parameters)
+    ]
+    nuisances = {p.name for p in POSE_DECLARATIONS} | {"load_gain"}
+    ruled = [rule.sentence() for rule in ruled_by_prior(final) if rule.name not in nuisances]
+    return (*bounds, *ruled)
 
 
-def fit_arrays(
-    fit: Fit, bench: Workbench, prefix: str
-) -> dict[str, tuple[NDArray[np.generic] | float, str]]:
+def saved_objective(bench: Workbench, results: dict[str, FloatArray]) -> Objective:
+    """The objective of the last stage of a finished identification."""
+    objective = bench.objective
+    if "jitter/load" in results:
+        jitter = BoundaryJitter(results["jitter/load"], results["jitter/image"])
+        objective = replace(objective, data=replace(objective.data, jitter=jitter))
+    correction = Correction(results["correction/motion"], results["correction/load"])
+    return with_correction(objective, float(results["noise_factor"]), correction, bench.plan.sizes)
+
+
+def fit_arrays(fit: Fit, bench: Workbench, prefix: str) -> Arrays:
     """Predictions and residuals of a fit for the results file."""
     best, data = fit.best, bench.objective.data
     return {
@@ -114,10 +138,15 @@ def _write(
             "start": (np.array([bench.start[name] for name in names]), "see units"),
             "covariance": (covariance, "of θ"),
             "correlation": (covariance / np.outer(deviation, deviation), "1"),
+            "prior_share": (prior_shares(final.best), "1"),
             "correction/motion": (np.asarray(correction.motion), "µm"),
             "correction/load": (np.asarray(correction.load), "µN"),
             "noise_factor": (found.objective.data.image.noise_factor, "1"),
             **{f"budget/{key}": (value, "1") for key, value in budget.items()},
+            **_as_in_the_paper(found),
+            **_histories(found, parameters),
+            **_starts(found, parameters),
+            **_jitter(found.objective.data.jitter),
             **fit_arrays(final, bench, "final"),
         },
         {
@@ -126,6 +155,7 @@ def _write(
             "all_values": json.dumps(final.values),
             "reason": final.reason,
             "converged": "yes" if final.converged else "",
+            "warnings": json.dumps(warnings_of(found), ensure_ascii=False),
         },
     )
     write_csv(
@@ -140,3 +170,57 @@ def _write(
     record = {stage: {"reason": fit.reason, "iterations": fit.history}
               for stage, fit in found.stages.items()}  # fmt: skip
     (context.workdir / HISTORY_JSON).write_text(json.dumps(record, indent=1), encoding="utf-8")
+
+
+def _as_in_the_paper(found: Identification) -> Arrays:
+    """Figure 12a, and χ, χ_f, χ_F of tables 4 and 5 at the start of stage A and at the end."""
+    objective, final = found.objective, found.final
+    model = objective.model
+    names = tuple(dict.fromkeys((*LAMBDAS, *filter(model.simulated, found.law))))
+    whole = objective.complete(final.best, names)
+    first, last = found.stages["A"].history[0], final.history[-1]
+    return {
+        "kinematic_hessian": (kinematic_hessian(objective, whole, names), "of log p"),
+        "hessian_names": (np.array(names, dtype="S"), ""),
+        **{
+            f"paper/{key}": (np.array([first[f"paper_{key}"], last[f"paper_{key}"]]), "1")
+            for key in ("chi", "chi_f", "chi_F")
+        },
+    }
+
+
+def _histories(found: Identification, parameters: Mapping[str, Parameter]) -> Arrays:
+    """Parameters and χ after each iteration of each stage."""
+    return {
+        f"history/{stage}/{key}": (
+            np.array([record[key] for record in fit.history]),
+            parameters[key].unit if key in parameters else "1",
+        )
+        for stage, fit in found.stages.items()
+        for key in fit.history[0]
+    }
+
+
+def _starts(found: Identification, parameters: Mapping[str, Parameter]) -> Arrays:
+    """Where each start ended; NaN where it failed."""
+    if not found.starts:
+        return {}
+    return {
+        "starts/cost": (np.array([outcome.cost for outcome in found.starts]), "1"),
+        **{
+            f"starts/{name}": (
+                np.array([outcome.values.get(name, np.nan) for outcome in found.starts]),
+                parameters[name].unit,
+            )
+            for name in found.law
+        },
+    }
+
+
+def _jitter(jitter: BoundaryJitter | None) -> Arrays:
+    if jitter is None:
+        return {}
+    return {
+        "jitter/load": (jitter.load, "µN"),
+        "jitter/image": (jitter.image.astype(np.float32), "1"),
+    }

@@ -89,6 +89,16 @@ class Prediction:
             self, d_surface=self.d_surface[rows], d_load=self.d_load[rows], carried=carried
         )
 
+    def joined(self, other: Prediction) -> Prediction:
+        """The prediction with the derivatives of another one at the same values behind its own."""
+        n = len(self.d_load)
+        return replace(
+            self,
+            d_surface=np.concatenate([self.d_surface, other.d_surface]),
+            d_load=np.concatenate([self.d_load, other.d_load]),
+            carried={**self.carried, **{n + row: c for row, c in other.carried.items()}},
+        )
+
     @property
     def motion(self) -> FloatArray:
         """Motion at the pixels [µm], shape (T, n_pix, 3)."""

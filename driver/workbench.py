@@ -16,7 +16,8 @@ from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.experiment import Experiment, read_experiment
 from driver.identification.data import Data, build_image_data
 from driver.identification.fit import Objective
-from driver.identification.procedure import LAMBDA_PRIOR, start_values
+from driver.identification.priors import prior_of, widths
+from driver.identification.procedure import Plan, start_values
 from driver.model import ForwardModel, declared_parameters
 from driver.specimen import adapter_of, build_model, surface_images
 from driver.surface_view import POSE_DECLARATIONS
@@ -39,8 +40,7 @@ class Workbench:
         finer: finer mesh and steps.
         objective: data, priors; no correction yet.
         start: every parameter at the start.
-        law: names of the free parameters of law, section and extensions.
-        knots: names of the free knots, and of the position of the specimen in the images.
+        plan: which parameters are free, and how the identification is run.
     """
 
     experiment: Experiment
@@ -49,8 +49,17 @@ class Workbench:
     finer: ForwardModel
     objective: Objective
     start: dict[str, float]
-    law: tuple[str, ...]
-    knots: tuple[str, ...]
+    plan: Plan
+
+    @property
+    def law(self) -> tuple[str, ...]:
+        """Names of the free parameters of law, section and extensions."""
+        return self.plan.law
+
+    @property
+    def knots(self) -> tuple[str, ...]:
+        """Names of the free knots, and of the position of the specimen in the images."""
+        return self.plan.knots
 
 
 def build_workbench(
@@ -118,11 +127,8 @@ def build_workbench(
     )
     start |= case.extensions
     law = _law(case)
-    prior = {name: (start[name], LAMBDA_PRIOR / parameters[name].scale) for name in LAMBDAS}
-    prior |= {
-        name: (start[name], case.identification.width(name))
-        for name in case.identification.parameters
-    }
+    n_images, n_pixels = history.n_images - len(left_out), len(images.xy)
+    prior = prior_of(case.identification, start, parameters, n_images, n_pixels)
     null = working.null_values()
     for name in case.extensions:
         parameter = parameters[name]
@@ -140,8 +146,18 @@ def build_workbench(
         finer=finer,
         objective=Objective(working, data, parameters, prior),
         start=start,
-        law=law,
-        knots=(*pose, *knots),
+        plan=Plan(
+            law=law,
+            knots=(*pose, *knots),
+            sizes=(case.specimen.mesh_size, case.specimen.fine_mesh_size),
+            most=case.identification.max_iterations,
+            order=case.identification.order,
+            jitter=case.boundary.jitter,
+            starts=case.identification.starts,
+            spread=widths(case.identification, parameters),
+            processes=case.execution.processes,
+            threads=case.execution.threads,
+        ),
     )
 
 

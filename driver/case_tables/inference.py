@@ -31,9 +31,22 @@ class Identification(Table):
         default=("tau0", "c", "d"),
         description="a list of names of material parameters",
     )
+    order: Literal["joint", "paper"] = Field(
+        default="joint", description='which parameters are free in which stage, "joint" or "paper"'
+    )
+    prior: Literal["gaussian", "tikhonov", "none"] = Field(
+        default="gaussian",
+        description='what is known of λ\'s and law: "gaussian", "tikhonov", "none"',
+    )
+    lambda_star: Positive | None = Field(
+        default=None, description="weight of a tikhonov prior, as in the paper"
+    )
     prior_width: dict[str, Positive] = Field(
         default_factory=dict,
         description="standard deviation of the logarithm of a parameter, 1.0 where not given",
+    )
+    starts: Count = Field(
+        default=1, description="number of starts; those after the first are drawn"
     )
     max_iterations: Count = Field(
         default=12, description="largest number of Gauss–Newton iterations"
@@ -42,6 +55,16 @@ class Identification(Table):
     def width(self, parameter: str) -> float:
         """Prior standard deviation of log(p/p0) [-]."""
         return self.prior_width.get(parameter, 1.0)
+
+    @model_validator(mode="after")
+    def _weight_of_its_prior(self) -> Self:
+        if self.prior == "tikhonov" and self.lambda_star is None:
+            raise refusal('a number above 0 with prior = "tikhonov"', "lambda_star")
+        if self.prior != "tikhonov" and self.lambda_star is not None:
+            raise refusal(
+                f'nothing with prior = "{self.prior}"', "lambda_star", f"{self.lambda_star:g}"
+            )
+        return self
 
     @model_validator(mode="after")
     def _widths_of_parameters(self) -> Self:

@@ -62,4 +62,12 @@ class Boundary(Table):
     U_X: Literal["held", "free"] = Field(
         default="held", description="lateral motion of the end faces"
     )
+    jitter_nm: NonNegative = Field(
+        default=0.0, description="noise of the elongation at each stop, one standard deviation"
+    )
     lambda_start: LambdaStart = LambdaStart()
+
+    @property
+    def jitter(self) -> float:
+        """Noise of the elongation at each stop [µm]."""
+        return 1e-3 * self.jitter_nm

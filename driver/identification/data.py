@@ -5,11 +5,13 @@ residual with the functions of the correlation mesh. Its noise covariance is σ�
 Σ (∇f·ψ_j)(∇f·ψ_k), times (δ_tt' + 1/n) between frames, for all share the reference, a mean of n
 images. The stage re-centres between images: what a rigid motion explains is projected out.
 Load part: (F_measured − F_predicted)/γ_F, whitened for AR(1) noise.
+Both together are whitened for noise of the boundary motion, which moves images and loads alike.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -18,6 +20,7 @@ from numpy.typing import NDArray
 
 from driver.dic.basis import Basis
 from driver.dic.surface_images import SurfaceImages
+from driver.identification.boundary_jitter import BoundaryJitter
 from driver.identification.simulation_error import SimulationError
 from driver.model import Prediction
 
@@ -175,6 +178,7 @@ class Data:
         with_loads: whether the loads are part of the residual.
         simulation_error: covariance of what mesh and time steps leave wrong, None if neglected.
         left_out: frames whose images are not fitted, outliers of the series; their loads are.
+        jitter: noise of the boundary motion, None if there is none.
     """
 
     image: ImageData
@@ -185,6 +189,7 @@ class Data:
     with_loads: bool = True
     simulation_error: SimulationError | None = None
     left_out: tuple[int, ...] = ()
+    jitter: BoundaryJitter | None = None
 
     @property
     def n_load(self) -> int:
@@ -221,7 +226,7 @@ class Data:
         parts = [self._whiten_images(z[self.with_image]).ravel()]
         if self.with_loads:
             parts.insert(0, self._whiten_loads((self.load - load)[self.index]))
-        return np.concatenate(parts), shift, rho
+        return self._whiten_jitter(np.concatenate(parts)), shift, rho
 
     def sensitivity(self, prediction: Prediction) -> FloatArray:
         """Whitened derivatives of a prediction with respect to k parameters, shape (k, n)."""
@@ -233,11 +238,34 @@ class Data:
         parts = [z.reshape(len(z), seen.size * self.image.n_z)]
         if self.with_loads:
             parts.insert(0, self._whiten_loads(prediction.d_load[:, self.index]))
-        return np.concatenate(parts, axis=1)
+        return self._whiten_jitter(np.concatenate(parts, axis=1))
 
     def image_part(self, residual: FloatArray) -> FloatArray:
         """The image part of a residual, of the images that are fitted, shape (T, n_z)."""
         return residual[self.n_load :].reshape(-1, self.image.n_z)
+
+    def _whiten_jitter(self, white: FloatArray) -> FloatArray:
+        """(I + σ_e² G Gᵀ)^(−1/2) on (..., n), with G whitened as the rest."""
+        if self.jitter is None:
+            return white
+        return np.asarray(white - (white @ self._jitter_root.T) @ self._jitter_root)
+
+    @cached_property
+    def _jitter_root(self) -> FloatArray:
+        """R with (I + FᵀF)^(−1/2) = I − RᵀR, F = σ_e Gᵀ whitened as the rest, shape (T_all, n)."""
+        assert self.jitter is not None
+        load = self.jitter.load
+        seen = self.jitter.image[:, self.index[self.with_image]] / self.image.noise_factor
+        parts = [self._whiten_images(seen).reshape(len(seen), -1)]
+        if self.with_loads:
+            parts.insert(0, self._whiten_loads(load[:, self.index]))
+        factor = np.concatenate(parts, axis=1)
+        # With F Fᵀ = V diag(λ) Vᵀ: RᵀR = FᵀV diag((1 − (1 + λ)^(−1/2))/λ) VᵀF.
+        strength, modes = np.linalg.eigh(factor @ factor.T)
+        seen_at_all = strength > 1e-12 * strength[-1]
+        strength, modes = strength[seen_at_all], modes[:, seen_at_all]
+        gain = -np.expm1(-0.5 * np.log1p(strength)) / strength
+        return np.asarray((np.sqrt(gain) * modes).T @ factor)
 
     def _whiten_images(self, z: FloatArray) -> FloatArray:
         white = self._whiten_reference(z)

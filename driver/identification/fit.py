@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.identification.data import Data
+from driver.identification.paper_chi import PaperChi, paper_chi
+from driver.identification.step import bounded_step, is_at_bound, trial_values
 from driver.model import ForwardModel, Prediction
 from solver_adapters.interface import NotRunError, SolverError
 from solver_adapters.jobs.errors import JobError, is_by_circumstances
@@ -26,8 +28,6 @@ DECREMENT = 0.1  # Newton decrement at convergence: a tenth of a standard deviat
 # the model is curved). A step that would lower the excess by a hundredth changes no answer.
 NEGLIGIBLE = math.sqrt(1e-2)
 MOST_HALVINGS = 5
-LARGEST_STEP_LOG = 0.6
-LARGEST_STEP = 8.0  # prior scales
 Log = Callable[[str], None]
 
 
@@ -95,7 +95,23 @@ class Objective:
             shift=shift,
             rho=rho,
             prediction=prediction,
+            paper=paper_chi(self.data, load, rho),
         )
+
+    def complete(self, evaluation: Evaluation, free: Sequence[str]) -> Evaluation:
+        """An evaluation at the same values with other parameters free.
+
+        Only the derivatives that it lacks are simulated; data, prior and correction may be others.
+
+        Raises:
+            SolverError, ValueError: as `ForwardModel.predict`.
+        """
+        missing = tuple(name for name in free if name not in evaluation.free)
+        prediction, names = evaluation.prediction, evaluation.free + missing
+        if missing:
+            prediction = prediction.joined(self.model.predict(evaluation.values, missing))
+        rows = [names.index(name) for name in free]
+        return self.compare(prediction.restrict(rows), evaluation.values, free)
 
     def restrict(self, evaluation: Evaluation, free: Sequence[str]) -> Evaluation:
         """An evaluation as if only some of its parameters were free, with this prior."""
@@ -139,6 +155,7 @@ class Evaluation:
         shift: rigid motion that each frame in use needed [µm], shape (T, n_rigid).
         rho: image residual of the frames in use [µm], shape (T, n_pix).
         prediction: the prediction itself.
+        paper: χ, χ_f and χ_F in the weighting of the paper.
     """
 
     values: dict[str, float]
@@ -153,6 +170,7 @@ class Evaluation:
     shift: FloatArray
     rho: FloatArray
     prediction: Prediction
+    paper: PaperChi
 
     @property
     def misfit(self) -> float:
@@ -211,6 +229,10 @@ class Fit:
         """Every parameter at the optimum."""
         return self.best.values
 
+    def at_bounds(self, parameters: Mapping[str, Parameter]) -> tuple[str, ...]:
+        """Names of the free parameters that stand at a bound."""
+        return tuple(n for n in self.best.free if is_at_bound(parameters[n], self.values[n]))
+
     @property
     def covariance(self) -> FloatArray:
         """Covariance H⁻¹ of θ, shape (k, k)."""
@@ -256,7 +278,10 @@ def fit(
     _tell(log, 0, here, None)
     iteration = 0
     while True:
-        step, decrement = _bounded_step(here, objective.parameters)
+        step, decrement = bounded_step(
+            here.hessian, here.gradient, [objective.parameters[n] for n in here.free],
+            [here.values[n] for n in here.free],
+        )  # fmt: skip
         enough = max(tolerance, math.sqrt(share * here.cost), math.sqrt(here.excess) * NEGLIGIBLE)
         if decrement < enough:
             return Fit(here, True, f"the Newton decrement is {decrement:.2g} σ", tuple(history))
@@ -276,61 +301,12 @@ def fit(
             return Fit(here, True, reason, tuple(history))
 
 
-def _bounded_step(
-    here: Evaluation, parameters: Mapping[str, Parameter]
-) -> tuple[FloatArray, float]:
-    """Gauss–Newton step, damped until no parameter leaves its trusted range.
-
-    Damping in units of the range shortens the weak directions, along which a linearised model
-    runs far, and leaves the strong ones alone. A parameter at its bound that the step would
-    push further is held there.
-
-    Returns:
-        step in θ, shape (k,), and the Newton decrement: that of the step without damping, for
-        a short step is no sign of being near.
-    """
-    limits = np.array(
-        [LARGEST_STEP_LOG if parameters[n].logarithmic else LARGEST_STEP for n in here.free]
-    )
-    held = np.zeros(len(here.free), dtype=bool)
-    hessian, gradient = here.hessian * np.outer(limits, limits), here.gradient * limits
-    least = damping = 1e-12 * float(np.max(np.diag(hessian), initial=1.0))
-    decrement = 0.0
-    while True:
-        step = np.zeros(len(here.free))
-        active = np.flatnonzero(~held)
-        damped = hessian[np.ix_(active, active)] + damping * np.eye(active.size)
-        step[active] = np.linalg.solve(damped, gradient[active])
-        if damping == least:
-            decrement = math.sqrt(max(float(step @ gradient), 0.0))
-        outward = np.array(
-            [
-                not low and _at_bound(parameters[name], here.values[name], change)
-                for name, change, low in zip(here.free, step, held, strict=True)
-            ],
-            dtype=bool,
-        )
-        if outward.any():
-            held |= outward
-            damping = least
-        elif np.max(np.abs(step), initial=0.0) <= 1.0:
-            return np.asarray(limits * step), decrement
-        else:
-            damping = max(10.0 * damping, 1e-2)
-
-
-def _at_bound(parameter: Parameter, value: float, change: float) -> bool:
-    return (value <= parameter.lower and change < 0) or (value >= parameter.upper and change > 0)
-
-
 def _descend(
     objective: Objective, here: Evaluation, step: FloatArray, log: Log
 ) -> Evaluation | None:
     length = 1.0
     for _ in range(MOST_HALVINGS):
-        values = dict(here.values)
-        for name, change in zip(here.free, length * step, strict=True):
-            values[name] = objective.parameters[name].value(change, here.values[name])
+        values = trial_values(here.values, here.free, length * step, objective.parameters)
         try:
             ahead = objective.evaluate(values, here.free)
         except NotRunError:
@@ -354,7 +330,9 @@ def _ran_out_of_time(error: Exception) -> bool:
 def _record(here: Evaluation) -> dict[str, float]:
     record = {name: here.values[name] for name in here.free}
     return record | {
-        "cost": here.cost, "chi_load": here.chi_load, "chi_image": here.chi_image
+        "cost": here.cost, "chi_load": here.chi_load, "chi_image": here.chi_image,
+        "paper_chi": here.paper.chi, "paper_chi_f": here.paper.chi_f,
+        "paper_chi_F": here.paper.chi_F,
     }  # fmt: skip
 
 

@@ -4,28 +4,69 @@ A. apex amplitudes and knots, from the images alone; the law stays free within i
    amplitudes fitted under a wrong law would bend to make up for it;
 B. parameters of the law, from images and loads, knots free, amplitudes held;
 C. all together, with the finer-minus-working correction taken at the result of B.
+
+In the paper's order knots stay as correlation found them: A fits amplitudes, B and C the law.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from driver.boundary import LAMBDAS, elongation_names, tilt_names
+from driver.identification.boundary_jitter import boundary_jitter
 from driver.identification.data import Data
 from driver.identification.fit import Correction, Fit, Objective, fit
+from driver.identification.identifiability import refuse_what_is_not_seen
 from driver.identification.simulation_error import simulation_error
+from driver.identification.starts import Outcome, draw_starts, from_each_start
 from driver.model import ForwardModel
 
 FloatArray = NDArray[np.float64]
 Log = Callable[[str], None]
+Stage = Literal["A", "B", "C"]
 
 START = 0.05  # a stage that only starts the next one ends when its misfit falls by less
 _MINUTE = 1e-5  # elongation of a step that stays elastic [µm]
-LAMBDA_PRIOR = 0.2  # standard deviation about the start: the paper found 0.81, 1.02, 0.98, 1.02
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """How the identification is run.
+
+    Attributes:
+        law: names of the law's parameters (and of nuisances of the loads).
+        knots: names of the free knots (and of the pose of the specimen in the images).
+        sizes: element sizes of the working and of the finer mesh [µm].
+        most: largest number of iterations of each stage.
+        order: "joint", or "paper" with the knots held.
+        jitter: noise of the elongation at each stop, σ_e [µm].
+        starts: number of starts.
+        spread: standard deviation in θ of the parameters that further starts draw.
+        processes: starts side by side.
+        threads: threads of each.
+    """
+
+    law: tuple[str, ...]
+    knots: tuple[str, ...]
+    sizes: tuple[float, float]
+    most: int
+    order: Literal["joint", "paper"] = "joint"
+    jitter: float = 0.0
+    starts: int = 1
+    spread: Mapping[str, float] = field(default_factory=dict)
+    processes: int = 1
+    threads: int = 1
+
+    def free(self, stage: Stage) -> tuple[str, ...]:
+        """Names of the free parameters of a stage."""
+        if self.order == "paper":
+            return LAMBDAS if stage == "A" else self.law
+        return (*self.knots, *self.law) if stage == "B" else (*LAMBDAS, *self.knots, *self.law)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,15 +76,131 @@ class Identification:
     Attributes:
         objective: model, data, priors and the correction of the last stage.
         stages: the fits of stages A, B and C.
+        law: names of the law's parameters.
+        starts: what became of each start, the first of which is that of the case.
     """
 
     objective: Objective
     stages: Mapping[str, Fit]
+    law: tuple[str, ...]
+    starts: tuple[Outcome, ...] = ()
 
     @property
     def final(self) -> Fit:
         """The last fit."""
         return self.stages["C"]
+
+
+def identify(
+    working: ForwardModel,
+    finer: ForwardModel,
+    objective: Objective,
+    start: Mapping[str, float],
+    plan: Plan,
+    log: Log,
+) -> Identification:
+    """Run stages A, B and C.
+
+    Args:
+        working: the model that is fitted.
+        finer: finer mesh and steps, for the correction.
+        objective: data and priors, without a correction.
+        start: every parameter at the start.
+        plan: which parameters are free, and how it is run.
+        log: takes one line of progress.
+
+    Raises:
+        SolverError: the model cannot be evaluated at the start.
+        InputError: data and priors leave a combination of parameters open.
+    """
+    task = _Task(objective, dict(start), plan)
+    outcomes: tuple[Outcome, ...] = ()
+    if plan.starts == 1:
+        first = _first_stages(task, log)
+    else:
+        first, outcomes = _best_start(task, log)
+    objective, stage_b = first.objective, first.stage_b
+    if plan.jitter:
+        log("noise of the boundary motion at the result")
+        objective = _with_jitter(objective, stage_b.values, plan.jitter)
+    log("finer mesh and steps at the result, for the correction")
+    noise = temporal_noise(stage_b, first.objective.data)
+    change = correction(working, finer, stage_b, log)
+    corrected = with_correction(objective, noise, change, plan.sizes)
+    log("stage C: all together, with the correction")
+    begin = corrected.complete(stage_b.best, plan.free("C"))
+    last = fit(corrected, stage_b.values, plan.free("C"), plan.most, log, start=begin)
+    refuse_what_is_not_seen(last.best)
+    return Identification(
+        corrected, {"A": first.stage_a, "B": stage_b, "C": last}, plan.law, outcomes
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """One start; a share of 0 lets stage B converge."""
+
+    objective: Objective
+    start: dict[str, float]
+    plan: Plan
+    share: float = START
+
+
+@dataclass(frozen=True, eq=False)
+class _First:
+    objective: Objective
+    stage_a: Fit
+    stage_b: Fit
+
+
+def _first_stages(task: _Task, log: Log) -> _First:
+    objective, plan = task.objective, task.plan
+    joint = plan.order == "joint"
+    alone = replace(objective, data=objective.data.images_alone())
+    if joint:
+        log("stage A: apex amplitudes and knots from the images")
+        stiffness = elastic_stiffness(objective.model, task.start)
+        log(f"  elastic stiffness {1e-3 * stiffness:.1f} µN/nm")
+    else:
+        log("stage A: apex amplitudes from the images, knots held as measured")
+
+    def unloaded(values: Mapping[str, float]) -> dict[str, float]:
+        weights = objective.model.boundary.weights[objective.model.image_row]
+        return unload_elastically(values, stiffness, weights, objective.data.load)
+
+    begin = unloaded(task.start) if joint else task.start
+    # Amplitudes that are held from here on have to be found here.
+    stage_a = fit(alone, begin, plan.free("A"), plan.most, log, share=START if joint else 0.0)
+    log(f"stage B: the law from images and loads, knots {'free' if joint else 'held'}")
+    values = unloaded(stage_a.values) if joint else stage_a.values
+    if plan.jitter:
+        objective = _with_jitter(objective, values, plan.jitter)
+    known = None if joint else objective.complete(stage_a.best, plan.free("B"))
+    stage_b = fit(objective, values, plan.free("B"), plan.most, log, start=known, share=task.share)
+    return _First(objective, stage_a, stage_b)
+
+
+def _best_start(task: _Task, log: Log) -> tuple[_First, tuple[Outcome, ...]]:
+    plan = task.plan
+    drawn = draw_starts(task.start, task.objective.parameters, plan.spread, plan.starts)
+    tasks = [replace(task, start=start, share=0.0) for start in drawn]
+    return from_each_start(
+        _from_a_start, tasks, lambda first: first.stage_b, plan.law, plan.processes,
+        plan.threads, log,
+    )  # fmt: skip
+
+
+def _from_a_start(task: _Task) -> _First:
+    return _first_stages(task, _silent)
+
+
+def _silent(line: str) -> None:
+    """Starts run side by side: their iterations would interleave."""
+
+
+def _with_jitter(objective: Objective, values: Mapping[str, float], sigma: float) -> Objective:
+    jitter = boundary_jitter(objective.model, objective.data.image, values, sigma)
+    return replace(objective, data=replace(objective.data, jitter=jitter))
 
 
 def knot_start(weights: FloatArray, motion: FloatArray, names: Sequence[str]) -> dict[str, float]:
@@ -57,54 +214,6 @@ def knot_start(weights: FloatArray, motion: FloatArray, names: Sequence[str]) ->
     # The unloaded state is knot 0; the measured motion may carry the noise of the reference.
     knots = np.linalg.lstsq(weights, motion, rcond=None)[0]
     return dict(zip(names, (knots - knots[0])[1:].tolist(), strict=True))
-
-
-def identify(
-    working: ForwardModel,
-    finer: ForwardModel,
-    objective: Objective,
-    start: Mapping[str, float],
-    law: Sequence[str],
-    knots: Sequence[str],
-    sizes: tuple[float, float],
-    most: int,
-    log: Log,
-) -> Identification:
-    """Run stages A, B and C.
-
-    Args:
-        working: the model that is fitted.
-        finer: finer mesh and steps, for the correction.
-        objective: data and priors, without a correction.
-        start: every parameter at the start.
-        law: names of the law's parameters (and of nuisances of the loads).
-        knots: names of the free knots.
-        sizes: element sizes of the working and of the finer mesh [µm].
-        most: largest number of iterations of each stage.
-        log: takes one line of progress.
-
-    Raises:
-        SolverError: the model cannot be evaluated at the start.
-    """
-    log("stage A: apex amplitudes and knots from the images")
-    stiffness = elastic_stiffness(working, start)
-    log(f"  elastic stiffness {1e-3 * stiffness:.1f} µN/nm")
-    weights = working.boundary.weights[working.image_row]
-    load = objective.data.load
-    start = unload_elastically(start, stiffness, weights, load)
-    images_alone = replace(objective, data=objective.data.images_alone())
-    everything = (*LAMBDAS, *knots, *law)
-    stage_a = fit(images_alone, start, everything, most, log, share=START)
-    log("stage B: the law from images and loads, knots free")
-    unloaded = unload_elastically(stage_a.values, stiffness, weights, load)
-    stage_b = fit(objective, unloaded, (*knots, *law), most, log, share=START)
-    log("finer mesh and steps at the result, for the correction")
-    noise = temporal_noise(stage_b, objective.data)
-    change = correction(working, finer, stage_b, log)
-    corrected = with_correction(objective, noise, change, sizes)
-    log("stage C: all together, with the correction")
-    last = fit(corrected, stage_b.values, everything, most, log)
-    return Identification(corrected, {"A": stage_a, "B": stage_b, "C": last})
 
 
 def with_correction(

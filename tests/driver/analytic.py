@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.identification.fit import Evaluation, Objective
+from driver.identification.paper_chi import PaperChi
 from solver_adapters.interface import Response
 from solver_adapters.parameter import Parameter
 
@@ -56,6 +57,7 @@ def evaluation(
         rho=np.zeros((0, 0)),
         shift=np.zeros((0, 0)),
         prediction=_NOTHING,
+        paper=PaperChi(0.0, 0.0, 0.0),
     )
 
 

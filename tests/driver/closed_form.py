@@ -23,7 +23,8 @@ from driver.dic.surface_images import SurfaceImages, prepare
 from driver.history import History, turning_points
 from driver.identification.data import Data, build_image_data
 from driver.identification.fit import Fit, Objective, fit
-from driver.identification.procedure import LAMBDA_PRIOR, correction, with_correction
+from driver.identification.priors import LAMBDA_PRIOR
+from driver.identification.procedure import correction, with_correction
 from driver.model import ForwardModel, declared_parameters
 from driver.specimen import build_model, geometry_of
 from driver.surface_view import POSE_DECLARATIONS

@@ -7,7 +7,7 @@ import pytest
 
 from driver import specimen
 from driver.case import Case, load_case
-from driver.identification.procedure import LAMBDA_PRIOR
+from driver.identification.priors import LAMBDA_PRIOR
 from driver.workbench import Workbench, build_workbench
 from meshes.prism import generate
 from tests.driver import closed_form

@@ -7,14 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.identification.fit import (
-    DECREMENT,
-    LARGEST_STEP,
-    LARGEST_STEP_LOG,
-    MOST_HALVINGS,
-    Fit,
-    fit,
-)
+from driver.identification.fit import DECREMENT, MOST_HALVINGS, Fit, fit
+from driver.identification.step import LARGEST_STEP, LARGEST_STEP_LOG
 from solver_adapters.interface import NotRunError, PreparedError, SolverError
 from solver_adapters.jobs.errors import CommandMissingError, JobError
 from solver_adapters.jobs.status import Status

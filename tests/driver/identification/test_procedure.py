@@ -14,6 +14,7 @@ from driver.identification.data import Data
 from driver.identification.fit import Fit
 from driver.identification.procedure import (
     Identification,
+    Plan,
     correction,
     elastic_stiffness,
     identify,
@@ -109,7 +110,8 @@ def identification(finer_by: float = 0.002) -> tuple[Identification, tuple[str, 
     pose = tuple(p.name for p in POSE_DECLARATIONS)
     finer = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(finer_by))
     lines: list[str] = []
-    found = identify(BENCH.model, finer, made, start, LAW, (*pose, *knots), SIZES, 15, lines.append)
+    plan = Plan(law=LAW, knots=(*pose, *knots), sizes=SIZES, most=15)
+    found = identify(BENCH.model, finer, made, start, plan, lines.append)
     return found, tuple(lines)
 
 

@@ -1,0 +1,106 @@
+"""What the data say of each parameter, and what only the prior says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.errors import InputError
+from driver.identification.fit import Evaluation, Fit
+
+FloatArray = NDArray[np.float64]
+
+INSENSITIVE = 0.5  # share of the variance that is the prior's from which a parameter is named
+# Eigenvalue of the Hessian, scaled to a diagonal of ones, below which rounding decides.
+SINGULAR = 1e-13
+_PART = 0.2  # components of a null vector that are named
+
+
+@dataclass(frozen=True)
+class PriorRule:
+    """A parameter that the prior decides rather than the data.
+
+    Attributes:
+        name: of the parameter.
+        share: of its variance that comes from the prior.
+        pull: by how many of its standard deviations the prior has moved it.
+    """
+
+    name: str
+    share: float
+    pull: float
+
+    def sentence(self) -> str:
+        """What a person should know of it."""
+        moved = "hardly moved it" if abs(self.pull) < 0.05 else f"moved it by {self.pull:+.1f} σ"
+        return (
+            f"{self.name}: the data hardly see it; {self.share:.0%} of its variance is that of "
+            f"its prior, which has {moved}"
+        )
+
+
+def prior_shares(evaluation: Evaluation) -> FloatArray:
+    """Share of the variance of each free parameter that comes from the prior, shape (k,).
+
+    H⁻¹ = H⁻¹(JJᵀ)H⁻¹ + H⁻¹PH⁻¹: the noise of the data, and the width of the prior.
+    """
+    covariance = np.linalg.inv(evaluation.hessian)
+    of_prior = np.einsum("ij,j,ij->i", covariance, evaluation.prior_weight, covariance)
+    return np.asarray(of_prior / np.diag(covariance))
+
+
+def ruled_by_prior(fit: Fit) -> tuple[PriorRule, ...]:
+    """The parameters of which more than half of the variance is the prior's."""
+    best = fit.best
+    covariance = fit.covariance
+    pulls = covariance @ (best.prior_weight * best.prior_gap) / np.sqrt(np.diag(covariance))
+    return tuple(
+        PriorRule(name, float(share), float(pull))
+        for name, share, pull in zip(best.free, prior_shares(best), pulls, strict=True)
+        if share > INSENSITIVE
+    )
+
+
+def null_vector(evaluation: Evaluation) -> Mapping[str, float] | None:
+    """Parts of a combination of parameters that neither data nor prior see, or None.
+
+    In units of each parameter's own resolution; the largest is 1, small ones are left out.
+    """
+    hessian = evaluation.hessian
+    unit = np.sqrt(np.diag(hessian))
+    for name, length in zip(evaluation.free, unit, strict=True):
+        if length == 0.0:
+            return {name: 1.0}
+    strength, modes = np.linalg.eigh(hessian / np.outer(unit, unit))
+    if strength[0] > SINGULAR * strength[-1]:
+        return None
+    weakest = modes[:, 0] / modes[np.argmax(np.abs(modes[:, 0])), 0]
+    return {
+        name: float(part)
+        for name, part in zip(evaluation.free, weakest, strict=True)
+        if abs(part) > _PART
+    }
+
+
+def refuse_what_is_not_seen(evaluation: Evaluation) -> None:
+    """Refuse a fit of which data and prior leave a combination of parameters open.
+
+    Raises:
+        InputError: with the names of the parameters.
+    """
+    parts = null_vector(evaluation)
+    if parts is None:
+        return
+    names = ", ".join(parts)
+    if len(parts) == 1:
+        found = f"{names} changes nothing that images and loads show"
+    else:
+        mix = " ".join(f"{part:+.2g}·{name}" for name, part in parts.items())
+        found = f"images and loads do not tell {names} apart (nothing changes along {mix})"
+    raise InputError(
+        f"identification: found that {found}, and no prior holds them; expected fewer free "
+        'parameters, or a prior (identification.prior = "gaussian")'
+    )

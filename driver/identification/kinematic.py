@@ -1,0 +1,41 @@
+"""The kinematic Hessian of the images alone, as the paper shows it in figure 12a."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.identification.fit import Evaluation, Objective
+
+FloatArray = NDArray[np.float64]
+
+
+def kinematic_hessian(
+    objective: Objective, evaluation: Evaluation, names: Sequence[str]
+) -> FloatArray:
+    """[M]_IDIC = Σ_t S_tᵀ M S_t / (2γ_f²) over the whole history (equation 2.6).
+
+    S is the derivative of the motion with respect to q = log p, so that a unit is a change of a
+    parameter by its own size. The motion that the stage takes away in each image is projected out;
+    loads, prior and what images share do not enter.
+
+    Args:
+        objective: model and data.
+        evaluation: an evaluation of it with these parameters free, among others.
+        names: of the parameters.
+
+    Returns:
+        Shape (k, k).
+    """
+    data, prediction = objective.data, evaluation.prediction
+    rows = [evaluation.free.index(name) for name in names]
+    chosen = prediction.restrict(rows)
+    seen = data.index[data.with_image]
+    z = data.image.sensitivity(chosen.d_surface[:, seen], chosen.look.value)
+    for row, motion in chosen.carried.items():
+        z[row] += data.image.pixel_sensitivity(motion[seen])
+    sizes = np.array([evaluation.values[name] for name in names])
+    flat = (data.image.noise_factor * sizes[:, None, None] * z).reshape(len(names), -1)
+    return np.asarray(0.5 * flat @ flat.T)
