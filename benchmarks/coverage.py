@@ -33,7 +33,8 @@ from driver.dic.elongation import edge_motion
 from driver.dic.series import measure
 from driver.experiment import read_experiment
 from driver.history import History
-from driver.identification.procedure import LAMBDA_PRIOR, identify
+from driver.identification.priors import LAMBDA_PRIOR
+from driver.identification.procedure import identify
 from driver.side_by_side import side_by_side
 from driver.specimen import mesh_of, surface_images
 from driver.virtual import true_case
@@ -119,11 +120,9 @@ def draw(seed: int) -> Draw:
     with tempfile.TemporaryDirectory() as folder:
         bench = measured_bench(load_case(record(Path(folder), believed(), course, seed, settings)))
     measured = time.process_time()
-    specimen = believed().specimen
     found = identify(
-        bench.working, bench.finer, bench.objective, bench.start, bench.law, bench.knots,
-        (specimen.mesh_size, specimen.fine_mesh_size), 12, lambda line: None,
-    )  # fmt: skip
+        bench.working, bench.finer, bench.objective, bench.start, bench.plan, lambda line: None
+    )
     final = found.final
     return {
         "study": study(),
