@@ -9,8 +9,9 @@ do: where the specimen yields, its load answers with a fifth to a two-hundredth 
 stiffness, and what a stop leaves in the crystals is seen for dozens of images after it (figures
 in benchmarks/RESULTS.md).
 
-The answer is linear: σ_e is small against the travel between two images, so that no stop turns
-loading into unloading.
+The answer is linear, and read when the image was taken: σ_e is small against the travel between
+two images, so that no stop turns loading into unloading, and a lag of the loads is short against
+the time between them.
 """
 
 from __future__ import annotations
@@ -63,6 +64,7 @@ def boundary_jitter(
     Raises:
         SolverError: as `ForwardModel.predict`.
     """
+    values = {**values, "load_lag": 0.0}
     stops = stops_of(model)
     scale = knot_declarations(model.boundary.weights.shape[1])[0].scale
     shape = unit_elongation(model, values)

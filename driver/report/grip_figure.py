@@ -15,6 +15,7 @@ def grip(measured: MeasuredMotion) -> Figure:
     found, stage = measured.grip, measured.stage
     value, line = 1e3 * measured.elongation.value, 1e3 * found.line
     noise = 1e3 * BAND * measured.elongation.sigma
+    own = 1e3 * BAND * measured.grip_sigma
     figure = new_figure(3.6)
     curve, rest = figure.subplots(1, 2)
     order = np.argsort(stage, kind="stable")
@@ -30,7 +31,7 @@ def grip(measured: MeasuredMotion) -> Figure:
               title="Elongation over stage travel")  # fmt: skip
     curve.legend(loc="upper left")
     image = np.arange(stage.size)
-    rest.axhspan(-noise, noise, color=GREY, alpha=0.15, lw=0, label="95 % of the noise")
+    rest.axhspan(-own, own, color=GREY, alpha=0.15, lw=0, label="95 % of the noise")
     rest.axhline(0.0, color=GREY, lw=0.8)
     for phase in found.phases:
         within = (image >= phase.first) & (image <= phase.last)

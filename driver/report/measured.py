@@ -98,6 +98,7 @@ class MeasuredMotion:
         tilt: w of the end S+ less that of S−.
         mean_w: mean of w over the region of interest.
         grip: how the elongation follows the stage travel.
+        grip_sigma: standard deviation of an elongation there, without what all images share [µm].
     """
 
     face: Face
@@ -123,6 +124,7 @@ class MeasuredMotion:
     tilt: Curve
     mean_w: Curve
     grip: GripMotion
+    grip_sigma: float
 
     @property
     def shown(self) -> IntArray:
@@ -194,6 +196,7 @@ def measured_motion(
             m["stage"], m["elongation"], float(m["grip/sigma"]), m["phase"].astype(np.int64),
             m["left_out"] == 0, float(m["grip/nominal"]),
         ),
+        grip_sigma=float(m["grip/sigma"]),
     )  # fmt: skip
 
 

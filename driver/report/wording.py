@@ -66,6 +66,11 @@ _LABELS |= {
     for what, turned in (("grain1", "grain 1"), ("grain2", "grain 2"), ("frame", "the EBSD frame"))
     for axis in "xyz"
 }
+_LABELS |= {
+    f"lattice_gradient_grain{grain}_{axis}": f"gradient of grain {grain} about {axis.upper()}"
+    for grain in (1, 2)
+    for axis in "xyz"
+}
 _SHORT = {"origin_X": "origin X", "origin_Y": "origin Y", "load_gain": "load gain"}
 _KNOTS = {"elongation": "ΔU_Y", "tilt": "ΔU_Z"}
 _PERCENT = frozenset(
@@ -118,6 +123,8 @@ def reading_unit(name: str, unit: str) -> tuple[float, str]:
     """
     if unit == "rad":
         return _DEGREE, "°"
+    if unit == "rad/µm":
+        return _DEGREE, "°/µm"
     if re.fullmatch(r"(elongation|tilt)_\d+|origin_[XY]", name):
         return 1e3, "nm"
     if name == "c":

@@ -351,8 +351,10 @@ def stage_error(b: Bench) -> FloatArray:
 
 def readings(b: Bench, values: Mapping[str, float], seed: int) -> FloatArray:
     """Measured loads [µN], shape (T,)."""
-    _, force = time_signals(b.model.simulation(values))
-    force = np.interp(b.history.time + values["load_lag"], b.history.time, force)
+    simulation = b.model.simulation(values)
+    _, force = time_signals(simulation)
+    at = b.history.time[b.history.image_row] + values["load_lag"]
+    force = np.interp(at, simulation.times[simulation.output], force)
     noise = np.random.default_rng(seed + 1).standard_normal(force.size)
     gain = 1 + values["load_gain"]
     drift = values["load_offset"] + values["load_drift"] * b.model.instrument.progress

@@ -170,6 +170,7 @@ def _write_measured(path, time, rng):
             "sigma_flat": (0.0, "µm"),
             "phase": (np.array(PHASE), "1"),
             "grip/nominal": (12.0 / 32e3, "1"),
+            "grip/sigma": (0.0005, "µm"),
         },
     )
     for name in FIGURES:
