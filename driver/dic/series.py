@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array, hstack
 
 from driver.dic.basis import Basis, grid_basis, mesh_basis
+from driver.dic.covariance import noise_of_right_side
 from driver.dic.interpolation import samples
 from driver.dic.kernels import binned
 from driver.dic.outcome import explanation
@@ -41,9 +42,10 @@ class SurfaceMotion:
         basis_w: basis of w, n_w functions.
         coefficients: nodal values [µm], ordered [u | v | w], shape (T, n), n = 2 n_uv + n_w.
         covariance_one: covariance that the noise of one frame causes [µm²], shape (n, n):
-            σ² M⁻¹, or σ² A⁻¹ M A⁻¹ with the penalty, A = M + P. Between the frames t and t'
-            the measured motion has the covariance covariance_one · (δ_tt' + 1/n_reference):
-            all share the noise of the reference.
+            σ² A⁻¹ N A⁻¹ with A = M + P and N the noise of the right-hand side, M but for what
+            interpolation smoothes, see `noise_of_right_side`. Between the frames t and t' the
+            measured motion has the covariance covariance_one · (δ_tt' + 1/n_reference): all
+            share the noise of the reference.
         n_reference: number of images averaged into the reference.
         chi: residual in units of noise, degrees of freedom counted, shape (T,).
         iterations: Gauss–Newton steps of the last pass, shape (T,).
@@ -120,6 +122,13 @@ def measure(
         ends = list(pool.map(finish, range(images.n_frames)))
     coefficients = np.array([end.p for end in ends])
     motion = _expand(basis_uv, basis_w, coefficients)
+    noise = noise_of_right_side(
+        sensitivity(images.gradient, basis_uv, basis_w),
+        images.rows,
+        images.cols,
+        motion / pixel,
+        images.n_reference,
+    )
     # A pixel that left the image adds nothing.
     residuals = np.nan_to_num([end.residual for end in ends])
     squares = residuals**2 / images.expected_residual_variance(motion)
@@ -127,7 +136,7 @@ def measure(
         basis_uv=basis_uv,
         basis_w=basis_w,
         coefficients=coefficients,
-        covariance_one=images.sigma**2 * system.covariance_of(np.eye(system.size)),
+        covariance_one=images.sigma**2 * system.covariance_of(np.eye(system.size), noise),
         n_reference=images.n_reference,
         chi=np.sqrt(squares.sum(axis=1) / (len(images.xy) - system.freedom())),
         iterations=np.array([end.iterations for end in ends]),
