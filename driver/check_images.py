@@ -7,6 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from driver.case import Case
+from driver.dic.basis import grid_basis
+from driver.dic.series import refuse_too_fine
 from driver.errors import InputError
 from driver.experiment import Experiment
 from driver.finding import Finding
@@ -15,7 +17,7 @@ from driver.images.heightmaps import on_surface
 from driver.images.outliers import find_outliers, frame_statistics, told
 from driver.images.reference import Reference, corrected
 from driver.images.region import Excluded
-from driver.specimen import reference_of
+from driver.specimen import reference_of, used_face
 
 # Share of the measured face without a height (a trench) before the origin is in doubt.
 _TRENCH_SHARE = 0.05
@@ -46,6 +48,7 @@ def look_at_images(case: Case, experiment: Experiment) -> tuple[list[Finding], R
     except InputError as error:
         return [*findings, Finding("error", "images", str(error))], None
     findings += _surface(case, experiment, reference, flat)
+    findings += _elements(case, reference)
     findings += _frames(experiment, reference, flat)
     return findings, reference
 
@@ -130,6 +133,27 @@ def _surface(
         yield Finding(
             "warning" if loud else "ok", "images", f"fixed pattern of {flat.n} flats {size}{more}"
         )
+
+
+def _elements(case: Case, reference: Reference) -> Iterator[Finding]:
+    """Whether the elements of the correlation suit the face."""
+    pixel, bounds = case.images.pixel_um, used_face(case)
+    sizes = case.dic.element_px, case.dic.height_element_px
+    somewhere = np.full((np.count_nonzero(reference.region), 2), (bounds[0], bounds[2]))
+    uv, w = (grid_basis(somewhere, bounds, size * pixel) for size in sizes)
+    try:
+        refuse_too_fine(len(somewhere), uv, w)
+    except InputError as error:
+        yield Finding("error", "images", str(error))
+    longest = max(bounds[1] - bounds[0], bounds[3] - bounds[2]) / pixel
+    for key, size in zip(("element_px", "height_element_px"), sizes, strict=True):
+        if size > longest:
+            yield Finding(
+                "warning",
+                "images",
+                f"dic.{key}: found {size:g}, expected less than the {longest:.0f} px of the face: "
+                "one element spans it",
+            )
 
 
 def _frames(

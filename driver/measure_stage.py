@@ -13,6 +13,7 @@ from driver.dic.elongation import edge_motion
 from driver.dic.interpolation import variance_gain
 from driver.dic.series import SurfaceMotion, measure, sensitivity
 from driver.dic.surface_images import SurfaceImages, refine_gradient
+from driver.errors import InputError
 from driver.experiment import read_experiment
 from driver.images.noise import TemporalNoise, temporal_noise
 from driver.images.outliers import find_outliers, left_out, noise_levels, told
@@ -28,6 +29,9 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
 _AT_A_TIME = 4096  # pixels, whose rows of a dense matrix fit into memory
+_OTHER_SURFACE = 2.0  # χ of a frame that did not converge, beyond which it shows something else
+_TOLD = 10  # frames in one line
+_STRETCHED = 5.0  # σ of the elongation before loading, beyond which the images are in doubt
 MEASURE, MEASURE_CSV = "measure.h5", "measure.csv"
 
 
@@ -48,6 +52,13 @@ def run_measure(context: StageContext) -> None:
         case.dic.height_element_px * pixel,
         workers=case.execution.processes,
     )
+    astray = motion.lost | (~motion.converged & (motion.chi > _OTHER_SURFACE))
+    if 2 * np.count_nonzero(astray) > images.n_frames:
+        raise InputError(
+            f"images.frames: found {np.count_nonzero(astray)} of {images.n_frames} frames that "
+            f"cannot be followed (frame {np.argmax(astray)} {motion.reason[np.argmax(astray)]}), "
+            "expected the surface of images.repeats"
+        )
     # The region of interest ends short of the edges: its mean stretch is carried on to them.
     lower, upper = images.bounds[2:]
     reach = case.specimen.length / (upper - lower)
@@ -71,10 +82,22 @@ def run_measure(context: StageContext) -> None:
     rigid = at_pixels.mean(axis=1)
     noise = noise_levels(_sampled(images), images.codes == Excluded.USED)
     outliers = find_outliers(motion.chi, noise, rigid, pixel, "σ")
-    left = left_out(outliers, images.n_frames)
+    left = left_out(outliers, images.n_frames) | motion.lost
     for frame, what in told(outliers).items():
         kept = "its image is not fitted, its load is" if left[frame] else "it is kept"
         context.log(f"  frame {frame} is unlike its neighbours: {what}; {kept}")
+    for frame in np.flatnonzero(motion.lost).tolist():
+        context.log(f"  frame {frame} {motion.reason[frame]}; its image is not fitted, its load is")
+    slow = np.flatnonzero(~motion.converged & ~motion.lost)
+    if slow.size:
+        some = ", ".join(map(str, slow[:_TOLD])) + (", …" if slow.size > _TOLD else "")
+        context.log(f"  frame {some}: {motion.reason[slow[0]]}")
+    deviation = edges.elongation[0] / edges.elongation_sigma
+    if abs(deviation) > _STRETCHED:
+        context.log(
+            f"  frame 0 is {1e3 * reach * edges.elongation[0]:.0f} nm longer than the repeats "
+            f"({deviation:.0f} σ), expected no load on both: look at the order of images.frames"
+        )
     later = _temporal(images, refined.gradient, motion, ~left)
     if later is not None:
         context.log(

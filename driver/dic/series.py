@@ -17,6 +17,7 @@ from driver.dic.outcome import explanation
 from driver.dic.regularisation import penalties
 from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.dic.system import End, Pixels, System
+from driver.images.heightmaps import ImageError
 from driver.images.rigid import phase_correlation
 from meshes.plane_mesh import PlaneMesh
 
@@ -47,7 +48,9 @@ class SurfaceMotion:
             measured motion has the covariance covariance_one · (δ_tt' + 1/n_reference): all
             share the noise of the reference.
         n_reference: number of images averaged into the reference.
-        chi: residual in units of noise, degrees of freedom counted, shape (T,).
+        chi: residual in units of noise, degrees of freedom counted, shape (T,). The relief stands
+            for the residual of a frame that is lost.
+        lost: whether most of the face left the frame or the iteration diverged, shape (T,).
         iterations: Gauss–Newton steps of the last pass, shape (T,).
         converged: whether the update fell below the tolerance, shape (T,).
         reason: why the iteration of each frame ended, length T.
@@ -62,6 +65,7 @@ class SurfaceMotion:
     covariance_one: FloatArray
     n_reference: int
     chi: FloatArray
+    lost: BoolArray
     iterations: IntArray
     converged: BoolArray
     reason: tuple[str, ...]
@@ -106,10 +110,14 @@ def measure(
             1 pixel if None, infinity for no penalty. On a mesh that is no regular grid the
             equilibrium gap takes the place of the second differences.
         workers: threads over the frames; the result does not depend on it.
+
+    Raises:
+        ImageError: the pixels are too few for the nodal values that they are to decide.
     """
     pixel = images.pixel
     basis_uv = _basis(images, size_uv or ELEMENT_UV * pixel)
     basis_w = _basis(images, size_w or ELEMENT_W * pixel)
+    refuse_too_fine(len(images.xy), basis_uv, basis_w)
     roughness = ROUGHNESS * pixel if roughness is None else roughness
     starts = _first_pass(images, basis_uv, basis_w, min(roughness, ROUGHNESS_FIRST * pixel))
     images = refine_gradient(images, _expand(basis_uv, basis_w, starts))
@@ -129,16 +137,20 @@ def measure(
         motion / pixel,
         images.n_reference,
     )
-    # A pixel that left the image adds nothing.
-    residuals = np.nan_to_num([end.residual for end in ends])
+    residuals = np.array([end.residual for end in ends])
+    lost = np.array([end.reason in ("left", "diverged") for end in ends])
+    residuals[lost] = images.reference - images.reference.mean()
     squares = residuals**2 / images.expected_residual_variance(motion)
+    # A pixel that left the image adds nothing, and does not count.
+    used = np.isfinite(residuals).sum(axis=1)
     return SurfaceMotion(
         basis_uv=basis_uv,
         basis_w=basis_w,
         coefficients=coefficients,
         covariance_one=images.sigma**2 * system.covariance_of(np.eye(system.size), noise),
         n_reference=images.n_reference,
-        chi=np.sqrt(squares.sum(axis=1) / (len(images.xy) - system.freedom())),
+        chi=np.sqrt(np.nansum(squares, axis=1) / np.maximum(used - system.freedom(), 1.0)),
+        lost=lost,
         iterations=np.array([end.iterations for end in ends]),
         converged=np.array([end.reason == "converged" for end in ends]),
         reason=tuple(explanation(end, TOLERANCE) for end in ends),
@@ -171,24 +183,43 @@ def _system(images: SurfaceImages, basis_uv: Basis, basis_w: Basis, roughness: f
 def _first_pass(
     images: SurfaceImages, basis_uv: Basis, basis_w: Basis, roughness: float
 ) -> FloatArray:
-    """A stiff motion of every frame, each from where the one before it ended, shape (T, n)."""
+    """A stiff motion of every frame, each from where the last good one ended, shape (T, n)."""
     system = _system(images, basis_uv, basis_w, roughness)
     n = 2 * system.n_uv
     box = np.s_[
         images.rows.min() : images.rows.max() + 1, images.cols.min() : images.cols.max() + 1
     ]
     starts = np.zeros((images.n_frames, system.size))
-    p, before = starts[0], binned(images.reference_image[box], 2)
+    last, before = starts[0], binned(images.reference_image[box], 2)
     for t, spline in enumerate(images.frames.coefficients):
         after = binned(samples(spline)[box], 2)
         shift = 2 * images.pixel * np.array(phase_correlation(before, after))
+        p = last
         if np.hypot(*shift) > JUMP * images.pixel:
             moved = p + np.repeat([*shift, 0.0], [n // 2, n // 2, system.size - n])
             left = [float(np.nanstd(system.residual(spline, q))) for q in (p, moved)]
             p = moved if left[1] < left[0] else p
-        p = system.iterate(spline, p, TOLERANCE_FIRST).p
-        starts[t], before = p, after
+        end = system.iterate(spline, p, TOLERANCE_FIRST)
+        starts[t] = end.p
+        # A frame that was not followed would lead astray all that come after it.
+        if end.reason == "converged":
+            last, before = end.p, after
     return starts
+
+
+def refuse_too_fine(n_pix: int, basis_uv: Basis, basis_w: Basis) -> None:
+    """Refuse elements that are too small for the pixels.
+
+    Raises:
+        ImageError: the nodal values are more than half of the pixels.
+    """
+    unknowns = 2 * len(basis_uv.nodes) + len(basis_w.nodes)
+    if 2 * unknowns > n_pix:
+        raise ImageError(
+            f"dic.element_px: found {unknowns} nodal values to be decided by {n_pix} pixels of the "
+            "face, expected at most half as many: larger elements (height_element_px for the "
+            "heights), or a face of more pixels (images.pixel_size_nm, origin_pixel, mask)"
+        )
 
 
 def sensitivity(gradient: FloatArray, basis_uv: Basis, basis_w: Basis) -> csr_array:

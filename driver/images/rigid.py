@@ -124,11 +124,15 @@ def _gauss_newton(
         rho = residual(start)
         return float(np.sum((rho - plane @ (plane.T @ rho)) ** 2))
 
-    shift = np.array([*min(starts, key=left), 0.0, 0.0, 0.0])
+    start = np.array([*min(starts, key=left), 0.0, 0.0, 0.0])
+    shift = start
     for _ in range(MAX_ITERATIONS):
         update = np.linalg.solve(hessian, smooth.T @ (residual(shift) + plane @ shift[2:]))
         shift = shift + update
         if np.abs(update[:2]).max() < TOLERANCE:
+            break
+        if np.any(np.abs(shift[:2]) > f.shape):  # another surface: there is nothing to refine
+            shift = start
             break
     dz = float((plane @ shift[2:]).mean())
     return Shift(float(shift[0] * pixel), float(shift[1] * pixel), dz)

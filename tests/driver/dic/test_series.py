@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from driver.dic.series import measure, sensitivity
 from driver.dic.surface_images import SurfaceImages, prepare
-from driver.images.heightmaps import read_stack
+from driver.images.heightmaps import ImageError, read_stack
 from meshes.plane_mesh import PlaneMesh
 from tests.meshes.plane_examples import distorted
 
@@ -61,6 +61,37 @@ def test_a_large_jump_of_the_stage_between_two_frames_is_followed(scene: Scene) 
     assert measured.converged.all() and measured.chi.max() < 1.1
     assert mean[:, 0] / PIXEL == pytest.approx([3.3, -3.1], abs=0.02)
     assert mean[:, 1] / PIXEL == pytest.approx([-2.6, 3.4], abs=0.02)
+
+
+def test_a_frame_of_another_surface_leads_no_other_astray(scene: Scene) -> None:
+    shifts = [(constant(k * 0.2 * PIXEL), STILL, STILL) for k in range(6)]
+    images = scene(shifts, noise=0.003)
+    frames = images.frames.coefficients.copy()
+    frames[2] = frames[2, ::-1, ::-1]
+    spoilt = measure(replace(images, frames=replace(images.frames, coefficients=frames)))
+    others = np.arange(6) != 2
+    assert spoilt.converged[others].all() and not spoilt.lost[others].any()
+    assert spoilt.chi[others].max() < 1.1 and spoilt.chi[2] > 2
+    mean = spoilt.at_pixels()[others, :, 0].mean(axis=1) / PIXEL
+    assert mean == pytest.approx(0.2 * np.flatnonzero(others), abs=0.02)
+
+
+def test_a_frame_out_of_which_the_motion_runs_has_no_small_residual(scene: Scene) -> None:
+    images = scene([(STILL, STILL, STILL)] * 3, noise=0.003)
+    frames = images.frames.coefficients.copy()
+    frames[1] = 1e3 * np.random.default_rng(11).normal(size=frames[1].shape)
+    measured = measure(replace(images, frames=replace(images.frames, coefficients=frames)))
+    assert measured.lost.tolist() == [False, True, False]
+    # The relief of 50 nm stands for its residual.
+    assert measured.chi[1] > 10 and measured.chi[[0, 2]].max() < 1.1
+
+
+def test_elements_too_small_for_the_pixels_are_refused(scene: Scene) -> None:
+    images = scene([(STILL, STILL, STILL)], noise=0.003)
+    with pytest.raises(
+        ImageError, match=r"dic.element_px: found \d+ nodal values to be decided by"
+    ):
+        measure(images, PIXEL, PIXEL)
 
 
 @pytest.mark.parametrize("roughness", [np.inf, 0.05])

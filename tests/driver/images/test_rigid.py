@@ -74,6 +74,13 @@ def test_repeats_of_a_relief_of_a_few_pixels_have_not_moved() -> None:
     assert np.hypot(found.dx, found.dy) < 5 * noise * np.sqrt(2) / (0.05 / 3 * np.sqrt(ROW.size))
 
 
+def test_the_shift_to_another_surface_stays_within_the_image() -> None:
+    heights = surface(ROW, COL)
+    other = 1e3 * np.random.default_rng(8).normal(size=ROW.shape)
+    found = shift_between(heights, other, PIXEL)
+    assert abs(found.dx) <= 48 * PIXEL and abs(found.dy) <= 90 * PIXEL
+
+
 def test_the_shift_of_a_surface_that_also_shears_is_its_mean() -> None:
     """As in a raster scan: lines read forth and back are apart by a line at one end only."""
     ramp = 1.0 - COL / (COL.shape[1] - 1)
