@@ -3,8 +3,8 @@
     python -m benchmarks.dic --data DIR [--peers PYTHON]   the reference pairs in DIR
     python -m benchmarks.dic --quick                       the small pairs of the tests, 45 s
 
-DIR holds `synthetic`, `challenge1_sample14`, `opencorr_shear` and `afm_di6`. PYTHON is an
-interpreter with pyxel-dic, muDIC and SUN-DIC; they then measure the same pairs in the same run.
+DIR holds `synthetic`, `semi_afm`, `challenge1_sample14`, `opencorr_shear` and `afm_di6`. PYTHON is
+an interpreter with pyxel-dic, muDIC and SUN-DIC; they then measure the same pairs in the same run.
 Times are CPU times of one thread, after compilation, the best of three.
 """
 
@@ -32,7 +32,10 @@ from driver.dic.search import Options
 from driver.dic.series import measure
 from driver.experiment import read_experiment
 from driver.history import knot_weights, read_history
-from driver.images.rigid import phase_correlation
+from driver.images.rigid import shift_between
+from driver.noise_floor.floor import relief_rms
+from driver.noise_floor.laboratory import elongation, laboratory
+from driver.noise_floor.motions import known_motions
 from driver.specimen import surface_images
 from meshes.plane_mesh import PlaneMesh
 
@@ -94,15 +97,15 @@ def covariance(folder: Path) -> None:
     """Scatter over noise draws against the stated covariance, on the relief of a small pair."""
     pair = read_pair(folder, "s_HN")
     rng = np.random.default_rng(1)
-    clean = pair["f"]
-    draws = clean + NOISE * rng.normal(size=(DRAWS, *clean.shape))
     options = Options(roughness=1.0, roughness_w=np.inf)
-    found = correlate(clean, draws, mask=pair["mask"], sigma=NOISE, options=options)
-    scatter = found.coefficients - found.coefficients.mean(axis=0)
-    precision = np.linalg.inv(found.covariance_one())
-    n = scatter.shape[1]
-    ratio = np.einsum("ti,ij,tj->", scatter, precision, scatter) / (n * (DRAWS - 1))
-    show("scatter over stated covariance, 100 draws", ratio, "0.9 to 1.1")
+    for name, image in (("still", pair["f"]), ("moved", pair["g"])):
+        draws = image + NOISE * rng.normal(size=(DRAWS, *image.shape))
+        found = correlate(pair["f"], draws, mask=pair["mask"], sigma=NOISE, options=options)
+        scatter = found.coefficients - found.coefficients.mean(axis=0)
+        precision = np.linalg.inv(found.covariance_one())
+        n = scatter.shape[1]
+        ratio = np.einsum("ti,ij,tj->", scatter, precision, scatter) / (n * (DRAWS - 1))
+        show(f"scatter over stated covariance, 100 draws, {name} [sigma]", ratio**0.5, "0.9 to 1.1")
 
 
 def sample14(folder: Path) -> None:
@@ -136,22 +139,83 @@ def shear(folder: Path) -> None:
 
 
 def repeat_scans(folder: Path) -> None:
-    """Two AFM scans of one area."""
+    """The rigid motion: of an AFM texture of known shift, and of two AFM scans of one area."""
+    pair = read_pair(folder / "semi_afm", "semi_afm_TN")
+    truth = np.array([pair["v"].mean(), pair["u"].mean()])
+    f, g = pair["f"], pair["g"]
+    found = np.array(shift_between(f, g, 1.0, pair["mask"])[:2])
+    goal = "<= 0.02"
+    show(
+        "AFM texture, known shift: error of the rigid shift [px]", np.abs(found - truth).max(), goal
+    )
+    wrong = np.abs(np.array(whole_frame_phase(f, g)) - truth).max()
+    show("the same by whitened phase correlation of the whole frame [px]", wrong)
     scans = np.load(folder / "afm_di6" / "afm_di6_trace_retrace.npz")
     f, g = (scans[k].astype(np.float64) for k in ("f_nm", "g_nm"))
     mask = inset(f.shape, 20)
-    motion = correlate(f, g, mask=mask, mesh_uv=64.0, mesh_w=16.0).at_pixels()
-    coarse = [
-        phase_correlation(f[i : i + 128, j : j + 128], g[i : i + 128, j : j + 128])
-        for i in range(0, 512, 128)
-        for j in range(0, 512, 128)
-    ]
-    rows = motion[:, 0].mean(), np.mean(coarse, axis=0)[0]
-    show("AFM scans, mean shift along the rows [px]", rows[0], "0.30 +- 0.02")
-    show("AFM scans, the same by phase correlation of 16 blocks [px]", rows[1])
-    show("AFM scans, mean shift along the columns [px]", motion[:, 1].mean(), "-0.03 +- 0.02")
-    show("AFM scans, scatter of the shift over the area, rows [px]", motion[:, 0].std(), "0")
-    show("AFM scans, scatter of the shift over the area, columns [px]", motion[:, 1].std(), "0")
+    whole, rigid = whole_frame_phase(f, g), shift_between(f, g, 1.0, mask)
+    correlated = correlate(f, g, mask=mask, mesh_uv=64.0, mesh_w=16.0)
+    motion, at = correlated.at_pixels(), correlated.system.pixels
+    line = np.polynomial.Polynomial.fit(at.cols, motion[:, 0], 1)
+    for axis, name, stated in ((0, "rows", "0.30"), (1, "columns", "-0.03")):
+        show(f"AFM scans, rigid shift along the {name} [px]", rigid[axis], f"{stated} +- 0.02")
+        show(f"AFM scans, mean of the correlation along the {name} [px]", motion[:, axis].mean())
+        show(
+            f"AFM scans, whitened phase correlation, whole frame, {name} [px]", whole[axis], stated
+        )
+        show(f"AFM scans, scatter of the shift over the area, {name} [px]", motion[:, axis].std())
+    show("AFM scans, shift along the rows at the first column [px]", float(line(0.0)), "1")
+    show("AFM scans, shift along the rows at the last column [px]", float(line(511.0)), "0")
+
+
+def whole_frame_phase(f: FloatArray, g: FloatArray, finer: int = 100) -> tuple[float, float]:
+    """Peak of the whitened cross-power spectrum without a window, to 1/100 px.
+
+    What `skimage.registration.phase_cross_correlation` does by default: the frame counts as
+    periodic, and the jump at its border, at the same place in both images, as a pattern.
+    """
+    cross = np.conj(np.fft.fft2(f - f.mean())) * np.fft.fft2(g - g.mean())
+    cross /= np.maximum(np.abs(cross), np.finfo(float).tiny)
+    peak = np.fft.ifft2(cross).real
+    frequency = [np.fft.fftfreq(n) for n in f.shape]
+    near = np.arange(-2 * finer, 2 * finer + 1) / finer
+    top = np.unravel_index(int(peak.argmax()), peak.shape)
+    places = [(at + n // 2) % n - n // 2 + near for at, n in zip(top, peak.shape, strict=True)]
+    waves = [np.exp(2j * np.pi * np.outer(x, k)) for x, k in zip(places, frequency, strict=True)]
+    fine = (waves[0] @ cross @ waves[1].T).real
+    row, col = np.unravel_index(int(fine.argmax()), fine.shape)
+    return float(places[0][row]), float(places[1][col])
+
+
+def laboratory_scatter() -> None:
+    """Scatter of 96 images of each motion of the laboratory, against the stated covariance."""
+    case = load_case(ALPHA)
+    images = surface_images(case, read_experiment(case))
+    size_uv, size_w = 16 * images.pixel, 8 * images.pixel
+    length = case.specimen.length
+    motions = known_motions(images.pixel, length, case.specimen.width, relief_rms(images))
+    made = laboratory(images, motions, length)
+    nodal, stretch, stated = [], [], []
+    for number in range(DRAWS // 2):
+        series = made.series(1000 + number)
+        motion = measure(series, size_uv, size_w)
+        n_uv = 2 * len(motion.basis_uv.nodes)
+        # The two images of a motion in one series: their difference is free of the reference.
+        p = motion.coefficients[:, :n_uv].reshape(len(motions), 2, -1)
+        nodal.append(
+            np.mean((p[:, 1] - p[:, 0]) ** 2 / 2 / motion.covariance_one.diagonal()[:n_uv])
+        )
+        found, sigma = elongation(motion, series, length)
+        stretch.append(np.var(found.reshape(len(motions), 2), axis=1, ddof=1))
+        stated.append(sigma**2 / (1 + 1 / motion.n_reference))
+    ratio = np.sqrt(np.mean(stretch) / np.mean(stated))
+    show(
+        "laboratory, nodal u, v: scatter over stated [sigma]", np.sqrt(np.mean(nodal)), "0.9 to 1.1"
+    )
+    show("laboratory, elongation: scatter over stated [sigma]", ratio, "0.9 to 1.1")
+    _, real = elongation(measure(images, size_uv, size_w), images, length)
+    laboratory_sigma = np.sqrt(np.mean(stated) * (1 + 1 / images.n_reference))
+    show("laboratory, stated elongation over that of the real series", laboratory_sigma / real, "1")
 
 
 def alpha() -> None:
@@ -258,6 +322,7 @@ def main() -> None:
     small = choice.data / "synthetic" if choice.data else SMALL
     synthetic(small, "s", ("HN", "HW"))
     covariance(small)
+    laboratory_scatter()
     beside(read_pair(small, "s_HN"), "120 x 40", choice.peers)
     alpha()
     if choice.quick:

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from driver.case import Case
+from driver.dic.basis import grid_basis
+from driver.dic.fineness import refuse_too_fine
 from driver.errors import InputError
 from driver.experiment import Experiment
 from driver.finding import Finding
@@ -15,7 +17,8 @@ from driver.images.heightmaps import on_surface
 from driver.images.outliers import find_outliers, frame_statistics, told
 from driver.images.reference import Reference, corrected
 from driver.images.region import Excluded
-from driver.specimen import reference_of
+from driver.specimen import correlation_meshes, reference_of, used_face
+from meshes.plane_mesh import PlaneMesh
 
 # Share of the measured face without a height (a trench) before the origin is in doubt.
 _TRENCH_SHARE = 0.05
@@ -46,6 +49,7 @@ def look_at_images(case: Case, experiment: Experiment) -> tuple[list[Finding], R
     except InputError as error:
         return [*findings, Finding("error", "images", str(error))], None
     findings += _surface(case, experiment, reference, flat)
+    findings += _elements(case, reference)
     findings += _frames(experiment, reference, flat)
     return findings, reference
 
@@ -130,6 +134,34 @@ def _surface(
         yield Finding(
             "warning" if loud else "ok", "images", f"fixed pattern of {flat.n} flats {size}{more}"
         )
+
+
+def _elements(case: Case, reference: Reference) -> Iterator[Finding]:
+    """Whether the elements of the correlation suit the face."""
+    try:
+        meshes = correlation_meshes(case)
+    except InputError:
+        return  # told of the meshes themselves
+    pixel, bounds = case.images.pixel_um, used_face(case)
+    n_pix = int(np.count_nonzero(reference.region))
+    corner = np.array([[bounds[0], bounds[2]]])
+    counts = [
+        len(mesh.points if isinstance(mesh, PlaneMesh) else grid_basis(corner, bounds, mesh).nodes)
+        for mesh in meshes
+    ]
+    try:
+        refuse_too_fine(n_pix, *counts)
+    except InputError as error:
+        yield Finding("error", "images", str(error))
+    longest = max(bounds[1] - bounds[0], bounds[3] - bounds[2]) / pixel
+    for key, mesh in zip(("element_px", "height_element_px"), meshes, strict=True):
+        if not isinstance(mesh, PlaneMesh) and mesh / pixel > longest:
+            yield Finding(
+                "warning",
+                "images",
+                f"dic.{key}: found {mesh / pixel:g}, expected less than the {longest:.0f} px of "
+                "the face: one element spans it",
+            )
 
 
 def _frames(

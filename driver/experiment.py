@@ -24,6 +24,7 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 # The relief of the repeats is that of image 0: another scale shows in its spread.
 _SCALES = 2.0
+_TALLEST = 1e6  # nm; beyond it a level means something else, such as 3e38 for no height
 
 
 class ExperimentError(InputError):
@@ -235,7 +236,7 @@ def _frames(case: Case, history: History | None) -> Stack:
         gap = f" ({stack.gap})" if stack.gap else ""
         found, images = f"{len(stack.levels)} frames{gap}", f"the images of {case.history.file}"
         raise _error(case, "frames", found, f"{history.n_images}, {images}")
-    _refuse_blank(case, "frames", stack)
+    _refuse_strange(case, "frames", stack)
     return stack
 
 
@@ -254,7 +255,7 @@ def _optional(case: Case, key: str, frames: Stack | None) -> Stack | None:
             "repeats": "their scatter is the noise",
         }
         raise _error(case, key, "1 frame", f"at least 2 ({of[key]})")
-    _refuse_blank(case, key, stack)
+    _refuse_strange(case, key, stack)
     for t in range(1, len(stack.levels)):
         if np.array_equal(stack.levels[t], stack.levels[t - 1], equal_nan=True):
             raise _error(
@@ -287,9 +288,17 @@ def _used(mask: Stack) -> BoolArray:
     return np.asarray(np.isfinite(mask.levels) & (mask.levels != 0))
 
 
-def _refuse_blank(case: Case, key: str, stack: Stack) -> None:
+def _refuse_strange(case: Case, key: str, stack: Stack) -> None:
+    """Refuse a frame without relief, or with a number that is no height."""
     for t, levels in enumerate(stack.levels):
         there = levels[_with_height(case.images, levels)]
+        largest = np.abs(there).max(initial=0.0)
+        if largest * case.images.height_per_level_nm > _TALLEST:
+            raise _error(
+                case, key, f"level {largest:.3g} in frame {t}",
+                f"heights within {_TALLEST:g} nm; NaN, or off_surface_level, for a pixel without",
+                stack.frames[t][0],
+            )  # fmt: skip
         if there.size and np.ptp(there) > 0:
             continue
         found = f"level {there[0]:g} at every pixel" if there.size else "no pixel with a height"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,9 @@ from driver.grip_motion import grip_motion
 from driver.history import phase_of_images
 from driver.images.heightmaps import ImageError, fill_off_surface
 from driver.images.noise import TemporalNoise, temporal_noise
-from driver.images.outliers import find_outliers, left_out, noise_levels, told
+from driver.images.outliers import find_outliers, left_out, noise_levels
 from driver.images.region import Excluded
+from driver.measure_messages import tell_frames, tell_readings, tell_regularisation
 from driver.report.grip_texts import sentences
 from driver.report.measured import measured_motion
 from driver.report.measured_figures import write_figures
@@ -35,7 +36,7 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
 _AT_A_TIME = 4096  # pixels, whose rows of a dense matrix fit into memory
-_TOLD = 5  # frames at most, of which it is told why they stopped
+_OTHER_SURFACE = 2.0  # χ of a frame that did not converge, beyond which it shows something else
 MEASURE, MEASURE_CSV = "measure.h5", "measure.csv"
 
 
@@ -58,17 +59,16 @@ def run_measure(context: StageContext) -> None:
         workers=case.execution.processes,
         penalty=case.dic.penalised,
     )
-    _tell_regularisation(case, single, context.log)
+    tell_regularisation(case, single, context.log)
+    _refuse_another_surface(single)
     rigid = single.at_pixels().mean(axis=1)
     noise = noise_levels(_sampled(images), images.codes == Excluded.USED)
     outliers = find_outliers(single.chi, noise, rigid, pixel, "σ")
-    left = left_out(outliers, images.n_frames)
+    left = left_out(outliers, images.n_frames) | single.lost
     motion, smoother = _along_travel(case, single, images, history.stage[rows], ~left)
     read = readings(single, images, case.specimen.length, motion, smoother)
-    _tell_readings(single, motion, read, context.log)
-    for frame, what in told(outliers).items():
-        kept = "its image is not fitted, its load is" if left[frame] else "it is kept"
-        context.log(f"  frame {frame} is unlike its neighbours: {what}; {kept}")
+    tell_readings(single, motion, read, context.log)
+    tell_frames(single, outliers, left, read["elongation"], context.log)
     at_pixels = motion.at_pixels()
     refined = refine_gradient(images, at_pixels)
     residual = images.residual(at_pixels)
@@ -173,6 +173,22 @@ def run_measure(context: StageContext) -> None:
     write_figures(measured, context.workdir)
 
 
+def _refuse_another_surface(motion: SurfaceMotion) -> None:
+    """Refuse a series of which more than half cannot be followed.
+
+    Raises:
+        InputError: the frames do not show the surface of the repeats.
+    """
+    astray = motion.lost | (~motion.converged & (motion.chi > _OTHER_SURFACE))
+    if 2 * np.count_nonzero(astray) > astray.size:
+        first = int(np.argmax(astray))
+        raise InputError(
+            f"images.frames: found {np.count_nonzero(astray)} of {astray.size} frames that cannot "
+            f"be followed (frame {first} {motion.reason[first]}), expected the surface of "
+            "images.repeats"
+        )
+
+
 def _along_travel(
     case: Case, single: SurfaceMotion, images: SurfaceImages, stage: FloatArray, kept: BoolArray
 ) -> tuple[SurfaceMotion, FloatArray]:
@@ -194,56 +210,6 @@ def _of_readings(read: dict[str, Reading]) -> dict[str, tuple[FloatArray | float
         datasets[f"{name}_single"] = (reading.single, "µm")
         datasets[f"{name}_held"] = (reading.held, "µm")
     return datasets
-
-
-def _tell_regularisation(case: Case, motion: SurfaceMotion, log: Callable[[str], None]) -> None:
-    for name, basis in (("u, v", motion.basis_uv), ("w", motion.basis_w)):
-        log(
-            f"  mesh of {name}: {len(basis.mesh.cells)} {basis.mesh.kind}, {len(basis.nodes)} "
-            f"nodes, {basis.element_size / case.images.pixel_um:.1f} px"
-        )
-    if np.isinf(motion.roughness):
-        log("  no regularisation")
-    else:
-        how = "estimated" if case.dic.roughness_px == "estimated" else "as stated"
-        log(
-            f"  regularisation {case.dic.penalty}, roughness "
-            f"{motion.roughness / case.images.pixel_um:.3g} px ({how})"
-        )
-    if motion.ridge:
-        log("  the images do not decide every nodal value: a ridge holds the others")
-
-
-def _tell_readings(
-    single: SurfaceMotion,
-    motion: SurfaceMotion,
-    read: dict[str, Reading],
-    log: Callable[[str], None],
-) -> None:
-    lacking = ~single.compared
-    if lacking.any():
-        frames = lacking.any(axis=1)
-        log(
-            f"  {np.count_nonzero(frames)} frames lack heights on the face, frame "
-            f"{int(lacking.sum(axis=1).argmax())} at most, at {lacking.sum(axis=1).max()} pixels: "
-            "they are left out there"
-        )
-    elongation = read["elongation"]
-    sigma = 1e3 * np.median(elongation.sigma)
-    log(
-        f"  χ of free correlation {np.sqrt(np.mean(motion.chi**2)):.3f}, elongation ± {sigma:.1f} "
-        f"nm an image, of which {1e3 * elongation.held:.1f} nm are what the penalty may hold back"
-    )
-    if motion is not single:
-        log(
-            f"  smoothed along stage travel (± {1e3 * elongation.single:.1f} nm an image without); "
-            "neighbouring images are correlated, elongation_covariance says how much"
-        )
-    failed = np.flatnonzero(~single.converged)
-    for t in failed[:_TOLD]:
-        log(f"  frame {t}: {single.reason[t]}")
-    if failed.size > _TOLD:
-        log(f"  {failed.size - _TOLD} more frames did not converge: {MEASURE_CSV} says why")
 
 
 def element_corners(basis: Basis) -> IntArray:

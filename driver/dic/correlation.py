@@ -103,11 +103,12 @@ class Correlation:
 
         σ² L A⁻¹ M A⁻¹ Lᵀ with A = M + P. Between the images t and t' it is to be multiplied by
         δ_tt' + 1/n_reference. A penalty takes noise away and adds a bias, which is not in it.
+        Between the pixels interpolation smoothes the noise of an image, but its slopes as much.
 
         Args:
             functionals: L, shape (m, n).
         """
-        return self.sigma**2 * self.system.covariance_of(functionals)
+        return self.sigma**2 * self.system.covariance_of(functionals, self.system.hessian)
 
     def covariance_one(self) -> FloatArray:
         """The same of all nodal values together, shape (n, n).

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from driver.dic.read_noise import noise_of_weights
 from driver.dic.series import SurfaceMotion, sensitivity
 from driver.dic.surface_images import SurfaceImages
 
@@ -22,7 +23,8 @@ def covariance_in_time(
     With q_t = J_t A_t⁻¹ Lᵀ, a weight at each pixel (J = ∇f·ψ over the pixels that frame t has,
     A_t = J_tᵀJ_t + P), an error δρ_t of the residual shifts L p_t by q_tᵀ δρ_t. Three errors enter:
 
-    - the noise of frame t, its own:               σ² q_tᵀq_t δ_tt';
+    - the noise of frame t, its own:               σ² q_tᵀR q_t δ_tt', R the autocorrelation of
+      noise that is read between the pixels, mean of the series (`read_noise`);
     - the noise of the reference, shared by all:    σ² q_tᵀq_t' / n;
     - the error e of the flat pattern, which is fixed in the camera and stands in the reference as
       in the frames: δρ_t(x) = e(x) − e(x + u_t). Nothing is left of it without motion; it grows
@@ -32,7 +34,8 @@ def covariance_in_time(
       its covariance is Σ d_t d_t' s²/n_flats over the pixels of the camera, where e is
       independent from pixel to pixel with the standard error that the flats give it.
 
-    What a penalty holds back is not in it: `held_back`.
+    What a penalty holds back is not in it: `held_back`. A frame that is lost has no measured
+    motion; what is stated for it is what a frame without gaps and motion has.
 
     Args:
         motion: measured motion.
@@ -44,8 +47,8 @@ def covariance_in_time(
     """
     found = []
     for weights in pixel_weights(motion, functionals):
-        shared = weights @ weights.T * images.sigma**2
-        one = np.diag(shared.diagonal()) + shared / images.n_reference
+        own = noise_of_weights(weights, images.rows, images.cols, motion.shared_noise)
+        one = images.sigma**2 * (np.diag(own) + weights @ weights.T / images.n_reference)
         if images.sigma_flat:
             one += flat_covariance(motion, images, weights)
         found.append(one)
@@ -74,9 +77,9 @@ def pixel_weights(motion: SurfaceMotion, functionals: FloatArray) -> FloatArray:
     whole, right = motion.system, np.ascontiguousarray(functionals.T)
     seen = sensitivity(whole.pixels.slope, motion.basis_uv, motion.basis_w)
     found = np.repeat((seen @ whole.solve(right)).T[:, None], len(motion.compared), axis=1)
-    for t in np.flatnonzero(~motion.compared.all(axis=1)):
+    for t in np.flatnonzero(~motion.compared.all(axis=1) & ~motion.lost):
         kept = motion.compared[t]
-        found[:, t] = (seen @ motion.equations.of(kept).solve(right)).T * kept if kept.any() else 0
+        found[:, t] = (seen @ motion.equations.of(kept).solve(right)).T * kept
     return np.asarray(found)
 
 
@@ -84,7 +87,8 @@ def flat_covariance(
     motion: SurfaceMotion, images: SurfaceImages, weights: FloatArray
 ) -> FloatArray:
     """The part of the flat pattern's error, for weights q_t (T, n_pix), [µm²], shape (T, T)."""
-    moved = motion.at_pixels()[..., :2] / images.pixel + np.column_stack([images.rows, images.cols])
+    shift = np.where(motion.lost[:, None, None], 0.0, motion.at_pixels()[..., :2])
+    moved = shift / images.pixel + np.column_stack([images.rows, images.cols])
     low = np.floor(moved.min(axis=(0, 1))).astype(np.int64) - _MARGIN
     low = np.minimum(low, [images.rows.min() - _MARGIN, images.cols.min() - _MARGIN])
     high = np.maximum(moved.max(axis=(0, 1)), [images.rows.max(), images.cols.max()])

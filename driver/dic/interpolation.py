@@ -77,7 +77,7 @@ def variance_gain(fraction_x: FloatArray, fraction_y: FloatArray) -> FloatArray:
 
     The interpolated value is a sum of pixels weighted by the cardinal spline
     η = q * β³, q_k = −6 z/(1 − z²) z^|k| with z = √3 − 2; the gain is Σ η(x − k)² in each
-    direction: 1 on a pixel, 0.43 midway between two.
+    direction: 1 on a pixel, 0.76 midway between two.
 
     Args:
         fraction_x: position along the rows' index [px]; only its fraction counts.
@@ -86,6 +86,23 @@ def variance_gain(fraction_x: FloatArray, fraction_y: FloatArray) -> FloatArray:
     x, y = np.broadcast_arrays(fraction_x, fraction_y)
     gains = _gains(np.ravel(x), np.ravel(y), _GAIN)
     return np.asarray(gains).reshape(x.shape)
+
+
+def noise_autocorrelation(fraction: FloatArray, reach: int) -> FloatArray:
+    """Covariance of white noise interpolated at places a whole number of pixels apart.
+
+    Σ_k η(t − k) η(t + d − k), for η see `variance_gain`, which is its value at d = 0. What one
+    place loses its neighbours share: the sum over all d is 1, so that slow noise stays whole.
+
+    Args:
+        fraction: place t between two pixels [px], shape (m,); only its fraction counts.
+        reach: largest distance d [px].
+
+    Returns:
+        Shape (m, reach + 1), for d from 0.
+    """
+    t = fraction - np.floor(fraction)
+    return np.stack([np.polyval(_shared_noise(d), t) for d in range(reach + 1)], axis=-1)
 
 
 def _weights(t: Number) -> tuple[Number, Number, Number, Number]:
@@ -98,21 +115,21 @@ def _weights(t: Number) -> tuple[Number, Number, Number, Number]:
     )
 
 
-def _gain_polynomial() -> FloatArray:
-    """Coefficients of Σ_k η(t − k)² in 0 ≤ t ≤ 1, highest power first."""
-    # Σ_k η(t − k)² = wᵀ R w, with R the autocorrelation of the prefilter q, for which
-    # Σ_j z^|j| z^|j+k| = z^k (k + (1 + z²)/(1 − z²)).
-    lag = np.arange(4)
+def _shared_noise(distance: int) -> FloatArray:
+    """Coefficients of Σ_k η(t − k) η(t + d − k) in 0 ≤ t ≤ 1, highest power first."""
+    # With w the weights of β³ at t, that is Σ_ij w_i w_j R(d + i − j), R the autocorrelation of
+    # the prefilter q: Σ_j z^|j| z^|j+k| = z^|k| (|k| + (1 + z²)/(1 − z²)).
     scale = -6.0 * POLE / (1.0 - POLE**2)
-    autocorrelation = scale**2 * POLE**lag * (lag + (1.0 + POLE**2) / (1.0 - POLE**2))
     weights: Any = _weights(cast(Any, np.poly1d([1.0, 0.0])))
-    terms = (
-        float(autocorrelation[abs(i - j)]) * weights[i] * weights[j] for i, j in np.ndindex(4, 4)
-    )
-    return np.asarray(sum(terms, start=np.poly1d([0.0])).coeffs)
+    total = np.poly1d([0.0])
+    for i, j in np.ndindex(4, 4):
+        lag = abs(distance + i - j)
+        shared = scale**2 * POLE**lag * (lag + (1.0 + POLE**2) / (1.0 - POLE**2))
+        total = total + float(shared) * weights[i] * weights[j]
+    return np.asarray(total.coeffs)
 
 
-_GAIN = _gain_polynomial()
+_GAIN = _shared_noise(0)
 
 
 def _gains_at_points(x: FloatArray, y: FloatArray, polynomial: FloatArray) -> FloatArray:

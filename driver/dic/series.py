@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal
@@ -12,15 +13,14 @@ from scipy.sparse import csr_array, diags_array, hstack
 
 from driver.dic.basis import Basis, grid_basis, mesh_basis
 from driver.dic.evidence import Estimate, Evidence
+from driver.dic.fineness import refuse_too_fine
+from driver.dic.first_pass import TOLERANCE_FIRST, first_pass
 from driver.dic.gaps import Equations
-from driver.dic.interpolation import samples
-from driver.dic.kernels import binned
 from driver.dic.outcome import explanation
+from driver.dic.read_noise import mean_autocorrelation, noise_of_right_side
 from driver.dic.regularisation import Penalty, penalties, ranks
 from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.dic.system import End, Pixels, System
-from driver.images.heightmaps import ImageError, fill_off_surface
-from driver.images.rigid import phase_correlation
 from meshes.plane_mesh import PlaneMesh
 
 FloatArray = NDArray[np.float64]
@@ -32,10 +32,7 @@ ELEMENT_UV = 16  # px
 ELEMENT_W = 8  # px; slip steps and grains make the height vary faster than u, v
 ROUGHNESS = 1.0  # px; a jump of 6 % in strain between two elements of 16 px
 ROUGHNESS_FIRST = 0.05  # px; nearly affine: no local minimum for the first pass to fall into
-JUMP = 0.5  # px; a smaller shift between two frames is left to Gauss–Newton
 TOLERANCE = 1e-4  # px; largest nodal update of u, v at convergence
-TOLERANCE_FIRST = 2e-2  # px; enough to warp the images back
-LARGEST = 5000  # nodal values, whose covariance takes 200 MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +44,17 @@ class SurfaceMotion:
         basis_w: basis of w, n_w functions.
         coefficients: nodal values [µm], ordered [u | v | w], shape (T, n), n = 2 n_uv + n_w.
         covariance_one: covariance that the noise of one frame causes [µm²], shape (n, n):
-            σ² M⁻¹, or σ² A⁻¹ M A⁻¹ with the penalty, A = M + P. Between the frames t and t'
-            the measured motion has the covariance covariance_one · (δ_tt' + 1/n_reference):
-            all share the noise of the reference. A frame with pixels that were not compared has
-            more, and the error of the flat pattern adds its own: `covariance_in_time` has both.
+            σ² A⁻¹ N A⁻¹ with A = M + P and N the noise of the right-hand side, M but for what
+            interpolation smoothes, see `noise_of_right_side`. Between the frames t and t' the
+            measured motion has the covariance covariance_one · (δ_tt' + 1/n_reference): all share
+            the noise of the reference. A frame with pixels that were not compared has more, and
+            the error of the flat pattern adds its own: `covariance_in_time` has both.
+        shared_noise: autocorrelation of a frame's noise as it is read between the pixels, by
+            distance [px], see `mean_autocorrelation`.
         n_reference: number of images averaged into the reference.
-        chi: residual in units of noise, degrees of freedom counted, shape (T,).
+        chi: residual in units of noise, degrees of freedom counted, shape (T,). The relief stands
+            for the residual of a frame that is lost.
+        lost: whether most of the face left the frame or the iteration diverged, shape (T,).
         iterations: Gauss–Newton steps of the last pass, shape (T,).
         converged: whether the update fell below the tolerance, shape (T,).
         reason: why the iteration of each frame ended, length T.
@@ -68,8 +70,10 @@ class SurfaceMotion:
     basis_w: Basis
     coefficients: FloatArray
     covariance_one: FloatArray
+    shared_noise: FloatArray
     n_reference: int
     chi: FloatArray
+    lost: BoolArray
     iterations: IntArray
     converged: BoolArray
     reason: tuple[str, ...]
@@ -110,12 +114,13 @@ def measure(
     A height change shorter than about three elements of w does not fit its basis and pulls on
     u, v in proportion to itself, well before χ shows it: choose `size_w` by the topography.
 
-    The regularisation is ramped down. The first pass starts each frame from the one before it and
-    the rigid shift between the two, stiffly, with the gradient of the smoothed reference and a
-    penalty that leaves affine motions free. The second takes the gradient from all images, warped
-    back, and relaxes to `roughness`, by way of 1 pixel where that is estimated.
+    The regularisation is ramped down. The first pass starts each frame from the last one that
+    was followed and the rigid shift between the two, stiffly, with the gradient of the smoothed
+    reference and a penalty that leaves affine motions free. The second takes the gradient from all
+    images, warped back, and relaxes to `roughness`, by way of 1 pixel where that is estimated.
 
-    A pixel without a height in one frame is left out of ρ, b and M of that frame alone.
+    A pixel without a height in one frame is left out of ρ, b and M of that frame alone. A frame
+    that is lost has no say in the roughness nor in what is stated of the noise.
 
     Args:
         images: the series.
@@ -127,24 +132,19 @@ def measure(
         penalty: of u and v; None for curvature on a grid and equilibrium elsewhere.
 
     Raises:
-        ImageError: more nodal values than their covariance has room for.
+        ImageError: more nodal values than the pixels can decide or memory has room for.
     """
     pixel = images.pixel
     basis_uv = basis_on(images, size_uv or ELEMENT_UV * pixel)
     basis_w = basis_on(images, size_w or ELEMENT_W * pixel)
-    size = 2 * len(basis_uv.nodes) + len(basis_w.nodes)
-    if size > LARGEST:
-        raise ImageError(
-            f"the meshes of correlation have {size} nodal values of u, v and w; at most {LARGEST} "
-            "are expected: take larger elements."
-        )
+    refuse_too_fine(len(images.xy), len(basis_uv.nodes), len(basis_w.nodes))
     variance = images.sigma**2 * (1.0 + 1.0 / images.n_reference)
     first = ROUGHNESS_FIRST * pixel
     if isinstance(roughness, float):
         first = min(roughness, first)
     system = _system(images, basis_uv, basis_w, "curvature")
     system.weigh([variance / first**2])
-    starts = _first_pass(images, system)
+    starts = first_pass(images, system)
     images = refine_gradient(images, _expand(basis_uv, basis_w, starts))
     system = _system(images, basis_uv, basis_w, penalty)
     relief = float(np.var(images.reference))
@@ -162,13 +162,15 @@ def measure(
 
     if roughness == "estimated":
         system.weigh([variance / (ROUGHNESS * pixel) ** 2])
-        p = np.array([end.p for end in solve(starts, TOLERANCE_FIRST)])
+        ends = solve(starts, TOLERANCE_FIRST)
+        heard = _heard(ends)
+        p = np.array([end.p for end in ends])[heard]
         targets = np.array([system.hessian @ q + system.penalty_force(q) for q in p])
         rank = ranks(basis_uv, basis_w, penalty)
         evidence = Evidence(system, targets, 0.0, rank, (True, False), images.n_reference)
         # The height has no penalty here.
         guess = Estimate(images.sigma, ROUGHNESS * pixel, roughness_w=1.0)
-        estimate, starts = evidence.settle(p, guess, images.sigma)
+        estimate, starts[heard] = evidence.settle(p, guess, images.sigma)
         granted = estimate.roughness
     else:
         granted = ROUGHNESS * pixel if roughness is None else roughness
@@ -176,17 +178,23 @@ def measure(
     ends = solve(starts, TOLERANCE)
     coefficients = np.array([end.p for end in ends])
     motion = _expand(basis_uv, basis_w, coefficients)
-    residuals = np.array([end.residual for end in ends])
-    squares = residuals**2 / images.expected_residual_variance(motion)
+    residuals, lost = np.array([end.residual for end in ends]), _lost(ends)
     compared = np.isfinite(residuals)
-    left = np.maximum(compared.sum(axis=1) - system.freedom(), 1.0)
+    residuals[lost] = images.reference - images.reference.mean()
+    squares = residuals**2 / images.expected_residual_variance(motion)
+    left = np.maximum(np.isfinite(squares).sum(axis=1) - system.freedom(), 1.0)
+    shared = mean_autocorrelation(motion[_heard(ends)] / pixel)
+    seen = sensitivity(images.gradient, basis_uv, basis_w)
+    noise = noise_of_right_side(seen, images.rows, images.cols, shared, images.n_reference)
     return SurfaceMotion(
         basis_uv=basis_uv,
         basis_w=basis_w,
         coefficients=coefficients,
-        covariance_one=images.sigma**2 * system.covariance_of(np.eye(system.size)),
+        covariance_one=images.sigma**2 * system.covariance_of(np.eye(system.size), noise),
+        shared_noise=shared,
         n_reference=images.n_reference,
         chi=np.sqrt(np.nansum(squares, axis=1) / left),
+        lost=lost,
         iterations=np.array([end.iterations for end in ends]),
         converged=np.array([end.reason == "converged" for end in ends]),
         reason=tuple(explanation(end, TOLERANCE) for end in ends),
@@ -195,6 +203,16 @@ def measure(
         compared=compared,
         equations=equations,
     )
+
+
+def _lost(ends: Sequence[End]) -> BoolArray:
+    return np.array([end.reason in ("left", "diverged") for end in ends])
+
+
+def _heard(ends: Sequence[End]) -> BoolArray:
+    """The frames that are not lost; all where none is left."""
+    lost = _lost(ends)
+    return lost if lost.all() else ~lost
 
 
 def basis_on(images: SurfaceImages, size: float | PlaneMesh) -> Basis:
@@ -221,27 +239,6 @@ def _system(
         pixel=images.pixel,
     )
     return System(pixels, basis_uv, basis_w, penalties(basis_uv, basis_w, penalty)[:1])
-
-
-def _first_pass(images: SurfaceImages, system: System) -> FloatArray:
-    """A stiff motion of every frame, each from where the one before it ended, shape (T, n)."""
-    n = 2 * system.n_uv
-    box = np.s_[
-        images.rows.min() : images.rows.max() + 1, images.cols.min() : images.cols.max() + 1
-    ]
-    starts = np.zeros((images.n_frames, system.size))
-    p, before = starts[0], binned(images.reference_image[box], 2)
-    for t, spline in enumerate(images.frames.coefficients):
-        seen = samples(spline)[box]
-        after = binned(fill_off_surface(seen, np.isfinite(seen)), 2)
-        shift = 2 * images.pixel * np.array(phase_correlation(before, after))
-        if np.hypot(*shift) > JUMP * images.pixel:
-            moved = p + np.repeat([*shift, 0.0], [n // 2, n // 2, system.size - n])
-            left = [float(np.nanstd(system.residual(spline, q))) for q in (p, moved)]
-            p = moved if left[1] < left[0] else p
-        p = system.iterate(spline, p, TOLERANCE_FIRST).p
-        starts[t], before = p, after
-    return starts
 
 
 def sensitivity(gradient: FloatArray, basis_uv: Basis, basis_w: Basis) -> csr_array:

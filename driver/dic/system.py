@@ -164,10 +164,10 @@ class System:
             found[k] = trace
         return found
 
-    def covariance_of(self, functionals: FloatArray) -> FloatArray:
-        """L A⁻¹ M A⁻¹ Lᵀ for the rows L (m, n), times σ² the covariance of L p."""
+    def covariance_of(self, functionals: FloatArray, noise: Matrix) -> FloatArray:
+        """L A⁻¹ N A⁻¹ Lᵀ for the rows L (m, n) and the covariance N (n, n) of the right side."""
         weights = self.solve(np.ascontiguousarray(functionals.T))
-        return np.asarray(weights.T @ (self.hessian @ weights))
+        return np.asarray(weights.T @ (noise @ weights))
 
     def residual(self, image: FloatArray, p: FloatArray) -> FloatArray:
         """ρ at each pixel [µm], NaN where it leaves the image or meets no height, shape (n,)."""

@@ -137,4 +137,5 @@ def smoothed_motion(
     pixels = found.at_pixels()
     squares = images.residual(pixels) ** 2 / images.expected_residual_variance(pixels)
     left = np.maximum(np.isfinite(squares).sum(axis=1) - freedom, 1.0)
-    return replace(found, chi=np.sqrt(np.nansum(squares, axis=1) / left)), s
+    chi = np.where(motion.lost, motion.chi, np.sqrt(np.nansum(squares, axis=1) / left))
+    return replace(found, chi=chi), s

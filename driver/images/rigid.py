@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -34,9 +35,10 @@ def shift_between(
 ) -> Shift:
     """Translation (dx, dy, dz) such that image(x + dx, y + dy) = reference(x, y) + dz.
 
-    Phase correlation over the bounding box of the mask finds the start; Gauss–Newton on the
-    heights over the mask finishes, with a tilt between the two images free. x runs along the
-    rows' index, y along the columns' index.
+    Phase correlation over the bounding box of the mask finds the start, unless no motion leaves
+    less; Gauss–Newton on the heights over the mask finishes, with a tilt between the two images
+    free. Where the surface also deforms, it is the mean motion, weighed by the squared slopes.
+    x runs along the rows' index, y along the columns' index.
 
     Args:
         reference: heights [µm], shape (rows, cols).
@@ -56,8 +58,8 @@ def shift_between(
     g = fill_off_surface(image, valid[1])
     rows, cols = np.nonzero(np.ones(f.shape, bool) if mask is None else mask)
     box = np.s_[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]
-    start = phase_correlation(_without_plane(f[box]), _without_plane(g[box]))
-    return _gauss_newton(f, g, start, rows, cols, pixel)
+    jump = phase_correlation(_without_plane(f[box]), _without_plane(g[box]))
+    return _gauss_newton(f, g, [jump, (0.0, 0.0)], rows, cols, pixel)
 
 
 def phase_correlation(f: FloatArray, g: FloatArray) -> tuple[float, float]:
@@ -95,30 +97,49 @@ def _filters(shape: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
 def _gauss_newton(
     f: FloatArray,
     g: FloatArray,
-    start: tuple[float, float],
+    starts: Sequence[tuple[float, float]],
     rows: NDArray[np.int64],
     cols: NDArray[np.int64],
     pixel: float,
 ) -> Shift:
-    gradient = [
-        ndimage.gaussian_filter(f, SMOOTHING, order=order)[rows, cols] for order in ((1, 0), (0, 1))
-    ]
+    """Refine the start that leaves the least."""
     # ρ = f + w − g(x + u): its Jacobian is −∇f with ∇f = (∂f/∂x, ∂f/∂y, −1); w is a plane.
     plane = plane_modes(rows.astype(np.float64), cols.astype(np.float64))
-    jacobian = np.column_stack([*gradient, -plane])
-    if np.linalg.matrix_rank(jacobian) < 5:
+    # The slopes of the plane would only tell w from the shift, and bend at the border.
+    relief = _without_plane(f)
+    smooth, sharp = (
+        np.column_stack([*(slope[rows, cols] for slope in slopes), -plane])
+        for slopes in (
+            [ndimage.gaussian_filter(relief, SMOOTHING, order=axes) for axes in ((1, 0), (0, 1))],
+            [np.gradient(relief, axis=axis) for axis in (0, 1)],
+        )
+    )
+    if np.linalg.matrix_rank(smooth) < 5:
         raise ImageError("the reference surface has no relief: a shift cannot be measured.")
-    hessian = jacobian.T @ jacobian
+    # The smoothed slopes choose where ρ is to vanish, the sharp ones say how far that is: with
+    # the smoothed ones in both places a relief of a few pixels would be overshot.
+    hessian = smooth.T @ sharp
     coefficients = ndimage.spline_filter(g, order=3, mode="mirror")
-    shift = np.array([*start, 0.0, 0.0, 0.0])
-    for _ in range(MAX_ITERATIONS):
+
+    def residual(shift: Sequence[float] | FloatArray) -> FloatArray:
         moved = ndimage.map_coordinates(
             coefficients, [rows + shift[0], cols + shift[1]], mode="mirror", prefilter=False
         )
-        residual = f[rows, cols] + plane @ shift[2:] - moved
-        update = np.linalg.solve(hessian, jacobian.T @ residual)
+        return np.asarray(f[rows, cols] - moved)
+
+    def left(start: tuple[float, float]) -> float:
+        rho = residual(start)
+        return float(np.sum((rho - plane @ (plane.T @ rho)) ** 2))
+
+    start = np.array([*min(starts, key=left), 0.0, 0.0, 0.0])
+    shift = start
+    for _ in range(MAX_ITERATIONS):
+        update = np.linalg.solve(hessian, smooth.T @ (residual(shift) + plane @ shift[2:]))
         shift = shift + update
         if np.abs(update[:2]).max() < TOLERANCE:
+            break
+        if np.any(np.abs(shift[:2]) > f.shape):  # another surface: there is nothing to refine
+            shift = start
             break
     dz = float((plane @ shift[2:]).mean())
     return Shift(float(shift[0] * pixel), float(shift[1] * pixel), dz)

@@ -16,6 +16,7 @@ from driver.dic.surface_images import SurfaceImages, prepare
 from driver.microscope.series import carried
 from driver.microscope.texture import Texture, texture
 from driver.noise_floor.motions import KnownMotion
+from driver.noise_floor.quiet import without_noise
 
 FloatArray = NDArray[np.float64]
 
@@ -33,7 +34,7 @@ class Laboratory:
     """The clean images, the same for all meshes.
 
     Attributes:
-        relief: the mean of the repeats as a function of position.
+        relief: the mean of the repeats without its noise, as a function of position.
         region: region of interest, shape (rows, columns).
         clean: an image of each motion [µm], shape (n_motions, rows, columns).
         motions: what moved them.
@@ -87,7 +88,12 @@ def laboratory(images: SurfaceImages, motions: Sequence[KnownMotion], length: fl
     window = np.s_[low[0] : high[0] + 1, low[1] : high[1] + 1]
     row, column = images.frames.origin
     origin = (float(row - low[0]), float(column - low[1]))
-    relief = texture(images.reference_image[window], images.pixel, origin)
+    used = np.s_[
+        images.rows.min() - low[0] : images.rows.max() - low[0] + 1,
+        images.cols.min() - low[1] : images.cols.max() - low[1] + 1,
+    ]
+    quiet = without_noise(images.reference_image[window], used, images.sigma, images.n_reference)
+    relief = texture(quiet, images.pixel, origin)
     region = np.zeros(images.shape, dtype=bool)
     region[images.rows, images.cols] = True
     rows, columns = relief.heights.shape

@@ -93,6 +93,8 @@ def test_the_trace_of_the_grain_boundary_lies_on_its_plane():
          'identification.parameters: found "n", expected one that bundled honours: c, d, tau0'),
         ('held_out_cycle = "last"', "held_out_cycle = 4",
          "diagnosis.held_out_cycle: found 4, expected one of the 3 cycle(s)"),
+        ("height_element_px = 8", "height_element_px = 1",
+         "nodal values to be decided by 3672 pixels of the face, expected at most half as many"),
         ("boundary_point_um = [0.0, 5.4, 0.0]", "boundary_point_um = [0.0, 54, 0.0]", "specimen: "),
     ],
 )  # fmt: skip
@@ -121,6 +123,12 @@ def test_a_face_drawn_over_a_trench_and_missing_stacks_are_warned_of(case_path):
     assert "of the measured face" in trench and "carries no height" in trench
     (repeats,) = found(case_path, "error")
     assert repeats.startswith("images.repeats: found nothing, expected repeated images")
+
+
+def test_an_element_larger_than_the_face_is_warned_of(case_path):
+    edit(case_path, "element_px = 16", "element_px = 160")
+    (element,) = found(case_path, "warning")
+    assert element.startswith("dic.element_px: found 160, expected less than the 107 px")
 
 
 def test_noise_pixels_and_pattern_are_told_as_they_will_be_measured(case_path):

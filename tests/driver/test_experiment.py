@@ -202,6 +202,9 @@ BAD = {
                  "found level 7 at every pixel in frame 1, expected heights of a surface"),
     "all NaN": ("frames", lambda f: stored(f, "n.tif", np.full((2, 6, 10), np.nan, np.float32)),
                 "found no pixel with a height in frame 0, expected heights of a surface"),
+    "no height": ("frames", lambda f: stored(f, "h.tif", np.where(
+        np.arange(120).reshape(2, 6, 10) == 70, -3.4e38, np.stack([SURFACE + k for k in (0, 1)])
+        ).astype(np.float32)), "found level 3.4e+38 in frame 1, expected heights within 1e+06 nm"),
     "mask": ("mask", lambda f: stored(f, "m.tif", 0 * SURFACE),
              "found 0 at every pixel, expected another number where pixels are used"),
 }  # fmt: skip

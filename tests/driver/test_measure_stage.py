@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import meshio
@@ -174,3 +175,41 @@ def test_a_mesh_that_cannot_be_used_is_told_in_one_sentence(
     with pytest.raises(InputError) as refused:
         measured_with(tmp_path, **keys)
     assert said in str(refused.value) and "\n" not in str(refused.value)
+
+
+def spoilt(folder: Path, spoil: Callable[[np.ndarray], None]) -> tuple[dict[str, np.ndarray], str]:
+    """Results and log of the series with frames [levels] that were spoilt."""
+    closed_form.write_files(folder, {})
+    frames = tifffile.imread(folder / "images.tif").astype(np.float32)
+    spoil(frames)
+    tifffile.imwrite(folder / "images.tif", frames)
+    lines: list[str] = []
+    run(folder / "case.toml", "measure", False, lines.append)
+    return read_hdf5(folder / "results" / MEASURE), "\n".join(lines)
+
+
+def test_a_lost_frame_and_a_stretched_first_one_are_told(tmp_path: Path) -> None:
+    loaded = int(closed_form.history().turning[2])
+
+    def spoil(frames: np.ndarray) -> None:
+        frames[7, :, 20:] = np.nan
+        frames[[0, loaded]] = frames[[loaded, 0]]
+
+    results, log = spoilt(tmp_path, spoil)
+    assert "frame 7: stopped after 1 steps: less than 50 % of the pixels" in log
+    assert log.count("its image is not fitted, its load is") >= 1
+    assert results["left_out"][7] == 1 and results["chi"][7] > 2
+    assert "frames lack heights" not in log
+    stretch = results["elongation"][0]
+    assert f"frame 0 is {1e3 * stretch:.0f} nm longer than the repeats" in log
+    assert stretch == pytest.approx(KNOTS[2], abs=5 * float(results["elongation_sigma"]))
+
+
+def test_a_series_of_another_surface_is_refused(tmp_path: Path) -> None:
+    def spoil(frames: np.ndarray) -> None:
+        others = frames[: len(frames) // 2 + 1]
+        rng = np.random.default_rng(0)
+        others[:] = rng.normal(others.mean(), others.std(), others.shape)
+
+    with pytest.raises(InputError, match=r"images.frames: found \d+ of \d+ frames that cannot be"):
+        spoilt(tmp_path, spoil)

@@ -32,6 +32,10 @@ def zero(x: FloatArray, y: FloatArray) -> FloatArray:
     return np.zeros(np.broadcast_shapes(x.shape, y.shape))
 
 
+def constant(value: float) -> Field:
+    return lambda x, y: np.full(np.broadcast_shapes(x.shape, y.shape), value)
+
+
 def deformed(u: Field, v: Field, w: Field) -> FloatArray:
     """The image g with g(x + u, y + v) = f + w: the material point is found by fixed point."""
     row, col = np.indices(SHAPE, dtype=np.float64)

@@ -60,6 +60,35 @@ def test_a_shift_is_found_in_noise_beside_a_trench() -> None:
     assert found.dy / PIXEL == pytest.approx(-2.3, abs=0.04)
 
 
+def test_repeats_of_a_relief_of_a_few_pixels_have_not_moved() -> None:
+    """Their power lies beyond the band of the phase correlation, which finds a pixel or more."""
+    rng = np.random.default_rng(7)
+    relief = np.zeros(ROW.shape)
+    for angle, wavelength, phase in rng.uniform((0, 3, 0), (np.pi, 5, 2 * np.pi), (40, 3)):
+        k = 2 * np.pi / wavelength
+        relief += 0.01 * np.cos(k * (np.cos(angle) * ROW + np.sin(angle) * COL) + phase)
+    noise = 0.009
+    one, two = (relief + noise * rng.normal(size=ROW.shape) for _ in range(2))
+    found = shift_between(one, two, 1.0)
+    # σ√2/√(Σ (∂f/∂x)²), slopes of 0.05 smoothed to a third in what chooses the shift.
+    assert np.hypot(found.dx, found.dy) < 5 * noise * np.sqrt(2) / (0.05 / 3 * np.sqrt(ROW.size))
+
+
+def test_the_shift_to_another_surface_stays_within_the_image() -> None:
+    heights = surface(ROW, COL)
+    other = 1e3 * np.random.default_rng(8).normal(size=ROW.shape)
+    found = shift_between(heights, other, PIXEL)
+    assert abs(found.dx) <= 48 * PIXEL and abs(found.dy) <= 90 * PIXEL
+
+
+def test_the_shift_of_a_surface_that_also_shears_is_its_mean() -> None:
+    """As in a raster scan: lines read forth and back are apart by a line at one end only."""
+    ramp = 1.0 - COL / (COL.shape[1] - 1)
+    found = shift_between(surface(ROW, COL), surface(ROW - ramp, COL), PIXEL)
+    assert found.dx / PIXEL == pytest.approx(ramp.mean(), abs=0.05)
+    assert found.dy / PIXEL == pytest.approx(0.0, abs=0.05)
+
+
 def test_images_that_cannot_be_compared_are_refused() -> None:
     relief = surface(ROW, COL)
     with pytest.raises(ImageError, match="shape"):

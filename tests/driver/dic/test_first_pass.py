@@ -1,0 +1,36 @@
+"""What the first pass hands from frame to frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from driver.dic.series import measure
+from tests.driver.dic.conftest import PIXEL, Scene, constant
+
+STILL = constant(0.0)
+
+
+def test_a_large_jump_of_the_stage_between_two_frames_is_followed(scene: Scene) -> None:
+    jumps = [(constant(a * PIXEL), constant(b * PIXEL), constant(c))
+             for a, b, c in ((3.3, -2.6, 0.1), (-3.1, 3.4, -0.08))]  # fmt: skip
+    measured = measure(scene(jumps, noise=0.003))
+    mean = measured.at_pixels().mean(axis=1)
+    assert measured.converged.all() and measured.chi.max() < 1.1
+    assert mean[:, 0] / PIXEL == pytest.approx([3.3, -3.1], abs=0.02)
+    assert mean[:, 1] / PIXEL == pytest.approx([-2.6, 3.4], abs=0.02)
+
+
+def test_a_frame_of_another_surface_leads_no_other_astray(scene: Scene) -> None:
+    shifts = [(constant(k * 0.2 * PIXEL), STILL, STILL) for k in range(6)]
+    images = scene(shifts, noise=0.003)
+    frames = images.frames.coefficients.copy()
+    frames[2] = frames[2, ::-1, ::-1]
+    spoilt = measure(replace(images, frames=replace(images.frames, coefficients=frames)))
+    others = np.arange(6) != 2
+    assert spoilt.converged[others].all() and not spoilt.lost[others].any()
+    assert spoilt.chi[others].max() < 1.1 and spoilt.chi[2] > 2
+    mean = spoilt.at_pixels()[others, :, 0].mean(axis=1) / PIXEL
+    assert mean == pytest.approx(0.2 * np.flatnonzero(others), abs=0.02)
