@@ -76,7 +76,7 @@ class Identification:
 
     Attributes:
         objective: model, data, priors and the correction of the last stage.
-        stages: the fits of stages A, B and C.
+        stages: the fits of stages A, B and C; without images there is no A.
         law: names of the law's parameters.
         starts: what became of each start, the first of which is that of the case.
     """

@@ -17,7 +17,7 @@ from driver.check_picture import boundary_trace
 from driver.diagnose_stage import DIAGNOSIS, DIAGNOSIS_H5, EXTENDED
 from driver.dic.interpolation import variance_gain
 from driver.history import History, knot_weights, read_history
-from driver.identify_stage import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
+from driver.identified_record import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
 from driver.images.flatfield import left_over
 from driver.measure_stage import MEASURE, MEASURE_CSV
 from driver.mesh_stage import FINE_MESH, MESH
@@ -29,6 +29,7 @@ from driver.results import damaged, read_hdf5
 from driver.stages import StageContext, read_record
 from meshes.files import read_med
 from meshes.prism_mesh import PrismMesh
+from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
 Record = dict[str, Any]
@@ -108,6 +109,11 @@ class Findings:
         return ("before", "after") if self.extended else ("before",)
 
     @property
+    def declared(self) -> dict[str, Parameter]:
+        """Every parameter of the general model by name, scaled at the constants of the case."""
+        return _declared(self.case, self.history)
+
+    @property
     def load_noise(self) -> float:
         """γ_F [µN]."""
         return self.case.loads.gamma_F
@@ -180,7 +186,7 @@ def read_findings(context: StageContext) -> Findings:
         motion=measured_motion(measured, case.images.level_um, boundary_trace(case)),
         pictures={name: context.result(f"{name}.png").read_bytes() for name in FIGURES},
         fitted=_datasets(paths[DIAGNOSIS_H5], _FITTED),
-        estimates=estimates(names, declared_parameters(history.n_knots), identified),
+        estimates=estimates(names, _declared(case, history), identified),
         identified=identified,
         hessian_names=tuple(name.decode() for name in identified["hessian_names"].tolist()),
         warnings=tuple(warnings),
@@ -190,6 +196,10 @@ def read_findings(context: StageContext) -> Findings:
         iterations=iterations,
         diagnosis=_record(paths[DIAGNOSIS], ("verdict", "added", "gain", "steps")),
     )
+
+
+def _declared(case: Case, history: History) -> dict[str, Parameter]:
+    return declared_parameters(history.n_knots, case.material.to_material())
 
 
 def _seconds(results: Path, iterations: Record) -> dict[str, float]:

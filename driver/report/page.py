@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from driver.diagnosis.diagnose import GATE, IMAGING
-from driver.model import declared_parameters
 from driver.report.evidence_figures import signed_evidence
 from driver.report.findings import Findings
 from driver.report.identified_texts import identification, law_tiles
@@ -52,7 +51,7 @@ def report_page(
         files: what each result file holds, by name.
     """
     diagnosis = findings.diagnosis
-    declared = declared_parameters(findings.history.n_knots)
+    declared = findings.declared
     causes = {cause["cause"] for step in diagnosis["steps"] for cause in step["causes"]}
     said = [readable(text, causes) for text in verdict_texts(diagnosis)]
     if findings.extended:

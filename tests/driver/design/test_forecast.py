@@ -27,7 +27,7 @@ from driver.design.settings import Settings, read_change
 from driver.design.surface import expected_surface
 from driver.design.variants import base_variant, variant
 from driver.history import read_history
-from driver.identify_stage import IDENTIFY
+from driver.identified_record import IDENTIFY
 from driver.stages import run_stages
 from tests.driver import closed_form
 
