@@ -15,9 +15,9 @@ from driver.report import figures
 from driver.report.identified import estimates
 from driver.report.identified_tables import estimate_rows
 from driver.report.style import data_uri, png
-from driver.report.wording import chi, named, number, with_sigma
 from driver.results import prismid_version, read_hdf5
 from driver.stages import StageContext
+from driver.wording import chi, named, number, with_sigma
 from templates import render
 
 REPORT = "report.html"

@@ -13,7 +13,7 @@ from driver.report.measured_texts import texts
 from driver.report.references import REFERENCES
 from driver.report.style import INDEXED, data_uri
 from driver.report.tables import added_rows, cause_rows, measure, parameter_rows
-from driver.report.wording import cause_label, chi, joined, label, number, probability, readable
+from driver.wording import cause_label, chi, joined, label, number, probability, readable
 from templates import render
 
 TEMPLATE = "report.html.j2"

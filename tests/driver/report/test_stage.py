@@ -12,9 +12,9 @@ from driver.report.findings import FILES, read_findings
 from driver.report.measured_texts import texts
 from driver.report.page import headline
 from driver.report.stage import run_report
-from driver.report.wording import cause_label
 from driver.results import ResultError
 from driver.stages import StageError
+from driver.wording import cause_label
 
 FIGURES = (
     "budget", "specimen", "motion", "fields", "loads", "residual_maps",
