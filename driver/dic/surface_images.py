@@ -11,7 +11,7 @@ from scipy import ndimage
 from driver.dic.interpolation import SplineImages, spline_images, variance_gain
 from driver.images.flatfield import FlatField, left_over
 from driver.images.heightmaps import ImageError, on_surface
-from driver.images.reference import build_reference, corrected
+from driver.images.reference import Reference, build_reference, corrected
 from driver.images.region import Bounds, CodeArray
 
 FloatArray = NDArray[np.float64]
@@ -157,16 +157,37 @@ def prepare(
         if found != shape:
             raise ImageError(f"{name} of {found} px, but the repeats have {shape} px.")
     reference = build_reference(repeats, flat, pixel, origin, bounds, mask, mask_dust)
-    rows, cols = np.nonzero(reference.region)
     smooth = ndimage.gaussian_filter(reference.heights, SMOOTHING)
+    splines = spline_images(corrected(frames, flat, "frame"), pixel, origin)
+    return over_region(reference, _with_gaps(splines, frames), smooth, flat, bounds)
+
+
+def over_region(
+    reference: Reference,
+    frames: SplineImages,
+    relief: FloatArray,
+    flat: FlatField | None,
+    bounds: Bounds,
+) -> SurfaceImages:
+    """Gather what correlation needs over the region of a reference.
+
+    Args:
+        reference: the reference surface.
+        frames: the images of the series; none of them need be there.
+        relief: heights of whose spline the gradient is taken [µm], shape (rows, cols).
+        flat: fixed pattern that was subtracted, if any.
+        bounds: rectangle (x0, x1, y0, y1) of the region of interest [µm].
+    """
+    pixel, origin, shape = frames.pixel, frames.origin, reference.heights.shape
+    rows, cols = np.nonzero(reference.region)
     xy = np.column_stack([(rows - origin[0]) * pixel, (cols - origin[1]) * pixel])
     return SurfaceImages(
         xy=xy,
         rows=rows,
         cols=cols,
         reference=reference.heights[rows, cols],
-        gradient=spline_images(smooth[None], pixel, origin).gradient(0, xy[:, 0], xy[:, 1]),
-        frames=_with_gaps(spline_images(corrected(frames, flat, "frame"), pixel, origin), frames),
+        gradient=spline_images(relief[None], pixel, origin).gradient(0, xy[:, 0], xy[:, 1]),
+        frames=frames,
         sigma=reference.noise.sigma,
         n_reference=reference.n,
         shape=(shape[0], shape[1]),
