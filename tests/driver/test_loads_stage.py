@@ -165,9 +165,15 @@ def test_what_needs_images_is_refused_in_a_sentence(finished: tuple[Path, str]) 
          "boundary.stage_ratio_uncertainty: found nothing, expected a number"),
         (f"stage_ratio = {RATIO}\n", "stage_ratio = -1\n",
          "boundary.stage_ratio: found -1, expected a number > 0"),
+        ("\njitter_nm = 0.0", "\njitter_nm = 3.0",
+         'boundary.jitter_nm: found 3.0, expected 0.0 with boundary.motion = "stage"'),
+        ('\norder = "joint"', '\norder = "paper"',
+         'identification.order: found "paper", expected "joint" with boundary.motion = "stage"'),
+        ("\nstarts = 1", "\nstarts = 4",
+         'identification.starts: found 4, expected 1 with boundary.motion = "stage"'),
     ],
 )  # fmt: skip
-def test_a_ratio_that_does_not_fit_is_named(
+def test_what_does_not_fit_a_motion_by_the_stage_is_named(
     tmp_path: Path, old: str, new: str, message: str
 ) -> None:
     path = write(tmp_path)
