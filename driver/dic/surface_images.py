@@ -84,18 +84,10 @@ class SurfaceImages:
         )
 
     def expected_residual_variance(self, motion: FloatArray) -> FloatArray:
-        """Variance of ρ from noise alone [µm²], shape (T, n_pix).
-
-        σ² (gain + 1/n): interpolation between pixels lowers the noise of a frame by a known
-        gain, and the reference adds that of its mean of n images. The error of the flat pattern
-        adds what it does not do to both images alike.
-        """
-        moved = (self.xy + motion[..., :2]) / self.pixel + self.frames.origin
-        gain = variance_gain(moved[..., 0], moved[..., 1])
-        variance = self.sigma**2 * (gain + 1 / self.n_reference)
-        if self.sigma_flat:
-            variance += self.sigma_flat**2 * left_over(motion[..., :2] / self.pixel, gain)
-        return np.asarray(variance)
+        """Variance of ρ from noise alone [µm²], shape (T, n_pix), see `residual_variance`."""
+        at = self.xy / self.pixel + self.frames.origin
+        shift = motion[..., :2] / self.pixel
+        return residual_variance(at, shift, self.sigma, self.n_reference, self.sigma_flat)
 
     def chi(
         self, motion: FloatArray, n_parameters: float = 0.0, index: IntArray | None = None
@@ -115,6 +107,30 @@ class SurfaceImages:
         squares = self.residual(motion, index) ** 2 / self.expected_residual_variance(motion)
         freedom = np.maximum(np.isfinite(squares).sum(axis=1) - n_parameters, 1.0)
         return np.asarray(np.sqrt(np.nansum(squares, axis=1) / freedom))
+
+
+def residual_variance(
+    at: FloatArray, shift: FloatArray, sigma: float, n_reference: float, sigma_flat: float
+) -> FloatArray:
+    """Variance of ρ from noise alone [µm²], shape (T, n_pix).
+
+    σ² (gain + 1/n): interpolation between pixels lowers the noise of a frame by a known
+    gain, and the reference adds that of its mean of n images. The error of the flat pattern
+    adds what it does not do to both images alike.
+
+    Args:
+        at: rows and columns of the pixels in the reference [px], shape (n_pix, 2).
+        shift: u, v [px], shape (T, n_pix, 2).
+        sigma: noise of one frame at a pixel [µm].
+        n_reference: images averaged into the reference.
+        sigma_flat: standard error of the flat pattern [µm].
+    """
+    moved = at + shift
+    gain = variance_gain(moved[..., 0], moved[..., 1])
+    variance = sigma**2 * (gain + 1.0 / n_reference)
+    if sigma_flat:
+        variance += sigma_flat**2 * left_over(shift, gain)
+    return np.asarray(variance)
 
 
 def prepare(

@@ -15,10 +15,9 @@ from driver.boundary import BoundaryMotion
 from driver.case import Case
 from driver.check_picture import boundary_trace
 from driver.diagnose_stage import DIAGNOSIS, DIAGNOSIS_H5, EXTENDED
-from driver.dic.interpolation import variance_gain
+from driver.dic.surface_images import residual_variance
 from driver.history import History, knot_weights, read_history
 from driver.identified_record import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
-from driver.images.flatfield import left_over
 from driver.measure_stage import MEASURE, MEASURE_CSV
 from driver.mesh_stage import FINE_MESH, MESH
 from driver.model import declared_parameters
@@ -131,17 +130,15 @@ class Findings:
     def residual(self, side: str) -> FloatArray:
         """ρ in units of the standard deviation that noise alone gives it, shape (T, n_pix).
 
-        Var ρ = σ²(gain + 1/n): interpolation lowers the noise of a frame by a known gain, the
-        reference adds that of its mean of n images, and the flat pattern its error. The gain
-        depends on where the pixels fell, so the stage's translation counts: it is what free
+        That depends on where the pixels fell, so the stage's translation counts: it is what free
         correlation saw beyond the model.
         """
         m, motion = self.measured, self.fitted[f"{side}/motion"][..., :2]
         seen = motion + np.mean(m["motion"][..., :2] - motion, axis=1, keepdims=True)
-        moved = (m["xy"] + seen) / m["pixel"] + m["origin"]
-        gain = variance_gain(moved[..., 0], moved[..., 1])
-        variance = m["sigma"] ** 2 * (gain + 1.0 / m["n_reference"])
-        variance += m["sigma_flat"] ** 2 * left_over(seen / m["pixel"], gain)
+        variance = residual_variance(
+            m["xy"] / m["pixel"] + m["origin"], seen / m["pixel"], float(m["sigma"]),
+            float(m["n_reference"]), float(m["sigma_flat"]),
+        )  # fmt: skip
         return np.asarray(self.fitted[f"{side}/rho"] / np.sqrt(variance))
 
     def edges(self, side: str) -> FloatArray:
