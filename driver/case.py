@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from pathlib import Path
 from typing import Any, Self
 
@@ -20,9 +19,10 @@ from driver.case_tables.material import MaterialTable
 from driver.case_tables.solver import Execution, Solver
 from driver.case_tables.specimen import Grain, Orientation, Specimen
 from driver.case_tables.values import Number, Table, Vector
-from driver.errors import InputError, sentence, why
+from driver.errors import InputError
 from driver.model import declared_parameters
 from driver.surface_view import POSE_DECLARATIONS
+from driver.toml_files import read_toml
 from templates import render
 
 FloatArray = NDArray[np.float64]
@@ -197,18 +197,7 @@ def load_case(path: Path) -> Case:
     Raises:
         CaseError: the file is absent or no TOML, or a key is unknown, absent or out of range.
     """
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise CaseError(
-            sentence(path, "file", "nothing", "a case file (`prismid init DIR` writes one)")
-        ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise CaseError(sentence(path, "file", f"“{error}”", "a TOML file in UTF-8")) from None
-    except (OSError, ValueError) as error:
-        raise CaseError(
-            sentence(path, "file", why(error), "a case file that can be read")
-        ) from None
+    data = read_toml(path, "a case file (`prismid init DIR` writes one)", CaseError)
     try:
         return Case.model_validate(data, context={"folder": path.parent})
     except ValidationError as error:

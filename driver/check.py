@@ -22,10 +22,17 @@ from driver.experiment import Experiment, history_of, read_experiment
 from driver.finding import Finding
 from driver.history import History
 from driver.profiles import profile_of
-from driver.specimen import build_model, correlation_meshes, integration_of, mesh_of, used_face
+from driver.specimen import (
+    build_model,
+    correlation_meshes,
+    geometry_of,
+    integration_of,
+    mesh_of,
+    used_face,
+)
 from driver.stages import RESULTS
 from meshes.plane_mesh import PlaneMesh
-from meshes.prism import PrismGeometry, generate
+from meshes.prism import generate
 from solver_adapters.external import ABSENT, ExternalAdapter
 from solver_adapters.interface import Adapter, Capabilities, SolverError
 from solver_adapters.profile import config_path
@@ -177,16 +184,7 @@ def _mesh(case: Case) -> tuple[int, Finding]:
     """Number of cells of the working mesh, 0 where there is none."""
     specimen = case.specimen
     try:
-        mesh = generate(
-            PrismGeometry(
-                specimen.length,
-                specimen.width,
-                specimen.depth,
-                specimen.boundary_point_um,
-                specimen.boundary_normal,
-            ),
-            specimen.mesh_size,
-        )
+        mesh = generate(geometry_of(case), specimen.mesh_size)
     except (ValueError, ImportError) as error:
         return 0, Finding("error", "mesh", f"specimen: {error}")
     grains = ", ".join(

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from driver.case import Case
 from driver.check_picture import boundary_trace
-from driver.dic.basis import Basis
 from driver.dic.interpolation import variance_gain
 from driver.dic.readings import Reading, readings
 from driver.dic.series import SurfaceMotion, measure, sensitivity
@@ -134,8 +133,8 @@ def run_measure(context: StageContext) -> None:
             "covariance_one": (motion.covariance_one, "µm²"),
             "nodes_uv": (motion.basis_uv.nodes, "µm"),
             "nodes_w": (motion.basis_w.nodes, "µm"),
-            "cells_uv": (element_corners(motion.basis_uv), "1"),
-            "cells_w": (element_corners(motion.basis_w), "1"),
+            "cells_uv": (motion.basis_uv.mesh.corners, "1"),
+            "cells_w": (motion.basis_w.mesh.corners, "1"),
             "residual": (residual.astype(np.float32), "µm"),
             "residual_over_noise": (standardised.astype(np.float32), "1"),
             "chi": (motion.chi, "1"),
@@ -210,12 +209,6 @@ def _of_readings(read: dict[str, Reading]) -> dict[str, tuple[FloatArray | float
         datasets[f"{name}_single"] = (reading.single, "µm")
         datasets[f"{name}_held"] = (reading.held, "µm")
     return datasets
-
-
-def element_corners(basis: Basis) -> IntArray:
-    """Nodes at the corners of each element in order around it, shape (n_elements, n_corners)."""
-    corners = 3 if basis.mesh.kind.startswith("tri") else 4
-    return basis.mesh.cells[:, :corners]
 
 
 def _sampled(images: SurfaceImages) -> Iterator[FloatArray]:

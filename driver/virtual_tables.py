@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from driver.case_errors import sentences
 from driver.case_tables.values import Count, NonNegative, Number, Positive, Table
-from driver.errors import InputError, sentence
+from driver.toml_files import read_tables
 
 
 class Face(Table):
@@ -109,15 +107,4 @@ def read_virtual(path: Path) -> Virtual:
     Raises:
         InputError: the file is absent or no TOML, or a key is unknown or out of range.
     """
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(
-            sentence(path, "file", "nothing", "the settings of a virtual experiment")
-        ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(sentence(path, "file", f"“{error}”", "a TOML file in UTF-8")) from None
-    try:
-        return Virtual.model_validate(data)
-    except ValidationError as error:
-        raise InputError(sentences(path, Virtual, data, error)) from None
+    return read_tables(path, Virtual, "the settings of a virtual experiment")

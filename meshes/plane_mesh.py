@@ -73,9 +73,14 @@ class PlaneMesh:
         return CELLS[self.kind]
 
     @property
+    def corners(self) -> IntArray:
+        """Nodes at the corners of each cell, in order around it, shape (n_cells, n_corners)."""
+        return self.cells[:, : self.cell.n_corners]
+
+    @property
     def size(self) -> float:
         """Side of a square as large as the mean cell [µm]."""
-        corners = self.points[self.cells[:, : self.cell.n_corners]]
+        corners = self.points[self.corners]
         following = np.roll(corners, -1, axis=1)
         areas = corners[..., 0] * following[..., 1] - corners[..., 1] * following[..., 0]
         return float(np.sqrt(np.mean(0.5 * np.abs(areas.sum(axis=1)))))

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from driver.case_errors import sentences
 from driver.case_tables.values import Count, Number, Positive, Table
-from driver.errors import InputError, sentence
+from driver.errors import InputError
+from driver.toml_files import read_tables
 from driver.virtual_tables import Face, Microscope, Program
 
 
@@ -61,16 +61,7 @@ def read_settings(path: Path) -> Settings:
     Raises:
         InputError: the file is absent or no TOML, or a key is unknown or out of range.
     """
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(sentence(path, "file", "nothing", "the settings of a design")) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(sentence(path, "file", f"“{error}”", "a TOML file in UTF-8")) from None
-    try:
-        return Settings.model_validate(data)
-    except ValidationError as error:
-        raise InputError(sentences(path, Settings, data, error)) from None
+    return read_tables(path, Settings, "the settings of a design")
 
 
 def read_change(text: str) -> dict[str, Any]:

@@ -171,7 +171,7 @@ def _laplacian(mesh: PlaneMesh) -> csc_array:
 def on_border(mesh: PlaneMesh) -> BoolArray:
     """Whether each node lies on a side that belongs to one cell alone, shape (n_nodes,)."""
     n, cells = mesh.cell.n_corners, mesh.cells
-    sides = np.stack([cells[:, :n], np.roll(cells[:, :n], -1, axis=1)], axis=-1).reshape(-1, 2)
+    sides = np.stack([mesh.corners, np.roll(mesh.corners, -1, axis=1)], axis=-1).reshape(-1, 2)
     _, which, count = np.unique(
         np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True
     )

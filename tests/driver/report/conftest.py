@@ -12,7 +12,6 @@ import pytest
 from driver.case import default_case, load_case, write_case
 from driver.diagnosis.causes import LIBRARY, NUMERICS
 from driver.dic.basis import grid_basis
-from driver.measure_stage import element_corners
 from driver.model import declared_parameters
 from driver.report.measured import measured_motion
 from driver.report.measured_figures import FIGURES
@@ -139,8 +138,8 @@ def _write_measured(path, time, rng):
             "covariance_one": (np.diag(variances), "µm²"),
             "nodes_uv": (uv_mesh.nodes, "µm"),
             "nodes_w": (w_mesh.nodes, "µm"),
-            "cells_uv": (element_corners(uv_mesh), "1"),
-            "cells_w": (element_corners(w_mesh), "1"),
+            "cells_uv": (uv_mesh.mesh.corners, "1"),
+            "cells_w": (w_mesh.mesh.corners, "1"),
             "residual": (0.009 * noise * chi[:, None], "µm"),
             "residual_over_noise": (noise * chi[:, None], "1"),
             "chi": (chi, "1"),

@@ -1,0 +1,39 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from driver.case import CaseError, load_case
+from driver.design.settings import read_settings
+from driver.errors import InputError
+from driver.virtual_tables import read_virtual
+
+READERS: tuple[Callable[[Path], object], ...] = (load_case, read_settings, read_virtual)
+
+
+@pytest.mark.parametrize("read", READERS)
+def test_a_file_that_cannot_be_read_is_one_sentence(
+    read: Callable[[Path], object], tmp_path: Path
+) -> None:
+    path = tmp_path / "given.toml"
+    cases = {
+        "found nothing, expected": lambda: None,
+        "expected a TOML file in UTF-8": lambda: path.write_bytes(b"\xff = 1"),
+        "found “Is a directory”, expected a TOML file that can be read": lambda: (
+            path.unlink(),
+            path.mkdir(),
+        ),
+    }
+    for message, prepare in cases.items():
+        prepare()
+        with pytest.raises(InputError) as error:
+            read(path)
+        assert str(error.value).startswith(f"{path}: file: ")
+        assert message in str(error.value) and "\n" not in str(error.value)
+
+
+def test_what_is_wrong_with_a_case_is_an_error_of_the_case(tmp_path: Path) -> None:
+    with pytest.raises(CaseError, match="prismid init DIR"):
+        load_case(tmp_path / "absent.toml")
