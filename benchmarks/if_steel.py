@@ -106,7 +106,8 @@ def without_prior(found: Found, truth: dict[str, float]) -> None:
         before, before_sigma = found.of(name)
         print(
             f"without a prior: {name} = {value:.5g} ± {sigma:.2g} "
-            f"({(value - truth[name]) / sigma:+.2f} sigma), with it {before:.5g} ± {before_sigma:.2g}"
+            f"({(value - truth[name]) / sigma:+.2f} sigma), "
+            f"with it {before:.5g} ± {before_sigma:.2g}"
         )
 
 
