@@ -1,0 +1,61 @@
+"""A good simulation of 12 cells, and what can be broken in it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from solver_adapters.interface import (
+    Direction,
+    FloatArray,
+    Simulation,
+)
+from solver_adapters.material import Material
+from solver_adapters.validation import refuse_bad_simulation
+from tests.solver_adapters.boxes import box, pulled
+
+GOOD = pulled(box(), Material(), (0.002, 0.004))
+MESH = GOOD.mesh
+N = len(MESH.points)
+NAN, INF = float("nan"), float("inf")
+
+
+def with_value(array: Any, index: Any, value: Any) -> Any:
+    changed = np.array(array)
+    changed[index] = value
+    return changed
+
+
+def of_mesh(**changes: Any) -> Simulation:
+    return replace(GOOD, mesh=replace(MESH, **changes))
+
+
+def of_material(**changes: Any) -> Simulation:
+    return replace(GOOD, material=replace(Material(), **changes))
+
+
+def along(**changes: Any) -> Simulation:
+    return replace(GOOD, directions=(Direction("a", **changes),))
+
+
+def held(holds: Callable[[FloatArray], Any]) -> Simulation:
+    """The good simulation with a mask that is made from the positions of the moved nodes."""
+    mask = np.zeros(GOOD.motion_mask.shape, dtype=np.bool_)
+    mask[:] = holds(MESH.points[GOOD.motion_nodes])
+    return replace(GOOD, motion_mask=mask)
+
+
+def at(points: FloatArray, *place: float) -> Any:
+    return (points == np.array(place)).all(axis=1, keepdims=True)
+
+
+def refused(simulation: Simulation, error: type[Exception], sentence: str) -> None:
+    """Hold the refusal of a simulation against the beginning of its sentence."""
+    with pytest.raises(error, match=f"^{re.escape(sentence)}") as found:
+        refuse_bad_simulation(simulation)
+    assert "\n" not in str(found.value)
