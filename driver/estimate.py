@@ -72,15 +72,22 @@ def estimate(
     )
     fits = round(_ITERATION_SHARE * case.identification.max_iterations)
     refits = case.diagnosis.refit * _PER_REFIT
-    # Only the refits are independent of each other and run side by side.
-    solving = working * (fits + refits / case.execution.processes) + _FINE_RUNS * fine
+    # Only further starts and the refits are independent of each other and run side by side.
+    beside = (fits * (case.identification.starts - 1) + refits) / case.execution.processes
+    solving = working * (fits + beside) + _FINE_RUNS * fine
+    if case.boundary.jitter_nm:
+        # A direction for the stop of each image, before stage B and at its result.
+        solving += 2 * _simulation(
+            case, solver, n_cells, intervals * case.solver.steps_per_interval, n_images
+        )
     face = case.specimen.length * case.specimen.width / case.images.pixel_um**2
     correlation = _PIXEL_SECONDS * face * n_images
     nodes = finer * _NODES_PER_CELL
     response = 8.0 * n_images * 3 * nodes * (directions + 1)
     memory = case.execution.processes * (_PROCESS_BYTES + response) + _IMAGE_COPIES * 8.0 * n_pixels
     runs = 1 if solver.derivatives else 1 + _RUNS_PER_DIRECTION * directions
-    return Estimate(solving + correlation, memory, runs * (fits + refits))
+    evaluations = fits * case.identification.starts + refits
+    return Estimate(solving + correlation, memory, runs * evaluations)
 
 
 def simulation_seconds(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> float:

@@ -5,8 +5,8 @@ from that by an independent e_t of standard deviation σ_e. The data then have t
 C₀ + σ_e² G Gᵀ, G_st = ∂(data of image s)/∂e_t, which ties images and loads together.
 
 G is that of the simulation, with a direction for the stop of each image. A cheaper one would not
-do: where the specimen yields, its load answers with a hundredth to a tenth of the elastic
-stiffness, and what a stop leaves in the crystals is seen for up to fifty images after it (figures
+do: where the specimen yields, its load answers with a fifth to a two-hundredth of the elastic
+stiffness, and what a stop leaves in the crystals is seen for dozens of images after it (figures
 in benchmarks/RESULTS.md).
 
 The answer is linear: σ_e is small against the travel between two images, so that no stop turns

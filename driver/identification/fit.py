@@ -292,12 +292,17 @@ def fit(
         if ahead is None:
             reason = f"no shorter step lowers the cost (decrement {decrement:.2g} σ)"
             return Fit(here, False, reason, tuple(history))
-        fallen = 1.0 - ahead.cost / here.cost
+        gained = here.cost - ahead.cost
+        fallen = gained / here.cost
         here, iteration = ahead, iteration + 1
         history.append(_record(here))
         _tell(log, iteration, here, decrement)
         if fallen < share:
             reason = f"the last step lowered the cost by {fallen:.1%}"
+            return Fit(here, True, reason, tuple(history))
+        if gained < tolerance**2:
+            # Derivatives by differences may promise a gain for ever that never comes.
+            reason = f"the last step lowered the cost by {gained:.1g} only"
             return Fit(here, True, reason, tuple(history))
 
 

@@ -31,6 +31,7 @@ Log = Callable[[str], None]
 Stage = Literal["A", "B", "C"]
 
 START = 0.05  # a stage that only starts the next one ends when its misfit falls by less
+HELD = 0.01  # the same of a stage that finds what the next ones hold
 _MINUTE = 1e-5  # elongation of a step that stays elastic [µm]
 
 
@@ -169,11 +170,11 @@ def _first_stages(task: _Task, log: Log) -> _First:
         return unload_elastically(values, stiffness, weights, objective.data.load)
 
     begin = unloaded(task.start) if joint else task.start
-    # Amplitudes that are held from here on have to be found here.
-    stage_a = fit(alone, begin, plan.free("A"), plan.most, log, share=START if joint else 0.0)
+    share = START if joint else HELD
+    stage_a = fit(alone, begin, plan.free("A"), plan.most, log, share=share)
     log(f"stage B: the law from images and loads, knots {'free' if joint else 'held'}")
     values = unloaded(stage_a.values) if joint else stage_a.values
-    if plan.jitter:
+    if plan.jitter and objective.data.jitter is None:
         objective = _with_jitter(objective, values, plan.jitter)
     known = None if joint else objective.complete(stage_a.best, plan.free("B"))
     stage_b = fit(objective, values, plan.free("B"), plan.most, log, start=known, share=task.share)
@@ -182,6 +183,10 @@ def _first_stages(task: _Task, log: Log) -> _First:
 
 def _best_start(task: _Task, log: Log) -> tuple[_First, tuple[Outcome, ...]]:
     plan = task.plan
+    if plan.jitter:
+        # One covariance for all: under their own their costs could not be compared.
+        shared = _with_jitter(task.objective, task.start, plan.jitter)
+        task = replace(task, objective=shared)
     drawn = draw_starts(task.start, task.objective.parameters, plan.spread, plan.starts)
     tasks = [replace(task, start=start, share=0.0) for start in drawn]
     return from_each_start(

@@ -157,6 +157,15 @@ def test_the_estimate_grows_with_the_work():
     assert pixels.memory - base.memory == pytest.approx(2.4e9)
     fewer = case.model_copy(update={"diagnosis": case.diagnosis.model_copy(update={"refit": 1})})
     assert estimate(fewer, bundled, 264, 97).seconds < base.seconds
+    more = case.model_copy(
+        update={"identification": case.identification.model_copy(update={"starts": 3})}
+    )
+    assert estimate(more, bundled, 264, 97).seconds > base.seconds
+    assert estimate(more, bundled, 264, 97).simulations > base.simulations
+    shaken = case.model_copy(
+        update={"boundary": case.boundary.model_copy(update={"jitter_nm": 0.1})}
+    )
+    assert estimate(shaken, bundled, 264, 97).seconds > base.seconds
 
 
 def test_the_estimate_counts_the_simulations_that_derivatives_cost():

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from driver import pipeline, specimen
+from driver.boundary import LAMBDAS
 from driver.case import Case, CaseError, load_case, schema
+from driver.errors import InputError
 from driver.report.measured_figures import FIGURES
 from driver.results import read_hdf5
 from driver.stages import StageError, run_stages, stage_key
@@ -191,6 +193,51 @@ def test_the_identification_is_written_with_its_uncertainty(finished: Run) -> No
     stages = json.loads((finished.results / "identify_history.json").read_text("utf-8"))
     assert list(stages) == ["A", "B", "C"]
     assert all("σ" in stage["reason"] for stage in stages.values())
+
+
+def test_the_identification_keeps_what_the_paper_shows(finished: Run) -> None:
+    found = read_hdf5(finished.results / "identify.h5")
+    names = [name.decode() for name in found["hessian_names"].tolist()]
+    assert names == [*LAMBDAS, "tau0", "c", "d"]
+    hessian = found["kinematic_hessian"]
+    np.testing.assert_allclose(hessian, hessian.T)
+    assert np.linalg.eigvalsh(hessian)[0] > 0
+    for key in ("chi", "chi_f", "chi_F"):
+        start, end = found[f"paper/{key}"]
+        assert start > end > 0
+        assert found[f"history/A/paper_{key}"][0] == start
+        assert found[f"history/C/paper_{key}"][-1] == end
+    last = found["values"][-1]
+    assert any(found[f"history/C/{name}"][-1] == last for name in ("tau0", "c", "d"))
+    assert "history/B/lambda_plus_Y" not in found
+    assert np.all((found["prior_share"] >= 0) & (found["prior_share"] <= 1))
+
+
+def test_boundary_noise_and_the_order_of_the_paper_go_through_to_the_diagnosis(
+    copied: Run,
+) -> None:
+    copied.edit("jitter_nm = 0.0", "jitter_nm = 0.05")
+    copied.edit('order = "joint"', 'order = "paper"')
+    copied.edit("starts = 1", "starts = 2")
+    copied.edit('causes = "all"', 'causes = ["load_gain"]')
+    assert copied() == ["identify", "diagnose"]
+    found = read_hdf5(copied.results / "identify.h5")
+    assert found["jitter/load"].shape == (44, 44) and len(found["values"]) == 3
+    assert len(found["starts/cost"]) == 2 and found["starts/tau0"][0] > 0
+    record = json.loads((copied.results / "diagnosis.json").read_text("utf-8"))
+    assert set(record["baseline"]) == {"tau0", "c", "d", "reason"}
+
+
+def test_a_parameter_that_nothing_sees_ends_the_run_in_one_sentence(copied: Run) -> None:
+    """The closed form knows no second back stress while c2 is 0: d2 changes nothing."""
+    copied.edit('parameters = ["tau0", "c", "d"]', 'parameters = ["tau0", "c", "d", "d2"]')
+    copied.edit('prior = "gaussian"', 'prior = "none"')
+    with pytest.raises(InputError, match="^identification: found that d2 changes nothing that"):
+        copied("identify")
+    copied.edit('prior = "none"', 'prior = "gaussian"')
+    copied("identify")
+    told = [line for line in copied.lines if "hardly see" in line]
+    assert any("d2: the data hardly see it; 100% of its variance is that of" in t for t in told)
 
 
 def test_the_cause_is_named_in_the_record(finished: Run) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from driver import specimen
+from driver.boundary import LAMBDAS
 from driver.case import Case, load_case
 from driver.identification.priors import LAMBDA_PRIOR
 from driver.workbench import Workbench, build_workbench
@@ -99,3 +100,26 @@ def test_in_the_rigid_gauge_there_is_no_tilt_to_find(case: Case) -> None:
     turned = replace(bench.objective).evaluate(bench.start | {"tilt_2": 0.004}, ())
     still = bench.objective.evaluate(bench.start, ())
     assert np.abs(turned.residual - still.residual).max() < 0.1
+
+
+def test_the_plan_is_that_of_the_case(case: Case) -> None:
+    plan = built(
+        case,
+        identification={"order": "paper", "starts": 3, "max_iterations": 7},
+        boundary={"jitter_nm": 0.4},
+        execution={"processes": 5, "threads": 2},
+    ).plan
+    assert (plan.order, plan.starts, plan.most) == ("paper", 3, 7)
+    assert plan.jitter == pytest.approx(4e-4) and (plan.processes, plan.threads) == (5, 2)
+    assert plan.sizes == (case.specimen.mesh_size, case.specimen.fine_mesh_size)
+    assert set(plan.spread) == {*LAMBDAS, *LAW}
+
+
+def test_lambda_star_counts_the_images_that_are_fitted(case: Case) -> None:
+    bench = built(case, identification={"prior": "tikhonov", "lambda_star": 1e-6})
+    n_pixels = len(bench.images.xy)
+    assert bench.objective.prior["c"][1] == pytest.approx((2 * 44 * (1 + n_pixels) * 1e-6) ** -0.5)
+    assert "origin_X" in bench.objective.prior
+    assert set(built(case, identification={"prior": "none"}).objective.prior) == {
+        "origin_X", "origin_Y",
+    }  # fmt: skip

@@ -258,6 +258,17 @@ def test_a_fit_that_only_starts_another_ends_after_a_step_that_brought_little() 
     assert found.converged and found.reason.startswith("the last step lowered the cost by")
 
 
+def test_a_gain_that_derivatives_promise_and_that_never_comes_is_not_waited_for() -> None:
+    """A residual of 5 that the slope, wrong by a twentieth, claims to see: decrement 0.3 σ."""
+    right, wrong = np.zeros((1, 60)), np.zeros((1, 60))
+    right[0, 0], wrong[0, :2] = 10.0, (10.0, 0.5)
+    measured = np.concatenate([[0.05, 5.0], np.zeros(58)])
+    objective = formula(lambda p: (p @ right, wrong), measured, PLAIN[:1])
+    found = fit(objective, {"a": 0.0}, "a", 20, silent)
+    assert found.converged and len(found.history) == 2
+    assert found.reason == "the last step lowered the cost by 0.002 only"
+
+
 def test_a_prior_may_raise_the_misfit() -> None:
     """From the optimum of the data to that of data and prior: the cost falls all the same."""
     measured = RNG.standard_normal(40)

@@ -24,6 +24,7 @@ from driver.identification.procedure import (
     unload_elastically,
 )
 from driver.surface_view import POSE_DECLARATIONS
+from solver_adapters.interface import Response, Simulation
 from tests.driver import closed_form
 from tests.driver.analytic import evaluation
 from tests.driver.closed_form import KNOTS, LAW, LENGTH, SIZES, TILTS, WIDTH
@@ -96,7 +97,7 @@ def test_the_correction_is_finer_minus_working() -> None:
 
 
 @cache
-def identification(finer_by: float = 0.002) -> tuple[Identification, tuple[str, ...]]:
+def identification(finer_by: float = 0.002, **keys: Any) -> tuple[Identification, tuple[str, ...]]:
     """The whole procedure on a specimen that differs from the start in law and amplitudes."""
     truth = BENCH.truth | TRUE
     made = closed_form.objective(BENCH, truth, seed=1)
@@ -110,7 +111,7 @@ def identification(finer_by: float = 0.002) -> tuple[Identification, tuple[str, 
     pose = tuple(p.name for p in POSE_DECLARATIONS)
     finer = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(finer_by))
     lines: list[str] = []
-    plan = Plan(law=LAW, knots=(*pose, *knots), sizes=SIZES, most=15)
+    plan = Plan(law=LAW, knots=(*pose, *knots), sizes=SIZES, most=15, **keys)
     found = identify(BENCH.model, finer, made, start, plan, lines.append)
     return found, tuple(lines)
 
@@ -149,3 +150,90 @@ def test_stages_free_what_they_say() -> None:
     assert all(stages["B"].values[name] == stages["A"].values[name] for name in LAMBDAS)
     assert set(stages["C"].best.free) == {*LAMBDAS, *stages["B"].best.free}
     assert sum(line.startswith("stage ") for line in lines) == 3
+
+
+@pytest.mark.parametrize("order", ["joint", "paper"])
+def test_from_the_starts_of_the_paper_few_iterations_do(order: str) -> None:
+    """The paper took 10 for its amplitudes and 4 to 6 for its law."""
+    found, _ = identification(order=order)
+    iterations = {stage: len(fit_.history) - 1 for stage, fit_ in found.stages.items()}
+    assert iterations["A"] <= 10 and iterations["B"] <= 6 and iterations["C"] <= 6
+    assert all(fit_.converged and fit_.reason for fit_ in found.stages.values())
+
+
+def test_in_the_order_of_the_paper_knots_stay_as_they_were_measured() -> None:
+    found, lines = identification(order="paper")
+    A, B, C = (found.stages[name] for name in "ABC")
+    assert A.best.free == LAMBDAS and B.best.free == C.best.free == LAW
+    assert A.best.n_load == 0 and B.best.n_load == BENCH.history.n_images
+    assert all(A.values[name] == BENCH.truth[name] for name in LAW)
+    joint = identification()[0]
+    assert all(C.values[n] == A.values[n] for n in (*NAMES, *tilt_names(5), *LAMBDAS))
+    assert any(abs(C.values[n] - joint.final.values[n]) > 1e-4 for n in NAMES)
+    # Knots that are 2 nm off are all that the loads can see.
+    assert C.best.paper.chi_F > 10 > joint.final.best.paper.chi_F
+    assert "knots held" in " ".join(lines)
+
+
+def test_in_the_order_of_the_paper_stage_b_begins_with_what_a_has_simulated() -> None:
+    found, _ = identification(order="paper")
+    A, B = found.stages["A"].best, found.stages["B"].history[0]
+    np.testing.assert_array_equal(A.values["tau0"], B["tau0"])
+    assert B["paper_chi_f"] == A.paper.chi_f and B["paper_chi_F"] == A.paper.chi_F
+
+
+def test_stage_c_begins_where_b_ended_and_simulates_only_what_b_lacks() -> None:
+    asked: list[tuple[str, ...]] = []
+
+    class Counting(closed_form.ClosedFormSolver):
+        def solve(self, simulation: Simulation, *rest: Any) -> Response:
+            asked.append(tuple(direction.name for direction in simulation.directions))
+            return super().solve(simulation, *rest)
+
+    model = replace(BENCH.model, adapter=Counting())
+    made = replace(closed_form.objective(BENCH, BENCH.truth | TRUE), model=model)
+    made = replace(made, prior=closed_form.priors(BENCH, BENCH.truth))
+    plan = Plan(law=LAW, knots=(*NAMES, *tilt_names(5)), sizes=SIZES, most=15)
+    found = identify(model, BENCH.model, made, BENCH.truth, plan, silent)
+    whole = found.objective.evaluate(found.stages["B"].values, plan.free("C"))
+    start = found.stages["C"].history[0]
+    assert start["cost"] == pytest.approx(whole.cost, rel=1e-9)
+    assert asked.count(LAMBDAS) == 1
+    # One evaluation of each iteration, and none twice but for the one of this test.
+    trials = [names for names in asked if names]
+    evaluations = sum(len(fit_.history) for fit_ in found.stages.values())
+    assert len(trials) <= evaluations + 2
+
+
+def test_noise_of_the_boundary_enters_with_the_loads_and_is_taken_anew_at_the_end() -> None:
+    found, lines = identification(jitter=1e-4)
+    data = found.objective.data
+    assert data.jitter is not None and data.jitter.load.shape == (44, 44)
+    assert "noise of the boundary motion at the result" in lines
+    plain = identification()[0]
+    ratio = [
+        found.final.sigma(n, found.objective.parameters)
+        / plain.final.sigma(n, plain.objective.parameters)
+        for n in LAW
+    ]
+    assert min(ratio) > 1.2
+    assert found.stages["A"].best.n_load == 0
+
+
+def test_several_starts_end_in_the_same_place() -> None:
+    spread = {"tau0": 0.5, "c": 0.3, "lambda_plus_Y": 1.0}
+    found, lines = identification(1e-6, starts=3, spread=cast(Any, _Frozen(spread)))
+    single = identification(1e-6)[0]
+    for name in LAW:
+        sigma = single.final.sigma(name, single.objective.parameters)
+        assert abs(found.final.values[name] - single.final.values[name]) < 0.3 * sigma
+    costs = [outcome.cost for outcome in found.starts]
+    assert len(costs) == 3 and found.stages["B"].best.cost == min(costs)
+    assert any(line.startswith("  kept start") for line in lines)
+
+
+class _Frozen(dict[str, float]):
+    """A dictionary that can be the argument of a cached function."""
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(tuple(self.items()))

@@ -68,3 +68,6 @@ def test_what_is_left_is_in_proportion_to_the_correction() -> None:
     assert np.sum(half.shapes**2) == pytest.approx(np.sum(seen**2))
     third = simulation_error(image, 2 * motion, load, 0.5, 0.5)
     np.testing.assert_allclose(np.abs(third.shapes), 2 * np.abs(half.shapes), atol=1e-9)
+    none = simulation_error(image, 0 * motion, 0 * load, 0.5, 0.5)
+    z = RNG.standard_normal(seen.shape)
+    np.testing.assert_allclose(none.whiten_images(z, none.shapes), z, atol=1e-12)

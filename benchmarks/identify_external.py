@@ -1,0 +1,104 @@
+"""A whole identification by CalculiX in the place of the bundled solver, on a tiny specimen.
+
+    python -m benchmarks.identify_external
+
+One grain, one cycle, made by `prismid virtual` on a finer mesh with finer steps. CalculiX has no
+derivatives: they are finite differences, two runs side by side. Both solvers identify the same
+data on the same mesh; their results should agree within a part of their standard deviations.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import h5py
+
+from driver import pipeline
+from driver.case import Case, load_case, write_case
+from driver.case_tables.images import Images
+from driver.case_tables.material import MaterialTable
+from driver.case_tables.solver import Execution, Solver
+from driver.case_tables.specimen import Grain, Specimen
+from driver.results import read_hdf5
+from driver.virtual import virtual
+
+TRUTH = {"tau0": 25.0, "c": 44e3, "d": 1140.0, "lambda_plus_Y": 0.85}
+_SETTINGS = """
+[program]
+cycles = [[7, 3]]
+largest_strain = 0.008
+[truth]
+tau0 = 25.0
+c = 44e3
+d = 1140.0
+lambda_plus_Y = 0.85
+"""
+
+
+def small_case() -> Case:
+    """A short prism of one grain with {110} systems alone, which CalculiX has."""
+    return Case(
+        specimen=Specimen(length_um=6.0, mesh_size_um=4.0, fine_mesh_size_um=3.0),
+        grains=(Grain(name="grain", euler_deg=(281.0, 8.0, 47.0)),),
+        material=MaterialTable(strain_measure="small", tau0_112=1e9),
+        images=Images(frames="images.tif"),
+        solver=Solver(steps_per_interval=2, fine_steps_per_interval=3),
+        execution=Execution(processes=2),
+    )
+
+
+def identified(folder: Path, solver: str) -> tuple[dict[str, tuple[float, float]], float, str]:
+    """Value and σ by name, seconds, and why the fit ended."""
+    case = load_case(folder / "case.toml")
+    own = folder.parent / solver
+    shutil.copytree(folder, own)
+    write_case(
+        case.model_copy(
+            update={
+                "solver": case.solver.model_copy(
+                    update={"name": solver, "integration": "backward_euler"}
+                )
+            }
+        ),
+        own / "case.toml",
+    )
+    begun = time.monotonic()
+    pipeline.run(own / "case.toml", "identify", False, print)
+    seconds = time.monotonic() - begun
+    results = read_hdf5(own / "results" / "identify.h5")
+    with h5py.File(own / "results" / "identify.h5", "r") as file:
+        names, reason = json.loads(file.attrs["names"]), str(file.attrs["reason"])
+    pairs = zip(names, zip(results["values"], results["sigma"], strict=True), strict=True)
+    return {name: (float(v), float(s)) for name, (v, s) in pairs}, seconds, reason
+
+
+def main() -> None:
+    """Run the study and print a line for each parameter."""
+    if shutil.which("ccx") is None:
+        sys.exit("there is no ccx on the PATH (package calculix-ccx)")
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_case(small_case(), folder / "case.toml")
+        (folder / "settings.toml").write_text(_SETTINGS, encoding="utf-8")
+        virtual(folder / "case.toml", folder / "settings.toml", folder / "data", 1, print)
+        found = {solver: identified(folder / "data", solver) for solver in ("bundled", "calculix")}
+        jobs = len(list((folder / "calculix" / "results" / "jobs").iterdir()))
+    for solver, (_, seconds, reason) in found.items():
+        print(f"{solver}: {seconds:.0f} s, {reason}")
+    print(f"jobs of CalculiX: {jobs}")
+    own, other = found["bundled"][0], found["calculix"][0]
+    for name, (value, sigma) in own.items():
+        truth = f" (truth {TRUTH[name]:g})" if name in TRUTH else ""
+        print(
+            f"{name}: bundled {value:.5g} ± {sigma:.2g}, calculix {other[name][0]:.5g} ± "
+            f"{other[name][1]:.2g}, difference {(other[name][0] - value) / sigma:+.2f} σ{truth}"
+        )
+
+
+if __name__ == "__main__":
+    main()

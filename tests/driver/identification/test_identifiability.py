@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from driver.errors import InputError
+from driver.identification.fit import Fit
+from driver.identification.identifiability import (
+    PriorRule,
+    null_vector,
+    prior_shares,
+    refuse_what_is_not_seen,
+    ruled_by_prior,
+)
+from tests.driver.analytic import evaluation
+
+RNG = np.random.default_rng(5)
+SEEN = RNG.standard_normal((3, 30))
+
+
+def test_shares_are_those_of_noise_and_prior_in_repeated_experiments() -> None:
+    """Scatter of the estimate over draws of prior means alone, against all of its variance."""
+    weight = np.array([0.0, 40.0, 2.0])
+    here = evaluation(np.zeros(30), SEEN, weight)
+    covariance = np.linalg.inv(here.hessian)
+    means = RNG.standard_normal((200_000, 3)) * np.where(weight > 0, weight, np.inf) ** -0.5
+    scatter = np.var(means @ (covariance * weight).T, axis=0)
+    np.testing.assert_allclose(prior_shares(here), scatter / np.diag(covariance), rtol=0.02)
+
+
+def test_a_parameter_that_the_data_hardly_see_is_named_with_what_the_prior_did() -> None:
+    jacobian = SEEN * np.array([[1.0], [1.0], [0.01]])
+    gap = np.array([0.0, 0.0, 2.0])
+    here = evaluation(np.zeros(30), jacobian, np.array([0.0, 1.0, 4.0]), gap, free=("a", "b", "d"))
+    (rule,) = ruled_by_prior(Fit(here, True, "", ()))
+    assert rule.name == "d" and rule.share > 0.99
+    # The prior of width 1/2 pulls by 2, or four of its widths.
+    assert rule.pull == pytest.approx(4.0, rel=0.01)
+    assert rule.sentence() == (
+        "d: the data hardly see it; 100% of its variance is that of its prior, which has moved "
+        "it by +4.0 σ"
+    )
+    assert PriorRule("d", 0.7, 0.01).sentence().endswith("has hardly moved it")
+
+
+def test_what_data_and_prior_both_see_is_accepted() -> None:
+    assert null_vector(evaluation(np.zeros(30), SEEN)) is None
+    refuse_what_is_not_seen(evaluation(np.zeros(30), SEEN * np.array([[1e6], [1.0], [1e-6]])))
+
+
+def test_a_parameter_without_any_effect_is_named() -> None:
+    jacobian = SEEN * np.array([[1.0], [0.0], [1.0]])
+    here = evaluation(np.zeros(30), jacobian, free=("tau0", "c", "d"))
+    with pytest.raises(InputError, match=r"c changes nothing that images and loads show, and no"):
+        refuse_what_is_not_seen(here)
+    refuse_what_is_not_seen(evaluation(np.zeros(30), jacobian, np.array([0.0, 1e-3, 0.0])))
+
+
+def test_a_combination_that_is_not_seen_is_named_with_its_parts() -> None:
+    jacobian = np.array([SEEN[0], 3 * SEEN[1], -SEEN[1]])
+    here = evaluation(np.zeros(30), jacobian, free=("tau0", "c", "d"))
+    parts = null_vector(here)
+    assert parts is not None and set(parts) == {"c", "d"}
+    assert abs(parts["c"]) == pytest.approx(1.0) and parts["c"] * parts["d"] > 0
+    with pytest.raises(InputError) as error:
+        refuse_what_is_not_seen(here)
+    assert str(error.value).startswith(
+        "identification: found that images and loads do not tell c, d apart (nothing changes along"
+    )
+    assert "\n" not in str(error.value)
