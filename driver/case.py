@@ -132,6 +132,21 @@ class Case(Table):
             )
         return self
 
+    @model_validator(mode="after")
+    def _without_images_one_order(self) -> Self:
+        """Loads alone are fitted from one start, with free knots and no noise of the boundary."""
+        if self.with_images:
+            return self
+        for key, found, only in (
+            ("boundary.jitter_nm", self.boundary.jitter_nm, 0.0),
+            ("identification.order", self.identification.order, "joint"),
+            ("identification.starts", self.identification.starts, 1),
+        ):
+            if found != only:
+                expected = f'{json.dumps(only)} with boundary.motion = "stage"'
+                raise refusal(expected, key, json.dumps(found))
+        return self
+
     @property
     def with_images(self) -> bool:
         """Whether the motion comes from images; else it comes from the stage travel."""

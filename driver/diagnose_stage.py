@@ -19,8 +19,8 @@ from driver.diagnosis.score import Score
 from driver.diagnosis.screening import screened
 from driver.errors import sentence
 from driver.identification.fit import Evaluation, Fit
+from driver.identified_record import IDENTIFY
 from driver.identify_stage import (
-    IDENTIFY,
     error_budget,
     fit_arrays,
     load_workbench,

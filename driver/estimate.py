@@ -91,10 +91,24 @@ def estimate(
 
 
 def simulation_seconds(
-    case: Case, solver: Capabilities, n_cells: int, n_images: int, directions: int = 0
+    case: Case,
+    solver: Capabilities,
+    n_cells: int,
+    n_images: int,
+    directions: int = 0,
+    steps_per_interval: int | None = None,
 ) -> float:
-    """Wall-clock time of one simulation on the working mesh, with derivatives if asked [s]."""
-    steps = 2 * n_images * case.solver.steps_per_interval
+    """Wall-clock time of one simulation, with derivatives if asked [s].
+
+    Args:
+        case: the case.
+        solver: what its solver can.
+        n_cells: tet10 cells of the mesh.
+        n_images: images of the history, each after one move and one hold of the stage.
+        directions: of differentiation.
+        steps_per_interval: time steps of a move or a hold; those of the working mesh if None.
+    """
+    steps = 2 * n_images * (steps_per_interval or case.solver.steps_per_interval)
     return _simulation(case, solver, n_cells, steps, directions)
 
 

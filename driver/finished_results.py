@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from driver.case import Case
 from driver.diagnose_stage import DIAGNOSIS, DIAGNOSIS_H5
 from driver.errors import InputError, sentence
-from driver.identify_stage import IDENTIFY
+from driver.identified_record import IDENTIFY
 from driver.measure_stage import MEASURE
 from driver.mesh_stage import MESH
 from driver.paraview import FittedModel

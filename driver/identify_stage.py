@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -12,23 +10,19 @@ from numpy.typing import NDArray
 from driver.boundary import LAMBDAS
 from driver.identification.boundary_jitter import BoundaryJitter
 from driver.identification.fit import Correction, Evaluation, Fit, Objective
-from driver.identification.identifiability import prior_shares, ruled_by_prior
 from driver.identification.kinematic import kinematic_hessian
 from driver.identification.procedure import Identification, identify, with_correction
+from driver.identified_record import Arrays, warnings_of, write_identification
 from driver.log import passing_of
 from driver.measure_stage import MEASURE
 from driver.mesh_stage import FINE_MESH, MESH
-from driver.results import read_hdf5, write_csv, write_hdf5
+from driver.results import read_hdf5
 from driver.stages import StageContext
-from driver.surface_view import POSE_DECLARATIONS
 from driver.workbench import Workbench, build_workbench
 from meshes.files import read_med
-from solver_adapters.parameter import Parameter
 
 JOBS = "jobs"
-IDENTIFY, IDENTIFY_CSV, HISTORY_JSON = "identify.h5", "identify.csv", "identify_history.json"
 FloatArray = NDArray[np.float64]
-Arrays = dict[str, tuple[NDArray[np.generic] | float, str]]
 
 
 def load_workbench(context: StageContext) -> Workbench:
@@ -87,18 +81,6 @@ def error_budget(bench: Workbench, best: Evaluation, free_chi: FloatArray) -> di
     }
 
 
-def warnings_of(found: Identification) -> tuple[str, ...]:
-    """Sentences on what the data did not decide: parameters at a bound, or ruled by the prior."""
-    parameters, final = found.objective.parameters, found.final
-    bounds = [
-        f"{name} stands at its bound {final.values[name]:g}: its interval ends there"
-        for name in final.at_bounds(parameters)
-    ]
-    nuisances = {p.name for p in POSE_DECLARATIONS} | {"load_gain"}
-    ruled = [rule.sentence() for rule in ruled_by_prior(final) if rule.name not in nuisances]
-    return (*bounds, *ruled)
-
-
 def saved_objective(bench: Workbench, results: dict[str, FloatArray]) -> Objective:
     """The objective of the last stage of a finished identification."""
     objective = bench.objective
@@ -123,64 +105,21 @@ def fit_arrays(fit: Fit, bench: Workbench, prefix: str) -> Arrays:
 def _write(
     context: StageContext, bench: Workbench, found: Identification, budget: dict[str, float]
 ) -> None:
-    final, parameters = found.final, bench.objective.parameters
-    names = final.best.free
-    covariance = final.covariance
-    deviation = np.sqrt(np.diag(covariance))
-    sigma = np.array([final.sigma(name, parameters) for name in names])
-    values = np.array([final.values[name] for name in names])
     correction = found.objective.correction
-    write_hdf5(
-        context.workdir / IDENTIFY,
+    write_identification(
+        context.workdir,
+        found,
+        bench.start,
         {
-            "values": (values, "see units"),
-            "sigma": (sigma, "see units"),
-            "start": (np.array([bench.start[name] for name in names]), "see units"),
-            "covariance": (covariance, "of θ"),
-            "correlation": (covariance / np.outer(deviation, deviation), "1"),
-            "prior_share": (prior_shares(final.best), "1"),
-            **_prior(found),
-            "initial/load": (found.stages["A"].start_load, "µN"),
             "correction/motion": (np.asarray(correction.motion), "µm"),
-            "correction/load": (np.asarray(correction.load), "µN"),
             "noise_factor": (found.objective.data.image.noise_factor, "1"),
             **{f"budget/{key}": (value, "1") for key, value in budget.items()},
             **_as_in_the_paper(found),
-            **_histories(found, parameters),
-            **_starts(found, parameters),
+            **_starts(found),
             **_jitter(found.objective.data.jitter),
-            **fit_arrays(final, bench, "final"),
-        },
-        {
-            "names": json.dumps(names),
-            "units": json.dumps([parameters[name].unit for name in names]),
-            "all_values": json.dumps(final.values),
-            "reason": final.reason,
-            "converged": "yes" if final.converged else "",
-            "warnings": json.dumps(warnings_of(found), ensure_ascii=False),
+            **fit_arrays(found.final, bench, "final"),
         },
     )
-    write_csv(
-        context.workdir / IDENTIFY_CSV,
-        {
-            "parameter": list(names),
-            "value": values.tolist(),
-            "sigma": sigma.tolist(),
-            "unit": [parameters[name].unit for name in names],
-        },
-    )
-    record = {
-        stage: {"reason": fit.reason, "seconds": round(fit.seconds, 2), "iterations": fit.history}
-        for stage, fit in found.stages.items()
-    }
-    (context.workdir / HISTORY_JSON).write_text(json.dumps(record, indent=1), encoding="utf-8")
-
-
-def _prior(found: Identification) -> Arrays:
-    """Mean and width of the prior of each free parameter; NaN and ∞ where there is none."""
-    none = (np.nan, np.inf)
-    prior = np.array([found.objective.prior.get(name, none) for name in found.final.best.free])
-    return {"prior/mean": (prior[:, 0], "see units"), "prior/width": (prior[:, 1], "of θ")}
 
 
 def _as_in_the_paper(found: Identification) -> Arrays:
@@ -200,19 +139,7 @@ def _as_in_the_paper(found: Identification) -> Arrays:
     }
 
 
-def _histories(found: Identification, parameters: Mapping[str, Parameter]) -> Arrays:
-    """Parameters and χ after each iteration of each stage."""
-    return {
-        f"history/{stage}/{key}": (
-            np.array([record[key] for record in fit.history]),
-            parameters[key].unit if key in parameters else "1",
-        )
-        for stage, fit in found.stages.items()
-        for key in fit.history[0]
-    }
-
-
-def _starts(found: Identification, parameters: Mapping[str, Parameter]) -> Arrays:
+def _starts(found: Identification) -> Arrays:
     """Where each start ended; NaN where it failed."""
     if not found.starts:
         return {}
@@ -221,7 +148,7 @@ def _starts(found: Identification, parameters: Mapping[str, Parameter]) -> Array
         **{
             f"starts/{name}": (
                 np.array([outcome.values.get(name, np.nan) for outcome in found.starts]),
-                parameters[name].unit,
+                found.objective.parameters[name].unit,
             )
             for name in found.law
         },

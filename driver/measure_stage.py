@@ -17,6 +17,7 @@ from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.dic.travel import smoothed_motion
 from driver.errors import InputError
 from driver.experiment import read_experiment
+from driver.grip_messages import sentences
 from driver.grip_motion import grip_motion
 from driver.history import phase_of_images
 from driver.images.heightmaps import ImageError, fill_off_surface
@@ -24,7 +25,6 @@ from driver.images.noise import TemporalNoise, temporal_noise
 from driver.images.outliers import find_outliers, left_out, noise_levels
 from driver.images.region import Excluded
 from driver.measure_messages import tell_frames, tell_readings, tell_regularisation
-from driver.report.grip_texts import sentences
 from driver.report.measured import measured_motion
 from driver.report.measured_figures import write_figures
 from driver.results import read_hdf5, write_csv, write_hdf5

@@ -10,7 +10,8 @@ from driver.diagnose_stage import DIAGNOSIS, run_diagnose
 from driver.errors import sentence
 from driver.estimate import estimate
 from driver.experiment import history_of
-from driver.identify_stage import IDENTIFY, run_identify
+from driver.identified_record import IDENTIFY
+from driver.identify_stage import run_identify
 from driver.loads_stage import SKIPPED, run_identify_loads
 from driver.measure_stage import run_measure
 from driver.mesh_stage import run_mesh
@@ -37,15 +38,15 @@ def stages(case: Case) -> Sequence[Stage]:
         inputs = (*_MESH, "history", "sections", "loads", *_IDENTIFY)
         return (
             Stage("mesh", "1", _MESH, run_mesh),
-            Stage("identify", "1", inputs, run_identify_loads, measured_files),
-            Stage("report", "1", inputs, run_report_loads, measured_files),
+            Stage("identify", "2", inputs, run_identify_loads, measured_files),
+            Stage("report", "2", inputs, run_report_loads, measured_files),
         )
     return (
         Stage("mesh", "1", _MESH, run_mesh),
         Stage("measure", "5", _MEASURE, run_measure, measured_files),
         Stage("identify", "4", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, measured_files),
         Stage("diagnose", "1", ("diagnosis",), run_diagnose, measured_files),
-        Stage("report", "3", _REPORT, run_report, measured_files),
+        Stage("report", "4", _REPORT, run_report, measured_files),
     )
 
 

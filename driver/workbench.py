@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.experiment import Experiment, read_experiment
 from driver.identification.data import Data, build_image_data
 from driver.identification.fit import Objective
-from driver.identification.priors import prior_of, widths
+from driver.identification.priors import Prior, prior_of, widths
 from driver.identification.procedure import Plan, start_values
 from driver.model import ForwardModel
 from driver.specimen import adapter_of, build_model, correlation_meshes, surface_images
@@ -159,24 +159,12 @@ def assemble(
         # The tilt between the edges is a rigid rotation, and is not part of the motion.
         knots = tuple(name for name in knots if name.startswith("elongation"))
         start |= {name: 0.0 for name in start if name.startswith("tilt_") and name[5:].isdigit()}
-    table = case.boundary.lambda_start
-    start |= dict(
-        zip(LAMBDAS, (table.plus_Y, table.plus_Z, table.minus_Y, table.minus_Z), strict=True)
-    )
-    start |= case.extensions
-    law = law_of(case)
+    start = stated_start(case, start)
     n_images, n_pixels = history.n_images - len(left_out), len(images.xy)
-    prior = prior_of(case.identification, start, parameters, n_images, n_pixels)
-    null = working.null_values()
-    for name in case.extensions:
-        parameter = parameters[name]
-        prior[name] = (null[name], parameter.scale if parameter.logarithmic else 1.0)
+    prior = stated_prior(case, start, working, n_images, n_pixels)
     pose = tuple(parameter.name for parameter in POSE_DECLARATIONS)
     half_a_pixel = case.images.origin_uncertainty_px * pixel
     prior |= {name: (0.0, half_a_pixel / parameters[name].scale) for name in pose}
-    prior |= {
-        name: (0.0, u / parameters[name].scale) for name, u in load_uncertainties(case).items()
-    }
     return Workbench(
         experiment=experiment,
         images=images,
@@ -185,7 +173,7 @@ def assemble(
         objective=Objective(working, data, parameters, prior),
         start=start,
         plan=Plan(
-            law=law,
+            law=law_of(case),
             knots=(*pose, *knots),
             sizes=(case.specimen.mesh_size, case.specimen.fine_mesh_size),
             most=case.identification.max_iterations,
@@ -204,6 +192,34 @@ def _without(left_out: tuple[int, ...], values: FloatArray) -> FloatArray:
     frames = np.arange(values.size)
     kept = np.setdiff1d(frames, left_out)
     return np.asarray(np.interp(frames, kept, values[kept]))
+
+
+def stated_start(case: Case, values: Mapping[str, float]) -> dict[str, float]:
+    """Every parameter at the start: these values, and those that the case states instead."""
+    table = case.boundary.lambda_start
+    amplitudes = (table.plus_Y, table.plus_Z, table.minus_Y, table.minus_Z)
+    return {**values, **dict(zip(LAMBDAS, amplitudes, strict=True)), **case.extensions}
+
+
+def stated_prior(
+    case: Case, start: Mapping[str, float], model: ForwardModel, n_images: int, n_pixels: int
+) -> Prior:
+    """Mean (value) and standard deviation (in θ) of amplitudes, law, extensions and load cell.
+
+    Args:
+        case: the case.
+        start: every parameter at the start.
+        model: the working model.
+        n_images: images that are fitted; loads where there is no image.
+        n_pixels: pixels of each.
+    """
+    parameters, null = model.parameters, model.null_values()
+    prior = prior_of(case.identification, start, parameters, n_images, n_pixels)
+    for name in case.extensions:
+        parameter = parameters[name]
+        prior[name] = (null[name], parameter.scale if parameter.logarithmic else 1.0)
+    stated = load_uncertainties(case)
+    return prior | {name: (0.0, u / parameters[name].scale) for name, u in stated.items()}
 
 
 def law_of(case: Case) -> tuple[str, ...]:

@@ -168,10 +168,8 @@ def _seconds(case: Case, n_images: int) -> float:
     working, fine = (
         len(mesh_of(case, size).cells) for size in (specimen.mesh_size, specimen.fine_mesh_size)
     )
-    steps = {"steps_per_interval": case.solver.fine_steps_per_interval}
-    finer = case.model_copy(update={"solver": case.solver.model_copy(update=steps)})
     return simulation_seconds(case, solver, working, n_images, _DIRECTIONS) + simulation_seconds(
-        finer, solver, fine, n_images
+        case, solver, fine, n_images, steps_per_interval=case.solver.fine_steps_per_interval
     )
 
 

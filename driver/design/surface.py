@@ -8,24 +8,21 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.case import Case
 from driver.design.settings import Settings
-from driver.dic.interpolation import SplineImages, spline_images
-from driver.dic.surface_images import SurfaceImages
+from driver.dic.interpolation import SplineImages
+from driver.dic.slope_noise import squared_slopes
+from driver.dic.surface_images import SurfaceImages, over_region
 from driver.experiment import Experiment, read_unloaded
 from driver.history import History
-from driver.images.flatfield import FlatField, flat_pattern
-from driver.images.region import CodeArray, Excluded, region_codes
+from driver.images.flatfield import flat_pattern
+from driver.images.noise import Noise
+from driver.images.reference import Reference
+from driver.images.region import region_codes
 from driver.specimen import reference_of, used_face
 from driver.virtual_record import random_relief
 
-FloatArray = NDArray[np.float64]
-
-# Variance of the slope of a cubic spline at a sample, through white samples of unit variance: the
-# mean over all frequencies of (3 sin ω/(2 + cos ω))².
-SLOPE_GAIN = 9.0 * (2.0 / np.sqrt(3.0) - 1.0)
 _SEED = 0  # of the virtual face
 
 
@@ -64,13 +61,11 @@ def expected_surface(case: Case, settings: Settings, history: History) -> Surfac
 def _own(case: Case, unloaded: Experiment) -> Surface:
     flat = None if unloaded.flats is None else flat_pattern(unloaded.flats)
     reference = reference_of(case, unloaded, flat)
-    images = _images(
-        unloaded, reference.heights, reference.codes, used_face(case), reference.noise.sigma,
-        reference.n, reference.noise.dof, flat,
-    )  # fmt: skip
+    images = over_region(
+        reference, _no_frames(unloaded, reference), reference.heights, flat, used_face(case)
+    )
     # A test has many images to average; what the few repeats leave of noise is no pattern.
-    noise = SLOPE_GAIN * (images.sigma / images.pixel) ** 2 / images.n_reference
-    square = np.mean(images.gradient**2, axis=0)
+    square, noise = squared_slopes(images)
     share = np.clip(noise / square, 0.0, 1.0)
     told = (
         f"{reference.n} repeats of the case: noise {1e3 * images.sigma:.2f} nm; "
@@ -98,10 +93,17 @@ def _virtual(case: Case, settings: Settings, history: History) -> Surface:
         gamma_f=case.images.gamma_f if noise is None else noise * 1e-3,
         gamma_F=case.loads.gamma_F,
     )  # fmt: skip
-    images = _images(
-        experiment, heights, codes, used_face(case), experiment.gamma_f,
-        settings.microscope.repeats, 0, None,
-    )  # fmt: skip
+    reference = Reference(
+        heights=heights,
+        codes=codes,
+        noise=Noise(experiment.gamma_f, 0),
+        n=settings.microscope.repeats,
+        shifts=np.zeros((settings.microscope.repeats, 3)),
+        registered=False,
+    )
+    images = over_region(
+        reference, _no_frames(experiment, reference), heights, None, used_face(case)
+    )
     face = settings.face
     told = (
         f"no repeats yet: a virtual face with dots of {face.dot_height_nm:g} nm, "
@@ -111,25 +113,6 @@ def _virtual(case: Case, settings: Settings, history: History) -> Surface:
     return Surface(images, experiment, told, case)
 
 
-def _images(
-    experiment: Experiment,
-    heights: FloatArray,
-    codes: CodeArray,
-    bounds: tuple[float, float, float, float],
-    sigma: float,
-    n_reference: int,
-    noise_dof: int,
-    flat: FlatField | None,
-) -> SurfaceImages:
-    pixel, origin = experiment.pixel_um, experiment.origin
-    rows, cols = np.nonzero(codes == Excluded.USED)
-    xy = np.column_stack([(rows - origin[0]) * pixel, (cols - origin[1]) * pixel])
-    slopes = spline_images(heights[None], pixel, origin).gradient(0, xy[:, 0], xy[:, 1])
-    return SurfaceImages(
-        xy=xy, rows=rows, cols=cols, reference=heights[rows, cols], gradient=slopes,
-        frames=SplineImages(np.zeros((0, *heights.shape)), pixel, origin), sigma=sigma,
-        n_reference=n_reference, shape=(heights.shape[0], heights.shape[1]), pixel=pixel,
-        bounds=bounds, reference_image=heights, noise_dof=noise_dof, codes=codes,
-        sigma_flat=0.0 if flat is None else flat.sigma,
-        flat_error=np.zeros(heights.shape) if flat is None else flat.error,
-    )  # fmt: skip
+def _no_frames(experiment: Experiment, reference: Reference) -> SplineImages:
+    none = np.zeros((0, *reference.heights.shape))
+    return SplineImages(none, experiment.pixel_um, experiment.origin)

@@ -9,7 +9,8 @@ import numpy as np
 from driver.design.comparison import Gain, by_group, gain
 from driver.design.forecast import Forecast
 from driver.design.information import SOURCES, Knowledge, groups_of
-from driver.design.visibility import Outlook
+from driver.design.visibility import NAMED_AT, Outlook
+from driver.diagnosis.score import SEEN_AT
 
 _SAME = 0.02  # a change of σ that is not worth a number
 _HIDDEN = 0.5  # share of an effect that is left, below which what takes the rest is told
@@ -85,9 +86,9 @@ def _knots(known: Sequence[Knowledge], start: str) -> str:
 def _causes(base: Forecast) -> list[str]:
     lines = [
         "what would show of the causes, most visible first: the smallest magnitude that would be "
-        "seen (4.5 σ), also",
-        "in usual sizes (at most 1: it would show at its usual size; 6 σ, a third more, name it), "
-        "and the share in the loads",
+        f"seen ({SEEN_AT:g} σ), also",
+        f"in usual sizes (at most 1: it would show at its usual size; {NAMED_AT:g} σ, "
+        f"{NAMED_AT / SEEN_AT - 1:.0%} more, name it), and the share in the loads",
         f"{'cause':<25}{'usual size':>12}{'seen from':>26}{'in sizes':>10}{'in loads':>10}  "
         "hidden by; not told from",
     ]

@@ -24,7 +24,7 @@ from driver.diagnosis.screening import (
 )
 from driver.diagnosis.verdict import MOST_ADDITIONS, Verdict, decide
 from driver.identification.fit import Correction, Evaluation, Fit, Objective, fit
-from driver.identification.procedure import correction, temporal_noise, with_correction
+from driver.identification.procedure import correction, noise_factor, with_correction
 from driver.model import ForwardModel
 from driver.side_by_side import side_by_side
 
@@ -183,7 +183,7 @@ def diagnose(
         log(f"added {winner.cause.name}, log evidence {winner.log_evidence:+.1f}")
         log("finer mesh and steps at the extended model")
         change = correction(model, finer, winner.fit, log)
-        noise = winner.objective.data.image.noise_factor * temporal_noise(
+        noise = winner.objective.data.image.noise_factor * noise_factor(
             winner.fit, winner.objective.data
         )
         if limited:

@@ -11,7 +11,7 @@ from scipy import ndimage
 from driver.dic.interpolation import SplineImages, spline_images, variance_gain
 from driver.images.flatfield import FlatField, left_over
 from driver.images.heightmaps import ImageError, on_surface
-from driver.images.reference import build_reference, corrected
+from driver.images.reference import Reference, build_reference, corrected
 from driver.images.region import Bounds, CodeArray
 
 FloatArray = NDArray[np.float64]
@@ -84,18 +84,10 @@ class SurfaceImages:
         )
 
     def expected_residual_variance(self, motion: FloatArray) -> FloatArray:
-        """Variance of ρ from noise alone [µm²], shape (T, n_pix).
-
-        σ² (gain + 1/n): interpolation between pixels lowers the noise of a frame by a known
-        gain, and the reference adds that of its mean of n images. The error of the flat pattern
-        adds what it does not do to both images alike.
-        """
-        moved = (self.xy + motion[..., :2]) / self.pixel + self.frames.origin
-        gain = variance_gain(moved[..., 0], moved[..., 1])
-        variance = self.sigma**2 * (gain + 1 / self.n_reference)
-        if self.sigma_flat:
-            variance += self.sigma_flat**2 * left_over(motion[..., :2] / self.pixel, gain)
-        return np.asarray(variance)
+        """Variance of ρ from noise alone [µm²], shape (T, n_pix), see `residual_variance`."""
+        at = self.xy / self.pixel + self.frames.origin
+        shift = motion[..., :2] / self.pixel
+        return residual_variance(at, shift, self.sigma, self.n_reference, self.sigma_flat)
 
     def chi(
         self, motion: FloatArray, n_parameters: float = 0.0, index: IntArray | None = None
@@ -115,6 +107,30 @@ class SurfaceImages:
         squares = self.residual(motion, index) ** 2 / self.expected_residual_variance(motion)
         freedom = np.maximum(np.isfinite(squares).sum(axis=1) - n_parameters, 1.0)
         return np.asarray(np.sqrt(np.nansum(squares, axis=1) / freedom))
+
+
+def residual_variance(
+    at: FloatArray, shift: FloatArray, sigma: float, n_reference: float, sigma_flat: float
+) -> FloatArray:
+    """Variance of ρ from noise alone [µm²], shape (T, n_pix).
+
+    σ² (gain + 1/n): interpolation between pixels lowers the noise of a frame by a known
+    gain, and the reference adds that of its mean of n images. The error of the flat pattern
+    adds what it does not do to both images alike.
+
+    Args:
+        at: rows and columns of the pixels in the reference [px], shape (n_pix, 2).
+        shift: u, v [px], shape (T, n_pix, 2).
+        sigma: noise of one frame at a pixel [µm].
+        n_reference: images averaged into the reference.
+        sigma_flat: standard error of the flat pattern [µm].
+    """
+    moved = at + shift
+    gain = variance_gain(moved[..., 0], moved[..., 1])
+    variance = sigma**2 * (gain + 1.0 / n_reference)
+    if sigma_flat:
+        variance += sigma_flat**2 * left_over(shift, gain)
+    return np.asarray(variance)
 
 
 def prepare(
@@ -157,16 +173,37 @@ def prepare(
         if found != shape:
             raise ImageError(f"{name} of {found} px, but the repeats have {shape} px.")
     reference = build_reference(repeats, flat, pixel, origin, bounds, mask, mask_dust)
-    rows, cols = np.nonzero(reference.region)
     smooth = ndimage.gaussian_filter(reference.heights, SMOOTHING)
+    splines = spline_images(corrected(frames, flat, "frame"), pixel, origin)
+    return over_region(reference, _with_gaps(splines, frames), smooth, flat, bounds)
+
+
+def over_region(
+    reference: Reference,
+    frames: SplineImages,
+    relief: FloatArray,
+    flat: FlatField | None,
+    bounds: Bounds,
+) -> SurfaceImages:
+    """Gather what correlation needs over the region of a reference.
+
+    Args:
+        reference: the reference surface.
+        frames: the images of the series; none of them need be there.
+        relief: heights of whose spline the gradient is taken [µm], shape (rows, cols).
+        flat: fixed pattern that was subtracted, if any.
+        bounds: rectangle (x0, x1, y0, y1) of the region of interest [µm].
+    """
+    pixel, origin, shape = frames.pixel, frames.origin, reference.heights.shape
+    rows, cols = np.nonzero(reference.region)
     xy = np.column_stack([(rows - origin[0]) * pixel, (cols - origin[1]) * pixel])
     return SurfaceImages(
         xy=xy,
         rows=rows,
         cols=cols,
         reference=reference.heights[rows, cols],
-        gradient=spline_images(smooth[None], pixel, origin).gradient(0, xy[:, 0], xy[:, 1]),
-        frames=_with_gaps(spline_images(corrected(frames, flat, "frame"), pixel, origin), frames),
+        gradient=spline_images(relief[None], pixel, origin).gradient(0, xy[:, 0], xy[:, 1]),
+        frames=frames,
         sigma=reference.noise.sigma,
         n_reference=reference.n,
         shape=(shape[0], shape[1]),

@@ -231,15 +231,19 @@ class Data:
 
     def sensitivity(self, prediction: Prediction) -> FloatArray:
         """Whitened derivatives of a prediction with respect to k parameters, shape (k, n)."""
+        z = self._whiten_images(self.image_sensitivity(prediction))
+        parts = [z.reshape(len(z), z.shape[1] * self.image.n_z)]
+        if self.with_loads:
+            parts.insert(0, self._whiten_loads(prediction.d_load[:, self.index]))
+        return self._whiten_jitter(np.concatenate(parts, axis=1))
+
+    def image_sensitivity(self, prediction: Prediction) -> FloatArray:
+        """Derivatives of the images that are fitted, each whitened by itself, (k, T, n_z)."""
         seen = self.index[self.with_image]
         z = self.image.sensitivity(prediction.d_surface[:, seen], prediction.look.value)
         for row, motion in prediction.carried.items():
             z[row] += self.image.pixel_sensitivity(motion[seen])
-        z = self._whiten_images(z)
-        parts = [z.reshape(len(z), seen.size * self.image.n_z)]
-        if self.with_loads:
-            parts.insert(0, self._whiten_loads(prediction.d_load[:, self.index]))
-        return self._whiten_jitter(np.concatenate(parts, axis=1))
+        return z
 
     def image_part(self, residual: FloatArray) -> FloatArray:
         """The image part of a residual, of the images that are fitted, shape (T, n_z)."""

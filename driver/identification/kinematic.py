@@ -29,13 +29,8 @@ def kinematic_hessian(
     Returns:
         Shape (k, k).
     """
-    data, prediction = objective.data, evaluation.prediction
     rows = [evaluation.free.index(name) for name in names]
-    chosen = prediction.restrict(rows)
-    seen = data.index[data.with_image]
-    z = data.image.sensitivity(chosen.d_surface[:, seen], chosen.look.value)
-    for row, motion in chosen.carried.items():
-        z[row] += data.image.pixel_sensitivity(motion[seen])
+    z = objective.data.image_sensitivity(evaluation.prediction.restrict(rows))
     sizes = np.array([evaluation.values[name] for name in names])
-    flat = (data.image.noise_factor * sizes[:, None, None] * z).reshape(len(names), -1)
+    flat = (objective.data.image.noise_factor * sizes[:, None, None] * z).reshape(len(names), -1)
     return np.asarray(0.5 * flat @ flat.T)

@@ -6,75 +6,59 @@ which is every elastic unloading. The correction of the simulation is that of th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from driver.boundary import LAMBDAS
-from driver.identification.fit import Correction, Fit, Objective, fit
-from driver.identification.procedure import START, elastic_stiffness, unload_elastically
+from driver.identification.fit import Correction, Objective, fit
+from driver.identification.identifiability import refuse_what_is_not_seen
+from driver.identification.procedure import (
+    START,
+    Identification,
+    Plan,
+    elastic_stiffness,
+    unload_elastically,
+)
 from driver.identification.simulation_error import SimulationError, share_left
 from driver.model import ForwardModel
 
-FloatArray = NDArray[np.float64]
 Log = Callable[[str], None]
-
-
-@dataclass(frozen=True, eq=False)
-class LoadsFit:
-    """Result of an identification without images.
-
-    Attributes:
-        objective: data, priors and the correction of the last fit.
-        stages: the fits by name: B without, C with the correction and with free λ's.
-    """
-
-    objective: Objective
-    stages: Mapping[str, Fit]
-
-    @property
-    def final(self) -> Fit:
-        """The last fit."""
-        return self.stages["C"]
 
 
 def identify_from_loads(
     objective: Objective,
     finer: ForwardModel,
     start: Mapping[str, float],
-    law: Sequence[str],
-    knots: Sequence[str],
-    sizes: tuple[float, float],
-    most: int,
+    plan: Plan,
     log: Log,
-) -> LoadsFit:
+) -> Identification:
     """Fit the law and the elongation, correct the simulation, and fit again with the λ's.
 
     Args:
         objective: data without images, and priors, those of the knots among them.
         finer: finer mesh and steps, for the correction.
         start: every parameter at the start.
-        law: names of the law's parameters (and of nuisances of the loads).
-        knots: names of the elongation knots.
-        sizes: element sizes of the working and of the finer mesh [µm].
-        most: largest number of iterations of each fit.
+        plan: which parameters are free, and how it is run.
         log: takes one line of progress.
+
+    Returns:
+        Stages B, without the correction, and C, with it and with free λ's.
 
     Raises:
         SolverError: the model cannot be evaluated at the start.
+        InputError: loads and priors leave a combination of parameters open.
     """
     model, data = objective.model, objective.data
     stiffness = elastic_stiffness(model, start)
     log(f"the law from the loads; elastic stiffness {1e-3 * stiffness:.1f} µN/nm")
     weights = model.boundary.weights[model.image_row]
     begin = unload_elastically(start, stiffness, weights, data.load)
-    first = fit(objective, begin, (*knots, *law), most, log, share=START)
+    first = fit(objective, begin, plan.free("B"), plan.most, log, share=START)
     log("finer mesh and steps at the result, for the correction")
     change = finer.predict(first.values).load - first.best.prediction.load
     log(f"  finer − working: load {np.sqrt(np.mean(change**2)):.2f} µN rms")
-    left = share_left(sizes[1] / sizes[0]) * change
+    left = share_left(plan.sizes[1] / plan.sizes[0]) * change
     error = SimulationError(np.zeros((left.size, 0)), np.zeros((0, 0)), left)
     corrected = replace(
         objective,
@@ -82,5 +66,6 @@ def identify_from_loads(
         correction=Correction(0.0, change),
     )
     log("all together, with the correction")
-    last = fit(corrected, first.values, (*LAMBDAS, *knots, *law), most, log)
-    return LoadsFit(corrected, {"B": first, "C": last})
+    last = fit(corrected, first.values, plan.free("C"), plan.most, log)
+    refuse_what_is_not_seen(last.best)
+    return Identification(corrected, {"B": first, "C": last}, plan.law)

@@ -76,7 +76,7 @@ class Identification:
 
     Attributes:
         objective: model, data, priors and the correction of the last stage.
-        stages: the fits of stages A, B and C.
+        stages: the fits of stages A, B and C; without images there is no A.
         law: names of the law's parameters.
         starts: what became of each start, the first of which is that of the case.
     """
@@ -125,7 +125,7 @@ def identify(
         log("noise of the boundary motion at the result")
         objective = _with_jitter(objective, stage_b.values, plan.jitter)
     log("finer mesh and steps at the result, for the correction")
-    noise = temporal_noise(stage_b, first.objective.data)
+    noise = noise_factor(stage_b, first.objective.data)
     change = correction(working, finer, stage_b, log)
     corrected = with_correction(objective, noise, change, plan.sizes)
     log("stage C: all together, with the correction")
@@ -289,8 +289,8 @@ def correction(working: ForwardModel, finer: ForwardModel, at: Fit, log: Log) ->
     return Correction(motion, load)
 
 
-def temporal_noise(fit_: Fit, data: Data) -> float:
-    """Noise of the whitened images from the fast half of their spectrum in time.
+def noise_factor(fit_: Fit, data: Data) -> float:
+    """Noise of the images over that they were whitened with, from the fast half of their spectrum.
 
     A model error is slow, noise is white: the estimate does not need the model to be right.
     """

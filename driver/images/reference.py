@@ -88,7 +88,7 @@ def build_reference(
     if not used.any():
         raise ImageError(
             "images.dust: every pixel of the face stands out of its neighbours, expected isolated "
-            "spikes; with dust = false they are kept"
+            'spikes; with images.dust = "keep" they are used'
         )
     shifts = np.array([np.zeros(3), *(shift_between(repeats[0], r, pixel, used)
                                       for r in repeats[1:])])  # fmt: skip

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from driver.case import load_case
+from driver.dic.slope_noise import squared_slopes
 from driver.errors import InputError
 from driver.experiment import read_experiment
 from driver.noise_floor.floor import (
@@ -22,7 +23,6 @@ from driver.noise_floor.floor import (
     measured_gamma_u,
     relief_rms,
     repeats_as_frames,
-    share_of_noise,
 )
 from driver.noise_floor.laboratory import DRAWS, QUANTITIES, SERIES, errors, laboratory
 from driver.noise_floor.motions import known_motions
@@ -70,9 +70,8 @@ def noise_floor(case_path: Path, log: Log) -> None:
     )
     repeats = repeats_as_frames(case, experiment)
     lab = laboratory(images, motions, specimen.length)
-    region = np.zeros(images.shape, dtype=bool)
-    region[images.rows, images.cols] = True
-    noise_share = share_of_noise(images.reference_image, region, images.sigma, images.n_reference)
+    square, noise = squared_slopes(images)
+    noise_share = noise / float(square.mean())
     interpolation = lab.relief.error()
     log(
         f"noise {1e3 * images.sigma:.2f} nm, relief {1e3 * relief:.1f} nm; the reference is moved "

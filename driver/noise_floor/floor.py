@@ -94,18 +94,3 @@ def relief_rms(images: SurfaceImages) -> float:
     planes = plane_modes(images.rows.astype(np.float64), images.cols.astype(np.float64))
     heights = images.reference - planes @ (planes.T @ images.reference)
     return float(heights.std())
-
-
-def share_of_noise(relief: FloatArray, region: NDArray[np.bool_], sigma: float, n: int) -> float:
-    """Share of the squared slopes of a reference that is the noise of its n images.
-
-    White noise has the variance σ²/(2n) of central differences.
-
-    Args:
-        relief: the reference [µm].
-        region: region of interest, same shape.
-        sigma: noise of one image [µm].
-        n: images averaged.
-    """
-    slopes = np.array(np.gradient(relief))[:, region]
-    return float(sigma**2 / n / slopes.var(axis=1).sum())

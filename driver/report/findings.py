@@ -15,10 +15,9 @@ from driver.boundary import BoundaryMotion
 from driver.case import Case
 from driver.check_picture import boundary_trace
 from driver.diagnose_stage import DIAGNOSIS, DIAGNOSIS_H5, EXTENDED
-from driver.dic.interpolation import variance_gain
+from driver.dic.surface_images import residual_variance
 from driver.history import History, knot_weights, read_history
-from driver.identify_stage import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
-from driver.images.flatfield import left_over
+from driver.identified_record import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
 from driver.measure_stage import MEASURE, MEASURE_CSV
 from driver.mesh_stage import FINE_MESH, MESH
 from driver.model import declared_parameters
@@ -29,6 +28,7 @@ from driver.results import damaged, read_hdf5
 from driver.stages import StageContext, read_record
 from meshes.files import read_med
 from meshes.prism_mesh import PrismMesh
+from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
 Record = dict[str, Any]
@@ -108,6 +108,11 @@ class Findings:
         return ("before", "after") if self.extended else ("before",)
 
     @property
+    def declared(self) -> dict[str, Parameter]:
+        """Every parameter of the general model by name, scaled at the constants of the case."""
+        return _declared(self.case, self.history)
+
+    @property
     def load_noise(self) -> float:
         """γ_F [µN]."""
         return self.case.loads.gamma_F
@@ -125,17 +130,15 @@ class Findings:
     def residual(self, side: str) -> FloatArray:
         """ρ in units of the standard deviation that noise alone gives it, shape (T, n_pix).
 
-        Var ρ = σ²(gain + 1/n): interpolation lowers the noise of a frame by a known gain, the
-        reference adds that of its mean of n images, and the flat pattern its error. The gain
-        depends on where the pixels fell, so the stage's translation counts: it is what free
+        That depends on where the pixels fell, so the stage's translation counts: it is what free
         correlation saw beyond the model.
         """
         m, motion = self.measured, self.fitted[f"{side}/motion"][..., :2]
         seen = motion + np.mean(m["motion"][..., :2] - motion, axis=1, keepdims=True)
-        moved = (m["xy"] + seen) / m["pixel"] + m["origin"]
-        gain = variance_gain(moved[..., 0], moved[..., 1])
-        variance = m["sigma"] ** 2 * (gain + 1.0 / m["n_reference"])
-        variance += m["sigma_flat"] ** 2 * left_over(seen / m["pixel"], gain)
+        variance = residual_variance(
+            m["xy"] / m["pixel"] + m["origin"], seen / m["pixel"], float(m["sigma"]),
+            float(m["n_reference"]), float(m["sigma_flat"]),
+        )  # fmt: skip
         return np.asarray(self.fitted[f"{side}/rho"] / np.sqrt(variance))
 
     def edges(self, side: str) -> FloatArray:
@@ -180,7 +183,7 @@ def read_findings(context: StageContext) -> Findings:
         motion=measured_motion(measured, case.images.level_um, boundary_trace(case)),
         pictures={name: context.result(f"{name}.png").read_bytes() for name in FIGURES},
         fitted=_datasets(paths[DIAGNOSIS_H5], _FITTED),
-        estimates=estimates(names, declared_parameters(history.n_knots), identified),
+        estimates=estimates(names, _declared(case, history), identified),
         identified=identified,
         hessian_names=tuple(name.decode() for name in identified["hessian_names"].tolist()),
         warnings=tuple(warnings),
@@ -190,6 +193,10 @@ def read_findings(context: StageContext) -> Findings:
         iterations=iterations,
         diagnosis=_record(paths[DIAGNOSIS], ("verdict", "added", "gain", "steps")),
     )
+
+
+def _declared(case: Case, history: History) -> dict[str, Parameter]:
+    return declared_parameters(history.n_knots, case.material.to_material())
 
 
 def _seconds(results: Path, iterations: Record) -> dict[str, float]:

@@ -22,7 +22,7 @@ from driver.report.style import (
     styled,
     typeset,
 )
-from driver.report.wording import chi, number
+from driver.wording import chi, number
 
 FloatArray = NDArray[np.float64]
 Parts = Sequence[FloatArray]  # one array for each stage

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from driver.boundary import LAMBDAS
 from driver.identification.identifiability import INSENSITIVE
 from driver.report.identified import Estimate
-from driver.report.wording import (
+from driver.wording import (
     chi,
     duration,
     interval,

@@ -18,7 +18,7 @@ from driver.report.identified_tables import (
     strongest,
     time_table,
 )
-from driver.report.wording import (
+from driver.wording import (
     chi,
     interval,
     label,

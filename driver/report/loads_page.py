@@ -6,18 +6,19 @@ import json
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.case import Case
-from driver.identify_stage import IDENTIFY
+from driver.experiment import history_of
+from driver.identified_record import IDENTIFY
+from driver.model import declared_parameters
 from driver.report import figures
+from driver.report.identified import estimates
+from driver.report.identified_tables import estimate_rows
 from driver.report.style import data_uri, png
-from driver.report.wording import chi, label, number, reading_unit, with_sigma
 from driver.results import prismid_version, read_hdf5
 from driver.stages import StageContext
+from driver.wording import chi, named, number, with_sigma
 from templates import render
-
-FloatArray = NDArray[np.float64]
 
 REPORT = "report.html"
 
@@ -30,8 +31,10 @@ def run_report_loads(context: StageContext) -> None:
     """
     found, case = read_hdf5(context.result(IDENTIFY)), context.case
     with h5py.File(context.result(IDENTIFY), "r") as file:
-        names, units = json.loads(file.attrs["names"]), json.loads(file.attrs["units"])
+        names, warnings = json.loads(file.attrs["names"]), json.loads(file.attrs["warnings"])
         reason = str(file.attrs["reason"])
+    declared = declared_parameters(history_of(case).n_knots, case.material.to_material())
+    groups, knots = estimate_rows(estimates(names, declared, found))
     picture = png(
         figures.loads(
             found["stage"], found["time"], found["force"], {"before": found["final/load"]},
@@ -50,7 +53,9 @@ def run_report_loads(context: StageContext) -> None:
         noise=number(case.loads.gamma_F),
         ratio=_ratio(case),
         reason=reason,
-        rows=[_row(k, *both, found) for k, both in enumerate(zip(names, units, strict=True))],
+        warnings=[named(text, names) for text in warnings],
+        groups=groups,
+        knots=knots,
         picture=data_uri(picture),
     )
     (context.workdir / REPORT).write_text(page, encoding="utf-8")
@@ -60,17 +65,3 @@ def _ratio(case: Case) -> str:
     ratio, sigma = case.boundary.stage_ratio, case.boundary.stage_ratio_uncertainty
     assert ratio is not None and sigma is not None  # the case refuses itself without them
     return f"({with_sigma(1e4 * ratio, 1e4 * sigma)})·10⁻⁴"
-
-
-def _row(k: int, name: str, unit: str, found: dict[str, FloatArray]) -> dict[str, str]:
-    factor, shown = reading_unit(name, unit)
-    value, sigma, start = (factor * float(found[key][k]) for key in ("values", "sigma", "start"))
-    share = float(found["prior_share"][k])
-    return {
-        "label": label(name),
-        "name": name,
-        "unit": shown,
-        "start": number(start, 4),
-        "value": with_sigma(value, sigma),
-        "left": f"{number(100 * share, 2)} %" if share else "no prior",
-    }

@@ -13,7 +13,7 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from driver.report.style import SIGNED, WIDTH, new_figure, styled, typeset
-from driver.report.wording import compact
+from driver.wording import compact
 
 FloatArray = NDArray[np.float64]
 

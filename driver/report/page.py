@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from driver.diagnosis.diagnose import GATE, IMAGING
-from driver.model import declared_parameters
 from driver.report.evidence_figures import signed_evidence
 from driver.report.findings import Findings
 from driver.report.identified_texts import identification, law_tiles
@@ -14,7 +13,7 @@ from driver.report.measured_texts import texts
 from driver.report.references import REFERENCES
 from driver.report.style import INDEXED, data_uri
 from driver.report.tables import added_rows, cause_rows, measure, parameter_rows
-from driver.report.wording import cause_label, chi, joined, label, number, probability, readable
+from driver.wording import cause_label, chi, joined, label, number, probability, readable
 from templates import render
 
 TEMPLATE = "report.html.j2"
@@ -52,7 +51,7 @@ def report_page(
         files: what each result file holds, by name.
     """
     diagnosis = findings.diagnosis
-    declared = declared_parameters(findings.history.n_knots)
+    declared = findings.declared
     causes = {cause["cause"] for step in diagnosis["steps"] for cause in step["causes"]}
     said = [readable(text, causes) for text in verdict_texts(diagnosis)]
     if findings.extended:

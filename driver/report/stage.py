@@ -16,9 +16,9 @@ from driver.report.identified_tables import core
 from driver.report.page import report_page
 from driver.report.style import png
 from driver.report.tables import ordered
-from driver.report.wording import cause_label, label, reading_unit, short_label
 from driver.results import prismid_version
 from driver.stages import StageContext
+from driver.wording import cause_label, label, reading_unit, short_label
 
 FloatArray = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import Any
 from driver.boundary import LAMBDAS
 from driver.report.evidence_figures import signed_evidence
 from driver.report.findings import Findings
-from driver.report.wording import (
+from driver.wording import (
     cause_label,
     change,
     label,

@@ -13,6 +13,7 @@ from driver import check as check_module
 from driver import pipeline, specimen
 from driver.case import CaseError, load_case
 from driver.check import check
+from driver.errors import InputError
 from driver.experiment import ExperimentError, read_experiment
 from driver.loads_stage import SKIPPED
 from driver.results import read_hdf5
@@ -100,10 +101,10 @@ def test_no_tilt_and_no_pose_is_sought(finished: tuple[Path, str]) -> None:
     }  # fmt: skip
 
 
-def test_what_the_loads_do_not_tell_keeps_the_width_of_its_prior(
+def test_the_variance_of_what_the_loads_do_not_tell_is_that_of_its_prior(
     finished: tuple[Path, str],
 ) -> None:
-    path, _ = finished
+    path, log = finished
     results = read_hdf5(path.parent / "results" / "identify.h5")
     with h5py.File(path.parent / "results" / "identify.h5", "r") as file:
         names = json.loads(file.attrs["names"])
@@ -111,6 +112,10 @@ def test_what_the_loads_do_not_tell_keeps_the_width_of_its_prior(
     # Without tilt the amplitudes along Z move nothing.
     assert shares["lambda_plus_Z"] == pytest.approx(1.0)
     assert shares["tau0"] < 0.2
+    width = dict(zip(names, results["prior/width"], strict=True))
+    theta = np.sqrt(np.diag(results["covariance"]))[names.index("lambda_plus_Z")]
+    assert theta == pytest.approx(width["lambda_plus_Z"])
+    assert "lambda_plus_Z: the data hardly see it; 100% of its variance" in log
 
 
 def test_the_report_says_what_it_rests_on(finished: tuple[Path, str]) -> None:
@@ -118,6 +123,19 @@ def test_the_report_says_what_it_rests_on(finished: tuple[Path, str]) -> None:
     assert "identified from loads alone" in page and "(4.5 ± 1.0)·10⁻⁴" in page
     assert "<code>tau0</code>" in page and "<code>elongation_4</code>" in page
     assert "diagnosis are left out" in page
+    assert "Not decided by the loads:" in page and "Elongation knots" in page
+
+
+def test_parameters_that_neither_loads_nor_a_prior_hold_are_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write(tmp_path)
+    text = path.read_text("utf-8")
+    assert text.count('\nprior = "gaussian"') == 1
+    path.write_text(text.replace('\nprior = "gaussian"', '\nprior = "none"'), encoding="utf-8")
+    monkeypatch.setattr(specimen, "find_adapter", solver)
+    with pytest.raises(InputError, match="lambda_plus_Z changes nothing that .* loads show"):
+        pipeline.run(path, "identify", False, lambda line: None)
 
 
 def test_check_tells_that_no_images_are_used(
@@ -147,9 +165,15 @@ def test_what_needs_images_is_refused_in_a_sentence(finished: tuple[Path, str]) 
          "boundary.stage_ratio_uncertainty: found nothing, expected a number"),
         (f"stage_ratio = {RATIO}\n", "stage_ratio = -1\n",
          "boundary.stage_ratio: found -1, expected a number > 0"),
+        ("\njitter_nm = 0.0", "\njitter_nm = 3.0",
+         'boundary.jitter_nm: found 3.0, expected 0.0 with boundary.motion = "stage"'),
+        ('\norder = "joint"', '\norder = "paper"',
+         'identification.order: found "paper", expected "joint" with boundary.motion = "stage"'),
+        ("\nstarts = 1", "\nstarts = 4",
+         'identification.starts: found 4, expected 1 with boundary.motion = "stage"'),
     ],
 )  # fmt: skip
-def test_a_ratio_that_does_not_fit_is_named(
+def test_what_does_not_fit_a_motion_by_the_stage_is_named(
     tmp_path: Path, old: str, new: str, message: str
 ) -> None:
     path = write(tmp_path)

@@ -27,7 +27,7 @@ from driver.design.settings import Settings, read_change
 from driver.design.surface import expected_surface
 from driver.design.variants import base_variant, variant
 from driver.history import read_history
-from driver.identify_stage import IDENTIFY
+from driver.identified_record import IDENTIFY
 from driver.stages import run_stages
 from tests.driver import closed_form
 
@@ -127,13 +127,12 @@ def test_half_the_load_noise_halves_what_only_loads_limit(base: Plan) -> None:
 
 
 def test_what_has_no_effect_is_named_so(base: Plan) -> None:
-    """The law in closed form knows no depth of the grain boundary's bow where n is unknown."""
+    """Without isotropic hardening (Q = 0) its rate b moves nothing."""
     case = base.variant.case
     law = case.identification.model_copy(update={"parameters": ("tau0", "c", "d", "b")})
     more = case.model_copy(update={"identification": law})
     blind = replace(base, variant=replace(base.variant, case=more))
     found = {p.name: p for p in whole_forecast(blind).parameters}
-    # Without isotropic hardening (Q = 0) its rate b moves nothing.
     assert found["b"].limit.startswith("not seen")
     assert found["b"].theta == pytest.approx(found["b"].prior)
     assert not found["tau0"].limit.startswith("not seen")
@@ -141,9 +140,9 @@ def test_what_has_no_effect_is_named_so(base: Plan) -> None:
 
 def test_causes_that_scale_the_load_alike_are_not_told_apart(before: Forecast) -> None:
     """Gain, elastic scale and depth are parallel in this solver on purpose (closed_form)."""
-    assert ("elastic_stiffness", "load_gain") in pairs(before) or (
-        "load_gain", "section_depth"
-    ) in pairs(before)  # fmt: skip
+    assert {("elastic_stiffness", "load_gain"), ("load_gain", "section_depth")} <= set(
+        pairs(before)
+    )
 
 
 def test_a_longer_course_is_simulated_anew(base: Plan, before: Forecast) -> None:

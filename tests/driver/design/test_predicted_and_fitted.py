@@ -9,7 +9,7 @@ import h5py
 import pytest
 
 from driver.design.command import FILES, design
-from driver.identify_stage import IDENTIFY
+from driver.identified_record import IDENTIFY
 from driver.pipeline import run
 from driver.virtual_record import record
 from tests.driver.virtual_experiment import pull, small_case, true_case

@@ -7,8 +7,8 @@ import pytest
 
 from driver.case import Case, load_case
 from driver.design.settings import Settings
-from driver.design.surface import SLOPE_GAIN, expected_surface
-from driver.dic.interpolation import spline_images
+from driver.design.surface import expected_surface
+from driver.dic.slope_noise import SLOPE_GAIN
 from driver.errors import InputError
 from driver.virtual_tables import Face, Microscope
 from tests.driver import closed_form
@@ -19,13 +19,6 @@ def own_case(folder: Path) -> Case:
     closed_form.write_files(folder, {})
     (folder / "images.tif").unlink()
     return load_case(folder / "case.toml")
-
-
-def test_the_slope_of_a_spline_through_white_noise_has_the_stated_variance() -> None:
-    noise = np.random.default_rng(0).standard_normal((400, 400))
-    row, col = (a.ravel() for a in np.indices((360, 360)) + 20.0)
-    slopes = spline_images(noise[None], 1.0, (0.0, 0.0)).gradient(0, row, col)
-    assert slopes.var(axis=0) == pytest.approx(SLOPE_GAIN, rel=0.02)
 
 
 def test_the_users_repeats_give_noise_and_pattern_without_images(tmp_path: Path) -> None:

@@ -19,8 +19,8 @@ from driver.identification.procedure import (
     elastic_stiffness,
     identify,
     knot_start,
+    noise_factor,
     start_values,
-    temporal_noise,
     unload_elastically,
 )
 from driver.surface_view import POSE_DECLARATIONS
@@ -82,7 +82,7 @@ def test_the_noise_is_recovered_under_a_slow_model_error(noise: float) -> None:
     data = Data(cast(Any, image), np.zeros(T), 1.0, 0.0, np.arange(T))
     residual = np.concatenate([1e3 * np.ones(T), images.ravel()])
     best = evaluation(residual, np.zeros((1, residual.size)), n_load=T)
-    assert temporal_noise(Fit(best, True, "", ()), data) == pytest.approx(noise, rel=0.05)
+    assert noise_factor(Fit(best, True, "", ()), data) == pytest.approx(noise, rel=0.05)
     assert np.sqrt(np.mean(images**2)) > 3
 
 

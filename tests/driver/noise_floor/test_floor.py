@@ -5,7 +5,7 @@ import pytest
 
 from driver.dic.surface_images import prepare
 from driver.noise_floor.command import table
-from driver.noise_floor.floor import Row, chosen, relief_rms, share_of_noise
+from driver.noise_floor.floor import Row, chosen, relief_rms
 from driver.noise_floor.laboratory import QUANTITIES, Errors
 
 
@@ -34,19 +34,6 @@ def test_a_mesh_on_which_images_did_not_converge_is_named() -> None:
     stopped = row(8, 0.01, 0.02)
     stopped = Row(8, 4, Errors(stopped.errors.bias, stopped.errors.scatter, 0.02, 0.9), 0.025)
     assert table([stopped], stopped, 9)[-1].endswith("elements of 8 px")
-
-
-def test_the_share_of_noise_in_the_slopes_is_that_of_what_was_added() -> None:
-    rng = np.random.default_rng(0)
-    ramp = np.sin(np.arange(400) / 5)[:, None] * np.ones(300)
-    sigma, n = 0.3, 9
-    noisy = ramp + sigma / np.sqrt(n) * rng.normal(size=ramp.shape)
-    region = np.zeros(ramp.shape, dtype=bool)
-    region[5:-5, 5:-5] = True
-    # Central differences: the wave has slopes of rms sin(1/5)/√2, noise σ/√2n in each direction.
-    signal, noise = np.sin(0.2) ** 2 / 2, sigma**2 / n
-    share = share_of_noise(noisy, region, sigma, n)
-    assert share == pytest.approx(noise / (signal + noise), rel=0.03)
 
 
 def test_the_relief_is_measured_about_its_plane() -> None:

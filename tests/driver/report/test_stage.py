@@ -6,14 +6,15 @@ import h5py
 import numpy as np
 import pytest
 
+from driver.case import load_case, write_case
 from driver.diagnosis.causes import LIBRARY
 from driver.report.findings import FILES, read_findings
 from driver.report.measured_texts import texts
 from driver.report.page import headline
 from driver.report.stage import run_report
-from driver.report.wording import cause_label
 from driver.results import ResultError
 from driver.stages import StageError
+from driver.wording import cause_label
 
 FIGURES = (
     "budget", "specimen", "motion", "fields", "loads", "residual_maps",
@@ -276,3 +277,13 @@ def test_with_the_knots_held_the_page_shows_the_law_and_how_the_amplitudes_were_
 def replaced(file, name, values):
     del file[name]
     file[name] = values
+
+
+def test_parameters_are_scaled_at_the_constants_of_the_case(results, tmp_path):
+    """A back strain saturates at 1/d: the standard deviation of x₀ is told in tenths of it."""
+    path = results.folder / "case.toml"
+    case = load_case(path)
+    material = case.material.model_copy(update={"d": 2.0 * case.material.d})
+    write_case(case.model_copy(update={"material": material}), path)
+    declared = read_findings(results.context(tmp_path / "work")).declared
+    assert declared["x0"].scale == pytest.approx(0.1 / material.d)

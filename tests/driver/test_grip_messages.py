@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from driver.grip_messages import sentences
 from driver.grip_motion import Estimate, Slip
-from driver.report.grip_texts import sentences
 from tests.driver.test_grip_motion import PHASE, RATIO, checked
 
 

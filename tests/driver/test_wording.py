@@ -5,7 +5,7 @@ import pytest
 from driver.diagnosis.causes import LIBRARY
 from driver.model import declared_parameters
 from driver.report.style import INDEXED
-from driver.report.wording import (
+from driver.wording import (
     change,
     chi,
     compact,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from driver.grip_motion import Estimate, GripMotion
-from driver.report.wording import joined, number, with_sigma
+from driver.wording import joined, number, with_sigma
 
 
 def sentences(grip: GripMotion) -> list[str]:
