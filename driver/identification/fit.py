@@ -26,8 +26,10 @@ FloatArray = NDArray[np.float64]
 
 DECREMENT = 0.1  # Newton decrement at convergence: a tenth of a standard deviation
 # A model error leaves an excess misfit, and makes convergence slow (its residual is large where
-# the model is curved). A step that would lower the excess by a hundredth changes no answer.
+# the model is curved). A step that would lower the excess by a hundredth changes no answer. What
+# noise alone scatters by is no excess.
 NEGLIGIBLE = math.sqrt(1e-2)
+SCATTER = 3.0  # standard deviations of ‖r‖²
 MOST_HALVINGS = 5
 Log = Callable[[str], None]
 
@@ -312,7 +314,8 @@ def fit(
             here.hessian, here.gradient, [objective.parameters[n] for n in here.free],
             [here.values[n] for n in here.free],
         )  # fmt: skip
-        enough = max(tolerance, math.sqrt(share * here.cost), math.sqrt(here.excess) * NEGLIGIBLE)
+        excess = max(here.excess - SCATTER * math.sqrt(2.0 * here.residual.size), 0.0)
+        enough = max(tolerance, math.sqrt(share * here.cost), math.sqrt(excess) * NEGLIGIBLE)
         if decrement < enough:
             return ended(True, f"the Newton decrement is {decrement:.2g} σ")
         if iteration == most:

@@ -143,9 +143,9 @@ def test_the_elongation_is_measured(finished: Run) -> None:
     np.testing.assert_allclose(at_knots, [0, *KNOTS], atol=4.5 * sigma)
     assert np.sqrt(np.mean(measured["chi"] ** 2)) == pytest.approx(1.0, abs=0.05)
     np.testing.assert_array_equal(measured["cycle"], history.cycle)
-    with (finished.results / "measure.csv").open(newline="", encoding="utf-8") as file:
-        table = [float(row["elongation_nm"]) for row in csv.DictReader(file)]
-    np.testing.assert_allclose(table, 1e3 * measured["elongation"], rtol=1e-4)
+    with (finished.results / "measure.csv").open(encoding="utf-8", newline="") as file:
+        written = [float(row["elongation_nm"]) for row in csv.DictReader(file)]
+    np.testing.assert_allclose(written, 1e3 * measured["elongation"], rtol=1e-4)
 
 
 def test_the_residual_over_its_noise_is_that_of_chi(finished: Run) -> None:
@@ -205,7 +205,9 @@ def test_the_identification_keeps_what_the_paper_shows(finished: Run) -> None:
     assert names == [*LAMBDAS, "tau0", "c", "d"]
     hessian = found["kinematic_hessian"]
     np.testing.assert_allclose(hessian, hessian.T)
-    assert np.linalg.eigvalsh(hessian)[0] > 0
+    # Of the law the images of this bar may see a combination alone: null but for rounding.
+    strength = np.linalg.eigvalsh(hessian)
+    assert strength[0] > -1e-12 * strength[-1] and np.all(np.diag(hessian) > 0)
     for key in ("chi", "chi_f", "chi_F"):
         start, end = found[f"paper/{key}"]
         assert start > end > 0
@@ -288,7 +290,7 @@ def test_a_changed_diagnosis_reruns_nothing_before_it(copied: Run) -> None:
     ("old", "new", "sentence"),
     [
         ('causes = "all"', 'causes = ["load_gain", "magic"]',
-         'diagnosis.causes: found "magic", expected one of isotropic_hardening, '),
+         'diagnosis.causes: found "magic", expected one of isotropic_hardening, second_back'),
         ('held_out_cycle = "last"', "held_out_cycle = 4",
          "diagnosis.held_out_cycle: found 4, expected one of the 2 cycle(s)"),
     ],

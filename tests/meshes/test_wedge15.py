@@ -13,7 +13,6 @@ from meshes.cells import EDGES, inverted_cells, jacobians
 from meshes.files import read_med, write_med, write_vtu
 from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import FACE_GROUPS, PrismMesh
-from meshes.surface import trace
 from meshes.tet10 import outer_faces
 from meshes.velocity import boundary_shift, moved
 from meshes.wedge15 import MIRRORED
@@ -111,8 +110,6 @@ def test_a_shift_of_the_boundary_keeps_the_cells_straight(wedges: PrismMesh) -> 
 
 
 def test_what_knows_tetrahedra_only_refuses_wedges(wedges: PrismMesh) -> None:
-    with pytest.raises(ValueError, match="TOP is made of quad8"):
-        trace(wedges)
     with pytest.raises(ValueError, match="outer faces are found for tet10 cells only"):
         outer_faces(wedges.cells)
 

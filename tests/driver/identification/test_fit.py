@@ -334,3 +334,21 @@ def test_notes_of_the_solver_are_told_with_the_iteration() -> None:
     fit(objective, ZERO, "abc", 1, lines.append, noted)
     assert lines[1] == "    doubtful" and lines[0].startswith("  iteration 0")
     assert lines[2].startswith("  iteration 1") and len(lines) == 3
+
+
+@pytest.mark.parametrize(("excess", "steps"), [(1.5, 1), (12.0, 0)], ids=["scatter", "excess"])
+def test_only_misfit_beyond_the_scatter_of_noise_makes_a_step_negligible(
+    excess: float, steps: int
+) -> None:
+    """A parameter one standard deviation off, in so many deviations of ‖r‖² above its mean."""
+    n = 20_000
+    curve = np.zeros((1, n))
+    curve[0, 0] = 1.0
+    measured = np.full(n, np.sqrt(1 + excess * np.sqrt(2 / n)))
+    measured[0] = 1.0
+
+    def one(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return p @ curve, curve
+
+    found = fit(formula(one, measured, PLAIN[:1]), {"a": 0.0}, "a", 5, silent)
+    assert found.converged and len(found.history) == 1 + steps
