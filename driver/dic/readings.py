@@ -40,7 +40,7 @@ class Reading:
     def own(self) -> float:
         """Standard deviation of an image without what all images share [µm], median."""
         T = self.value.size
-        shared = (self.covariance.sum() - self.covariance.trace()) / (T * (T - 1))
+        shared = (self.covariance.sum() - self.covariance.trace()) / max(T * (T - 1), 1)
         return float(np.sqrt(np.median(self.covariance.diagonal()) - shared))
 
 
