@@ -286,7 +286,7 @@ def test_a_changed_diagnosis_reruns_nothing_before_it(copied: Run) -> None:
     ("old", "new", "sentence"),
     [
         ('causes = "all"', 'causes = ["load_gain", "magic"]',
-         'diagnosis.causes: found "magic", expected one of isotropic_hardening, family_112'),
+         'diagnosis.causes: found "magic", expected one of isotropic_hardening, second_back'),
         ('held_out_cycle = "last"', "held_out_cycle = 4",
          "diagnosis.held_out_cycle: found 4, expected one of the 2 cycle(s)"),
     ],
@@ -296,8 +296,9 @@ def test_a_diagnosis_that_cannot_be_asked_for_is_one_sentence(
 ) -> None:
     copied.edit(old, new)
     with pytest.raises(CaseError) as error:
-        copied()
+        pipeline.run(copied.path, None, True, copied.lines.append)
     assert str(error.value).startswith(f"{copied.path}: {sentence}")
+    assert not any("started" in line for line in copied.lines)
     # What was found before is still there.
     assert (copied.results / "diagnosis.json").is_file()
 
