@@ -5,11 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.boundary import LAMBDAS
+from driver.boundary import LAMBDAS, elongation_names
+from driver.case import CaseError
+from driver.errors import sentence
+from driver.history import History
 from driver.identification.boundary_jitter import BoundaryJitter
 from driver.identification.fit import Correction, Evaluation, Fit, Objective
 from driver.identification.identifiability import prior_shares, ruled_by_prior
@@ -18,6 +22,7 @@ from driver.identification.procedure import Identification, identify, with_corre
 from driver.log import passing_of
 from driver.measure_stage import MEASURE
 from driver.mesh_stage import FINE_MESH, MESH
+from driver.report.wording import with_sigma
 from driver.results import read_hdf5, write_csv, write_hdf5
 from driver.stages import StageContext
 from driver.surface_view import POSE_DECLARATIONS
@@ -51,14 +56,14 @@ def load_workbench(context: StageContext) -> Workbench:
 def run_identify(context: StageContext) -> None:
     """Identify, and write parameters, covariance, budget and predictions."""
     bench = load_workbench(context)
+    refuse_large_jitter(context.case_path, bench.plan.jitter, bench.start, bench.experiment.history)
     found = identify(
         bench.working, bench.finer, bench.objective, bench.start, bench.plan, context.log
     )  # fmt: skip
     final = found.final
     budget = error_budget(bench, final.best, read_hdf5(context.result(MEASURE))["chi"])
     for name in (n for n in (*LAMBDAS, *bench.law) if n in final.best.free):
-        sigma = final.sigma(name, bench.objective.parameters)
-        context.log(f"  {name} = {final.values[name]:.5g} ± {sigma:.2g}")
+        context.log(f"  {value_told(name, final, bench.objective.parameters)}")
     for warning in warnings_of(found):
         context.log(f"  {warning}")
     context.log(
@@ -66,6 +71,31 @@ def run_identify(context: StageContext) -> None:
         f"this model {budget['model']:.2f} (images), {budget['load']:.2f} (loads)"
     )
     _write(context, bench, found, budget)
+
+
+def refuse_large_jitter(
+    case_path: Path, jitter: float, start: Mapping[str, float], history: History
+) -> None:
+    """Refuse a noise of the boundary motion that is not small against the travel between stops.
+
+    The answer to it is linear (`driver.identification.boundary_jitter`): beyond, it would turn
+    loading into unloading.
+
+    Args:
+        case_path: the case file.
+        jitter: σ_e [µm].
+        start: every parameter where the identification starts, knots as correlation found them.
+        history: the history.
+
+    Raises:
+        CaseError: it is larger than the mean of that travel.
+    """
+    knots = [0.0, *(start[name] for name in elongation_names(history.n_knots))]
+    travel = float(np.abs(np.diff(knots)).sum()) / (history.n_images - 1)
+    if jitter > travel:
+        expected = f"well below {1e3 * travel:.2g}, the mean elongation from one stop to the next"
+        found = f"{1e3 * jitter:g}"
+        raise CaseError(sentence(case_path, "boundary.jitter_nm", found, expected))
 
 
 def error_budget(bench: Workbench, best: Evaluation, free_chi: FloatArray) -> dict[str, float]:
@@ -90,13 +120,24 @@ def error_budget(bench: Workbench, best: Evaluation, free_chi: FloatArray) -> di
 def warnings_of(found: Identification) -> tuple[str, ...]:
     """Sentences on what the data did not decide: parameters at a bound, or ruled by the prior."""
     parameters, final = found.objective.parameters, found.final
-    bounds = [
-        f"{name} stands at its bound {final.values[name]:g}: its interval ends there"
-        for name in final.at_bounds(parameters)
-    ]
+    bounds = told_at_bounds(final, parameters)
     nuisances = {p.name for p in POSE_DECLARATIONS} | {"load_gain"}
     ruled = [rule.sentence() for rule in ruled_by_prior(final) if rule.name not in nuisances]
     return (*bounds, *ruled)
+
+
+def value_told(name: str, fit: Fit, parameters: Mapping[str, Parameter]) -> str:
+    """A value with its uncertainty, the digits that this leaves, and its unit."""
+    told, unit = with_sigma(fit.values[name], fit.sigma(name, parameters)), parameters[name].unit
+    return f"{name} = ({told}) {unit}" if unit else f"{name} = {told}"
+
+
+def told_at_bounds(final: Fit, parameters: Mapping[str, Parameter]) -> tuple[str, ...]:
+    """A sentence for each parameter that ended at a bound."""
+    return tuple(
+        f"{name} stands at its bound {final.values[name]:g}: its interval ends there"
+        for name in final.at_bounds(parameters)
+    )
 
 
 def saved_objective(bench: Workbench, results: dict[str, FloatArray]) -> Objective:

@@ -15,10 +15,17 @@ from driver.experiment import history_of
 from driver.history import History
 from driver.identification.data import Data
 from driver.identification.fit import Fit, Objective
-from driver.identification.loads_alone import LoadsFit, identify_from_loads
+from driver.identification.loads_alone import LoadsFit, doubts, identify_from_loads
 from driver.identification.no_images import no_images
 from driver.identification.priors import prior_of
-from driver.identify_stage import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV, JOBS
+from driver.identify_stage import (
+    HISTORY_JSON,
+    IDENTIFY,
+    IDENTIFY_CSV,
+    JOBS,
+    told_at_bounds,
+    value_told,
+)
 from driver.log import passing_of
 from driver.mesh_stage import FINE_MESH, MESH
 from driver.model import ForwardModel
@@ -133,9 +140,13 @@ def run_identify_loads(context: StageContext) -> None:
     final, parameters = found.final, bench.objective.parameters
     told = prior_shares(final)
     for name in bench.law:
-        sigma = final.sigma(name, parameters)
-        context.log(f"  {name} = {final.values[name]:.5g} ± {sigma:.2g}{_held(told.get(name))}")
-    context.log(f"  budget: noise 1, this model {final.best.chi_load:.2f} (loads)")
+        context.log(f"  {value_told(name, final, parameters)}{_held(told.get(name))}")
+    for sentence in told_at_bounds(final, parameters):
+        context.log(f"  {sentence}")
+    chi = final.best.chi_load
+    context.log(f"  budget: noise 1, this model {chi:.2f} (loads)")
+    for sentence in doubts(chi, bench.history.n_images, final.converged):
+        context.log(f"  WARNING: {sentence}")
     _write(context, bench, found)
 
 

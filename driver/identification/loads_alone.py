@@ -14,12 +14,15 @@ from numpy.typing import NDArray
 
 from driver.boundary import LAMBDAS
 from driver.identification.fit import Correction, Fit, Objective, fit
+from driver.identification.identifiability import refuse_what_is_not_seen
 from driver.identification.procedure import START, elastic_stiffness, unload_elastically
 from driver.identification.simulation_error import SimulationError, share_left
 from driver.model import ForwardModel
 
 FloatArray = NDArray[np.float64]
 Log = Callable[[str], None]
+
+_BEYOND = 4.0  # standard deviations of χ_F from which a misfit is told
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +67,7 @@ def identify_from_loads(
 
     Raises:
         SolverError: the model cannot be evaluated at the start.
+        InputError: loads and priors leave a combination of parameters open.
     """
     model, data = objective.model, objective.data
     stiffness = elastic_stiffness(model, start)
@@ -83,4 +87,27 @@ def identify_from_loads(
     )
     log("all together, with the correction")
     last = fit(corrected, first.values, (*LAMBDAS, *knots, *law), most, log)
+    refuse_what_is_not_seen(last.best)
     return LoadsFit(corrected, {"B": first, "C": last})
+
+
+def doubts(chi_load: float, n_loads: int, converged: bool) -> tuple[str, ...]:
+    """Sentences on what makes the uncertainties of a fit to loads alone too small, if anything.
+
+    No diagnosis follows: nobody else tells it.
+
+    Args:
+        chi_load: root mean square of the whitened load residual.
+        n_loads: number of loads.
+        converged: whether the fit has.
+    """
+    found = []
+    if not converged:
+        found.append("the fit has not converged: take the values as a start, not as a result")
+    scatter = 1 / np.sqrt(2 * n_loads)
+    if chi_load > 1 + _BEYOND * scatter:
+        found.append(
+            f"χ_F {chi_load:.2f} is more than noise makes (1 ± {scatter:.2f}): the model does not "
+            "carry these loads, and the uncertainties do not count that"
+        )
+    return tuple(found)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.case import Case
+from driver.identification.loads_alone import doubts
 from driver.identify_stage import IDENTIFY
 from driver.report import figures
 from driver.report.style import data_uri, png
@@ -31,7 +32,7 @@ def run_report_loads(context: StageContext) -> None:
     found, case = read_hdf5(context.result(IDENTIFY)), context.case
     with h5py.File(context.result(IDENTIFY), "r") as file:
         names, units = json.loads(file.attrs["names"]), json.loads(file.attrs["units"])
-        reason = str(file.attrs["reason"])
+        reason, converged = str(file.attrs["reason"]), bool(file.attrs["converged"])
     picture = png(
         figures.loads(
             found["stage"], found["time"], found["force"], {"before": found["final/load"]},
@@ -50,6 +51,7 @@ def run_report_loads(context: StageContext) -> None:
         noise=number(case.loads.gamma_F),
         ratio=_ratio(case),
         reason=reason,
+        doubts=doubts(float(found["budget/load"]), len(found["force"]), converged),
         rows=[_row(k, *both, found) for k, both in enumerate(zip(names, units, strict=True))],
         picture=data_uri(picture),
     )
