@@ -133,18 +133,22 @@ class Case(Table):
         return self
 
     @model_validator(mode="after")
-    def _without_images_one_order(self) -> Self:
-        """Loads alone are fitted from one start, with free knots and no noise of the boundary."""
+    def _nothing_that_loads_alone_ignore(self) -> Self:
         if self.with_images:
             return self
-        for key, found, only in (
-            ("boundary.jitter_nm", self.boundary.jitter_nm, 0.0),
-            ("identification.order", self.identification.order, "joint"),
-            ("identification.starts", self.identification.starts, 1),
-        ):
-            if found != only:
-                expected = f'{json.dumps(only)} with boundary.motion = "stage"'
-                raise refusal(expected, key, json.dumps(found))
+        identification, jitter = self.identification, self.boundary.jitter_nm
+        alone = 'with boundary.motion = "stage"'
+        if jitter:
+            expected = f"0 {alone}: what the stage may be off is stage_ratio_uncertainty"
+            raise refusal(expected, "boundary.jitter_nm", f"{jitter:g}")
+        if identification.starts > 1:
+            raise refusal(f"1 {alone}", "identification.starts", str(identification.starts))
+        if identification.order == "paper":
+            expected = f'"joint" {alone}: the paper\'s order holds knots that images measured'
+            raise refusal(expected, "identification.order", '"paper"')
+        if identification.prior == "none":
+            expected = f'"gaussian" or "tikhonov" {alone}: loads do not see all of the λ\'s'
+            raise refusal(expected, "identification.prior", '"none"')
         return self
 
     @property

@@ -91,7 +91,9 @@ def _explain(
         expected = _with_meaning(_KINDS[kind], field)
     else:  # missing, wrong length or wrong kind of container: say what belongs there
         expected = field.description if field and field.description else f"a table [{path[-1]}]"
-    return ".".join(map(str, path)), found, expected, field
+    # Entries of a list are counted from 1, as in the keys of `prismid design --change`.
+    named = (str(part + 1) if isinstance(part, int) else part for part in path)
+    return ".".join(named), found, expected, field
 
 
 def _with_meaning(kind: str, field: FieldInfo | None) -> str:

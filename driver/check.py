@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from driver.case import Case, load_case
 from driver.check_images import look_at_images
+from driver.check_loads import stated_motion, strange_loads
 from driver.check_picture import draw
-from driver.diagnosis.causes import LIBRARY
 from driver.dic.coverage import within
 from driver.errors import InputError
 from driver.estimate import estimate
@@ -57,7 +57,6 @@ def check(case_path: Path) -> list[Finding]:
         return findings + [Finding("error", "case", line) for line in str(error).splitlines()]
     findings.append(Finding("ok", "case", f"{case_path} is valid"))
     findings += _orientation(case)
-    findings += _causes(case)
     adapter: Adapter | None = None
     of_solver: list[Finding] = []
     try:
@@ -129,16 +128,6 @@ def _orientation(case: Case) -> Iterator[Finding]:
     for grain, rotation in zip(case.grains, case.orientations, strict=True):
         along = " ".join(f"{component:+.3f}" for component in rotation[1])
         yield Finding("ok", "orientation", f"{grain.name}: loading axis along crystal [{along}]")
-
-
-def _causes(case: Case) -> Iterator[Finding]:
-    known = {cause.name for cause in LIBRARY}
-    for name in case.diagnosis.causes if case.diagnosis.causes != "all" else ():
-        if name not in known:
-            expected = ", ".join(sorted(known))
-            yield Finding(
-                "error", "causes", f'diagnosis.causes: found "{name}", expected one of {expected}'
-            )
 
 
 def _solver(case: Case, adapter: Adapter) -> Iterator[Finding]:
@@ -218,7 +207,10 @@ def _loads_alone(case: Case, adapter: Adapter | None, n_cells: int) -> Iterator[
     except InputError as error:
         yield Finding("error", "history", str(error))
         return
-    yield _course(history, history.force * case.force_scale, "loads")
+    force = history.force * case.force_scale
+    yield _course(history, force, "loads")
+    yield from strange_loads(case, history, force)
+    yield stated_motion(case, history)
     yield Finding("ok", "images", 'not used, for boundary.motion is "stage": no picture is drawn')
     if n_cells and adapter is not None:
         yield _cost(case, adapter.capabilities(), n_cells, history.n_images, 0)
@@ -237,6 +229,7 @@ def _history(case: Case, experiment: Experiment) -> Iterator[Finding]:
     history = experiment.history
     cycles = int(history.cycle.max())
     yield _course(history, experiment.force, "images")
+    yield from strange_loads(case, history, experiment.force)
     held_out = case.diagnosis.held_out_cycle
     if isinstance(held_out, int) and held_out > cycles:
         yield Finding(

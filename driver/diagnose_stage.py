@@ -12,14 +12,13 @@ import numpy as np
 
 from driver.boundary import LAMBDAS
 from driver.case import Case, CaseError, schema_text, write_case
-from driver.diagnosis.causes import LIBRARY
 from driver.diagnosis.diagnose import Diagnosis, Settings, Step, diagnose
 from driver.diagnosis.omnibus import Omnibus
 from driver.diagnosis.score import Score
 from driver.diagnosis.screening import screened
 from driver.errors import sentence
 from driver.identification.fit import Evaluation, Fit
-from driver.identified_record import IDENTIFY
+from driver.identified_record import IDENTIFY, value_told
 from driver.identify_stage import (
     error_budget,
     fit_arrays,
@@ -39,7 +38,7 @@ SCHEMA = "case.schema.json"  # the name by which every case file knows its schem
 def run_diagnose(context: StageContext) -> None:
     """Diagnose the identified model; write `diagnosis.json` and `extended.toml`."""
     case = context.case
-    wanted = _wanted(context)
+    wanted = None if case.diagnosis.causes == "all" else case.diagnosis.causes
     bench = load_workbench(context)
     identified = read_hdf5(context.result(IDENTIFY))
     measured = read_hdf5(context.result(MEASURE))
@@ -58,7 +57,7 @@ def run_diagnose(context: StageContext) -> None:
     settings = Settings(
         wanted=wanted,
         refit=case.diagnosis.refit,
-        held_out=_held_out(context, int(cycles.max())),
+        held_out=held_out_cycle(case, context.case_path, int(cycles.max())),
         processes=case.execution.processes,
         threads=case.execution.threads,
         free_chi=float(np.sqrt(np.mean(free_chi[measured["left_out"] == 0] ** 2))),
@@ -67,8 +66,7 @@ def run_diagnose(context: StageContext) -> None:
     found = diagnose(baseline, objective, bench.finer, cycles, settings, context.log, wide)
     context.log(f"verdict: {found.verdict.kind}. {found.verdict.text}")
     for name in added_parameters(found):
-        sigma = found.extended.sigma(name, objective.parameters)
-        context.log(f"  {name} = {found.extended.values[name]:.4g} ± {sigma:.2g}")
+        context.log(f"  {value_told(name, found.extended, objective.parameters)}")
     if found.held_out is not None:
         before, after = found.held_out
         context.log(
@@ -250,25 +248,21 @@ def _number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _wanted(context: StageContext) -> tuple[str, ...] | None:
-    wanted = context.case.diagnosis.causes
-    if wanted == "all":
-        return None
-    known = tuple(cause.name for cause in LIBRARY)
-    for name in wanted:
-        if name not in known:
-            raise CaseError(
-                sentence(context.case_path, "diagnosis.causes", f'"{name}"',
-                         "one of " + ", ".join(known))
-            )  # fmt: skip
-    return tuple(wanted)
+def held_out_cycle(case: Case, case_path: Path, cycles: int) -> int | None:
+    """The cycle that is held out, if any.
 
+    Args:
+        case: the case.
+        case_path: its file.
+        cycles: how many cycles its history has.
 
-def _held_out(context: StageContext, cycles: int) -> int | None:
-    asked = context.case.diagnosis.held_out_cycle
+    Raises:
+        CaseError: it asks for a cycle that there is not.
+    """
+    asked = case.diagnosis.held_out_cycle
     if isinstance(asked, int) and asked > cycles:
         raise CaseError(
-            sentence(context.case_path, "diagnosis.held_out_cycle", str(asked),
+            sentence(case_path, "diagnosis.held_out_cycle", str(asked),
                      f"one of the {cycles} cycle(s)")
         )  # fmt: skip
     if asked == "none" or cycles < 2:

@@ -226,19 +226,32 @@ def _read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
             if missing:
                 found = ",".join(names) or "no columns"
                 raise HistoryError(sentence(path, "row 1", found, "the column " + missing[0]))
-            return [
-                {name: (row[name] or "").strip() for name in COLUMNS if name in names}
-                | {"line": str(reader.line_num)}
-                for row in reader
-            ]
+            twice = [name for name in columns if names.count(name) > 1]
+            if twice:
+                found = f"the column {twice[0]} {names.count(twice[0])} times"
+                raise HistoryError(sentence(path, "row 1", found, "each column once"))
+            return [_cells(path, row, names, reader.line_num) for row in reader]
     except FileNotFoundError:
         expected = "a CSV file of " + ", ".join(COLUMNS)
         raise HistoryError(sentence(path, "file", "nothing", expected)) from None
+    except HistoryError:
+        raise
     except UnicodeDecodeError as error:
         raise HistoryError(sentence(path, "file", f"“{error}”", "a text in UTF-8")) from None
     except (OSError, ValueError, csv.Error) as error:
         expected = "a CSV file of " + ", ".join(COLUMNS)
         raise HistoryError(sentence(path, "history.file", why(error), expected)) from None
+
+
+def _cells(path: Path, row: dict[str, str], names: Sequence[str], line: int) -> dict[str, str]:
+    """The cells of a row without blanks; more cells than columns are decimal commas, or a slip."""
+    more: Sequence[str] = row.get(None, ())  # type: ignore[call-overload]
+    if any(cell.strip() for cell in more):
+        found = f"{len(names) + len(more)} cells"
+        expected = f"{len(names)}, as the columns, parted by commas, with points in the numbers"
+        raise HistoryError(sentence(path, f"row {line}", found, expected))
+    cells = {name: (row[name] or "").strip() for name in COLUMNS if name in names}
+    return cells | {"line": str(line)}
 
 
 def _number(path: Path, row: dict[str, str], column: str) -> float:

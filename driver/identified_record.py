@@ -9,10 +9,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.identification.fit import Fit
 from driver.identification.identifiability import prior_shares, ruled_by_prior
 from driver.identification.procedure import Identification
 from driver.results import write_csv, write_hdf5
 from driver.surface_view import POSE_DECLARATIONS
+from driver.wording import with_sigma
+from solver_adapters.parameter import Parameter
 
 IDENTIFY, IDENTIFY_CSV, HISTORY_JSON = "identify.h5", "identify.csv", "identify_history.json"
 Arrays = dict[str, tuple[NDArray[np.generic] | float, str]]
@@ -28,6 +31,12 @@ def warnings_of(found: Identification) -> tuple[str, ...]:
     nuisances = {p.name for p in POSE_DECLARATIONS} | {"load_gain"}
     ruled = [rule.sentence() for rule in ruled_by_prior(final) if rule.name not in nuisances]
     return (*bounds, *ruled)
+
+
+def value_told(name: str, fit: Fit, parameters: Mapping[str, Parameter]) -> str:
+    """A value with its uncertainty, the digits that this leaves, and its unit."""
+    told, unit = with_sigma(fit.values[name], fit.sigma(name, parameters)), parameters[name].unit
+    return f"{name} = ({told}) {unit}" if unit else f"{name} = {told}"
 
 
 def write_identification(

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.boundary import LAMBDAS
+from driver.boundary import LAMBDAS, elongation_names
+from driver.case import CaseError
+from driver.errors import sentence
+from driver.history import History
 from driver.identification.boundary_jitter import BoundaryJitter
 from driver.identification.fit import Correction, Evaluation, Fit, Objective
 from driver.identification.kinematic import kinematic_hessian
 from driver.identification.procedure import Identification, identify, with_correction
-from driver.identified_record import Arrays, warnings_of, write_identification
+from driver.identified_record import Arrays, value_told, warnings_of, write_identification
 from driver.log import passing_of
 from driver.measure_stage import MEASURE
 from driver.mesh_stage import FINE_MESH, MESH
@@ -45,14 +50,14 @@ def load_workbench(context: StageContext) -> Workbench:
 def run_identify(context: StageContext) -> None:
     """Identify, and write parameters, covariance, budget and predictions."""
     bench = load_workbench(context)
+    refuse_large_jitter(context.case_path, bench.plan.jitter, bench.start, bench.experiment.history)
     found = identify(
         bench.working, bench.finer, bench.objective, bench.start, bench.plan, context.log
     )  # fmt: skip
     final = found.final
     budget = error_budget(bench, final.best, read_hdf5(context.result(MEASURE))["chi"])
     for name in (n for n in (*LAMBDAS, *bench.law) if n in final.best.free):
-        sigma = final.sigma(name, bench.objective.parameters)
-        context.log(f"  {name} = {final.values[name]:.5g} ± {sigma:.2g}")
+        context.log(f"  {value_told(name, final, bench.objective.parameters)}")
     for warning in warnings_of(found):
         context.log(f"  {warning}")
     context.log(
@@ -60,6 +65,31 @@ def run_identify(context: StageContext) -> None:
         f"this model {budget['model']:.2f} (images), {budget['load']:.2f} (loads)"
     )
     _write(context, bench, found, budget)
+
+
+def refuse_large_jitter(
+    case_path: Path, jitter: float, start: Mapping[str, float], history: History
+) -> None:
+    """Refuse a noise of the boundary motion that is not small against the travel between stops.
+
+    The answer to it is linear (`driver.identification.boundary_jitter`): beyond, it would turn
+    loading into unloading.
+
+    Args:
+        case_path: the case file.
+        jitter: σ_e [µm].
+        start: every parameter where the identification starts, knots as correlation found them.
+        history: the history.
+
+    Raises:
+        CaseError: it is larger than the mean of that travel.
+    """
+    knots = [0.0, *(start[name] for name in elongation_names(history.n_knots))]
+    travel = float(np.abs(np.diff(knots)).sum()) / (history.n_images - 1)
+    if jitter > travel:
+        expected = f"well below {1e3 * travel:.2g}, the mean elongation from one stop to the next"
+        found = f"{1e3 * jitter:g}"
+        raise CaseError(sentence(case_path, "boundary.jitter_nm", found, expected))
 
 
 def error_budget(bench: Workbench, best: Evaluation, free_chi: FloatArray) -> dict[str, float]:

@@ -13,10 +13,10 @@ from driver.experiment import history_of
 from driver.history import History
 from driver.identification.data import Data
 from driver.identification.fit import Objective
-from driver.identification.loads_alone import identify_from_loads
+from driver.identification.loads_alone import doubts, identify_from_loads
 from driver.identification.no_images import no_images
 from driver.identification.procedure import Plan
-from driver.identified_record import warnings_of, write_identification
+from driver.identified_record import value_told, warnings_of, write_identification
 from driver.identify_stage import JOBS
 from driver.log import passing_of
 from driver.mesh_stage import FINE_MESH, MESH
@@ -109,12 +109,13 @@ def run_identify_loads(context: StageContext) -> None:
     )  # fmt: skip
     final, history = found.final, bench.history
     for name in bench.plan.law:
-        sigma = final.sigma(name, bench.objective.parameters)
-        context.log(f"  {name} = {final.values[name]:.5g} ± {sigma:.2g}")
+        context.log(f"  {value_told(name, final, bench.objective.parameters)}")
     for warning in warnings_of(found):
         context.log(f"  {warning}")
     load, chi = bench.objective.data.load, final.best.chi_load
     context.log(f"  budget: noise 1, this model {chi:.2f} (loads)")
+    for sentence in doubts(chi, load.size, final.converged):
+        context.log(f"  WARNING: {sentence}")
     write_identification(
         context.workdir,
         found,

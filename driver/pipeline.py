@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from driver.case import Case, load_case
-from driver.diagnose_stage import DIAGNOSIS, run_diagnose
+from driver.diagnose_stage import DIAGNOSIS, held_out_cycle, run_diagnose
 from driver.errors import sentence
 from driver.estimate import estimate
 from driver.experiment import history_of
@@ -69,7 +69,11 @@ def run(
     use_threads(case.execution.processes * case.execution.threads)
     n_cells = len(mesh_of(case, case.specimen.mesh_size).cells)
     solver = capabilities_of(case)
-    cost = estimate(case, solver, n_cells, history_of(case).n_images)
+    history = history_of(case)
+    if case.with_images:
+        # Asked now, and not after the hours of the stages before the diagnosis.
+        held_out_cycle(case, case_path, int(history.cycle.max()))
+    cost = estimate(case, solver, n_cells, history.n_images)
     log(
         f"all stages take about {cost.seconds / 60:.1f} min on free cores "
         f"and {cost.memory / 1e9:.1f} GB of memory"

@@ -172,7 +172,7 @@ def with_sigma(value: float, sigma: float | None) -> str:
     if sigma is None or not math.isfinite(sigma) or sigma <= 0:
         return number(value, 4)
     places = _places(sigma)
-    if places > 5:
+    if abs(places) > 5:
         # Both with the power of ten of the larger one.
         power = math.floor(math.log10(max(abs(value), sigma)))
         shown = max(places + power, 0)

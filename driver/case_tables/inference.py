@@ -8,6 +8,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from driver.case_errors import refusal
 from driver.case_tables.values import Count, Positive, Table
+from driver.diagnosis.causes import LIBRARY
 from solver_adapters.material import MATERIAL_DECLARATIONS
 
 
@@ -18,10 +19,30 @@ def _known_parameters(names: tuple[str, ...]) -> tuple[str, ...]:
             raise refusal("one of " + ", ".join(known), found=f'"{name}"')
     if not names:
         raise refusal("at least one name of a material parameter")
+    return _each_once(names)
+
+
+def _known_causes(names: Literal["all"] | tuple[str, ...]) -> Literal["all"] | tuple[str, ...]:
+    if names == "all":
+        return "all"
+    known = [cause.name for cause in LIBRARY]
+    for name in names:
+        if name not in known:
+            raise refusal("one of " + ", ".join(known), found=f'"{name}"')
+    if not names:
+        raise refusal('at least one name of a cause, or "all"')
+    return _each_once(names)
+
+
+def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:
+    for name in names:
+        if names.count(name) > 1:
+            raise refusal("each name once", found=f'"{name}" {names.count(name)} times')
     return names
 
 
 Parameters = Annotated[tuple[str, ...], AfterValidator(_known_parameters)]
+Causes = Annotated[Literal["all"] | tuple[str, ...], AfterValidator(_known_causes)]
 
 
 class Identification(Table):
@@ -79,9 +100,7 @@ class Identification(Table):
 class DiagnosisTable(Table):
     """Which causes are tried and how."""
 
-    causes: Literal["all"] | tuple[str, ...] = Field(
-        default="all", description='"all" or a list of names of causes'
-    )
+    causes: Causes = Field(default="all", description='"all" or a list of names of causes')
     held_out_cycle: Literal["last", "none"] | Count = Field(
         default="last", description='"last", "none" or the number of a cycle'
     )

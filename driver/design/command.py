@@ -24,7 +24,7 @@ from driver.design.picture import draw
 from driver.design.record import design_record
 from driver.design.settings import Settings, read_change, read_settings
 from driver.design.surface import Surface, expected_surface
-from driver.design.variants import base_variant, usual_changes, variants
+from driver.design.variants import base_variant, refuse_without_images, usual_changes, variants
 from driver.design.words import told
 from driver.errors import InputError
 from driver.estimate import simulation_seconds
@@ -70,6 +70,7 @@ def design(
         SolverError: the experiment of the case could not be simulated.
     """
     case = load_case(case_path)
+    refuse_without_images(case, case_path)
     settings = Settings() if settings_path is None else read_settings(settings_path)
     history = _history(case, settings)
     surface = expected_surface(case, settings, history)

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from driver.case import Case
 from driver.case_errors import sentences
 from driver.design.settings import Schedule, Settings, label, merged
-from driver.errors import InputError
+from driver.errors import InputError, sentence
 
 _TURN = 30.0  # ° about the normal of the face, of the last grain
 # Tables of the case that a simulation does not depend on; of the images, the noise alone.
@@ -86,7 +86,7 @@ def variant(base: Variant, name: str, change: dict[str, Any], path: Path) -> Var
         path: where the change stands, to be told.
 
     Raises:
-        InputError: a key is unknown or out of range.
+        InputError: a key is unknown or out of range, or not one of an experiment with images.
     """
     keys = {key: value for key, value in change.items() if key != "test"}
     try:
@@ -104,7 +104,24 @@ def variant(base: Variant, name: str, change: dict[str, Any], path: Path) -> Var
         of_case = error.title == Case.__name__
         model, given = (Case, data) if of_case else (Settings, {"test": tests})
         raise InputError(sentences(path, model, given, error)) from None
+    if case.history != base.case.history:
+        expected = ", ".join(f"test.{key}" for key in Schedule.model_fields)
+        raise InputError(
+            f"{path}: history: found a change of it, expected one of the test: {expected}"
+        )
+    refuse_without_images(case, path)
     return Variant(name, label(change), case, test)
+
+
+def refuse_without_images(case: Case, path: Path) -> None:
+    """Refuse a case of which nothing that images tell will be known.
+
+    Raises:
+        InputError: it has no images.
+    """
+    if not case.with_images:
+        expected = '"images": a design counts on them'
+        raise InputError(sentence(path, "boundary.motion", '"stage"', expected))
 
 
 def variants(

@@ -305,6 +305,7 @@ def fit(
     start_load, history = here.load, [_record(here)]
 
     def ended(converged: bool, reason: str) -> Fit:
+        log(f"  {'ended' if converged else 'NOT converged'}: {reason}")
         return Fit(here, converged, reason, tuple(history), start_load, monotonic() - began)
 
     _tell(log, 0, here, None)

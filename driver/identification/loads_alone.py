@@ -25,6 +25,8 @@ from driver.model import ForwardModel
 
 Log = Callable[[str], None]
 
+_BEYOND = 4.0  # standard deviations of χ_F from which a misfit is told
+
 
 def identify_from_loads(
     objective: Objective,
@@ -69,3 +71,25 @@ def identify_from_loads(
     last = fit(corrected, first.values, plan.free("C"), plan.most, log)
     refuse_what_is_not_seen(last.best)
     return Identification(corrected, {"B": first, "C": last}, plan.law)
+
+
+def doubts(chi_load: float, n_loads: int, converged: bool) -> tuple[str, ...]:
+    """Sentences on what makes the uncertainties of a fit to loads alone too small, if anything.
+
+    No diagnosis follows: nobody else tells it.
+
+    Args:
+        chi_load: root mean square of the whitened load residual.
+        n_loads: number of loads.
+        converged: whether the fit has.
+    """
+    found = []
+    if not converged:
+        found.append("the fit has not converged: take the values as a start, not as a result")
+    scatter = 1 / np.sqrt(2 * n_loads)
+    if chi_load > 1 + _BEYOND * scatter:
+        found.append(
+            f"χ_F {chi_load:.2f} is more than noise makes (1 ± {scatter:.2f}): the model does not "
+            "carry these loads, and the uncertainties do not count that"
+        )
+    return tuple(found)

@@ -9,6 +9,7 @@ import numpy as np
 
 from driver.case import Case
 from driver.experiment import history_of
+from driver.identification.loads_alone import doubts
 from driver.identified_record import IDENTIFY
 from driver.model import declared_parameters
 from driver.report import figures
@@ -32,7 +33,7 @@ def run_report_loads(context: StageContext) -> None:
     found, case = read_hdf5(context.result(IDENTIFY)), context.case
     with h5py.File(context.result(IDENTIFY), "r") as file:
         names, warnings = json.loads(file.attrs["names"]), json.loads(file.attrs["warnings"])
-        reason = str(file.attrs["reason"])
+        reason, converged = str(file.attrs["reason"]), bool(file.attrs["converged"])
     declared = declared_parameters(history_of(case).n_knots, case.material.to_material())
     groups, knots = estimate_rows(estimates(names, declared, found))
     picture = png(
@@ -53,6 +54,7 @@ def run_report_loads(context: StageContext) -> None:
         noise=number(case.loads.gamma_F),
         ratio=_ratio(case),
         reason=reason,
+        doubts=doubts(float(found["budget/load"]), len(found["force"]), converged),
         warnings=[named(text, names) for text in warnings],
         groups=groups,
         knots=knots,

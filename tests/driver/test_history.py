@@ -134,14 +134,38 @@ def test_a_wrong_row_is_named_with_file_row_found_and_expected(
 
 def test_a_missing_column_and_a_missing_file_are_named(tmp_path):
     path = write(tmp_path, header="time_s,stage_mm,image,force_N")
-    with pytest.raises(HistoryError, match="row 1: found time_s,stage_mm.* the column stage_um"):
+    with pytest.raises(HistoryError) as error:
         read_history(path)
+    assert str(error.value) == (
+        f"{path}: row 1: found time_s,stage_mm,image,force_N, expected the column stage_um"
+    )
     with pytest.raises(HistoryError, match="absent.csv: file: found nothing, expected a CSV"):
         read_history(tmp_path / "absent.csv")
     with pytest.raises(HistoryError, match="history.file: found “Is a directory”, expected a CSV"):
         read_history(tmp_path)
     with pytest.raises(HistoryError, match="history.file: found “File name too long”, expected"):
         read_history(tmp_path / ("a" * 300))
+
+
+def test_decimal_commas_and_a_doubled_column_are_refused_rather_than_misread(tmp_path):
+    path = write(tmp_path, [*ROWS[:2], "40,5,1,100,25", *ROWS[3:]])
+    with pytest.raises(HistoryError) as error:
+        read_history(path)
+    assert str(error.value) == (
+        f"{path}: row 4: found 5 cells, expected 4, as the columns, parted by commas, with points "
+        "in the numbers"
+    )
+    path = write(tmp_path, [row + ",1" for row in ROWS], "time_s,stage_um,image,force_N,force_N")
+    with pytest.raises(HistoryError) as error:
+        read_history(path)
+    assert str(error.value) == (
+        f"{path}: row 1: found the column force_N 2 times, expected each column once"
+    )
+
+
+def test_empty_cells_behind_the_last_column_are_no_data(tmp_path):
+    trailing = read_history(write(tmp_path, [row + ",," for row in ROWS]))
+    np.testing.assert_array_equal(trailing.force, read_history(write(tmp_path)).force)
 
 
 def test_a_stage_that_never_moves_and_a_lone_image_are_refused(tmp_path):

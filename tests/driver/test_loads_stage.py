@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -13,11 +14,13 @@ from driver import check as check_module
 from driver import pipeline, specimen
 from driver.case import CaseError, load_case
 from driver.check import check
+from driver.check_loads import stated_motion
 from driver.errors import InputError
-from driver.experiment import ExperimentError, read_experiment
-from driver.loads_stage import SKIPPED
+from driver.experiment import ExperimentError, history_of, read_experiment
+from driver.identification.loads_alone import identify_from_loads
+from driver.loads_stage import SKIPPED, build_loads_bench
 from driver.results import read_hdf5
-from driver.stages import StageError
+from driver.stages import StageContext, StageError
 from solver_adapters.profile import Profile
 from tests.driver import closed_form
 from tests.driver.closed_form import KNOTS, LAW
@@ -126,18 +129,6 @@ def test_the_report_says_what_it_rests_on(finished: tuple[Path, str]) -> None:
     assert "Not decided by the loads:" in page and "Elongation knots" in page
 
 
-def test_parameters_that_neither_loads_nor_a_prior_hold_are_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = write(tmp_path)
-    text = path.read_text("utf-8")
-    assert text.count('\nprior = "gaussian"') == 1
-    path.write_text(text.replace('\nprior = "gaussian"', '\nprior = "none"'), encoding="utf-8")
-    monkeypatch.setattr(specimen, "find_adapter", solver)
-    with pytest.raises(InputError, match="lambda_plus_Z changes nothing that .* loads show"):
-        pipeline.run(path, "identify", False, lambda line: None)
-
-
 def test_check_tells_that_no_images_are_used(
     finished: tuple[Path, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -165,15 +156,17 @@ def test_what_needs_images_is_refused_in_a_sentence(finished: tuple[Path, str]) 
          "boundary.stage_ratio_uncertainty: found nothing, expected a number"),
         (f"stage_ratio = {RATIO}\n", "stage_ratio = -1\n",
          "boundary.stage_ratio: found -1, expected a number > 0"),
-        ("\njitter_nm = 0.0", "\njitter_nm = 3.0",
-         'boundary.jitter_nm: found 3.0, expected 0.0 with boundary.motion = "stage"'),
-        ('\norder = "joint"', '\norder = "paper"',
-         'identification.order: found "paper", expected "joint" with boundary.motion = "stage"'),
-        ("\nstarts = 1", "\nstarts = 4",
+        ("jitter_nm = 0.0", "jitter_nm = 3.0",
+         'boundary.jitter_nm: found 3, expected 0 with boundary.motion = "stage"'),
+        ("starts = 1", "starts = 4",
          'identification.starts: found 4, expected 1 with boundary.motion = "stage"'),
+        ('order = "joint"', 'order = "paper"',
+         'identification.order: found "paper", expected "joint" with boundary.motion = "stage"'),
+        ('prior = "gaussian"', 'prior = "none"',
+         'identification.prior: found "none", expected "gaussian" or "tikhonov" with boundary'),
     ],
 )  # fmt: skip
-def test_what_does_not_fit_a_motion_by_the_stage_is_named(
+def test_what_does_not_fit_loads_alone_is_named(
     tmp_path: Path, old: str, new: str, message: str
 ) -> None:
     path = write(tmp_path)
@@ -183,3 +176,35 @@ def test_what_does_not_fit_a_motion_by_the_stage_is_named(
     with pytest.raises(CaseError) as error:
         load_case(path)
     assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "uncertainty", "expected"),
+    [(2.0, 1e-4, "expected at most 30 %"), (RATIO, 1.0, "expected stage_ratio_uncertainty below")],
+)
+def test_check_warns_of_a_ratio_that_no_specimen_has(
+    tmp_path: Path, ratio: float, uncertainty: float, expected: str
+) -> None:
+    path = write(tmp_path)
+    case = load_case(path)
+    stated = {"stage_ratio": ratio, "stage_ratio_uncertainty": uncertainty}
+    boundary = case.boundary.model_copy(update=stated)
+    finding = stated_motion(case.model_copy(update={"boundary": boundary}), history_of(case))
+    assert finding.level == "warning" and expected in finding.message
+    assert stated_motion(case, history_of(case)).level == "ok"
+
+
+def test_loads_and_priors_that_leave_a_combination_open_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(specimen, "find_adapter", solver)
+    path = write(tmp_path)
+    case, results = load_case(path), path.parent / "results"
+    pipeline.run(path, "mesh", False, print)
+    bench = build_loads_bench(
+        StageContext(case, path, results, results, print), solver("", Profile())
+    )
+    held = {name: both for name, both in bench.objective.prior.items() if "lambda" not in name}
+    open_ = replace(bench.objective, prior=held)
+    with pytest.raises(InputError, match="lambda_plus_Z changes nothing that images and loads"):
+        identify_from_loads(open_, bench.finer, bench.start, replace(bench.plan, most=3), print)

@@ -300,8 +300,9 @@ def test_a_diagnosis_that_cannot_be_asked_for_is_one_sentence(
 ) -> None:
     copied.edit(old, new)
     with pytest.raises(CaseError) as error:
-        copied()
+        pipeline.run(copied.path, None, True, copied.lines.append)
     assert str(error.value).startswith(f"{copied.path}: {sentence}")
+    assert not any("started" in line for line in copied.lines)
     # What was found before is still there.
     assert (copied.results / "diagnosis.json").is_file()
 

@@ -139,3 +139,21 @@ def test_tables_are_merged_key_by_key() -> None:
     assert merged(whole, {"a": {"b": 3}}) == {"a": {"b": 3, "c": 2}, "d": whole["d"]}
     assert merged(whole, {"d": {"2": {"e": 5}}})["d"] == [{"e": 1}, {"e": 5}]
     assert merged(whole, {"d": []})["d"] == []
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        ('history.file="other.csv"',
+         "--change: history: found a change of it, expected one of the test: test.images_per_stop"),
+        ('boundary.motion="stage"; boundary.stage_ratio=1e-3; '
+         "boundary.stage_ratio_uncertainty=1e-4",
+         '--change: boundary.motion: found "stage", expected "images": a design counts on them'),
+        ('diagnosis.causes=["magic"]', '--change: diagnosis.causes: found "magic", expected one'),
+        ("grains.2.euler_deg=[1.0]", "--change: grains.2.euler_deg: found [1.0], expected a list"),
+    ],
+)  # fmt: skip
+def test_a_change_that_a_design_could_not_follow_is_refused(change: str, found: str) -> None:
+    with pytest.raises(InputError) as error:
+        changed(change)
+    assert str(error.value).startswith(found)

@@ -333,7 +333,8 @@ def test_notes_of_the_solver_are_told_with_the_iteration() -> None:
     noted = replace(start, prediction=replace(start.prediction, response=response))
     fit(objective, ZERO, "abc", 1, lines.append, noted)
     assert lines[1] == "    doubtful" and lines[0].startswith("  iteration 0")
-    assert lines[2].startswith("  iteration 1") and len(lines) == 3
+    assert lines[2].startswith("  iteration 1") and len(lines) == 4
+    assert lines[3].startswith("  ended: the Newton decrement is")
 
 
 @pytest.mark.parametrize(("excess", "steps"), [(1.5, 1), (12.0, 0)], ids=["scatter", "excess"])
