@@ -41,7 +41,7 @@ from driver.virtual import true_case
 from driver.virtual_course import pull, stage_program
 from driver.virtual_record import record
 from driver.virtual_tables import Discretisation, Virtual
-from driver.workbench import Workbench, build_workbench
+from driver.workbench import Workbench, build_workbench, seen_by_correlation
 from meshes.prism_mesh import PrismMesh
 
 FloatArray = NDArray[np.float64]
@@ -146,9 +146,10 @@ def measured_bench(case: Case) -> Workbench:
     lower, upper = images.bounds[2:]
     edges = edge_motion(motion, images, lower, upper)
     reach = case.specimen.length / (upper - lower)
-    return build_workbench(
-        case, *_meshes(), motion.at_pixels(), reach * edges.elongation, reach * edges.tilt
+    seen = seen_by_correlation(
+        case, motion.at_pixels(), reach * edges.elongation, reach * edges.tilt
     )
+    return build_workbench(case, *_meshes(), seen)
 
 
 @cache

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,7 +104,7 @@ class BoundaryMotion:
         stepped[name] = values[name] + 1j * _TINY
         return np.asarray(self._motion(stepped).imag / _TINY)
 
-    def _motion(self, values: Mapping[str, complex] | Mapping[str, float]) -> NDArray:  # type: ignore[type-arg]
+    def _motion(self, values: Mapping[str, complex] | Mapping[str, float]) -> NDArray[Any]:
         n = self.weights.shape[1]
         stretch_knots = np.array([0.0, *(values[k] for k in elongation_names(n))])
         tilt_knots = np.array([0.0, *(values[k] for k in tilt_names(n))])

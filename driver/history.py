@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
+_BEYOND = "beyond the columns"
 COLUMNS = ("time_s", "stage_um", "image", "force_N")
 # The stage has turned when it has gone back by this share of its whole range: less is play
 # or encoder noise.
@@ -219,7 +221,7 @@ def _read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     """The rows with their line number under the key "line"; `columns` have to be there."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.DictReader(file, skipinitialspace=True)
+            reader = csv.DictReader(file, restkey=_BEYOND, skipinitialspace=True)
             names = [name.strip() for name in reader.fieldnames or ()]
             reader.fieldnames = names
             missing = [name for name in columns if name not in names]
@@ -243,9 +245,9 @@ def _read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
         raise HistoryError(sentence(path, "history.file", why(error), expected)) from None
 
 
-def _cells(path: Path, row: dict[str, str], names: Sequence[str], line: int) -> dict[str, str]:
+def _cells(path: Path, row: Mapping[str, Any], names: Sequence[str], line: int) -> dict[str, str]:
     """The cells of a row without blanks; more cells than columns are decimal commas, or a slip."""
-    more: Sequence[str] = row.get(None, ())  # type: ignore[call-overload]
+    more: Sequence[str] = row.get(_BEYOND, ())
     if any(cell.strip() for cell in more):
         found = f"{len(names) + len(more)} cells"
         expected = f"{len(names)}, as the columns, parted by commas, with points in the numbers"

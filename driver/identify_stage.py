@@ -23,7 +23,7 @@ from driver.measure_stage import MEASURE
 from driver.mesh_stage import FINE_MESH, MESH
 from driver.results import read_hdf5
 from driver.stages import StageContext
-from driver.workbench import Workbench, build_workbench
+from driver.workbench import Workbench, build_workbench, seen_by_correlation
 from meshes.files import read_med
 
 JOBS = "jobs"
@@ -33,16 +33,16 @@ FloatArray = NDArray[np.float64]
 def load_workbench(context: StageContext) -> Workbench:
     """The workbench of a case from the results of the first two stages."""
     measured = read_hdf5(context.result(MEASURE))
+    left_out = tuple(map(int, np.flatnonzero(measured["left_out"])))
     return build_workbench(
         context.case,
         read_med(context.result(MESH)),
         read_med(context.result(FINE_MESH)),
-        measured["motion"],
-        measured["elongation"],
-        measured["tilt"],
+        seen_by_correlation(
+            context.case, measured["motion"], measured["elongation"], measured["tilt"], left_out
+        ),
         context.results / JOBS,
         context.prepare_only,
-        tuple(map(int, np.flatnonzero(measured["left_out"]))),
         passing_of(context.log),
     )
 

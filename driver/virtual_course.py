@@ -12,12 +12,12 @@ from driver.boundary import elongation_names, tilt_names
 from driver.case import Case
 from driver.errors import InputError
 from driver.history import History, turning_points
-from driver.model import declared_parameters
 from driver.specimen import adapter_of, build_model, mesh_of
 from driver.virtual_tables import Program
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import SurfaceMesh, trace
 from solver_adapters.interface import Progress, Response, Simulation
+from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
 
@@ -118,7 +118,7 @@ def pull(
     )
     start = truth.boundary.lambda_start.model_dump()
     values = model.null_values() | {f"lambda_{name}": value for name, value in start.items()}
-    refuse_unknown(hidden, history.n_knots)
+    refuse_unknown(hidden, model.parameters)
     values |= hidden
     simulation = replace(model.simulation(values), cell_fields=cell_slip)
     response = adapter.solve(simulation, progress=progress)
@@ -175,13 +175,16 @@ def stage_program(cycles: Sequence[tuple[int, int]]) -> History:
     return History(times, travel, images, none, turning_points(travel), none.astype(np.int64))
 
 
-def refuse_unknown(hidden: Mapping[str, float], n_knots: int) -> None:
+def refuse_unknown(hidden: Mapping[str, float], declared: Mapping[str, Parameter]) -> None:
     """Refuse true values of parameters that are not of the general model, or out of bounds.
+
+    Args:
+        hidden: true values by name.
+        declared: the parameters of the general model, with the bounds of the case.
 
     Raises:
         InputError: naming the parameter.
     """
-    declared = declared_parameters(n_knots)
     for name, value in hidden.items():
         if name not in declared:
             known = ", ".join(declared)

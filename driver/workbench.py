@@ -62,16 +62,55 @@ class Workbench:
         return self.plan.knots
 
 
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """An experiment with what correlation says of it, T images.
+
+    Attributes:
+        experiment: history and loads; its frames are not looked at any more.
+        images: the corrected images with the low-noise gradient.
+        mean_motion: mean motion of each image [µm], shape (T, 3).
+        elongation: measured v(S+) − v(S−) of each image [µm], shape (T,).
+        tilt: measured w(S+) − w(S−) of each image [µm], shape (T,).
+        left_out: frames whose images are not fitted.
+    """
+
+    experiment: Experiment
+    images: SurfaceImages
+    mean_motion: FloatArray
+    elongation: FloatArray
+    tilt: FloatArray
+    left_out: tuple[int, ...] = ()
+
+
+def seen_by_correlation(
+    case: Case,
+    motion: FloatArray,
+    elongation: FloatArray,
+    tilt: FloatArray,
+    left_out: tuple[int, ...] = (),
+) -> Seen:
+    """The experiment of a case, its gradient refined along the measured motion.
+
+    Args:
+        case: the case.
+        motion: motion of the free correlation at the pixels [µm], shape (T, n_pix, 3).
+        elongation: as in `Seen`.
+        tilt: as in `Seen`.
+        left_out: as in `Seen`.
+    """
+    experiment = read_experiment(case)
+    images = refine_gradient(surface_images(case, experiment), motion)
+    return Seen(experiment, images, motion.mean(axis=1), elongation, tilt, left_out)
+
+
 def build_workbench(
     case: Case,
     mesh: PrismMesh,
     fine_mesh: PrismMesh,
-    motion: FloatArray,
-    elongation: FloatArray,
-    tilt: FloatArray,
+    seen: Seen,
     jobs: Path | None = None,
     prepare_only: bool = False,
-    left_out: tuple[int, ...] = (),
     passing: Callable[[str], None] | None = None,
 ) -> Workbench:
     """Put a case together.
@@ -80,53 +119,12 @@ def build_workbench(
         case: the case.
         mesh: working mesh.
         fine_mesh: finer mesh.
-        motion: motion of the free correlation at the pixels [µm], shape (T, n_pix, 3).
-        elongation: measured v(S+) − v(S−) of each image [µm], shape (T,).
-        tilt: measured w(S+) − w(S−) of each image [µm], shape (T,).
+        seen: what was measured.
         jobs: folder of the jobs of a solver that is a program of its own, or None.
         prepare_only: whether they are written for another machine instead of being run.
-        left_out: frames whose images are not fitted.
         passing: takes words about a running simulation, if anyone is there to read them.
     """
-    experiment = read_experiment(case)
-    images = refine_gradient(surface_images(case, experiment), motion)
-    mean_motion = motion.mean(axis=1)
-    return assemble(
-        case, mesh, fine_mesh, experiment, images, mean_motion, elongation, tilt, jobs,
-        prepare_only, left_out, passing,
-    )  # fmt: skip
-
-
-def assemble(
-    case: Case,
-    mesh: PrismMesh,
-    fine_mesh: PrismMesh,
-    experiment: Experiment,
-    images: SurfaceImages,
-    mean_motion: FloatArray,
-    elongation: FloatArray,
-    tilt: FloatArray,
-    jobs: Path | None = None,
-    prepare_only: bool = False,
-    left_out: tuple[int, ...] = (),
-    passing: Callable[[str], None] | None = None,
-) -> Workbench:
-    """Put a case together from an experiment and images that are at hand.
-
-    Args:
-        case: the case.
-        mesh: working mesh.
-        fine_mesh: finer mesh.
-        experiment: history and loads; its frames are not looked at.
-        images: the corrected images with the low-noise gradient.
-        mean_motion: mean motion of each image [µm], shape (T, 3).
-        elongation: as in `build_workbench`, and so are the others.
-        tilt: ditto.
-        jobs: ditto.
-        prepare_only: ditto.
-        left_out: ditto.
-        passing: ditto.
-    """
+    experiment, images, left_out = seen.experiment, seen.images, seen.left_out
     adapter, history = adapter_of(case, prepare_only), experiment.history
     if passing is not None:
         adapter = WatchedSolver(adapter, passing)
@@ -141,7 +139,7 @@ def assemble(
         images,
         basis_on(images, mesh_uv),
         basis_on(images, mesh_w),
-        mean_motion,
+        seen.mean_motion,
         case.boundary.gauge,
     )
     data = Data(
@@ -153,7 +151,7 @@ def assemble(
         left_out=left_out,
     )
     parameters = working.parameters
-    elongation, tilt = (_without(left_out, values) for values in (elongation, tilt))
+    elongation, tilt = (_without(left_out, values) for values in (seen.elongation, seen.tilt))
     start, knots = start_values(working, elongation, tilt)
     if case.boundary.gauge == "rigid":
         # The tilt between the edges is a rigid rotation, and is not part of the motion.

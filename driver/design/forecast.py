@@ -21,10 +21,10 @@ from driver.diagnosis.screening import screened
 from driver.history import History, knot_weights
 from driver.identification.fit import Correction, Objective
 from driver.identification.procedure import with_correction
-from driver.model import Prediction
+from driver.model import Prediction, declared_parameters
 from driver.specimen import mesh_of
 from driver.virtual_course import knots, refuse_unknown
-from driver.workbench import Workbench, assemble
+from driver.workbench import Seen, Workbench, build_workbench
 
 FloatArray = NDArray[np.float64]
 
@@ -129,20 +129,17 @@ def prepare(plan: Plan, passing: Callable[[str], None] | None = None) -> Prepare
         weights @ np.array([0.0, *(assumed[name] for name in names(history.n_knots))])
         for names in (elongation_names, tilt_names)
     ]
-    bench = assemble(
+    experiment = replace(
+        surface.experiment,
+        history=history,
+        force=np.zeros(history.n_images),
+        gamma_F=case.loads.gamma_F,
+    )
+    bench = build_workbench(
         case,
         mesh_of(case, case.specimen.mesh_size),
         mesh_of(case, case.specimen.fine_mesh_size),
-        replace(
-            surface.experiment,
-            history=history,
-            force=np.zeros(history.n_images),
-            gamma_F=case.loads.gamma_F,
-        ),  # fmt: skip
-        images,
-        np.zeros((history.n_images, 3)),
-        edges[0],
-        edges[1],
+        Seen(experiment, images, np.zeros((history.n_images, 3)), *edges),
         plan.jobs,
         passing=passing,
     )
@@ -231,7 +228,8 @@ def _course(plan: Plan) -> tuple[History, dict[str, float]]:
     """History of the test, and the knots of its motion [µm]."""
     case, test, settings = plan.variant.case, plan.variant.test, plan.settings
     known = knots(plan.history, settings.program, case.specimen.length)
-    refuse_unknown(settings.truth, plan.history.n_knots)
+    declared = declared_parameters(plan.history.n_knots, case.material.to_material())
+    refuse_unknown(settings.truth, declared)
     known |= {name: value for name, value in settings.truth.items() if name in known}
     if test.compression:
         known = carried_on(known, plan.history, compressed(plan.history))

@@ -9,7 +9,7 @@ from driver import specimen
 from driver.boundary import LAMBDAS
 from driver.case import Case, load_case
 from driver.identification.priors import LAMBDA_PRIOR
-from driver.workbench import Workbench, build_workbench
+from driver.workbench import Workbench, build_workbench, seen_by_correlation
 from meshes.prism import generate
 from tests.driver import closed_form
 from tests.driver.closed_form import KNOTS, LAW, TILTS
@@ -34,13 +34,14 @@ def solver(monkeypatch: pytest.MonkeyPatch) -> None:
 def built(case: Case, **tables: dict[str, object]) -> Workbench:
     update = {name: getattr(case, name).model_copy(update=u) for name, u in tables.items()}
     weights = BENCH.model.boundary.weights
+    changed = case.model_copy(update=update)
+    motion = BENCH.model.predict(BENCH.truth).motion
+    edges = (weights @ [0.0, *KNOTS], weights @ [0.0, *TILTS])
     return build_workbench(
-        case.model_copy(update=update),
+        changed,
         BENCH.mesh,
         generate(specimen.geometry_of(case), 1.0),
-        BENCH.model.predict(BENCH.truth).motion,
-        weights @ [0.0, *KNOTS],
-        weights @ [0.0, *TILTS],
+        seen_by_correlation(changed, motion, *edges),
     )
 
 
