@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import psutil
@@ -42,12 +43,14 @@ def written(folder: Path) -> bool:
 
 
 def alive(folder: Path) -> list[int]:
-    pids = [int((folder / name).read_text()) for name in ("child", "stray")]
-    return [
-        pid
-        for pid in pids
-        if psutil.pid_exists(pid) and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
-    ]
+    pids = []
+    for name in ("child", "stray"):
+        # It may end between the look for it and the question to it.
+        with suppress(psutil.NoSuchProcess):
+            process = psutil.Process(int((folder / name).read_text()))
+            if process.status() != psutil.STATUS_ZOMBIE:
+                pids.append(process.pid)
+    return pids
 
 
 def test_a_program_runs_in_its_folder_and_its_output_is_kept(tmp_path: Path) -> None:
