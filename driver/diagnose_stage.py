@@ -13,8 +13,9 @@ import numpy as np
 from driver.boundary import LAMBDAS
 from driver.case import Case, CaseError, schema_text, write_case
 from driver.diagnosis.causes import LIBRARY
-from driver.diagnosis.diagnose import Diagnosis, Settings, Step, diagnose
+from driver.diagnosis.diagnose import diagnose
 from driver.diagnosis.omnibus import Omnibus
+from driver.diagnosis.outcome import Diagnosis, Settings, Step
 from driver.diagnosis.score import Score
 from driver.diagnosis.screening import screened
 from driver.errors import sentence
@@ -185,7 +186,16 @@ def diagnosis_record(
             "effect_sigma": found.gate.effect,
             "on": found.gate.cause,
             "passed": found.gate.passed,
+            "needed": found.gate.needed,
         },
+        "load_noise": {
+            "stated_uN": bench.objective.data.load_noise,
+            "found_uN": found.objective.data.load_noise,
+            "degrees": _number(found.objective.data.load_degrees),
+        },
+        "bad_loads": [
+            {"image": bad.frame, "off_uN": bad.off, "sigmas": bad.sigmas} for bad in found.bad_loads
+        ],
         "not_examined": {left.cause: left.why for left in found.not_examined},
         "baseline": fitted(before) | {"reason": before.reason},
         "extended": fitted(after) | {"reason": after.reason},

@@ -8,7 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.diagnosis.causes import LIBRARY, NUMERICS
-from driver.diagnosis.diagnose import Diagnosis, Settings, diagnose
+from driver.diagnosis.diagnose import diagnose
+from driver.diagnosis.outcome import Diagnosis, Settings
 from driver.identification.fit import fit
 from tests.driver import closed_form
 
