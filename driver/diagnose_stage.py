@@ -18,6 +18,7 @@ from driver.diagnosis.omnibus import Omnibus
 from driver.diagnosis.outcome import Diagnosis, Settings, Step
 from driver.diagnosis.score import Score
 from driver.diagnosis.screening import screened
+from driver.diagnosis.visible import not_seen
 from driver.errors import sentence
 from driver.identification.fit import Evaluation, Fit
 from driver.identify_stage import (
@@ -196,10 +197,22 @@ def diagnosis_record(
         "bad_loads": [
             {"image": bad.frame, "off_uN": bad.off, "sigmas": bad.sigmas} for bad in found.bad_loads
         ],
+        "not_found": _not_found(found, bench),
         "not_examined": {left.cause: left.why for left in found.not_examined},
         "baseline": fitted(before) | {"reason": before.reason},
         "extended": fitted(after) | {"reason": after.reason},
         "steps": [_step_record(step, bench) for step in found.steps],
+    }
+
+
+def _not_found(found: Diagnosis, bench: Workbench) -> dict[str, str]:
+    """Each cause that the last round tried and did not find: what would have been seen of it."""
+    parameters = bench.objective.parameters
+    named = set(found.verdict.causes)
+    return {
+        s.cause.name: not_seen(s, parameters)
+        for s in found.steps[-1].scores
+        if s.cause.name not in named and s.cause.category != "numerics"
     }
 
 

@@ -1,10 +1,10 @@
 """Loads that are wrong one by one, and the noise of the others, both from the fast load residual.
 
-A model error is slow in time. The fast half of the cosine modes of the load residual, what the
-fit has taken from them counted, holds little else than noise: y = (B Q Bᵀ)^(−1/2) B r has the
-covariance s² I, with B the modes, Q the covariance of the fitted residual r and s the noise over
-the stated one. In y an error of a single load is a known direction. Its t statistic, the
-externally studentised and leverage-corrected residual, is exact whatever s is.
+A model error is slow in time. The fast half of the cosine modes of the loads, fitted together
+with the images, leaves little else than noise: y = V^(−1/2) B r has the covariance s² I, with B
+the modes, r the residual of that fit, V what it leaves of unit noise, and s the noise over the
+stated one. In y an error of a single load is a known direction. Its t statistic, the externally
+studentised and leverage-corrected residual, is exact whatever s is.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ IntArray = NDArray[np.int64]
 LEVEL = 0.01  # of all loads together
 MOST = 0.05  # share of the loads beyond which they are no outliers but noise of another kind
 _SUSPECT = 3.5  # robust standard deviations
-_LEFT = 1e-6  # variance below which the fit has taken a direction
+_RIDGE = 1e-12
+_LEFT = 1e-3  # variance below which the fit has taken a direction
 _WIDE = 10.0  # prior scales
 _FEWEST = 8  # degrees of freedom without which nothing is said of the noise
 
@@ -133,18 +134,31 @@ def load_noise(fitted: Evaluation, data: Data) -> tuple[float, float]:
 
 
 def _fast(fitted: Evaluation, unit: FloatArray) -> _Fast:
-    T = fitted.n_load
-    orders = np.arange(T // 2, T)
-    modes = np.sqrt(2 / T) * np.cos(np.pi * np.outer(orders, np.arange(T) + 0.5) / T)
-    J, H = fitted.jacobian, fitted.hessian
+    """The fast residual of a fit to images and fast loads alone: slow loads do not enter it."""
+    T, J = fitted.n_load, fitted.jacobian
+    modes = _fast_modes(T)
     through = modes @ J[:, :T].T  # B Jᵀ
+    images = J[:, T:]
+    H = through.T @ through + images @ images.T + np.diag(fitted.prior_weight)
+    H += _RIDGE * np.trace(H) * np.eye(len(H))
+
+    def seen(numbers: FloatArray) -> FloatArray:
+        return np.asarray(through.T @ (modes @ numbers[:T]) + images @ numbers[T:])
+
     taken = np.linalg.solve(H, through.T).T
     left, vector = np.linalg.eigh(np.eye(len(modes)) - taken @ through.T)
     kept = left > _LEFT
     root = (vector[:, kept] / np.sqrt(left[kept])).T
-    residual = modes @ fitted.residual[:T] - taken @ fitted.gradient
-    single = modes @ unit[:, :T].T - taken @ (J @ unit.T)
+    gradient = seen(fitted.residual) + fitted.prior_weight * fitted.prior_gap
+    residual = modes @ fitted.residual[:T] - taken @ gradient
+    single = modes @ unit[:, :T].T - taken @ seen(unit.T)
     return _Fast(root @ residual, (root @ single).T)
+
+
+def _fast_modes(T: int) -> FloatArray:
+    """The fast half of the orthonormal cosines, shape (T − T//2, T)."""
+    modes = np.cos(np.pi * np.outer(np.arange(T // 2, T), np.arange(T) + 0.5) / T)
+    return np.asarray(np.sqrt(2 / T) * modes)
 
 
 def _suspects(fast: _Fast, most: int) -> list[int]:
