@@ -99,14 +99,16 @@ def design(
     simulated = simulate(prepared)
     before = forecast(prepared, simulated)
     log(f"  simulated, {len(simulated.names)} sensitivities")
-    others = _changed(plans, base, simulated, log)
+    others = changed_forecasts(plans, base, simulated, log)
     for line in told(before, surface.told, others):
         log(line)
     _write(results, before, surface, others)
     log(f"{results}: {', '.join(FILES)}")
 
 
-def _changed(plans: Sequence[Plan], base: Plan, simulated: Simulated, log: Log) -> list[Forecast]:
+def changed_forecasts(
+    plans: Sequence[Plan], base: Plan, simulated: Simulated, log: Log
+) -> list[Forecast]:
     """Forecasts of the changed experiments; those that need a simulation, side by side."""
     found: dict[int, Forecast] = {}
     for number, plan in enumerate(plans):
