@@ -15,6 +15,7 @@ from driver.case import Case, load_case
 from driver.check_images import look_at_images
 from driver.check_picture import draw
 from driver.diagnosis.causes import LIBRARY
+from driver.diagnosis.own_causes import own_causes
 from driver.dic.coverage import within
 from driver.errors import InputError
 from driver.estimate import estimate
@@ -125,7 +126,12 @@ def _orientation(case: Case) -> Iterator[Finding]:
 
 
 def _causes(case: Case) -> Iterator[Finding]:
-    known = {cause.name for cause in LIBRARY}
+    try:
+        own = own_causes(case)
+    except InputError as error:
+        yield Finding("error", "causes", str(error))
+        return
+    known = {cause.name for cause in (*LIBRARY, *own)}
     for name in case.diagnosis.causes if case.diagnosis.causes != "all" else ():
         if name not in known:
             expected = ", ".join(sorted(known))

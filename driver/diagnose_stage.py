@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,10 @@ import numpy as np
 
 from driver.boundary import LAMBDAS
 from driver.case import Case, CaseError, schema_text, write_case
-from driver.diagnosis.causes import LIBRARY
+from driver.diagnosis.causes import LIBRARY, Cause
 from driver.diagnosis.diagnose import Diagnosis, Settings, Step, diagnose
 from driver.diagnosis.omnibus import Omnibus
+from driver.diagnosis.own_causes import own_causes
 from driver.diagnosis.score import Score
 from driver.diagnosis.screening import screened
 from driver.errors import sentence
@@ -39,7 +41,8 @@ SCHEMA = "case.schema.json"  # the name by which every case file knows its schem
 def run_diagnose(context: StageContext) -> None:
     """Diagnose the identified model; write `diagnosis.json` and `extended.toml`."""
     case = context.case
-    wanted = _wanted(context)
+    own = own_causes(case)
+    wanted = _wanted(context, own)
     bench = load_workbench(context)
     identified = read_hdf5(context.result(IDENTIFY))
     measured = read_hdf5(context.result(MEASURE))
@@ -52,7 +55,7 @@ def run_diagnose(context: StageContext) -> None:
         context.log(f"  the baseline has not converged ({reason}): read the verdict with care")
     objective = saved_objective(bench, identified)
     # One simulation gives the baseline and the sensitivities of every cause.
-    wide = objective.evaluate(values, screened(objective.model, free, wanted)[1])
+    wide = objective.evaluate(values, screened(objective.model, free, wanted, own)[1])
     baseline = Fit(objective.restrict(wide, free), converged, reason, ())
     cycles = bench.experiment.history.cycle
     settings = Settings(
@@ -63,6 +66,7 @@ def run_diagnose(context: StageContext) -> None:
         threads=case.execution.threads,
         free_chi=float(np.sqrt(np.mean(free_chi[measured["left_out"] == 0] ** 2))),
         sizes=bench.plan.sizes,
+        own=own,
     )
     found = diagnose(baseline, objective, bench.finer, cycles, settings, context.log, wide)
     context.log(f"verdict: {found.verdict.kind}. {found.verdict.text}")
@@ -123,6 +127,7 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     }
     history = case.history.model_copy(update={"file": _from_results(case.history.file)})
     lambda_start = case.boundary.lambda_start.model_copy(update=lambdas)
+    files = tuple(_from_results(name) for name in case.diagnosis.cause_files)
     return case.model_copy(
         update={
             "material": case.material.model_copy(update=constants),
@@ -130,6 +135,7 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
             "extensions": freed,
             "images": images.model_copy(update=moved),
             "history": history,
+            "diagnosis": case.diagnosis.model_copy(update={"cause_files": files}),
         }
     )
 
@@ -250,11 +256,11 @@ def _number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def _wanted(context: StageContext) -> tuple[str, ...] | None:
+def _wanted(context: StageContext, own: Sequence[Cause]) -> tuple[str, ...] | None:
     wanted = context.case.diagnosis.causes
     if wanted == "all":
         return None
-    known = tuple(cause.name for cause in LIBRARY)
+    known = tuple(cause.name for cause in (*LIBRARY, *own))
     for name in wanted:
         if name not in known:
             raise CaseError(

@@ -85,4 +85,7 @@ class DiagnosisTable(Table):
     held_out_cycle: Literal["last", "none"] | Count = Field(
         default="last", description='"last", "none" or the number of a cycle'
     )
+    cause_files: tuple[str, ...] = Field(
+        default=(), description="a list of files with causes of your own"
+    )
     refit: Count = Field(default=5, description="number of causes refitted nonlinearly")

@@ -122,6 +122,7 @@ class Settings:
         threads: threads of each.
         free_chi: χ of free correlation.
         sizes: element sizes of the working and of the finer mesh [µm].
+        own: causes beside the library.
     """
 
     wanted: tuple[str, ...] | None
@@ -131,6 +132,7 @@ class Settings:
     threads: int
     free_chi: float
     sizes: tuple[float, float]
+    own: tuple[Cause, ...] = ()
 
 
 def diagnose(
@@ -158,8 +160,9 @@ def diagnose(
     """
     model = objective.model
     left = not_examined(
-        parameters_of_the_specimen(model), honoured(model), baseline.best.free, settings.wanted
-    )
+        parameters_of_the_specimen(model), honoured(model), baseline.best.free, settings.wanted,
+        settings.own,
+    )  # fmt: skip
     for one in left:
         log(f"  {one.cause} is not examined: {one.why}")
     limited = settings.free_chi > IMAGING
@@ -213,7 +216,7 @@ def diagnose(
     )
     added = [name for cause in causes for name in (*cause.parameters, *cause.companions)]
     groups = [step.named for step in steps if step.named and step.named[0] in _names(causes)]
-    every = (*LIBRARY, NUMERICS)
+    every = (*LIBRARY, *settings.own, NUMERICS)
     verdict = decide(
         groups, accepted, limited, numerics,
         {cause.name: cause.sentence for cause in every},
@@ -253,7 +256,7 @@ def _round(
     log: Log,
 ) -> tuple[Step, Refit | None]:
     """Screen all causes, refit the best, and pick the one to add."""
-    candidates, names = screened(objective.model, here.best.free, settings.wanted)
+    candidates, names = screened(objective.model, here.best.free, settings.wanted, settings.own)
     screening = wide if wide is not None else objective.evaluate(here.values, names)
     scores = screen(here, objective, candidates, screening)
     tests = omnibus(here.best, objective.data)
