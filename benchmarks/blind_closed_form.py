@@ -49,6 +49,11 @@ def quick(seed: int = 7) -> None:
             named.append(bool(found.verdict.causes))
         else:
             right.append(EFFECTS[name][0] in found.verdict.causes)
+            if not right[-1]:
+                print(
+                    f"miss: {name} = {hidden[name]:g}: {found.verdict.kind}, "
+                    f"{', '.join(found.verdict.causes) or 'no cause'}"
+                )
     n = len(silent) + len(right)
     show_share("closed form, null: something named [%]", named, "<= 1")
     show_share("closed form, null: anything said [%]", [not quiet for quiet in silent], "<= 2.5")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,7 @@ def true_case() -> Case:
     )
 
 
+@cache
 def null_values() -> dict[str, float]:
     """Every parameter of the general model at its null, the law as it truly is."""
     truth, history = true_case(), stage_program(CYCLES)
