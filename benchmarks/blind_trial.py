@@ -83,6 +83,8 @@ def main() -> None:
     if not asked.figures:
         try:
             carry_out(asked.seed, asked.only, asked.most, asked.processes, cache, results)
+        except InputError as error:
+            raise SystemExit(str(error)) from None  # another run makes the ruler, or holds it
         except KeyboardInterrupt:
             print(f"stopped; the same command goes on with what {results} lacks")
     print_figures(read(results))
