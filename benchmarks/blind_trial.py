@@ -47,7 +47,10 @@ from driver.virtual_record import record
 from solver_adapters.interface import SolverError
 
 Record = dict[str, Any]
-SECONDS = {"null": 20.0, "other": 60.0}  # CPU-s of a trial, measured, until some are done
+SECONDS = {
+    "null": 20.0,
+    "other": 60.0,
+}  # CPU-s of a trial until some are done: a null was measured, the other is a guess
 MEMORY = 0.5e9  # bytes of a process
 BY_NAME = {cause.name: cause for cause in LIBRARY}
 
