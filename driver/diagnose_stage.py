@@ -17,6 +17,7 @@ from driver.design.telling import Telling, advice, most_telling
 from driver.diagnosis.diagnose import diagnose
 from driver.diagnosis.omnibus import Omnibus
 from driver.diagnosis.outcome import Diagnosis, Settings, Step
+from driver.diagnosis.own_causes import own_causes
 from driver.diagnosis.score import Score
 from driver.diagnosis.screening import screened
 from driver.diagnosis.visible import not_seen
@@ -43,6 +44,7 @@ SCHEMA = "case.schema.json"  # the name by which every case file knows its schem
 def run_diagnose(context: StageContext) -> None:
     """Diagnose the identified model; write `diagnosis.json` and `extended.toml`."""
     case = context.case
+    own = own_causes(case)
     wanted = None if case.diagnosis.causes == "all" else case.diagnosis.causes
     bench = load_workbench(context)
     identified = read_hdf5(context.result(IDENTIFY))
@@ -56,7 +58,7 @@ def run_diagnose(context: StageContext) -> None:
         context.log(f"  the baseline has not converged ({reason}): read the verdict with care")
     objective = saved_objective(bench, identified)
     # One simulation gives the baseline and the sensitivities of every cause.
-    wide = objective.evaluate(values, screened(objective.model, free, wanted)[1])
+    wide = objective.evaluate(values, screened(objective.model, free, wanted, own)[1])
     baseline = Fit(objective.restrict(wide, free), converged, reason, ())
     cycles = bench.experiment.history.cycle
     settings = Settings(
@@ -67,6 +69,7 @@ def run_diagnose(context: StageContext) -> None:
         threads=case.execution.threads,
         free_chi=float(np.sqrt(np.mean(free_chi[measured["left_out"] == 0] ** 2))),
         sizes=bench.plan.sizes,
+        own=own,
     )
     found = diagnose(baseline, objective, bench.finer, cycles, settings, context.log, wide)
     telling = _telling(found, context, bench)
@@ -150,6 +153,7 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     }
     history = case.history.model_copy(update={"file": _from_results(case.history.file)})
     lambda_start = case.boundary.lambda_start.model_copy(update=lambdas)
+    files = tuple(_from_results(name) for name in case.diagnosis.cause_files)
     return case.model_copy(
         update={
             "material": case.material.model_copy(update=constants),
@@ -157,6 +161,7 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
             "extensions": freed,
             "images": images.model_copy(update=moved),
             "history": history,
+            "diagnosis": case.diagnosis.model_copy(update={"cause_files": files}),
         }
     )
 

@@ -57,11 +57,12 @@ def diagnose(
     """
     model = objective.model
     left = not_examined(
-        parameters_of_the_specimen(model), honoured(model), baseline.best.free, settings.wanted
-    )
+        parameters_of_the_specimen(model), honoured(model), baseline.best.free, settings.wanted,
+        settings.own,
+    )  # fmt: skip
     for one in left:
         log(f"  {one.cause} is not examined: {one.why}")
-    candidates, names = screened(model, baseline.best.free, settings.wanted)
+    candidates, names = screened(model, baseline.best.free, settings.wanted, settings.own)
     if wide is None:
         wide = objective.evaluate(baseline.values, names)
     begin = prepared(baseline, objective, wide, candidates, settings, log)
@@ -96,7 +97,7 @@ def diagnose(
     log(f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.cause}")
     explained = share_explained(before, here.best) if causes else float("nan")
     of_causes = {cause.name for cause in causes}
-    every = (*LIBRARY, NUMERICS)
+    every = (*LIBRARY, *settings.own, NUMERICS)
     verdict = decide(
         [step.named for step in steps if step.named and step.named[0] in of_causes],
         steps[-1].omnibus.accepted,

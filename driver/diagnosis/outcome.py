@@ -32,6 +32,7 @@ class Settings:
         threads: threads of each.
         free_chi: χ of free correlation.
         sizes: element sizes of the working and of the finer mesh [µm].
+        own: causes beside the library.
     """
 
     wanted: tuple[str, ...] | None
@@ -41,6 +42,7 @@ class Settings:
     threads: int
     free_chi: float
     sizes: tuple[float, float]
+    own: tuple[Cause, ...] = ()
 
     @property
     def imaging_limited(self) -> bool:

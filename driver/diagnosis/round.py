@@ -41,7 +41,7 @@ def examine(
     Returns:
         The round, and the refit of the cause to add, None where none stands out.
     """
-    candidates, names = screened(objective.model, here.best.free, settings.wanted)
+    candidates, names = screened(objective.model, here.best.free, settings.wanted, settings.own)
     screening = wide if wide is not None else objective.evaluate(here.values, names)
     scores = screen(here, objective, candidates, screening)
     tests = omnibus(here.best, objective.data)

@@ -18,11 +18,14 @@ FloatArray = NDArray[np.float64]
 
 
 def screened(
-    model: ForwardModel, fitted: Sequence[str], wanted: Sequence[str] | None
+    model: ForwardModel,
+    fitted: Sequence[str],
+    wanted: Sequence[str] | None,
+    own: Sequence[Cause] = (),
 ) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     """The causes that a model can have, and the parameters that screening needs free."""
     known = parameters_of_the_specimen(model) & honoured(model)
-    candidates = causes_of(known, fitted, wanted)
+    candidates = causes_of(known, fitted, wanted, own)
     names = [*fitted]
     for cause in candidates:
         names += [n for n in (*cause.parameters, *cause.companions) if n not in names]
