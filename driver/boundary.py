@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.own_terms import BoundaryTerm, EndFaces
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
@@ -78,6 +79,7 @@ class BoundaryMotion:
         across: X/(width/2) of each node, shape (n,).
         weights: weights of the knots at each instant, shape (n_times, n_knots).
         mask: prescribed components of each node, shape (n, 3).
+        terms: what installed packages add.
     """
 
     nodes: IntArray
@@ -86,12 +88,14 @@ class BoundaryMotion:
     across: FloatArray
     weights: FloatArray
     mask: NDArray[np.bool_]
+    terms: tuple[BoundaryTerm, ...] = ()
 
     @property
     def parameters(self) -> frozenset[str]:
         """Names of the parameters that this motion depends on."""
         n = self.weights.shape[1]
         fixed = {p.name for p in BOUNDARY_DECLARATIONS}
+        fixed |= {term.parameter.name for term in self.terms}
         return frozenset(fixed | set(elongation_names(n)) | set(tilt_names(n)))
 
     def evaluate(self, values: Mapping[str, float]) -> FloatArray:
@@ -132,4 +136,7 @@ class BoundaryMotion:
             half_stretch * progress, bend
         )
         motion[:, :, 2] = np.outer(half_tilt, shape_Z)
+        faces = EndFaces(self.side, self.zeta, self.across, 2 * half_stretch, 2 * half_tilt)
+        for term in self.terms:
+            motion = motion + values[term.parameter.name] * term.motion(faces)
         return motion

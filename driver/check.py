@@ -15,6 +15,7 @@ from driver.case import Case, load_case
 from driver.check_images import look_at_images
 from driver.check_loads import stated_motion, strange_loads
 from driver.check_picture import draw
+from driver.diagnosis.own_causes import asked_causes
 from driver.dic.coverage import within
 from driver.errors import InputError
 from driver.estimate import estimate
@@ -57,6 +58,7 @@ def check(case_path: Path) -> list[Finding]:
         return findings + [Finding("error", "case", line) for line in str(error).splitlines()]
     findings.append(Finding("ok", "case", f"{case_path} is valid"))
     findings += _orientation(case)
+    findings += _causes(case, case_path)
     adapter: Adapter | None = None
     of_solver: list[Finding] = []
     try:
@@ -128,6 +130,14 @@ def _orientation(case: Case) -> Iterator[Finding]:
     for grain, rotation in zip(case.grains, case.orientations, strict=True):
         along = " ".join(f"{component:+.3f}" for component in rotation[1])
         yield Finding("ok", "orientation", f"{grain.name}: loading axis along crystal [{along}]")
+
+
+def _causes(case: Case, case_path: Path) -> Iterator[Finding]:
+    try:
+        asked_causes(case, case_path)
+    except InputError as error:
+        for line in str(error).splitlines():
+            yield Finding("error", "causes", line)
 
 
 def _solver(case: Case, adapter: Adapter) -> Iterator[Finding]:

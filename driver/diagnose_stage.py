@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,15 @@ import numpy as np
 
 from driver.boundary import LAMBDAS
 from driver.case import Case, CaseError, schema_text, write_case
-from driver.diagnosis.diagnose import Diagnosis, Settings, Step, diagnose
+from driver.design.telling import Telling, advice, most_telling
+from driver.diagnosis.diagnose import diagnose
 from driver.diagnosis.omnibus import Omnibus
+from driver.diagnosis.outcome import Diagnosis, Settings, Step
+from driver.diagnosis.own_causes import own_causes
 from driver.diagnosis.score import Score
 from driver.diagnosis.screening import screened
-from driver.errors import sentence
+from driver.diagnosis.visible import not_seen
+from driver.errors import InputError, sentence
 from driver.identification.fit import Evaluation, Fit
 from driver.identified_record import IDENTIFY, value_told
 from driver.identify_stage import (
@@ -29,6 +34,7 @@ from driver.measure_stage import MEASURE
 from driver.results import read_hdf5, write_hdf5
 from driver.stages import StageContext
 from driver.workbench import Workbench
+from solver_adapters.interface import SolverError
 from solver_adapters.material import MATERIAL_PARAMETERS
 
 DIAGNOSIS, DIAGNOSIS_H5, EXTENDED = "diagnosis.json", "diagnosis.h5", "extended.toml"
@@ -38,6 +44,7 @@ SCHEMA = "case.schema.json"  # the name by which every case file knows its schem
 def run_diagnose(context: StageContext) -> None:
     """Diagnose the identified model; write `diagnosis.json` and `extended.toml`."""
     case = context.case
+    own = own_causes(case)
     wanted = None if case.diagnosis.causes == "all" else case.diagnosis.causes
     bench = load_workbench(context)
     identified = read_hdf5(context.result(IDENTIFY))
@@ -51,7 +58,7 @@ def run_diagnose(context: StageContext) -> None:
         context.log(f"  the baseline has not converged ({reason}): read the verdict with care")
     objective = saved_objective(bench, identified)
     # One simulation gives the baseline and the sensitivities of every cause.
-    wide = objective.evaluate(values, screened(objective.model, free, wanted)[1])
+    wide = objective.evaluate(values, screened(objective.model, free, wanted, own)[1])
     baseline = Fit(objective.restrict(wide, free), converged, reason, ())
     cycles = bench.experiment.history.cycle
     settings = Settings(
@@ -62,8 +69,13 @@ def run_diagnose(context: StageContext) -> None:
         threads=case.execution.threads,
         free_chi=float(np.sqrt(np.mean(free_chi[measured["left_out"] == 0] ** 2))),
         sizes=bench.plan.sizes,
+        own=own,
     )
     found = diagnose(baseline, objective, bench.finer, cycles, settings, context.log, wide)
+    telling = _telling(found, context, bench)
+    if telling:
+        advised = f"{found.verdict.next} {advice(telling)}"
+        found = replace(found, verdict=replace(found.verdict, next=advised))
     context.log(f"verdict: {found.verdict.kind}. {found.verdict.text}")
     for name in added_parameters(found):
         context.log(f"  {value_told(name, found.extended, objective.parameters)}")
@@ -78,6 +90,7 @@ def run_diagnose(context: StageContext) -> None:
         error_budget(bench, found.extended.best, free_chi),
     )
     record = diagnosis_record(found, bench, budgets)
+    record["telling"] = [{"change": one.name, "apart_sigma": one.apart} for one in telling]
     (context.workdir / DIAGNOSIS).write_text(
         json.dumps(record, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
     )
@@ -87,6 +100,25 @@ def run_diagnose(context: StageContext) -> None:
     write_hdf5(context.workdir / DIAGNOSIS_H5, arrays)
     write_case(extended_case(case, found), context.workdir / EXTENDED)
     (context.workdir / SCHEMA).write_text(schema_text(), encoding="utf-8")
+
+
+def _telling(found: Diagnosis, context: StageContext, bench: Workbench) -> tuple[Telling, ...]:
+    """Which change of the experiment would part the causes of a set; empty if there is none.
+
+    Sizes are those of the scores, in the prior scales of each cause.
+    """
+    group = next((step.named for step in found.steps if len(step.named) > 1), ())
+    if found.verdict.kind != "one of this set" or not group:
+        return ()
+    context.log(f"which added measurement would part {', '.join(group)}")
+    scores = {s.cause.name: s for s in next(s for s in found.steps if s.named == group).scores}
+    sizes = {name: float(np.max(np.abs(scores[name].estimate))) for name in group}
+    law = {name: found.baseline.values[name] for name in found.baseline.best.free}
+    try:
+        return most_telling(context.case, bench.experiment.history, sizes, law, context.log)
+    except (InputError, SolverError, ValueError) as error:
+        context.log(f"  not found out: {str(error).partition(chr(10))[0]}")
+        return ()
 
 
 def added_parameters(found: Diagnosis) -> tuple[str, ...]:
@@ -121,6 +153,7 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     }
     history = case.history.model_copy(update={"file": _from_results(case.history.file)})
     lambda_start = case.boundary.lambda_start.model_copy(update=lambdas)
+    files = tuple(_from_results(name) for name in case.diagnosis.cause_files)
     return case.model_copy(
         update={
             "material": case.material.model_copy(update=constants),
@@ -128,6 +161,7 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
             "extensions": freed,
             "images": images.model_copy(update=moved),
             "history": history,
+            "diagnosis": case.diagnosis.model_copy(update={"cause_files": files}),
         }
     )
 
@@ -183,11 +217,32 @@ def diagnosis_record(
             "effect_sigma": found.gate.effect,
             "on": found.gate.cause,
             "passed": found.gate.passed,
+            "needed": found.gate.needed,
         },
+        "load_noise": {
+            "stated_uN": bench.objective.data.load_noise,
+            "found_uN": found.objective.data.load_noise,
+            "degrees": _number(found.objective.data.load_degrees),
+        },
+        "bad_loads": [
+            {"image": bad.frame, "off_uN": bad.off, "sigmas": bad.sigmas} for bad in found.bad_loads
+        ],
+        "not_found": _not_found(found, bench),
         "not_examined": {left.cause: left.why for left in found.not_examined},
         "baseline": fitted(before) | {"reason": before.reason},
         "extended": fitted(after) | {"reason": after.reason},
         "steps": [_step_record(step, bench) for step in found.steps],
+    }
+
+
+def _not_found(found: Diagnosis, bench: Workbench) -> dict[str, str]:
+    """Each cause that the last round tried and did not find: what would have been seen of it."""
+    parameters = bench.objective.parameters
+    named = set(found.verdict.causes)
+    return {
+        s.cause.name: not_seen(s, parameters)
+        for s in found.steps[-1].scores
+        if s.cause.name not in named and s.cause.category != "numerics"
     }
 
 

@@ -8,14 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from driver.load_clock import LARGEST_LAG
+from driver.own_terms import ReadingTerm
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
+
+_TINY = 1e-30  # complex step
 
 LOAD_DECLARATIONS: tuple[Parameter, ...] = (
     Parameter("load_gain", "", 0.0, 0.03, -0.9, 2.0),
@@ -39,19 +43,36 @@ class Instrument:
         xy: positions on the surface [µm], shape (n, 2).
         progress: time of each image over the duration of the test, 0 to 1, shape (T,).
         centre: X, Y about which the field is magnified, sheared and tilted [µm].
+        terms: what installed packages add to the reading.
     """
 
     xy: FloatArray
     progress: FloatArray
     centre: tuple[float, float]
+    terms: tuple[ReadingTerm, ...] = ()
 
     def reading(self, force: FloatArray, values: Mapping[str, float]) -> FloatArray:
         """Load that is read [µN] when the specimen carries `force`, shape (T,)."""
-        return np.asarray(
+        return np.asarray(self._read(force, values), dtype=np.float64)
+
+    def reading_rate(
+        self, force: FloatArray, change: FloatArray, values: Mapping[str, float]
+    ) -> FloatArray:
+        """∂reading for a change of the force, each of shape (T,) (complex step)."""
+        if not self.terms:
+            return np.asarray((1 + values["load_gain"]) * change)
+        stepped = self._read(force + 1j * _TINY * change, values)
+        return np.asarray(stepped.imag / _TINY)
+
+    def _read(self, force: NDArray[np.inexact], values: Mapping[str, float]) -> Any:
+        read = (
             (1 + values["load_gain"]) * force
             + values["load_offset"]
             + values["load_drift"] * self.progress
         )
+        for term in self.terms:
+            read = read + values[term.parameter.name] * term.reading(force, self.progress)
+        return read
 
     def appearance(self, motion: FloatArray, values: Mapping[str, float]) -> FloatArray:
         """Motion that the images show [µm], shape (T, n, 3)."""
@@ -76,7 +97,10 @@ class Instrument:
         if name == "load_gain":
             return force
         if name == "load_lag":
-            return np.asarray((1 + values["load_gain"]) * rate)
+            return self.reading_rate(force, rate, values)
+        for term in self.terms:
+            if name == term.parameter.name:
+                return np.asarray(term.reading(force, self.progress), dtype=np.float64)
         return np.ones_like(force) if name == "load_offset" else self.progress
 
     def appearance_derivative(self, name: str, motion: FloatArray) -> FloatArray:

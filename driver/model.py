@@ -22,6 +22,7 @@ from driver.microstructure import (
     ORIENTATION_DECLARATIONS,
     Microstructure,
 )
+from driver.own_terms import installed_terms, refuse_doubles
 from driver.surface_view import POSE_DECLARATIONS, Look, SurfaceView, apply
 from solver_adapters.interface import (
     Adapter,
@@ -60,7 +61,9 @@ def declared_parameters(n_knots: int, material: Material = _OF_THE_PAPER) -> dic
         *LOAD_DECLARATIONS,
         *IMAGE_DECLARATIONS,
         *POSE_DECLARATIONS,
+        *(term.parameter for term in installed_terms()),
     )
+    refuse_doubles(declared)
     return {parameter.name: parameter for parameter in declared}
 
 
@@ -201,11 +204,11 @@ class ForwardModel:
             if self.simulated(name):
                 d_surface[index] = response.d_displacement[row, seen]
                 d_surface[index, ..., 2] *= 1 + values["height_scale"]
-                d_load[index] = (1 + values["load_gain"]) * d_force[row]
+                d_load[index] = self.instrument.reading_rate(force, d_force[row], values)
                 row += 1
             elif name in _POSE_NAMES:
                 continue
-            elif name in _LOAD_NAMES:
+            elif name in self._load_names:
                 d_load[index] = self.instrument.reading_derivative(name, force, rate, values)
             else:
                 d_surface[index] = self.instrument.appearance_derivative(name, displacement)
@@ -254,7 +257,11 @@ class ForwardModel:
 
     def simulated(self, name: str) -> bool:
         """Whether a parameter enters the simulation (and not only the observation)."""
-        return name not in _LOAD_NAMES | _IMAGE_NAMES | _POSE_NAMES
+        return name not in self._load_names | _IMAGE_NAMES | _POSE_NAMES
+
+    @property
+    def _load_names(self) -> frozenset[str]:
+        return _LOAD_NAMES | {term.parameter.name for term in self.instrument.terms}
 
     def _direction(self, values: Values, name: str) -> Direction:
         scale = self.parameters[name].change(values[name])

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from driver.case import Case, load_case
 from driver.diagnose_stage import DIAGNOSIS, held_out_cycle, run_diagnose
+from driver.diagnosis.own_causes import asked_causes
 from driver.errors import sentence
 from driver.estimate import estimate
 from driver.experiment import history_of
@@ -18,7 +19,14 @@ from driver.mesh_stage import run_mesh
 from driver.report.loads_page import run_report_loads
 from driver.report.stage import run_report
 from driver.specimen import capabilities_of, mesh_of
-from driver.stages import RESULTS, Stage, StageError, measured_files, run_stages
+from driver.stages import (
+    RESULTS,
+    Stage,
+    StageError,
+    diagnosed_files,
+    measured_files,
+    run_stages,
+)
 from driver.workbench import BUNDLED
 from solver_adapters.bundled.compilation import use_threads
 
@@ -45,7 +53,7 @@ def stages(case: Case) -> Sequence[Stage]:
         Stage("mesh", "1", _MESH, run_mesh),
         Stage("measure", "5", _MEASURE, run_measure, measured_files),
         Stage("identify", "4", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, measured_files),
-        Stage("diagnose", "1", ("diagnosis",), run_diagnose, measured_files),
+        Stage("diagnose", "1", ("diagnosis",), run_diagnose, diagnosed_files),
         Stage("report", "4", _REPORT, run_report, measured_files),
     )
 
@@ -66,6 +74,7 @@ def run(
             f'--prepare-only: found solver.name = "{BUNDLED}", which runs inside prismid, expected '
             "a solver that is a program of its own"
         )
+    asked_causes(case, case_path)  # refused before hours of computing, not after
     use_threads(case.execution.processes * case.execution.threads)
     n_cells = len(mesh_of(case, case.specimen.mesh_size).cells)
     solver = capabilities_of(case)

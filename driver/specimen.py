@@ -19,6 +19,7 @@ from driver.images.reference import Reference, build_reference
 from driver.instrument import Instrument
 from driver.microstructure import build_microstructure
 from driver.model import ForwardModel
+from driver.own_terms import BoundaryTerm, ReadingTerm, terms_of
 from driver.profiles import profile_of
 from driver.surface_view import SurfaceView
 from meshes.plane_files import read_plane_mesh
@@ -222,6 +223,7 @@ def build_model(
             surface.points,
             (history.time[history.image_row] - history.time[0]) / duration,
             (0.0, case.specimen.length / 2),
+            terms_of(ReadingTerm),
         ),
         times=history.time,
         image_row=history.image_row,
@@ -249,4 +251,5 @@ def _boundary_motion(case: Case, mesh: PrismMesh, weights: FloatArray) -> Bounda
         across=mesh.points[nodes, 0] / (case.specimen.width / 2),
         weights=weights,
         mask=mask,
+        terms=terms_of(BoundaryTerm),
     )

@@ -106,6 +106,11 @@ def measured_files(case: Case) -> tuple[Path, ...]:
     return tuple(Path(split_dataset(case.path(name))[0]) for name in names if name is not None)
 
 
+def diagnosed_files(case: Case) -> tuple[Path, ...]:
+    """What a diagnosis reads: the measured files, and the causes of the user's own."""
+    return (*measured_files(case), *(case.path(name) for name in case.diagnosis.cause_files))
+
+
 def run_stages(
     case_path: Path,
     stages: Sequence[Stage],

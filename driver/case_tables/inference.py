@@ -22,13 +22,9 @@ def _known_parameters(names: tuple[str, ...]) -> tuple[str, ...]:
     return _each_once(names)
 
 
-def _known_causes(names: Literal["all"] | tuple[str, ...]) -> Literal["all"] | tuple[str, ...]:
+def _named_causes(names: Literal["all"] | tuple[str, ...]) -> Literal["all"] | tuple[str, ...]:
     if names == "all":
         return "all"
-    known = [cause.name for cause in LIBRARY]
-    for name in names:
-        if name not in known:
-            raise refusal("one of " + ", ".join(known), found=f'"{name}"')
     if not names:
         raise refusal('at least one name of a cause, or "all"')
     return _each_once(names)
@@ -42,7 +38,7 @@ def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 Parameters = Annotated[tuple[str, ...], AfterValidator(_known_parameters)]
-Causes = Annotated[Literal["all"] | tuple[str, ...], AfterValidator(_known_causes)]
+Causes = Annotated[Literal["all"] | tuple[str, ...], AfterValidator(_named_causes)]
 
 
 class Identification(Table):
@@ -104,4 +100,17 @@ class DiagnosisTable(Table):
     held_out_cycle: Literal["last", "none"] | Count = Field(
         default="last", description='"last", "none" or the number of a cycle'
     )
+    cause_files: tuple[str, ...] = Field(
+        default=(), description="a list of files with causes of your own"
+    )
     refit: Count = Field(default=5, description="number of causes refitted nonlinearly")
+
+    @model_validator(mode="after")
+    def _causes_of_the_library(self) -> Self:
+        if self.causes == "all" or self.cause_files:  # `asked_causes` looks into the files
+            return self
+        known = [cause.name for cause in LIBRARY]
+        for name in self.causes:
+            if name not in known:
+                raise refusal("one of " + ", ".join(known), "causes", f'"{name}"')
+        return self

@@ -26,6 +26,7 @@ from driver.design.settings import Settings, read_change, read_settings
 from driver.design.surface import Surface, expected_surface
 from driver.design.variants import base_variant, refuse_without_images, usual_changes, variants
 from driver.design.words import told
+from driver.diagnosis.own_causes import asked_causes
 from driver.errors import InputError
 from driver.estimate import simulation_seconds
 from driver.history import History, HistoryError, read_history
@@ -71,6 +72,7 @@ def design(
     """
     case = load_case(case_path)
     refuse_without_images(case, case_path)
+    asked_causes(case, case_path)
     settings = Settings() if settings_path is None else read_settings(settings_path)
     history = _history(case, settings)
     surface = expected_surface(case, settings, history)
@@ -99,14 +101,16 @@ def design(
     simulated = simulate(prepared)
     before = forecast(prepared, simulated)
     log(f"  simulated, {len(simulated.names)} sensitivities")
-    others = _changed(plans, base, simulated, log)
+    others = changed_forecasts(plans, base, simulated, log)
     for line in told(before, surface.told, others):
         log(line)
     _write(results, before, surface, others)
     log(f"{results}: {', '.join(FILES)}")
 
 
-def _changed(plans: Sequence[Plan], base: Plan, simulated: Simulated, log: Log) -> list[Forecast]:
+def changed_forecasts(
+    plans: Sequence[Plan], base: Plan, simulated: Simulated, log: Log
+) -> list[Forecast]:
     """Forecasts of the changed experiments; those that need a simulation, side by side."""
     found: dict[int, Forecast] = {}
     for number, plan in enumerate(plans):

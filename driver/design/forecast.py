@@ -17,6 +17,7 @@ from driver.design.surface import Surface, expected_surface
 from driver.design.variants import Variant
 from driver.design.visibility import Outlook, outlooks
 from driver.diagnosis.causes import Cause
+from driver.diagnosis.own_causes import own_causes
 from driver.diagnosis.screening import screened
 from driver.history import History, knot_weights
 from driver.identification.fit import Correction, Objective
@@ -149,7 +150,7 @@ def prepare(plan: Plan, passing: Callable[[str], None] | None = None) -> Prepare
     truth = {name: v for name, v in plan.settings.truth.items() if name not in assumed}
     values = bench.start | truth | known
     wanted = None if case.diagnosis.causes == "all" else case.diagnosis.causes
-    causes, names = screened(bench.working, fitted, wanted)
+    causes, names = screened(bench.working, fitted, wanted, own_causes(case))
     return Prepared(plan, bench, values, fitted, causes, names, history)
 
 

@@ -10,8 +10,7 @@ from driver.design.comparison import gain
 from driver.design.forecast import Forecast
 from driver.design.information import Knowledge
 from driver.design.visibility import NAMED_AT, Outlook, Visible
-from driver.diagnosis.diagnose import PARALLEL
-from driver.diagnosis.score import SEEN_AT
+from driver.diagnosis.score import PARALLEL, SEEN_AT
 from driver.results import prismid_version
 
 

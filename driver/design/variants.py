@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from driver.case import Case
 from driver.case_errors import sentences
 from driver.design.settings import Schedule, Settings, label, merged
+from driver.diagnosis.own_causes import asked_causes
 from driver.errors import InputError, sentence
 
 _TURN = 30.0  # ° about the normal of the face, of the last grain
@@ -86,7 +87,8 @@ def variant(base: Variant, name: str, change: dict[str, Any], path: Path) -> Var
         path: where the change stands, to be told.
 
     Raises:
-        InputError: a key is unknown or out of range, or not one of an experiment with images.
+        InputError: a key is unknown or out of range, or not one of an experiment with images; or a
+            file of causes cannot be used.
     """
     keys = {key: value for key, value in change.items() if key != "test"}
     try:
@@ -110,6 +112,7 @@ def variant(base: Variant, name: str, change: dict[str, Any], path: Path) -> Var
             f"{path}: history: found a change of it, expected one of the test: {expected}"
         )
     refuse_without_images(case, path)
+    asked_causes(case, path)
     return Variant(name, label(change), case, test)
 
 

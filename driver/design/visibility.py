@@ -10,8 +10,14 @@ from numpy.typing import NDArray
 
 from driver.design.information import groups_of
 from driver.diagnosis.causes import Cause
-from driver.diagnosis.diagnose import PARALLEL
-from driver.diagnosis.score import SEEN_AT, Score, cosine, prior_scaled, score
+from driver.diagnosis.score import (
+    PARALLEL,
+    SEEN_AT,
+    Score,
+    likeness,
+    prior_scaled,
+    score,
+)
 from driver.identification.fit import Evaluation
 from solver_adapters.parameter import Parameter
 
@@ -65,7 +71,8 @@ class Outlook:
     Attributes:
         cause: the cause.
         parameters: its parameters.
-        cosines: cosine between what it and each other cause do to the data.
+        cosines: likeness of what it and each other cause do to the data, the cosine for a
+            parameter each.
     """
 
     cause: Cause
@@ -107,7 +114,11 @@ def outlooks(
         Outlook(
             scored.cause,
             visible,
-            {other.cause.name: cosine(scored, other) for other, _ in found if other is not scored},
+            {
+                other.cause.name: likeness(scored, other)
+                for other, _ in found
+                if other is not scored
+            },
         )
         for scored, visible in found
     )

@@ -238,6 +238,7 @@ def not_examined(
     solver: Collection[str],
     fitted: Collection[str],
     wanted: Sequence[str] | None,
+    own: Sequence[Cause] = (),
 ) -> tuple[NotExamined, ...]:
     """The causes that are not tried, each with its reason.
 
@@ -246,9 +247,10 @@ def not_examined(
         solver: those that its solver can honour.
         fitted: parameters that are fitted in the baseline.
         wanted: names of the causes to try, None for all.
+        own: causes beside the library.
     """
     left: list[NotExamined] = []
-    for cause in LIBRARY:
+    for cause in (*LIBRARY, *own):
         if wanted is not None and cause.name not in wanted:
             continue
         absent = [name for name in cause.parameters if name not in specimen]
@@ -264,7 +266,10 @@ def not_examined(
 
 
 def causes_of(
-    known: Collection[str], fitted: Collection[str], wanted: Sequence[str] | None
+    known: Collection[str],
+    fitted: Collection[str],
+    wanted: Sequence[str] | None,
+    own: Sequence[Cause] = (),
 ) -> tuple[Cause, ...]:
     """The causes that this specimen can have and that are not fitted already.
 
@@ -272,10 +277,11 @@ def causes_of(
         known: parameters of the general model that this specimen has.
         fitted: parameters that are fitted in the baseline.
         wanted: names of the causes to try, None for all.
+        own: causes beside the library.
     """
     return tuple(
         cause
-        for cause in LIBRARY
+        for cause in (*LIBRARY, *own)
         if set(cause.parameters) <= set(known)
         and not set(cause.parameters) & set(fitted)
         and (wanted is None or cause.name in wanted)

@@ -10,9 +10,15 @@ import numpy as np
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.score import Score
 from driver.identification.fit import Evaluation, Fit, Objective, fit
+from driver.identification.step import bounded_step
 from driver.side_by_side import side_by_side
+from solver_adapters.interface import SolverError
+
+Log = Callable[[str], None]
 
 MOST_ITERATIONS = 5
+MOST_FROM_AFAR = 8
+FAR = (1.0, 3.0)  # prior scales
 TOLERANCE = 0.3  # Newton decrement [σ]: a log evidence is then right to 0.05
 
 
@@ -32,13 +38,22 @@ class Refit:
     fit: Fit
     log_evidence: float
 
+    @property
+    def own_misfit(self) -> float:
+        """‖r‖² with the prior as wide as the effect, to first order from where the fit ended."""
+        at = self.objective.restrict(self.fit.best, self.fit.best.free)
+        rest = at.residual - np.linalg.solve(at.hessian, at.gradient) @ at.jacobian
+        return float(rest @ rest)
+
 
 @dataclass(frozen=True, eq=False)
 class _Task:
     cause: Cause
     objective: Objective
-    start: Evaluation
+    values: dict[str, float]
+    start: Evaluation | None
     baseline: Evaluation
+    bar: float
 
 
 def with_prior(objective: Objective, cause: Cause) -> Objective:
@@ -89,7 +104,8 @@ def refit_causes(
     objective: Objective,
     processes: int,
     threads: int,
-    log: Callable[[str], None],
+    log: Log,
+    bar: float = np.inf,
 ) -> list[Refit]:
     """Refit causes side by side, each from the biased optimum of the baseline.
 
@@ -101,33 +117,123 @@ def refit_causes(
         processes: how many refits at a time.
         threads: threads of each.
         log: takes a line for each refit.
+        bar: cost which the first step has to promise.
     """
     tasks = []
     for scored in scores:
-        cause = scored.cause
-        extended = with_prior(objective, cause)
-        free = (*baseline.free, *cause.parameters, *cause.companions)
-        tasks.append(_Task(cause, extended, extended.restrict(screening, free), baseline))
+        extended = with_prior(objective, scored.cause)
+        begin = extended.restrict(screening, _free(baseline, scored.cause))
+        tasks.append(_Task(scored.cause, extended, begin.values, begin, baseline, bar))
+    return _side_by_side(tasks, processes, threads, log)
 
-    def done(index: int, result: Refit) -> None:
+
+def refit_from_afar(
+    scores: Sequence[Score],
+    baseline: Evaluation,
+    objective: Objective,
+    processes: int,
+    threads: int,
+    log: Log,
+    bar: float,
+) -> list[Refit]:
+    """Refit causes from the nominal model with ±1 and ±3 prior scales of each.
+
+    The biased optimum bends the fitted parameters to make up for a large effect, and a fit from
+    there may stall. Nominal are the means of the priors; knots, which have none, stay.
+
+    Args:
+        scores: the causes to refit.
+        baseline: the baseline at its optimum.
+        objective: the objective of the baseline.
+        processes: how many refits at a time.
+        threads: threads of each.
+        log: takes a line for each refit.
+        bar: cost which the first step has to promise; a start that does not is given up.
+    """
+    tasks = []
+    for scored in scores:
+        extended, cause = with_prior(objective, scored.cause), scored.cause
+        for values in nominal_starts(scored, baseline, extended):
+            tasks.append(_Task(cause, extended, values, None, baseline, bar))
+    return _side_by_side(tasks, processes, threads, log)
+
+
+def nominal_starts(
+    scored: Score, baseline: Evaluation, extended: Objective
+) -> list[dict[str, float]]:
+    """The nominal model with the cause ±1 and ±3 prior scales off its null.
+
+    Several parameters go together, in the proportions of the estimate to first order.
+
+    Args:
+        scored: the cause.
+        baseline: the baseline at its optimum.
+        extended: the objective with the priors of the cause.
+    """
+    cause, prior, known = scored.cause, extended.prior, extended.parameters
+    values = dict(baseline.values)
+    values |= {name: prior[name][0] for name in baseline.free if name in prior}
+    values |= {name: prior[name][0] for name in cause.companions}
+    largest = float(np.max(np.abs(scored.estimate)))
+    along = scored.estimate / largest if largest > 0 else np.ones(len(cause.parameters))
+    sides = (1.0,) if cause.one_sided else (1.0, -1.0)
+    along = np.abs(along) if cause.one_sided else along
+    return [
+        values
+        | {
+            name: known[name].value(float(side * far * part * prior[name][1]), prior[name][0])
+            for name, part in zip(cause.parameters, along, strict=True)
+        }
+        for far in FAR
+        for side in sides
+    ]
+
+
+def _free(baseline: Evaluation, cause: Cause) -> tuple[str, ...]:
+    return (*baseline.free, *cause.parameters, *cause.companions)
+
+
+def _side_by_side(tasks: Sequence[_Task], processes: int, threads: int, log: Log) -> list[Refit]:
+    def done(index: int, result: Refit | str) -> None:
+        name = tasks[index].cause.name
+        if isinstance(result, str):
+            log(f"  {name}: a start is given up, {result}")
+            return
         best = result.fit.best
         log(
-            f"  {result.cause.name}: log evidence {result.log_evidence:+.1f}, "
+            f"  {name}: log evidence {result.log_evidence:+.1f}, "
             f"χ_F {best.chi_load:.2f}, χ of images {best.chi_image:.3f} ({result.fit.reason})"
         )
 
-    return side_by_side(_refit, tasks, processes, threads, done)
+    ends = side_by_side(_refit, tasks, processes, threads, done)
+    return [end for end in ends if isinstance(end, Refit)]
 
 
-def _refit(task: _Task) -> Refit:
-    result = fit(
-        task.objective, task.start.values, task.start.free, MOST_ITERATIONS, _silent,
-        start=task.start, tolerance=TOLERANCE,
-    )  # fmt: skip
+def _refit(task: _Task) -> Refit | str:
+    """The refit, or why the start was given up."""
+    objective, here = task.objective, task.start
+    if here is None:
+        try:
+            here = objective.evaluate(task.values, _free(task.baseline, task.cause))
+        except (SolverError, ValueError) as error:
+            return f"for it cannot be simulated ({str(error).partition(chr(10))[0]})"
+    if np.isfinite(task.bar) and _promised(objective, here) > task.bar:
+        return "for its first step promises too little"
+    most = MOST_ITERATIONS if task.start is not None else MOST_FROM_AFAR
+    result = fit(objective, here.values, here.free, most, _silent, start=here, tolerance=TOLERANCE)
     added = (*task.cause.parameters, *task.cause.companions)
-    evidence = log_bayes_factor(task.baseline, result.best, task.objective, added)
-    widened = as_wide_as_found(task.objective, task.cause, result.values)
+    evidence = log_bayes_factor(task.baseline, result.best, objective, added)
+    widened = as_wide_as_found(objective, task.cause, result.values)
     return Refit(task.cause, widened, result, evidence)
+
+
+def _promised(objective: Objective, here: Evaluation) -> float:
+    """Cost after the first step, were the model linear."""
+    step, _ = bounded_step(
+        here.hessian, here.gradient, [objective.parameters[name] for name in here.free],
+        [here.values[name] for name in here.free],
+    )  # fmt: skip
+    return here.cost - float(2 * here.gradient @ step - step @ here.hessian @ step)
 
 
 def _silent(line: str) -> None:

@@ -6,6 +6,9 @@ prior scale, and H = JJᵀ + prior:
     g = C r − C Jᵀ H⁻¹ (J r + prior·gap),    A = C Cᵀ − C Jᵀ H⁻¹ J Cᵀ
     statistic gᵀA⁻¹g ~ χ²(k),    φ̂ = (A + I)⁻¹ g  in prior scales
     log Bayes factor = ½ gᵀ(A + I)⁻¹g − ½ log det(I + A)       (Laplace)
+
+Where the noise of the loads was estimated from ν degrees of freedom, the statistic of a cause
+that shows by the share s of its effect in the loads has the tail of F(k, ν/s²) (Satterthwaite).
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.stats import chi2, f
 
 from driver.diagnosis.causes import Cause
 from driver.identification.fit import Evaluation
@@ -25,6 +28,7 @@ FloatArray = NDArray[np.float64]
 
 # A one-σ-per-family threshold of 1 % over tens of causes is near 3.5 σ; one more σ for power.
 SEEN_AT = 4.5
+PARALLEL = 0.95  # likeness beyond which causes cannot be told apart
 _RANK = 1e-9
 _FAINT = 1e-8  # a prior scale that moves the data by less than 1e-4 σ leaves no trace
 
@@ -43,7 +47,8 @@ class Score:
         sigma: their standard deviations in prior scales, shape (k,).
         visible: smallest magnitude that would have been seen, in prior scales, infinite where
             none would, shape (k,).
-        directions: orthonormal projected sensitivities, shape (degrees, n).
+        directions: unit projected sensitivities, shape (degrees, n).
+        strengths: projected misfit of one prior scale along each of them [σ²], shape (degrees,).
     """
 
     cause: Cause
@@ -55,6 +60,7 @@ class Score:
     sigma: FloatArray
     visible: FloatArray
     directions: FloatArray
+    strengths: FloatArray
 
 
 def score(
@@ -62,6 +68,7 @@ def score(
     sensitivity: FloatArray,
     baseline: Evaluation,
     family: int,
+    load_degrees: float = np.inf,
 ) -> Score:
     """Score one cause.
 
@@ -70,6 +77,7 @@ def score(
         sensitivity: whitened, per prior scale, shape (k, n).
         baseline: evaluation at the optimum of the baseline.
         family: number of causes that are tried.
+        load_degrees: degrees of freedom of the noise level of the loads.
     """
     J, H = baseline.jacobian, baseline.hessian
     coupling = np.linalg.solve(H, J @ sensitivity.T)
@@ -86,7 +94,9 @@ def score(
     estimate: FloatArray = np.asarray(np.linalg.solve(inflated, g), dtype=np.float64)
     evidence = 0.5 * float(g @ estimate) - 0.5 * float(np.linalg.slogdet(inflated)[1])
     degrees = int(kept.sum())
-    p = float(chi2.sf(statistic, degrees)) if degrees else 1.0
+    in_loads = float(np.sum(projected[:, : baseline.n_load] ** 2))
+    share = in_loads / max(float(np.sum(projected**2)), _FAINT)
+    p = _tail(statistic, degrees, load_degrees, share)
     if cause.one_sided:
         p *= 0.5
         if g[0] <= 0:
@@ -107,16 +117,37 @@ def score(
         sigma=np.sqrt(variance),
         visible=visible,
         directions=basis / np.where(norms > 0, norms, 1.0),
+        strengths=eigenvalue[kept],
     )
 
 
-def cosine(first: Score, second: Score) -> float:
-    """Cosine of the smallest angle between what two causes do to the data."""
+def _tail(statistic: float, degrees: int, load_degrees: float, share: float) -> float:
+    """Probability of a larger statistic, the noise of the loads known to some degrees."""
+    if not degrees:
+        return 1.0
+    if np.isinf(load_degrees) or share == 0.0:
+        return float(chi2.sf(statistic, degrees))
+    return float(f.sf(statistic / degrees, degrees, load_degrees / share**2))
+
+
+def likeness(first: Score, second: Score) -> float:
+    """How much two causes do alike to the data, from 0 to 1; |cos| for a parameter each.
+
+    A cause with effects N(0, 1) per prior scale is expected to leave the projected misfit
+    Σ λ_i; another one can absorb the share Σ λ_i |Q d_i|² / Σ λ_i of it, Q the projector on its
+    own directions. The likeness is the root of the smaller share of both ways: a cause of three
+    parameters may absorb one of one parameter, and not the other way round.
+    """
     if not first.degrees or not second.degrees:
         return 0.0
-    one = np.linalg.qr(first.directions.T)[0]
-    two = np.linalg.qr(second.directions.T)[0]
-    return float(np.linalg.svd(one.T @ two, compute_uv=False)[0])
+    return float(np.sqrt(min(_absorbed(first, second), _absorbed(second, first))))
+
+
+def _absorbed(truth: Score, other: Score) -> float:
+    """Share of the expected projected misfit of a cause that another one can absorb."""
+    within = np.linalg.qr(other.directions.T)[0]
+    share = np.sum((truth.directions @ within) ** 2, axis=1)
+    return float(truth.strengths @ share / np.sum(truth.strengths))
 
 
 def prior_scaled(

@@ -18,11 +18,14 @@ FloatArray = NDArray[np.float64]
 
 
 def screened(
-    model: ForwardModel, fitted: Sequence[str], wanted: Sequence[str] | None
+    model: ForwardModel,
+    fitted: Sequence[str],
+    wanted: Sequence[str] | None,
+    own: Sequence[Cause] = (),
 ) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     """The causes that a model can have, and the parameters that screening needs free."""
     known = parameters_of_the_specimen(model) & honoured(model)
-    candidates = causes_of(known, fitted, wanted)
+    candidates = causes_of(known, fitted, wanted, own)
     names = [*fitted]
     for cause in candidates:
         names += [n for n in (*cause.parameters, *cause.companions) if n not in names]
@@ -59,15 +62,15 @@ def screen(
         screening: evaluation at the fit with the parameters of every cause free.
     """
     names = screening.free
-    family = len(candidates) + 1
+    family, degrees = len(candidates) + 1, objective.data.load_degrees
     scores = []
     for cause in candidates:
         rows = [names.index(n) for n in cause.parameters]
         scaled = prior_scaled(screening.jacobian[rows], cause.parameters, objective.parameters)
-        scores.append(score(cause, scaled, here.best, family))
+        scores.append(score(cause, scaled, here.best, family, degrees))
     if isinstance(objective.correction.load, np.ndarray):
         along = whitened_difference(objective, here.best, objective.correction, Correction())
-        scores.append(score(NUMERICS, along[None], here.best, family))
+        scores.append(score(NUMERICS, along[None], here.best, family, degrees))
     return sorted(scores, key=lambda s: -s.log_evidence)
 
 

@@ -17,6 +17,7 @@ Kind = Literal[
 ]
 
 MOST_ADDITIONS = 3
+_A_PART = 0.5  # share of the excess without which a name explains nothing while something is left
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ def decide(
     numerics: str | None,
     sentences: dict[str, str],
     checks: dict[str, str],
+    explained: float = float("nan"),
 ) -> Verdict:
     """Put the outcome of the steps into words.
 
@@ -53,6 +55,7 @@ def decide(
         numerics: the refinement that the simulation needs, or None if it is fine enough.
         sentences: what a person would say of each cause.
         checks: the physical check of each cause.
+        explained: share of the excess misfit that the additions explain, NaN if unknown.
     """
     if numerics is not None:
         return Verdict(
@@ -72,6 +75,13 @@ def decide(
             "data, but so many at once are more likely the shadow of one that is not in the "
             "library.",
             "Look at the maps of what is left, and think of a cause of your own.",
+        )  # fmt: skip
+    if not accepted and explained < _A_PART:
+        return Verdict(
+            "unexplained", names,
+            f"The best that the library has ({', '.join(names)}) explains {explained:.0%} of the "
+            "excess misfit, and what is left is not noise.",
+            "Look at the maps of what is left: where and when it stands tells what to think of.",
         )  # fmt: skip
     do_next = " ".join(f"Confirm {name}: {checks[name]}." for name in names)
     if not accepted:

@@ -4,7 +4,7 @@ Image part: with ρ = f + w − g(x + u) of a predicted motion, b_j = Σ_pixels 
 residual with the functions of the correlation mesh. Its noise covariance is σ² M, M_jk =
 Σ (∇f·ψ_j)(∇f·ψ_k), times (δ_tt' + 1/n) between frames, for all share the reference, a mean of n
 images. The stage re-centres between images: what a rigid motion explains is projected out.
-Load part: (F_measured − F_predicted)/γ_F, whitened for AR(1) noise.
+Load part: (F_measured − F_predicted)/γ_F, whitened for AR(1) noise over the frames in use.
 Both together are whitened for noise of the boundary motion, which moves images and loads alike.
 """
 
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from driver.dic.basis import Basis
 from driver.dic.surface_images import SurfaceImages
 from driver.identification.boundary_jitter import BoundaryJitter
+from driver.identification.load_noise import whiten_markov
 from driver.identification.simulation_error import SimulationError
 from driver.model import Prediction
 
@@ -180,6 +181,8 @@ class Data:
         simulation_error: covariance of what mesh and time steps leave wrong, None if neglected.
         left_out: frames whose images are not fitted, outliers of the series; their loads are.
         jitter: noise of the boundary motion, None if there is none.
+        bad_loads: frames whose loads are not fitted, outliers of the series; their images are.
+        load_degrees: degrees of freedom from which γ_F was estimated, infinite if it is known.
     """
 
     image: ImageData
@@ -191,11 +194,18 @@ class Data:
     simulation_error: SimulationError | None = None
     left_out: tuple[int, ...] = ()
     jitter: BoundaryJitter | None = None
+    bad_loads: tuple[int, ...] = ()
+    load_degrees: float = np.inf
 
     @property
     def n_load(self) -> int:
         """Numbers in the load part."""
-        return self.index.size if self.with_loads else 0
+        return self.load_index.size if self.with_loads else 0
+
+    @property
+    def load_index(self) -> IntArray:
+        """The frames in use whose loads are fitted, shape (n_load,) where loads are."""
+        return self.index[~np.isin(self.index, self.bad_loads)]
 
     @property
     def with_image(self) -> BoolArray:
@@ -226,7 +236,7 @@ class Data:
         z, shift, rho = self.image.residual(motion[self.index], self.index)
         parts = [self._whiten_images(z[self.with_image]).ravel()]
         if self.with_loads:
-            parts.insert(0, self._whiten_loads((self.load - load)[self.index]))
+            parts.insert(0, self._whiten_loads((self.load - load)[self.load_index]))
         return self._whiten_jitter(np.concatenate(parts)), shift, rho
 
     def sensitivity(self, prediction: Prediction) -> FloatArray:
@@ -234,7 +244,7 @@ class Data:
         z = self._whiten_images(self.image_sensitivity(prediction))
         parts = [z.reshape(len(z), z.shape[1] * self.image.n_z)]
         if self.with_loads:
-            parts.insert(0, self._whiten_loads(prediction.d_load[:, self.index]))
+            parts.insert(0, self._whiten_loads(prediction.d_load[:, self.load_index]))
         return self._whiten_jitter(np.concatenate(parts, axis=1))
 
     def image_sensitivity(self, prediction: Prediction) -> FloatArray:
@@ -244,6 +254,12 @@ class Data:
         for row, motion in prediction.carried.items():
             z[row] += self.image.pixel_sensitivity(motion[seen])
         return z
+
+    def load_changes(self, changes: FloatArray) -> FloatArray:
+        """Whitened effect of changes of the loads in use [µN], (m, n_load) → (m, n)."""
+        images = np.count_nonzero(self.with_image) * self.image.n_z
+        parts = [self._whiten_loads(changes), np.zeros((len(changes), images))]
+        return self._whiten_jitter(np.concatenate(parts, axis=1))
 
     def image_part(self, residual: FloatArray) -> FloatArray:
         """The image part of a residual, of the images that are fitted, shape (T, n_z)."""
@@ -263,7 +279,7 @@ class Data:
         seen = self.jitter.image[:, self.index[self.with_image]] / self.image.noise_factor
         parts = [self._whiten_images(seen).reshape(len(seen), -1)]
         if self.with_loads:
-            parts.insert(0, self._whiten_loads(load[:, self.index]))
+            parts.insert(0, self._whiten_loads(load[:, self.load_index]))
         factor = np.concatenate(parts, axis=1)
         # With F Fᵀ = V diag(λ) Vᵀ: RᵀR = FᵀV diag((1 − (1 + λ)^(−1/2))/λ) VᵀF.
         strength, modes = np.linalg.eigh(factor @ factor.T)
@@ -316,13 +332,8 @@ class Data:
     def _whiten_load_simulation(self, white: FloatArray) -> FloatArray:
         if self.simulation_error is None:
             return white
-        pattern = self._whiten_series(self.simulation_error.load[self.index])
+        pattern = self._whiten_series(self.simulation_error.load[self.load_index])
         return self.simulation_error.whiten_loads(white, pattern)
 
     def _whiten_series(self, load: FloatArray) -> FloatArray:
-        white = load / self.load_noise
-        if self.autocorrelation:
-            a = self.autocorrelation
-            rest = (white[..., 1:] - a * white[..., :-1]) / np.sqrt(1 - a * a)
-            white = np.concatenate([white[..., :1], rest], axis=-1)
-        return np.asarray(white)
+        return whiten_markov(load / self.load_noise, self.load_index, self.autocorrelation)

@@ -46,7 +46,7 @@ def paper_chi(data: Data, load: FloatArray, rho: FloatArray) -> PaperChi:
         rho: residual of the images of the frames in use [µm], shape (T, n_pix).
     """
     n_pixels = rho.shape[1]
-    gap = (data.load - load)[data.index]
+    gap = (data.load - load)[data.load_index]
     seen = rho[data.with_image] / data.image.images.sigma
     of_images = float(np.mean(seen**2)) / 2 if seen.size else 0.0
     of_loads = float(np.mean(gap**2)) / data.load_noise**2

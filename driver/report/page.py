@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from driver.diagnosis.diagnose import GATE, IMAGING
+from driver.diagnosis.gate import GATE
+from driver.diagnosis.outcome import IMAGING
 from driver.report.evidence_figures import signed_evidence
 from driver.report.findings import Findings
 from driver.report.identified_texts import identification, law_tiles

@@ -8,7 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.diagnosis.causes import LIBRARY, NUMERICS
-from driver.diagnosis.diagnose import Diagnosis, Settings, diagnose
+from driver.diagnosis.diagnose import diagnose
+from driver.diagnosis.outcome import Diagnosis, Settings
 from driver.identification.fit import fit
 from tests.driver import closed_form
 
@@ -29,10 +30,13 @@ def diagnosed(
     in_load: FloatArray | float = 0.0,
     finer: float = 0.001,
     settings: Settings = SETTINGS,
+    seed: int = 0,
+    load_noise: float = closed_form.LOAD_NOISE,
 ) -> Diagnosis:
     """The diagnosis of data made with some parameters off their null."""
-    made = closed_form.objective(BENCH, BENCH.truth | injected)
-    made = replace(made, data=replace(made.data, load=made.data.load + in_load))
+    made = closed_form.objective(BENCH, BENCH.truth | injected, seed)
+    load = made.data.load + in_load
+    made = replace(made, data=replace(made.data, load=load, load_noise=load_noise))
     fine = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(finer))
     objective, baseline = closed_form.identified(BENCH, made, fine)
     return diagnose(baseline, objective, fine, BENCH.history.cycle, settings, silent)
@@ -128,6 +132,46 @@ def test_what_is_not_in_the_library_is_not_explained_away() -> None:
     assert not found.steps[-1].omnibus.accepted and found.explained < 0.7
 
 
+@pytest.mark.parametrize("frame", [0, 20, 43])
+def test_a_load_that_is_wrong_alone_is_left_out_and_blamed_on_no_cause(frame: int) -> None:
+    wrong = np.zeros(BENCH.history.n_images)
+    wrong[frame] = 40.0
+    found = diagnosed({}, in_load=wrong, settings=replace(SETTINGS, held_out=None))
+    (bad,) = found.bad_loads
+    assert bad.frame == frame and bad.off == pytest.approx(40, abs=5)
+    assert found.verdict.kind == "nothing wrong"
+    assert found.objective.data.bad_loads == (frame,)
+    assert found.extended.best.n_load == wrong.size - 1
+
+
+def test_an_effect_beside_a_wrong_load_is_named() -> None:
+    wrong = np.where(np.arange(BENCH.history.n_images) == 20, -40.0, 0.0)
+    found = diagnosed(
+        {"tilt_drift": 2e-3}, in_load=wrong, settings=replace(SETTINGS, held_out=None)
+    )
+    assert found.verdict.causes == ("tilt_drift",)
+    assert [bad.frame for bad in found.bad_loads] == [20]
+
+
+@pytest.mark.parametrize("parameter", ["load_offset", "load_lag"])
+def test_a_cause_that_shows_in_few_loads_is_named_and_they_are_kept(parameter: str) -> None:
+    value = {"load_offset": 30.0, "load_lag": 3.0}[parameter]
+    found = diagnosed({parameter: value}, settings=replace(SETTINGS, held_out=None))
+    assert parameter in found.verdict.causes and not found.bad_loads
+
+
+@pytest.mark.parametrize("stated", [1 / 2.2, 2.2])
+def test_a_wrong_noise_of_the_loads_names_nothing(stated: float) -> None:
+    """With 1/2.2 taken for true, 2 of 8 nulls were said to have a drift of the load."""
+    for seed in (3, 4):
+        found = diagnosed(
+            {}, seed=seed, load_noise=stated, settings=replace(SETTINGS, held_out=None)
+        )
+        assert found.verdict.kind == "nothing wrong"
+        assert found.objective.data.load_noise == pytest.approx(1.0, abs=0.5)
+        assert found.objective.data.load_degrees > 15
+
+
 def test_only_wanted_causes_are_tried() -> None:
     found = diagnosed(
         {"tilt_drift": 2e-3},
@@ -155,6 +199,9 @@ def test_a_simulation_that_changes_its_own_error_is_refused_a_verdict() -> None:
     found = diagnose(baseline, objective, differs, BENCH.history.cycle, SETTINGS, silent)
     assert found.verdict.kind == "numerics" and not found.gate.passed
     assert f"by {found.gate.effect:.1f} σ along {found.gate.cause}" in found.verdict.text
+    # Both are of one mesh: it is the steps that this solver takes otherwise.
+    assert found.gate.needed == "steps"
+    assert "time steps half as long are needed" in found.verdict.text
     assert curved().gate.passed
 
 

@@ -68,3 +68,14 @@ def test_the_held_out_loads_teach_nothing() -> None:
 
     load = objective.data.load
     assert trained(load) == trained(load + 100 * (b.history.cycle == 2))
+
+
+def test_a_held_out_middle_makes_no_neighbours_of_the_frames_around_it() -> None:
+    """Whitened unit loads of the frames around the gap, AR(1) noise of 0.8 a frame."""
+    b = closed_form.bench()
+    data = replace(closed_form.objective(b, b.truth).data, autocorrelation=0.8)
+    frames = np.concatenate([np.arange(10), np.arange(20, 30)])
+    around = data.frames(frames)
+    root = around.load_changes(np.eye(20))[:, :20].T * around.load_noise
+    noise = 0.8 ** np.abs(frames[:, None] - frames[None])
+    np.testing.assert_allclose(root @ noise @ root.T, np.eye(20), atol=1e-12)

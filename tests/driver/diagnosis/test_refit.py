@@ -1,12 +1,23 @@
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from driver.diagnosis.causes import Cause
-from driver.diagnosis.refit import as_wide_as_found, log_bayes_factor, with_prior
-from driver.diagnosis.score import score
+from driver.diagnosis.refit import (
+    as_wide_as_found,
+    log_bayes_factor,
+    nominal_starts,
+    refit_causes,
+    refit_from_afar,
+    with_prior,
+)
+from driver.diagnosis.score import Score, score
 from driver.identification.fit import Evaluation, Fit, Objective, fit
 from solver_adapters.parameter import Parameter
 from tests.driver import closed_form
@@ -88,3 +99,54 @@ def test_a_large_effect_is_not_drawn_towards_its_null() -> None:
     widened = as_wide_as_found(objective, cause, {"Q": first})
     assert found(widened) == pytest.approx(100.0, rel=2e-3)
     assert as_wide_as_found(objective, cause, {"Q": 5.0}).prior == objective.prior
+
+
+def two_valleys() -> tuple[Objective, Score]:
+    """x has a shallow valley near its null, and a deep one three scales off."""
+    parameters = [Parameter("a", "", 0.0, 1.0), Parameter("x", "", 0.0, 0.1)]
+
+    def curve(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        x = p[1] / 0.1
+        far, near = np.exp(-((x - 3) ** 2) / 0.5), np.exp(-(x**2))
+        height = 20 - 20 * far + 3 * (1 - near)
+        slope = 80 * (x - 3) * far + 6 * x * near
+        return np.array([p[0], height]), np.array([[1.0, 0.0], [0.0, slope / 0.1]])
+
+    model = cast(Any, SimpleNamespace(null_values=lambda: {"a": 0.0, "x": 0.0}))
+    objective = replace(formula(curve, np.zeros(2), parameters), model=model)
+    cause = Cause("x", "material", ("x",), "", "")
+    scored: Any = SimpleNamespace(cause=cause, estimate=np.array([-0.2]))
+    return objective, cast(Score, scored)
+
+
+def test_a_fit_that_stalls_by_its_null_is_found_from_afar() -> None:
+    objective, scored = two_valleys()
+    baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5, lambda line: None).best
+    screening = objective.evaluate(baseline.values, ("a", "x"))
+    (near,) = refit_causes([scored], screening, baseline, objective, 1, 1, lambda line: None)
+    far = refit_from_afar([scored], baseline, objective, 1, 1, lambda line: None, np.inf)
+    best = min(far, key=lambda refit: refit.fit.best.cost)
+    assert near.fit.best.cost > 300 and best.fit.best.cost < 25
+    assert best.fit.values["x"] == pytest.approx(0.3, abs=0.02)
+
+
+def test_a_start_whose_first_step_promises_too_little_is_given_up() -> None:
+    objective, scored = two_valleys()
+    baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5, lambda line: None).best
+    lines: list[str] = []
+    assert refit_from_afar([scored], baseline, objective, 1, 1, lines.append, -1.0) == []
+    assert len(lines) == 4 and all("promises too little" in line for line in lines)
+
+
+def test_starts_are_nominal_with_the_cause_one_and_three_scales_off() -> None:
+    objective, scored = two_valleys()
+    extended = with_prior(replace(objective, prior={"a": (0.5, 1.0)}), scored.cause)
+    baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5, lambda line: None).best
+    starts = nominal_starts(scored, baseline, extended)
+    assert sorted(start["x"] for start in starts) == pytest.approx([-0.3, -0.1, 0.1, 0.3])
+    assert {start["a"] for start in starts} == {0.5}
+    rising: Any = SimpleNamespace(
+        cause=replace(scored.cause, one_sided=True), estimate=scored.estimate
+    )
+    starts = nominal_starts(cast(Score, rising), baseline, extended)
+    assert sorted(start["x"] for start in starts) == pytest.approx([0.1, 0.3])

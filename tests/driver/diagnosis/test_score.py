@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.stats import kstest, multivariate_normal
 
 from driver.diagnosis.causes import Cause
-from driver.diagnosis.score import Score, cosine, prior_scaled, score
+from driver.diagnosis.score import Score, likeness, prior_scaled, score
 from driver.identification.fit import Evaluation
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import evaluation
@@ -119,7 +121,7 @@ def test_what_the_data_cannot_show_is_said_to_be_invisible(hidden: FloatArray) -
     found = score(ONE, hidden[None], fitted(RNG.standard_normal(N)), family=1)
     assert found.degrees == 0 and found.p == 1.0 and np.isinf(found.visible).all()
     assert found.log_evidence == pytest.approx(0, abs=1e-9)
-    assert cosine(found, score(ONE, C[:1], fitted(RNG.standard_normal(N)), 1)) == 0.0
+    assert likeness(found, score(ONE, C[:1], fitted(RNG.standard_normal(N)), 1)) == 0.0
 
 
 def test_an_effect_as_large_as_the_visible_one_is_found() -> None:
@@ -149,11 +151,43 @@ def test_causes_are_parallel_if_they_differ_by_what_is_fitted() -> None:
         return score(ONE if len(sensitivity) == 1 else TWO, sensitivity, baseline, 1)
 
     one = of(C[:1])
-    assert cosine(one, of(-0.3 * C[:1] + 5 * J[2])) == pytest.approx(1.0)
+    assert likeness(one, of(-0.3 * C[:1] + 5 * J[2])) == pytest.approx(1.0)
     residue = np.linalg.lstsq(np.concatenate([J, C[:1]]).T, C[1], rcond=None)[0]
     across = C[1] - residue @ np.concatenate([J, C[:1]])
-    assert cosine(one, of(across[None])) == pytest.approx(0.0, abs=1e-9)
-    assert cosine(one, of(np.stack([across, C[0] + 0.2 * across]))) == pytest.approx(1.0)
+    assert likeness(one, of(across[None])) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_cause_of_several_parameters_is_not_parallel_to_one_of_its_effects() -> None:
+    """It can do what the other does, but is expected to do as much besides."""
+    rows = np.linalg.qr(np.concatenate([J, C]).T)[0].T
+    baseline = fitted(RNG.standard_normal(N), np.zeros(K))
+    a, b = rows[K], rows[K + 1]
+
+    def of(*effects: FloatArray) -> Score:
+        return score(ONE if len(effects) == 1 else TWO, np.stack(effects), baseline, 1)
+
+    assert likeness(of(a), of(a, b)) == pytest.approx(np.sqrt(0.5))
+    assert likeness(of(a, b), of(a, b + 0.3 * a)) == pytest.approx(1.0)
+    # What it does besides counts by how much of it the data show.
+    assert likeness(of(a), of(a, 0.1 * b)) == pytest.approx(np.sqrt(1 / 1.01))
+
+
+def test_a_noise_level_from_few_degrees_makes_a_large_statistic_likelier() -> None:
+    """Effects in the loads alone, their noise estimated from 12 other numbers."""
+    rng = np.random.default_rng(4)
+    p_known, p = [], []
+    for draw, other in zip(
+        rng.standard_normal((4000, N)), rng.standard_normal((4000, 12)), strict=True
+    ):
+        noise = np.sqrt(np.mean(other**2))
+        at = replace(fitted(draw, np.zeros(K)), n_load=N)
+        found = replace(at, residual=at.residual / noise)
+        effect = C[:1] / noise
+        found = replace(found, jacobian=found.jacobian / noise)
+        p_known.append(score(ONE, effect, found, 1).p)
+        p.append(score(ONE, effect, found, 1, load_degrees=12).p)
+    assert kstest(p, "uniform").pvalue > 0.01
+    assert np.mean(np.array(p_known) < 1e-3) > 5e-3
 
 
 def test_sensitivities_are_taken_per_prior_scale() -> None:

@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 
 from driver.diagnosis.causes import LIBRARY
-from driver.diagnosis.diagnose import Settings, diagnose
+from driver.diagnosis.diagnose import diagnose
+from driver.diagnosis.outcome import Settings
 from driver.diagnosis.screening import screen, screened
 from tests.driver import closed_form
 

@@ -1,0 +1,161 @@
+"""Figures of the blind trial: goals with Wilson bounds, and a table of every miss."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from statistics import mean
+from typing import Any
+
+import numpy as np
+
+Record = dict[str, Any]
+_Z = 1.959964  # two-sided 95 %
+
+
+def wilson(hits: int, number: int) -> tuple[float, float]:
+    """Bounds of a share at 95 % (Wilson, J. Am. Stat. Assoc. 22 (1927) 209)."""
+    if number == 0:
+        return 0.0, 1.0
+    share, z2 = hits / number, _Z**2
+    centre = (share + z2 / (2 * number)) / (1 + z2 / number)
+    half = _Z / (1 + z2 / number) * np.sqrt(share * (1 - share) / number + z2 / (4 * number**2))
+    return float(max(centre - half, 0.0)), float(min(centre + half, 1.0))
+
+
+def show_share(name: str, hits: Sequence[bool], goal: str) -> None:
+    """Print a share in percent with its bounds and its number."""
+    if not hits:
+        print(f"{name} = not measured (goal: {goal})")
+        return
+    low, high = wilson(sum(hits), len(hits))
+    print(
+        f"{name} = {100 * mean(hits):.1f} [{100 * low:.1f}, {100 * high:.1f}] "
+        f"of {len(hits)} (goal: {goal})"
+    )
+
+
+def print_figures(lines: Sequence[Record]) -> None:
+    """All figures of the trials that are done, then every miss."""
+    ran = [line for line in lines if "verdict" in line]
+    kinds = {kind: _of(ran, kind) for kind in ("null", "cause", "pair", "outside", "known")}
+    for kind in ("null", "noise level", "jitter", "AR(1)"):
+        of = _of(ran, kind)
+        show_share(f"{kind}: something named [%]", [bool(line["said"]) for line in of], "<= 1")
+        said = [line["verdict"] != "nothing wrong" for line in of]
+        show_share(f"{kind}: anything said [%]", said, "<= 2.5")
+    large = [line for line in kinds["cause"] if line["misfit"] >= 6]
+    _of_causes("misfit >= 6 sigma", large, "97")
+    loud = [line for line in kinds["cause"] + kinds["known"] if line["chi_load"][0] >= 10]
+    show_share("chi_F >= 10: class [%]", [has_class(line) for line in loud], ">= 95")
+    below = [line for line in kinds["cause"] if line["misfit"] < 6]
+    show_share("misfit < 6 sigma: class [%]", [has_class(line) for line in below], "none")
+    pairs = [has_both(line) for line in kinds["pair"]]
+    show_share("pairs: both [%]", pairs, ">= 88")
+    strong = [line for line in kinds["outside"] if line["misfit"] >= 8]
+    seen = [line["verdict"] != "nothing wrong" for line in strong]
+    show_share("outside the library, misfit >= 8 sigma: seen [%]", seen, ">= 97")
+    unexplained = [line["verdict"] == "unexplained" for line in strong]
+    show_share("outside the library, misfit >= 8 sigma: unexplained [%]", unexplained, ">= 85")
+    held = [
+        line["held_out"]["chi_load_after"]
+        for line in large
+        if line["held_out"] is not None and has_class(line)
+    ]
+    if held:
+        print(f"held-out chi_F of library truths, mean = {mean(held):.2f} (goal: <= 1.3)")
+        show_share("held-out chi_F <= 1.3 [%]", [h <= 1.3 for h in held], "100")
+    for b, goal in (("b = 30", True), ("b = d", False)):
+        of = [
+            line for line in kinds["known"]
+            if (dict(line["trial"]["companions"])["b"] == 30.0) == goal
+        ]  # fmt: skip
+        right = [_named_alone(line) == goal for line in of]
+        show_share(f"Q with {b}: {'named' if goal else 'not named alone'} [%]", right, "100")
+    for kind, test in (("null", True), ("other", False)):
+        times = [line["cpu"] for line in ran if (line["trial"]["kind"] == "null") == test]
+        if times:
+            print(f"CPU time of a {kind} trial, median [s] = {np.median(times):.1f} (goal: <= 20)")
+    print(f"trials = {len(ran)} (goal: >= 1300)")
+    _misses(lines)
+
+
+def _of_causes(what: str, lines: Sequence[Record], goal: str) -> None:
+    show_share(f"{what}: class [%]", [has_class(line) for line in lines], f">= {goal}")
+    alone = [line for line in lines if len(_alike(line)) == 1]
+    show_share(f"{what}: name where it is alone in its class [%]",
+               [_first(line) == line["trial"]["truths"][0] for line in alone], ">= 92")  # fmt: skip
+    holds = [line["trial"]["truths"][0] in _set(line) for line in lines]
+    show_share(f"{what}: the set holds the truth [%]", holds, ">= 98")
+    sizes = [len(_set(line)) for line in lines if line["said"]]
+    if sizes:
+        print(f"{what}: mean set = {mean(sizes):.2f} (goal: <= 1.5)")
+    spurious = [len(line["added"]) > len(line["trial"]["truths"]) for line in lines]
+    show_share(f"{what}: spurious addition [%]", spurious, "<= 3")
+
+
+def has_class(line: Record) -> bool:
+    """Whether what is named first does the same to the data as the truth."""
+    return _first(line) in _alike(line)
+
+
+def has_both(line: Record) -> bool:
+    """Whether each of two truths is in a set of its own."""
+    one, two = (set(line["alike"][name]) for name in line["trial"]["truths"])
+    sets = [set(named) for named in line["sets"]]
+    return any(
+        one & a and two & b for k, a in enumerate(sets) for m, b in enumerate(sets) if k != m
+    )
+
+
+def miss_of(line: Record) -> str:
+    """Why an answer is wrong, or nothing."""
+    kind = line["trial"]["kind"]
+    if "verdict" not in line:
+        return f"{line['answer']}: {line['why'].partition(chr(10))[0][:90]}"
+    if kind in ("null", "noise level", "jitter", "AR(1)"):
+        return "" if line["verdict"] == "nothing wrong" else "a false alarm"
+    if line["verdict"] == "numerics":
+        return f"numerics, {line['numerics']['effect_sigma']:.1f} σ on {line['numerics']['on']}"
+    if kind == "outside":
+        return "" if line["verdict"] == "unexplained" else f"outside, yet {line['verdict']}"
+    if line["verdict"] == "nothing wrong":
+        statistic = [round(s, 1) for s in line["statistic"].values() if s is not None]
+        return f"not seen; statistic of the truth {statistic}"
+    good: Callable[[Record], bool] = has_both if kind == "pair" else has_class
+    if good(line):
+        return ""
+    truths = [t for t in line["trial"]["truths"] if any(t in refits for refits in line["refits"])]
+    if not truths:
+        return "the truth was not among the refits"
+    return f"the refit preferred another: {line['refits'][0]}"
+
+
+def _misses(lines: Sequence[Record]) -> None:
+    print("\n| trial | truth | misfit [σ] | answer | reason |\n|---|---|---|---|---|")
+    for line in lines:
+        why = miss_of(line)
+        if why:
+            truth = ", ".join(f"{k} = {v:.3g}" for k, v in line.get("hidden", {}).items())
+            truth = truth or ", ".join(line["trial"]["truths"]) or f"{line['trial']['level']:g}"
+            size = f"{line['misfit']:.1f}" if "misfit" in line else "–"
+            print(f"| {line['trial']['name']} | {truth} | {size} | {line['answer']} | {why} |")
+
+
+def _of(lines: Sequence[Record], kind: str) -> list[Record]:
+    return [line for line in lines if line["trial"]["kind"] == kind]
+
+
+def _alike(line: Record) -> list[str]:
+    return list(line["alike"][line["trial"]["truths"][0]])
+
+
+def _set(line: Record) -> list[str]:
+    return line["sets"][0] if line["said"] and line["sets"] else []
+
+
+def _first(line: Record) -> str:
+    return _set(line)[0] if _set(line) else ""
+
+
+def _named_alone(line: Record) -> bool:
+    return bool(_set(line) == line["trial"]["truths"])

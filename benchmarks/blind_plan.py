@@ -1,0 +1,120 @@
+"""The list of blind trials, drawn from one seed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+Kind = Literal["null", "cause", "pair", "outside", "noise level", "jitter", "AR(1)", "known"]
+KINDS: tuple[Kind, ...] = (
+    "null", "cause", "pair", "outside", "noise level", "jitter", "AR(1)", "known",
+)  # fmt: skip
+LEVELS = (6.0, 12.0)  # projected misfit [σ]
+PAIR_LEVEL = 12.0
+OUTSIDE_LEVELS = (8.0, 16.0)
+LOAD_NOISE_RATIOS = (0.7, 1.3)  # true over stated
+JITTER_NM = (0.3, 1.0)
+AUTOCORRELATIONS = (0.4, 0.7)
+NULLS, PAIRS, OUTSIDES, DISTURBED = 1000, 30, 32, 30
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One experiment and its diagnosis.
+
+    Attributes:
+        name: unique; by it a run that was stopped finds what is done.
+        kind: what is true.
+        truths: causes of the library, or the effect outside it; empty where the model is right.
+        directions: of the parameters of each cause, unit vectors in prior scales.
+        level: projected misfit of each truth [σ]; of a disturbance its size.
+        companions: values of parameters that exist only under the alternative.
+        seed: of relief, stage and noise.
+    """
+
+    name: str
+    kind: Kind
+    truths: tuple[str, ...]
+    directions: tuple[tuple[float, ...], ...]
+    level: float
+    companions: tuple[tuple[str, float], ...]
+    seed: int
+
+
+def aims(seed: int, causes: Mapping[str, tuple[int, bool]]) -> dict[str, tuple[float, ...]]:
+    """A direction for each cause, a unit vector in prior scales.
+
+    Args:
+        seed: of the plan.
+        causes: by name the number of parameters, and whether they are one-sided.
+    """
+    rng = np.random.default_rng([seed, 1])
+    return {name: _direction(rng, *shape) for name, shape in causes.items()}
+
+
+def plan(
+    seed: int, causes: Mapping[str, tuple[int, bool]], alike: Mapping[str, tuple[str, ...]],
+    for_pairs: Sequence[str], hardening_d: float,
+) -> tuple[Trial, ...]:  # fmt: skip
+    """All trials, in an order of which every beginning holds every kind in its share.
+
+    Args:
+        seed: of all that is drawn.
+        causes: by name the number of parameters, and whether they are one-sided.
+        alike: by name the causes that do the same to the data.
+        for_pairs: names of the causes of which an effect of `PAIR_LEVEL` can be made.
+        hardening_d: the d of the truth.
+    """
+    rng = np.random.default_rng(seed)
+    groups: dict[Kind, list[Trial]] = {kind: [] for kind in KINDS}
+
+    def add(
+        kind: Kind, truths: tuple[str, ...], level: float,
+        directions: tuple[tuple[float, ...], ...] = (),
+        companions: tuple[tuple[str, float], ...] = (),
+    ) -> None:  # fmt: skip
+        name = f"{kind} {len(groups[kind])}"
+        draw = int(rng.integers(2**31))
+        groups[kind].append(Trial(name, kind, truths, directions, level, companions, draw))
+
+    towards = aims(seed, causes)
+    for _ in range(NULLS):
+        add("null", (), 0.0)
+    for level in LEVELS:
+        for name, (_, one_sided) in causes.items():
+            for sign in (1,) if one_sided else (1, -1):
+                add("cause", (name,), level, (tuple(sign * a for a in towards[name]),))
+    while len(groups["pair"]) < PAIRS:
+        first, second = (str(n) for n in rng.choice(list(for_pairs), 2, replace=False))
+        if second not in alike[first]:
+            add("pair", (first, second), PAIR_LEVEL, (towards[first], towards[second]))
+    effects = ("soft_slice", "notch", "creep", "lens")
+    for k in range(OUTSIDES):
+        add("outside", (effects[k % 4],), OUTSIDE_LEVELS[k // 4 % 2])
+    for k in range(DISTURBED):
+        add("noise level", (), LOAD_NOISE_RATIOS[k % 2])
+        add("jitter", (), JITTER_NM[k % 2])
+        add("AR(1)", (), AUTOCORRELATIONS[k % 2])
+    if "isotropic_hardening" in causes:
+        for _ in range(2):
+            for b in (hardening_d, 30.0):
+                add("known", ("isotropic_hardening",), 12.0, ((1.0,),), (("b", b),))
+    for trials in groups.values():
+        # Names are given already: the order says nothing of the truth.
+        rng.shuffle(trials)
+    ranked = [
+        ((k + 0.5) / len(trials), trial)
+        for trials in groups.values()
+        for k, trial in enumerate(trials)
+    ]
+    return tuple(trial for _, trial in sorted(ranked, key=lambda pair: pair[0]))
+
+
+def _direction(rng: np.random.Generator, n: int, one_sided: bool) -> tuple[float, ...]:
+    drawn = rng.standard_normal(n)
+    if one_sided:
+        drawn = np.abs(drawn)
+    return tuple((drawn / np.linalg.norm(drawn)).tolist())

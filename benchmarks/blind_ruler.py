@@ -1,0 +1,265 @@
+"""How large an effect is, in σ of what a fit leaves of it; and truths of a wanted size.
+
+The ruler is an experiment without an effect, identified as any other. It serves the plan of the
+trial alone: no diagnosis ever sees it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import pickle
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.blind_specimen import (
+    CYCLES,
+    ELONGATION,
+    known_case,
+    null_values,
+    outside,
+    pulled,
+    true_case,
+)  # fmt: skip
+from driver.case import load_case
+from driver.diagnosis.causes import Cause
+from driver.diagnosis.score import likeness
+from driver.diagnosis.screening import screen, screened
+from driver.errors import InputError
+from driver.identification.fit import Evaluation, Fit, Objective
+from driver.identified_record import IDENTIFY
+from driver.identify_stage import load_workbench, saved_objective
+from driver.microscope.face_motion import Face, NodalMotion
+from driver.pipeline import run
+from driver.results import prismid_version, read_hdf5
+from driver.stages import RESULTS, StageContext
+from driver.virtual_course import Course
+from driver.virtual_record import record
+from solver_adapters.interface import SolverError
+
+FloatArray = NDArray[np.float64]
+
+RULER_SEED = 987_654
+CLOSE = 0.15  # relative error of the size of a truth that is good enough
+TRIES = 3
+ALIKE = 0.95  # likeness beyond which two causes do the same to the data
+
+
+class TooSmallError(ValueError):
+    """No value inside the bounds makes an effect as large as wanted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ruler:
+    """An identified experiment without an effect.
+
+    Attributes:
+        objective: of the last stage.
+        here: evaluation at the fit, of the fitted parameters.
+        wide: the same with the parameters of all causes free.
+        causes: of the library, that this specimen can have.
+        unaffected: the course without an effect.
+    """
+
+    objective: Objective
+    here: Evaluation
+    wide: Evaluation
+    causes: tuple[Cause, ...]
+    unaffected: Course
+
+    def misfit(self, course: Course) -> float:
+        """What a fit of the baseline leaves of the effect of a course [σ]."""
+        xy = self.objective.data.image.images.xy
+        change = _motion_at(course, xy) - _motion_at(self.unaffected, xy)
+        data, here = self.objective.data, self.here
+        with_it = data.residual(
+            here.motion + change, here.load + course.load - self.unaffected.load
+        )
+        return self._left_of(with_it[0] - here.residual)
+
+    def length(self, cause: Cause, direction: FloatArray) -> float:
+        """Linear misfit for a step of one along a direction in prior scales [σ]."""
+        rows = [self.wide.free.index(name) for name in cause.parameters]
+        scales = [
+            p.scale if p.logarithmic else 1.0
+            for p in (self.objective.parameters[name] for name in cause.parameters)
+        ]
+        step = np.asarray(direction * np.array(scales)) @ self.wide.jacobian[rows]
+        return self._left_of(np.asarray(step))
+
+    def reaches(self, cause: Cause, direction: FloatArray, level: float) -> bool:
+        """Whether the bounds allow an effect as large, to first order."""
+        try:
+            self.values(cause, direction, level / max(self.length(cause, direction), 1e-9))
+        except TooSmallError:
+            return False
+        return True
+
+    def _left_of(self, change: FloatArray) -> float:
+        J = self.here.jacobian
+        taken = J.T @ np.linalg.solve(self.here.hessian, J @ change)
+        return float(np.sqrt(max(float(change @ (change - taken)), 0.0)))
+
+    @cached_property
+    def alike(self) -> dict[str, tuple[str, ...]]:
+        """The causes that do the same to these data, each with itself among them."""
+        baseline = Fit(self.here, True, "", ())
+        scores = screen(baseline, self.objective, self.causes, self.wide)
+        return {
+            s.cause.name: tuple(o.cause.name for o in scores if o is s or likeness(s, o) > ALIKE)
+            for s in scores
+        }
+
+    def values(self, cause: Cause, direction: FloatArray, size: float) -> dict[str, float]:
+        """Values of its parameters `size` prior scales along a direction.
+
+        Raises:
+            TooSmallError: a bound stands nearer.
+        """
+        nulls, values = null_values(), {}
+        for name, share in zip(cause.parameters, direction, strict=True):
+            p = self.objective.parameters[name]
+            theta = size * share * (p.scale if p.logarithmic else 1.0)
+            values[name] = float(p.value(theta, nulls[name]))
+            if abs(p.theta(values[name], nulls[name]) - theta) > 1e-6 * (1 + abs(theta)):
+                raise TooSmallError(f"{name} would leave its bounds")
+        return values
+
+
+def cache_folder(root: Path) -> Path:
+    """Where what all trials share is kept; another specimen or another version has another."""
+    told = json.dumps(
+        [known_case().model_dump(mode="json"), true_case().model_dump(mode="json"), CYCLES,
+         ELONGATION, prismid_version()]
+    )  # fmt: skip
+    folder = root / hashlib.sha256(told.encode()).hexdigest()[:12]
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+@lru_cache(maxsize=1)
+def ruler(cache: Path) -> Ruler:
+    """The ruler, made if it is not there: about a minute of one core, later a few seconds."""
+    unaffected = kept(cache / "nothing.pickle", lambda: pulled({}))
+    folder = cache / "ruler"
+    folder.mkdir(exist_ok=True)
+    if not (folder / "case.toml").is_file():
+        record(folder, known_case(), unaffected, RULER_SEED)
+    path = folder / "case.toml"
+    run(path, "identify", False, _silent)
+    case, results = load_case(path), folder / RESULTS
+    context = StageContext(case, path, results, results, _silent, False)
+    bench = load_workbench(context)
+    with h5py.File(results / IDENTIFY, "r") as file:
+        values = json.loads(file.attrs["all_values"])
+        free = tuple(json.loads(file.attrs["names"]))
+    objective = saved_objective(bench, read_hdf5(results / IDENTIFY))
+    causes, names = screened(objective.model, free, None)
+    wide = objective.evaluate(values, names)
+    return Ruler(objective, objective.restrict(wide, free), wide, causes, unaffected)
+
+
+def kept(path: Path, make: Callable[[], Course]) -> Course:
+    """A course from the cache, made and written if it is not there."""
+    if path.is_file():
+        with path.open("rb") as file:
+            course: Course = pickle.load(file)
+        return course
+    course = make()
+    unfinished = path.with_suffix(f".{os.getpid()}")
+    unfinished.write_bytes(pickle.dumps(course))
+    unfinished.replace(path)  # two processes may have made the same one
+    return course
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """A course with an effect of about the wanted size.
+
+    Attributes:
+        course: what happened.
+        misfit: what a fit of the baseline leaves of it [σ].
+        hidden: parameters that are off their null; of an effect outside the library its amplitude.
+    """
+
+    course: Course
+    misfit: float
+    hidden: dict[str, float]
+
+
+def sized(
+    cache: Path,
+    name: str,
+    level: float,
+    start: float,
+    make: Callable[[float], tuple[Course, dict[str, float]]],
+) -> Truth:
+    """A truth of a wanted size, from the cache or by some trials.
+
+    Args:
+        cache: the cache.
+        name: of the truth in the cache.
+        level: wanted misfit [σ].
+        start: first guess of the amplitude.
+        make: course and hidden values of an amplitude.
+
+    Raises:
+        TooSmallError: it cannot be made as large.
+    """
+    path = cache / f"{name}_{level:g}.pickle"
+    if path.is_file():
+        with path.open("rb") as file:
+            found: Truth = pickle.load(file)
+        return found
+    measure, amplitude = ruler(cache), start
+    for _ in range(TRIES):
+        try:
+            course, hidden = make(amplitude)
+        except (SolverError, InputError) as error:
+            raise TooSmallError(str(error)) from None
+        found = Truth(course, measure.misfit(course), hidden)
+        if abs(found.misfit / level - 1) < CLOSE:
+            break
+        amplitude *= float(np.clip(level / max(found.misfit, 1e-9), 0.3, 3.0))
+    if found.misfit < 0.7 * level:
+        raise TooSmallError(f"the effect of {hidden} is {found.misfit:.1f} σ")
+    unfinished = path.with_suffix(f".{os.getpid()}")
+    unfinished.write_bytes(pickle.dumps(found))
+    unfinished.replace(path)
+    return found
+
+
+def truth_of_cause(
+    cache: Path, cause: Cause, direction: FloatArray, label: str, level: float,
+    companions: Mapping[str, float],
+) -> Truth:  # fmt: skip
+    """A cause of the library, along a direction in prior scales."""
+    measure = ruler(cache)
+
+    def make(size: float) -> tuple[Course, dict[str, float]]:
+        hidden = measure.values(cause, direction, size) | dict(companions)
+        return pulled(hidden), hidden
+
+    start = level / max(measure.length(cause, direction), 1e-9)
+    return sized(cache, f"{cause.name}{label}", level, start, make)
+
+
+def truth_outside(cache: Path, effect: str, level: float) -> Truth:
+    """An effect that the library does not know."""
+    return sized(cache, effect, level, 1.0, lambda a: (outside(effect, a), {"amplitude": a}))
+
+
+def _motion_at(course: Course, xy: FloatArray) -> FloatArray:
+    face = Face(course.face)
+    return np.array([NodalMotion(face, nodal)(*xy.T)[0] for nodal in course.motion])
+
+
+def _silent(line: str) -> None:
+    pass

@@ -1,0 +1,176 @@
+"""The specimen of the blind trial, and what can happen to it: truths finer than what finds them.
+
+Short, two cycles, twenty-one images: the least on which most causes are still told apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.boundary import elongation_names, tilt_names
+from driver.case import Case
+from driver.case_tables.loading import LambdaStart
+from driver.case_tables.solver import Solver
+from driver.history import History
+from driver.specimen import adapter_of, build_model, mesh_of
+from driver.virtual_course import Course, course_of, refuse_unknown, stage_program
+from solver_adapters.interface import Simulation
+from tests.driver.virtual_experiment import small_case
+
+FloatArray = NDArray[np.float64]
+Change = Callable[[Simulation, History], Simulation]
+
+LENGTH = 8.0
+CYCLES = ((8, 2), (8, 2))
+ELONGATION = (0.045, 0.039, 0.090, 0.083)  # at the turning points [µm]
+TILT_SHARE = 0.25
+OUTSIDE = ("soft_slice", "notch", "creep", "lens")
+"""Effects of which the library knows nothing; each has one amplitude, about 1 at first."""
+
+
+def known_case() -> Case:
+    """What the user knows and believes, with the starts of the paper."""
+    case = small_case()
+    mesh = {"mesh_size_um": 2.0, "fine_mesh_size_um": 1.3}
+    return case.model_copy(
+        update={
+            "specimen": case.specimen.model_copy(update=mesh),
+            "diagnosis": case.diagnosis.model_copy(update={"held_out_cycle": "last"}),
+            "execution": case.execution.model_copy(update={"processes": 1, "threads": 1}),
+        }
+    )
+
+
+def true_case() -> Case:
+    """The specimen as it is: another law, other apex amplitudes, finer mesh and steps."""
+    case = known_case()
+    mesh = {"mesh_size_um": 0.9, "fine_mesh_size_um": 0.8}
+    law = {"tau0_MPa": 25.0, "c_MPa": 44e3, "d": 1140.0}
+    amplitudes = LambdaStart(plus_Y=0.81, plus_Z=1.02, minus_Y=0.98, minus_Z=1.02)
+    return case.model_copy(
+        update={
+            "specimen": case.specimen.model_copy(update=mesh),
+            "material": case.material.model_copy(update=law),
+            "boundary": case.boundary.model_copy(update={"lambda_start": amplitudes}),
+            "solver": Solver(steps_per_interval=3),
+        }
+    )
+
+
+@cache
+def null_values() -> dict[str, float]:
+    """Every parameter of the general model at its null, the law as it truly is."""
+    truth, history = true_case(), stage_program(CYCLES)
+    mesh = mesh_of(truth, known_case().specimen.mesh_size)
+    model = build_model(truth, mesh, history, np.zeros((0, 2)), adapter_of(truth), 1)
+    return model.null_values()
+
+
+def pulled(hidden: Mapping[str, float], change: Change | None = None) -> Course:
+    """Simulate the test.
+
+    Args:
+        hidden: true values of parameters of the general model that are not at their null.
+        change: what happens besides that no parameter of the general model says.
+
+    Raises:
+        InputError: a parameter is unknown or out of its bounds.
+        SolverError: the simulation could not be finished.
+        ValueError: a geometric parameter turns a cell inside out.
+    """
+    truth, history = true_case(), stage_program(CYCLES)
+    refuse_unknown(hidden, history.n_knots)
+    mesh, adapter = mesh_of(truth, truth.specimen.mesh_size), adapter_of(truth)
+    steps = truth.solver.steps_per_interval
+    model = build_model(truth, mesh, history, np.zeros((0, 2)), adapter, steps)
+    n_knots = history.n_knots
+    start = truth.boundary.lambda_start.model_dump()
+    values = model.null_values() | {f"lambda_{name}": value for name, value in start.items()}
+    values |= dict(zip(elongation_names(n_knots), ELONGATION, strict=True))
+    tilts = (TILT_SHARE * e for e in ELONGATION)
+    values |= dict(zip(tilt_names(n_knots), tilts, strict=True))
+    values |= hidden
+    simulation = model.simulation(values)
+    if change is not None:
+        simulation = change(simulation, history)
+    response = adapter.solve(simulation)
+    seen = model.observe(response, values, ())
+    bare = course_of(simulation, response, history, values)
+    return replace(bare, motion=seen.surface, load=seen.load)
+
+
+def jittered(sigma: float, seed: int) -> Course:
+    """Ends that stop a little off, σ [µm] at each stop anew; the specimen feels every one."""
+    rng = np.random.default_rng(seed)
+
+    def change(simulation: Simulation, history: History) -> Simulation:
+        off = np.zeros(simulation.times.size)
+        off[history.image_row[1:]] = sigma * rng.standard_normal(history.n_images - 1)
+        # A stop begins with the row before its image: the ends do not move in a hold.
+        off[history.image_row[1:] - 1] = off[history.image_row[1:]]
+        return _elongated(simulation, off)
+
+    return pulled({}, change)
+
+
+def outside(effect: str, amplitude: float) -> Course:
+    """The test of a specimen with an effect of `OUTSIDE`."""
+    if effect == "lens":
+        return _through_a_lens(pulled({}), amplitude)
+    changes: dict[str, Callable[[Simulation, History, float], Simulation]] = {
+        "soft_slice": _with_soft_slice, "notch": _notched, "creep": _creeping,
+    }  # fmt: skip
+    return pulled({}, lambda simulation, history: changes[effect](simulation, history, amplitude))
+
+
+def _with_soft_slice(simulation: Simulation, history: History, amplitude: float) -> Simulation:
+    """A slice of the second grain, 1.6 µm long, yields early: τ0 is e^(−0.3·amplitude) of it."""
+    mesh = simulation.mesh
+    middle = mesh.points[mesh.cells[:, :4], 1].mean(axis=1)
+    inside = (mesh.grain == 1) & (middle > 0.60 * LENGTH) & (middle < 0.80 * LENGTH)
+    law = replace(simulation.material, tau0_grains=(float(np.exp(-0.3 * amplitude)),))
+    turned = simulation.orientations
+    return replace(
+        simulation,
+        mesh=replace(mesh, grain=np.where(inside, 2, mesh.grain)),
+        orientations=np.concatenate([turned, turned[1:]]),
+        material=law,
+    )
+
+
+def _notched(simulation: Simulation, history: History, amplitude: float) -> Simulation:
+    """A notch across the apex line, 0.5 µm wide, takes 0.3·amplitude of the depth."""
+    mesh = simulation.mesh
+    points = mesh.points.copy()
+    share = min(0.3 * amplitude, 0.75)
+    points[:, 2] *= 1 - share * np.exp(-(((points[:, 1] - 0.25 * LENGTH) / 0.5) ** 2))
+    return replace(simulation, mesh=replace(mesh, points=points))
+
+
+def _creeping(simulation: Simulation, history: History, amplitude: float) -> Simulation:
+    """The ends go on apart by amplitude·2 nm for each factor e in time after the first minute."""
+    return _elongated(simulation, amplitude * 0.002 * np.log1p(simulation.times / 60.0))
+
+
+def _elongated(simulation: Simulation, more: FloatArray) -> Simulation:
+    """The ends further apart, by so much at each instant [µm], shape (n_times,)."""
+    y = simulation.mesh.points[simulation.motion_nodes, 1]
+    side = np.where(y > LENGTH / 2, 0.5, -0.5)
+    motion = simulation.motion.copy()
+    motion[:, :, 1] += np.outer(more, side)
+    return replace(simulation, motion=motion)
+
+
+def _through_a_lens(course: Course, amplitude: float) -> Course:
+    """A radial distortion that grows with time, amplitude·2·10⁻⁴ of r³ at its end [µm⁻²]."""
+    at = course.face.points - course.face.points.mean(axis=0)
+    grown = np.linspace(0.0, 1.0, len(course.motion))
+    motion = course.motion.copy()
+    field = at * (at**2).sum(axis=1, keepdims=True)
+    motion[..., :2] += amplitude * 2e-4 * grown[:, None, None] * field
+    return replace(course, motion=motion)

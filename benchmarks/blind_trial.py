@@ -1,0 +1,255 @@
+"""Blind trial of the diagnosis: hidden effects, the whole chain from images to verdict, a score.
+
+    python -m benchmarks.blind_trial                     all trials, on all cores; resumes
+    python -m benchmarks.blind_trial --only cause pair   some kinds
+    python -m benchmarks.blind_trial --figures           the figures of what is done
+    python -m benchmarks.blind_trial --quick             some trials in closed form, 45 s
+
+Each trial simulates a specimen on a finer mesh and in finer steps than any that identifies it,
+takes pictures with noise, and runs mesh, measure, identify and diagnose of a case that knows
+nothing of the truth. A line of JSON for each stands in the results file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from platformdirs import user_cache_path
+
+from benchmarks.blind_figures import print_figures
+from benchmarks.blind_plan import KINDS, PAIR_LEVEL, Trial, aims, plan
+from benchmarks.blind_ruler import (
+    TooSmallError,
+    Truth,
+    cache_folder,
+    kept,
+    ruler,
+    truth_of_cause,
+    truth_outside,
+)  # fmt: skip
+from benchmarks.blind_specimen import jittered, known_case, pulled, true_case
+from driver.case import Case, load_case, write_case
+from driver.diagnosis.causes import LIBRARY
+from driver.errors import InputError
+from driver.pipeline import run
+from driver.side_by_side import side_by_side
+from driver.virtual_record import record
+from solver_adapters.interface import SolverError
+
+Record = dict[str, Any]
+SECONDS = {
+    "null": 20.0,
+    "other": 60.0,
+}  # CPU-s of a trial until some are done: a null was measured, the other is a guess
+MEMORY = 0.5e9  # bytes of a process
+BY_NAME = {cause.name: cause for cause in LIBRARY}
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a process is given."""
+
+    trial: Trial
+    cache: Path
+    results: Path
+
+
+def main() -> None:
+    """Run what is left of the plan and print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--seed", type=int, default=7, help="of the plan")
+    parser.add_argument("--only", nargs="+", choices=KINDS, help="kinds of trials")
+    parser.add_argument("--most", type=int, help="largest number of trials of this run")
+    parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--cache", type=Path, default=user_cache_path("prismid") / "blind_trial")
+    parser.add_argument("--results", type=Path, help="default: results.jsonl in the cache")
+    parser.add_argument("--figures", action="store_true", help="no new trials")
+    parser.add_argument("--quick", action="store_true", help="end within 45 s")
+    asked = parser.parse_args()
+    if asked.quick:
+        from benchmarks.blind_closed_form import quick
+
+        quick()
+        return
+    cache = cache_folder(asked.cache)
+    results: Path = asked.results or cache / f"results_{asked.seed}.jsonl"
+    if not asked.figures:
+        try:
+            carry_out(asked.seed, asked.only, asked.most, asked.processes, cache, results)
+        except InputError as error:
+            raise SystemExit(str(error)) from None  # another run makes the ruler, or holds it
+        except KeyboardInterrupt:
+            print(f"stopped; the same command goes on with what {results} lacks")
+    print_figures(read(results))
+
+
+def carry_out(
+    seed: int, only: Sequence[str] | None, most: int | None, processes: int, cache: Path,
+    results: Path,
+) -> None:  # fmt: skip
+    """Run the trials of a plan that are not in the results file yet."""
+    print("an experiment without an effect, by which effects are measured: about 1 CPU-min once")
+    measure = ruler(cache)
+    shapes = {c.name: (len(c.parameters), c.one_sided) for c in measure.causes}
+    towards = aims(seed, shapes)
+    for_pairs = [
+        c.name for c in measure.causes if measure.reaches(c, np.array(towards[c.name]), PAIR_LEVEL)
+    ]
+    trials = plan(seed, shapes, measure.alike, for_pairs, true_case().material.d)
+    done = {line["trial"]["name"] for line in read(results)}
+    left = [t for t in trials if t.name not in done and (only is None or t.kind in only)][:most]
+    times = spent(read(results))
+    seconds = sum(times["null" if t.kind == "null" else "other"] for t in left)
+    print(
+        f"{len(left)} of {len(trials)} trials to run: about {seconds / 3600 / processes:.1f} h on "
+        f"{processes} free core(s) and {MEMORY * processes / 1e9:.1f} GB of memory, into {results}",
+        flush=True,
+    )
+    began, finished = time.monotonic(), 0
+
+    def tell(index: int, line: Record) -> None:
+        nonlocal finished
+        finished += 1
+        rest = (time.monotonic() - began) / finished * (len(left) - finished)
+        print(
+            f"  {finished}/{len(left)} {left[index].name}: {line['answer']} "
+            f"({line['cpu']:.0f} CPU-s; {rest / 60:.0f} min left)",
+            flush=True,
+        )
+
+    side_by_side(carried_out, [Task(t, cache, results) for t in left], processes, 1, tell)
+
+
+def carried_out(task: Task) -> Record:
+    """Run one trial and append its line to the results file."""
+    trial, began = task.trial, time.process_time()
+    line: Record = {"trial": asdict(trial)}
+    try:
+        truth = truth_of(trial, task.cache)
+        line |= {"misfit": truth.misfit, "hidden": truth.hidden}
+        made = time.process_time() - began
+        line |= diagnosed(truth, trial) | {"cpu_of_truth": made}
+        began += made
+    except TooSmallError as error:
+        line |= {"answer": "no such truth", "why": str(error)}
+    except (SolverError, InputError) as error:
+        line |= {"answer": "failed", "why": str(error)}
+    line |= {"alike": {n: ruler(task.cache).alike[n] for n in trial.truths if n in BY_NAME}}
+    line |= {"cpu": time.process_time() - began,
+             "memory": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss}  # fmt: skip
+    # One write of one line: those of other processes do not mix with it.
+    with task.results.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(line, ensure_ascii=False) + "\n")
+    return line
+
+
+def truth_of(trial: Trial, cache: Path) -> Truth:
+    """What happens in a trial."""
+    if trial.kind == "jitter":
+        return Truth(jittered(1e-3 * trial.level, trial.seed), 0.0, {"jitter_nm": trial.level})
+    if not trial.truths:
+        return Truth(kept(cache / "nothing.pickle", lambda: pulled({})), 0.0, {})
+    if trial.kind == "outside":
+        return truth_outside(cache, trial.truths[0], trial.level)
+    label = "".join(f"_{name}{value:g}" for name, value in trial.companions)
+    each = [
+        truth_of_cause(
+            cache, BY_NAME[name], np.array(aim), ("+" if aim[0] > 0 else "-") + label,
+            trial.level, dict(trial.companions),
+        )
+        for name, aim in zip(trial.truths, trial.directions, strict=True)
+    ]  # fmt: skip
+    if len(each) == 1:
+        return each[0]
+    hidden = each[0].hidden | each[1].hidden
+    course = kept(cache / f"pair_{trial.seed}.pickle", lambda: pulled(hidden))
+    return Truth(course, ruler(cache).misfit(course), hidden)
+
+
+def diagnosed(truth: Truth, trial: Trial) -> Record:
+    """The whole chain on one set of images; what its `diagnosis.json` says, in short."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = record(Path(folder), measured_with(trial), truth.course, trial.seed)
+        stated = load_case(path)
+        loads = stated.loads.model_copy(update={"noise_uN": known_case().loads.noise_uN})
+        boundary = stated.boundary
+        if trial.kind == "jitter":
+            boundary = boundary.model_copy(update={"jitter_nm": trial.level})
+        write_case(stated.model_copy(update={"loads": loads, "boundary": boundary}), path)
+        run(path, "diagnose", False, _silent)
+        found = json.loads((path.parent / "results" / "diagnosis.json").read_text("utf-8"))
+    owner = {p: c.name for c in LIBRARY for p in c.parameters}
+    first, last = found["steps"][0], found["steps"][-1]
+    scores = {s["cause"]: s["statistic"] for s in first["causes"]}
+    return {
+        "answer": " ".join([found["verdict"], *found["causes"]]),
+        "verdict": found["verdict"],
+        "said": found["causes"],
+        "added": list(dict.fromkeys(owner[p] for p in found["added"] if p in owner)),
+        "sets": [s["named"] for s in found["steps"] if s["named"]],
+        "statistic": {n: scores.get(n) for n in trial.truths},
+        "best": [[s["cause"], s["log_evidence"]] for s in first["causes"][:3]],
+        "refits": [
+            {s["cause"]: s["refit"]["log_evidence"] for s in step["causes"] if s["refit"]}
+            for step in found["steps"]
+        ],
+        "chi_load": [first["chi_load"], last["chi_load"]],
+        "chi_image": [first["chi_image"], last["chi_image"]],
+        "omnibus": last["omnibus"],
+        "numerics": found["numerics"],
+        "held_out": found["gain"].get("held_out"),
+        "baseline": found["baseline"]["reason"],
+    }
+
+
+def measured_with(trial: Trial) -> Case:
+    """The case with the noise of the loads as it truly is."""
+    case, change = known_case(), {}
+    if trial.kind == "noise level":
+        change = {"noise_uN": trial.level * case.loads.noise_uN}
+    elif trial.kind == "AR(1)":
+        change = {"autocorrelation": trial.level}
+    return case.model_copy(update={"loads": case.loads.model_copy(update=change)})
+
+
+def read(results: Path) -> list[Record]:
+    """The lines of a results file; one that a kill cut short is left out."""
+    if not results.is_file():
+        return []
+    lines = []
+    for text in results.read_text(encoding="utf-8").splitlines():
+        try:
+            lines.append(json.loads(text))
+        except json.JSONDecodeError:
+            continue
+    return lines
+
+
+def spent(lines: Sequence[Record]) -> dict[str, float]:
+    """Mean CPU time of a null and of any other trial [s]."""
+    found = dict(SECONDS)
+    for key in found:
+        times = [
+            line["cpu"] for line in lines if (line["trial"]["kind"] == "null") == (key == "null")
+        ]
+        if times:
+            found[key] = sum(times) / len(times)
+    return found
+
+
+def _silent(line: str) -> None:
+    pass
+
+
+if __name__ == "__main__":
+    main()

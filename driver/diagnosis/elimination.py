@@ -1,0 +1,59 @@
+"""Backward elimination: what later causes have made superfluous goes back to its null."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from driver.diagnosis.causes import Cause
+from driver.diagnosis.omnibus import FAMILY_LEVEL
+from driver.diagnosis.outcome import Log
+from driver.identification.fit import Fit, Objective, fit
+
+_MOST_ITERATIONS = 5
+
+
+def eliminate(
+    here: Fit, objective: Objective, causes: Sequence[Cause], log: Log
+) -> tuple[Fit, Objective, list[Cause]]:
+    """Drop causes that are not needed, the least needed first, each time fitting anew.
+
+    The last cause was only just needed, and is not tested.
+
+    Args:
+        here: the extended fit.
+        objective: its objective.
+        causes: the causes that were added, in the order of their addition.
+        log: takes one line of progress.
+
+    Returns:
+        The fit, its objective and the causes that are left.
+    """
+    left = list(causes)
+    while len(left) > 1:
+        p = [probability(here, objective, cause) for cause in left[:-1]]
+        least = int(np.argmax(p))
+        if p[least] < FAMILY_LEVEL:
+            break
+        cause = left.pop(least)
+        log(f"{cause.name} is not needed any more")
+        freed = (*cause.parameters, *cause.companions)
+        null = objective.model.null_values()
+        free = tuple(name for name in here.best.free if name not in freed)
+        prior = {name: p for name, p in objective.prior.items() if name not in freed}
+        objective = replace(objective, prior=prior)
+        values = here.values | {name: null[name] for name in freed}
+        here = fit(objective, values, free, _MOST_ITERATIONS, log)
+    return here, objective, left
+
+
+def probability(here: Fit, objective: Objective, cause: Cause) -> float:
+    """Probability of parameters as far from their null, were the cause absent (Wald test)."""
+    null, names = objective.model.null_values(), cause.parameters
+    rows = [here.best.free.index(name) for name in names]
+    theta = np.array([objective.parameters[n].theta(here.values[n], null[n]) for n in names])
+    covariance = here.covariance[np.ix_(rows, rows)]
+    return float(chi2.sf(theta @ np.linalg.solve(covariance, theta), len(rows)))

@@ -1,0 +1,72 @@
+"""What an extension of the model gains: share of the excess explained, and log Bayes factor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.diagnosis.causes import Cause
+from driver.diagnosis.refit import with_prior
+from driver.identification.fit import Evaluation, Objective
+
+FloatArray = NDArray[np.float64]
+
+_SCATTER = 3.0  # standard deviations of the misfit of noise
+
+
+def share_explained(before: Evaluation, after: Evaluation) -> float:
+    """Share of the misfit above its expectation that is gone, of 1.
+
+    Loads and images count where they have an excess beyond the scatter of noise: a hundred
+    thousand numbers of the images would hide that of a hundred loads. NaN where none has.
+    """
+    excess, scatter = _excess(before)
+    real = excess > _SCATTER * scatter
+    if not real.any():
+        return float("nan")
+    left = np.maximum(_excess(after)[0], 0.0)
+    return 1.0 - float(left[real].sum() / excess[real].sum())
+
+
+def log_evidence(
+    before: Evaluation, after: Evaluation, objective: Objective, causes: Sequence[Cause]
+) -> float:
+    """Log Bayes factor of an extended model against its baseline, by Laplace.
+
+    The prior of each added parameter is the one of its cause, stated before the data were seen,
+    and not the one that was widened to the effect. Both are taken to their optimum, the last
+    fraction of a step to first order.
+
+    Args:
+        before: the baseline, fitted under the covariance of the extended fit.
+        after: the extended fit.
+        objective: of the extended fit.
+        causes: the causes that were added.
+    """
+    if not causes:
+        return 0.0
+    for cause in causes:
+        objective = with_prior(objective, cause)
+    after = objective.restrict(after, after.free)
+    added = [name for cause in causes for name in (*cause.parameters, *cause.companions)]
+    widths = sum(float(np.log(objective.prior[name][1])) for name in added)
+    volume = np.linalg.slogdet(before.hessian)[1] - np.linalg.slogdet(after.hessian)[1]
+    return 0.5 * (_least(before) - _least(after)) + 0.5 * float(volume) - widths
+
+
+def _least(at: Evaluation) -> float:
+    """Cost at the optimum, to first order from where the fit ended."""
+    return at.cost - float(at.gradient @ np.linalg.solve(at.hessian, at.gradient))
+
+
+def _excess(at: Evaluation) -> tuple[FloatArray, FloatArray]:
+    """Misfit of loads and of images above that of noise, and the scatter of noise, shapes (2,)."""
+    taken = np.linalg.solve(np.linalg.cholesky(at.hessian), at.jacobian)
+    excess, scatter = np.zeros(2), np.zeros(2)
+    for i, part in enumerate((slice(0, at.n_load), slice(at.n_load, None))):
+        r = at.residual[part]
+        excess[i] = r @ r - (r.size - np.sum(taken[:, part] ** 2))
+        scatter[i] = np.sqrt(2.0 * r.size)
+    return excess, scatter

@@ -1,0 +1,105 @@
+"""What a diagnosis is asked, and all that it found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from driver.diagnosis.causes import Cause, NotExamined
+from driver.diagnosis.gate import Gate
+from driver.diagnosis.held_out import HeldOut
+from driver.diagnosis.loads import BadLoad
+from driver.diagnosis.omnibus import Omnibus
+from driver.diagnosis.refit import Refit
+from driver.diagnosis.score import Score
+from driver.diagnosis.verdict import Verdict
+from driver.identification.fit import Fit, Objective
+
+Log = Callable[[str], None]
+
+IMAGING = 1.2  # χ of free correlation beyond which imaging errors dominate
+
+
+@dataclass(frozen=True, eq=False)
+class Settings:
+    """How a diagnosis is run.
+
+    Attributes:
+        wanted: names of the causes to try, None for all.
+        refit: how many causes are refitted in a round.
+        held_out: number of the cycle to hold out, None for none.
+        processes: processes side by side.
+        threads: threads of each.
+        free_chi: χ of free correlation.
+        sizes: element sizes of the working and of the finer mesh [µm].
+        own: causes beside the library.
+    """
+
+    wanted: tuple[str, ...] | None
+    refit: int
+    held_out: int | None
+    processes: int
+    threads: int
+    free_chi: float
+    sizes: tuple[float, float]
+    own: tuple[Cause, ...] = ()
+
+    @property
+    def imaging_limited(self) -> bool:
+        """Whether errors of the imaging dominate what free correlation leaves."""
+        return self.free_chi > IMAGING
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One round of screening, and the cause that it added (or None).
+
+    Attributes:
+        scores: every cause that was tried, best log evidence first.
+        refits: the nonlinear refits, best first.
+        named: the cause that was added and those that cannot be told from it, or empty.
+        omnibus: tests of the baseline of this round.
+        chi_load, chi_image: of that baseline.
+    """
+
+    scores: tuple[Score, ...]
+    refits: tuple[Refit, ...]
+    named: tuple[str, ...]
+    omnibus: Omnibus
+    chi_load: float
+    chi_image: float
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """All that was found.
+
+    Attributes:
+        baseline: the fit that was examined: the one given, refitted without the loads that are
+            wrong one by one and with the noise that the others have.
+        extended: the fit with the causes that were added (the baseline where there are none).
+        objective: the objective of the extended fit.
+        bad_loads: the loads that were left out.
+        steps: the rounds.
+        causes: the causes that were added.
+        gate: the test of the simulation's own error.
+        held_out: score of the held-out cycle before and after, None where none is held out.
+        explained: share of the excess misfit that the extension explains (NaN where the
+            excess is within the scatter of noise).
+        log_evidence: log Bayes factor of the extended model against the baseline.
+        not_examined: the causes that were not tried, and why.
+        verdict: the answer.
+    """
+
+    baseline: Fit
+    extended: Fit
+    objective: Objective
+    bad_loads: tuple[BadLoad, ...]
+    steps: tuple[Step, ...]
+    causes: tuple[Cause, ...]
+    gate: Gate
+    held_out: tuple[HeldOut, HeldOut] | None
+    explained: float
+    log_evidence: float
+    not_examined: tuple[NotExamined, ...]
+    verdict: Verdict

@@ -1,0 +1,155 @@
+"""Causes of the user's own, read from small files that a case names."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, ValidationError, model_validator
+
+from driver.boundary import LAMBDAS
+from driver.case import Case, CaseError
+from driver.case_errors import refusal, sentences
+from driver.case_tables.values import Table
+from driver.diagnosis.causes import LIBRARY, NUMERICS, Cause
+from driver.errors import InputError, sentence, why
+from driver.model import declared_parameters
+from driver.surface_view import POSE_DECLARATIONS
+
+_ALWAYS_FITTED = {*LAMBDAS, *(parameter.name for parameter in POSE_DECLARATIONS)}
+
+
+class CauseTable(Table):
+    """A table [[causes]], with the fields of `Cause`."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z]\w*$")] = Field(
+        description="a name of letters, digits and _"
+    )
+    category: Literal["material", "microstructure", "boundary", "instrument"] = Field(
+        description='"material", "microstructure", "boundary" or "instrument"'
+    )
+    parameters: tuple[str, ...] = Field(
+        min_length=1, description="a list of names of parameters of the general model"
+    )
+    sentence: Annotated[str, Field(min_length=1)] = Field(
+        description="a text in quotes, what a person would say of it"
+    )
+    check: Annotated[str, Field(min_length=1)] = Field(
+        description="a text in quotes, the physical check that would confirm it"
+    )
+    companions: tuple[str, ...] = Field(
+        default=(), description="a list of names of parameters that exist only with this cause"
+    )
+    one_sided: bool = Field(default=False, description="true or false")
+
+    @model_validator(mode="after")
+    def _of_its_own(self) -> Self:
+        if self.name in {cause.name for cause in (*LIBRARY, NUMERICS)}:
+            raise refusal("a name that the library does not have", "name")
+        for cause in LIBRARY:
+            if set(cause.parameters) == set(self.parameters):
+                raise refusal(
+                    f"other parameters than those of {cause.name} of the library", "parameters"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _parameters_of_the_model(self) -> Self:
+        known = [name for name in declared_parameters(1) if name not in _ALWAYS_FITTED]
+        seen: set[str] = set()
+        for key in ("parameters", "companions"):
+            for name in getattr(self, key):
+                if name not in known:
+                    raise refusal("one of " + ", ".join(known), key, f'the name "{name}"')
+                if name in seen:
+                    raise refusal("each name once", key, f'"{name}" twice')
+                seen.add(name)
+        if self.one_sided and len(self.parameters) > 1:
+            found = f"true with {len(self.parameters)} parameters"
+            raise refusal("true for a cause of one parameter alone", "one_sided", found)
+        return self
+
+    def cause(self) -> Cause:
+        """The cause that the table describes."""
+        return Cause(**self.model_dump())
+
+
+class CauseFile(Table):
+    """A file of causes."""
+
+    causes: tuple[CauseTable, ...] = Field(description="one or more tables [[causes]]")
+
+    @model_validator(mode="after")
+    def _not_empty(self) -> Self:
+        if not self.causes:
+            raise refusal("one or more tables [[causes]]", "causes")
+        return self
+
+
+def read_causes(path: Path) -> tuple[Cause, ...]:
+    """The causes of a file.
+
+    Raises:
+        InputError: the file cannot be read, or describes no causes: a sentence a line, with file,
+            key, found, expected.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(
+            sentence(path, "diagnosis.cause_files", "nothing", "a file of tables [[causes]]")
+        ) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(sentence(path, "file", f"“{error}”", "a TOML file in UTF-8")) from None
+    except OSError as error:
+        raise InputError(
+            sentence(path, "diagnosis.cause_files", why(error), "a file that can be read")
+        ) from None
+    try:
+        tables = CauseFile.model_validate(data)
+    except ValidationError as error:
+        raise InputError(sentences(path, CauseFile, data, error)) from None
+    return tuple(table.cause() for table in tables.causes)
+
+
+def own_causes(case: Case) -> tuple[Cause, ...]:
+    """The causes of all files that a case names.
+
+    Raises:
+        InputError: as `read_causes`; or two causes have one name.
+    """
+    found: dict[str, Cause] = {}
+    for path, cause in _of_files([case.path(name) for name in case.diagnosis.cause_files]):
+        if cause.name in found:
+            raise InputError(
+                sentence(path, "causes.name", f'"{cause.name}" again', "a name for each cause")
+            )
+        found[cause.name] = cause
+    return tuple(found.values())
+
+
+def asked_causes(case: Case, path: Path) -> tuple[Cause, ...]:
+    """The causes of all files that a case names, once every cause that it asks for is found.
+
+    Args:
+        case: the case.
+        path: where it stands, to be told.
+
+    Raises:
+        InputError: as `own_causes`; or a name is of no cause of the library or of the files.
+    """
+    own = own_causes(case)
+    known = [cause.name for cause in (*LIBRARY, *own)]
+    for name in case.diagnosis.causes if case.diagnosis.causes != "all" else ():
+        if name not in known:
+            expected = "one of " + ", ".join(known)
+            raise CaseError(sentence(path, "diagnosis.causes", f'"{name}"', expected))
+    return own
+
+
+def _of_files(paths: Sequence[Path]) -> Iterator[tuple[Path, Cause]]:
+    for path in paths:
+        for cause in read_causes(path):
+            yield path, cause

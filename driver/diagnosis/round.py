@@ -1,0 +1,136 @@
+"""One round of a diagnosis: all causes scored, the likely ones refitted, one of them named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from driver.diagnosis.causes import NUMERICS, Cause
+from driver.diagnosis.gain import share_explained
+from driver.diagnosis.omnibus import FAMILY_LEVEL, omnibus
+from driver.diagnosis.outcome import Log, Settings, Step
+from driver.diagnosis.refit import Refit, refit_causes, refit_from_afar
+from driver.diagnosis.score import PARALLEL, Score, likeness
+from driver.diagnosis.screening import screen, screened
+from driver.diagnosis.verdict import MOST_ADDITIONS
+from driver.identification.fit import Evaluation, Fit, Objective
+
+WITHIN = 3.0  # log evidence within which causes are not told apart
+LARGE = 3.0  # χ_F beyond which a score names a cause no better than chance
+ENOUGH = 0.9  # share of the excess that the best cause has to explain
+_HOPEFUL = 0.5  # of what the best refit gains, that a first step has to promise
+
+
+def examine(
+    here: Fit,
+    objective: Objective,
+    added: Sequence[Cause],
+    settings: Settings,
+    wide: Evaluation | None,
+    log: Log,
+) -> tuple[Step, Refit | None]:
+    """Screen all causes, refit the best, and pick the one to add.
+
+    Args:
+        here: the fit that is examined.
+        objective: its objective.
+        added: causes that were added before.
+        settings: how the diagnosis is run.
+        wide: evaluation at the fit with the parameters of every cause free, if known.
+        log: takes one line of progress.
+
+    Returns:
+        The round, and the refit of the cause to add, None where none stands out.
+    """
+    candidates, names = screened(objective.model, here.best.free, settings.wanted, settings.own)
+    screening = wide if wide is not None else objective.evaluate(here.values, names)
+    scores = screen(here, objective, candidates, screening)
+    tests = omnibus(here.best, objective.data)
+    for s in scores[:5]:
+        log(f"  {s.cause.name}: log evidence {s.log_evidence:+.1f}, p {s.p:.2g}")
+    refits: list[Refit] = []
+    if len(added) < MOST_ADDITIONS:
+        refits = _refits(scores, screening, here, objective, settings, log)
+    winner = refits[0] if refits and refits[0].log_evidence > 0 else None
+    named = set_of(winner, refits, scores) if winner is not None else ()
+    chi = here.best.chi_load, here.best.chi_image
+    return Step(tuple(scores), tuple(refits), named, tests, *chi), winner
+
+
+def _refits(
+    scores: Sequence[Score],
+    screening: Evaluation,
+    here: Fit,
+    objective: Objective,
+    settings: Settings,
+    log: Log,
+) -> list[Refit]:
+    """Refits of the causes that may have done it, the best of each, best evidence first."""
+    baseline, run = here.best, (settings.processes, settings.threads, log)
+    tried = [s for s in scores if s.cause.name != NUMERICS.name and s.degrees]
+    chosen = [s for s in tried if s.p < FAMILY_LEVEL][: settings.refit]
+    if not chosen:
+        return []
+    log(f"refitting {_listed(chosen)}")
+    refits = refit_causes(chosen, screening, baseline, objective, *run)
+    best = _best_of_each(refits)
+    explained = share_explained(baseline, best[0].fit.best)
+    large = baseline.chi_load > LARGE or explained < ENOUGH
+    if large:
+        others = [s for s in tried if s not in chosen]
+        log(f"a large effect, or one half explained: refitting {_listed(others)}")
+        bar = _bar(best, baseline)
+        best = _best_of_each(
+            [*best, *refit_causes(others, screening, baseline, objective, *run, bar)]
+        )
+    stalled = {r.cause.name for r in best if not r.fit.converged}
+    leading = {r.cause.name for r in best[: settings.refit]} if large else set()
+    afar = [s for s in tried if s.cause.name in stalled | leading]
+    if afar:
+        log(f"from other starts: {_listed(afar)}")
+        bar = _bar(best, baseline)
+        best = _best_of_each([*best, *refit_from_afar(afar, baseline, objective, *run, bar)])
+    return best
+
+
+def _listed(scores: Sequence[Score]) -> str:
+    return ", ".join(s.cause.name for s in scores)
+
+
+def _bar(best: Sequence[Refit], baseline: Evaluation) -> float:
+    lowest = min(refit.fit.best.cost for refit in best)
+    return lowest + (1.0 - _HOPEFUL) * max(baseline.cost - lowest, 0.0)
+
+
+def _best_of_each(refits: Sequence[Refit]) -> list[Refit]:
+    """The refit of least cost of each cause, best evidence first."""
+    by_name: dict[str, Refit] = {}
+    for one in refits:
+        before = by_name.get(one.cause.name)
+        if before is None or one.fit.best.cost < before.fit.best.cost:
+            by_name[one.cause.name] = one
+    return sorted(by_name.values(), key=lambda refit: -refit.log_evidence)
+
+
+def set_of(winner: Refit, refits: Sequence[Refit], scores: Sequence[Score]) -> tuple[str, ...]:
+    """The winner, and the causes that cannot be told from it, best first.
+
+    A refitted cause belongs to it by its evidence; or, if its linearised effect is parallel, by a
+    misfit that is as low where no prior draws it to its null. Of causes that were not refitted the
+    likeness alone is known.
+    """
+    by_name = {s.cause.name: s for s in scores}
+    best = by_name[winner.cause.name]
+    names = [winner.cause.name]
+    for other in refits[1:]:
+        close = winner.log_evidence - other.log_evidence < WITHIN
+        as_low = other.own_misfit - winner.own_misfit < 2 * WITHIN
+        parallel = likeness(best, by_name[other.cause.name]) > PARALLEL
+        if close or (parallel and as_low):
+            names.append(other.cause.name)
+    refitted = {r.cause.name for r in refits}
+    names += [
+        s.cause.name
+        for s in scores
+        if s.cause.name not in refitted | {NUMERICS.name} and likeness(best, s) > PARALLEL
+    ]
+    return tuple(names)

@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.blind_figures import has_both, has_class, miss_of, wilson
+from benchmarks.blind_plan import KINDS, NULLS, PAIRS, aims, plan
+
+CAUSES = {"isotropic_hardening": (1, True), "load_gain": (1, False), "boundary_tilt": (2, False)}
+ALIKE = {name: (name,) for name in CAUSES}
+TRIALS = plan(7, CAUSES, ALIKE, tuple(CAUSES), 1140.0)
+
+
+def test_a_plan_is_drawn_from_its_seed_alone() -> None:
+    assert plan(7, CAUSES, ALIKE, tuple(CAUSES), 1140.0) == TRIALS
+    assert plan(8, CAUSES, ALIKE, tuple(CAUSES), 1140.0) != TRIALS
+    assert len({trial.name for trial in TRIALS}) == len(TRIALS)
+    assert len({trial.seed for trial in TRIALS}) == len(TRIALS)
+
+
+def test_a_plan_has_both_signs_and_magnitudes_of_every_cause() -> None:
+    drawn = {(t.truths[0], t.level, t.directions[0][0] > 0) for t in TRIALS if t.kind == "cause"}
+    # A one-sided cause has one sign.
+    assert len(drawn) == 2 * (1 + 2 + 2)
+    assert ("isotropic_hardening", 6.0, True) in drawn
+
+
+def test_every_beginning_of_a_plan_holds_every_kind_in_its_share() -> None:
+    third = TRIALS[: len(TRIALS) // 3]
+    for kind in KINDS:
+        share = sum(t.kind == kind for t in third) / sum(t.kind == kind for t in TRIALS)
+        assert share == pytest.approx(1 / 3, abs=0.18)
+    assert sum(t.kind == "null" for t in TRIALS) == NULLS
+
+
+def test_a_pair_is_of_two_causes_that_the_data_can_tell_apart() -> None:
+    alike = ALIKE | {"load_gain": ("load_gain", "boundary_tilt"),
+                     "boundary_tilt": ("boundary_tilt", "load_gain")}  # fmt: skip
+    pairs = [t for t in plan(7, CAUSES, alike, tuple(CAUSES), 1140.0) if t.kind == "pair"]
+    assert len(pairs) == PAIRS
+    assert not any(set(t.truths) == {"load_gain", "boundary_tilt"} for t in pairs)
+
+
+def test_directions_are_unit_vectors_and_one_sided_ones_go_up() -> None:
+    towards = aims(7, CAUSES)
+    assert all(np.linalg.norm(aim) == pytest.approx(1) for aim in towards.values())
+    assert towards["isotropic_hardening"] == (1.0,)
+
+
+def test_wilson_bounds_are_those_of_the_literature() -> None:
+    # Newcombe, Stat. Med. 17 (1998) 857, table I, method 3: 81 of 263, 15 of 148, 0 of 20.
+    assert wilson(81, 263) == pytest.approx((0.2553, 0.3662), abs=1e-4)
+    assert wilson(15, 148) == pytest.approx((0.0624, 0.1605), abs=1e-4)
+    assert wilson(0, 20) == pytest.approx((0.0, 0.1611), abs=1e-4)
+
+
+def line(kind: str, truths: list[str], sets: list[list[str]], verdict: str) -> dict[str, object]:
+    return {
+        "trial": {"name": "one", "kind": kind, "truths": truths}, "verdict": verdict,
+        "sets": sets, "said": [named[0] for named in sets], "refits": [{}],
+        "alike": {"load_gain": ["load_gain", "elastic_stiffness"], "tilt_drift": ["tilt_drift"]},
+        "statistic": {"load_gain": 40.0},
+    }  # fmt: skip
+
+
+def test_an_answer_in_the_class_of_the_truth_is_right() -> None:
+    assert has_class(line("cause", ["load_gain"], [["elastic_stiffness"]], "named"))
+    assert not has_class(line("cause", ["load_gain"], [["tilt_drift"]], "named"))
+
+
+def test_of_a_pair_each_truth_needs_a_set_of_its_own() -> None:
+    truths = ["load_gain", "tilt_drift"]
+    assert has_both(line("pair", truths, [["tilt_drift"], ["elastic_stiffness"]], "named"))
+    assert not has_both(line("pair", truths, [["tilt_drift", "load_gain"]], "one of this set"))
+
+
+def test_every_miss_has_a_reason_and_a_hit_has_none() -> None:
+    truth = ["load_gain"]
+    assert miss_of(line("null", [], [], "nothing wrong")) == ""
+    assert miss_of(line("null", [], [["tilt_drift"]], "named")) == "a false alarm"
+    assert miss_of(line("cause", truth, [["load_gain"]], "named")) == ""
+    assert "statistic of the truth [40.0]" in miss_of(line("cause", truth, [], "nothing wrong"))
+    assert "not among the refits" in miss_of(line("cause", truth, [["tilt_drift"]], "named"))
+    assert miss_of(line("outside", ["notch"], [["tilt_drift"]], "named")) == "outside, yet named"

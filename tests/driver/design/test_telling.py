@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from driver import pipeline, specimen
+from driver.case import load_case
+from driver.design.forecast import Forecast
+from driver.design.telling import Telling, advice, apart
+from driver.diagnosis.score import SEEN_AT
+from driver.stages import run_stages
+from tests.driver import closed_form
+
+
+def expected(cosine: float, seen: dict[str, float]) -> Forecast:
+    causes = [
+        SimpleNamespace(
+            cause=SimpleNamespace(name=name), in_scales=scales,
+            cosines={other: cosine for other in seen if other != name},
+        )
+        for name, scales in seen.items()
+    ]  # fmt: skip
+    return cast(Forecast, cast(Any, SimpleNamespace(causes=causes)))
+
+
+def test_causes_are_apart_by_what_one_leaves_of_the_smaller_other() -> None:
+    """Two scales of each are 18 and 9 σ; of 9 σ a cosine of 0.6 leaves 7.2 σ."""
+    found = apart(expected(0.6, {"a": 0.5, "b": 1.0}), {"a": 2.0, "b": 2.0})
+    assert found == pytest.approx(0.8 * 2.0 * SEEN_AT)
+    assert apart(expected(1.0, {"a": 0.5, "b": 1.0}), {"a": 2.0, "b": 2.0}) == 0.0
+
+
+def test_the_advice_is_the_change_that_parts_them_or_that_none_does() -> None:
+    now, leg, hold = Telling("", 0.3), Telling("a leg of compression", 6.2), Telling("holds", 0.4)
+    assert "a leg of compression would part them best: by 6.2 σ" in advice([now, leg, hold])
+    assert advice([now, hold]).startswith("None of the usual changes")
+
+
+@pytest.mark.slow
+def test_a_set_of_causes_comes_with_the_measurement_that_would_part_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stiffer crystal, from the files to the verdict."""
+    solver = closed_form.ClosedFormSolver(0.001)
+    monkeypatch.setattr(specimen, "find_adapter", lambda name, profile: solver)
+    closed_form.write_files(tmp_path, {"elastic_scale": 1.2})
+    path = tmp_path / "case.toml"
+    lines: list[str] = []
+    run_stages(path, pipeline.stages(load_case(path)), "diagnose", report=lines.append)
+    found = json.loads((tmp_path / "results" / "diagnosis.json").read_text("utf-8"))
+    assert found["verdict"] == "one of this set"
+    assert found["telling"][0]["change"] == "" and len(found["telling"]) > 4, lines
+    changes = [one["apart_sigma"] for one in found["telling"][1:]]
+    assert changes == sorted(changes, reverse=True)
+    assert "usual changes of the experiment" in found["next"]
+    assert found["not_found"]["tilt_drift"].startswith("not seen here")

@@ -1,0 +1,45 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from driver.diagnosis.causes import Cause
+from driver.diagnosis.elimination import eliminate
+from driver.diagnosis.refit import with_prior
+from driver.identification.fit import fit
+from solver_adapters.parameter import Parameter
+from tests.driver.analytic import formula
+
+RNG = np.random.default_rng(5)
+A = RNG.standard_normal((4, 80))
+PARAMETERS = [
+    Parameter("a", "", 0.0, 1.0), Parameter("p", "", 0.0, 1.0), Parameter("q", "", 0.0, 1.0),
+    Parameter("r", "", 0.0, 1.0),
+]  # fmt: skip
+ZERO = {p.name: 0.0 for p in PARAMETERS}
+CAUSES = [Cause(name, "material", (name,), "", "") for name in "pqr"]
+
+
+@pytest.mark.parametrize(
+    ("truth", "left"),
+    [((1.0, 1.0, 1.0), "pqr"), ((0.0, 1.0, 1.0), "qr"), ((0.0, 0.0, 1.0), "r")],
+)
+def test_what_later_causes_make_superfluous_goes_back_to_its_null(
+    truth: tuple[float, ...], left: str
+) -> None:
+    measured = np.array([0.5, *truth]) @ A + RNG.standard_normal(80)
+    objective = replace(
+        formula(lambda p: (p @ A, A), measured, PARAMETERS),
+        model=cast(Any, SimpleNamespace(null_values=lambda: ZERO)),
+    )
+    for cause in CAUSES:
+        objective = cast(Any, with_prior(objective, cause))
+    here = fit(objective, ZERO, ("a", "p", "q", "r"), 5, lambda line: None)
+    after, objective_after, kept = eliminate(here, objective, CAUSES, lambda line: None)
+    assert "".join(cause.name for cause in kept) == left
+    assert set(after.best.free) == {"a", *left} and set(objective_after.prior) == set(left)
+    assert all(after.values[name] == 0.0 for name in "pqr" if name not in left)
