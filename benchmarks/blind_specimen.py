@@ -84,10 +84,10 @@ def pulled(hidden: Mapping[str, float], change: Change | None = None) -> Course:
         ValueError: a geometric parameter turns a cell inside out.
     """
     truth, history = true_case(), stage_program(CYCLES)
-    refuse_unknown(hidden, history.n_knots)
     mesh, adapter = mesh_of(truth, truth.specimen.mesh_size), adapter_of(truth)
     steps = truth.solver.steps_per_interval
     model = build_model(truth, mesh, history, np.zeros((0, 2)), adapter, steps)
+    refuse_unknown(hidden, model.parameters)
     n_knots = history.n_knots
     start = truth.boundary.lambda_start.model_dump()
     values = model.null_values() | {f"lambda_{name}": value for name, value in start.items()}
