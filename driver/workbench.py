@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +14,12 @@ from driver.case import Case
 from driver.dic.series import basis_on
 from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.experiment import Experiment, read_experiment
+from driver.fixed_pattern import apparent_rise
 from driver.identification.data import Data, build_image_data
 from driver.identification.fit import Objective
 from driver.identification.priors import prior_of, widths
 from driver.identification.procedure import Plan, start_values
+from driver.images.flatfield import flat_pattern
 from driver.model import ForwardModel
 from driver.specimen import adapter_of, build_model, correlation_meshes, surface_images
 from driver.surface_view import POSE_DECLARATIONS
@@ -91,10 +93,30 @@ def build_workbench(
     experiment = read_experiment(case)
     images = refine_gradient(surface_images(case, experiment), motion)
     mean_motion = motion.mean(axis=1)
-    return assemble(
+    bench = assemble(
         case, mesh, fine_mesh, experiment, images, mean_motion, elongation, tilt, jobs,
         prepare_only, left_out, passing,
     )  # fmt: skip
+    if experiment.flats is None:
+        return bench
+    pattern = flat_pattern(experiment.flats).pattern
+    return with_pattern(bench, apparent_rise(pattern, images, motion))
+
+
+def with_pattern(bench: Workbench, rise: FloatArray) -> Workbench:
+    """The workbench that knows what the pattern of the flats would do to the images.
+
+    Args:
+        bench: the workbench.
+        rise: as `apparent_rise` gives it [µm], shape (T, n_pix).
+    """
+    working = replace(bench.working, pattern=rise)
+    return replace(
+        bench,
+        working=working,
+        finer=replace(bench.finer, pattern=rise),
+        objective=replace(bench.objective, model=working),
+    )
 
 
 def assemble(

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from driver.diagnosis.causes import NUMERICS, Cause, causes_of
 from driver.diagnosis.score import Score, prior_scaled, score
+from driver.fixed_pattern import PATTERN_DECLARATIONS
+from driver.hold_time import HOLD, holds
 from driver.identification.fit import Correction, Evaluation, Fit, Objective
 from driver.microstructure import LATTICE_DECLARATIONS
 from driver.model import ForwardModel
@@ -32,9 +34,13 @@ def screened(
 def parameters_of_the_specimen(model: ForwardModel) -> frozenset[str]:
     """Parameters of the general model that this specimen has, whoever simulates it."""
     seen = frozenset(p for p in model.parameters if not model.simulated(p))
+    if model.pattern is None:
+        seen -= {p.name for p in PATTERN_DECLARATIONS}
     law = frozenset(MATERIAL_PARAMETERS)
     if len(model.microstructure.orientations) < 2:
         law -= {"tau0_grain2"}
+    if holds(model.boundary.weights).any():
+        law |= {HOLD}
     return seen | law | model.boundary.parameters | model.microstructure.parameters
 
 
