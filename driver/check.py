@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from driver.case import Case, load_case
 from driver.check_images import look_at_images
 from driver.check_picture import draw
-from driver.diagnosis.causes import LIBRARY
+from driver.diagnosis.causes import NAMES
 from driver.dic.coverage import within
 from driver.errors import InputError
 from driver.estimate import estimate
@@ -125,7 +125,7 @@ def _orientation(case: Case) -> Iterator[Finding]:
 
 
 def _causes(case: Case) -> Iterator[Finding]:
-    known = {cause.name for cause in LIBRARY}
+    known = set(NAMES)
     for name in case.diagnosis.causes if case.diagnosis.causes != "all" else ():
         if name not in known:
             expected = ", ".join(sorted(known))

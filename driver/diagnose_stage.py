@@ -12,10 +12,10 @@ import numpy as np
 
 from driver.boundary import LAMBDAS
 from driver.case import Case, CaseError, schema_text, write_case
-from driver.diagnosis.causes import LIBRARY
+from driver.diagnosis.causes import COVARIANCE, COVARIANCE_PARAMETERS, NAMES, SIGMA_E
 from driver.diagnosis.diagnose import Diagnosis, Settings, Step, diagnose
 from driver.diagnosis.omnibus import Omnibus
-from driver.diagnosis.score import Score
+from driver.diagnosis.score import Score, undetectable
 from driver.diagnosis.screening import screened
 from driver.errors import sentence
 from driver.identification.fit import Evaluation, Fit
@@ -65,10 +65,15 @@ def run_diagnose(context: StageContext) -> None:
         sizes=bench.plan.sizes,
     )
     found = diagnose(baseline, objective, bench.finer, cycles, settings, context.log, wide)
+    for scored in found.steps[-1].scores:
+        if why := undetectable(scored):
+            context.log(f"  {scored.cause.name} is undetectable here: {why}")
     context.log(f"verdict: {found.verdict.kind}. {found.verdict.text}")
     for name in added_parameters(found):
         sigma = found.extended.sigma(name, objective.parameters)
         context.log(f"  {name} = {found.extended.values[name]:.4g} ± {sigma:.2g}")
+    for name, (level, sigma) in found.levels.items():
+        context.log(f"  {name} = {level:.4g} ± {sigma:.2g} {COVARIANCE_PARAMETERS[name].unit}")
     if found.held_out is not None:
         before, after = found.held_out
         context.log(
@@ -92,8 +97,9 @@ def run_diagnose(context: StageContext) -> None:
 
 
 def added_parameters(found: Diagnosis) -> tuple[str, ...]:
-    """Names of the parameters that the extension freed."""
-    return tuple(n for cause in found.causes for n in (*cause.parameters, *cause.companions))
+    """Names of the parameters of the general model that the extension freed."""
+    freed = [cause for cause in found.causes if cause not in COVARIANCE]
+    return tuple(n for cause in freed for n in (*cause.parameters, *cause.companions))
 
 
 def extended_case(case: Case, found: Diagnosis) -> Case:
@@ -122,11 +128,15 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
         if getattr(images, key) is not None
     }
     history = case.history.model_copy(update={"file": _from_results(case.history.file)})
-    lambda_start = case.boundary.lambda_start.model_copy(update=lambdas)
+    boundary: dict[str, Any] = {
+        "lambda_start": case.boundary.lambda_start.model_copy(update=lambdas)
+    }
+    if SIGMA_E.name in found.levels:
+        boundary["jitter_nm"] = 1e3 * found.levels[SIGMA_E.name][0]
     return case.model_copy(
         update={
             "material": case.material.model_copy(update=constants),
-            "boundary": case.boundary.model_copy(update={"lambda_start": lambda_start}),
+            "boundary": case.boundary.model_copy(update=boundary),
             "extensions": freed,
             "images": images.model_copy(update=moved),
             "history": history,
@@ -143,6 +153,10 @@ def diagnosis_record(
 ) -> dict[str, Any]:
     """What `diagnosis.json` holds."""
     parameters = bench.objective.parameters
+    added = {
+        name: {"value": level, "sigma": sigma, "unit": COVARIANCE_PARAMETERS[name].unit}
+        for name, (level, sigma) in found.levels.items()
+    }
 
     def fitted(fit_: Fit) -> dict[str, dict[str, Any]]:
         return {
@@ -179,7 +193,7 @@ def diagnosis_record(
         "causes": list(found.verdict.causes),
         "text": found.verdict.text,
         "next": found.verdict.next,
-        "added": {n: fitted(after)[n] for n in added_parameters(found)},
+        "added": {n: fitted(after)[n] for n in added_parameters(found)} | added,
         "gain": gain,
         "numerics": {
             "effect_sigma": found.gate.effect,
@@ -195,19 +209,23 @@ def diagnosis_record(
 
 def _step_record(step: Step, bench: Workbench) -> dict[str, Any]:
     refits = {refit.cause.name: refit for refit in step.refits}
-    parameters = bench.objective.parameters
+    parameters = {**bench.objective.parameters, **COVARIANCE_PARAMETERS}
 
     def refitted(name: str) -> dict[str, Any] | None:
         if name not in refits:
             return None
         fit_, cause = refits[name].fit, refits[name].cause
         best: Evaluation = fit_.best
+        found = refits[name].levels or {
+            n: (fit_.values[n], fit_.sigma(n, parameters))
+            for n in (*cause.parameters, *cause.companions)
+        }
         return {
             "log_evidence": refits[name].log_evidence,
             "chi_load": best.chi_load,
             "chi_image": best.chi_image,
-            "values": {n: fit_.values[n] for n in (*cause.parameters, *cause.companions)},
-            "sigma": {n: fit_.sigma(n, parameters) for n in (*cause.parameters, *cause.companions)},
+            "values": {n: value for n, (value, _) in found.items()},
+            "sigma": {n: sigma for n, (_, sigma) in found.items()},
         }
 
     def scored(s: Score) -> dict[str, Any]:
@@ -225,6 +243,7 @@ def _step_record(step: Step, bench: Workbench) -> dict[str, Any]:
             "log_evidence": s.log_evidence,
             "estimate": [float(e * k) for e, k in zip(s.estimate, scales, strict=True)],
             "smallest_visible": [_number(v * k) for v, k in zip(s.visible, scales, strict=True)],
+            "undetectable": undetectable(s),
             "refit": refitted(s.cause.name),
         }
 
@@ -254,12 +273,11 @@ def _wanted(context: StageContext) -> tuple[str, ...] | None:
     wanted = context.case.diagnosis.causes
     if wanted == "all":
         return None
-    known = tuple(cause.name for cause in LIBRARY)
     for name in wanted:
-        if name not in known:
+        if name not in NAMES:
             raise CaseError(
                 sentence(context.case_path, "diagnosis.causes", f'"{name}"',
-                         "one of " + ", ".join(known))
+                         "one of " + ", ".join(NAMES))
             )  # fmt: skip
     return tuple(wanted)
 

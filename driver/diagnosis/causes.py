@@ -6,6 +6,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from solver_adapters.parameter import Parameter
+
 Category = Literal["material", "microstructure", "boundary", "instrument", "numerics"]
 
 
@@ -19,6 +21,7 @@ class Cause:
         parameters: the parameters that leave their null, one or more.
         companions: parameters that exist only under the alternative and are freed in the refit.
         one_sided: whether the (single) parameter can only be above its null.
+        unseen: why the data leave no trace of it, where they leave none.
         sentence: what a person would say.
         check: the physical check that would confirm it.
     """
@@ -30,6 +33,7 @@ class Cause:
     check: str
     companions: tuple[str, ...] = ()
     one_sided: bool = False
+    unseen: str = "it does nothing to the data that the fitted parameters do not do"
 
 
 def _axes(what: str) -> tuple[str, ...]:
@@ -89,6 +93,11 @@ LIBRARY: tuple[Cause, ...] = (
         "rate_sensitivity", "material", ("n", "K"),
         "the flow stress depends on the rate otherwise than assumed",
         "a jump of the stage speed, or a longer hold, in the plastic range",
+    ),
+    Cause(
+        "hold_time", "material", ("hold_time_error",),
+        "the holds last longer or shorter than stamped, and the load relaxes for as long",
+        "the log of the stage controller beside the time stamps of the images",
     ),
     Cause(
         "elastic_stiffness", "material", ("elastic_scale",),
@@ -196,6 +205,17 @@ LIBRARY: tuple[Cause, ...] = (
         "a step-height standard under the same optics",
     ),
     Cause(
+        "fixed_pattern", "instrument", ("fixed_pattern",),
+        "a part of the flat pattern is left in the images",
+        "images of the flat anew, under the optics and at the place of the test",
+    ),
+    Cause(
+        "height_drift", "instrument", ("height_drift",),
+        "the heights drift with time",
+        "a mark on the die beside the specimen, in the same images",
+        unseen="the stage refocuses, so that the mean height of every image is free",
+    ),
+    Cause(
         "magnification_drift", "instrument", ("magnification_drift",),
         "the magnification drifts with time",
         "images of an unloaded surface over the same time",
@@ -212,12 +232,39 @@ LIBRARY: tuple[Cause, ...] = (
     ),
 )  # fmt: skip
 
+BOUNDARY_NOISE = Cause(
+    "boundary_noise", "boundary", ("sigma_e",),
+    "the elongation at the stop of each image scatters about the stage travel",
+    "repeated stops at the same stage travel, read by correlation of the rim or a second gauge",
+    one_sided=True,
+)  # fmt: skip
+SIGMA_E = Parameter("sigma_e", "µm", 0.0, 3e-4, 0.0)
+"""Standard deviation of the elongation at a stop; its scale is that of a good stage."""
+
+NOISE_NOT_UNIFORM = Cause(
+    "noise_not_uniform", "instrument", ("noise_ratio",),
+    "the noise of the images differs from pixel to pixel, with the slope or over the field",
+    "the scatter of repeated images pixel by pixel, at several heights of focus",
+    one_sided=True,
+)  # fmt: skip
+NOISE_RATIO = Parameter("noise_ratio", "", 1.0, 0.405, 1.0, 100.0, logarithmic=True)
+"""σ of the noisiest pixels over that of the quietest; its scale is a factor of 1.5."""
+
+COVARIANCE: tuple[Cause, ...] = (BOUNDARY_NOISE, NOISE_NOT_UNIFORM)
+"""Causes that enter the covariance of the data, each by a level of noise."""
+COVARIANCE_PARAMETERS = {parameter.name: parameter for parameter in (SIGMA_E, NOISE_RATIO)}
+
 NUMERICS = Cause(
     "discretisation", "numerics", ("discretisation",),
     "the mesh or the time steps of the simulation are too coarse",
     "the same simulation on a finer mesh and with smaller steps",
 )  # fmt: skip
 """Scored along the finer-minus-working difference; its parameter is the missing share of it."""
+
+EVERY: tuple[Cause, ...] = (*LIBRARY, *COVARIANCE, NUMERICS)
+"""Every cause that can be scored."""
+NAMES: tuple[str, ...] = tuple(cause.name for cause in (*LIBRARY, *COVARIANCE))
+"""Names of the causes that can be asked for."""
 
 
 @dataclass(frozen=True)
@@ -231,6 +278,12 @@ class NotExamined:
 
     cause: str
     why: str
+
+
+_ABSENT = {
+    "fixed_pattern": "no flats show the pattern",
+    "hold_time_error": "the stage holds nowhere",
+}
 
 
 def not_examined(
@@ -255,7 +308,8 @@ def not_examined(
         refused = [name for name in cause.parameters if name not in solver]
         free = [name for name in cause.parameters if name in fitted]
         if absent:
-            left.append(NotExamined(cause.name, f"the specimen has no {absent[0]}"))
+            why = _ABSENT.get(absent[0], f"the specimen has no {absent[0]}")
+            left.append(NotExamined(cause.name, why))
         elif refused:
             left.append(NotExamined(cause.name, f"the solver cannot honour {refused[0]}"))
         elif free:

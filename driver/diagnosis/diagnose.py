@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,8 +10,32 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from driver.boundary import elongation_names, tilt_names
-from driver.diagnosis.causes import LIBRARY, NUMERICS, Cause, NotExamined, not_examined
+from driver.diagnosis.boundary_noise import (
+    Stops,
+    level_again,
+    refit_boundary_noise,
+    score_boundary_noise,
+    stops_where_they_pay,
+)
+from driver.diagnosis.causes import (
+    BOUNDARY_NOISE,
+    COVARIANCE,
+    EVERY,
+    NOISE_NOT_UNIFORM,
+    NOISE_RATIO,
+    NUMERICS,
+    SIGMA_E,
+    Cause,
+    NotExamined,
+    not_examined,
+)
 from driver.diagnosis.held_out import HeldOut, HeldOutTask, knots_of_cycle, predict_held_out
+from driver.diagnosis.image_noise import (
+    Unevenness,
+    examine_noise,
+    reweigh,
+    with_uneven_noise,
+)
 from driver.diagnosis.omnibus import FAMILY_LEVEL, Omnibus, omnibus
 from driver.diagnosis.refit import Refit, log_bayes_factor, refit_causes
 from driver.diagnosis.score import Score, cosine
@@ -95,6 +119,8 @@ class Diagnosis:
         log_evidence: log Bayes factor of the extended model against the baseline.
         not_examined: the causes that were not tried, and why.
         verdict: the answer.
+        levels: of each covariance cause that was added its level and the standard deviation of
+            it, by the name of its parameter.
     """
 
     baseline: Fit
@@ -108,6 +134,7 @@ class Diagnosis:
     log_evidence: float
     not_examined: tuple[NotExamined, ...]
     verdict: Verdict
+    levels: Mapping[str, tuple[float, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,20 +187,31 @@ def diagnose(
     left = not_examined(
         parameters_of_the_specimen(model), honoured(model), baseline.best.free, settings.wanted
     )
-    for one in left:
-        log(f"  {one.cause} is not examined: {one.why}")
     limited = settings.free_chi > IMAGING
     if limited:
         objective = _inflated(objective, settings.free_chi)
         baseline, wide = fit(objective, baseline.values, baseline.best.free, 5, log), None
+    levels: dict[str, tuple[float, float]] = {}
+    uneven = examine_noise(baseline.best, objective.data, settings.wanted)
+    if isinstance(uneven, NotExamined):
+        left += (uneven,)
+    elif uneven is not None and uneven.named:
+        log(f"the noise of the images is uneven, by a factor of {uneven.ratio:.2f}: re-weighted")
+        baseline, objective = reweigh(baseline, objective, uneven, settings.sizes, log)
+        levels[NOISE_RATIO.name], wide = (uneven.ratio, uneven.sigma), None
+    stops = stops_where_they_pay(baseline.best, objective, settings.wanted)
+    left += () if stops.why is None else (stops.why,)
+    for one in left:
+        log(f"  {one.cause} is not examined: {one.why}")
     here = baseline
+    gained = 0.0  # by covariance causes, whose evidence a common covariance does not show
     steps: list[Step] = []
     causes: list[Cause] = []
     current = objective
     accepted = False
     while True:
         log(f"screening at χ_F {here.best.chi_load:.2f}, χ of images {here.best.chi_image:.3f}")
-        step, winner = _round(here, current, causes, settings, wide, log)
+        step, winner = _round(here, current, causes, settings, stops, wide, log)
         wide = None
         steps.append(step)
         accepted = step.omnibus.accepted
@@ -190,16 +228,25 @@ def diagnose(
             noise = max(noise, settings.free_chi)
         current = with_correction(winner.objective, noise, change, settings.sizes)
         here = fit(current, winner.fit.values, winner.fit.best.free, POLISH, log)
+        levels |= winner.levels
+        gained += winner.log_evidence if winner.levels else 0.0
+        if BOUNDARY_NOISE in causes[:-1] and stops.effect is not None:
+            here, current, again = level_again(here, current, stops.effect, POLISH, log)
+            levels = {n: level for n, level in levels.items() if n != SIGMA_E.name} | again
+            if not again:
+                causes, gained = [c for c in causes if c is not BOUNDARY_NOISE], 0.0
         here, current, causes = _eliminate(here, current, causes, log)
+    if isinstance(uneven, Unevenness):
+        scores = sorted((*steps[0].scores, uneven.score), key=lambda s: -s.log_evidence)
+        steps[0] = replace(steps[0], scores=tuple(scores))
     tasks: list[_Refresh | HeldOutTask] = [_Refresh(model, finer, here)]
     tasks += _held_out_tasks(objective, current, baseline, here, cycles, settings)
     log("the correction once more, and the held-out cycle predicted from the others")
     ends = side_by_side(_run, tasks, settings.processes, settings.threads)
     fresh = next(end for end in ends if isinstance(end, Correction))
     held = [end for end in ends if isinstance(end, HeldOut)]
-    gate = _gate(
-        current, here.best, fresh, steps[-1].scores, [n for c in causes for n in c.parameters]
-    )
+    fitted = [n for c in causes for n in c.parameters if c not in COVARIANCE]
+    gate = _gate(current, here.best, fresh, steps[-1].scores, fitted)
     log(f"  change of the simulation's own error: {gate.effect:.2f} σ along {gate.cause}")
     numerics = None
     if not gate.passed:
@@ -211,14 +258,21 @@ def diagnose(
     before = replace(objective, data=current.data).compare(
         baseline.best.prediction, baseline.values, baseline.best.free
     )
-    added = [name for cause in causes for name in (*cause.parameters, *cause.companions)]
+    # The excess is that of before a noise was counted.
+    data = replace(current.data, jitter=objective.data.jitter)
+    bare = replace(objective, data=data).compare(
+        baseline.best.prediction, baseline.values, baseline.best.free
+    )
+    added = [n for c in causes for n in (*c.parameters, *c.companions) if c not in COVARIANCE]
     groups = [step.named for step in steps if step.named and step.named[0] in _names(causes)]
-    every = (*LIBRARY, NUMERICS)
     verdict = decide(
         groups, accepted, limited, numerics,
-        {cause.name: cause.sentence for cause in every},
-        {cause.name: cause.check for cause in every},
+        {cause.name: cause.sentence for cause in EVERY},
+        {cause.name: cause.check for cause in EVERY},
     )  # fmt: skip
+    if NOISE_RATIO.name in levels:
+        verdict = with_uneven_noise(verdict)
+        causes = [NOISE_NOT_UNIFORM, *causes]
     return Diagnosis(
         baseline=baseline,
         extended=here,
@@ -227,10 +281,11 @@ def diagnose(
         causes=tuple(causes),
         gate=gate,
         held_out=(held[0], held[-1]) if held else None,
-        explained=_explained(before, here.best) if causes else float("nan"),
-        log_evidence=log_bayes_factor(before, here.best, current, added),
+        explained=_explained(bare, here.best) if groups else float("nan"),
+        log_evidence=gained + log_bayes_factor(before, here.best, current, added),
         not_examined=left,
         verdict=verdict,
+        levels=levels,
     )
 
 
@@ -249,6 +304,7 @@ def _round(
     objective: Objective,
     added: Sequence[Cause],
     settings: Settings,
+    stops: Stops,
     wide: Evaluation | None,
     log: Log,
 ) -> tuple[Step, Refit | None]:
@@ -256,6 +312,10 @@ def _round(
     candidates, names = screened(objective.model, here.best.free, settings.wanted)
     screening = wide if wide is not None else objective.evaluate(here.values, names)
     scores = screen(here, objective, candidates, screening)
+    if stops.effect is not None and objective.data.jitter is None:
+        family = len(scores) + 1
+        scores.append(score_boundary_noise(stops.effect, here.best, objective, family))
+        scores.sort(key=lambda s: -s.log_evidence)
     tests = omnibus(here.best, objective.data)
     significant = [s for s in scores if s.p < FAMILY_LEVEL and s.cause.name != NUMERICS.name]
     chosen = significant[: settings.refit]
@@ -264,9 +324,12 @@ def _round(
     refits: list[Refit] = []
     if chosen and len(added) < MOST_ADDITIONS:
         log(f"refitting {', '.join(s.cause.name for s in chosen)}")
+        material = [s for s in chosen if s.cause not in COVARIANCE]
         refits = refit_causes(
-            chosen, screening, here.best, objective, settings.processes, settings.threads, log
+            material, screening, here.best, objective, settings.processes, settings.threads, log
         )
+        if len(material) < len(chosen) and stops.effect is not None:
+            refits.append(refit_boundary_noise(stops.effect, here.best, objective, log))
         refits.sort(key=lambda r: -r.log_evidence)
     winner = refits[0] if refits and refits[0].log_evidence > 0 else None
     named: tuple[str, ...] = ()
@@ -310,6 +373,8 @@ def _eliminate(
     """Drop an earlier cause that the later ones have made superfluous (Wald test)."""
     null = objective.model.null_values()
     for cause in causes[:-1]:
+        if cause in COVARIANCE:
+            continue
         rows = [here.best.free.index(name) for name in cause.parameters]
         theta = np.array(
             [objective.parameters[n].theta(here.values[n], null[n]) for n in cause.parameters]

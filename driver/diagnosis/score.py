@@ -43,7 +43,7 @@ class Score:
         sigma: their standard deviations in prior scales, shape (k,).
         visible: smallest magnitude that would have been seen, in prior scales, infinite where
             none would, shape (k,).
-        directions: orthonormal projected sensitivities, shape (degrees, n).
+        directions: orthonormal projected sensitivities, shape (degrees, n); none of a noise.
     """
 
     cause: Cause
@@ -110,9 +110,14 @@ def score(
     )
 
 
+def undetectable(found: Score) -> str | None:
+    """Why a cause would not have been seen whatever its size, None if it would have been."""
+    return None if np.isfinite(found.visible).any() else found.cause.unseen
+
+
 def cosine(first: Score, second: Score) -> float:
     """Cosine of the smallest angle between what two causes do to the data."""
-    if not first.degrees or not second.degrees:
+    if not first.directions.size or not second.directions.size:
         return 0.0
     one = np.linalg.qr(first.directions.T)[0]
     two = np.linalg.qr(second.directions.T)[0]
