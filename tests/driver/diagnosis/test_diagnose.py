@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.diagnosis.causes import LIBRARY, NUMERICS
+from driver.diagnosis.causes import EVERY, NUMERICS
 from driver.diagnosis.diagnose import Diagnosis, Settings, diagnose
 from driver.diagnosis.score import undetectable
 from driver.identification.fit import fit
@@ -68,7 +68,7 @@ def test_every_cause_has_its_score_and_the_smallest_effect_that_would_have_been_
     left = {f"lattice_gradient_grain{grain}" for grain in (1, 2)}
     left |= {"boundary_noise", "fixed_pattern"}
     assert {one.cause for one in null().not_examined} == left
-    assert set(scores) == {cause.name for cause in (*LIBRARY, NUMERICS)} - left
+    assert set(scores) == {cause.name for cause in EVERY} - left
     evidence = [s.log_evidence for s in step.scores]
     assert evidence == sorted(evidence, reverse=True)
     # This solver does not know how the grain boundary is tilted.
