@@ -10,11 +10,13 @@ from typing import Any
 
 import h5py
 import numpy as np
+import tifffile
 
 from driver.boundary import LAMBDAS
 from driver.case import Case, CaseError, schema_text, write_case
 from driver.design.telling import Telling, advice, most_telling
 from driver.diagnosis.diagnose import diagnose
+from driver.diagnosis.noise_causes import COVARIANCE, COVARIANCE_PARAMETERS, NOISE_RATIO, SIGMA_E
 from driver.diagnosis.omnibus import Omnibus
 from driver.diagnosis.outcome import Diagnosis, Settings, Step
 from driver.diagnosis.own_causes import own_causes
@@ -22,6 +24,7 @@ from driver.diagnosis.score import Score
 from driver.diagnosis.screening import screened
 from driver.diagnosis.visible import not_seen
 from driver.errors import InputError, sentence
+from driver.experiment import as_in_files
 from driver.identification.fit import Evaluation, Fit
 from driver.identified_record import IDENTIFY, value_told
 from driver.identify_stage import (
@@ -38,6 +41,7 @@ from solver_adapters.interface import SolverError
 from solver_adapters.material import MATERIAL_PARAMETERS
 
 DIAGNOSIS, DIAGNOSIS_H5, EXTENDED = "diagnosis.json", "diagnosis.h5", "extended.toml"
+NOISE_MAP = "noise_map.tif"
 SCHEMA = "case.schema.json"  # the name by which every case file knows its schema
 
 
@@ -79,6 +83,8 @@ def run_diagnose(context: StageContext) -> None:
     context.log(f"verdict: {found.verdict.kind}. {found.verdict.text}")
     for name in added_parameters(found):
         context.log(f"  {value_told(name, found.extended, objective.parameters)}")
+    for name, (level, sigma) in found.levels.items():
+        context.log(f"  {name} = {level:.4g} ± {sigma:.2g} {COVARIANCE_PARAMETERS[name].unit}")
     if found.held_out is not None:
         before, after = found.held_out
         context.log(
@@ -98,6 +104,8 @@ def run_diagnose(context: StageContext) -> None:
         found.extended, bench, "after"
     )
     write_hdf5(context.workdir / DIAGNOSIS_H5, arrays)
+    if NOISE_RATIO.name in found.levels:
+        write_noise_map(case, found, context.workdir / NOISE_MAP)
     write_case(extended_case(case, found), context.workdir / EXTENDED)
     (context.workdir / SCHEMA).write_text(schema_text(), encoding="utf-8")
 
@@ -122,8 +130,9 @@ def _telling(found: Diagnosis, context: StageContext, bench: Workbench) -> tuple
 
 
 def added_parameters(found: Diagnosis) -> tuple[str, ...]:
-    """Names of the parameters that the extension freed."""
-    return tuple(n for cause in found.causes for n in (*cause.parameters, *cause.companions))
+    """Names of the parameters of the general model that the extension freed."""
+    freed = [cause for cause in found.causes if cause not in COVARIANCE]
+    return tuple(n for cause in freed for n in (*cause.parameters, *cause.companions))
 
 
 def extended_case(case: Case, found: Diagnosis) -> Case:
@@ -148,22 +157,37 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     images = case.images
     moved = {
         key: _from_results(getattr(images, key))
-        for key in ("frames", "flats", "repeats", "mask")
+        for key in ("frames", "flats", "repeats", "mask", "noise_map")
         if getattr(images, key) is not None
     }
+    if NOISE_RATIO.name in found.levels:
+        moved["noise_map"] = NOISE_MAP
     history = case.history.model_copy(update={"file": _from_results(case.history.file)})
-    lambda_start = case.boundary.lambda_start.model_copy(update=lambdas)
+    boundary: dict[str, Any] = {
+        "lambda_start": case.boundary.lambda_start.model_copy(update=lambdas)
+    }
+    if SIGMA_E.name in found.levels:
+        boundary["jitter_nm"] = 1e3 * found.levels[SIGMA_E.name][0]
     files = tuple(_from_results(name) for name in case.diagnosis.cause_files)
     return case.model_copy(
         update={
             "material": case.material.model_copy(update=constants),
-            "boundary": case.boundary.model_copy(update={"lambda_start": lambda_start}),
+            "boundary": case.boundary.model_copy(update=boundary),
             "extensions": freed,
             "images": images.model_copy(update=moved),
             "history": history,
             "diagnosis": case.diagnosis.model_copy(update={"cause_files": files}),
         }
     )
+
+
+def write_noise_map(case: Case, found: Diagnosis, path: Path) -> None:
+    """The noise that was found at each pixel, over its mean, as an image like those of the case."""
+    image = found.objective.data.image
+    noise = np.ones((1, *image.images.shape))
+    if image.variance is not None:
+        noise[0, image.images.rows, image.images.cols] = np.sqrt(image.variance)
+    tifffile.imwrite(path, as_in_files(case.images, noise)[0].astype(np.float32))
 
 
 def _from_results(name: str) -> str:
@@ -175,6 +199,10 @@ def diagnosis_record(
 ) -> dict[str, Any]:
     """What `diagnosis.json` holds."""
     parameters = bench.objective.parameters
+    added = {
+        name: {"value": level, "sigma": sigma, "unit": COVARIANCE_PARAMETERS[name].unit}
+        for name, (level, sigma) in found.levels.items()
+    }
 
     def fitted(fit_: Fit) -> dict[str, dict[str, Any]]:
         return {
@@ -211,7 +239,7 @@ def diagnosis_record(
         "causes": list(found.verdict.causes),
         "text": found.verdict.text,
         "next": found.verdict.next,
-        "added": {n: fitted(after)[n] for n in added_parameters(found)},
+        "added": {n: fitted(after)[n] for n in added_parameters(found)} | added,
         "gain": gain,
         "numerics": {
             "effect_sigma": found.gate.effect,
@@ -237,7 +265,7 @@ def diagnosis_record(
 
 def _not_found(found: Diagnosis, bench: Workbench) -> dict[str, str]:
     """Each cause that the last round tried and did not find: what would have been seen of it."""
-    parameters = bench.objective.parameters
+    parameters = {**bench.objective.parameters, **COVARIANCE_PARAMETERS}
     named = set(found.verdict.causes)
     return {
         s.cause.name: not_seen(s, parameters)
@@ -248,19 +276,23 @@ def _not_found(found: Diagnosis, bench: Workbench) -> dict[str, str]:
 
 def _step_record(step: Step, bench: Workbench) -> dict[str, Any]:
     refits = {refit.cause.name: refit for refit in step.refits}
-    parameters = bench.objective.parameters
+    parameters = {**bench.objective.parameters, **COVARIANCE_PARAMETERS}
 
     def refitted(name: str) -> dict[str, Any] | None:
         if name not in refits:
             return None
         fit_, cause = refits[name].fit, refits[name].cause
         best: Evaluation = fit_.best
+        found = refits[name].levels or {
+            n: (fit_.values[n], fit_.sigma(n, parameters))
+            for n in (*cause.parameters, *cause.companions)
+        }
         return {
             "log_evidence": refits[name].log_evidence,
             "chi_load": best.chi_load,
             "chi_image": best.chi_image,
-            "values": {n: fit_.values[n] for n in (*cause.parameters, *cause.companions)},
-            "sigma": {n: fit_.sigma(n, parameters) for n in (*cause.parameters, *cause.companions)},
+            "values": {n: value for n, (value, _) in found.items()},
+            "sigma": {n: sigma for n, (_, sigma) in found.items()},
         }
 
     def scored(s: Score) -> dict[str, Any]:

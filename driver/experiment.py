@@ -50,6 +50,7 @@ class Experiment:
         gamma_f: nominal standard deviation of the height noise [µm].
         gamma_F: standard deviation of the load noise at the specimen [µN].
         clipped: number of pixels of `frames` at the largest level of their type.
+        noise_map: noise of each pixel, on any scale, shape (rows, columns), or None for even noise.
     """
 
     frames: FloatArray
@@ -63,6 +64,7 @@ class Experiment:
     gamma_f: float
     gamma_F: float
     clipped: int = 0
+    noise_map: FloatArray | None = None
 
 
 def history_of(case: Case) -> History:
@@ -96,6 +98,7 @@ def read_experiment(case: Case) -> Experiment:
     flats = attempt(lambda: _optional(case, "flats", frames))
     repeats = attempt(lambda: _optional(case, "repeats", frames))
     mask = attempt(lambda: _mask(case, frames))
+    noise_map = attempt(lambda: _noise_map(case, frames))
     if problems or history is None or frames is None:
         raise ExperimentError("\n".join(problems))
     return Experiment(
@@ -110,6 +113,7 @@ def read_experiment(case: Case) -> Experiment:
         gamma_f=images.gamma_f,
         gamma_F=case.loads.gamma_F,
         clipped=_clipped(frames),
+        noise_map=noise_map,
     )
 
 
@@ -200,6 +204,24 @@ def arrange(images: Images, stack: NDArray[Scalar]) -> NDArray[Scalar]:
     return np.ascontiguousarray(stack)
 
 
+def as_in_files(images: Images, stack: NDArray[Scalar]) -> NDArray[Scalar]:
+    """A stack with its rows along +X and its columns along +Y, as the files have it.
+
+    Args:
+        images: how the files lie on the specimen.
+        stack: as `arrange` returns it.
+    """
+    along_x, along_y = images.rows_along, images.columns_along
+    swapped = along_x[1] == "Y"
+    if swapped:
+        along_x, along_y = along_y, along_x
+    if along_x[0] == "-":
+        stack = stack[:, ::-1]
+    if along_y[0] == "-":
+        stack = stack[:, :, ::-1]
+    return np.ascontiguousarray(stack.swapaxes(1, 2) if swapped else stack)
+
+
 def origin(images: Images, size: tuple[int, int]) -> tuple[float, float]:
     """The pixel of X = 0, Y = 0 once the rows run along +X and the columns along +Y.
 
@@ -282,6 +304,20 @@ def _mask(case: Case, frames: Stack | None) -> Stack | None:
     if not _used(stack).any():
         raise _error(case, "mask", "0 at every pixel", "another number where pixels are used")
     return stack
+
+
+def _noise_map(case: Case, frames: Stack | None) -> FloatArray | None:
+    """The noise of each pixel, in the arrangement of the specimen."""
+    if case.images.noise_map is None:
+        return None
+    stack = _stack(case, "noise_map", case.images.noise_map, frames)
+    if len(stack.levels) != 1:
+        raise _error(case, "noise_map", f"{len(stack.levels)} images", "one")
+    noise = stack.levels[0].astype(np.float64)
+    if not np.all(noise > 0):
+        least = f"the value {np.nanmin(noise):.3g}" if np.isfinite(noise).any() else "no number"
+        raise _error(case, "noise_map", least, "a number above 0 at every pixel")
+    return arrange(case.images, noise[None])[0]
 
 
 def _used(mask: Stack) -> BoolArray:

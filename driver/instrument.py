@@ -29,6 +29,7 @@ LOAD_DECLARATIONS: tuple[Parameter, ...] = (
 )
 IMAGE_DECLARATIONS: tuple[Parameter, ...] = (
     Parameter("height_scale", "", 0.0, 0.03, -0.5, 0.5),
+    Parameter("height_drift", "µm", 0.0, 5e-3, -1.0, 1.0),
     Parameter("magnification_drift", "", 0.0, 5e-4, -0.05, 0.05),
     Parameter("scan_shear_drift", "", 0.0, 5e-4, -0.05, 0.05),
     Parameter("tilt_drift", "", 0.0, 5e-4, -0.05, 0.05),
@@ -78,7 +79,7 @@ class Instrument:
         """Motion that the images show [µm], shape (T, n, 3)."""
         seen = motion.copy()
         seen[..., 2] *= 1 + values["height_scale"]
-        for name in ("magnification_drift", "scan_shear_drift", "tilt_drift"):
+        for name in ("height_drift", "magnification_drift", "scan_shear_drift", "tilt_drift"):
             if values[name] != 0.0:
                 seen += values[name] * self._pattern(name)
         return seen
@@ -119,6 +120,8 @@ class Instrument:
             field[:, :2] = offset
         elif name == "scan_shear_drift":
             field[:, 0] = offset[:, 1]
+        elif name == "height_drift":
+            field[:, 2] = 1.0
         else:
             field[:, 2] = offset[:, 0]
         return np.asarray(self.progress[:, None, None] * field)

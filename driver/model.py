@@ -14,6 +14,8 @@ from driver.boundary import (
     BoundaryMotion,
     knot_declarations,
 )
+from driver.fixed_pattern import PATTERN_DECLARATIONS
+from driver.hold_time import HOLD, HOLD_DECLARATIONS, STEP, holds, with_holds
 from driver.instrument import IMAGE_DECLARATIONS, LOAD_DECLARATIONS, Instrument
 from driver.load_clock import load_at
 from driver.microstructure import (
@@ -55,11 +57,13 @@ def declared_parameters(n_knots: int, material: Material = _OF_THE_PAPER) -> dic
         *declarations_at(material),
         *BOUNDARY_DECLARATIONS,
         *knot_declarations(n_knots),
+        *HOLD_DECLARATIONS,
         *GEOMETRY_DECLARATIONS,
         *ORIENTATION_DECLARATIONS,
         *LATTICE_DECLARATIONS,
         *LOAD_DECLARATIONS,
         *IMAGE_DECLARATIONS,
+        *PATTERN_DECLARATIONS,
         *POSE_DECLARATIONS,
         *(term.parameter for term in installed_terms()),
     )
@@ -80,6 +84,8 @@ class Prediction:
             pixels: derivative of the motion at the pixels by index of the parameter,
             each of shape (T, n_pix, 3).
         look: operators from the nodes to the pixels.
+        rise: by how much the surface seems to rise at the pixels besides [µm], shape (T, n_pix),
+            or 0.
         response: statistics and raw fields of the solver.
     """
 
@@ -90,6 +96,7 @@ class Prediction:
     carried: Mapping[int, FloatArray]
     look: Look
     response: Response
+    rise: FloatArray | float = 0.0
 
     def restrict(self, rows: Sequence[int]) -> Prediction:
         """The prediction with the derivatives of some of its parameters, in the given order."""
@@ -111,7 +118,9 @@ class Prediction:
     @property
     def motion(self) -> FloatArray:
         """Motion at the pixels [µm], shape (T, n_pix, 3)."""
-        return apply(self.look.value, self.surface)
+        motion = apply(self.look.value, self.surface)
+        motion[..., 2] += self.rise
+        return motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +141,8 @@ class ForwardModel:
         accuracy: error of the force that a time step may make [µN], or None for steps as given.
         view: where the pixels are on the face.
         workspace: where the solver keeps files of its runs, or None.
+        pattern: by how much the pattern of the flats would make the surface rise at the pixels
+            were it left in the images [µm], shape (T, n_pix), or None where it is not known.
     """
 
     material: Material
@@ -147,6 +158,7 @@ class ForwardModel:
     accuracy: float | None
     view: SurfaceView
     workspace: Path | None = None
+    pattern: FloatArray | None = None
 
     @property
     def parameters(self) -> dict[str, Parameter]:
@@ -164,14 +176,16 @@ class ForwardModel:
             mesh=self.microstructure.moved_mesh(values),
             material=with_parameters(self.material, values),
             orientations=self.microstructure.rotated(values),
-            times=self.times,
+            times=self.clock(values),
             motion_nodes=self.boundary.nodes,
             motion_mask=self.boundary.mask,
             motion=self.boundary.evaluate(values),
             output=self._rows(values, free),
             output_nodes=self.surface_nodes,
             lattice_gradient=self.microstructure.lattice_gradient(values),
-            directions=tuple(self._direction(values, n) for n in free if self.simulated(n)),
+            directions=tuple(
+                self._direction(values, n) for n in free if self.simulated(n) and n != HOLD
+            ),
             integration=self.integration,
             steps_per_interval=self.steps_per_interval,
             accuracy=self.accuracy,
@@ -183,14 +197,45 @@ class ForwardModel:
         free: Sequence[str] = (),
         progress: Callable[[Progress], None] | None = None,
     ) -> Prediction:
-        """Simulate and observe.
+        """Simulate and observe; with the length of the holds free a second simulation is made.
 
         Raises:
             SolverError: the simulation could not be finished.
             ValueError: a geometric parameter turns a cell inside out.
         """
-        response = self.adapter.solve(self.simulation(values, free), self.workspace, progress)
+        simulation = self.simulation(values, free)
+        response = self.adapter.solve(simulation, self.workspace, progress)
+        if HOLD in free:
+            response = self._with_longer_holds(simulation, response, values, free)
         return self.observe(response, values, free)
+
+    def clock(self, values: Values) -> FloatArray:
+        """The instants of the history [s], shape (n_times,)."""
+        return with_holds(self.times, holds(self.boundary.weights), values[HOLD])
+
+    def _with_longer_holds(
+        self, simulation: Simulation, response: Response, values: Values, free: Sequence[str]
+    ) -> Response:
+        """The response with the derivative for the length of the holds in its place.
+
+        The second simulation takes the steps of the first one: other steps have other errors.
+        """
+        times = self.clock({**values, HOLD: values[HOLD] + STEP})
+        later = replace(simulation, times=times, directions=())
+        if response.ends.size:
+            ends = np.interp(response.ends, simulation.times, times)
+            later = replace(later, steps=ends, accuracy=None)
+        longer = self.adapter.solve(later, self.workspace)
+        row = [name for name in free if self.simulated(name)].index(HOLD)
+        slopes = (longer.displacement - response.displacement, longer.force - response.force)
+        before = (response.d_displacement, response.d_force)
+        if not simulation.directions:
+            before = (np.empty((0, *slopes[0].shape)), np.empty((0, *slopes[1].shape)))
+        d_displacement, d_force = (
+            np.insert(known, row, slope / STEP, axis=0)
+            for known, slope in zip(before, slopes, strict=True)
+        )
+        return replace(response, d_displacement=d_displacement, d_force=d_force)
 
     def observe(self, response: Response, values: Values, free: Sequence[str]) -> Prediction:
         """What the instruments make of the response to `simulation(values, free)`."""
@@ -206,7 +251,7 @@ class ForwardModel:
                 d_surface[index, ..., 2] *= 1 + values["height_scale"]
                 d_load[index] = self.instrument.reading_rate(force, d_force[row], values)
                 row += 1
-            elif name in _POSE_NAMES:
+            elif name in _PIXEL_NAMES:
                 continue
             elif name in self._load_names:
                 d_load[index] = self.instrument.reading_derivative(name, force, rate, values)
@@ -223,6 +268,7 @@ class ForwardModel:
             carried=self._carried(surface, look, free),
             look=look,
             response=response,
+            rise=0.0 if self.pattern is None else values["fixed_pattern"] * self.pattern,
         )
 
     def _rows(self, values: Values, free: Sequence[str]) -> IntArray:
@@ -235,9 +281,10 @@ class ForwardModel:
         """Force [µN], its rate [µN/s] and its derivatives when the load of each image is read."""
         if not _lagging(values, free):
             return response.force, np.zeros_like(response.force), response.d_force
-        at = self.times[self.image_row] + values["load_lag"]
-        force, rate = load_at(self.times, response.force, at)
-        return force, rate, load_at(self.times, response.d_force, at)[0]
+        times = self.clock(values)
+        at = times[self.image_row] + values["load_lag"]
+        force, rate = load_at(times, response.force, at)
+        return force, rate, load_at(times, response.d_force, at)[0]
 
     def _carried(
         self, surface: FloatArray, look: Look, free: Sequence[str]
@@ -248,6 +295,9 @@ class ForwardModel:
             if name in _POSE_NAMES:
                 slope = look.slope_X if name == "origin_X" else look.slope_Y
                 carried[index] = apply(slope, surface)
+            elif name in _PATTERN_NAMES and self.pattern is not None:
+                carried[index] = np.zeros((*self.pattern.shape, 3))
+                carried[index][..., 2] = self.pattern
             elif name in self.microstructure.velocities:
                 flow = look.value @ self.microstructure.velocities[name][self.surface_nodes, :2]
                 if np.any(flow):
@@ -257,7 +307,7 @@ class ForwardModel:
 
     def simulated(self, name: str) -> bool:
         """Whether a parameter enters the simulation (and not only the observation)."""
-        return name not in self._load_names | _IMAGE_NAMES | _POSE_NAMES
+        return name not in self._load_names | _IMAGE_NAMES | _PIXEL_NAMES
 
     @property
     def _load_names(self) -> frozenset[str]:
@@ -286,3 +336,5 @@ def _lagging(values: Values, free: Sequence[str]) -> bool:
 _LOAD_NAMES = frozenset(p.name for p in LOAD_DECLARATIONS)
 _IMAGE_NAMES = frozenset(p.name for p in IMAGE_DECLARATIONS)
 _POSE_NAMES = frozenset(p.name for p in POSE_DECLARATIONS)
+_PATTERN_NAMES = frozenset(p.name for p in PATTERN_DECLARATIONS)
+_PIXEL_NAMES = _POSE_NAMES | _PATTERN_NAMES

@@ -100,7 +100,8 @@ def measured_files(case: Case) -> tuple[Path, ...]:
     if not case.with_images:
         return (case.path(case.history.file),)
     names = (
-        images.frames, images.flats, images.repeats, images.mask, case.history.file,
+        images.frames, images.flats, images.repeats, images.mask, images.noise_map,
+        case.history.file,
         *(mesh for mesh in (dic.mesh, dic.height_mesh) if mesh != "trace"),
     )  # fmt: skip
     return tuple(Path(split_dataset(case.path(name))[0]) for name in names if name is not None)

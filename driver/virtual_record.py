@@ -179,6 +179,7 @@ def _stated(case: Case, settings: Virtual, lens: _Lens) -> Case:
     images = case.images.model_copy(
         update={
             "frames": "images.tif", "flats": "flats.tif", "repeats": "repeats.tif", "mask": None,
+            "noise_map": None,
             "height_per_level_nm": _level(case, settings), "origin_pixel": lens.origin,
             "rows_along": "+X", "columns_along": "+Y", "heights": "+Z",
         }

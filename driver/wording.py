@@ -40,9 +40,14 @@ _LABELS = {
     "load_drift": "load drift over the test",
     "load_lag": "lag of the load behind the image",
     "height_scale": "error of the height scale",
+    "hold_time_error": "holds longer than stamped by",
+    "fixed_pattern": "share of the flat pattern left",
+    "height_drift": "drift of the heights",
     "magnification_drift": "drift of magnification",
     "scan_shear_drift": "drift of the shear of the field",
     "tilt_drift": "drift of the tilt of the field",
+    "sigma_e": "σ_e, noise of the elongation",
+    "noise_ratio": "σ of noisy pixels / σ of quiet ones",
     "discretisation": "share of the finer-minus-working difference",
 }
 _CAUSES = {
@@ -50,6 +55,7 @@ _CAUSES = {
     "misorientation_grain1": "misorientation of grain 1",
     "misorientation_grain2": "misorientation of grain 2",
     "ebsd_frame": "EBSD frame",
+    "boundary_noise": "noise of the boundary motion",
     "boundary_position": "position of the grain boundary",
     "boundary_tilt": "tilt of the grain boundary",
     "boundary_bow": "bow of the grain boundary",
@@ -125,7 +131,7 @@ def reading_unit(name: str, unit: str) -> tuple[float, str]:
         return _DEGREE, "°"
     if unit == "rad/µm":
         return _DEGREE, "°/µm"
-    if re.fullmatch(r"(elongation|tilt)_\d+|origin_[XY]", name):
+    if re.fullmatch(r"(elongation|tilt)_\d+|origin_[XY]|sigma_e|height_drift", name):
         return 1e3, "nm"
     if name == "c":
         return 1e-3, "GPa"

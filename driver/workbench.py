@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +14,12 @@ from driver.case import Case
 from driver.dic.series import basis_on
 from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.experiment import Experiment, read_experiment
-from driver.identification.data import Data, build_image_data
+from driver.fixed_pattern import apparent_rise
+from driver.identification.data import Data, build_image_data, reweighted
 from driver.identification.fit import Objective
 from driver.identification.priors import Prior, prior_of, widths
 from driver.identification.procedure import Plan, start_values
+from driver.images.flatfield import flat_pattern
 from driver.model import ForwardModel
 from driver.specimen import adapter_of, build_model, correlation_meshes, surface_images
 from driver.surface_view import POSE_DECLARATIONS
@@ -73,6 +75,8 @@ class Seen:
         elongation: measured v(S+) − v(S−) of each image [µm], shape (T,).
         tilt: measured w(S+) − w(S−) of each image [µm], shape (T,).
         left_out: frames whose images are not fitted.
+        rise: what the pattern of the flats, left in the images, would do to them, as
+            `apparent_rise` gives it [µm], shape (T, n_pix), or None without flats.
     """
 
     experiment: Experiment
@@ -81,6 +85,7 @@ class Seen:
     elongation: FloatArray
     tilt: FloatArray
     left_out: tuple[int, ...] = ()
+    rise: FloatArray | None = None
 
 
 def seen_by_correlation(
@@ -101,7 +106,10 @@ def seen_by_correlation(
     """
     experiment = read_experiment(case)
     images = refine_gradient(surface_images(case, experiment), motion)
-    return Seen(experiment, images, motion.mean(axis=1), elongation, tilt, left_out)
+    rise = None
+    if experiment.flats is not None:
+        rise = apparent_rise(flat_pattern(experiment.flats).pattern, images, motion)
+    return Seen(experiment, images, motion.mean(axis=1), elongation, tilt, left_out, rise)
 
 
 def build_workbench(
@@ -132,7 +140,9 @@ def build_workbench(
     jobs = None if case.solver.name == BUNDLED else jobs
     steps, fine_steps = case.solver.steps_per_interval, case.solver.fine_steps_per_interval
     working = build_model(case, mesh, history, images.xy, adapter, steps, jobs)
+    working = replace(working, pattern=seen.rise)
     finer = build_model(case, fine_mesh, history, images.xy, adapter, fine_steps, jobs)
+    finer = replace(finer, pattern=seen.rise)
     pixel = case.images.pixel_um
     mesh_uv, mesh_w = correlation_meshes(case)
     image_data = build_image_data(
@@ -142,6 +152,8 @@ def build_workbench(
         seen.mean_motion,
         case.boundary.gauge,
     )
+    if experiment.noise_map is not None:
+        image_data = reweighted(image_data, experiment.noise_map[images.rows, images.cols] ** 2)
     data = Data(
         image_data,
         experiment.force,

@@ -44,6 +44,9 @@ class Images(Table):
     mask: str | None = Field(
         default=None, description="an image that is 0 where pixels are not used"
     )
+    noise_map: str | None = Field(
+        default=None, description="an image of the noise of each pixel, on any scale above 0"
+    )
     rim_px: NonNegative = Field(
         default=1.0, description="width of the rim inside the face that is not used, pixels"
     )

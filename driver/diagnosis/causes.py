@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,6 +18,7 @@ class Cause:
         parameters: the parameters that leave their null, one or more.
         companions: parameters that exist only under the alternative and are freed in the refit.
         one_sided: whether the (single) parameter can only be above its null.
+        unseen: why the data leave no trace of it, where they leave none.
         sentence: what a person would say.
         check: the physical check that would confirm it.
     """
@@ -30,6 +30,7 @@ class Cause:
     check: str
     companions: tuple[str, ...] = ()
     one_sided: bool = False
+    unseen: str = "it does nothing to the data that the fitted parameters do not do"
 
 
 def _axes(what: str) -> tuple[str, ...]:
@@ -89,6 +90,11 @@ LIBRARY: tuple[Cause, ...] = (
         "rate_sensitivity", "material", ("n", "K"),
         "the flow stress depends on the rate otherwise than assumed",
         "a jump of the stage speed, or a longer hold, in the plastic range",
+    ),
+    Cause(
+        "hold_time", "material", ("hold_time_error",),
+        "the holds last longer or shorter than stamped, and the load relaxes for as long",
+        "the log of the stage controller beside the time stamps of the images",
     ),
     Cause(
         "elastic_stiffness", "material", ("elastic_scale",),
@@ -196,6 +202,17 @@ LIBRARY: tuple[Cause, ...] = (
         "a step-height standard under the same optics",
     ),
     Cause(
+        "fixed_pattern", "instrument", ("fixed_pattern",),
+        "a part of the flat pattern is left in the images",
+        "images of the flat anew, under the optics and at the place of the test",
+    ),
+    Cause(
+        "height_drift", "instrument", ("height_drift",),
+        "the heights drift with time",
+        "a mark on the die beside the specimen, in the same images",
+        unseen="the stage refocuses, so that the mean height of every image is free",
+    ),
+    Cause(
         "magnification_drift", "instrument", ("magnification_drift",),
         "the magnification drifts with time",
         "images of an unloaded surface over the same time",
@@ -218,71 +235,3 @@ NUMERICS = Cause(
     "the same simulation on a finer mesh and with smaller steps",
 )  # fmt: skip
 """Scored along the finer-minus-working difference; its parameter is the missing share of it."""
-
-
-@dataclass(frozen=True)
-class NotExamined:
-    """A cause that was asked for and not tried.
-
-    Attributes:
-        cause: its name.
-        why: the reason, as the end of a sentence.
-    """
-
-    cause: str
-    why: str
-
-
-def not_examined(
-    specimen: Collection[str],
-    solver: Collection[str],
-    fitted: Collection[str],
-    wanted: Sequence[str] | None,
-    own: Sequence[Cause] = (),
-) -> tuple[NotExamined, ...]:
-    """The causes that are not tried, each with its reason.
-
-    Args:
-        specimen: parameters of the general model that this specimen has.
-        solver: those that its solver can honour.
-        fitted: parameters that are fitted in the baseline.
-        wanted: names of the causes to try, None for all.
-        own: causes beside the library.
-    """
-    left: list[NotExamined] = []
-    for cause in (*LIBRARY, *own):
-        if wanted is not None and cause.name not in wanted:
-            continue
-        absent = [name for name in cause.parameters if name not in specimen]
-        refused = [name for name in cause.parameters if name not in solver]
-        free = [name for name in cause.parameters if name in fitted]
-        if absent:
-            left.append(NotExamined(cause.name, f"the specimen has no {absent[0]}"))
-        elif refused:
-            left.append(NotExamined(cause.name, f"the solver cannot honour {refused[0]}"))
-        elif free:
-            left.append(NotExamined(cause.name, f"{free[0]} is fitted in the baseline"))
-    return tuple(left)
-
-
-def causes_of(
-    known: Collection[str],
-    fitted: Collection[str],
-    wanted: Sequence[str] | None,
-    own: Sequence[Cause] = (),
-) -> tuple[Cause, ...]:
-    """The causes that this specimen can have and that are not fitted already.
-
-    Args:
-        known: parameters of the general model that this specimen has.
-        fitted: parameters that are fitted in the baseline.
-        wanted: names of the causes to try, None for all.
-        own: causes beside the library.
-    """
-    return tuple(
-        cause
-        for cause in (*LIBRARY, *own)
-        if set(cause.parameters) <= set(known)
-        and not set(cause.parameters) & set(fitted)
-        and (wanted is None or cause.name in wanted)
-    )

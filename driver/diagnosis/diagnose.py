@@ -2,25 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from driver.boundary import elongation_names, tilt_names
-from driver.diagnosis.causes import LIBRARY, NUMERICS, Cause, not_examined
+from driver.diagnosis.boundary_noise import Level, level_again, stops_where_they_pay
+from driver.diagnosis.causes import Cause
 from driver.diagnosis.elimination import eliminate
+from driver.diagnosis.examined import not_examined
 from driver.diagnosis.gain import log_evidence, share_explained
 from driver.diagnosis.gate import gate
 from driver.diagnosis.held_out import HeldOut, HeldOutTask, knots_of_cycle, predict_held_out
+from driver.diagnosis.image_noise import with_uneven_noise
 from driver.diagnosis.loads import bad_loads
+from driver.diagnosis.noise_causes import (
+    BOUNDARY_NOISE,
+    COVARIANCE,
+    EVERY,
+    NOISE_NOT_UNIFORM,
+    NOISE_RATIO,
+)
 from driver.diagnosis.outcome import Diagnosis, Log, Settings, Step
 from driver.diagnosis.preparation import noise_of_images, prepared, with_load_noise
 from driver.diagnosis.refit import Refit
 from driver.diagnosis.round import examine
+from driver.diagnosis.score import Score
 from driver.diagnosis.screening import honoured, parameters_of_the_specimen, screened
-from driver.diagnosis.verdict import MOST_ADDITIONS, decide
+from driver.diagnosis.verdict import decide
 from driver.identification.fit import Correction, Evaluation, Fit, Objective, fit
 from driver.identification.procedure import correction, with_correction
 from driver.model import ForwardModel
@@ -60,44 +71,61 @@ def diagnose(
         parameters_of_the_specimen(model), honoured(model), baseline.best.free, settings.wanted,
         settings.own,
     )  # fmt: skip
-    for one in left:
-        log(f"  {one.cause} is not examined: {one.why}")
     candidates, names = screened(model, baseline.best.free, settings.wanted, settings.own)
     if wide is None:
         wide = objective.evaluate(baseline.values, names)
     begin = prepared(baseline, objective, wide, candidates, settings, log)
+    stated, uneven = objective.data.load_noise, begin.uneven
     objective, known = begin.objective, begin.wide
+    stops = stops_where_they_pay(begin.baseline.best, objective, stated, settings.wanted)
+    left += begin.left + (() if stops.why is None else (stops.why,))
+    for one in left:
+        log(f"  {one.cause} is not examined: {one.why}")
     here, current = begin.baseline, objective
     steps: list[Step] = []
     causes: list[Cause] = []
+    levels: dict[str, Level] = {}
+    of_noise = 0.0  # log evidence
     while True:
         log(f"screening at χ_F {here.best.chi_load:.2f}, χ of images {here.best.chi_image:.3f}")
-        step, winner = examine(here, current, causes, settings, known, log)
+        step, winner = examine(here, current, causes, settings, stops, known, log)
         known = None
         steps.append(step)
-        if winner is None or len(causes) == MOST_ADDITIONS or len(steps) > MOST_STEPS:
+        if winner is None or len(steps) > MOST_STEPS:
             break
         causes.append(winner.cause)
         log(f"added {winner.cause.name}, log evidence {winner.log_evidence:+.1f}")
-        here, current = _extended(winner, finer, settings, log)
+        here, current, levels = _extended(winner, finer, settings, levels, log)
+        if winner.levels:
+            of_noise = winner.log_evidence
+        elif BOUNDARY_NOISE in causes and not levels:
+            causes.remove(BOUNDARY_NOISE)
+            of_noise = 0.0
         here, current, causes = eliminate(here, current, causes, log)
+    if uneven is not None:
+        steps = [_with_score(step, uneven.score) for step in steps]
     log("the correction once more, and the held-out cycle predicted from the others")
     tasks: list[_Refresh | _Again | HeldOutTask] = [_Refresh(model, finer, here)]
     # Before and after are compared under one covariance, that of the end.
     final = replace(objective, data=current.data)
+    # What a noise of the boundary explains is an excess where it is not counted.
+    uncounted = replace(final, data=replace(final.data, jitter=objective.data.jitter))
     if causes:
         tasks.append(_Again(final, begin.baseline))
-    tasks += _held_out_tasks(final, current, begin.baseline, here, cycles, settings)
+    if BOUNDARY_NOISE in causes:
+        tasks.append(_Again(uncounted, begin.baseline))
+    tasks += _held_out_tasks(uncounted, current, begin.baseline, here, cycles, settings)
     ends = side_by_side(_run, tasks, settings.processes, settings.threads)
     fresh = next(end for end in ends if isinstance(end, Correction))
-    before = next((end.best for end in ends if isinstance(end, Fit)), here.best)
+    fits = [end.best for end in ends if isinstance(end, Fit)]
+    before, worse = (fits[0], fits[-1]) if fits else (here.best, here.best)
     held = [end for end in ends if isinstance(end, HeldOut)]
-    added = [name for cause in causes for name in cause.parameters]
+    added = [n for cause in causes if cause not in COVARIANCE for n in cause.parameters]
     passed = gate(current, here, fresh, finer, steps[-1].scores, added)
     log(f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.cause}")
-    explained = share_explained(before, here.best) if causes else float("nan")
+    explained = share_explained(worse, here.best) if causes else float("nan")
     of_causes = {cause.name for cause in causes}
-    every = (*LIBRARY, *settings.own, NUMERICS)
+    every = (*EVERY, *settings.own)
     verdict = decide(
         [step.named for step in steps if step.named and step.named[0] in of_causes],
         steps[-1].omnibus.accepted,
@@ -107,6 +135,10 @@ def diagnose(
         {cause.name: cause.check for cause in every},
         explained,
     )
+    if uneven is not None and uneven.named:
+        verdict = with_uneven_noise(verdict)
+        causes = [NOISE_NOT_UNIFORM, *causes]
+        levels |= {NOISE_RATIO.name: (uneven.ratio, uneven.sigma)}
     return Diagnosis(
         baseline=begin.baseline,
         extended=here,
@@ -117,16 +149,21 @@ def diagnose(
         gate=passed,
         held_out=(held[0], held[-1]) if held else None,
         explained=explained,
-        log_evidence=log_evidence(before, here.best, current, causes),
+        log_evidence=of_noise + log_evidence(before, here.best, current, causes),
         not_examined=left,
         verdict=verdict,
+        levels=levels,
     )
 
 
 def _extended(
-    winner: Refit, finer: ForwardModel, settings: Settings, log: Log
-) -> tuple[Fit, Objective]:
-    """The extended model with its own correction and noise, fitted.
+    winner: Refit,
+    finer: ForwardModel,
+    settings: Settings,
+    levels: Mapping[str, Level],
+    log: Log,
+) -> tuple[Fit, Objective, dict[str, Level]]:
+    """The extended model with its own correction and noise, fitted, and the level of the latter.
 
     A load that was left out and that the extended model explains is taken back.
     """
@@ -145,9 +182,17 @@ def _extended(
         data = replace(data, bad_loads=tuple(sorted(still)))
         objective = replace(objective, data=data)
     at = objective.compare(here.best.prediction, here.values, free)
-    objective = replace(objective, data=with_load_noise(data, at, log))
+    if levels := {**levels, **winner.levels}:
+        objective, levels = level_again(at, objective, levels, log)
+        at = objective.compare(here.best.prediction, here.values, free)
+    objective = replace(objective, data=with_load_noise(objective.data, at, log))
     at = objective.compare(here.best.prediction, here.values, free)
-    return fit(objective, here.values, free, POLISH, log, start=at), objective
+    return fit(objective, here.values, free, POLISH, log, start=at), objective, levels
+
+
+def _with_score(step: Step, score: Score) -> Step:
+    scores = sorted((*step.scores, score), key=lambda s: -s.log_evidence)
+    return replace(step, scores=tuple(scores))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from driver.diagnosis.causes import Cause
+from driver.diagnosis.noise_causes import COVARIANCE
 from driver.diagnosis.omnibus import FAMILY_LEVEL
 from driver.diagnosis.outcome import Log
 from driver.identification.fit import Fit, Objective, fit
@@ -21,7 +22,8 @@ def eliminate(
 ) -> tuple[Fit, Objective, list[Cause]]:
     """Drop causes that are not needed, the least needed first, each time fitting anew.
 
-    The last cause was only just needed, and is not tested.
+    The last cause was only just needed, and is not tested; nor are noises, whose levels are
+    estimated anew for each extended model.
 
     Args:
         here: the extended fit.
@@ -33,12 +35,13 @@ def eliminate(
         The fit, its objective and the causes that are left.
     """
     left = list(causes)
-    while len(left) > 1:
-        p = [probability(here, objective, cause) for cause in left[:-1]]
+    while tested := [cause for cause in left[:-1] if cause not in COVARIANCE]:
+        p = [probability(here, objective, cause) for cause in tested]
         least = int(np.argmax(p))
         if p[least] < FAMILY_LEVEL:
             break
-        cause = left.pop(least)
+        cause = tested[least]
+        left.remove(cause)
         log(f"{cause.name} is not needed any more")
         freed = (*cause.parameters, *cause.companions)
         null = objective.model.null_values()

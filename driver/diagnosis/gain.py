@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.diagnosis.causes import Cause
+from driver.diagnosis.noise_causes import COVARIANCE
 from driver.diagnosis.refit import with_prior
 from driver.identification.fit import Evaluation, Objective
 
@@ -43,8 +44,9 @@ def log_evidence(
         before: the baseline, fitted under the covariance of the extended fit.
         after: the extended fit.
         objective: of the extended fit.
-        causes: the causes that were added.
+        causes: the causes that were added; noises are in the covariance of both.
     """
+    causes = [cause for cause in causes if cause not in COVARIANCE]
     if not causes:
         return 0.0
     for cause in causes:

@@ -117,7 +117,7 @@ def _directions(at: Evaluation, scores: Sequence[Score], named: Sequence[str]) -
     found = [
         _Direction(s.cause.name, s.directions)
         for s in scores
-        if s.degrees and s.cause.name != NUMERICS.name
+        if s.directions.size and s.cause.name != NUMERICS.name
     ]
     # What was named already is fitted: there the change moves the parameter itself.
     covariance = np.linalg.inv(at.hessian)

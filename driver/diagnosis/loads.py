@@ -1,21 +1,19 @@
 """Loads that are wrong one by one, and the noise of the others, both from the fast load residual.
 
-A model error is slow in time. The fast half of the cosine modes of the loads, fitted together
-with the images, leaves little else than noise: y = V^(−1/2) B r has the covariance s² I, with B
-the modes, r the residual of that fit, V what it leaves of unit noise, and s the noise over the
-stated one. In y an error of a single load is a known direction. Its t statistic, the externally
-studentised and leverage-corrected residual, is exact whatever s is.
+In y (see `fast_loads`) an error of a single load is a known direction. Its t statistic, the
+externally studentised and leverage-corrected residual, is exact whatever the noise is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm, t
 
+from driver.diagnosis.fast_loads import FEWEST, fast_loads, freed
 from driver.identification.data import Data
 from driver.identification.fit import Evaluation
 
@@ -25,10 +23,6 @@ IntArray = NDArray[np.int64]
 LEVEL = 0.01  # of all loads together
 MOST = 0.05  # share of the loads beyond which they are no outliers but noise of another kind
 _SUSPECT = 3.5  # robust standard deviations
-_RIDGE = 1e-12
-_LEFT = 1e-3  # variance below which the fit has taken a direction
-_WIDE = 10.0  # prior scales
-_FEWEST = 8  # degrees of freedom without which nothing is said of the noise
 
 
 @dataclass(frozen=True)
@@ -77,14 +71,14 @@ def bad_loads(
     Returns:
         In the order of the frames; none where there are too few loads or too many suspects.
     """
-    if fitted.n_load < 2 * _FEWEST:
+    if fitted.n_load < 2 * FEWEST:
         return ()
     unit = data.load_changes(np.eye(fitted.n_load))
     fast = _fast(fitted, unit)
     found = _suspects(fast, max(1, int(MOST * fitted.n_load)))
     found = _significant(fast, found)
     for effect in causes if found else ():
-        found = _significant(_fast(_freed(fitted, effect), unit), found)
+        found = _significant(_fast(freed(fitted, effect), unit), found)
     if not found:
         return ()
     frames = data.load_index[found]
@@ -93,12 +87,17 @@ def bad_loads(
     return tuple(BadLoad(*end) for end in ends)
 
 
+def _fast(fitted: Evaluation, unit: FloatArray) -> _Fast:
+    fast = fast_loads(fitted)
+    return _Fast(fast.residual, fast.of(unit))
+
+
 def _significant(fast: _Fast, found: Sequence[int]) -> list[int]:
     """Those of some loads that are wrong at the level of the family, fitted together."""
     left = list(found)
     while left:
         degrees = fast.residual.size - len(left)
-        if degrees < _FEWEST:
+        if degrees < FEWEST:
             return []
         off, sigma = _joint(fast, left)
         p = len(fast.single) * 2 * t.sf(np.abs(off) / sigma, degrees)
@@ -108,57 +107,20 @@ def _significant(fast: _Fast, found: Sequence[int]) -> list[int]:
     return left
 
 
-def _freed(fitted: Evaluation, effect: FloatArray) -> Evaluation:
-    """An evaluation with a cause freed, at its null, within a wide prior."""
-    more = np.zeros(len(effect))
-    return replace(
-        fitted,
-        jacobian=np.concatenate([fitted.jacobian, effect]),
-        prior_gap=np.concatenate([fitted.prior_gap, more]),
-        prior_weight=np.concatenate([fitted.prior_weight, more + _WIDE**-2]),
-    )
-
-
 def load_noise(fitted: Evaluation, data: Data) -> tuple[float, float]:
     """The noise of the loads over the stated one, and the degrees of freedom of that estimate.
 
     Noise of the boundary moves loads as well, and hides their own noise, which then stays as
     stated.
     """
-    if fitted.n_load < 2 * _FEWEST or data.jitter is not None:
+    if data.jitter is not None:
+        return 1.0, data.load_degrees
+    if fitted.n_load < 2 * FEWEST:
         return 1.0, np.inf
-    y = _fast(fitted, data.load_changes(np.eye(fitted.n_load))).residual
-    if y.size < _FEWEST:
+    y = fast_loads(fitted).residual
+    if y.size < FEWEST:
         return 1.0, np.inf
     return float(np.sqrt(np.mean(y**2))), float(y.size)
-
-
-def _fast(fitted: Evaluation, unit: FloatArray) -> _Fast:
-    """The fast residual of a fit to images and fast loads alone: slow loads do not enter it."""
-    T, J = fitted.n_load, fitted.jacobian
-    modes = _fast_modes(T)
-    through = modes @ J[:, :T].T  # B Jᵀ
-    images = J[:, T:]
-    H = through.T @ through + images @ images.T + np.diag(fitted.prior_weight)
-    H += _RIDGE * np.trace(H) * np.eye(len(H))
-
-    def seen(numbers: FloatArray) -> FloatArray:
-        return np.asarray(through.T @ (modes @ numbers[:T]) + images @ numbers[T:])
-
-    taken = np.linalg.solve(H, through.T).T
-    left, vector = np.linalg.eigh(np.eye(len(modes)) - taken @ through.T)
-    kept = left > _LEFT
-    root = (vector[:, kept] / np.sqrt(left[kept])).T
-    gradient = seen(fitted.residual) + fitted.prior_weight * fitted.prior_gap
-    residual = modes @ fitted.residual[:T] - taken @ gradient
-    single = modes @ unit[:, :T].T - taken @ seen(unit.T)
-    return _Fast(root @ residual, (root @ single).T)
-
-
-def _fast_modes(T: int) -> FloatArray:
-    """The fast half of the orthonormal cosines, shape (T − T//2, T)."""
-    modes = np.cos(np.pi * np.outer(np.arange(T // 2, T), np.arange(T) + 0.5) / T)
-    return np.asarray(np.sqrt(2 / T) * modes)
 
 
 def _suspects(fast: _Fast, most: int) -> list[int]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from driver.diagnosis.causes import Cause, NotExamined
+from driver.diagnosis.causes import Cause
+from driver.diagnosis.examined import NotExamined
 from driver.diagnosis.gate import Gate
 from driver.diagnosis.held_out import HeldOut
 from driver.diagnosis.loads import BadLoad
@@ -89,6 +90,8 @@ class Diagnosis:
         log_evidence: log Bayes factor of the extended model against the baseline.
         not_examined: the causes that were not tried, and why.
         verdict: the answer.
+        levels: of each noise that was named its level and the standard deviation of it, by the
+            name of its parameter.
     """
 
     baseline: Fit
@@ -103,3 +106,4 @@ class Diagnosis:
     log_evidence: float
     not_examined: tuple[NotExamined, ...]
     verdict: Verdict
+    levels: Mapping[str, tuple[float, float]]

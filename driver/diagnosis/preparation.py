@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from driver.diagnosis.causes import Cause
+from driver.diagnosis.examined import NotExamined
+from driver.diagnosis.image_noise import Unevenness, examine_noise
 from driver.diagnosis.loads import BadLoad, bad_loads, load_noise
 from driver.diagnosis.outcome import Log, Settings
-from driver.diagnosis.score import prior_scaled
-from driver.identification.data import Data
+from driver.diagnosis.score import effects_of
+from driver.identification.data import Data, reweighted
 from driver.identification.fit import Evaluation, Fit, Objective, fit
-from driver.identification.procedure import noise_factor
+from driver.identification.procedure import noise_factor, with_correction
 
 MOST_ITERATIONS = 8
 
@@ -25,12 +27,16 @@ class Prepared:
         objective: its objective.
         wide: evaluation there with the parameters of every cause free, None if unknown.
         bad: the loads that were left out.
+        uneven: how the noise varies over the pixels, None where that was not asked.
+        left: the cause that was not asked for, if any.
     """
 
     baseline: Fit
     objective: Objective
     wide: Evaluation | None
     bad: tuple[BadLoad, ...]
+    uneven: Unevenness | None
+    left: tuple[NotExamined, ...]
 
 
 def prepared(
@@ -51,13 +57,7 @@ def prepared(
         settings: how the diagnosis is run.
         log: takes one line of progress.
     """
-    effects = [
-        prior_scaled(
-            wide.jacobian[[wide.free.index(name) for name in cause.parameters]],
-            cause.parameters, objective.parameters,
-        )
-        for cause in candidates
-    ]  # fmt: skip
+    effects = effects_of(candidates, wide, objective.parameters)
     bad = bad_loads(baseline.best, objective.data, effects)
     free, here = baseline.best.free, baseline
     if bad:
@@ -73,9 +73,29 @@ def prepared(
         louder = replace(image, noise_factor=max(image.noise_factor, settings.free_chi))
         objective = replace(objective, data=replace(objective.data, image=louder))
     here = _fitted_again(objective, here, log)
+    uneven = examine_noise(here.best, objective.data, settings.wanted)
+    left = (uneven,) if isinstance(uneven, NotExamined) else ()
+    uneven = uneven if isinstance(uneven, Unevenness) else None
+    if uneven is not None and uneven.named:
+        log(f"the noise of the images is uneven, by a factor of {uneven.ratio:.2f}: re-weighted")
+        objective = _reweighted(objective, here, uneven, settings)
+        here = _fitted_again(objective, here, log)
     moved = here.values != baseline.values
     known = None if moved else objective.compare(wide.prediction, wide.values, wide.free)
-    return Prepared(replace(here, best=objective.restrict(here.best, free)), objective, known, bad)
+    here = replace(here, best=objective.restrict(here.best, free))
+    return Prepared(here, objective, known, bad, uneven, left)
+
+
+def _reweighted(
+    objective: Objective, here: Fit, uneven: Unevenness, settings: Settings
+) -> Objective:
+    """The objective with each pixel counted by its own noise, and their level as it then is."""
+    image = reweighted(objective.data.image, uneven.variance)
+    data = replace(objective.data, image=image, simulation_error=None)
+    weighed = replace(objective, data=data)
+    there = replace(here, best=weighed.compare(here.best.prediction, here.values, here.best.free))
+    noise = noise_of_images(there, data, settings)
+    return with_correction(weighed, noise, objective.correction, settings.sizes)
 
 
 def noise_of_images(fit_: Fit, data: Data, settings: Settings) -> float:

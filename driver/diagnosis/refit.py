@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -31,12 +31,14 @@ class Refit:
         objective: the objective with the cause's prior, as wide as the effect was found large.
         fit: the fit, with a prior of one scale.
         log_evidence: natural log of the Bayes factor against the baseline (Laplace).
+        levels: of a covariance cause its level and the standard deviation of it by name.
     """
 
     cause: Cause
     objective: Objective
     fit: Fit
     log_evidence: float
+    levels: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def own_misfit(self) -> float:

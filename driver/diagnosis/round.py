@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from driver.diagnosis.boundary_noise import Stops, refit_boundary_noise, score_boundary_noise
 from driver.diagnosis.causes import NUMERICS, Cause
 from driver.diagnosis.gain import share_explained
+from driver.diagnosis.noise_causes import COVARIANCE
 from driver.diagnosis.omnibus import FAMILY_LEVEL, omnibus
 from driver.diagnosis.outcome import Log, Settings, Step
 from driver.diagnosis.refit import Refit, refit_causes, refit_from_afar
-from driver.diagnosis.score import PARALLEL, Score, likeness
+from driver.diagnosis.score import PARALLEL, Score, effects_of, likeness
 from driver.diagnosis.screening import screen, screened
 from driver.diagnosis.verdict import MOST_ADDITIONS
 from driver.identification.fit import Evaluation, Fit, Objective
@@ -25,16 +27,21 @@ def examine(
     objective: Objective,
     added: Sequence[Cause],
     settings: Settings,
+    stops: Stops,
     wide: Evaluation | None,
     log: Log,
 ) -> tuple[Step, Refit | None]:
     """Screen all causes, refit the best, and pick the one to add.
+
+    Noise of the boundary is the first suspect: where it stands, no other cause is refitted
+    before it is counted.
 
     Args:
         here: the fit that is examined.
         objective: its objective.
         added: causes that were added before.
         settings: how the diagnosis is run.
+        stops: the answers to a noise of the boundary, if they were computed.
         wide: evaluation at the fit with the parameters of every cause free, if known.
         log: takes one line of progress.
 
@@ -45,15 +52,35 @@ def examine(
     screening = wide if wide is not None else objective.evaluate(here.values, names)
     scores = screen(here, objective, candidates, screening)
     tests = omnibus(here.best, objective.data)
+    noise = _noise_of_boundary(here, objective, candidates, screening, stops)
+    if noise is not None:
+        scores = sorted([*scores, noise], key=lambda s: -s.log_evidence)
     for s in scores[:5]:
         log(f"  {s.cause.name}: log evidence {s.log_evidence:+.1f}, p {s.p:.2g}")
     refits: list[Refit] = []
-    if len(added) < MOST_ADDITIONS:
+    if noise is not None and noise.p < FAMILY_LEVEL and stops.effect is not None:
+        refits = [refit_boundary_noise(stops.effect, here.best, objective, log)]
+    elif len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS:
         refits = _refits(scores, screening, here, objective, settings, log)
     winner = refits[0] if refits and refits[0].log_evidence > 0 else None
     named = set_of(winner, refits, scores) if winner is not None else ()
     chi = here.best.chi_load, here.best.chi_image
     return Step(tuple(scores), tuple(refits), named, tests, *chi), winner
+
+
+def _noise_of_boundary(
+    here: Fit,
+    objective: Objective,
+    candidates: Sequence[Cause],
+    screening: Evaluation,
+    stops: Stops,
+) -> Score | None:
+    """Its score, None where the answers to it are not known or it is counted already."""
+    if stops.effect is None or objective.data.jitter is not None:
+        return None
+    effects = effects_of(candidates, screening, objective.parameters)
+    family = len(candidates) + 2
+    return score_boundary_noise(stops.effect, here.best, objective.data, effects, family)
 
 
 def _refits(
@@ -66,7 +93,7 @@ def _refits(
 ) -> list[Refit]:
     """Refits of the causes that may have done it, the best of each, best evidence first."""
     baseline, run = here.best, (settings.processes, settings.threads, log)
-    tried = [s for s in scores if s.cause.name != NUMERICS.name and s.degrees]
+    tried = [s for s in scores if s.cause not in (NUMERICS, *COVARIANCE) and s.degrees]
     chosen = [s for s in tried if s.p < FAMILY_LEVEL][: settings.refit]
     if not chosen:
         return []

@@ -47,7 +47,7 @@ class Score:
         sigma: their standard deviations in prior scales, shape (k,).
         visible: smallest magnitude that would have been seen, in prior scales, infinite where
             none would, shape (k,).
-        directions: unit projected sensitivities, shape (degrees, n).
+        directions: unit projected sensitivities, shape (degrees, n); none of a noise.
         strengths: projected misfit of one prior scale along each of them [σ²], shape (degrees,).
     """
 
@@ -138,7 +138,7 @@ def likeness(first: Score, second: Score) -> float:
     own directions. The likeness is the root of the smaller share of both ways: a cause of three
     parameters may absorb one of one parameter, and not the other way round.
     """
-    if not first.degrees or not second.degrees:
+    if not first.directions.size or not second.directions.size:
         return 0.0
     return float(np.sqrt(min(_absorbed(first, second), _absorbed(second, first))))
 
@@ -148,6 +148,23 @@ def _absorbed(truth: Score, other: Score) -> float:
     within = np.linalg.qr(other.directions.T)[0]
     share = np.sum((truth.directions @ within) ** 2, axis=1)
     return float(truth.strengths @ share / np.sum(truth.strengths))
+
+
+def effects_of(
+    causes: Sequence[Cause], wide: Evaluation, parameters: Mapping[str, Parameter]
+) -> list[FloatArray]:
+    """Whitened sensitivities of each cause per prior scale, shapes (k_c, n).
+
+    Args:
+        causes: the causes.
+        wide: evaluation with the parameters of all of them free.
+        parameters: declarations by name.
+    """
+    rows = [[wide.free.index(name) for name in cause.parameters] for cause in causes]
+    return [
+        prior_scaled(wide.jacobian[these], cause.parameters, parameters)
+        for these, cause in zip(rows, causes, strict=True)
+    ]
 
 
 def prior_scaled(

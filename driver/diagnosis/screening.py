@@ -7,8 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.diagnosis.causes import NUMERICS, Cause, causes_of
-from driver.diagnosis.score import Score, prior_scaled, score
+from driver.diagnosis.causes import NUMERICS, Cause
+from driver.diagnosis.examined import causes_of
+from driver.diagnosis.score import Score, effects_of, score
+from driver.fixed_pattern import PATTERN_DECLARATIONS
+from driver.hold_time import HOLD, holds
 from driver.identification.fit import Correction, Evaluation, Fit, Objective
 from driver.microstructure import LATTICE_DECLARATIONS
 from driver.model import ForwardModel
@@ -35,9 +38,13 @@ def screened(
 def parameters_of_the_specimen(model: ForwardModel) -> frozenset[str]:
     """Parameters of the general model that this specimen has, whoever simulates it."""
     seen = frozenset(p for p in model.parameters if not model.simulated(p))
+    if model.pattern is None:
+        seen -= {p.name for p in PATTERN_DECLARATIONS}
     law = frozenset(MATERIAL_PARAMETERS)
     if len(model.microstructure.orientations) < 2:
         law -= {"tau0_grain2"}
+    if holds(model.boundary.weights).any():
+        law |= {HOLD}
     return seen | law | model.boundary.parameters | model.microstructure.parameters
 
 
@@ -61,13 +68,12 @@ def screen(
         candidates: the causes.
         screening: evaluation at the fit with the parameters of every cause free.
     """
-    names = screening.free
     family, degrees = len(candidates) + 1, objective.data.load_degrees
-    scores = []
-    for cause in candidates:
-        rows = [names.index(n) for n in cause.parameters]
-        scaled = prior_scaled(screening.jacobian[rows], cause.parameters, objective.parameters)
-        scores.append(score(cause, scaled, here.best, family, degrees))
+    effects = effects_of(candidates, screening, objective.parameters)
+    scores = [
+        score(cause, effect, here.best, family, degrees)
+        for cause, effect in zip(candidates, effects, strict=True)
+    ]
     if isinstance(objective.correction.load, np.ndarray):
         along = whitened_difference(objective, here.best, objective.correction, Correction())
         scores.append(score(NUMERICS, along[None], here.best, family, degrees))

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from driver.diagnosis.noise_causes import BOUNDARY_NOISE
+
 Kind = Literal[
     "nothing wrong",
     "named",
@@ -68,10 +70,12 @@ def decide(
     names = tuple(group[0] for group in added)
     said = "; and ".join(_said(group, sentences) for group in added)
     sets = [group for group in added if len(group) > 1]
-    if len(added) >= MOST_ADDITIONS:
+    # A noise is no effect that others could be the shadow of.
+    effects = [name for name in names if name != BOUNDARY_NOISE.name]
+    if len(effects) >= MOST_ADDITIONS:
         return Verdict(
             "unexplained", names,
-            f"Three or more causes were needed ({', '.join(names)}): their sum describes the "
+            f"Three or more causes were needed ({', '.join(effects)}): their sum describes the "
             "data, but so many at once are more likely the shadow of one that is not in the "
             "library.",
             "Look at the maps of what is left, and think of a cause of your own.",

@@ -48,6 +48,7 @@ class ImageData:
         whiten: what turns b into independent unit numbers, rigid motions projected out,
             shape (n_z, n_functions).
         noise_factor: estimated noise over the noise of the repeats.
+        variance: of the noise at each pixel over its mean, shape (n_pix,), None where it is even.
     """
 
     images: SurfaceImages
@@ -56,6 +57,7 @@ class ImageData:
     mean_motion: FloatArray
     whiten: FloatArray
     noise_factor: float = 1.0
+    variance: FloatArray | None = None
 
     @property
     def n_z(self) -> int:
@@ -145,15 +147,35 @@ def build_image_data(
         ]
     ).tocsr()
     rigid = _rigid_motions(images.xy, gauge)
+    whiten = _whitening(images, test, (test.T @ test).toarray(), rigid)
+    return ImageData(images, test, rigid, mean_motion, whiten)
+
+
+def reweighted(image: ImageData, variance: FloatArray) -> ImageData:
+    """The image part with each pixel counted by the inverse of its own variance.
+
+    Args:
+        image: the image part with all pixels alike.
+        variance: of the noise at each pixel, on any scale, shape (n_pix,).
+    """
+    variance = variance / variance.mean()
+    test = sp.csr_array(sp.diags_array(1.0 / variance) @ image.test)
+    matrix = (image.test.T @ test).toarray()
+    whiten = _whitening(image.images, test, matrix, image.rigid)
+    return replace(image, test=test, whiten=whiten, variance=variance)
+
+
+def _whitening(
+    images: SurfaceImages, test: sp.csr_array, matrix: FloatArray, rigid: FloatArray
+) -> FloatArray:
+    """What turns b of covariance σ² `matrix` into unit numbers, rigid motions projected out."""
     slope = np.concatenate([images.gradient, -np.ones((len(images.xy), 1))], axis=1)
-    matrix = (test.T @ test).toarray()
     eigenvalue, vector = np.linalg.eigh(matrix)
     kept = eigenvalue > _WEAKEST_MODE * eigenvalue[-1]
     root = (vector[:, kept] / np.sqrt(eigenvalue[kept])).T / images.sigma
     seen = root @ (test.T @ np.einsum("rpc,pc->pr", rigid, slope))
     left = np.linalg.svd(seen, full_matrices=True)[0]
-    whiten = left[:, seen.shape[1] :].T @ root
-    return ImageData(images, test, rigid, mean_motion, whiten)
+    return np.asarray(left[:, seen.shape[1] :].T @ root)
 
 
 def _rigid_motions(xy: FloatArray, gauge: Gauge) -> FloatArray:
@@ -265,6 +287,14 @@ class Data:
         """The image part of a residual, of the images that are fitted, shape (T, n_z)."""
         return residual[self.n_load :].reshape(-1, self.image.n_z)
 
+    def effect_of_stops(self, jitter: BoundaryJitter) -> FloatArray:
+        """σ_e Gᵀ of the stop of each image, whitened as all but the boundary, shape (T_all, n)."""
+        seen = jitter.image[:, self.index[self.with_image]] / self.image.noise_factor
+        parts = [self._whiten_images(seen).reshape(len(seen), -1)]
+        if self.with_loads:
+            parts.insert(0, self._whiten_loads(jitter.load[:, self.load_index]))
+        return np.concatenate(parts, axis=1)
+
     def _whiten_jitter(self, white: FloatArray) -> FloatArray:
         """(I + σ_e² G Gᵀ)^(−1/2) on (..., n), with G whitened as the rest."""
         if self.jitter is None:
@@ -275,12 +305,7 @@ class Data:
     def _jitter_root(self) -> FloatArray:
         """R with (I + FᵀF)^(−1/2) = I − RᵀR, F = σ_e Gᵀ whitened as the rest, shape (T_all, n)."""
         assert self.jitter is not None
-        load = self.jitter.load
-        seen = self.jitter.image[:, self.index[self.with_image]] / self.image.noise_factor
-        parts = [self._whiten_images(seen).reshape(len(seen), -1)]
-        if self.with_loads:
-            parts.insert(0, self._whiten_loads(load[:, self.load_index]))
-        factor = np.concatenate(parts, axis=1)
+        factor = self.effect_of_stops(self.jitter)
         # With F Fᵀ = V diag(λ) Vᵀ: RᵀR = FᵀV diag((1 − (1 + λ)^(−1/2))/λ) VᵀF.
         strength, modes = np.linalg.eigh(factor @ factor.T)
         seen_at_all = strength > 1e-12 * strength[-1]

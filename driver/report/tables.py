@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from driver.boundary import LAMBDAS
+from driver.diagnosis.noise_causes import COVARIANCE_PARAMETERS
 from driver.report.evidence_figures import signed_evidence
 from driver.report.findings import Findings
 from driver.wording import (
@@ -49,7 +50,7 @@ def ordered(causes: Sequence[Row]) -> list[Row]:
 
 
 def _cause_row(cause: Row, named: Sequence[str], declared: Declared) -> Row:
-    refit = cause["refit"]
+    refit, declared = cause["refit"], {**declared, **COVARIANCE_PARAMETERS}
     parameters = []
     for name, unit, estimate, visible in zip(
         cause["parameters"], cause["units"], cause["estimate"], cause["smallest_visible"],
@@ -93,7 +94,9 @@ def added_rows(findings: Findings) -> list[Row]:
     """The parameters that the extension has freed."""
     rows = []
     for name, record in findings.diagnosis["added"].items():
-        unit, null = record["unit"], findings.values[name]
+        # A level of noise is none of the values of the model.
+        noise = COVARIANCE_PARAMETERS.get(name)
+        unit, null = record["unit"], findings.values[name] if noise is None else noise.null
         factor, shown = reading_unit(name, unit)
         rows.append(
             {

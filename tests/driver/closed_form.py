@@ -325,7 +325,7 @@ def height_maps(b: Bench, values: Mapping[str, float], seed: int) -> tuple[Float
         motion[..., 0] += drift["magnification_drift"] * (x - centre[0])
         motion[..., 0] += drift["scan_shear_drift"] * (y - centre[1])
         motion[..., 1] += drift["magnification_drift"] * (y - centre[1])
-        motion[..., 2] += values["tilt_drift"] * p * (x - centre[0])
+        motion[..., 2] += values["tilt_drift"] * p * (x - centre[0]) + values["height_drift"] * p
         return np.asarray(motion + stage_error(b)[:, None])
 
     x = np.broadcast_to(seen_x, (b.history.n_images, seen_x.size))
@@ -353,7 +353,7 @@ def readings(b: Bench, values: Mapping[str, float], seed: int) -> FloatArray:
     """Measured loads [µN], shape (T,)."""
     simulation = b.model.simulation(values)
     _, force = time_signals(simulation)
-    at = b.history.time[b.history.image_row] + values["load_lag"]
+    at = b.model.clock(values)[b.history.image_row] + values["load_lag"]
     force = np.interp(at, simulation.times[simulation.output], force)
     noise = np.random.default_rng(seed + 1).standard_normal(force.size)
     gain = 1 + values["load_gain"]

@@ -9,6 +9,7 @@ import pytest
 from driver.case import Case, load_case, write_case
 from driver.diagnose_stage import added_parameters, extended_case
 from driver.diagnosis.causes import LIBRARY, Cause
+from driver.diagnosis.noise_causes import BOUNDARY_NOISE
 from driver.model import declared_parameters
 from solver_adapters.material import MATERIAL_DECLARATIONS
 from tests.driver import closed_form
@@ -20,7 +21,9 @@ BY_NAME = {cause.name: cause for cause in LIBRARY}
 def extended(case: Case, values: dict[str, float], *causes: Cause) -> Case:
     """The extended case of a diagnosis that ended at these values."""
     null = {name: p.null for name, p in declared_parameters(5).items()}
-    found: Any = SimpleNamespace(extended=SimpleNamespace(values=null | values), causes=causes)
+    found: Any = SimpleNamespace(
+        extended=SimpleNamespace(values=null | values), causes=causes, levels={}
+    )
     return extended_case(case, cast(Any, found))
 
 
@@ -59,6 +62,19 @@ def test_added_causes_and_earlier_extensions_start_where_they_were_found(tmp_pat
     path = tmp_path / "extended.toml"
     write_case(extended(earlier, values, *causes), path)
     assert load_case(path).extensions == values
+
+
+def test_a_noise_of_the_boundary_is_stated_by_the_extended_case(tmp_path: Path) -> None:
+    found: Any = SimpleNamespace(
+        extended=SimpleNamespace(values={p.name: p.null for p in declared_parameters(5).values()}),
+        causes=(BOUNDARY_NOISE,),
+        levels={"sigma_e": (4.2e-4, 3e-5)},
+    )
+    path = tmp_path / "extended.toml"
+    write_case(extended_case(fitting("tau0"), cast(Any, found)), path)
+    case = load_case(path)
+    assert case.boundary.jitter_nm == pytest.approx(0.42) and not case.extensions
+    assert added_parameters(cast(Any, found)) == ()
 
 
 def test_what_a_cause_frees_includes_its_companions() -> None:

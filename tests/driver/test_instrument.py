@@ -9,6 +9,7 @@ NULL = {p.name: p.null for p in (*LOAD_DECLARATIONS, *IMAGE_DECLARATIONS)}
 OFF = {
     "load_gain": 0.1, "load_offset": 12.0, "load_drift": -7.0, "load_lag": 2.0, "height_scale": 0.2,
     "magnification_drift": 0.01, "scan_shear_drift": -0.02, "tilt_drift": 0.03,
+    "height_drift": 0.04,
 }  # fmt: skip
 RNG = np.random.default_rng(2)
 FORCE = RNG.normal(100, 50, 4)

@@ -2,7 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from driver.diagnosis.causes import LIBRARY, NUMERICS, causes_of, not_examined
+from driver.diagnosis.causes import LIBRARY, NUMERICS
+from driver.diagnosis.examined import causes_of, not_examined
 from driver.model import declared_parameters
 
 DECLARED = declared_parameters(5)

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.diagnosis.causes import LIBRARY, NUMERICS
+from driver.diagnosis.causes import NUMERICS
 from driver.diagnosis.diagnose import diagnose
+from driver.diagnosis.noise_causes import EVERY
 from driver.diagnosis.outcome import Diagnosis, Settings
+from driver.diagnosis.visible import not_seen
 from driver.identification.fit import fit
 from tests.driver import closed_form
 
@@ -67,16 +69,28 @@ def test_nothing_is_wrong_where_nothing_was_put_in() -> None:
 def test_every_cause_has_its_score_and_the_smallest_effect_that_would_have_been_seen() -> None:
     (step,) = null().steps
     scores = {s.cause.name: s for s in step.scores}
-    # This solver knows of no lattice that turns.
+    # This solver knows of no lattice that turns; loads within their noise, no flats.
     left = {f"lattice_gradient_grain{grain}" for grain in (1, 2)}
+    left |= {"boundary_noise", "fixed_pattern"}
     assert {one.cause for one in null().not_examined} == left
-    assert set(scores) == {cause.name for cause in (*LIBRARY, NUMERICS)} - left
+    assert set(scores) == {cause.name for cause in EVERY} - left
     evidence = [s.log_evidence for s in step.scores]
     assert evidence == sorted(evidence, reverse=True)
     # This solver does not know how the grain boundary is tilted.
     tilt = scores["boundary_tilt"]
     assert tilt.p == 1.0 and tilt.degrees == 0 and np.isinf(tilt.visible).all()
     assert scores["stretch_not_proportional"].visible[0] < 1
+
+
+def test_a_drift_of_the_heights_is_undetectable_and_no_false_zero() -> None:
+    """The closed-form data drift by twenty nanometres, ten times their noise."""
+    for found in (null(), diagnosed({"height_drift": 0.02})):
+        assert found.verdict.kind == "nothing wrong"
+        (scored,) = (s for s in found.steps[0].scores if s.cause.name == "height_drift")
+        assert scored.degrees == 0 and scored.p == 1.0 and np.isinf(scored.visible).all()
+        assert not_seen(scored, BENCH.model.parameters) == (
+            "undetectable here: the stage refocuses, so that the mean height of every image is free"
+        )
 
 
 @pytest.mark.parametrize(

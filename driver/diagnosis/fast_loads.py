@@ -1,0 +1,91 @@
+"""The fast load residual: where slow model errors have no part, and noise has one variance.
+
+The fast half of the cosine modes of the loads, fitted together with the images, leaves little
+else than noise: y = V^(−1/2) B r has the covariance s² I, with B the modes, r the residual of
+that fit, V what it leaves of unit noise, and s the noise over the stated one. In y any change of
+the data is a known direction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.identification.fit import Evaluation
+
+FloatArray = NDArray[np.float64]
+
+FEWEST = 8  # degrees of freedom without which nothing is said of the noise
+_RIDGE = 1e-12
+_LEFT = 1e-3  # variance below which the fit has taken a direction
+_WIDE = 10.0  # prior scales
+
+
+@dataclass(frozen=True, eq=False)
+class FastLoads:
+    """The fast load residual, m numbers of one variance.
+
+    Attributes:
+        residual: y, shape (m,).
+        modes: B, shape (T − T//2, T).
+        images: sensitivities of the images, shape (k, n − T).
+        through: B Jᵀ, shape (T − T//2, k).
+        taken: what the fit takes of each mode by the gradient, shape (T − T//2, k).
+        root: V^(−1/2), shape (m, T − T//2).
+    """
+
+    residual: FloatArray
+    modes: FloatArray
+    images: FloatArray
+    through: FloatArray
+    taken: FloatArray
+    root: FloatArray
+
+    def of(self, changes: FloatArray) -> FloatArray:
+        """What whitened changes of the data make of y, (k, n) → (k, m)."""
+        T = self.modes.shape[1]
+        fast = self.modes @ changes[:, :T].T
+        seen = self.through.T @ fast + self.images @ changes[:, T:].T
+        return np.asarray((self.root @ (fast - self.taken @ seen)).T)
+
+
+def fast_loads(fitted: Evaluation) -> FastLoads:
+    """The residual of a fit to images and fast loads alone: slow loads do not enter it."""
+    T, J = fitted.n_load, fitted.jacobian
+    modes = _fast_modes(T)
+    through = modes @ J[:, :T].T
+    images = J[:, T:]
+    H = through.T @ through + images @ images.T + np.diag(fitted.prior_weight)
+    H += _RIDGE * np.trace(H) * np.eye(len(H))
+    taken = np.linalg.solve(H, through.T).T
+    left, vector = np.linalg.eigh(np.eye(len(modes)) - taken @ through.T)
+    kept = left > _LEFT
+    root = (vector[:, kept] / np.sqrt(left[kept])).T
+    fast = modes @ fitted.residual[:T]
+    gradient = through.T @ fast + images @ fitted.residual[T:]
+    residual = fast - taken @ (gradient + fitted.prior_weight * fitted.prior_gap)
+    return FastLoads(root @ residual, modes, images, through, taken, root)
+
+
+def freed(fitted: Evaluation, effect: FloatArray) -> Evaluation:
+    """An evaluation with a cause freed, at its null, within a wide prior.
+
+    Args:
+        fitted: the evaluation.
+        effect: whitened sensitivities of the cause per prior scale, shape (k, n).
+    """
+    more = np.zeros(len(effect))
+    return replace(
+        fitted,
+        jacobian=np.concatenate([fitted.jacobian, effect]),
+        prior_gap=np.concatenate([fitted.prior_gap, more]),
+        prior_weight=np.concatenate([fitted.prior_weight, more + _WIDE**-2]),
+    )
+
+
+def _fast_modes(T: int) -> FloatArray:
+    """The fast half of the orthonormal cosines, shape (T − T//2, T)."""
+    modes = np.cos(np.pi * np.outer(np.arange(T // 2, T), np.arange(T) + 0.5) / T)
+    return np.asarray(np.sqrt(2 / T) * modes)

@@ -1,0 +1,51 @@
+"""Holds that last longer or shorter than stamped: the clock of the history with another length.
+
+Every hold of the stage lasts by the same error longer, and what follows comes later; within a
+hold its instants keep their share of it. Solvers have no tangent in the times: the derivative is
+the difference of two simulations.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver_adapters.parameter import Parameter
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+HOLD = "hold_time_error"
+HOLD_DECLARATIONS: tuple[Parameter, ...] = (Parameter(HOLD, "s", 0.0, 5.0, -600.0, 600.0),)
+
+STEP = 0.5  # of the difference [s]: a tenth of the scale
+_SHORTEST = 0.05  # share of its stamped length that a hold keeps at least
+_STILL = 1e-9  # change of the knot weights below which the stage stands
+
+
+def holds(weights: FloatArray) -> BoolArray:
+    """The intervals between two instants over which the stage stands, shape (n_times − 1,).
+
+    Args:
+        weights: weights of the knots at each instant, shape (n_times, n_knots).
+    """
+    return np.asarray(np.abs(np.diff(weights, axis=0)).max(axis=1, initial=0.0) < _STILL)
+
+
+def with_holds(times: FloatArray, still: BoolArray, error: float) -> FloatArray:
+    """The instants of a history whose holds last longer [s], shape (n_times,).
+
+    Args:
+        times: instants as stamped [s], shape (n_times,).
+        still: intervals over which the stage stands, shape (n_times − 1,).
+        error: by how much each hold is longer [s]; none is cut to less than a twentieth.
+    """
+    if error == 0.0:
+        return times
+    lengths = np.diff(times)
+    number = np.cumsum(np.diff(still, prepend=False) & still)
+    for hold in range(1, int(number.max(initial=0)) + 1):
+        own = still & (number == hold)
+        stamped = float(lengths[own].sum())
+        lengths[own] *= max(1.0 + error / stamped, _SHORTEST)
+    return np.asarray(times[0] + np.concatenate([[0.0], np.cumsum(lengths)]))

@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from unittest.mock import patch
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from driver.diagnosis.diagnose import diagnose
+from driver.diagnosis.outcome import Diagnosis, Settings
+from driver.fixed_pattern import apparent_rise
+from tests.driver import closed_form
+
+FloatArray = NDArray[np.float64]
+
+BENCH = closed_form.bench()
+SETTINGS = Settings(
+    wanted=None, refit=3, held_out=None, processes=1, threads=1, free_chi=1.0,
+    sizes=closed_form.SIZES,
+)  # fmt: skip
+SHARE = 0.5
+RECORD = closed_form.height_maps
+
+
+def pattern() -> FloatArray:
+    """Bumps of three pixels, 5 nm rms, and a bow of the field."""
+    rough = np.random.default_rng(5).standard_normal(closed_form.SHAPE)
+    bumps = ndimage.gaussian_filter(rough, 1.5)
+    row, col = np.indices(closed_form.SHAPE)
+    return np.asarray(0.005 * bumps / bumps.std() + 1e-5 * (row - 14) * (col - 24))
+
+
+def heights(share: float) -> tuple[FloatArray, FloatArray]:
+    frames, repeats = RECORD(BENCH, BENCH.truth, 0)
+    return frames + share * pattern(), repeats + share * pattern()
+
+
+def truly_moved() -> FloatArray:
+    """Motion of the specimen and the stage at the pixels (T, n_pix, 3)."""
+    motion = BENCH.model.predict(BENCH.truth).motion
+    return np.asarray(motion + closed_form.stage_error(BENCH)[:, None])
+
+
+@cache
+def diagnosed(share: float) -> Diagnosis:
+    with patch.object(closed_form, "height_maps", lambda *_: heights(share)):
+        made = closed_form.objective(BENCH, BENCH.truth)
+    rise = apparent_rise(pattern(), made.data.image.images, truly_moved())
+    model = replace(BENCH.model, pattern=rise)
+    bench = replace(BENCH, model=model)
+    fine = replace(model, adapter=closed_form.ClosedFormSolver(0.001))
+    objective, fitted = closed_form.identified(bench, replace(made, model=model), fine)
+    return diagnose(fitted, objective, fine, BENCH.history.cycle, SETTINGS, lambda line: None)
+
+
+def test_a_pattern_does_nothing_where_nothing_moves_and_is_the_difference_of_places_else() -> None:
+    images = closed_form.surface_images(BENCH, BENCH.truth, 0)
+    motion = np.zeros((2, len(images.xy), 3))
+    motion[1, :, 0], motion[1, :, 1] = 2 * closed_form.PIXEL, -closed_form.PIXEL
+    rise = apparent_rise(pattern(), images, motion)
+    np.testing.assert_allclose(rise[0], 0.0, atol=1e-12)
+    inside = (images.rows < 22) & (images.cols > 6)
+    shifted = pattern()[np.minimum(images.rows + 2, 27), images.cols - 1]
+    expected = shifted - pattern()[images.rows, images.cols]
+    np.testing.assert_allclose(rise[1, inside], expected[inside], atol=1e-12)
+
+
+def test_the_prediction_follows_the_share_as_its_derivative_says() -> None:
+    rise = np.random.default_rng(0).standard_normal(
+        (BENCH.history.n_images, len(closed_form.pixels()))
+    )
+    model = replace(BENCH.model, pattern=rise)
+    free = ("load_gain", "fixed_pattern")
+    plain = model.predict(BENCH.truth, free)
+    risen = model.predict(BENCH.truth | {"fixed_pattern": 0.3}, free)
+    np.testing.assert_allclose(risen.motion - plain.motion, 0.3 * plain.carried[1], atol=1e-12)
+    assert np.array_equal(plain.carried[1][..., 2], rise)
+    assert not plain.d_surface[1].any() and not plain.d_load[1].any()
+    assert np.array_equal(plain.motion, BENCH.model.predict(BENCH.truth).motion)
+
+
+def test_a_pattern_that_was_left_is_named_and_its_share_found() -> None:
+    found = diagnosed(SHARE)
+    assert found.verdict.kind == "named" and found.verdict.causes == ("fixed_pattern",)
+    sigma = found.extended.sigma("fixed_pattern", found.objective.parameters)
+    assert abs(found.extended.values["fixed_pattern"] - SHARE) < 3.5 * sigma < 0.3 * SHARE
+    assert found.extended.best.chi_image < found.baseline.best.chi_image
+
+
+def test_a_pattern_that_was_removed_is_not_named() -> None:
+    found = diagnosed(0.0)
+    assert found.verdict.kind == "nothing wrong"
+    (scored,) = (s for s in found.steps[0].scores if s.cause.name == "fixed_pattern")
+    assert scored.p > 0.05 and scored.visible[0] * 0.2 < SHARE
+
+
+def test_without_flats_it_is_not_examined() -> None:
+    objective = closed_form.objective(BENCH, BENCH.truth)
+    fine = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.001))
+    objective, fitted = closed_form.identified(BENCH, objective, fine)
+    wanted = replace(SETTINGS, wanted=("fixed_pattern",))
+    found = diagnose(fitted, objective, fine, BENCH.history.cycle, wanted, lambda line: None)
+    assert [(one.cause, one.why) for one in found.not_examined] == [
+        ("fixed_pattern", "no flats show the pattern")
+    ]

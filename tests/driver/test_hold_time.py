@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from driver.diagnosis.diagnose import diagnose
+from driver.diagnosis.outcome import Diagnosis, Settings
+from driver.diagnosis.screening import parameters_of_the_specimen
+from driver.hold_time import HOLD, holds, with_holds
+from solver_adapters.interface import Simulation
+from tests.driver import closed_form
+
+FloatArray = NDArray[np.float64]
+
+BENCH = closed_form.bench()
+SETTINGS = Settings(
+    wanted=None, refit=3, held_out=None, processes=1, threads=1, free_chi=1.0,
+    sizes=closed_form.SIZES,
+)  # fmt: skip
+RECALLED = closed_form.time_signals
+TIMES = np.array([0.0, 10, 20, 26, 30, 45, 50, 60])
+STILL = np.array([False, True, True, False, False, True, False])
+
+
+def relaxing(simulation: Simulation) -> tuple[dict[str, FloatArray], FloatArray]:
+    """The closed form, whose load falls with the logarithm of the time that the stage stands."""
+    signals, load = RECALLED(simulation)
+    still = np.abs(np.diff(simulation.motion, axis=0)).max(axis=(1, 2)) < 1e-12
+    held = np.zeros(len(simulation.times))
+    for k, length in enumerate(np.diff(simulation.times)):
+        held[k + 1] = held[k] + length if still[k] else 0.0
+    return signals, load * (1 - 0.1 * np.log1p(held[simulation.output] / 3.0))
+
+
+@pytest.fixture(autouse=True)
+def specimen_that_relaxes(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setattr(closed_form, "time_signals", relaxing)
+    yield
+
+
+@cache
+def diagnosed(error: float) -> Diagnosis:
+    made = closed_form.objective(BENCH, BENCH.truth | {HOLD: error})
+    fine = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.001))
+    objective, fitted = closed_form.identified(BENCH, made, fine)
+    return diagnose(fitted, objective, fine, BENCH.history.cycle, SETTINGS, lambda line: None)
+
+
+def test_each_hold_is_longer_and_all_that_follows_later() -> None:
+    longer = with_holds(TIMES, STILL, 4.0)
+    # 10 to 26 s is one hold of two intervals, 30 to 45 none, 45 to 50 another.
+    np.testing.assert_allclose(longer, [0, 10, 22.5, 30, 34, 49, 58, 68])
+    assert with_holds(TIMES, STILL, 0.0) is TIMES
+    assert np.all(np.diff(with_holds(TIMES, STILL, -600.0)) > 0)
+    no_hold = np.zeros(7, dtype=bool)
+    np.testing.assert_allclose(with_holds(TIMES, no_hold, 9.0), TIMES)
+
+
+def test_a_hold_is_where_no_knot_gains_weight() -> None:
+    weights = np.array([[1.0, 0], [0.5, 0.5], [0.5, 0.5], [0, 1]])
+    assert holds(weights).tolist() == [False, True, False]
+    still = holds(BENCH.model.boundary.weights)
+    assert np.count_nonzero(still) == 4  # two at each peak
+    assert HOLD in parameters_of_the_specimen(BENCH.model)
+
+
+def test_the_derivative_is_that_of_a_finer_difference_and_others_stay_in_place() -> None:
+    free = ("tau0", HOLD, "c")
+    found = BENCH.model.predict(BENCH.truth, free)
+    plain = BENCH.model.predict(BENCH.truth, ("tau0", "c"))
+    np.testing.assert_array_equal(found.d_load[[0, 2]], plain.d_load)
+    np.testing.assert_array_equal(found.d_surface[[0, 2]], plain.d_surface)
+    above, below = (
+        BENCH.model.predict(BENCH.truth | {HOLD: error}).load for error in (0.01, -0.01)
+    )
+    slope = (above - below) / 0.02
+    np.testing.assert_allclose(found.d_load[1], slope, atol=0.05 * np.abs(slope).max())
+    alone = BENCH.model.predict(BENCH.truth, (HOLD,))
+    np.testing.assert_array_equal(alone.d_load[0], found.d_load[1])
+
+
+def test_a_hidden_error_of_the_holds_is_named_and_its_size_found() -> None:
+    found = diagnosed(30.0)
+    assert found.verdict.kind == "named" and found.verdict.causes == ("hold_time",)
+    sigma = found.extended.sigma(HOLD, found.objective.parameters)
+    assert abs(found.extended.values[HOLD] - 30.0) < 3.5 * sigma < 15.0
+    assert found.extended.best.chi_load < found.baseline.best.chi_load
+
+
+def test_holds_as_stamped_are_not_named() -> None:
+    found = diagnosed(0.0)
+    assert found.verdict.kind == "nothing wrong"
+    (scored,) = (s for s in found.steps[0].scores if s.cause.name == "hold_time")
+    assert scored.p > 0.05 and np.isfinite(scored.visible).all()
