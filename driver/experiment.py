@@ -317,7 +317,7 @@ def _noise_map(case: Case, frames: Stack | None) -> FloatArray | None:
     if not np.all(noise > 0):
         least = f"the value {np.nanmin(noise):.3g}" if np.isfinite(noise).any() else "no number"
         raise _error(case, "noise_map", least, "a number above 0 at every pixel")
-    return arrange(case.images, noise[None])[0]
+    return np.asarray(arrange(case.images, noise[None])[0])
 
 
 def _used(mask: Stack) -> BoolArray:

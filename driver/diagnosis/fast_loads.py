@@ -59,7 +59,7 @@ def fast_loads(fitted: Evaluation) -> FastLoads:
     images = J[:, T:]
     H = through.T @ through + images @ images.T + np.diag(fitted.prior_weight)
     H += _RIDGE * np.trace(H) * np.eye(len(H))
-    taken = np.linalg.solve(H, through.T).T
+    taken = np.asarray(np.linalg.solve(H, through.T).T, dtype=np.float64)
     left, vector = np.linalg.eigh(np.eye(len(modes)) - taken @ through.T)
     kept = left > _LEFT
     root = (vector[:, kept] / np.sqrt(left[kept])).T

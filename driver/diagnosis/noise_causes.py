@@ -9,7 +9,7 @@ BOUNDARY_NOISE = Cause(
     "boundary_noise", "boundary", ("sigma_e",),
     "the elongation at the stop of each image scatters about the stage travel",
     "repeated stops at the same stage travel, read by correlation of the rim or a second gauge",
-    one_sided=True,
+    one_sided=True, unseen="too few fast loads tell it from noise of the loads",
 )  # fmt: skip
 SIGMA_E = Parameter("sigma_e", "µm", 0.0, 3e-4, 0.0)
 """Standard deviation of the elongation at a stop; its scale is that of a good stage."""

@@ -27,7 +27,7 @@ def not_seen(scored: Score, parameters: Mapping[str, Parameter]) -> str:
         if np.isfinite(visible)
     ]
     if not sizes:
-        return f"undetectable here: {scored.cause.unseen}"
+        return f"undetectable here: of no size would these data show it, for {scored.cause.unseen}"
     smallest = float(np.min(scored.visible))
     if smallest > UNDETECTABLE:
         return (

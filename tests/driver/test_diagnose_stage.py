@@ -4,12 +4,17 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
+import tifffile
 
 from driver.case import Case, load_case, write_case
-from driver.diagnose_stage import added_parameters, extended_case
+from driver.case_tables.images import Axis
+from driver.diagnose_stage import NOISE_MAP, added_parameters, extended_case, write_noise_map
 from driver.diagnosis.causes import LIBRARY, Cause
-from driver.diagnosis.noise_causes import BOUNDARY_NOISE
+from driver.diagnosis.noise_causes import BOUNDARY_NOISE, NOISE_NOT_UNIFORM
+from driver.experiment import arrange
+from driver.identification.data import reweighted
 from driver.model import declared_parameters
 from solver_adapters.material import MATERIAL_DECLARATIONS
 from tests.driver import closed_form
@@ -75,6 +80,30 @@ def test_a_noise_of_the_boundary_is_stated_by_the_extended_case(tmp_path: Path) 
     case = load_case(path)
     assert case.boundary.jitter_nm == pytest.approx(0.42) and not case.extensions
     assert added_parameters(cast(Any, found)) == ()
+
+
+@pytest.mark.parametrize(("rows", "columns"), [("+X", "+Y"), ("-Y", "+X"), ("+Y", "-X")])
+def test_uneven_noise_is_stated_by_the_extended_case_as_its_images_lie(
+    rows: Axis, columns: Axis, tmp_path: Path
+) -> None:
+    bench = closed_form.bench()
+    image = closed_form.objective(bench, bench.truth).data.image
+    variance = np.random.default_rng(3).uniform(0.5, 2.0, len(image.images.xy))
+    found: Any = SimpleNamespace(
+        extended=SimpleNamespace(values={p.name: p.null for p in declared_parameters(5).values()}),
+        objective=SimpleNamespace(data=SimpleNamespace(image=reweighted(image, variance))),
+        causes=(NOISE_NOT_UNIFORM,),
+        levels={"noise_ratio": (1.8, 0.1)},
+    )
+    case = fitting("tau0")
+    lie = {"rows_along": rows, "columns_along": columns}
+    case = case.model_copy(update={"images": case.images.model_copy(update=lie)})
+    write_noise_map(case, cast(Any, found), tmp_path / NOISE_MAP)
+    assert extended_case(case, cast(Any, found)).images.noise_map == NOISE_MAP
+    read = arrange(case.images, tifffile.imread(tmp_path / NOISE_MAP)[None])[0]
+    assert read.shape == closed_form.SHAPE
+    noise = read[image.images.rows, image.images.cols] ** 2
+    np.testing.assert_allclose(noise, variance / variance.mean(), rtol=1e-5)
 
 
 def test_what_a_cause_frees_includes_its_companions() -> None:

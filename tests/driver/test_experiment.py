@@ -6,7 +6,14 @@ import tifffile
 
 from driver.case import default_case, load_case, write_case
 from driver.case_tables.images import Images
-from driver.experiment import ExperimentError, arrange, heights, origin, read_experiment
+from driver.experiment import (
+    ExperimentError,
+    arrange,
+    as_in_files,
+    heights,
+    origin,
+    read_experiment,
+)
 
 RIGHT_HANDED = [
     ("+X", "+Y", "+Z"), ("-X", "-Y", "+Z"), ("+Y", "-X", "+Z"), ("-Y", "+X", "+Z"),
@@ -45,6 +52,14 @@ def test_an_experiment_is_read_in_internal_units(folder):
     assert experiment.mask is not None and experiment.mask.sum() == 50
     assert experiment.origin == (2.5, 1.0)
     assert (experiment.gamma_f, experiment.gamma_F) == pytest.approx((0.009, 5.97))
+
+
+@pytest.mark.parametrize("axes", RIGHT_HANDED)
+def test_what_is_written_as_the_files_lie_is_read_as_it_was(axes):
+    rows, columns, up = axes
+    images = Images(frames="", rows_along=rows, columns_along=columns, heights=up)
+    stack = np.arange(60).reshape(1, 6, 10)
+    np.testing.assert_array_equal(arrange(images, as_in_files(images, stack)), stack)
 
 
 @pytest.mark.parametrize("axes", RIGHT_HANDED)
@@ -207,6 +222,10 @@ BAD = {
         ).astype(np.float32)), "found level 3.4e+38 in frame 1, expected heights within 1e+06 nm"),
     "mask": ("mask", lambda f: stored(f, "m.tif", 0 * SURFACE),
              "found 0 at every pixel, expected another number where pixels are used"),
+    "noise": ("noise_map", lambda f: stored(f, "o.tif", SURFACE - SURFACE.min()),
+              "found the value 0, expected a number above 0 at every pixel"),
+    "two noises": ("noise_map", lambda f: stored(f, "o.tif", np.stack([SURFACE + 1] * 2)),
+                   "found 2 images, expected one"),
 }  # fmt: skip
 
 

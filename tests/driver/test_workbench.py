@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import tifffile
 
 from driver import specimen
 from driver.boundary import LAMBDAS
@@ -58,6 +59,27 @@ def test_at_the_truth_only_noise_is_left(case: Case) -> None:
     found = bench.objective.evaluate(BENCH.truth, ())
     assert found.chi_load == pytest.approx(1.0, abs=0.3)
     assert found.chi_image == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_noise_map_weighs_the_pixels(case: Case) -> None:
+    noise = np.random.default_rng(2).uniform(1.0, 3.0, closed_form.SHAPE).astype(np.float32)
+    tifffile.imwrite(case.path("noise_map.tif"), noise)
+    image = built(case, images={"noise_map": "noise_map.tif"}).objective.data.image
+    variance = noise[image.images.rows, image.images.cols] ** 2
+    np.testing.assert_allclose(image.variance, variance / variance.mean(), rtol=1e-6)
+    assert built(case).objective.data.image.variance is None
+
+
+def test_flats_show_what_their_pattern_would_do(case: Case) -> None:
+    flats = np.random.default_rng(4).normal(0.0, 0.01, (3, *closed_form.SHAPE)).astype(np.float32)
+    images: dict[str, object] = {"flats": "flats.tif"}
+    levels = 1e3 * flats / case.images.height_per_level_nm
+    tifffile.imwrite(case.path("flats.tif"), levels, photometric="minisblack")
+    bench = built(case, images=images)
+    rise = bench.working.pattern
+    assert rise is not None and rise.shape == (BENCH.history.n_images, len(bench.images.xy))
+    assert bench.finer.pattern is rise and bench.objective.model.pattern is rise
+    assert np.std(rise[-1]) > 1e-3 and built(case).working.pattern is None
 
 
 def test_priors_have_the_widths_of_the_case(case: Case) -> None:

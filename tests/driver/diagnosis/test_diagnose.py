@@ -89,7 +89,8 @@ def test_a_drift_of_the_heights_is_undetectable_and_no_false_zero() -> None:
         (scored,) = (s for s in found.steps[0].scores if s.cause.name == "height_drift")
         assert scored.degrees == 0 and scored.p == 1.0 and np.isinf(scored.visible).all()
         assert not_seen(scored, BENCH.model.parameters) == (
-            "undetectable here: the stage refocuses, so that the mean height of every image is free"
+            "undetectable here: of no size would these data show it, for the stage refocuses, so "
+            "that the mean height of every image is free"
         )
 
 

@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.diagnosis.diagnose import diagnose
-from driver.diagnosis.image_noise import unevenness
+from driver.diagnosis.examined import NotExamined
+from driver.diagnosis.image_noise import examine_noise, unevenness
 from driver.diagnosis.outcome import Diagnosis, Settings
 from driver.identification.data import reweighted
 from driver.identification.fit import Fit, Objective
@@ -115,7 +116,8 @@ def test_weighted_numbers_of_uneven_noise_are_white() -> None:
     """Of noise alone, without a fit: unit variance and no correlation."""
     image = baseline("even")[0].data.image
     variance = 1.0 + 3.0 * np.random.default_rng(1).uniform(size=len(image.images.xy))
-    weighed = reweighted(image, variance)
+    variance /= variance.mean()
+    weighed = reweighted(image, 7.0 * variance)
     covariance = (
         weighed.whiten
         @ (weighed.test.T @ (image.images.sigma**2 * variance[:, None] * weighed.test.toarray()))
@@ -124,6 +126,15 @@ def test_weighted_numbers_of_uneven_noise_are_white() -> None:
     np.testing.assert_allclose(covariance, np.eye(weighed.n_z), atol=1e-8)
     rigid = np.einsum("rpc,pc->pr", weighed.rigid, weighed.slope)
     np.testing.assert_allclose(weighed.whiten @ (weighed.test.T @ rigid), 0.0, atol=1e-6)
+
+
+def test_what_is_stated_is_not_looked_for() -> None:
+    objective, fitted = baseline("steep")
+    data = objective.data
+    stated = replace(data, image=reweighted(data.image, np.ones(len(data.image.images.xy))))
+    found = examine_noise(fitted.best, stated, None)
+    assert isinstance(found, NotExamined) and "images.noise_map" in found.why
+    assert examine_noise(fitted.best, data, ("load_gain",)) is None
 
 
 def test_too_few_images_are_not_asked() -> None:

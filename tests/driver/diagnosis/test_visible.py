@@ -18,7 +18,8 @@ PARAMETERS = {
 
 def of(**visible: float) -> Score:
     found: Any = SimpleNamespace(
-        cause=SimpleNamespace(parameters=tuple(visible)), visible=np.array(list(visible.values()))
+        cause=SimpleNamespace(parameters=tuple(visible), unseen="it is dark"),
+        visible=np.array(list(visible.values())),
     )
     return cast(Score, found)
 
@@ -29,7 +30,10 @@ def of(**visible: float) -> Score:
         (of(shift=0.5), "not seen here: it would have been seen from shift by 0.15 µm on"),
         (of(ratio=1.0), "not seen here: it would have been seen from ratio by a factor 1.11 on"),
         (of(shift=10.0), "undetectable here: it would be seen from shift by 3 µm on, 10.0 times"),
-        (of(shift=np.inf), "undetectable here: of no size would these data show it"),
+        (
+            of(shift=np.inf),
+            "undetectable here: of no size would these data show it, for it is",
+        ),
         (of(shift=np.inf, ratio=2.0), "not seen here: it would have been seen from ratio by"),
     ],
 )
