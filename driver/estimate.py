@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from driver.case import Case
+from driver.wording import duration
 from solver_adapters.interface import Capabilities
 
 # Gauss points of a tet10, and its nodes per cell in a mesh of a few hundred cells.
@@ -82,12 +83,32 @@ def estimate(
         )
     face = case.specimen.length * case.specimen.width / case.images.pixel_um**2
     correlation = _PIXEL_SECONDS * face * n_images if case.with_images else 0.0
-    nodes = finer * _NODES_PER_CELL
-    response = 8.0 * n_images * 3 * nodes * (directions + 1)
-    memory = case.execution.processes * (_PROCESS_BYTES + response) + _IMAGE_COPIES * 8.0 * n_pixels
+    simulated = simulation_memory(round(finer), n_images, directions)
+    memory = case.execution.processes * simulated + _IMAGE_COPIES * 8.0 * n_pixels
     runs = 1 if solver.derivatives else 1 + _RUNS_PER_DIRECTION * directions
     evaluations = fits * case.identification.starts + refits
     return Estimate(solving + correlation, memory, runs * evaluations)
+
+
+def simulation_memory(n_cells: int, n_images: int, directions: int = 0) -> float:
+    """Resident memory of a process that simulates once [bytes].
+
+    Args:
+        n_cells: tet10 cells of the mesh.
+        n_images: images of the history.
+        directions: of differentiation.
+    """
+    return _PROCESS_BYTES + 24.0 * n_images * n_cells * _NODES_PER_CELL * (directions + 1)
+
+
+def cost_told(seconds: float, memory: float) -> str:
+    """What a job will cost, in words.
+
+    Args:
+        seconds: wall-clock time on cores that do nothing else [s].
+        memory: largest resident memory of all its processes together [bytes].
+    """
+    return f"about {duration(seconds)} on free cores and {memory / 1e9:.1f} GB of memory"
 
 
 def simulation_seconds(
