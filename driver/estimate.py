@@ -29,8 +29,12 @@ _FINE_RUNS = 3
 # Seconds of one core of the correlation for one pixel of one image, all iterations.
 _PIXEL_SECONDS = 8e-6
 # Libraries of one process [bytes]; copies of the images held at a time.
-_PROCESS_BYTES = 250e6
+_PROCESS_BYTES = 330e6
 _IMAGE_COPIES = 3
+# Copies of a response with its derivatives: of the surface, projected, whitened.
+_RESPONSE_COPIES = 4
+# Parameters of all causes, which are differentiated together.
+_CAUSE_DIRECTIONS = 50
 # Directions of the boundary motion: 4 λ's and the knots of three cycles (6 for each of 4 motions).
 _BOUNDARY_DIRECTIONS = 4 + 4 * 6
 
@@ -83,8 +87,11 @@ def estimate(
         )
     face = case.specimen.length * case.specimen.width / case.images.pixel_um**2
     correlation = _PIXEL_SECONDS * face * n_images if case.with_images else 0.0
-    simulated = simulation_memory(round(finer), n_images, directions)
-    memory = case.execution.processes * simulated + _IMAGE_COPIES * 8.0 * n_pixels
+    causes = _CAUSE_DIRECTIONS if case.with_images else 0
+    memory = simulation_memory(n_cells, n_images, directions + causes)
+    if case.execution.processes > 1:
+        memory += case.execution.processes * simulation_memory(n_cells, n_images, directions)
+    memory += _IMAGE_COPIES * 8.0 * n_pixels
     runs = 1 if solver.derivatives else 1 + _RUNS_PER_DIRECTION * directions
     evaluations = fits * case.identification.starts + refits
     return Estimate(solving + correlation, memory, runs * evaluations)
@@ -98,7 +105,8 @@ def simulation_memory(n_cells: int, n_images: int, directions: int = 0) -> float
         n_images: images of the history.
         directions: of differentiation.
     """
-    return _PROCESS_BYTES + 24.0 * n_images * n_cells * _NODES_PER_CELL * (directions + 1)
+    response = 24.0 * n_images * n_cells * _NODES_PER_CELL * (directions + 1)
+    return _PROCESS_BYTES + _RESPONSE_COPIES * response
 
 
 def cost_told(seconds: float, memory: float) -> str:
