@@ -301,6 +301,7 @@ def _omnibus_record(tests: Omnibus) -> dict[str, Any]:
         "load_slow_p": tests.load_slow,
         "load_serial_p": tests.load_serial,
         "image_slow_p": tests.image_slow,
+        "image_outlier_p": tests.image_outlier,
         "accepted": tests.accepted,
     }
 
