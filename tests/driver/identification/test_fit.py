@@ -269,6 +269,21 @@ def test_a_gain_that_derivatives_promise_and_that_never_comes_is_not_waited_for(
     assert found.reason == "the last step lowered the cost by 0.002 only"
 
 
+def test_a_cost_that_scatters_more_than_the_step_promises_is_not_searched() -> None:
+    """Each evaluation errs by a hundredth of a standard deviation, as adaptive steps make it err."""
+    rng = np.random.default_rng(2)
+
+    def scattering(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return p @ A + 0.01 * np.abs(rng.standard_normal(40)), A
+
+    measured = -np.ones(40)
+    start = np.linalg.solve(A @ A.T, A @ measured)
+    off = dict(zip("abc", start + 0.12 / np.linalg.norm(A, axis=1) / np.sqrt(3), strict=True))
+    objective = formula(scattering, measured, PLAIN)
+    found = fit(objective, off, "abc", 20, silent)
+    assert found.converged and len(objective.tried) <= 4
+
+
 def test_a_prior_may_raise_the_misfit() -> None:
     """From the optimum of the data to that of data and prior: the cost falls all the same."""
     measured = RNG.standard_normal(40)
