@@ -32,7 +32,7 @@ NEGLIGIBLE = math.sqrt(1e-2)
 SCATTER = 3.0  # standard deviations of ‖r‖²
 MOST_HALVINGS = 5
 # Step control and iteration of a solver scatter the cost by hundredths. A step that promises less
-# than a tenth and does not lower it, nor does a shorter one, has met that scatter.
+# than a tenth and does not lower it, nor do two shorter ones, has met that scatter.
 FLAT = 0.3
 Log = Callable[[str], None]
 
@@ -326,7 +326,7 @@ def fit(
             reason = f"the limit of {most} iterations, decrement {decrement:.2g} σ"
             return ended(False, reason)
         flat = decrement < FLAT
-        ahead = _descend(objective, here, step, log, 2 if flat else MOST_HALVINGS)
+        ahead = _descend(objective, here, step, log, 3 if flat else MOST_HALVINGS)
         if ahead is None and flat:
             return ended(True, f"a step of {decrement:.2g} σ does not lower the cost")
         if ahead is None:

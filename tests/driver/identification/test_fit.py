@@ -270,7 +270,7 @@ def test_a_gain_that_derivatives_promise_and_that_never_comes_is_not_waited_for(
 
 
 def test_a_cost_that_scatters_more_than_the_step_promises_is_not_searched() -> None:
-    """Each evaluation errs by a hundredth of a standard deviation, as adaptive steps make it err."""
+    """Each evaluation errs by a hundredth of a standard deviation, as by its own time steps."""
     rng = np.random.default_rng(2)
 
     def scattering(p: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -281,7 +281,7 @@ def test_a_cost_that_scatters_more_than_the_step_promises_is_not_searched() -> N
     off = dict(zip("abc", start + 0.12 / np.linalg.norm(A, axis=1) / np.sqrt(3), strict=True))
     objective = formula(scattering, measured, PLAIN)
     found = fit(objective, off, "abc", 20, silent)
-    assert found.converged and len(objective.tried) <= 4
+    assert found.converged and len(objective.tried) <= 5
 
 
 def test_a_prior_may_raise_the_misfit() -> None:
