@@ -19,7 +19,9 @@ FloatArray = NDArray[np.float64]
 
 FEWEST = 8  # degrees of freedom without which nothing is said of the noise
 _RIDGE = 1e-12
-_LEFT = 1e-3  # variance below which the fit has taken a direction
+# Variance that the fit has left of a direction. What it takes more of is where the model moves fast
+# loads, and an error of the model shows there as if it were noise.
+_LEFT = 0.9
 _WIDE = 10.0  # prior scales
 
 
