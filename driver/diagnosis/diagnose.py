@@ -96,11 +96,11 @@ def diagnose(
         causes.append(winner.cause)
         log(f"added {winner.cause.name}, log evidence {winner.log_evidence:+.1f}")
         here, current, levels = _extended(winner, finer, settings, levels, log)
-        if winner.levels:
-            of_noise = winner.log_evidence
-        elif BOUNDARY_NOISE in causes and not levels:
+        if BOUNDARY_NOISE in causes and not levels:
             causes.remove(BOUNDARY_NOISE)
             of_noise = 0.0
+        elif winner.levels:
+            of_noise = winner.log_evidence
         here, current, causes = eliminate(here, current, causes, log)
     if uneven is not None:
         steps = [_with_score(step, uneven.score) for step in steps]
@@ -125,9 +125,11 @@ def diagnose(
     log(f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.cause}")
     explained = share_explained(worse, here.best) if causes else float("nan")
     of_causes = {cause.name for cause in causes}
+    # What was dropped and added again counts once.
+    sets = {step.named[0]: step.named for step in steps if of_causes & set(step.named[:1])}
     every = (*EVERY, *settings.own)
     verdict = decide(
-        [step.named for step in steps if step.named and step.named[0] in of_causes],
+        list(sets.values()),
         steps[-1].omnibus.accepted,
         settings.imaging_limited,
         passed.words,
