@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field, model_validator
 from driver.case_errors import refusal
 from driver.case_tables.values import Count, Positive, Table
 from driver.diagnosis.causes import LIBRARY
+from driver.diagnosis.ebsd_flips import FLIPS
 from solver_adapters.material import MATERIAL_DECLARATIONS
 
 
@@ -109,7 +110,7 @@ class DiagnosisTable(Table):
     def _causes_of_the_library(self) -> Self:
         if self.causes == "all" or self.cause_files:  # `asked_causes` looks into the files
             return self
-        known = [cause.name for cause in LIBRARY]
+        known = [cause.name for cause in (*LIBRARY, *FLIPS)]
         for name in self.causes:
             if name not in known:
                 raise refusal("one of " + ", ".join(known), "causes", f'"{name}"')

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.boundary import elongation_names, tilt_names
-from driver.diagnosis.causes import LIBRARY, NUMERICS, Cause, not_examined
+from driver.diagnosis.causes import LIBRARY, NUMERICS, Cause, NotExamined, not_examined
+from driver.diagnosis.ebsd_flips import FLIPS, flips_of
 from driver.diagnosis.elimination import eliminate
+from driver.diagnosis.flip_trial import turned
 from driver.diagnosis.gain import log_evidence, share_explained
 from driver.diagnosis.gate import gate
 from driver.diagnosis.held_out import HeldOut, HeldOutTask, knots_of_cycle, predict_held_out
@@ -59,7 +61,7 @@ def diagnose(
     left = not_examined(
         parameters_of_the_specimen(model), honoured(model), baseline.best.free, settings.wanted,
         settings.own,
-    )  # fmt: skip
+    ) + flips_of(model.microstructure.orientations, settings.wanted)[1]  # fmt: skip
     for one in left:
         log(f"  {one.cause} is not examined: {one.why}")
     candidates, names = screened(model, baseline.best.free, settings.wanted, settings.own)
@@ -79,10 +81,11 @@ def diagnose(
             break
         causes.append(winner.cause)
         log(f"added {winner.cause.name}, log evidence {winner.log_evidence:+.1f}")
+        finer = turned(finer, (winner.cause,))
         here, current = _extended(winner, finer, settings, log)
         here, current, causes = eliminate(here, current, causes, log)
     log("the correction once more, and the held-out cycle predicted from the others")
-    tasks: list[_Refresh | _Again | HeldOutTask] = [_Refresh(model, finer, here)]
+    tasks: list[_Refresh | _Again | HeldOutTask] = [_Refresh(current.model, finer, here)]
     # Before and after are compared under one covariance, that of the end.
     final = replace(objective, data=current.data)
     if causes:
@@ -97,7 +100,7 @@ def diagnose(
     log(f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.cause}")
     explained = share_explained(before, here.best) if causes else float("nan")
     of_causes = {cause.name for cause in causes}
-    every = (*LIBRARY, *settings.own, NUMERICS)
+    every = (*LIBRARY, *FLIPS, *settings.own, NUMERICS)
     verdict = decide(
         [step.named for step in steps if step.named and step.named[0] in of_causes],
         steps[-1].omnibus.accepted,
@@ -118,9 +121,16 @@ def diagnose(
         held_out=(held[0], held[-1]) if held else None,
         explained=explained,
         log_evidence=log_evidence(before, here.best, current, causes),
-        not_examined=left,
+        not_examined=left + _never_tried(steps),
         verdict=verdict,
     )
+
+
+def _never_tried(steps: Sequence[Step]) -> tuple[NotExamined, ...]:
+    """The flips of the EBSD frame that no round tried, with the reason of the last one."""
+    tried = {s.cause.name for step in steps for s in step.scores}
+    why = {one.cause: one for step in steps for one in step.untried if one.cause not in tried}
+    return tuple(why.values())
 
 
 def _extended(

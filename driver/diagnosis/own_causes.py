@@ -14,6 +14,7 @@ from driver.case import Case, CaseError
 from driver.case_errors import refusal, sentences
 from driver.case_tables.values import Table
 from driver.diagnosis.causes import LIBRARY, NUMERICS, Cause
+from driver.diagnosis.ebsd_flips import FLIPS
 from driver.errors import InputError, sentence, why
 from driver.model import declared_parameters
 from driver.surface_view import POSE_DECLARATIONS
@@ -46,7 +47,7 @@ class CauseTable(Table):
 
     @model_validator(mode="after")
     def _of_its_own(self) -> Self:
-        if self.name in {cause.name for cause in (*LIBRARY, NUMERICS)}:
+        if self.name in {cause.name for cause in (*LIBRARY, *FLIPS, NUMERICS)}:
             raise refusal("a name that the library does not have", "name")
         for cause in LIBRARY:
             if set(cause.parameters) == set(self.parameters):
@@ -141,7 +142,7 @@ def asked_causes(case: Case, path: Path) -> tuple[Cause, ...]:
         InputError: as `own_causes`; or a name is of no cause of the library or of the files.
     """
     own = own_causes(case)
-    known = [cause.name for cause in (*LIBRARY, *own)]
+    known = [cause.name for cause in (*LIBRARY, *FLIPS, *own)]
     for name in case.diagnosis.causes if case.diagnosis.causes != "all" else ():
         if name not in known:
             expected = "one of " + ", ".join(known)
