@@ -10,6 +10,7 @@ import pytest
 
 from driver.case import default_case, schema
 from driver.diagnosis.causes import LIBRARY, NUMERICS
+from driver.diagnosis.ebsd_flips import FLIPS
 from driver.diagnosis.verdict import Kind
 from driver.model import declared_parameters
 from driver.report.findings import FILES
@@ -93,7 +94,7 @@ def test_every_parameter_is_documented_with_unit_null_and_scale(parameter: Param
     assert log == (["log"] if parameter.logarithmic else [])
 
 
-@pytest.mark.parametrize("cause", [*LIBRARY, NUMERICS], ids=lambda cause: cause.name)
+@pytest.mark.parametrize("cause", [*LIBRARY, *FLIPS, NUMERICS], ids=lambda cause: cause.name)
 def test_every_cause_is_listed_with_its_parameters(cause: Any) -> None:
     (row,) = re.findall(rf"^\| \w+ \| `{cause.name}` \|(.*)\|$", METHOD, re.M)
     if cause is not NUMERICS:

@@ -15,6 +15,7 @@ from driver.design.settings import read_change
 from driver.design.variants import base_variant, variant
 from driver.diagnosis.causes import LIBRARY, Cause, causes_of, not_examined
 from driver.diagnosis.diagnose import diagnose
+from driver.diagnosis.ebsd_flips import FLIPS
 from driver.diagnosis.outcome import Settings
 from driver.diagnosis.own_causes import asked_causes, own_causes, read_causes
 from driver.errors import InputError
@@ -142,7 +143,7 @@ def test_a_cause_of_neither_library_nor_files_is_refused_by_run_check_and_design
     tmp_path: Path,
 ) -> None:
     path = asking(tmp_path, "twisted_grip", "magic")
-    known = ", ".join(cause.name for cause in (*LIBRARY, TWISTED))
+    known = ", ".join(cause.name for cause in (*LIBRARY, *FLIPS, TWISTED))
     told = f'{path}: diagnosis.causes: found "magic", expected one of {known}'
     lines: list[str] = []
     with pytest.raises(InputError) as of_run:
