@@ -133,14 +133,19 @@ def refit_causes(
         processes: how many refits at a time.
         threads: threads of each.
         log: takes a line for each refit.
-        bar: cost which the first step has to promise.
+        bar: cost which the first step has to promise; a cause of which it does not is left out.
     """
-    tasks = []
+    tasks, hopeless = [], []
     for scored in scores:
         extended = with_prior(objective, scored.cause)
         begin = extended.restrict(screening, _free(baseline, scored.cause))
+        if np.isfinite(bar) and promised(extended, begin) > bar:
+            hopeless.append(scored.cause.name)
+            continue
         start = Start(scored.cause, extended, begin.values, begin, baseline, bar, MOST_ITERATIONS)
         tasks.append(start)
+    if hopeless:
+        log(f"  the first step promises too little of {', '.join(hopeless)}")
     return refit_from(tasks, processes, threads, log)
 
 
@@ -247,8 +252,8 @@ def _refit(task: Start) -> Refit | str:
             here = objective.evaluate(task.values, _free(task.baseline, task.cause))
         except (SolverError, ValueError) as error:
             return f"for it cannot be simulated ({str(error).partition(chr(10))[0]})"
-    if np.isfinite(task.bar) and promised(objective, here) > task.bar:
-        return "for its first step promises too little"
+        if promised(objective, here) > task.bar:
+            return "for its first step promises too little"
     result = fit(
         objective, here.values, here.free, task.most, _silent, start=here, tolerance=TOLERANCE
     )
