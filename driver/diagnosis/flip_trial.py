@@ -1,4 +1,4 @@
-"""Trial of the EBSD flips: one evaluation of each, and a refit of those that promise something."""
+"""Trial of the EBSD flips: each is looked at from two starts, and refitted if it promises much."""
 
 from __future__ import annotations
 
@@ -62,9 +62,11 @@ def try_flips(
     log: Log,
     bar: float,
 ) -> FlipTrial:
-    """Evaluate each flip at the nominal model, and refit where the first step promises enough.
+    """Evaluate each flip from two starts, and refit where a first step promises enough.
 
-    Nominal are the means of the priors; knots, which have none, stay.
+    The one start is the baseline: a flip leaves the Schmid factors along Y as they are, and with
+    them most of what the loads say of the law. The other one is the nominal model (means of the
+    priors; knots, which have none, stay), for what the baseline has bent to imitate a flip.
 
     Args:
         flips: the flips.
@@ -78,28 +80,32 @@ def try_flips(
     if not flips:
         return FlipTrial()
     log(f"other frames of the EBSD: {', '.join(flip.name for flip in flips)}")
-    values = nominal(baseline, objective)
     starts = [
         Start(flip, replace(objective, model=turned(objective.model, (flip,))), values, None,
               baseline, bar, MOST_FROM_AFAR)
         for flip in flips
+        for values in (baseline.values, nominal(baseline, objective))
     ]  # fmt: skip
     scores: list[Score] = []
     hopeful: list[Start] = []
     failed: list[NotExamined] = []
-    looks = side_by_side(_first_look, starts, processes, threads)
-    for start, look in zip(starts, looks, strict=True):
-        name = start.cause.name
-        if isinstance(look, str):
-            log(f"  {name}: cannot be simulated ({look})")
-            failed.append(NotExamined(name, f"it cannot be simulated ({look})"))
+    looks = list(zip(starts, side_by_side(_first_look, starts, processes, threads), strict=True))
+    for flip in flips:
+        mine = [(start, look) for start, look in looks if start.cause is flip]
+        seen = [replace(start, start=look) for start, look in mine if not isinstance(look, str)]
+        if not seen:
+            why = f"it cannot be simulated ({mine[0][1]})"
+            log(f"  {flip.name}: {why}")
+            failed.append(NotExamined(flip.name, why))
             continue
-        promise = promised(objective, look)
-        scores.append(_score(start.cause, baseline.cost - promise))
+        promises = [_promise(start) for start in seen]
+        promise = min(promises)
+        scores.append(_score(flip, baseline.cost - promise))
         if promise > bar:
-            log(f"  {name}: given up, for its first step promises too little")
+            log(f"  {flip.name}: given up, for its first step promises too little "
+                f"(cost {promise:.0f}, {bar:.0f} is asked for)")  # fmt: skip
         else:
-            hopeful.append(replace(start, start=look))
+            hopeful.append(seen[promises.index(promise)])
     refits = refit_from(hopeful, processes, threads, log)
     return FlipTrial(tuple(scores), tuple(refits), tuple(failed))
 
@@ -109,6 +115,11 @@ def _first_look(start: Start) -> Evaluation | str:
         return start.objective.evaluate(start.values, start.baseline.free)
     except (SolverError, ValueError) as error:
         return str(error).partition("\n")[0]
+
+
+def _promise(start: Start) -> float:
+    assert start.start is not None
+    return promised(start.objective, start.start)
 
 
 def _score(flip: Cause, gain: float) -> Score:

@@ -25,6 +25,7 @@ CYCLES = ((8, 2), (8, 2))
 ELONGATION = (0.045, 0.039, 0.090, 0.083)  # µm at the turning points
 EFFECTS = {  # cause: parameter, null, truth
     "grain_contrast": ("tau0_grain2", 1.0, 1.25),
+    "latent_hardening": ("Q_latent", 0.0, 14.0),  # at Q = 0
     "boundary_position": ("boundary_shift", 0.0, 0.6),
     "load_offset": ("load_offset", 0.0, 60.0),
 }
@@ -48,7 +49,8 @@ def course(effect: str) -> Course:
         return replace(unbiased, load=unbiased.load + EFFECTS[effect][2])
     if effect == "boundary_position":
         truth = moved_boundary(truth)
-    hidden = {"tau0_grain2": EFFECTS[effect][2]} if effect == "grain_contrast" else {}
+    of_the_law = ("grain_contrast", "latent_hardening")
+    hidden = {EFFECTS[effect][0]: EFFECTS[effect][2]} if effect in of_the_law else {}
     return pull(truth, CYCLES, ELONGATION, hidden)
 
 
