@@ -16,6 +16,7 @@ from driver.boundary import LAMBDAS
 from driver.case import Case, CaseError, schema_text, write_case
 from driver.design.telling import Telling, advice, most_telling
 from driver.diagnosis.diagnose import diagnose
+from driver.diagnosis.ebsd_flips import FLIPS, half_turn
 from driver.diagnosis.noise_causes import COVARIANCE, COVARIANCE_PARAMETERS, NOISE_RATIO, SIGMA_E
 from driver.diagnosis.omnibus import Omnibus
 from driver.diagnosis.outcome import Diagnosis, Settings, Step
@@ -124,12 +125,15 @@ def _telling(found: Diagnosis, context: StageContext, bench: Workbench) -> tuple
     group = next((step.named for step in found.steps if len(step.named) > 1), ())
     if found.verdict.kind != "one of this set" or not group:
         return ()
+    if set(group) & {flip.name for flip in FLIPS}:
+        return ()  # a flip has no size to be parted by
     context.log(f"which added measurement would part {', '.join(group)}")
     scores = {s.cause.name: s for s in next(s for s in found.steps if s.named == group).scores}
     sizes = {name: float(np.max(np.abs(scores[name].estimate))) for name in group}
     law = {name: found.baseline.values[name] for name in found.baseline.best.free}
     try:
-        return most_telling(context.case, bench.experiment.history, sizes, law, context.log)
+        case = _with_flips(context.case, found)
+        return most_telling(case, bench.experiment.history, sizes, law, context.log)
     except (InputError, SolverError, ValueError) as error:
         context.log(f"  not found out: {str(error).partition(chr(10))[0]}")
         return ()
@@ -138,7 +142,17 @@ def _telling(found: Diagnosis, context: StageContext, bench: Workbench) -> tuple
 def added_parameters(found: Diagnosis) -> tuple[str, ...]:
     """Names of the parameters of the general model that the extension freed."""
     freed = [cause for cause in found.causes if cause not in COVARIANCE]
-    return tuple(n for cause in freed for n in (*cause.parameters, *cause.companions))
+    every = (n for cause in freed for n in (*cause.parameters, *cause.companions))
+    return tuple(dict.fromkeys(every))
+
+
+def _with_flips(case: Case, found: Diagnosis) -> Case:
+    """The case with the EBSD frame turned as the flips that were named turn it."""
+    given = np.array(case.orientation.ebsd_to_specimen)
+    rows = tuple(map(tuple, (half_turn(found.causes) @ given + 0.0).tolist()))
+    return case.model_copy(
+        update={"orientation": case.orientation.model_copy(update={"ebsd_to_specimen": rows})}
+    )
 
 
 def extended_case(case: Case, found: Diagnosis) -> Case:
@@ -148,7 +162,8 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     """
     values = found.extended.values
     names = {
-        "tau0": "tau0_MPa", "c": "c_MPa", "Q": "Q_MPa", "c2": "c2_MPa",
+        "tau0": "tau0_MPa", "c": "c_MPa", "Q": "Q_MPa", "Q_latent": "Q_latent_MPa",
+        "c2": "c2_MPa",
         "skin_thickness": "skin_thickness_um",
     }  # fmt: skip
     constants = {
@@ -175,7 +190,7 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     if SIGMA_E.name in found.levels:
         boundary["jitter_nm"] = 1e3 * found.levels[SIGMA_E.name][0]
     files = tuple(_from_results(name) for name in case.diagnosis.cause_files)
-    return case.model_copy(
+    return _with_flips(case, found).model_copy(
         update={
             "material": case.material.model_copy(update=constants),
             "boundary": case.boundary.model_copy(update=boundary),
@@ -246,6 +261,7 @@ def diagnosis_record(
         "text": found.verdict.text,
         "next": found.verdict.next,
         "added": {n: fitted(after)[n] for n in added_parameters(found)} | added,
+        "flips": [cause.name for cause in found.causes if cause in FLIPS],
         "gain": gain,
         "numerics": {
             "effect_sigma": found.gate.effect,
@@ -270,12 +286,13 @@ def diagnosis_record(
 
 
 def _not_found(found: Diagnosis, bench: Workbench) -> dict[str, str]:
-    """Each cause that the last round tried and did not find: what would have been seen of it."""
+    """Each cause that was tried and not found: what the last round would have seen of it."""
     parameters = {**bench.objective.parameters, **COVARIANCE_PARAMETERS}
     named = set(found.verdict.causes)
+    flips = [s for step in found.steps for s in step.scores if s.cause in FLIPS]
     return {
         s.cause.name: not_seen(s, parameters)
-        for s in found.steps[-1].scores
+        for s in (*flips, *found.steps[-1].scores)
         if s.cause.name not in named and s.cause.category != "numerics"
     }
 
@@ -312,7 +329,7 @@ def _step_record(step: Step, bench: Workbench) -> dict[str, Any]:
             "units": units,
             "statistic": s.statistic,
             "degrees": s.degrees,
-            "p_family": s.p,
+            "p_family": _number(s.p),
             "log_evidence": s.log_evidence,
             "estimate": [float(e * k) for e, k in zip(s.estimate, scales, strict=True)],
             "smallest_visible": [_number(v * k) for v, k in zip(s.visible, scales, strict=True)],

@@ -34,6 +34,13 @@ def interaction_matrix(material: Material) -> FloatArray:
     return np.array(material.interaction, dtype=np.float64)
 
 
-def hardening_matrix(material: Material) -> FloatArray:
-    """h: the interaction matrix with h_latent off its diagonal, shape (24, 24)."""
-    return interaction_matrix(material) + material.h_latent * (1.0 - np.eye(N_SYSTEMS))
+def isotropic_hardening(material: Material) -> tuple[float, FloatArray]:
+    """Q [MPa] and h, shape (24, 24), with Q_latent and h_latent in them.
+
+    The law hardens by Q Σ_r h_sr (1 − exp(−b p_r)). Without Q of its own Q_latent is Q, and h has
+    nothing on its diagonal; without any hardening h is the identity.
+    """
+    m, apart = material, 1.0 - np.eye(N_SYSTEMS)
+    if m.Q != 0.0:
+        return m.Q, interaction_matrix(m) + (m.h_latent + m.Q_latent / m.Q) * apart
+    return (m.Q_latent, apart) if m.Q_latent != 0.0 else (0.0, np.eye(N_SYSTEMS))

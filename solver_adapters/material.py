@@ -16,13 +16,15 @@ class Material:
     """Constants of the Méric–Cailletaud law; the extensions stand at their null values.
 
     The critical resolved shear stress of system s in grain g at accumulated slips p is
-    ``tau0 * grain * family * sense * skin + Q * sum_r h_sr * (1 - exp(-b * p_r))`` with
+    ``tau0 * grain * family * sense * skin + sum_r (Q * h_sr + latent_sr) * (1 - exp(-b * p_r))``
+    with
 
     - grain: 1 in the first, tau0_grain2 in the second, those of tau0_grains in the later ones;
     - family: tau0_112 of a {112} system, else 1;
     - sense: tau0_antitwinning where a {112} system slips in the antitwinning sense, else 1;
     - skin: 1 + (skin_tau0 - 1) * exp(-depth / skin_thickness) below the free surface;
-    - h = interaction + h_latent off the diagonal.
+    - h = interaction + h_latent off the diagonal;
+    - latent = Q_latent off the diagonal, else 0.
 
     Attributes:
         C11, C12, C44: cubic elastic constants [MPa].
@@ -32,7 +34,7 @@ class Material:
         c: kinematic modulus [MPa].
         d: recall of the back stress [-].
         Q: saturated isotropic hardening [MPa], null 0.
-        b: rate of the isotropic hardening [-], used only where Q is not 0.
+        b: rate of the isotropic hardening [-], used only where Q or Q_latent is not 0.
         tau0_112: ratio of tau0 on {112}⟨111⟩ to {110}⟨111⟩ [-], null 1.
         tau0_grain2: ratio of tau0 in the second grain to the first [-], null 1.
         tau0_grains: ratios of the third and later grains to the first [-]; 1 for those not named.
@@ -42,6 +44,8 @@ class Material:
             {110} plane 60° away adds to the resolved shear stress [-], null 0
             (Gröger, Bailey & Vitek, Acta Mater. 56 (2008) 5401).
         h_latent: off-diagonal terms added to the interaction matrix [-], null 0.
+        Q_latent: saturated hardening of a system by each other one [MPa], null 0; on top of
+            Q h_latent, and there without Q, too.
         interaction: interaction matrix (24 rows of 24) [-]; None is the identity.
         c2: modulus of a second back stress [MPa], null 0.
         d2: recall of the second back stress [-], used only where c2 is not 0.
@@ -73,6 +77,7 @@ class Material:
     tau0_antitwinning: float = 1.0
     a1: float = 0.0
     h_latent: float = 0.0
+    Q_latent: float = 0.0
     interaction: tuple[tuple[float, ...], ...] | None = None
     c2: float = 0.0
     d2: float = 150.0
@@ -121,6 +126,7 @@ def declarations_at(material: Material) -> tuple[Parameter, ...]:
         Parameter("tau0_antitwinning", "", 1.0, 0.10, 0.3, 3.0, True),
         Parameter("a1", "", 0.0, 0.10, -0.9, 0.9),
         Parameter("h_latent", "", 0.0, 0.2, -1.0, 10.0),
+        Parameter("Q_latent", "MPa", 0.0, 2.0, 0.0, 500.0),
         Parameter("c2", "MPa", 0.0, _SLOW_STRESS * material.d2, 0.0, 1e6),
         Parameter("d2", "", 150.0, 0.5, 1.0, max(d / 10, material.d2), True),
         Parameter("x0", "", 0.0, 0.1 / d, -0.3 / d, 0.3 / d),

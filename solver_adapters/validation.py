@@ -68,6 +68,7 @@ _RULES: dict[str, _Rule] = {
     "tau0_antitwinning": _POSITIVE,
     "a1": _FINITE,
     "h_latent": _LATENT,
+    "Q_latent": _NOT_NEGATIVE,
     "c2": _NOT_NEGATIVE,
     "d2": _NOT_NEGATIVE,
     "x0": _Rule(lambda v, m: bool(np.isfinite(v)) and abs(v) * m.d < 1, "less than 1/d in size"),

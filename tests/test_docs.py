@@ -9,8 +9,9 @@ from typing import Any, get_args
 import pytest
 
 from driver.case import default_case, schema
+from driver.diagnosis.all_causes import EVERY
 from driver.diagnosis.causes import NUMERICS
-from driver.diagnosis.noise_causes import COVARIANCE, EVERY
+from driver.diagnosis.noise_causes import COVARIANCE
 from driver.diagnosis.verdict import Kind
 from driver.model import declared_parameters
 from driver.report.findings import FILES

@@ -8,7 +8,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from driver.case_errors import refusal
 from driver.case_tables.values import Count, Positive, Table
-from driver.diagnosis.noise_causes import NAMES
+from driver.diagnosis.all_causes import NAMES
 from solver_adapters.material import MATERIAL_DECLARATIONS
 
 

@@ -61,6 +61,9 @@ class MaterialTable(Table):
     h_latent: Number = Field(
         default=0.0, description="added to the interaction matrix off its diagonal"
     )
+    Q_latent_MPa: NonNegative = Field(
+        default=0.0, description="saturated hardening of a system by each other one, without Q, too"
+    )
     interaction: Interaction = Field(default=None, description=_INTERACTION)
     tau0_112: Positive = Field(default=1.0, description="ratio of tau0 on {112} to {110}")
     tau0_grain2: Positive = Field(default=1.0, description="ratio of tau0 in grain 2 to grain 1")
@@ -95,7 +98,8 @@ class MaterialTable(Table):
         return Material(
             C11=self.C11_GPa * 1e3, C12=self.C12_GPa * 1e3, C44=self.C44_GPa * 1e3,
             K=self.K, n=self.n, tau0=self.tau0_MPa, c=self.c_MPa, d=self.d, Q=self.Q_MPa,
-            b=self.b, h_latent=self.h_latent, interaction=self._interaction_matrix(),
+            b=self.b, h_latent=self.h_latent, Q_latent=self.Q_latent_MPa,
+            interaction=self._interaction_matrix(),
             tau0_112=self.tau0_112, tau0_grain2=self.tau0_grain2,
             tau0_antitwinning=self.tau0_antitwinning, a1=self.a1, c2=self.c2_MPa, d2=self.d2,
             x0=self.x0, eigenstrain=self.eigenstrain, skin_tau0=self.skin_tau0,

@@ -15,12 +15,13 @@ class Cause:
     Attributes:
         name: unique name.
         category: which kind of people would mend it.
-        parameters: the parameters that leave their null, one or more.
+        parameters: the parameters that leave their null, one or more (none for a flip).
         companions: parameters that exist only under the alternative and are freed in the refit.
         one_sided: whether the (single) parameter can only be above its null.
         unseen: why the data leave no trace of it, where they leave none.
         sentence: what a person would say.
         check: the physical check that would confirm it.
+        odds: prior odds against the baseline, over those of the other causes.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Cause:
     companions: tuple[str, ...] = ()
     one_sided: bool = False
     unseen: str = "it does nothing to the data that the fitted parameters do not do"
+    odds: float = 1.0
 
 
 def _axes(what: str) -> tuple[str, ...]:
@@ -42,6 +44,12 @@ LIBRARY: tuple[Cause, ...] = (
         "isotropic_hardening", "material", ("Q",),
         "the slip systems harden isotropically",
         "a test with load reversals: isotropic hardening widens the elastic range",
+        companions=("b",), one_sided=True,
+    ),
+    Cause(
+        "latent_hardening", "material", ("Q_latent",),
+        "slip on one system hardens the others",
+        "a second loading along another axis: the systems that were at rest yield later",
         companions=("b",), one_sided=True,
     ),
     Cause(

@@ -9,10 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.boundary import elongation_names, tilt_names
+from driver.diagnosis.all_causes import EVERY
 from driver.diagnosis.boundary_noise import Level, level_again, stops_where_they_pay
 from driver.diagnosis.causes import Cause
+from driver.diagnosis.ebsd_flips import flips_of
 from driver.diagnosis.elimination import eliminate
-from driver.diagnosis.examined import not_examined
+from driver.diagnosis.examined import NotExamined, not_examined
+from driver.diagnosis.flip_trial import turned
 from driver.diagnosis.gain import log_evidence, share_explained
 from driver.diagnosis.gate import gate
 from driver.diagnosis.held_out import HeldOut, HeldOutTask, knots_of_cycle, predict_held_out
@@ -21,7 +24,6 @@ from driver.diagnosis.loads import bad_loads
 from driver.diagnosis.noise_causes import (
     BOUNDARY_NOISE,
     COVARIANCE,
-    EVERY,
     NOISE_NOT_UNIFORM,
     NOISE_RATIO,
 )
@@ -70,7 +72,7 @@ def diagnose(
     left = not_examined(
         parameters_of_the_specimen(model), honoured(model), baseline.best.free, settings.wanted,
         settings.own,
-    )  # fmt: skip
+    ) + flips_of(model.microstructure.orientations, settings.wanted)[1]  # fmt: skip
     candidates, names = screened(model, baseline.best.free, settings.wanted, settings.own)
     if wide is None:
         wide = objective.evaluate(baseline.values, names)
@@ -95,6 +97,7 @@ def diagnose(
             break
         causes.append(winner.cause)
         log(f"added {winner.cause.name}, log evidence {winner.log_evidence:+.1f}")
+        finer = turned(finer, (winner.cause,))
         here, current, levels = _extended(winner, finer, settings, levels, log)
         if BOUNDARY_NOISE in causes and not levels:
             causes.remove(BOUNDARY_NOISE)
@@ -105,7 +108,7 @@ def diagnose(
     if uneven is not None:
         steps = [_with_score(step, uneven.score) for step in steps]
     log("the correction once more, and the held-out cycle predicted from the others")
-    tasks: list[_Refresh | _Again | HeldOutTask] = [_Refresh(model, finer, here)]
+    tasks: list[_Refresh | _Again | HeldOutTask] = [_Refresh(current.model, finer, here)]
     # Before and after are compared under one covariance, that of the end.
     final = replace(objective, data=current.data)
     # What a noise of the boundary explains is an excess where it is not counted.
@@ -152,10 +155,17 @@ def diagnose(
         held_out=(held[0], held[-1]) if held else None,
         explained=explained,
         log_evidence=of_noise + log_evidence(before, here.best, current, causes),
-        not_examined=left,
+        not_examined=left + _never_tried(steps),
         verdict=verdict,
         levels=levels,
     )
+
+
+def _never_tried(steps: Sequence[Step]) -> tuple[NotExamined, ...]:
+    """The flips of the EBSD frame that no round tried, with the reason of the last one."""
+    tried = {s.cause.name for step in steps for s in step.scores}
+    why = {one.cause: one for step in steps for one in step.untried if one.cause not in tried}
+    return tuple(why.values())
 
 
 def _extended(

@@ -43,7 +43,8 @@ def eliminate(
         cause = tested[least]
         left.remove(cause)
         log(f"{cause.name} is not needed any more")
-        freed = (*cause.parameters, *cause.companions)
+        needed = {name for other in left for name in other.companions}
+        freed = [n for n in (*cause.parameters, *cause.companions) if n not in needed]
         null = objective.model.null_values()
         free = tuple(name for name in here.best.free if name not in freed)
         prior = {name: p for name, p in objective.prior.items() if name not in freed}
@@ -54,7 +55,12 @@ def eliminate(
 
 
 def probability(here: Fit, objective: Objective, cause: Cause) -> float:
-    """Probability of parameters as far from their null, were the cause absent (Wald test)."""
+    """Probability of parameters as far from their null, were the cause absent (Wald test).
+
+    A flip of the EBSD frame has none: no small departure makes it superfluous.
+    """
+    if not cause.parameters:
+        return 0.0
     null, names = objective.model.null_values(), cause.parameters
     rows = [here.best.free.index(name) for name in names]
     theta = np.array([objective.parameters[n].theta(here.values[n], null[n]) for n in names])

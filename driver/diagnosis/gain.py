@@ -52,7 +52,7 @@ def log_evidence(
     for cause in causes:
         objective = with_prior(objective, cause)
     after = objective.restrict(after, after.free)
-    added = [name for cause in causes for name in (*cause.parameters, *cause.companions)]
+    added = {name for cause in causes for name in (*cause.parameters, *cause.companions)}
     widths = sum(float(np.log(objective.prior[name][1])) for name in added)
     volume = np.linalg.slogdet(before.hessian)[1] - np.linalg.slogdet(after.hessian)[1]
     return 0.5 * (_least(before) - _least(after)) + 0.5 * float(volume) - widths

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f
 
+from driver.diagnosis.all_causes import NAMES
 from driver.diagnosis.examined import NotExamined
-from driver.diagnosis.noise_causes import NAMES, NOISE_NOT_UNIFORM, NOISE_RATIO
+from driver.diagnosis.noise_causes import NOISE_NOT_UNIFORM, NOISE_RATIO
 from driver.diagnosis.omnibus import FAMILY_LEVEL
 from driver.diagnosis.score import SEEN_AT, Score
 from driver.diagnosis.verdict import Verdict

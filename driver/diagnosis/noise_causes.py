@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from driver.diagnosis.causes import LIBRARY, NUMERICS, Cause
+from driver.diagnosis.causes import Cause
 from solver_adapters.parameter import Parameter
 
 BOUNDARY_NOISE = Cause(
@@ -26,8 +26,3 @@ NOISE_RATIO = Parameter("noise_ratio", "", 1.0, 0.405, 1.0, 100.0, logarithmic=T
 COVARIANCE: tuple[Cause, ...] = (BOUNDARY_NOISE, NOISE_NOT_UNIFORM)
 """Causes that enter the covariance of the data, each by a level of noise."""
 COVARIANCE_PARAMETERS = {parameter.name: parameter for parameter in (SIGMA_E, NOISE_RATIO)}
-
-EVERY: tuple[Cause, ...] = (*LIBRARY, *COVARIANCE, NUMERICS)
-"""Every cause that can be scored."""
-NAMES: tuple[str, ...] = tuple(cause.name for cause in (*LIBRARY, *COVARIANCE))
-"""Names of the causes that can be asked for."""

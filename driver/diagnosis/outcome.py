@@ -61,6 +61,7 @@ class Step:
         named: the cause that was added and those that cannot be told from it, or empty.
         omnibus: tests of the baseline of this round.
         chi_load, chi_image: of that baseline.
+        untried: flips of the EBSD frame that were not tried in it, and why.
     """
 
     scores: tuple[Score, ...]
@@ -69,6 +70,7 @@ class Step:
     omnibus: Omnibus
     chi_load: float
     chi_image: float
+    untried: tuple[NotExamined, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ from driver.boundary import LAMBDAS
 from driver.case import Case, CaseError
 from driver.case_errors import refusal, sentences
 from driver.case_tables.values import Table
+from driver.diagnosis.all_causes import EVERY, NAMES
 from driver.diagnosis.causes import LIBRARY, Cause
-from driver.diagnosis.noise_causes import EVERY, NAMES
 from driver.errors import InputError, sentence, why
 from driver.model import declared_parameters
 from driver.surface_view import POSE_DECLARATIONS

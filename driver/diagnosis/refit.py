@@ -30,7 +30,8 @@ class Refit:
         cause: the cause.
         objective: the objective with the cause's prior, as wide as the effect was found large.
         fit: the fit, with a prior of one scale.
-        log_evidence: natural log of the Bayes factor against the baseline (Laplace).
+        log_evidence: natural log of the Bayes factor against the baseline (Laplace), and of the
+            prior odds of the cause.
         levels: of a covariance cause its level and the standard deviation of it by name.
     """
 
@@ -49,13 +50,26 @@ class Refit:
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
+class Start:
+    """Where the refit of a cause begins.
+
+    Attributes:
+        cause: the cause.
+        objective: the objective with the prior of the cause.
+        values: every parameter.
+        start: evaluation there, None where it is not known yet.
+        baseline: the baseline at its optimum.
+        bar: cost which the first step has to promise.
+        most: largest number of iterations.
+    """
+
     cause: Cause
     objective: Objective
     values: dict[str, float]
     start: Evaluation | None
     baseline: Evaluation
     bar: float
+    most: int
 
 
 def with_prior(objective: Objective, cause: Cause) -> Objective:
@@ -76,6 +90,8 @@ def as_wide_as_found(objective: Objective, cause: Cause, values: Mapping[str, fl
     A prior of one scale decides whether there is an effect. It would then draw an effect of
     many scales towards zero, by the share that its variance has in that of the prior.
     """
+    if not cause.parameters:
+        return objective
     sizes = [
         objective.parameters[name].theta(values[name], objective.prior[name][0])
         / objective.prior[name][1]
@@ -125,13 +141,14 @@ def refit_causes(
     for scored in scores:
         extended = with_prior(objective, scored.cause)
         begin = extended.restrict(screening, _free(baseline, scored.cause))
-        if np.isfinite(bar) and _promised(extended, begin) > bar:
+        if np.isfinite(bar) and promised(extended, begin) > bar:
             hopeless.append(scored.cause.name)
             continue
-        tasks.append(_Task(scored.cause, extended, begin.values, begin, baseline, bar))
+        start = Start(scored.cause, extended, begin.values, begin, baseline, bar, MOST_ITERATIONS)
+        tasks.append(start)
     if hopeless:
         log(f"  the first step promises too little of {', '.join(hopeless)}")
-    return _side_by_side(tasks, processes, threads, log)
+    return refit_from(tasks, processes, threads, log)
 
 
 def refit_from_afar(
@@ -161,8 +178,8 @@ def refit_from_afar(
     for scored in scores:
         extended, cause = with_prior(objective, scored.cause), scored.cause
         for values in nominal_starts(scored, baseline, extended):
-            tasks.append(_Task(cause, extended, values, None, baseline, bar))
-    return _side_by_side(tasks, processes, threads, log)
+            tasks.append(Start(cause, extended, values, None, baseline, bar, MOST_FROM_AFAR))
+    return refit_from(tasks, processes, threads, log)
 
 
 def nominal_starts(
@@ -178,8 +195,7 @@ def nominal_starts(
         extended: the objective with the priors of the cause.
     """
     cause, prior, known = scored.cause, extended.prior, extended.parameters
-    values = dict(baseline.values)
-    values |= {name: prior[name][0] for name in baseline.free if name in prior}
+    values = nominal(baseline, extended)
     values |= {name: prior[name][0] for name in cause.companions}
     largest = float(np.max(np.abs(scored.estimate)))
     along = scored.estimate / largest if largest > 0 else np.ones(len(cause.parameters))
@@ -196,11 +212,25 @@ def nominal_starts(
     ]
 
 
+def nominal(baseline: Evaluation, objective: Objective) -> dict[str, float]:
+    """Every parameter at the mean of its prior; those without one, as the knots, stay."""
+    prior = objective.prior
+    return baseline.values | {name: prior[name][0] for name in baseline.free if name in prior}
+
+
+def _added(baseline: Evaluation, cause: Cause) -> tuple[str, ...]:
+    """What a cause frees; a companion may be free already, with another cause."""
+    named = (*cause.parameters, *cause.companions)
+    return tuple(name for name in named if name not in baseline.free)
+
+
 def _free(baseline: Evaluation, cause: Cause) -> tuple[str, ...]:
-    return (*baseline.free, *cause.parameters, *cause.companions)
+    return (*baseline.free, *_added(baseline, cause))
 
 
-def _side_by_side(tasks: Sequence[_Task], processes: int, threads: int, log: Log) -> list[Refit]:
+def refit_from(tasks: Sequence[Start], processes: int, threads: int, log: Log) -> list[Refit]:
+    """Refits side by side; starts that are given up are told and left out."""
+
     def done(index: int, result: Refit | str) -> None:
         name = tasks[index].cause.name
         if isinstance(result, str):
@@ -216,7 +246,7 @@ def _side_by_side(tasks: Sequence[_Task], processes: int, threads: int, log: Log
     return [end for end in ends if isinstance(end, Refit)]
 
 
-def _refit(task: _Task) -> Refit | str:
+def _refit(task: Start) -> Refit | str:
     """The refit, or why the start was given up."""
     objective, here = task.objective, task.start
     if here is None:
@@ -224,17 +254,19 @@ def _refit(task: _Task) -> Refit | str:
             here = objective.evaluate(task.values, _free(task.baseline, task.cause))
         except (SolverError, ValueError) as error:
             return f"for it cannot be simulated ({str(error).partition(chr(10))[0]})"
-        if _promised(objective, here) > task.bar:
+        if promised(objective, here) > task.bar:
             return "for its first step promises too little"
-    most = MOST_ITERATIONS if task.start is not None else MOST_FROM_AFAR
-    result = fit(objective, here.values, here.free, most, _silent, start=here, tolerance=TOLERANCE)
-    added = (*task.cause.parameters, *task.cause.companions)
+    result = fit(
+        objective, here.values, here.free, task.most, _silent, start=here, tolerance=TOLERANCE
+    )
+    added = _added(task.baseline, task.cause)
     evidence = log_bayes_factor(task.baseline, result.best, objective, added)
+    evidence += float(np.log(task.cause.odds))
     widened = as_wide_as_found(objective, task.cause, result.values)
     return Refit(task.cause, widened, result, evidence)
 
 
-def _promised(objective: Objective, here: Evaluation) -> float:
+def promised(objective: Objective, here: Evaluation) -> float:
     """Cost after the first step, were the model linear."""
     step, _ = bounded_step(
         here.hessian, here.gradient, [objective.parameters[name] for name in here.free],

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 
 from driver.diagnosis.boundary_noise import Stops, refit_boundary_noise, score_boundary_noise
 from driver.diagnosis.causes import NUMERICS, Cause
+from driver.diagnosis.ebsd_flips import FLIPS, flips_of
+from driver.diagnosis.flip_trial import FlipTrial, not_warranted, try_flips
 from driver.diagnosis.gain import share_explained
 from driver.diagnosis.noise_causes import COVARIANCE
-from driver.diagnosis.omnibus import FAMILY_LEVEL, omnibus
+from driver.diagnosis.omnibus import FAMILY_LEVEL, Omnibus, omnibus
 from driver.diagnosis.outcome import Log, Settings, Step
 from driver.diagnosis.refit import Refit, refit_causes, refit_from_afar
 from driver.diagnosis.score import PARALLEL, Score, effects_of, likeness
@@ -18,6 +20,7 @@ from driver.identification.fit import Evaluation, Fit, Objective
 
 WITHIN = 3.0  # log evidence within which causes are not told apart
 LARGE = 3.0  # χ_F beyond which a score names a cause no better than chance
+FAR_TURN = 3.0  # prior scales of a lattice rotation that a slip of the hand does not explain
 ENOUGH = 0.9  # share of the excess that the best cause has to explain
 _STRAIGHT = 0.5  # of a log evidence, by which score and refit may differ
 _HOPEFUL = 0.5  # of what the best refit gains, that a first step has to promise
@@ -59,14 +62,56 @@ def examine(
     for s in scores[:5]:
         log(f"  {s.cause.name}: log evidence {s.log_evidence:+.1f}, p {s.p:.2g}")
     refits: list[Refit] = []
+    trial = FlipTrial()
     if noise is not None and noise.p < FAMILY_LEVEL and stops.effect is not None:
         refits = [refit_boundary_noise(stops.effect, here.best, objective, log)]
     elif len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS:
         refits = _refits(scores, screening, here, objective, settings, log)
+        trial = _flips(refits, tests, here.best, objective, added, settings, log)
+        refits = _best_of_each([*refits, *trial.refits])
+        scores = sorted([*scores, *trial.scores], key=lambda s: -s.log_evidence)
     winner = refits[0] if refits and refits[0].log_evidence > 0 else None
     named = set_of(winner, refits, scores) if winner is not None else ()
     chi = here.best.chi_load, here.best.chi_image
-    return Step(tuple(scores), tuple(refits), named, tests, *chi), winner
+    return Step(tuple(scores), tuple(refits), named, tests, *chi, trial.untried), winner
+
+
+def _flips(
+    refits: Sequence[Refit],
+    tests: Omnibus,
+    baseline: Evaluation,
+    objective: Objective,
+    added: Sequence[Cause],
+    settings: Settings,
+    log: Log,
+) -> FlipTrial:
+    """Trial of the EBSD flips where it is warranted: each costs a simulation, or a refit."""
+    if set(added) & set(FLIPS):  # two half turns make the third
+        return FlipTrial()
+    flips, _ = flips_of(objective.model.microstructure.orientations, settings.wanted)
+    nothing = not refits or refits[0].log_evidence <= 0
+    unexplained = not tests.accepted if nothing else _unexplained(baseline, refits[0])
+    far = bool(refits) and _turns_far(refits[0])
+    if not (baseline.chi_load > LARGE or unexplained or far):
+        return not_warranted(flips)
+    bar = _bar(refits, baseline) if refits else baseline.cost
+    return try_flips(flips, baseline, objective, settings.processes, settings.threads, log, bar)
+
+
+def _turns_far(best: Refit) -> bool:
+    """Whether the best cause turns a lattice so far that its frame is suspect.
+
+    A half turn about an axis of the specimen leaves the Schmid factors along Y as they are: it may
+    hide from the loads.
+    """
+    turns = [name for name in best.cause.parameters if name.startswith("rotation_")]
+    scales = {name: best.objective.parameters[name].scale for name in turns}
+    return any(abs(best.fit.values[name]) > FAR_TURN * scales[name] for name in turns)
+
+
+def _unexplained(baseline: Evaluation, best: Refit) -> bool:
+    """Whether the best cause explains too little of the excess."""
+    return share_explained(baseline, best.fit.best) < ENOUGH
 
 
 def _noise_of_boundary(
@@ -101,8 +146,7 @@ def _refits(
     log(f"refitting {_listed(chosen)}")
     refits = refit_causes(chosen, screening, baseline, objective, *run)
     best = _best_of_each(refits)
-    explained = share_explained(baseline, best[0].fit.best)
-    large = baseline.chi_load > LARGE or explained < ENOUGH
+    large = baseline.chi_load > LARGE or _unexplained(baseline, best[0])
     if large:
         others = [s for s in tried if s not in chosen]
         log(f"a large effect, or one half explained: refitting {_listed(others)}")

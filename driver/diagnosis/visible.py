@@ -21,6 +21,11 @@ def not_seen(scored: Score, parameters: Mapping[str, Parameter]) -> str:
         parameters: declarations by name.
     """
     names = scored.cause.parameters
+    if not names:
+        return (
+            f"tried: its first step promised a log evidence of {scored.log_evidence:+.1f} "
+            "against the model of its round"
+        )
     sizes = [
         f"{name} by {_size(float(visible), parameters[name])}"
         for name, visible in zip(names, scored.visible, strict=True)

@@ -100,7 +100,7 @@ class Findings:
     @property
     def extended(self) -> bool:
         """Whether causes were added to the model."""
-        return bool(self.diagnosis["added"])
+        return bool(self.diagnosis["added"] or self.diagnosis["flips"])
 
     @property
     def sides(self) -> tuple[str, ...]:
@@ -191,7 +191,7 @@ def read_findings(context: StageContext) -> Findings:
         values=values,
         noise_factor=float(identified["noise_factor"]),
         iterations=iterations,
-        diagnosis=_record(paths[DIAGNOSIS], ("verdict", "added", "gain", "steps")),
+        diagnosis=_record(paths[DIAGNOSIS], ("verdict", "added", "flips", "gain", "steps")),
     )
 
 

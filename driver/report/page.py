@@ -115,6 +115,7 @@ def gain_text(diagnosis: Row) -> str:
             f"{label(name)} = {measure(name, entry['unit'], entry['value'], entry['sigma'])}"
             for name, entry in diagnosis["added"].items()
         ]
+        + [cause_label(name) for name in diagnosis["flips"]]
     )
     text = (
         f"With {added} the residual of the loads goes from χ_F = {chi(before['load'])} to "
@@ -151,7 +152,7 @@ def headline(kind: str, causes: Sequence[str]) -> str:
 
 def tiles(diagnosis: Row) -> list[Row]:
     """The figures that a reader looks for first."""
-    gain, added = diagnosis["gain"], bool(diagnosis["added"])
+    gain, added = diagnosis["gain"], bool(diagnosis["added"] or diagnosis["flips"])
     before, after = gain["budget_before"], gain["budget_after"]
     found = []
     if added:

@@ -70,10 +70,11 @@ def _cause_row(cause: Row, named: Sequence[str], declared: Declared) -> Row:
         "label": cause_label(cause["cause"]),
         "sentence": cause["sentence"],
         "category": cause["category"],
-        "p": probability(cause["p_family"]),
+        "p": "–" if cause["p_family"] is None else probability(cause["p_family"]),
         "score": signed_evidence(cause["log_evidence"]),
         "refit": None if refit is None else signed_evidence(refit["log_evidence"]),
-        "parameters": parameters,
+        # A flip of the EBSD frame has no parameter.
+        "parameters": parameters or [{"label": "–", "estimate": "", "refit": "", "visible": ""}],
         "winner": bool(named) and cause["cause"] == named[0],
         "in_set": cause["cause"] in named[1:],
     }

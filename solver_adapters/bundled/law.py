@@ -4,7 +4,8 @@ Over a step of length Δt each active system s slips by Δγ_s = S_s Δp_s, Δp_
 with everything at the end of the step (stress form),
 
     S (τ_s − c x_s − c2 x2_s) + a1 τ'_s − r_s − v_s = 0
-    r_s = skin · (τ0_s ∓ asymmetry_s) + Q Σ_r h_sr (1 − exp(−b p_r))
+    r_s = skin · (τ0_s ∓ asymmetry_s) + Σ_r M_sr (1 − exp(−b p_r))
+    M = Q · interaction + latent off the diagonal, latent = Q h_latent + Q_latent
 
 τ' is the shear stress along the sense of slip on the conjugate {110} plane, ∓ the twinning sense.
 
@@ -36,6 +37,7 @@ NS = N_SYSTEMS
 P_C11, P_C12, P_C44, P_K, P_N, P_C, P_D, P_Q, P_B, P_TAU110, P_TAU112 = range(11)
 # τ0 of {112} in the antitwinning sense less that in the twinning sense, halved.
 P_ASYMMETRY = 11
+# P_LATENT: what slip on one system hardens every other one by [MPa].
 P_A1, P_LATENT, P_C2, P_D2 = 12, 13, 14, 15
 N_LOCAL = 16
 
@@ -117,6 +119,7 @@ def local_parameters(material: Material, n_grains: int) -> FloatArray:
     table[:, [P_C11, P_C12, P_C44]] = elastic_constants(m)
     for name, index in _DIRECT.items():
         table[:, index] = getattr(m, name)
+    table[:, P_LATENT] = m.Q * m.h_latent + m.Q_latent
     tau0 = m.tau0 * grain_ratios(m, n_grains)
     table[:, P_TAU110] = tau0
     table[:, P_TAU112] = tau0 * m.tau0_112 * (0.5 * (1.0 + m.tau0_antitwinning))
@@ -132,7 +135,7 @@ _DIRECT = {
     "Q": P_Q,
     "b": P_B,
     "a1": P_A1,
-    "h_latent": P_LATENT,
+    "Q_latent": P_LATENT,
     "c2": P_C2,
     "d2": P_D2,
 }
@@ -149,6 +152,10 @@ def local_tangent(material: Material, n_grains: int, name: str) -> FloatArray:
     tangent = np.zeros((n_grains, N_LOCAL))
     if name in _DIRECT:
         tangent[:, _DIRECT[name]] = 1.0
+        if name == "Q":
+            tangent[:, P_LATENT] = m.h_latent
+    elif name == "h_latent":
+        tangent[:, P_LATENT] = m.Q
     elif name in _ELASTIC:
         scale, share = m.elastic_scale, m.C44_scale
         if name == "elastic_scale":

@@ -44,10 +44,16 @@ FloatArray = NDArray[np.float64]
 
 
 @kernel
-def interaction_of(w: FloatArray, p: FloatArray, s: int, r: int) -> float:
-    """How slip on system r hardens system s, with latent hardening."""
-    h: float = w[INTERACTION + NS * s + r] + (p[P_LATENT] if s != r else 0.0)
-    return h
+def hardens(p: FloatArray) -> bool:
+    """Whether slip raises the critical resolved shear stress of any system."""
+    return bool(p[P_Q] != 0.0 or p[P_LATENT] != 0.0)
+
+
+@kernel
+def modulus_of(w: FloatArray, p: FloatArray, s: int, r: int) -> float:
+    """M_sr: how much slip on system r hardens system s in the end [MPa]; linear in p."""
+    modulus: float = p[P_Q] * w[INTERACTION + NS * s + r] + (p[P_LATENT] if s != r else 0.0)
+    return modulus
 
 
 @kernel
@@ -63,11 +69,11 @@ def harden(w: FloatArray, p: FloatArray, coupled: bool) -> None:
         w[RISE + s] = 0.0
     for r in range(NS):
         rest = decay(p[P_B] * (w[ACC0 + r] + w[SLIP + r]))
-        rise, slope = p[P_Q] * (1.0 - rest), p[P_Q] * p[P_B] * rest
+        rise, slope = 1.0 - rest, p[P_B] * rest
         for s in range(NS):
-            h = interaction_of(w, p, s, r)
-            w[RISE + s] += h * rise
-            w[COUPLED + NS * s + r] = h * slope
+            modulus = modulus_of(w, p, s, r)
+            w[RISE + s] += modulus * rise
+            w[COUPLED + NS * s + r] = modulus * slope
     for s in range(NS):
         w[SLOPE + s] = w[COUPLED + (NS + 1) * s]
 
@@ -122,21 +128,20 @@ def hardening_derivative(
     w: FloatArray, p: FloatArray, coupled: bool, dp: FloatArray, dstate: FloatArray
 ) -> None:
     """Add to EXPLICIT what isotropic hardening owes to its constants and the slips so far."""
+    hard = hardens(p)
+    # Without hardening, or without latent hardening, the points count as uncoupled, but the
+    # derivative may be coupled.
+    whole = coupled or not hard or dp[P_LATENT] != 0.0
     for r in range(NS):
         total, rest = w[ACC0 + r] + w[SLIP + r], w[UNHARDENED + r]
-        change = dp[P_Q] * (1.0 - rest) + p[P_Q] * rest * (
-            dp[P_B] * total + p[P_B] * (dstate[S_ACC + r] if p[P_Q] != 0.0 else 0.0)
-        )
-        # Without hardening the points count as uncoupled, but its derivative is coupled.
-        if coupled or p[P_Q] == 0.0:
+        rise, change = 1.0 - rest, 0.0
+        if hard:
+            change = rest * (dp[P_B] * total + p[P_B] * dstate[S_ACC + r])
+        if whole:
             for s in range(NS):
-                w[EXPLICIT + s] -= interaction_of(w, p, s, r) * change
+                w[EXPLICIT + s] -= modulus_of(w, p, s, r) * change + modulus_of(w, dp, s, r) * rise
         else:
-            w[EXPLICIT + r] -= change
-        if dp[P_LATENT] != 0.0:
-            rise = p[P_Q] * (1.0 - rest)
-            for s in range(NS):
-                w[EXPLICIT + s] -= dp[P_LATENT] * rise if s != r else 0.0
+            w[EXPLICIT + r] -= p[P_Q] * change + dp[P_Q] * rise
 
 
 @kernel

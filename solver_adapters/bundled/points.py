@@ -129,9 +129,9 @@ class Points:
     @property
     def coupled(self) -> bool:
         """Whether slip on one system hardens others."""
-        hardens = bool(np.any(self.local[:, P_Q] != 0.0))
+        latent = bool(np.any(self.local[:, P_LATENT]))
         diagonal = np.array_equal(self.interaction, np.eye(NS))
-        return hardens and not (diagonal and not np.any(self.local[:, P_LATENT]))
+        return latent or (bool(np.any(self.local[:, P_Q])) and not diagonal)
 
     @property
     def unsymmetric(self) -> bool:
@@ -140,7 +140,8 @@ class Points:
 
     def n_derived(self, n_state: int) -> int:
         """How many numbers of a state of `n_state` have derivatives that matter."""
-        return n_state if np.any(self.local[:, P_Q]) or n_state > S_X2 else S_ACC
+        hardens = bool(np.any(self.local[:, [P_Q, P_LATENT]]))
+        return n_state if hardens or n_state > S_X2 else S_ACC
 
     def frame(self, rotation: FloatArray) -> FloatArray:
         """What a kernel needs of rotations or their derivatives (..., 3, 3).

@@ -20,7 +20,6 @@ from solver_adapters.bundled.law import (
     P_D,
     P_K,
     P_N,
-    P_Q,
     P_TAU110,
     P_TAU112,
     S_ACC,
@@ -30,7 +29,7 @@ from solver_adapters.bundled.law import (
     SLIP_AT_REST,
     SLIP_START,
 )
-from solver_adapters.bundled.law_terms import harden, non_schmid, second_back_stress
+from solver_adapters.bundled.law_terms import harden, hardens, non_schmid, second_back_stress
 from solver_adapters.bundled.relaxation import near_fall, rate_ratio, rate_slope
 from solver_adapters.bundled.slip_rows import (
     ACC0,
@@ -196,9 +195,10 @@ def evaluate_systems(
     n = p[P_N]
     threshold = K * fast_exp(n_inverse * fast_log(10.0 * SLIP_AT_REST / dt))
     largest = fast_exp(n_inverse * fast_log(SLIP_START / dt))
-    if p[P_Q] != 0.0 or w[HAS_SECOND] != 0.0 or p[P_A1] != 0.0:
+    hard = hardens(p)
+    if hard or w[HAS_SECOND] != 0.0 or p[P_A1] != 0.0:
         _start_terms(w)
-        if p[P_Q] != 0.0:
+        if hard:
             harden(w, p, coupled)
         if w[HAS_SECOND] != 0.0:
             second_back_stress(w, p, exponential)

@@ -20,7 +20,6 @@ from solver_adapters.bundled.law import (
     P_D2,
     P_K,
     P_N,
-    P_Q,
     P_TAU110,
     P_TAU112,
     S_ACC,
@@ -28,7 +27,11 @@ from solver_adapters.bundled.law import (
     S_X,
     S_X2,
 )
-from solver_adapters.bundled.law_terms import hardening_derivative, second_back_stress_derivative
+from solver_adapters.bundled.law_terms import (
+    hardening_derivative,
+    hardens,
+    second_back_stress_derivative,
+)
 from solver_adapters.bundled.relaxation import rate_change
 from solver_adapters.bundled.slip import weigh_residual
 from solver_adapters.bundled.slip_rows import (
@@ -104,7 +107,7 @@ def explicit_derivative(
         w[EXPLICIT + s] -= w[HISTORY + s] * dstate[S_X + s] + w[D_OVER + s]
     if not constant:
         _constants_derivative(w, dt, p, skin, exponential, dp, dskin)
-    if p[P_Q] != 0.0 or dp[P_Q] != 0.0:
+    if hardens(p) or hardens(dp):
         hardening_derivative(w, p, coupled, dp, dstate)
     if w[HAS_SECOND] != 0.0:
         second_back_stress_derivative(w, p, exponential, dp, dstate)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_adapters.constants import hardening_matrix
+from solver_adapters.constants import isotropic_hardening
 from solver_adapters.crystal import N_110
 from solver_adapters.interface import Capabilities, Simulation, UnsupportedError
 from solver_adapters.material import Material
@@ -21,7 +21,7 @@ CAPABILITIES = Capabilities(
     # Six digits of a displacement in the .frd, where rounding makes up to 5e-6 of a value.
     noise=1e-5,
     cost=15.0,
-    conditional=frozenset(("tau0_112", "Q", "b", "h_latent", "interaction")),
+    conditional=frozenset(("tau0_112", "Q", "b", "h_latent", "Q_latent", "interaction")),
     cells=frozenset((10, 15)),
 )
 """Q is conditional, as it comes with a latent hardening that is fixed in CalculiX."""
@@ -59,18 +59,19 @@ def judge(simulation: Simulation, profile: Profile) -> None:
 
 def hardens(material: Material) -> bool:
     """Whether the isotropic hardening is not at its null."""
-    return material.Q > 0 and material.b > 0
+    return (material.Q > 0 or material.Q_latent > 0) and material.b > 0
 
 
 def _refuse_interaction(material: Material) -> None:
     apart = ~np.eye(N_110, dtype=np.bool_)
-    block = hardening_matrix(material)[:N_110, :N_110]
+    block = isotropic_hardening(material)[1][:N_110, :N_110]
     if abs(block - np.where(apart, LATENT, 1.0)).max() > _ROUNDING:
-        own = "" if material.interaction is None else " and an interaction of its own"
+        own = f" and Q_latent = {material.Q_latent:g}" if material.Q_latent else ""
+        own += "" if material.interaction is None else " and an interaction of its own"
         _refuse(
             f"Q = {material.Q:g} with h_latent = {material.h_latent:g}{own}: CalculiX fixes the "
-            f"interaction of the {{110}}⟨111⟩ systems at 1 and {LATENT:g}; expected Q = 0, or "
-            f"h_latent = {LATENT:g} without interaction",
+            f"interaction of the {{110}}⟨111⟩ systems at 1 and {LATENT:g}; expected Q = "
+            f"Q_latent = 0, or h_latent = {LATENT:g} without Q_latent and interaction",
             "h_latent",
         )
 

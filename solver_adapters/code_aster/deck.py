@@ -76,6 +76,7 @@ def _commands(
         "cautions": [textwrap.fill(text, 96, subsequent_indent="# ") for text in cautions],
         "material": material,
         "two_families": has_two_families(material),
+        "Q": said.Q,
         "classes": said.classes,
         "interaction": None if said.matrix is None else [_row(row) for row in said.matrix.tolist()],
         "grains": [

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_adapters.constants import hardening_matrix
+from solver_adapters.constants import isotropic_hardening
 from solver_adapters.crystal import N_110, N_SYSTEMS, slip_systems
 from solver_adapters.interaction import bcc24_classes, self_and_latent
 from solver_adapters.interface import FloatArray, IntArray
@@ -47,10 +47,12 @@ class Hardening:
     """How the interaction of systems is said.
 
     Attributes:
+        Q: saturated isotropic hardening [MPa].
         classes: H, or H1 to H4, of MONO_ISOT1.
         matrix: MATR_INTER, shape (24, 24), or None where the classes say it all.
     """
 
+    Q: float
     classes: Mapping[str, float]
     matrix: FloatArray | None
 
@@ -79,21 +81,14 @@ def system_order(material: Material) -> tuple[IntArray, FloatArray]:
 
 def hardening(material: Material) -> Hardening:
     """The interaction of systems as Code_Aster takes it, of a material that `limits` accepts."""
-    matrix = interaction_of(material)
+    Q, matrix = isotropic_hardening(material)
     if has_two_families(material):
         # MATR_INTER is obligatory with two families.
-        return Hardening({"H": 0.0}, matrix)
+        return Hardening(Q, {"H": 0.0}, matrix)
     latent = float(matrix[0, 1])
     if np.array_equal(matrix, self_and_latent(1.0, latent)):
-        return Hardening({"H": latent}, None)
+        return Hardening(Q, {"H": latent}, None)
     classes = [float(matrix[pair]) for pair in ((0, 4), (0, 0), (12, 15), (12, 12))]
     if np.array_equal(matrix, bcc24_classes(*classes)):
-        return Hardening({f"H{i}": value for i, value in enumerate(classes, start=1)}, None)
-    return Hardening({"H": 0.0}, matrix)
-
-
-def interaction_of(material: Material) -> FloatArray:
-    """How slip on each system hardens the others, the identity where nothing hardens, (24, 24)."""
-    if material.Q == 0.0:
-        return np.eye(N_SYSTEMS)
-    return hardening_matrix(material)
+        return Hardening(Q, {f"H{i}": value for i, value in enumerate(classes, start=1)}, None)
+    return Hardening(Q, {"H": 0.0}, matrix)

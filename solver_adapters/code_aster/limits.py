@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_adapters.code_aster.law import has_two_families, interaction_of
+from solver_adapters.code_aster.law import has_two_families
+from solver_adapters.constants import isotropic_hardening
 from solver_adapters.crystal import N_SYSTEMS
 from solver_adapters.interface import Capabilities, Simulation, UnsupportedError
 
@@ -16,7 +17,7 @@ FINITE_CAUTION = (
 CAPABILITIES = Capabilities(
     material=frozenset(
         ("C11", "C12", "C44", "K", "n", "tau0", "c", "d", "Q", "b", "h_latent", "tau0_112")
-        + ("tau0_grain2", "elastic_scale", "C44_scale")
+        + ("Q_latent", "tau0_grain2", "elastic_scale", "C44_scale")
     ),
     strain_measures=frozenset(("small", "finite")),
     derivatives=False,
@@ -33,7 +34,7 @@ def judge(simulation: Simulation) -> None:
         UnsupportedError: the matrix is not symmetric, or the two families interact.
     """
     material = simulation.material
-    matrix = interaction_of(material)
+    matrix = isotropic_hardening(material)[1]
     if not np.array_equal(matrix, matrix.T):
         raise UnsupportedError(
             "interaction is not symmetric, which the solver code_aster cannot honour (MATR_INTER); "
@@ -42,7 +43,8 @@ def judge(simulation: Simulation) -> None:
     alone = matrix[0, 0] * np.eye(N_SYSTEMS)
     if has_two_families(material) and not np.array_equal(matrix, alone):
         raise UnsupportedError(
-            f"tau0_112 is {material.tau0_112:g} and systems harden each other (h_latent or "
-            "interaction), which the solver code_aster cannot honour together: it then lets each "
-            "family harden by itself alone; expected one of the two, or a solver that can: bundled"
+            f"tau0_112 is {material.tau0_112:g} and systems harden each other (h_latent, "
+            "Q_latent or interaction), which the solver code_aster cannot honour together: it then "
+            "lets each family harden by itself alone; expected one of the two, or a solver that "
+            "can: bundled"
         )

@@ -182,7 +182,8 @@ def time_signals(simulation: Simulation) -> tuple[dict[str, FloatArray], FloatAr
         "lateral": plastic * (across[0] + 0.5 * across[-1]),
         "out_1": LENGTH * plastic * along[0],
         "out_2": LENGTH * plastic * along[-1],
-        "dish": plastic * np.log(m.tau0_112) + 0.1 * strain * np.log(m.C44_scale),
+        "dish": plastic * (np.log(m.tau0_112) + 0.05 * m.Q_latent)
+        + 0.1 * strain * np.log(m.C44_scale),
     }
     return {name: s[simulation.output] for name, s in signals.items()}, load[simulation.output]
 
@@ -204,7 +205,7 @@ def _hysteresis(
         path += abs(step)
         rate = np.hypot(step / (times[k] - times[k - 1]), 1e-7) / 1e-5
         flow = 2.2 * tau * m.tau0_112**0.3 + 0.5 * m.K * rate ** (1 / m.n)
-        flow += 2.2 * m.Q * (1 - np.exp(-m.b * path))
+        flow += 2.2 * (m.Q + 2 * m.Q_latent) * (1 - np.exp(-m.b * path))
         stress = _saturating(stress, step, modulus, flow)
         back = _saturating(back, step, 0.3 * m.c, 2.2 * m.c / m.d)
         total[k] = stress + back

@@ -98,7 +98,7 @@ def refused(tmp_path, *changes):
         ('parameters = ["tau0", "c", "d"]', 'parameters = ["tau0", "c", "tau0"]',
          "identification.parameters", '"tau0" 2 times', "each name once"),
         ('causes = "all"', 'causes = ["load_gain", "magic"]', "diagnosis.causes", '"magic"',
-         "one of isotropic_hardening, second_back_stress"),
+         "one of isotropic_hardening, latent_hardening"),
         ('causes = "all"', "causes = []", "diagnosis.causes", "[]", "at least one name"),
         ("starts = 1", "starts = 0", "identification.starts", "0", "≥ 1"),
         ("jitter_nm = 0.0", "jitter_nm = -1", "boundary.jitter_nm", "-1", "≥ 0"),
@@ -193,11 +193,11 @@ def test_four_numbers_are_the_classes_of_bcc24_and_24_rows_the_matrix_itself(tmp
 
 def test_every_scalar_of_the_law_has_its_key_in_its_unit(tmp_path):
     changed = MaterialTable(
-        h_latent=0.4, tau0_antitwinning=1.2, a1=0.3, c2_MPa=1500, d2=100, x0=-1e-4,
+        h_latent=0.4, Q_latent_MPa=3, tau0_antitwinning=1.2, a1=0.3, c2_MPa=1500, d2=100, x0=-1e-4,
         eigenstrain=1e-3, skin_tau0=1.5, skin_thickness_um=0.2,
     )  # fmt: skip
     assert changed.to_material() == Material(
-        h_latent=0.4, tau0_antitwinning=1.2, a1=0.3, c2=1500, d2=100, x0=-1e-4,
+        h_latent=0.4, Q_latent=3, tau0_antitwinning=1.2, a1=0.3, c2=1500, d2=100, x0=-1e-4,
         eigenstrain=1e-3, skin_tau0=1.5, skin_thickness=0.2,
     )  # fmt: skip
 

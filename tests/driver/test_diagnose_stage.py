@@ -12,6 +12,7 @@ from driver.case import Case, load_case, write_case
 from driver.case_tables.images import Axis
 from driver.diagnose_stage import NOISE_MAP, added_parameters, extended_case, write_noise_map
 from driver.diagnosis.causes import LIBRARY, Cause
+from driver.diagnosis.ebsd_flips import FLIPS, half_turn
 from driver.diagnosis.noise_causes import BOUNDARY_NOISE, NOISE_NOT_UNIFORM
 from driver.experiment import arrange
 from driver.identification.data import reweighted
@@ -109,6 +110,27 @@ def test_uneven_noise_is_stated_by_the_extended_case_as_its_images_lie(
 def test_what_a_cause_frees_includes_its_companions() -> None:
     found: Any = SimpleNamespace(causes=(BY_NAME["isotropic_hardening"], BY_NAME["load_gain"]))
     assert added_parameters(cast(Any, found)) == ("Q", "b", "load_gain")
+
+
+def test_a_companion_of_two_causes_is_freed_once() -> None:
+    found: Any = SimpleNamespace(
+        causes=(BY_NAME["isotropic_hardening"], BY_NAME["latent_hardening"])
+    )
+    assert added_parameters(cast(Any, found)) == ("Q", "b", "Q_latent")
+
+
+@pytest.mark.parametrize("flip", FLIPS, ids=lambda flip: flip.name)
+def test_a_named_flip_turns_the_frame_of_the_extended_case(flip: Cause, tmp_path: Path) -> None:
+    given = fitting("tau0")
+    rows = ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    orientation = given.orientation.model_copy(update={"ebsd_to_specimen": rows})
+    case = given.model_copy(update={"orientation": orientation})
+    path = tmp_path / "extended.toml"
+    write_case(extended(case, {"tau0": 30.0}, flip), path)
+    turned = load_case(path)
+    assert turned.extensions == {}
+    np.testing.assert_allclose(turned.orientations, half_turn((flip,)) @ case.orientations)
+    assert extended(case, {"tau0": 30.0}).orientation == case.orientation
 
 
 def test_paths_lead_from_the_results_to_the_files_and_absolute_ones_stay() -> None:

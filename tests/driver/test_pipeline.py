@@ -290,7 +290,7 @@ def test_a_changed_diagnosis_reruns_nothing_before_it(copied: Run) -> None:
     ("old", "new", "sentence"),
     [
         ('causes = "all"', 'causes = ["load_gain", "magic"]',
-         'diagnosis.causes: found "magic", expected one of isotropic_hardening, second_back'),
+         'diagnosis.causes: found "magic", expected one of isotropic_hardening, latent_hard'),
         ('held_out_cycle = "last"', "held_out_cycle = 4",
          "diagnosis.held_out_cycle: found 4, expected one of the 2 cycle(s)"),
     ],

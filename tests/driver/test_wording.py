@@ -3,6 +3,7 @@ import math
 import pytest
 
 from driver.diagnosis.causes import LIBRARY
+from driver.diagnosis.ebsd_flips import FLIPS
 from driver.model import declared_parameters
 from driver.report.style import INDEXED
 from driver.wording import (
@@ -86,7 +87,7 @@ def test_every_parameter_that_can_be_shown_has_a_label_without_underscores():
 
 
 def test_names_of_causes_in_a_text_become_words():
-    names = [cause.name for cause in LIBRARY]
+    names = [cause.name for cause in (*LIBRARY, *FLIPS)]
     text = readable("Check load_gain; check tilt_drift and boundary_tilt.", names)
     assert text == "Check load gain; check tilt drift and tilt of the grain boundary."
 

@@ -8,10 +8,11 @@ import pytest
 from solver_adapters.constants import (
     elastic_constants,
     grain_ratios,
-    hardening_matrix,
     interaction_matrix,
+    isotropic_hardening,
 )
 from solver_adapters.interaction import bcc24_classes, self_and_latent
+from solver_adapters.interface import FloatArray
 from solver_adapters.material import Material
 
 
@@ -38,13 +39,30 @@ def test_grains_without_a_ratio_of_their_own_are_as_the_first(
 
 
 def test_latent_hardening_adds_to_the_interaction_off_its_diagonal() -> None:
-    np.testing.assert_array_equal(interaction_matrix(Material(h_latent=1.4)), np.eye(24))
-    np.testing.assert_array_equal(
-        hardening_matrix(Material(h_latent=1.4)), self_and_latent(1.0, 1.4)
-    )
+    material = Material(Q=10.0, h_latent=1.4)
+    np.testing.assert_array_equal(interaction_matrix(material), np.eye(24))
+    assert isotropic_hardening(material)[0] == 10.0
+    np.testing.assert_array_equal(isotropic_hardening(material)[1], self_and_latent(1.0, 1.4))
     given = bcc24_classes(1.0, 0.75, 0.5, 1.25)
-    material = Material(h_latent=0.5, interaction=tuple(map(tuple, given)))
+    material = Material(Q=10.0, h_latent=0.5, interaction=tuple(map(tuple, given)))
     np.testing.assert_array_equal(interaction_matrix(material), given)
     apart = ~np.eye(24, dtype=np.bool_)
-    np.testing.assert_array_equal(hardening_matrix(material)[apart], given[apart] + 0.5)
-    np.testing.assert_array_equal(np.diag(hardening_matrix(material)), np.diag(given))
+    h = isotropic_hardening(material)[1]
+    np.testing.assert_array_equal(h[apart], given[apart] + 0.5)
+    np.testing.assert_array_equal(np.diag(h), np.diag(given))
+
+
+@pytest.mark.parametrize(
+    ("constants", "expected"),
+    [
+        ({"Q": 10.0, "Q_latent": 4.0}, self_and_latent(10.0, 4.0)),
+        ({"Q": 10.0, "h_latent": 0.5, "Q_latent": 4.0}, self_and_latent(10.0, 9.0)),
+        ({"Q": 0.0, "h_latent": 0.5, "Q_latent": 4.0}, self_and_latent(0.0, 4.0)),
+        ({"Q": 0.0, "h_latent": 0.5}, np.zeros((24, 24))),
+    ],
+)
+def test_Q_and_its_matrix_together_hold_every_latent_hardening(
+    constants: dict[str, float], expected: FloatArray
+) -> None:
+    Q, h = isotropic_hardening(Material(**constants))
+    np.testing.assert_allclose(Q * h, expected, rtol=1e-15)

@@ -7,6 +7,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
+from driver.diagnosis.all_causes import NAMES
 from driver.diagnosis.boundary_noise import (
     in_fast_loads,
     level_again,
@@ -15,7 +16,7 @@ from driver.diagnosis.boundary_noise import (
     stops_where_they_pay,
 )
 from driver.diagnosis.diagnose import diagnose
-from driver.diagnosis.noise_causes import NAMES, SIGMA_E
+from driver.diagnosis.noise_causes import SIGMA_E
 from driver.diagnosis.outcome import Diagnosis, Settings
 from driver.diagnosis.preparation import with_load_noise
 from driver.diagnosis.score import effects_of

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.diagnosis.causes import NUMERICS
+from driver.diagnosis.all_causes import EVERY
+from driver.diagnosis.causes import NUMERICS, Cause
 from driver.diagnosis.diagnose import diagnose
-from driver.diagnosis.noise_causes import EVERY
+from driver.diagnosis.ebsd_flips import FLIPS
+from driver.diagnosis.flip_trial import turned
 from driver.diagnosis.outcome import Diagnosis, Settings
 from driver.diagnosis.visible import not_seen
 from driver.identification.fit import fit
@@ -72,6 +74,8 @@ def test_every_cause_has_its_score_and_the_smallest_effect_that_would_have_been_
     # This solver knows of no lattice that turns; loads within their noise, no flats.
     left = {f"lattice_gradient_grain{grain}" for grain in (1, 2)}
     left |= {"boundary_noise", "fixed_pattern"}
+    # Nothing is large, nothing is unexplained: the flips are not tried, and that is said.
+    left |= {flip.name for flip in FLIPS}
     assert {one.cause for one in null().not_examined} == left
     assert set(scores) == {cause.name for cause in EVERY} - left
     evidence = [s.log_evidence for s in step.scores]
@@ -100,6 +104,7 @@ def test_a_drift_of_the_heights_is_undetectable_and_no_false_zero() -> None:
         ("tilt_drift", 2e-3, "tilt_drift", "instrument"),
         ("apex_curvature", 0.3, "apex_not_proportional", "boundary"),
         ("Q", 25.0, "isotropic_hardening", "material"),
+        ("Q_latent", 10.0, "latent_hardening", "material"),
     ],
 )
 def test_what_was_put_in_is_named_and_measured(
@@ -185,6 +190,58 @@ def test_a_wrong_noise_of_the_loads_names_nothing(stated: float) -> None:
         assert found.verdict.kind == "nothing wrong"
         assert found.objective.data.load_noise == pytest.approx(1.0, abs=0.5)
         assert found.objective.data.load_degrees > 15
+
+
+# Lattices that a half turn moves by 45°: a frame that is turned a little cannot do the same.
+TURNED_GRAINS = ((2.0, 22.0, 0.0), (23.0, 2.0, 0.0))
+RIVALS = ("ebsd_frame", "misorientation_grain1", "misorientation_grain2", "grain_contrast")
+
+
+@cache
+def flipped(flip: Cause) -> Diagnosis:
+    """The EBSD frame of the believed case is a half turn away from the true one."""
+    case = BENCH.case
+    grains = tuple(
+        grain.model_copy(update={"euler_deg": degrees})
+        for grain, degrees in zip(case.grains, TURNED_GRAINS, strict=True)
+    )
+    believed = closed_form.bench(case.model_copy(update={"grains": grains}))
+    true = replace(believed, model=turned(believed.model, (flip,)))
+    made = replace(closed_form.objective(true, true.truth), model=believed.model)
+    fine = replace(believed.model, adapter=closed_form.ClosedFormSolver(0.001))
+    objective, baseline = closed_form.identified(believed, made, fine)
+    wanted = (*RIVALS, *(one.name for one in FLIPS))
+    settings = replace(SETTINGS, wanted=wanted, held_out=None)
+    return diagnose(baseline, objective, fine, believed.history.cycle, settings, silent)
+
+
+@pytest.mark.parametrize("flip", FLIPS, ids=lambda flip: flip.name)
+def test_a_flipped_frame_is_named_by_trying_it(flip: Cause) -> None:
+    found = flipped(flip)
+    assert found.verdict.kind == "named" and found.causes == (flip,)
+    assert flip.sentence in found.verdict.text[0].lower() + found.verdict.text[1:]
+    assert found.steps[-1].omnibus.accepted and found.extended.best.chi_image < 1.1
+    assert found.extended.best.free == found.baseline.best.free
+    assert found.log_evidence > 10 and found.gate.passed
+    # All three were looked at, and none once more from the flipped frame.
+    assert {s.cause for s in found.steps[0].scores} >= set(FLIPS)
+    assert not {s.cause for s in found.steps[-1].scores} & set(FLIPS)
+    assert not {one.cause for one in found.not_examined} & {one.name for one in FLIPS}
+
+
+def test_a_large_effect_of_another_kind_is_no_flip() -> None:
+    found = curved()
+    assert found.baseline.best.chi_load > 3
+    tried = {s.cause for step in found.steps for s in step.scores} & set(FLIPS)
+    assert tried == set(FLIPS) and not tried & set(found.causes)
+
+
+def test_flips_that_are_not_wanted_are_not_tried() -> None:
+    found = diagnosed(
+        {"stretch_curvature": 0.1},
+        settings=replace(SETTINGS, wanted=("stretch_not_proportional",), held_out=None),
+    )
+    assert found.verdict.causes == ("stretch_not_proportional",) and not found.not_examined
 
 
 def test_only_wanted_causes_are_tried() -> None:

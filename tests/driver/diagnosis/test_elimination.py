@@ -43,3 +43,22 @@ def test_what_later_causes_make_superfluous_goes_back_to_its_null(
     assert "".join(cause.name for cause in kept) == left
     assert set(after.best.free) == {"a", *left} and set(objective_after.prior) == set(left)
     assert all(after.values[name] == 0.0 for name in "pqr" if name not in left)
+
+
+def test_what_another_cause_needs_stays_free_and_a_flip_is_not_tested() -> None:
+    measured = np.array([0.5, 0.0, 1.0, 0.3]) @ A + RNG.standard_normal(80)
+    objective = replace(
+        formula(lambda p: (p @ A, A), measured, PARAMETERS),
+        model=cast(Any, SimpleNamespace(null_values=lambda: ZERO)),
+    )
+    causes = [
+        Cause("flip", "microstructure", (), "", ""),
+        Cause("p", "material", ("p",), "", "", companions=("r",)),
+        Cause("q", "material", ("q",), "", "", companions=("r",)),
+    ]
+    for cause in causes:
+        objective = cast(Any, with_prior(objective, cause))
+    here = fit(objective, ZERO, ("a", "p", "q", "r"), 5, lambda line: None)
+    after, _, kept = eliminate(here, objective, causes, lambda line: None)
+    assert [cause.name for cause in kept] == ["flip", "q"]
+    assert after.best.free == ("a", "q", "r") and after.values["r"] != 0.0

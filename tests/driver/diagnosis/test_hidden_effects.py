@@ -28,6 +28,7 @@ EFFECTS = {  # cause: parameter, null, truth
     "boundary_position": ("boundary_shift", 0.0, 0.6),
     "load_offset": ("load_offset", 0.0, 60.0),
 }
+LATENT = 14.0  # MPa, seven prior scales, where Q is 0
 SEED = 1
 
 
@@ -49,6 +50,8 @@ def course(effect: str) -> Course:
     if effect == "boundary_position":
         truth = moved_boundary(truth)
     hidden = {"tau0_grain2": EFFECTS[effect][2]} if effect == "grain_contrast" else {}
+    if effect == "latent_hardening":
+        hidden = {"Q_latent": LATENT}
     return pull(truth, CYCLES, ELONGATION, hidden)
 
 
@@ -91,6 +94,21 @@ def test_a_hidden_effect_is_named_and_its_size_recovered(effect: str, diagnosed:
     assert after["omnibus"]["accepted"]
     # Images or loads, whichever showed the effect.
     assert any(after[signal] < before[signal] for signal in ("chi_load", "chi_image"))
+
+
+@pytest.mark.slow
+def test_latent_hardening_is_named_where_there_is_no_isotropic_hardening(
+    diagnosed: Diagnose,
+) -> None:
+    """Its size is hardly known beside b, c and d: four σ, and the prior draws it to its null."""
+    found = diagnosed("latent_hardening", SEED)
+    assert found["verdict"] in ("named", "one of this set")
+    assert "latent_hardening" in found["causes"]
+    scored = {cause["cause"]: cause for cause in found["steps"][0]["causes"]}
+    refit = scored["latent_hardening"]["refit"]
+    value, sigma = refit["values"]["Q_latent"], refit["sigma"]["Q_latent"]
+    assert abs(without_prior("Q_latent", 0.0, value, sigma) - LATENT) < 3 * sigma
+    assert refit["log_evidence"] > 10
 
 
 @pytest.mark.parametrize("effect", EFFECTS)

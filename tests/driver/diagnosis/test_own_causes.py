@@ -13,10 +13,10 @@ from driver.design.command import design
 from driver.design.settings import Settings as DesignSettings
 from driver.design.settings import read_change
 from driver.design.variants import base_variant, variant
+from driver.diagnosis.all_causes import NAMES
 from driver.diagnosis.causes import LIBRARY, Cause
 from driver.diagnosis.diagnose import diagnose
 from driver.diagnosis.examined import causes_of, not_examined
-from driver.diagnosis.noise_causes import NAMES
 from driver.diagnosis.outcome import Settings
 from driver.diagnosis.own_causes import asked_causes, own_causes, read_causes
 from driver.errors import InputError

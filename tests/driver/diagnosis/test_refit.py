@@ -138,6 +138,38 @@ def test_a_start_whose_first_step_promises_too_little_is_given_up() -> None:
     assert len(lines) == 4 and all("promises too little" in line for line in lines)
 
 
+def test_a_companion_that_is_free_already_is_freed_once() -> None:
+    """As b with Q_latent, where Q was added before."""
+    measured = A.T @ [0.5, 0.1, 0.6, 0.0] + RNG.standard_normal(50)
+    baseline = fitted(measured, ("a", "b")).best
+    prior = {"b": (0.2, 0.4)}
+    objective = replace(
+        formula(lambda p: (p @ A, A), measured, PARAMETERS, prior),
+        model=cast(Any, SimpleNamespace(null_values=lambda: ZERO | {"b": 0.2})),
+    )
+    screening = objective.evaluate(baseline.values, ("a", "b", "Q"))
+    evidence = []
+    for companions in ((), ("b",)):
+        cause = Cause("x", "material", ("Q",), "", "", companions)
+        scored = score(cause, screening.jacobian[2:], baseline, 1)
+        (refit,) = refit_causes([scored], screening, baseline, objective, 1, 1, lambda line: None)
+        assert refit.fit.best.free == ("a", "b", "Q")
+        evidence.append(refit.log_evidence)
+    assert evidence[0] == pytest.approx(evidence[1], abs=0.5)
+
+
+def test_prior_odds_count_in_the_evidence() -> None:
+    objective, scored = two_valleys()
+    baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5, lambda line: None).best
+    screening = objective.evaluate(baseline.values, ("a", "x"))
+    unlikely: Any = SimpleNamespace(cause=replace(scored.cause, odds=0.01))
+    (even,), (odd,) = (
+        refit_causes([one], screening, baseline, objective, 1, 1, lambda line: None)
+        for one in (scored, cast(Score, unlikely))
+    )
+    assert odd.log_evidence == pytest.approx(even.log_evidence - np.log(100))
+
+
 def test_starts_are_nominal_with_the_cause_one_and_three_scales_off() -> None:
     objective, scored = two_valleys()
     extended = with_prior(replace(objective, prior={"a": (0.5, 1.0)}), scored.cause)

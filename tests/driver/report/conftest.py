@@ -298,6 +298,7 @@ def diagnosis():
                 "chi_image_after": 1.04,
             },
         },
+        "flips": [],
         "numerics": {"effect_sigma": 0.31, "on": "grain_contrast", "passed": True},
         "baseline": _fitted(),
         "extended": _fitted(copy.deepcopy(added).items()),

@@ -8,10 +8,12 @@ import pytest
 
 from driver.case import load_case, write_case
 from driver.diagnosis.causes import LIBRARY
+from driver.diagnosis.ebsd_flips import FLIPS
 from driver.report.findings import FILES, read_findings
 from driver.report.measured_texts import texts
-from driver.report.page import headline
+from driver.report.page import gain_text, headline
 from driver.report.stage import run_report
+from driver.report.tables import cause_rows
 from driver.results import ResultError
 from driver.stages import StageError
 from driver.wording import cause_label
@@ -287,3 +289,20 @@ def test_parameters_are_scaled_at_the_constants_of_the_case(results, tmp_path):
     write_case(case.model_copy(update={"material": material}), path)
     declared = read_findings(results.context(tmp_path / "work")).declared
     assert declared["x0"].scale == pytest.approx(0.1 / material.d)
+
+
+def test_a_flip_of_the_ebsd_frame_is_shown_without_a_parameter():
+    flip = FLIPS[0]
+    refit = {"log_evidence": 40.0, "chi_load": 1.0, "chi_image": 1.0, "values": {}, "sigma": {}}
+    cause = {
+        "cause": flip.name, "category": flip.category, "sentence": flip.sentence,
+        "parameters": [], "units": [], "statistic": 90.0, "degrees": 0, "p_family": None,
+        "log_evidence": 41.0, "estimate": [], "smallest_visible": [], "refit": refit,
+    }  # fmt: skip
+    (row,) = cause_rows({"named": [flip.name], "causes": [cause]}, {})
+    assert row["winner"] and row["refit"] == "+40.0" and row["p"] == "–"
+    assert [parameter["label"] for parameter in row["parameters"]] == ["–"]
+    budget = {"load": 5.0, "basis": 2.0}
+    gain = {"budget_before": budget, "budget_after": {"load": 1.0, "basis": 1.0}}
+    text = gain_text({"gain": gain, "added": {}, "flips": [flip.name]})
+    assert text.startswith("With EBSD frame turned by half a turn about X the residual")

@@ -116,8 +116,8 @@ def threshold(step: Step, sign: AnyArray, total: AnyArray) -> AnyArray:
     # In the frame where m is along [111], the twinning sense has n along [-1 -1 2].
     twinning = np.sign(np.prod(DIRECTIONS * NORMALS, axis=1)) * sign
     tau0 = tau0 - np.where(np.arange(24) < 12, 0.0, twinning) * p[P_ASYMMETRY]
-    h = step.interaction + p[P_LATENT] * (1 - np.eye(24))
-    return np.asarray(step.skin * tau0 + p[P_Q] * h @ (1 - np.exp(-p[P_B] * total)))
+    modulus = p[P_Q] * step.interaction + p[P_LATENT] * (1 - np.eye(24))
+    return np.asarray(step.skin * tau0 + modulus @ (1 - np.exp(-p[P_B] * total)))
 
 
 def recalled(step: Step, start: AnyArray, slip: AnyArray, d: Any) -> AnyArray:

@@ -248,6 +248,7 @@ NULLS = {
     "tau0_antitwinning": 1.0,
     "a1": 0.0,
     "h_latent": 0.7,  # without Q
+    "Q_latent": 0.0,
     "c2": 0.0,
     "d2": 17.0,  # without c2
     "x0": 0.0,

@@ -28,6 +28,7 @@ MATERIAL = Material(
     tau0_antitwinning=1.2,
     a1=0.1,
     h_latent=0.5,
+    Q_latent=3.0,
     c2=900.0,
     elastic_scale=1.02,
     C44_scale=0.95,

@@ -57,18 +57,19 @@ def workspace(coupled: bool = True) -> FloatArray:
 def constants(coupled: bool = True) -> FloatArray:
     p = np.zeros(N_LOCAL)
     p[[P_Q, P_B, P_C2, P_D2, P_A1]] = 15.0, 40.0, 4000.0, 120.0, 0.3
-    p[P_LATENT] = 0.4 if coupled else 0.0
+    p[P_LATENT] = 6.0 if coupled else 0.0
     return p
 
 
-def matrix(p: FloatArray, coupled: bool) -> FloatArray:
-    """h, where systems harden themselves alone the identity, which h_latent would change."""
-    return np.asarray((H if coupled else np.eye(NS)) + p[P_LATENT] * (1.0 - np.eye(NS)))
+def moduli(p: FloatArray, coupled: bool) -> FloatArray:
+    """Q h and the latent hardening beside its diagonal; alone systems have the identity for h."""
+    h = H if coupled else np.eye(NS)
+    return np.asarray(p[P_Q] * h + p[P_LATENT] * (1.0 - np.eye(NS)))
 
 
 def hardening(p: FloatArray, total: FloatArray, coupled: bool) -> FloatArray:
-    """Q Σ_r h_sr (1 − exp(−b p_r)), complex numbers included."""
-    return np.asarray(p[P_Q] * matrix(p, coupled) @ (1.0 - np.exp(-p[P_B] * total)))
+    """Σ_r M_sr (1 − exp(−b p_r)), complex numbers included."""
+    return np.asarray(moduli(p, coupled) @ (1.0 - np.exp(-p[P_B] * total)))
 
 
 def second(p: FloatArray, start: FloatArray, exponential: bool) -> FloatArray:
@@ -85,7 +86,7 @@ def test_hardening_and_its_slopes(coupled: bool) -> None:
     law_terms.harden(w, p, coupled)
     total = ACCUMULATED + SLIP
     np.testing.assert_allclose(row(w, rows.RISE), hardening(p, total, coupled), rtol=1e-13)
-    slopes = matrix(p, coupled) * p[P_Q] * p[P_B] * np.exp(-p[P_B] * total)
+    slopes = moduli(p, coupled) * p[P_B] * np.exp(-p[P_B] * total)
     np.testing.assert_allclose(row(w, rows.SLOPE), np.diag(slopes), rtol=1e-13)
     if coupled:
         found = w[rows.COUPLED : rows.COUPLED + NS * NS].reshape(NS, NS)
@@ -93,7 +94,7 @@ def test_hardening_and_its_slopes(coupled: bool) -> None:
 
 
 @COUPLED
-@pytest.mark.parametrize("name", ["Q", "b", "h_latent", "history"])
+@pytest.mark.parametrize("name", ["Q", "b", "latent", "history"])
 def test_the_derivative_of_hardening_is_that_of_the_complex_step(name: str, coupled: bool) -> None:
     w, p = workspace(coupled), constants(coupled)
     dp, dstate = np.zeros(N_LOCAL), np.zeros(N_STATE)
@@ -104,7 +105,7 @@ def test_the_derivative_of_hardening_is_that_of_the_complex_step(name: str, coup
         dstate[S_ACC : S_ACC + NS] = rate
         total += 1j * STEP * rate
     else:
-        index = {"Q": P_Q, "b": P_B, "h_latent": P_LATENT}[name]
+        index = {"Q": P_Q, "b": P_B, "latent": P_LATENT}[name]
         dp[index] = 0.7
         turned[index] += 1j * STEP * 0.7
     law_terms.hardening_derivative(w, p, coupled, dp, dstate)
@@ -112,13 +113,14 @@ def test_the_derivative_of_hardening_is_that_of_the_complex_step(name: str, coup
     np.testing.assert_allclose(row(w, rows.EXPLICIT), expected, rtol=1e-12, atol=1e-12)
 
 
-def test_the_first_hardening_of_a_law_without_any_is_felt_by_all_systems() -> None:
-    """At Q = 0 points count as uncoupled, but the derivative along Q is that of their matrix."""
+@pytest.mark.parametrize("index", [P_Q, P_LATENT], ids=["Q", "latent"])
+def test_the_first_hardening_of_a_law_without_any_is_felt_by_all_systems(index: int) -> None:
+    """Without any points count as uncoupled, but the derivative is that of their matrix."""
     w, p, dp = workspace(), constants(), np.zeros(N_LOCAL)
-    p[P_Q], dp[P_Q] = 0.0, 1.0
+    p[[P_Q, P_LATENT]], dp[index] = 0.0, 1.0
     row(w, rows.UNHARDENED)[:] = np.exp(-p[P_B] * (ACCUMULATED + SLIP))
     law_terms.hardening_derivative(w, p, False, dp, np.zeros(N_STATE))
-    p[P_Q] = 1.0
+    p[index] = 1.0
     expected = -hardening(p, ACCUMULATED + SLIP, True)
     np.testing.assert_allclose(row(w, rows.EXPLICIT), expected, rtol=1e-13)
 

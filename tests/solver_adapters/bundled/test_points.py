@@ -75,6 +75,7 @@ LAWS = {
     "latent": replace(
         BASELINE, h_latent=1.4, interaction=tuple(map(tuple, bcc24_classes(1.0, 0.7, 0.4, 1.3)))
     ),
+    "latent alone": Material(Q_latent=6.0, b=40.0),
     "everything": replace(
         BASELINE,
         c2=4000.0,
@@ -82,6 +83,7 @@ LAWS = {
         tau0_antitwinning=0.85,
         a1=-0.2,
         h_latent=0.2,
+        Q_latent=2.0,
         interaction=tuple(map(tuple, UNSYMMETRIC)),
     ),
 }

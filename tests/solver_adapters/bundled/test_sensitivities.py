@@ -11,7 +11,13 @@ import pytest
 from solver_adapters.bundled import equilibrium
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.crystal import rotation_vector_matrix
-from solver_adapters.interface import Direction, FloatArray, Response, Simulation
+from solver_adapters.interface import (
+    Direction,
+    FloatArray,
+    Integration,
+    Response,
+    Simulation,
+)
 from solver_adapters.material import (
     MATERIAL_DECLARATIONS,
     MATERIAL_PARAMETERS,
@@ -26,7 +32,8 @@ TOLERANCE = 1e-5
 # parameter. The response bends most along the motion: 5 nm strain this box to its yield.
 MATERIAL_STEP = 2e-5
 # Parameters that cannot be below their null.
-NOT_NEGATIVE = ("h_latent", "c2")
+NOT_NEGATIVE = ("h_latent", "Q_latent", "c2")
+SCHEMES = pytest.mark.parametrize("integration", ["exponential", "backward_euler"])
 STEP = {"rotation": 1e-5, "gradient": 1e-5, "points": 1e-5, "motion": 2e-8, "mixed": 3e-7}
 
 
@@ -36,6 +43,7 @@ GENERAL = replace(
     tau0_antitwinning=1.1,
     a1=0.15,
     h_latent=0.3,
+    Q_latent=2.0,
     c2=2000.0,
     x0=5e-5,
     eigenstrain=3e-4,
@@ -145,6 +153,7 @@ def _check(simulation: Simulation, expected_cuts: Callable[[int], bool]) -> None
 def _forward(simulation: Simulation, direction: Direction, step: float) -> tuple[FloatArray, ...]:
     """One-sided differences of force and displacement, of second order."""
     runs = [BundledAdapter().solve(_moved(simulation, direction, m * step)) for m in (0, 1, 2)]
+    assert len({run.steps for run in runs}) == 1
     weights = (-1.5 / step, 2.0 / step, -0.5 / step)
     pairs = [(w * run.force, w * run.displacement) for w, run in zip(weights, runs, strict=True)]
     return tuple(sum(parts[1:], parts[0]) for parts in zip(*pairs, strict=True))
@@ -204,13 +213,38 @@ def test_derivatives_of_a_mesh_of_wedges_are_difference_quotients(measure: Strai
         _compare(response, k, direction.name, slope)
 
 
-def test_the_onset_of_latent_hardening_is_felt_where_there_is_none_yet() -> None:
-    """At Q = 0 the law is uncoupled, its derivative along Q is not."""
-    material = Material(h_latent=1.4, strain_measure="small")
-    simulation = _simulation("small", (0.004, 0.008), material)
-    direction = _material("Q")
+@SCHEMES
+@pytest.mark.parametrize("name", ["Q", "Q_latent"])
+def test_the_onset_of_latent_hardening_is_felt_where_there_is_none_yet(
+    measure: StrainMeasure, integration: Integration, name: str
+) -> None:
+    """At Q = 0 the law is uncoupled, its derivatives along Q and Q_latent are not."""
+    simulation = _simulation(measure, (0.002, 0.004, 0.006, 0.008), Material(h_latent=1.4))
+    simulation = replace(simulation, integration=integration)
+    direction = _material(name)
     response = BundledAdapter().solve(replace(simulation, directions=(direction,)))
-    _compare(response, 0, "Q", _forward(simulation, direction, 1e-3))
+    _compare(response, 0, name, _forward(simulation, direction, 1e-3))
+
+
+@SCHEMES
+def test_derivatives_with_latent_hardening_alone_are_difference_quotients(
+    measure: StrainMeasure, integration: Integration
+) -> None:
+    """Q = 0: the accumulated slips are carried, and b acts, for Q_latent."""
+    simulation = _simulation(measure, (0.004, 0.0075, 0.004, 0.008), Material(Q_latent=4.0))
+    simulation = replace(simulation, integration=integration)
+    directions = tuple(map(_material, ("tau0", "Q_latent", "b")))
+    response = BundledAdapter().solve(replace(simulation, directions=directions))
+    for k, direction in enumerate(directions):
+        step = MATERIAL_STEP * getattr(simulation.material, direction.name)
+        high, low = (
+            BundledAdapter().solve(_moved(simulation, direction, sign * step)) for sign in (1, -1)
+        )
+        slope = (
+            (high.force - low.force) / (2 * step),
+            (high.displacement - low.displacement) / (2 * step),
+        )
+        _compare(response, k, direction.name, slope)
 
 
 def test_asking_for_derivatives_does_not_change_the_answer() -> None:

@@ -21,6 +21,7 @@ from solver_adapters.bundled.law import (
     P_C2,
     P_D,
     P_D2,
+    P_LATENT,
     S_ACC,
     S_OVER,
     S_X,
@@ -43,6 +44,7 @@ LAWS = {
     "latent": replace(
         BASELINE, h_latent=1.4, interaction=tuple(map(tuple, bcc24_classes(1.0, 0.7, 0.4, 1.3)))
     ),
+    "latent alone": Material(Q_latent=6.0, b=40.0),
 }
 DT = 1.5
 EPS = 1e-30
@@ -59,7 +61,8 @@ class Point:
     @property
     def coupled(self) -> bool:
         """Whether slip on one system hardens others."""
-        return not np.array_equal(self.step.interaction, np.eye(NS))
+        alone = np.array_equal(self.step.interaction, np.eye(NS))
+        return not alone or self.step.constants[P_LATENT].real != 0.0
 
     def workspace(self, slips: FloatArray, solved: bool) -> FloatArray:
         """The workspace with slips S Δp to begin with."""

@@ -69,6 +69,12 @@ def test_latent_hardening_without_hardening_is_no_matter() -> None:
     assert CalculixAdapter().files(simulation(Q=20.0, b=0.0, h_latent=0.3))
 
 
+def test_latent_hardening_of_its_own_is_refused() -> None:
+    for Q, h_latent in ((0.0, 0.0), (20.0, -0.1)):
+        message = refusal(simulation(Q=Q, h_latent=h_latent, Q_latent=4.0))
+        assert "Q_latent = 4" in message and "bundled" in message
+
+
 @pytest.mark.parametrize(
     ("changes", "name"),
     [

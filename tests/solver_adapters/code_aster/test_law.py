@@ -36,6 +36,17 @@ def test_even_latent_hardening_is_H() -> None:
         assert (said.classes, said.matrix) == ({"H": 1.4}, None)
 
 
+def test_latent_hardening_of_its_own_is_H_over_Q() -> None:
+    said = hardening(replace(HARD, Q_latent=4.0))
+    assert (said.Q, said.classes, said.matrix) == (10.0, {"H": 0.4}, None)
+
+
+def test_latent_hardening_without_Q_is_a_table_without_a_diagonal() -> None:
+    said = hardening(Material(Q_latent=4.0, h_latent=0.3))
+    assert said.Q == 4.0 and said.matrix is not None
+    np.testing.assert_array_equal(said.matrix, self_and_latent(0.0, 1.0))
+
+
 def test_the_four_classes_are_recognised() -> None:
     said = hardening(replace(HARD, interaction=rows(bcc24_classes(0.5, 1.0, 0.25, 2.0))))
     assert said.classes == {"H1": 0.5, "H2": 1.0, "H3": 0.25, "H4": 2.0}

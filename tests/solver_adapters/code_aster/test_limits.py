@@ -52,6 +52,10 @@ def test_what_code_aster_lacks_is_said() -> None:
             small_case(Q=10.0, tau0_112=1.1, h_latent=1.0),
             "tau0_112 is 1.1 and systems harden each other .*can: bundled",
         ),
+        (
+            small_case(tau0_112=1.1, Q_latent=4.0),
+            "tau0_112 is 1.1 and systems harden each other .*can: bundled",
+        ),
     ],
 )
 def test_what_code_aster_lacks_is_refused_by_name(simulation: Simulation, words: str) -> None:

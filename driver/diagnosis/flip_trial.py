@@ -1,0 +1,140 @@
+"""Trial of the EBSD flips: each is looked at from two starts, and refitted if it promises much."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from driver.diagnosis.causes import Cause
+from driver.diagnosis.ebsd_flips import half_turn
+from driver.diagnosis.examined import NotExamined
+from driver.diagnosis.refit import (
+    MOST_FROM_AFAR,
+    Log,
+    Refit,
+    Start,
+    nominal,
+    promised,
+    refit_from,
+)
+from driver.diagnosis.score import Score
+from driver.identification.fit import Evaluation, Objective
+from driver.model import ForwardModel
+from driver.side_by_side import side_by_side
+from solver_adapters.interface import SolverError
+
+
+@dataclass(frozen=True, eq=False)
+class FlipTrial:
+    """What became of the flips of a round.
+
+    Attributes:
+        scores: those that were evaluated: what the first step promises, without degrees of freedom.
+        refits: of those that promised something.
+        untried: those that were not evaluated, and why.
+    """
+
+    scores: tuple[Score, ...] = ()
+    refits: tuple[Refit, ...] = ()
+    untried: tuple[NotExamined, ...] = ()
+
+
+def not_warranted(flips: Sequence[Cause]) -> FlipTrial:
+    """No flip is tried where no large effect and nothing unexplained calls for it."""
+    why = "it is tried only where an effect is large or something stays unexplained"
+    return FlipTrial(untried=tuple(NotExamined(flip.name, why) for flip in flips))
+
+
+def turned(model: ForwardModel, causes: Sequence[Cause]) -> ForwardModel:
+    """The model with its measured orientations as the flips among these causes have them."""
+    grains = model.microstructure
+    orientations = half_turn(causes) @ grains.orientations
+    return replace(model, microstructure=replace(grains, orientations=orientations))
+
+
+def try_flips(
+    flips: Sequence[Cause],
+    baseline: Evaluation,
+    objective: Objective,
+    processes: int,
+    threads: int,
+    log: Log,
+    bar: float,
+) -> FlipTrial:
+    """Evaluate each flip from two starts, and refit where a first step promises enough.
+
+    The one start is the baseline: a flip leaves the Schmid factors along Y as they are, and with
+    them most of what the loads say of the law. The other one is the nominal model (means of the
+    priors; knots, which have none, stay), for what the baseline has bent to imitate a flip.
+
+    Args:
+        flips: the flips.
+        baseline: the baseline at its optimum.
+        objective: the objective of the baseline.
+        processes: how many flips at a time.
+        threads: threads of each.
+        log: takes a line for each.
+        bar: cost which the first step has to promise.
+    """
+    if not flips:
+        return FlipTrial()
+    log(f"other frames of the EBSD: {', '.join(flip.name for flip in flips)}")
+    starts = [
+        Start(flip, replace(objective, model=turned(objective.model, (flip,))), values, None,
+              baseline, bar, MOST_FROM_AFAR)
+        for flip in flips
+        for values in (baseline.values, nominal(baseline, objective))
+    ]  # fmt: skip
+    scores: list[Score] = []
+    hopeful: list[Start] = []
+    failed: list[NotExamined] = []
+    looks = list(zip(starts, side_by_side(_first_look, starts, processes, threads), strict=True))
+    for flip in flips:
+        mine = [(start, look) for start, look in looks if start.cause is flip]
+        seen = [replace(start, start=look) for start, look in mine if not isinstance(look, str)]
+        if not seen:
+            why = f"it cannot be simulated ({mine[0][1]})"
+            log(f"  {flip.name}: {why}")
+            failed.append(NotExamined(flip.name, why))
+            continue
+        promises = [_promise(start) for start in seen]
+        promise = min(promises)
+        scores.append(_score(flip, baseline.cost - promise))
+        if promise > bar:
+            log(f"  {flip.name}: given up, for its first step promises too little "
+                f"(cost {promise:.0f}, {bar:.0f} is asked for)")  # fmt: skip
+        else:
+            hopeful.append(seen[promises.index(promise)])
+    refits = refit_from(hopeful, processes, threads, log)
+    return FlipTrial(tuple(scores), tuple(refits), tuple(failed))
+
+
+def _first_look(start: Start) -> Evaluation | str:
+    try:
+        return start.objective.evaluate(start.values, start.baseline.free)
+    except (SolverError, ValueError) as error:
+        return str(error).partition("\n")[0]
+
+
+def _promise(start: Start) -> float:
+    assert start.start is not None
+    return promised(start.objective, start.start)
+
+
+def _score(flip: Cause, gain: float) -> Score:
+    """What a flip promises; it has no degrees of freedom, no p, and nothing to measure."""
+    none = np.zeros(0)
+    return Score(
+        cause=flip,
+        statistic=max(gain, 0.0),
+        degrees=0,
+        p=float("nan"),
+        log_evidence=0.5 * gain + float(np.log(flip.odds)),
+        estimate=none,
+        sigma=none,
+        visible=none,
+        directions=np.zeros((0, 0)),
+        strengths=none,
+    )
