@@ -19,9 +19,11 @@ FloatArray = NDArray[np.float64]
 
 FEWEST = 8  # degrees of freedom without which nothing is said of the noise
 _RIDGE = 1e-12
-# Variance that the fit has left of a direction. What it takes more of is where the model moves fast
-# loads, and an error of the model shows there as if it were noise.
-_LEFT = 0.9
+UNTOUCHED = 0.9
+"""Variance that a fit leaves of a direction it hardly touches. What it takes more of is where the
+model moves fast loads, and an error of the model shows there as if it were noise."""
+LEFT = 1e-3
+"""Variance below which a fit has taken a direction."""
 _WIDE = 10.0  # prior scales
 
 
@@ -53,8 +55,13 @@ class FastLoads:
         return np.asarray((self.root @ (fast - self.taken @ seen)).T)
 
 
-def fast_loads(fitted: Evaluation) -> FastLoads:
-    """The residual of a fit to images and fast loads alone: slow loads do not enter it."""
+def fast_loads(fitted: Evaluation, left: float = UNTOUCHED) -> FastLoads:
+    """The residual of a fit to images and fast loads alone: slow loads do not enter it.
+
+    Args:
+        fitted: the fit to all data.
+        left: variance that it must have left of a direction.
+    """
     T, J = fitted.n_load, fitted.jacobian
     modes = _fast_modes(T)
     through = modes @ J[:, :T].T
@@ -62,9 +69,9 @@ def fast_loads(fitted: Evaluation) -> FastLoads:
     H = through.T @ through + images @ images.T + np.diag(fitted.prior_weight)
     H += _RIDGE * np.trace(H) * np.eye(len(H))
     taken = np.asarray(np.linalg.solve(H, through.T).T, dtype=np.float64)
-    left, vector = np.linalg.eigh(np.eye(len(modes)) - taken @ through.T)
-    kept = left > _LEFT
-    root = (vector[:, kept] / np.sqrt(left[kept])).T
+    variance, vector = np.linalg.eigh(np.eye(len(modes)) - taken @ through.T)
+    kept = variance > left
+    root = (vector[:, kept] / np.sqrt(variance[kept])).T
     fast = modes @ fitted.residual[:T]
     gradient = through.T @ fast + images @ fitted.residual[T:]
     residual = fast - taken @ (gradient + fitted.prior_weight * fitted.prior_gap)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm, t
 
-from driver.diagnosis.fast_loads import FEWEST, fast_loads, freed
+from driver.diagnosis.fast_loads import FEWEST, LEFT, fast_loads, freed
 from driver.identification.data import Data
 from driver.identification.fit import Evaluation
 
@@ -88,7 +88,8 @@ def bad_loads(
 
 
 def _fast(fitted: Evaluation, unit: FloatArray) -> _Fast:
-    fast = fast_loads(fitted)
+    # One load, of a turning point say, may stand just where the model moves fast loads.
+    fast = fast_loads(fitted, LEFT)
     return _Fast(fast.residual, fast.of(unit))
 
 
