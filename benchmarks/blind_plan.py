@@ -12,7 +12,7 @@ Kind = Literal["null", "cause", "pair", "outside", "noise level", "jitter", "AR(
 KINDS: tuple[Kind, ...] = (
     "null", "cause", "pair", "outside", "noise level", "jitter", "AR(1)", "known",
 )  # fmt: skip
-LEVELS = (6.0, 12.0)  # projected misfit [σ]
+LEVELS = (7.0, 9.0, 12.0)  # projected misfit [σ], met within a sixth: all are above 6 σ
 PAIR_LEVEL = 12.0
 OUTSIDE_LEVELS = (8.0, 16.0)
 LOAD_NOISE_RATIOS = (0.7, 1.3)  # true over stated

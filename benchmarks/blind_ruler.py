@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import pickle
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -19,15 +17,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.blind_specimen import (
-    CYCLES,
-    ELONGATION,
-    known_case,
-    null_values,
-    outside,
-    pulled,
-    true_case,
-)  # fmt: skip
+from benchmarks.blind_specimen import known_case, null_values, outside, pulled
+from benchmarks.blind_store import kept
 from driver.case import load_case
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.score import likeness
@@ -38,7 +29,7 @@ from driver.identified_record import IDENTIFY
 from driver.identify_stage import load_workbench, saved_objective
 from driver.microscope.face_motion import Face, NodalMotion
 from driver.pipeline import run
-from driver.results import prismid_version, read_hdf5
+from driver.results import read_hdf5
 from driver.stages import RESULTS, StageContext
 from driver.virtual_course import Course
 from driver.virtual_record import record
@@ -47,7 +38,7 @@ from solver_adapters.interface import SolverError
 FloatArray = NDArray[np.float64]
 
 RULER_SEED = 987_654
-CLOSE = 0.15  # relative error of the size of a truth that is good enough
+CLOSE = 0.14  # relative error of the size of a truth that is good enough
 TRIES = 3
 ALIKE = 0.95  # likeness beyond which two causes do the same to the data
 
@@ -133,20 +124,13 @@ class Ruler:
         return values
 
 
-def cache_folder(root: Path) -> Path:
-    """Where what all trials share is kept; another specimen or another version has another."""
-    told = json.dumps(
-        [known_case().model_dump(mode="json"), true_case().model_dump(mode="json"), CYCLES,
-         ELONGATION, prismid_version()]
-    )  # fmt: skip
-    folder = root / hashlib.sha256(told.encode()).hexdigest()[:12]
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
-
-
 @lru_cache(maxsize=1)
 def ruler(cache: Path) -> Ruler:
-    """The ruler, made if it is not there: about a minute of one core, later a few seconds."""
+    """The ruler, made if it is not there: about a minute of one core."""
+    return kept(cache / "ruler.pickle", lambda: _made(cache))
+
+
+def _made(cache: Path) -> Ruler:
     unaffected = kept(cache / "nothing.pickle", lambda: pulled({}))
     folder = cache / "ruler"
     folder.mkdir(exist_ok=True)
@@ -164,19 +148,6 @@ def ruler(cache: Path) -> Ruler:
     causes, names = screened(objective.model, free, None)
     wide = objective.evaluate(values, names)
     return Ruler(objective, objective.restrict(wide, free), wide, causes, unaffected)
-
-
-def kept(path: Path, make: Callable[[], Course]) -> Course:
-    """A course from the cache, made and written if it is not there."""
-    if path.is_file():
-        with path.open("rb") as file:
-            course: Course = pickle.load(file)
-        return course
-    course = make()
-    unfinished = path.with_suffix(f".{os.getpid()}")
-    unfinished.write_bytes(pickle.dumps(course))
-    unfinished.replace(path)  # two processes may have made the same one
-    return course
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,11 +184,15 @@ def sized(
     Raises:
         TooSmallError: it cannot be made as large.
     """
-    path = cache / f"{name}_{level:g}.pickle"
-    if path.is_file():
-        with path.open("rb") as file:
-            found: Truth = pickle.load(file)
-        return found
+    return kept(cache / f"{name}_{level:g}.pickle", lambda: _sized(cache, level, start, make))
+
+
+def _sized(
+    cache: Path,
+    level: float,
+    start: float,
+    make: Callable[[float], tuple[Course, dict[str, float]]],
+) -> Truth:
     measure, amplitude = ruler(cache), start
     for _ in range(TRIES):
         try:
@@ -230,14 +205,11 @@ def sized(
         amplitude *= float(np.clip(level / max(found.misfit, 1e-9), 0.3, 3.0))
     if found.misfit < 0.7 * level:
         raise TooSmallError(f"the effect of {hidden} is {found.misfit:.1f} σ")
-    unfinished = path.with_suffix(f".{os.getpid()}")
-    unfinished.write_bytes(pickle.dumps(found))
-    unfinished.replace(path)
     return found
 
 
 def truth_of_cause(
-    cache: Path, cause: Cause, direction: FloatArray, label: str, level: float,
+    cache: Path, cause: Cause, direction: FloatArray, level: float,
     companions: Mapping[str, float],
 ) -> Truth:  # fmt: skip
     """A cause of the library, along a direction in prior scales."""
@@ -248,7 +220,9 @@ def truth_of_cause(
         return pulled(hidden), hidden
 
     start = level / max(measure.length(cause, direction), 1e-9)
-    return sized(cache, f"{cause.name}{label}", level, start, make)
+    told = json.dumps([direction.tolist(), dict(companions)])
+    name = f"{cause.name}_{hashlib.sha256(told.encode()).hexdigest()[:8]}"
+    return sized(cache, name, level, start, make)
 
 
 def truth_outside(cache: Path, effect: str, level: float) -> Truth:

@@ -16,9 +16,9 @@ from driver.boundary import elongation_names, tilt_names
 from driver.case import Case
 from driver.case_tables.loading import LambdaStart
 from driver.case_tables.solver import Solver
-from driver.history import History
+from driver.history import History, turning_points
 from driver.specimen import adapter_of, build_model, mesh_of
-from driver.virtual_course import Course, course_of, refuse_unknown, stage_program
+from driver.virtual_course import Course, course_of, refuse_unknown
 from solver_adapters.interface import Simulation
 from tests.driver.virtual_experiment import small_case
 
@@ -26,7 +26,8 @@ FloatArray = NDArray[np.float64]
 Change = Callable[[Simulation, History], Simulation]
 
 LENGTH = 8.0
-CYCLES = ((8, 2), (8, 2))
+CYCLES = ((8, 2), (8, 2))  # images during loading and unloading
+MOVE, SECONDS = 5.0, 15.0  # stage travel [µm] and time from one image to the next
 ELONGATION = (0.045, 0.039, 0.090, 0.083)  # at the turning points [µm]
 TILT_SHARE = 0.25
 OUTSIDE = ("soft_slice", "notch", "creep", "lens")
@@ -62,10 +63,31 @@ def true_case() -> Case:
     )
 
 
+def stage_history() -> History:
+    """The stage moves on slowly from image to image, and holds at each peak before its image.
+
+    A hold before every image, as a microscope that scans needs it, would double the intervals
+    that each simulation has to go through.
+    """
+    time, stage, rows = 0.0, 0.0, [(0.0, 0.0, True)]
+    for up, down in CYCLES:
+        for k, step in enumerate(up * [MOVE] + down * [-MOVE]):
+            time, stage = time + SECONDS, stage + step
+            peak = k == up - 1
+            rows.append((time, stage, not peak))
+            if peak:
+                time += SECONDS
+                rows.append((time, stage, True))
+    times, travel, taken = (np.array(column) for column in zip(*rows, strict=True))
+    images = np.flatnonzero(taken)
+    none = np.zeros(images.size)
+    return History(times, travel, images, none, turning_points(travel), none.astype(np.int64))
+
+
 @cache
 def null_values() -> dict[str, float]:
     """Every parameter of the general model at its null, the law as it truly is."""
-    truth, history = true_case(), stage_program(CYCLES)
+    truth, history = true_case(), stage_history()
     mesh = mesh_of(truth, known_case().specimen.mesh_size)
     model = build_model(truth, mesh, history, np.zeros((0, 2)), adapter_of(truth), 1)
     return model.null_values()
@@ -83,7 +105,7 @@ def pulled(hidden: Mapping[str, float], change: Change | None = None) -> Course:
         SolverError: the simulation could not be finished.
         ValueError: a geometric parameter turns a cell inside out.
     """
-    truth, history = true_case(), stage_program(CYCLES)
+    truth, history = true_case(), stage_history()
     mesh, adapter = mesh_of(truth, truth.specimen.mesh_size), adapter_of(truth)
     steps = truth.solver.steps_per_interval
     model = build_model(truth, mesh, history, np.zeros((0, 2)), adapter, steps)
@@ -111,8 +133,9 @@ def jittered(sigma: float, seed: int) -> Course:
     def change(simulation: Simulation, history: History) -> Simulation:
         off = np.zeros(simulation.times.size)
         off[history.image_row[1:]] = sigma * rng.standard_normal(history.n_images - 1)
-        # A stop begins with the row before its image: the ends do not move in a hold.
-        off[history.image_row[1:] - 1] = off[history.image_row[1:]]
+        # The ends do not move in a hold, which begins with the row before its image.
+        held = np.flatnonzero(np.diff(history.stage) == 0)
+        off[held] = off[held + 1]
         return _elongated(simulation, off)
 
     return pulled({}, change)

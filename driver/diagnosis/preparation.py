@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.loads import BadLoad, bad_loads, load_noise
 from driver.diagnosis.outcome import Log, Settings
+from driver.diagnosis.refit import TOLERANCE
 from driver.diagnosis.score import prior_scaled
 from driver.identification.data import Data
 from driver.identification.fit import Evaluation, Fit, Objective, fit
@@ -96,4 +97,8 @@ def with_load_noise(data: Data, fitted: Evaluation, log: Log) -> Data:
 
 def _fitted_again(objective: Objective, here: Fit, log: Log) -> Fit:
     begin = objective.compare(here.best.prediction, here.values, here.best.free)
-    return fit(objective, here.values, here.best.free, MOST_ITERATIONS, log, start=begin)
+    # Scores and evidence are taken at the optimum to first order: a fit this near to it needs no
+    # step, and the sensitivities of all causes, known there already, are not simulated again.
+    return fit(
+        objective, here.values, here.best.free, MOST_ITERATIONS, log, begin, tolerance=TOLERANCE
+    )
