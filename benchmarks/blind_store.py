@@ -20,7 +20,7 @@ Record = dict[str, Any]
 
 # Of what makes truths and tells their size, beside the solver and the two cases.
 _TRUTHS = (
-    *(f"benchmarks/blind_{name}.py" for name in ("ruler", "specimen")),
+    *(f"benchmarks/blind_{name}.py" for name in ("plan", "ruler", "specimen")),
     *(
         f"driver/{name}.py"
         for name in (

@@ -26,7 +26,7 @@ import numpy as np
 from platformdirs import user_cache_path
 
 from benchmarks.blind_figures import print_figures
-from benchmarks.blind_plan import KINDS, PAIR_LEVEL, Trial, aims, plan
+from benchmarks.blind_plan import KINDS, Trial, aims, plan
 from benchmarks.blind_ruler import TooSmallError, Truth, ruler, truth_of_cause, truth_outside
 from benchmarks.blind_specimen import jittered, known_case, pulled, true_case
 from benchmarks.blind_store import Record, cache_folder, kept, of_program, program, read
@@ -98,10 +98,11 @@ def carry_out(
     measure = ruler(cache)
     shapes = {c.name: (len(c.parameters), c.one_sided) for c in measure.causes}
     towards = aims(seed, shapes)
-    for_pairs = [
-        c.name for c in measure.causes if measure.reaches(c, np.array(towards[c.name]), PAIR_LEVEL)
-    ]
-    trials = plan(seed, shapes, measure.alike, for_pairs, true_case().material.d)
+    reach = {}
+    for cause in measure.causes:
+        aim = np.array(towards[cause.name])
+        reach[cause.name] = (measure.reach(cause, aim), measure.reach(cause, -aim))
+    trials = plan(seed, shapes, measure.alike, reach, true_case().material.d)
     print(f"program {program()} (hash of its sources); truths in {cache}")
     known = of_program(read(results), program())
     done = {line["trial"]["name"] for line in known}

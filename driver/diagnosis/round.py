@@ -15,6 +15,7 @@ from driver.diagnosis.verdict import MOST_ADDITIONS
 from driver.identification.fit import Evaluation, Fit, Objective
 
 WITHIN = 3.0  # log evidence within which causes are not told apart
+WORTH = 1.0  # log evidence without which nothing is added: less is no evidence (Jeffreys)
 LARGE = 3.0  # χ_F beyond which a score names a cause no better than chance
 ENOUGH = 0.9  # share of the excess that the best cause has to explain
 _HOPEFUL = 0.5  # of what the best refit gains, that a first step has to promise
@@ -50,7 +51,7 @@ def examine(
     refits: list[Refit] = []
     if len(added) < MOST_ADDITIONS:
         refits = _refits(scores, screening, here, objective, settings, log)
-    winner = refits[0] if refits and refits[0].log_evidence > 0 else None
+    winner = refits[0] if refits and refits[0].log_evidence > WORTH else None
     named = set_of(winner, refits, scores) if winner is not None else ()
     chi = here.best.chi_load, here.best.chi_image
     return Step(tuple(scores), tuple(refits), named, tests, *chi), winner
