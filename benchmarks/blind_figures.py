@@ -67,13 +67,13 @@ def print_figures(lines: Sequence[Record]) -> None:
     if held:
         print(f"held-out chi_F of library truths, mean = {mean(held):.2f} (goal: <= 1.3)")
         show_share("held-out chi_F <= 1.3 [%]", [h <= 1.3 for h in held], "100")
-    for b, goal in (("b = 30", True), ("b = d", False)):
+    for b, expected in (("b = 30", True), ("b = d", False)):
         of = [
             line for line in kinds["known"]
-            if (dict(line["trial"]["companions"])["b"] == 30.0) == goal
+            if (dict(line["trial"]["companions"])["b"] == 30.0) == expected
         ]  # fmt: skip
-        right = [_named_alone(line) == goal for line in of]
-        show_share(f"Q with {b}: {'named' if goal else 'not named alone'} [%]", right, "100")
+        right = [_named_alone(line) == expected for line in of]
+        show_share(f"Q with {b}: {'named' if expected else 'not named alone'} [%]", right, "100")
     for kind, goal in (*((kind, 6) for kind in SILENT), *((k, 25) for k in LOUD)):
         times = [line["cpu"] for line in _of(ran, kind)]
         if times:

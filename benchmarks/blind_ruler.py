@@ -78,7 +78,7 @@ class Ruler:
                 each in its way, which is as large as a third of an effect.
         """
         xy = self.objective.data.image.images.xy
-        change = _motion_at(course, xy) - _motion_at(self.unaffected, xy)
+        change = motion_at(course, xy) - motion_at(self.unaffected, xy)
         data, here = self.objective.data, self.here
         with_it = data.residual(
             here.motion + change, here.load + course.load - self.unaffected.load
@@ -154,20 +154,24 @@ def _made(cache: Path) -> Ruler:
     unaffected = kept(cache / "nothing.pickle", lambda: pulled({}))
     folder = cache / "ruler"
     folder.mkdir(exist_ok=True)
-    if not (folder / "case.toml").is_file():
-        record(folder, known_case(), unaffected, RULER_SEED)
     path = folder / "case.toml"
+    if not path.is_file():
+        record(folder, known_case(), unaffected, RULER_SEED)
     run(path, "identify", False, _silent)
-    case, results = load_case(path), folder / RESULTS
-    context = StageContext(case, path, results, results, _silent, False)
-    bench = load_workbench(context)
-    with h5py.File(results / IDENTIFY, "r") as file:
-        values = json.loads(file.attrs["all_values"])
-        free = tuple(json.loads(file.attrs["names"]))
-    objective = saved_objective(bench, read_hdf5(results / IDENTIFY))
+    objective, values, free = identified(path)
     causes, names = screened(objective.model, free, None)
     wide = objective.evaluate(values, names)
     return Ruler(objective, objective.restrict(wide, free), wide, causes, unaffected)
+
+
+def identified(path: Path) -> tuple[Objective, dict[str, float], tuple[str, ...]]:
+    """Objective, values and fitted parameters of a case that has been identified."""
+    results = path.parent / RESULTS
+    bench = load_workbench(StageContext(load_case(path), path, results, results, _silent, False))
+    with h5py.File(results / IDENTIFY, "r") as file:
+        values: dict[str, float] = json.loads(file.attrs["all_values"])
+        free = tuple(json.loads(file.attrs["names"]))
+    return saved_objective(bench, read_hdf5(results / IDENTIFY)), values, free
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +259,8 @@ def truth_outside(cache: Path, effect: str, level: float) -> Truth:
     return sized(cache, effect, level, 1.0, lambda a: (outside(effect, a), {"amplitude": a}))
 
 
-def _motion_at(course: Course, xy: FloatArray) -> FloatArray:
+def motion_at(course: Course, xy: FloatArray) -> FloatArray:
+    """What happened at the pixels [µm], shape (T, n_pix, 3)."""
     face = Face(course.face)
     return np.array([NodalMotion(face, nodal)(*xy.T)[0] for nodal in course.motion])
 

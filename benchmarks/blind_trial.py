@@ -25,7 +25,8 @@ from pathlib import Path
 import numpy as np
 from platformdirs import user_cache_path
 
-from benchmarks.blind_figures import print_figures
+from benchmarks.blind_figures import SILENT, print_figures
+from benchmarks.blind_misfit import left_of
 from benchmarks.blind_plan import KINDS, Trial, aims, plan
 from benchmarks.blind_ruler import TooSmallError, Truth, ruler, truth_of_cause, truth_outside
 from benchmarks.blind_specimen import jittered, known_case, pulled, true_case
@@ -41,10 +42,9 @@ from driver.virtual_record import record
 from solver_adapters.bundled.compilation import use_threads
 from solver_adapters.interface import SolverError
 
-SECONDS = {
-    "null": 20.0,
-    "other": 60.0,
-}  # CPU-s of a trial until some are done: a null was measured, the other is a guess
+SECONDS = {"silent": 10.0, "loud": 70.0}
+"""CPU-s of a trial without and with an effect, its truth included, until some are done."""
+HELD_OUT = 3  # one cause in so many has a cycle held out
 MEMORY = 0.5e9  # bytes of a process
 BY_NAME = {cause.name: cause for cause in LIBRARY}
 
@@ -108,7 +108,7 @@ def carry_out(
     done = {line["trial"]["name"] for line in known}
     left = [t for t in trials if t.name not in done and (only is None or t.kind in only)][:most]
     times = spent(known)
-    seconds = sum(times["null" if t.kind == "null" else "other"] for t in left)
+    seconds = sum(times[_loudness(t.kind)] for t in left)
     print(
         f"{len(left)} of {len(trials)} trials to run: about {seconds / 3600 / processes:.1f} h on "
         f"{processes} free core(s) and {MEMORY * processes / 1e9:.1f} GB of memory, into {results}",
@@ -137,7 +137,7 @@ def carried_out(task: Task) -> Record:
     line: Record = {"program": task.program, "trial": asdict(trial)}
     try:
         truth = truth_of(trial, task.cache)
-        line |= {"misfit": truth.misfit, "hidden": truth.hidden}
+        line |= {"by_ruler": truth.misfit, "hidden": truth.hidden}
         made = time.process_time() - began
         line |= diagnosed(truth, trial) | {"cpu_of_truth": made}
         began += made
@@ -180,12 +180,15 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
         stated = stated_by(trial, load_case(path))
         write_case(stated, path)
         run_stages(path, _chain(stated), "diagnose", report=_silent)
+        seen = [left_of(path, truth.course, BY_NAME[n]) for n in trial.truths if n in BY_NAME]
         found = json.loads((path.parent / "results" / "diagnosis.json").read_text("utf-8"))
     owner = {p: c.name for c in LIBRARY for p in c.parameters}
     added = list(dict.fromkeys(owner[p] for p in found["added"] if p in owner))
     first, last = found["steps"][0], found["steps"][-1]
     scores = {s["cause"]: s["statistic"] for s in first["causes"]}
     return {
+        # Of an effect outside the library the ruler alone says how large it is.
+        "misfit": min(seen, default=truth.misfit),
         "answer": " ".join([found["verdict"], *found["causes"]]),
         "verdict": found["verdict"],
         "said": found["causes"],
@@ -218,7 +221,7 @@ def stated_by(trial: Trial, recorded: Case) -> Case:
     }
     if trial.kind == "jitter":
         told["boundary"] = recorded.boundary.model_copy(update={"jitter_nm": trial.level})
-    if trial.kind != "cause":
+    if trial.kind != "cause" or trial.seed % HELD_OUT:
         told["diagnosis"] = recorded.diagnosis.model_copy(update={"held_out_cycle": "none"})
     return recorded.model_copy(update=told)
 
@@ -242,15 +245,21 @@ def measured_with(trial: Trial) -> Case:
 
 
 def spent(lines: Sequence[Record]) -> dict[str, float]:
-    """Mean CPU time of a null and of any other trial [s]."""
+    """Mean CPU time of a trial without an effect and of one with an effect [s]."""
     found = dict(SECONDS)
     for key in found:
         times = [
-            line["cpu"] for line in lines if (line["trial"]["kind"] == "null") == (key == "null")
+            line["cpu"] + line.get("cpu_of_truth", 0.0)
+            for line in lines
+            if _loudness(line["trial"]["kind"]) == key
         ]
         if times:
             found[key] = sum(times) / len(times)
     return found
+
+
+def _loudness(kind: str) -> str:
+    return "silent" if kind in SILENT else "loud"
 
 
 def _silent(line: str) -> None:
