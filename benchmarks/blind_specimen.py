@@ -41,7 +41,7 @@ def known_case() -> Case:
     return case.model_copy(
         update={
             "specimen": case.specimen.model_copy(update=mesh),
-            "diagnosis": case.diagnosis.model_copy(update={"held_out_cycle": "last"}),
+            "diagnosis": case.diagnosis.model_copy(update={"held_out_cycle": "last", "refit": 5}),
             "execution": case.execution.model_copy(update={"processes": 1, "threads": 1}),
         }
     )

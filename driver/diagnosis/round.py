@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from driver.diagnosis.causes import NUMERICS, Cause
-from driver.diagnosis.gain import share_explained
+from driver.diagnosis.gain import is_excess, share_explained
 from driver.diagnosis.omnibus import FAMILY_LEVEL, omnibus
 from driver.diagnosis.outcome import Log, Settings, Step
 from driver.diagnosis.refit import Refit, refit_causes, refit_from_afar
@@ -68,14 +68,18 @@ def _refits(
     """Refits of the causes that may have done it, the best of each, best evidence first."""
     baseline, run = here.best, (settings.processes, settings.threads, log)
     tried = [s for s in scores if s.cause.name != NUMERICS.name and s.degrees]
-    chosen = [s for s in tried if s.p < FAMILY_LEVEL][: settings.refit]
-    if not chosen:
+    seen = [s for s in tried if s.p < FAMILY_LEVEL][: settings.refit]
+    if not seen:
         return []
+    # Once something is seen, the best by evidence are refitted: theirs may be the better reason.
+    chosen = [s for s in tried if s in seen or s in tried[: settings.refit]]
     log(f"refitting {_listed(chosen)}")
     refits = refit_causes(chosen, screening, baseline, objective, *run)
     best = _best_of_each(refits)
     explained = share_explained(baseline, best[0].fit.best)
-    large = baseline.chi_load > LARGE or explained < ENOUGH
+    # Of a small excess noise alone leaves more than a tenth.
+    half = explained < ENOUGH and is_excess(best[0].fit.best)
+    large = baseline.chi_load > LARGE or half
     if large:
         others = [s for s in tried if s not in chosen]
         log(f"a large effect, or one half explained: refitting {_listed(others)}")

@@ -2,9 +2,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from driver.diagnosis.causes import NUMERICS
 from driver.diagnosis.omnibus import FAMILY_LEVEL
 from driver.diagnosis.outcome import Settings
 from driver.diagnosis.round import WORTH, examine
+from driver.identification.fit import Fit, Objective
 from tests.driver import closed_form
 
 BENCH = closed_form.bench()
@@ -14,10 +16,26 @@ SETTINGS = Settings(
 )  # fmt: skip
 
 
+FINE = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.001))
+
+
+def identified(hidden: dict[str, float]) -> tuple[Objective, Fit]:
+    made = closed_form.objective(BENCH, BENCH.truth | hidden)
+    return closed_form.identified(BENCH, made, FINE)
+
+
+def test_once_one_cause_is_seen_the_best_by_evidence_are_refitted_and_no_others() -> None:
+    objective, baseline = identified({"tilt_drift": 4e-4})
+    every = replace(SETTINGS, wanted=None)
+    step, winner = examine(baseline, objective, (), every, None, lambda line: None)
+    assert [s.cause.name for s in step.scores if s.p < FAMILY_LEVEL] == ["tilt_drift"]
+    best = [s.cause.name for s in step.scores if s.cause.name != NUMERICS.name][: every.refit]
+    assert {refit.cause.name for refit in step.refits} == set(best)
+    assert winner is not None and winner.cause.name == "tilt_drift"
+
+
 def test_an_effect_far_beyond_its_prior_is_significant_and_still_not_added() -> None:
-    made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": 4e-4})
-    fine = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.001))
-    objective, baseline = closed_form.identified(BENCH, made, fine)
+    objective, baseline = identified({"tilt_drift": 4e-4})
     _, winner = examine(baseline, objective, (), SETTINGS, None, lambda line: None)
     assert winner is not None and winner.cause.name == "tilt_drift"
     usual = objective.parameters["tilt_drift"]
