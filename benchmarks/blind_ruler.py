@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.blind_specimen import known_case, null_values, outside, pulled
+from benchmarks.blind_specimen import PER_SIGMA, known_case, null_values, outside, pulled
 from benchmarks.blind_store import kept
 from driver.case import load_case
 from driver.diagnosis.causes import Cause
@@ -39,7 +39,7 @@ FloatArray = NDArray[np.float64]
 
 RULER_SEED = 987_654
 CLOSE = 0.14  # relative error of the size of a truth that is good enough
-TRIES = 3
+TRIES = 4
 MOST_SCALES = 4.0
 """Prior scales beyond which nothing is hidden: a diagnosis that weighs causes by these priors is
 right to think of another one first."""
@@ -256,7 +256,13 @@ def truth_of_cause(
 
 def truth_outside(cache: Path, effect: str, level: float) -> Truth:
     """An effect that the library does not know."""
-    return sized(cache, effect, level, 1.0, lambda a: (outside(effect, a), {"amplitude": a}))
+    return sized(
+        cache,
+        effect,
+        level,
+        level * PER_SIGMA[effect],
+        lambda a: (outside(effect, a), {"amplitude": a}),
+    )
 
 
 def motion_at(course: Course, xy: FloatArray) -> FloatArray:

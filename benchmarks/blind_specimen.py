@@ -30,8 +30,8 @@ CYCLES = ((8, 2), (8, 2))  # images during loading and unloading
 MOVE, SECONDS = 5.0, 15.0  # stage travel [µm] and time from one image to the next
 ELONGATION = (0.045, 0.039, 0.090, 0.083)  # at the turning points [µm]
 TILT_SHARE = 0.25
-OUTSIDE = ("soft_slice", "notch", "creep", "lens")
-"""Effects of which the library knows nothing; each has one amplitude, about 1 at first."""
+PER_SIGMA = {"soft_slice": 0.25, "notch": 0.07, "creep": 0.75, "lens": 0.48}
+"""Effects of which the library knows nothing; each has one amplitude, so much for each σ."""
 
 
 def known_case() -> Case:
@@ -142,7 +142,7 @@ def jittered(sigma: float, seed: int) -> Course:
 
 
 def outside(effect: str, amplitude: float) -> Course:
-    """The test of a specimen with an effect of `OUTSIDE`."""
+    """The test of a specimen with an effect of `PER_SIGMA`."""
     if effect == "lens":
         return _through_a_lens(pulled({}), amplitude)
     changes: dict[str, Callable[[Simulation, History, float], Simulation]] = {
@@ -167,11 +167,14 @@ def _with_soft_slice(simulation: Simulation, history: History, amplitude: float)
 
 
 def _notched(simulation: Simulation, history: History, amplitude: float) -> Simulation:
-    """A notch across the apex line, 0.5 µm wide, takes 0.3·amplitude of the depth."""
+    """A notch across the apex line, about 2 µm wide, takes 0.3·amplitude of the depth.
+
+    A deeper or narrower one would turn cells of this mesh inside out.
+    """
     mesh = simulation.mesh
     points = mesh.points.copy()
-    share = min(0.3 * amplitude, 0.75)
-    points[:, 2] *= 1 - share * np.exp(-(((points[:, 1] - 0.25 * LENGTH) / 0.5) ** 2))
+    share = min(0.3 * amplitude, 0.6)
+    points[:, 2] *= 1 - share * np.exp(-((points[:, 1] - 0.25 * LENGTH) ** 2))
     return replace(simulation, mesh=replace(mesh, points=points))
 
 

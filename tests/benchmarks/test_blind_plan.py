@@ -10,8 +10,8 @@ CAUSES = {"isotropic_hardening": (1, True), "load_gain": (1, False), "boundary_t
 ALIKE = {name: (name,) for name in CAUSES}
 REACH = {
     "isotropic_hardening": (20.0, 0.0),
-    "load_gain": (10.5, 11.0),
-    "boundary_tilt": (11.0, 4.0),
+    "load_gain": (11.5, 12.0),
+    "boundary_tilt": (12.0, 4.0),
 }
 TRIALS = plan(7, CAUSES, ALIKE, REACH, 1140.0)
 
@@ -31,10 +31,10 @@ def test_a_plan_has_both_signs_and_magnitudes_of_every_cause() -> None:
 
 
 def test_a_cause_is_hidden_no_larger_than_it_may_be_and_more_often_where_it_can_be_seen() -> None:
-    assert magnitudes(20.0) == (9.0, 13.0) and magnitudes(10.5) == (9.0, 10.5)
+    assert magnitudes(20.0) == (10.0, 14.0) and magnitudes(11.5) == (10.0, 11.5)
     assert magnitudes(4.0) == (2.0, 4.0)
     gains = [t.level for t in TRIALS if t.truths == ("load_gain",)]
-    assert max(gains) == 11.0 and len(gains) == 4 * REPEATS
+    assert max(gains) == 12.0 and len(gains) == 4 * REPEATS
     tilts = [t.level for t in TRIALS if t.kind == "cause" and t.truths == ("boundary_tilt",)]
     assert sum(level < ENOUGH for level in tilts) == 2
 
