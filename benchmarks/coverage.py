@@ -204,7 +204,7 @@ def coverage(draws: list[Draw]) -> Mapping[str, Coverage]:
     """Coverage by parameter, and of law and λ's, of knots and of all together."""
     names = tuple(draws[0]["value"])
     off = {name: np.array([_deviation(one, name) for one in draws]) for name in names}
-    groups = {name: (name,) for name in names}
+    groups: dict[str, tuple[str, ...]] = {name: (name,) for name in names}
     groups |= {
         "law and lambdas": (*LAW, *LAMBDAS),
         "knots": tuple(name for name in names if name.startswith(("elongation", "tilt"))),

@@ -234,7 +234,8 @@ def alpha() -> None:
     history = read_history(ALPHA.parent / "history.csv")
     truth = knot_weights(history)[history.image_row] @ KNOTS
     deviation = (reach * edges.elongation - truth) / (reach * edges.elongation_sigma)
-    show("alpha, elongations within 2 sigma [%]", 100 * np.mean(np.abs(deviation) <= 2), "95")
+    within = 100 * float(np.mean(np.abs(deviation) <= 2))
+    show("alpha, elongations within 2 sigma [%]", within, "95")
     show("alpha, largest deviation of an elongation [sigma]", float(np.abs(deviation).max()))
     show(
         "alpha, rms deviation of an elongation [sigma]", float(np.sqrt(np.mean(deviation**2))), "1"

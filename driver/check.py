@@ -18,7 +18,7 @@ from driver.check_picture import draw
 from driver.diagnosis.own_causes import asked_causes
 from driver.dic.coverage import within
 from driver.errors import InputError
-from driver.estimate import estimate
+from driver.estimate import cost_told, estimate
 from driver.experiment import Experiment, history_of, read_experiment
 from driver.finding import Finding
 from driver.history import History
@@ -268,6 +268,6 @@ def _cost(case: Case, solver: Capabilities, n_cells: int, n_images: int, n_pixel
     return Finding(
         "ok",
         "cost",
-        f"a run takes about {cost.seconds / 60:.1f} min ({cost.simulations} simulations on the "
-        f"working mesh) and {cost.memory / 1e9:.1f} GB of memory; {free:.0f} GB of disk are free",
+        f"a run takes {cost_told(cost.seconds, cost.memory)} ({cost.simulations} simulations on "
+        f"the working mesh); {free:.0f} GB of disk are free",
     )

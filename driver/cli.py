@@ -211,6 +211,8 @@ def _told_in_one_line() -> Iterator[None]:
 @contextmanager
 def _progress(case: Path, alone: bool) -> Iterator[Log]:
     """A log of lines; on a terminal with the running step and its time below them."""
+    from solver_adapters.bundled.compilation import compiled_before
+
     console = Console(highlight=False, markup=False, soft_wrap=True)
     start = perf_counter()
     prefix = "" if alone else f"{case}: "
@@ -221,6 +223,8 @@ def _progress(case: Path, alone: bool) -> Iterator[Log]:
         if status is not None:
             status.update(escape(prefix + line))
 
+    if not compiled_before():
+        log("first use of this version: its kernels are compiled on the way, a minute or two more")
     if status is None:
         yield Log(log, seldom(lambda words: log(f"    {words}")))
     else:

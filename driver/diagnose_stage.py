@@ -22,6 +22,7 @@ from driver.diagnosis.score import Score
 from driver.diagnosis.screening import screened
 from driver.diagnosis.visible import not_seen
 from driver.errors import InputError, sentence
+from driver.extended_decks import DECKS, write_decks
 from driver.identification.fit import Evaluation, Fit
 from driver.identified_record import IDENTIFY, value_told
 from driver.identify_stage import (
@@ -90,6 +91,11 @@ def run_diagnose(context: StageContext) -> None:
         error_budget(bench, found.extended.best, free_chi),
     )
     record = diagnosis_record(found, bench, budgets)
+    if found.causes:
+        decks = write_decks(context.workdir, case, found.objective.model, found.extended.values)
+        for name, refused in decks.items():
+            context.log(f"  deck for {name}: " + (refused or f"in {DECKS}/{name}"))
+        record["decks"] = decks
     record["telling"] = [{"change": one.name, "apart_sigma": one.apart} for one in telling]
     (context.workdir / DIAGNOSIS).write_text(
         json.dumps(record, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
@@ -295,6 +301,7 @@ def _omnibus_record(tests: Omnibus) -> dict[str, Any]:
         "load_slow_p": tests.load_slow,
         "load_serial_p": tests.load_serial,
         "image_slow_p": tests.image_slow,
+        "image_outlier_p": tests.image_outlier,
         "accepted": tests.accepted,
     }
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from driver.case import Case
+from driver.wording import duration
 from solver_adapters.interface import Capabilities
 
 # Gauss points of a tet10, and its nodes per cell in a mesh of a few hundred cells.
@@ -28,8 +29,12 @@ _FINE_RUNS = 3
 # Seconds of one core of the correlation for one pixel of one image, all iterations.
 _PIXEL_SECONDS = 8e-6
 # Libraries of one process [bytes]; copies of the images held at a time.
-_PROCESS_BYTES = 250e6
+_PROCESS_BYTES = 330e6
 _IMAGE_COPIES = 3
+# Copies of a response with its derivatives: of the surface, projected, whitened.
+_RESPONSE_COPIES = 4
+# Parameters of all causes, which are differentiated together.
+_CAUSE_DIRECTIONS = 50
 # Directions of the boundary motion: 4 λ's and the knots of three cycles (6 for each of 4 motions).
 _BOUNDARY_DIRECTIONS = 4 + 4 * 6
 
@@ -82,12 +87,36 @@ def estimate(
         )
     face = case.specimen.length * case.specimen.width / case.images.pixel_um**2
     correlation = _PIXEL_SECONDS * face * n_images if case.with_images else 0.0
-    nodes = finer * _NODES_PER_CELL
-    response = 8.0 * n_images * 3 * nodes * (directions + 1)
-    memory = case.execution.processes * (_PROCESS_BYTES + response) + _IMAGE_COPIES * 8.0 * n_pixels
+    causes = _CAUSE_DIRECTIONS if case.with_images else 0
+    memory = simulation_memory(n_cells, n_images, directions + causes)
+    if case.execution.processes > 1:
+        memory += case.execution.processes * simulation_memory(n_cells, n_images, directions)
+    memory += _IMAGE_COPIES * 8.0 * n_pixels
     runs = 1 if solver.derivatives else 1 + _RUNS_PER_DIRECTION * directions
     evaluations = fits * case.identification.starts + refits
     return Estimate(solving + correlation, memory, runs * evaluations)
+
+
+def simulation_memory(n_cells: int, n_images: int, directions: int = 0) -> float:
+    """Resident memory of a process that simulates once [bytes].
+
+    Args:
+        n_cells: tet10 cells of the mesh.
+        n_images: images of the history.
+        directions: of differentiation.
+    """
+    response = 24.0 * n_images * n_cells * _NODES_PER_CELL * (directions + 1)
+    return _PROCESS_BYTES + _RESPONSE_COPIES * response
+
+
+def cost_told(seconds: float, memory: float) -> str:
+    """What a job will cost, in words.
+
+    Args:
+        seconds: wall-clock time on cores that do nothing else [s].
+        memory: largest resident memory of all its processes together [bytes].
+    """
+    return f"about {duration(seconds)} on free cores and {memory / 1e9:.1f} GB of memory"
 
 
 def simulation_seconds(

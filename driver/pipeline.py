@@ -9,7 +9,7 @@ from driver.case import Case, load_case
 from driver.diagnose_stage import DIAGNOSIS, held_out_cycle, run_diagnose
 from driver.diagnosis.own_causes import asked_causes
 from driver.errors import sentence
-from driver.estimate import estimate
+from driver.estimate import cost_told, estimate
 from driver.experiment import history_of
 from driver.identified_record import IDENTIFY
 from driver.identify_stage import run_identify
@@ -83,10 +83,7 @@ def run(
         # Asked now, and not after the hours of the stages before the diagnosis.
         held_out_cycle(case, case_path, int(history.cycle.max()))
     cost = estimate(case, solver, n_cells, history.n_images)
-    log(
-        f"all stages take about {cost.seconds / 60:.1f} min on free cores "
-        f"and {cost.memory / 1e9:.1f} GB of memory"
-    )
+    log(f"all stages take {cost_told(cost.seconds, cost.memory)}")
     if not case.with_images:
         log(SKIPPED)
     run_stages(case_path, stages(case), until, force, log, prepare_only)

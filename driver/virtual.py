@@ -7,7 +7,7 @@ from pathlib import Path
 
 from driver.case import Case, load_case
 from driver.errors import InputError, sentence
-from driver.estimate import simulation_seconds
+from driver.estimate import cost_told, simulation_memory, simulation_seconds
 from driver.history import read_history
 from driver.specimen import adapter_of, mesh_of
 from driver.virtual_course import knots, pull, stage_program
@@ -20,6 +20,8 @@ Log = Callable[[str], None]
 _FINER = 0.9  # of the finer mesh of a case
 # Seconds of one core for one pixel of one image, with slip steps and without.
 _PIXEL_SECONDS = {True: 25e-6, False: 6e-6}
+# Bytes held of one pixel of one image: levels, and the true motion in two precisions.
+_PIXEL_BYTES = 64
 
 
 def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int, log: Log) -> None:
@@ -52,12 +54,14 @@ def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int
         simulation_seconds(truth, adapter_of(truth).capabilities(), n_cells, history.n_images)
         + _PIXEL_SECONDS[steps] * face * history.n_images
     )
+    memory = simulation_memory(n_cells, history.n_images)
+    memory += _PIXEL_BYTES * face * history.n_images
     log(
         f"truth on a mesh of {truth.specimen.mesh_size:g} µm ({n_cells} cells) with "
         f"{truth.solver.steps_per_interval} steps an interval, finer than the case's "
         f"{case.specimen.mesh_size:g} and {case.specimen.fine_mesh_size:g} µm with "
         f"{case.solver.steps_per_interval} and {case.solver.fine_steps_per_interval}; "
-        f"{history.n_images} images, about {seconds / 60:.1f} min"
+        f"{history.n_images} images, {cost_told(seconds, memory)}"
     )
     course = pull(truth, history, hidden, steps, tenths("  truth: ", log))
     folder.mkdir(parents=True, exist_ok=True)

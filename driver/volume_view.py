@@ -10,17 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.case import Case
-from driver.estimate import simulation_seconds
+from driver.estimate import cost_told, simulation_memory, simulation_seconds
 from driver.history import History
 from driver.paraview import FittedModel
 from driver.specimen import adapter_of, build_model, capabilities_of
 from driver.vtkhdf import write_vtkhdf
+from driver.wording import duration
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.interface import CellFields, Progress
 from solver_adapters.med_results import write_results
 
 FloatArray = NDArray[np.float64]
 
+# Bytes of the fields of a cell at an image, held twice while they are written.
+_FIELD_BYTES = 2 * 8 * (6 + 24 + 24 + 3)
 # VTK's symmetric tensors run XX, YY, ZZ, XY, YZ, XZ; those of a response XX, YY, ZZ, YZ, XZ, XY.
 _VTK_TENSOR = [0, 1, 2, 5, 3, 4]
 
@@ -131,10 +134,14 @@ def write_volumes(
         SolverError: a simulation could not be finished.
     """
     solver = capabilities_of(case)
-    minutes = simulation_seconds(case, solver, len(mesh.cells), history.n_images) / 60
+    n_cells = len(mesh.cells)
+    cost = cost_told(
+        simulation_seconds(case, solver, n_cells, history.n_images),
+        simulation_memory(n_cells, history.n_images) + _FIELD_BYTES * n_cells * history.n_images,
+    )
     log(
         f"fields of the volume: {len(models)} simulation{'s' if len(models) > 1 else ''}, "
-        f"each about {minutes:.1f} min on free cores (--no-volume leaves them out)"
+        f"each {cost} (--no-volume leaves them out)"
     )
     for model in models:
         told = tenths(f"  {model.label}: ", log)
@@ -154,6 +161,6 @@ def tenths(prefix: str, log: Callable[[str], None]) -> Callable[[Progress], None
         tenths = int(10 * progress.time / progress.end)
         if tenths > told:
             told = tenths
-            log(f"{prefix}{10 * tenths} %, {progress.remaining / 60:.1f} min to go")
+            log(f"{prefix}{10 * tenths} %, {duration(progress.remaining)} to go")
 
     return tell

@@ -10,7 +10,7 @@ import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from solver_adapters.interface import (
     Simulation,
 )
 from solver_adapters.jobs.answer import refuse_bad_response, refuse_other_deck
-from solver_adapters.jobs.errors import CommandMissingError, JobError
+from solver_adapters.jobs.failure import PASSING, Failure, failed, limit_told, missing
 from solver_adapters.jobs.folder import (
     RESPONSE,
     Record,
@@ -30,14 +30,12 @@ from solver_adapters.jobs.folder import (
     put_away,
     read_record,
     settle,
-    tail_of,
     write_aside,
     write_record,
 )
 from solver_adapters.jobs.key import job_key
 from solver_adapters.jobs.prepared import (
     ELSEWHERE,
-    EXIT_CODE,
     PREPARED,
     exit_code,
     has_results,
@@ -49,7 +47,6 @@ from solver_adapters.jobs.runner import Ended, Limits, run_program
 from solver_adapters.jobs.status import CACHED
 from solver_adapters.jobs.status import Status as Status
 from solver_adapters.profile import Profile as Profile
-from solver_adapters.profile import config_path
 from solver_adapters.refusal import refuse_unsupported
 from solver_adapters.registry import installed_capabilities
 from solver_adapters.response_file import (
@@ -66,15 +63,8 @@ from solver_adapters.validation import refuse_bad_simulation
 ABSENT = "absent"
 """Identity of a program that is not on this machine."""
 
-_PASSING = "prismid-"
 _LOG = logging.getLogger(__name__)
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-
-
-@dataclass(frozen=True)
-class _Failure:
-    status: Status
-    detail: str
 
 
 class ExternalAdapter(ABC):
@@ -217,7 +207,10 @@ class ExternalAdapter(ABC):
                 raise PreparedError([jobs / elsewhere.key])
             program = self.program()
             if program is None:
-                raise self._missing("" if waiting is None else str(jobs / elsewhere.key))
+                raise missing(
+                    self.name, self.programs, self.profile,
+                    "" if waiting is None else str(jobs / elsewhere.key),
+                )  # fmt: skip
             begin, end = float(simulation.times[0]), float(simulation.times[-1])
 
             def waiting_still() -> None:
@@ -243,7 +236,7 @@ class ExternalAdapter(ABC):
         if record is None or record.status == PREPARED:
             return None
         if record.status != Status.DONE:
-            raise self._failed(_Failure(Status(record.status), record.detail), folder)
+            raise failed(self.name, Failure(Status(record.status), record.detail), folder)
         try:
             return _stored(simulation, folder)
         except ResultFileError as error:
@@ -251,8 +244,8 @@ class ExternalAdapter(ABC):
         try:
             found = self._read_again(simulation, folder, record, files)
         except ResultFileError as error:
-            found = _Failure(Status.NO_RESULT, str(error))
-        if not isinstance(found, _Failure):
+            found = Failure(Status.NO_RESULT, str(error))
+        if not isinstance(found, Failure):
             _LOG.warning("%s; its result files were read again", damage)
             return found
         _LOG.warning(
@@ -282,15 +275,15 @@ class ExternalAdapter(ABC):
         )
         try:
             found = self._outcome(simulation, folder, ended)
-            if not isinstance(found, _Failure):
+            if not isinstance(found, Failure):
                 write_response(folder / RESPONSE, found, _provenance(record))
         except BaseException:
             # A full disk, or Ctrl-C: what was computed is not removed with the dead.
             settle(folder, jobs, record.key, Status.NO_RESULT)
             raise
-        if isinstance(found, _Failure):
+        if isinstance(found, Failure):
             write_record(folder, replace(record, status=found.status, detail=found.detail))
-            raise self._failed(found, settle(folder, jobs, record.key, found.status))
+            raise failed(self.name, found, settle(folder, jobs, record.key, found.status))
         write_record(folder, replace(record, status=Status.DONE))
         settle(folder, jobs, record.key, Status.DONE)
         return found
@@ -307,16 +300,16 @@ class ExternalAdapter(ABC):
         try:
             found = self._read_again(simulation, folder, record, files)
         except ResultFileError as error:
-            found = _Failure(Status.NO_RESULT, str(error))
-        if isinstance(found, _Failure):
+            found = Failure(Status.NO_RESULT, str(error))
+        if isinstance(found, Failure):
             lost = f"copy all files back, or delete {folder.name} to have it prepared anew"
             remedy = lost if found.status is Status.NO_RESULT else ""
-            raise self._failed(found, folder, remedy)
+            raise failed(self.name, found, folder, remedy)
         return found
 
     def _read_again(
         self, simulation: Simulation, folder: Path, record: Record, files: Mapping[str, bytes]
-    ) -> Response | _Failure:
+    ) -> Response | Failure:
         """The response from the result files in a folder, stored there once more.
 
         Raises:
@@ -326,61 +319,27 @@ class ExternalAdapter(ABC):
         refuse_other_deck(folder, files)
         code = exit_code(folder)
         found = self._outcome(simulation, folder, Ended(None, code, None, 0.0, 0.0, 0.0))
-        if not isinstance(found, _Failure):
+        if not isinstance(found, Failure):
             write_response(folder / RESPONSE, found, _provenance(record))
             write_record(folder, replace(record, status=Status.DONE, code=code))
         return found
 
-    def _outcome(self, simulation: Simulation, folder: Path, ended: Ended) -> Response | _Failure:
+    def _outcome(self, simulation: Simulation, folder: Path, ended: Ended) -> Response | Failure:
         """What a program that has ended leaves: first the system's word, then its log's."""
         if ended.status is not None:
-            return _Failure(ended.status, self._limit(ended))
+            return Failure(ended.status, limit_told(ended, self.profile))
         code = f"exit code {ended.code}" if ended.code else ""
         said = self.diagnose(log_of(folder))
         if said is not Status.DONE:
-            return _Failure(said, code)
+            return Failure(said, code)
         if ended.code:
-            return _Failure(Status.NO_RESULT, code)
+            return Failure(Status.NO_RESULT, code)
         try:
             response = self.read(simulation, folder)
             refuse_bad_response(simulation, response)
         except ResultFileError as error:
-            return _Failure(Status.NO_RESULT, str(error))
+            return Failure(Status.NO_RESULT, str(error))
         return response
-
-    def _limit(self, ended: Ended) -> str:
-        if ended.limit == "memory":
-            return f"{_number(ended.memory)} MB, the limit is {_number(self.profile.memory)} MB"
-        if ended.limit == "wall_time":
-            return f"limit of the wall-clock time {self.profile.wall_time:g} s"
-        if ended.limit == "cpu_time":
-            return f"limit of the CPU time {self.profile.cpu_time:g} s"
-        return f"exit code {ended.code}"
-
-    def _failed(self, failure: _Failure, folder: Path, remedy: str = "") -> JobError:
-        kept = "" if folder.parent.name.startswith(_PASSING) else str(folder)
-        kind = CommandMissingError if failure.status is Status.COMMAND_MISSING else JobError
-        return kind(self.name, failure.status, failure.detail, tail_of(folder), kept, remedy)
-
-    def _missing(self, waiting: str) -> CommandMissingError:
-        """What to put where, or whose results are awaited."""
-        stated = self.profile.command
-        looked = f'"{stated[0]}"' if stated else " or ".join(f'"{name}"' for name in self.programs)
-        where = "" if stated and "/" in stated[0] else " on PATH"
-        example = f'command = ["/path/to/{self.programs[0]}"]'
-        remedy = (
-            f"install it, or state the call as {example} under [solver.profiles.{self.name}] in "
-            f"the case or under [profiles.{self.name}] in {config_path()}, or let "
-            "`prismid run --prepare-only` write the jobs for another machine"
-        )
-        if waiting:
-            remedy += (
-                f"; the job prepared in {waiting} has no results yet (the last of its files is "
-                f"{EXIT_CODE})"
-            )
-        return CommandMissingError(
-            self.name, Status.COMMAND_MISSING, f"found no {looked}{where}", remedy=remedy
-        )
 
 
 def _provenance(record: Record) -> Provenance:
@@ -398,16 +357,12 @@ def _stored(simulation: Simulation, folder: Path) -> Response:
     return response
 
 
-def _number(value: float) -> str:
-    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
-
-
 @contextmanager
 def _jobs_in(workspace: Path | None) -> Iterator[Path]:
     if workspace is not None:
         yield workspace
     else:
-        with tempfile.TemporaryDirectory(prefix=_PASSING) as folder:
+        with tempfile.TemporaryDirectory(prefix=PASSING) as folder:
             yield Path(folder)
 
 

@@ -28,7 +28,7 @@ from driver.design.variants import base_variant, refuse_without_images, usual_ch
 from driver.design.words import told
 from driver.diagnosis.own_causes import asked_causes
 from driver.errors import InputError
-from driver.estimate import simulation_seconds
+from driver.estimate import cost_told, simulation_seconds
 from driver.history import History, HistoryError, read_history
 from driver.identify_stage import JOBS
 from driver.log import passing_of
@@ -92,8 +92,7 @@ def design(
     seconds, memory = _cost(base, own)
     log(
         f"the case and {len(plans)} changes: {1 + len(own)} of them simulated with all "
-        "sensitivities, and once more on the finer mesh; "
-        f"about {seconds / 60:.1f} min on free cores and {memory / 1e9:.1f} GB of memory"
+        f"sensitivities, and once more on the finer mesh; {cost_told(seconds, memory)}"
     )
     use_threads(case.execution.processes * case.execution.threads)
     log("the experiment of the case")

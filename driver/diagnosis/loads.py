@@ -26,7 +26,9 @@ LEVEL = 0.01  # of all loads together
 MOST = 0.05  # share of the loads beyond which they are no outliers but noise of another kind
 _SUSPECT = 3.5  # robust standard deviations
 _RIDGE = 1e-12
-_LEFT = 1e-3  # variance below which the fit has taken a direction
+# Variance that the fit has left of a direction. What it takes more of is where the model moves fast
+# loads, and an error of the model shows there as if it were noise.
+_LEFT = 0.9
 _WIDE = 10.0  # prior scales
 _FEWEST = 8  # degrees of freedom without which nothing is said of the noise
 

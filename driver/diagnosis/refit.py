@@ -117,13 +117,18 @@ def refit_causes(
         processes: how many refits at a time.
         threads: threads of each.
         log: takes a line for each refit.
-        bar: cost which the first step has to promise.
+        bar: cost which the first step has to promise; a cause of which it does not is left out.
     """
-    tasks = []
+    tasks, hopeless = [], []
     for scored in scores:
         extended = with_prior(objective, scored.cause)
         begin = extended.restrict(screening, _free(baseline, scored.cause))
+        if np.isfinite(bar) and _promised(extended, begin) > bar:
+            hopeless.append(scored.cause.name)
+            continue
         tasks.append(_Task(scored.cause, extended, begin.values, begin, baseline, bar))
+    if hopeless:
+        log(f"  the first step promises too little of {', '.join(hopeless)}")
     return _side_by_side(tasks, processes, threads, log)
 
 
@@ -217,8 +222,8 @@ def _refit(task: _Task) -> Refit | str:
             here = objective.evaluate(task.values, _free(task.baseline, task.cause))
         except (SolverError, ValueError) as error:
             return f"for it cannot be simulated ({str(error).partition(chr(10))[0]})"
-    if np.isfinite(task.bar) and _promised(objective, here) > task.bar:
-        return "for its first step promises too little"
+        if _promised(objective, here) > task.bar:
+            return "for its first step promises too little"
     most = MOST_ITERATIONS if task.start is not None else MOST_FROM_AFAR
     result = fit(objective, here.values, here.free, most, _silent, start=here, tolerance=TOLERANCE)
     added = (*task.cause.parameters, *task.cause.companions)

@@ -18,6 +18,7 @@ WITHIN = 3.0  # log evidence within which causes are not told apart
 WORTH = 1.0  # log evidence without which nothing is added: less is no evidence (Jeffreys)
 LARGE = 3.0  # χ_F beyond which a score names a cause no better than chance
 ENOUGH = 0.9  # share of the excess that the best cause has to explain
+_STRAIGHT = 0.5  # of a log evidence, by which score and refit may differ
 _HOPEFUL = 0.5  # of what the best refit gains, that a first step has to promise
 
 
@@ -88,13 +89,23 @@ def _refits(
             [*best, *refit_causes(others, screening, baseline, objective, *run, bar)]
         )
     stalled = {r.cause.name for r in best if not r.fit.converged}
-    leading = {r.cause.name for r in best[: settings.refit]} if large else set()
+    far = baseline.chi_load > LARGE or _bent(best[0], scores)
+    leading = {r.cause.name for r in best[: settings.refit]} if far else set()
     afar = [s for s in tried if s.cause.name in stalled | leading]
     if afar:
         log(f"from other starts: {_listed(afar)}")
         bar = _bar(best, baseline)
         best = _best_of_each([*best, *refit_from_afar(afar, baseline, objective, *run, bar)])
     return best
+
+
+def _bent(leader: Refit, scores: Sequence[Score]) -> bool:
+    """Whether the model bends so much on the way to a refit that another start may end elsewhere.
+
+    Along a straight way the refit has the log evidence of the score.
+    """
+    foreseen = next(s.log_evidence for s in scores if s.cause.name == leader.cause.name)
+    return abs(leader.log_evidence - foreseen) > _STRAIGHT * max(foreseen, leader.log_evidence)
 
 
 def _listed(scores: Sequence[Score]) -> str:

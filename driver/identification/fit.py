@@ -31,6 +31,9 @@ DECREMENT = 0.1  # Newton decrement at convergence: a tenth of a standard deviat
 NEGLIGIBLE = math.sqrt(1e-2)
 SCATTER = 3.0  # standard deviations of ‖r‖²
 MOST_HALVINGS = 5
+# Step control and iteration of a solver scatter the cost by hundredths. A step that promises less
+# than a tenth and does not lower it, nor do two shorter ones, has met that scatter.
+FLAT = 0.3
 Log = Callable[[str], None]
 
 
@@ -322,7 +325,10 @@ def fit(
         if iteration == most:
             reason = f"the limit of {most} iterations, decrement {decrement:.2g} σ"
             return ended(False, reason)
-        ahead = _descend(objective, here, step, log)
+        flat = decrement < FLAT
+        ahead = _descend(objective, here, step, log, 3 if flat else MOST_HALVINGS)
+        if ahead is None and flat:
+            return ended(True, f"a step of {decrement:.2g} σ does not lower the cost")
         if ahead is None:
             reason = f"no shorter step lowers the cost (decrement {decrement:.2g} σ)"
             return ended(False, reason)
@@ -340,10 +346,10 @@ def fit(
 
 
 def _descend(
-    objective: Objective, here: Evaluation, step: FloatArray, log: Log
+    objective: Objective, here: Evaluation, step: FloatArray, log: Log, trials: int
 ) -> Evaluation | None:
     length = 1.0
-    for _ in range(MOST_HALVINGS):
+    for _ in range(trials):
         values = trial_values(here.values, here.free, length * step, objective.parameters)
         try:
             ahead = objective.evaluate(values, here.free)

@@ -13,16 +13,17 @@ import numpy as np
 from driver.case import load_case
 from driver.dic.slope_noise import squared_slopes
 from driver.errors import InputError
+from driver.estimate import cost_told
 from driver.experiment import read_experiment
 from driver.noise_floor.floor import (
     PAPER_GAMMA_U,
     RULE,
-    SIZES,
     Row,
     chosen,
     measured_gamma_u,
     relief_rms,
     repeats_as_frames,
+    sizes,
 )
 from driver.noise_floor.laboratory import DRAWS, QUANTITIES, SERIES, errors, laboratory
 from driver.noise_floor.motions import known_motions
@@ -38,6 +39,8 @@ FILES = ("noise_floor.json", "noise_floor.csv", "noise_floor.png")
 _UNITS = {"strain": (1e2, "%")}  # factor and unit of a table; nm for what is not named
 # Seconds of one core for one pixel of one image on one mesh, all passes and iterations.
 _PIXEL_SECONDS = 10e-6
+# Bytes of libraries; and for each pixel, of all moved images and of what they are found to move.
+_BYTES, _PIXEL_BYTES = 0.4e9, 14e3
 
 
 def noise_floor(case_path: Path, log: Log) -> None:
@@ -63,10 +66,13 @@ def noise_floor(case_path: Path, log: Log) -> None:
     relief = relief_rms(images)
     motions = known_motions(pixel, specimen.length, specimen.width, relief)
     frames = SERIES * (DRAWS * len(motions)) + images.n_reference
-    seconds = _PIXEL_SECONDS * len(SIZES) * frames * len(images.xy)
+    ratio = case.dic.height_element_px / case.dic.element_px
+    elements = sizes(images, ratio)
+    seconds = _PIXEL_SECONDS * len(elements) * frames * len(images.xy)
+    memory = _BYTES + _PIXEL_BYTES * len(images.xy)
     log(
         f"{len(motions)} motions of the reference, {SERIES} series of {DRAWS} images of each, "
-        f"{len(SIZES)} meshes: about {seconds / 60:.1f} min on a free core"
+        f"{len(elements)} meshes: {cost_told(seconds, memory)}"
     )
     repeats = repeats_as_frames(case, experiment)
     lab = laboratory(images, motions, specimen.length)
@@ -78,7 +84,6 @@ def noise_floor(case_path: Path, log: Log) -> None:
         f"with an interpolation error of {1e3 * interpolation:.2g} nm; {noise_share:.0%} of its "
         "squared slopes are noise"
     )
-    ratio = case.dic.height_element_px / case.dic.element_px
     roughness = case.dic.roughness_um(pixel)
     rows: list[Row] = []
     freedom, start, steps = 1, perf_counter(), 0
@@ -87,10 +92,10 @@ def noise_floor(case_path: Path, log: Log) -> None:
         nonlocal steps
         steps += 1
         if steps % SERIES == 0:
-            left = (perf_counter() - start) * (len(SIZES) * SERIES / steps - 1)
-            log(f"  mesh {steps // SERIES} of {len(SIZES)}, about {left:.0f} s to go")
+            left = (perf_counter() - start) * (len(elements) * SERIES / steps - 1)
+            log(f"  mesh {steps // SERIES} of {len(elements)}, about {left:.0f} s to go")
 
-    for size in SIZES:
+    for size in elements:
         size_w = ratio * size
         uv, w = size * pixel, size_w * pixel
         measured, freedom = measured_gamma_u(

@@ -9,17 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.case import Case
+from driver.dic.fineness import refuse_too_fine
 from driver.dic.regularisation import Penalty
-from driver.dic.series import Roughness, measure
+from driver.dic.series import Roughness, basis_on, measure
 from driver.dic.surface_images import SurfaceImages
 from driver.experiment import Experiment
+from driver.images.heightmaps import ImageError
 from driver.images.plane import plane_modes
 from driver.noise_floor.laboratory import Errors, elongation
 from driver.specimen import surface_images
 
 FloatArray = NDArray[np.float64]
 
-SIZES = (8, 12, 16, 24, 32, 48)  # px
+LADDER = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384)  # px
+MESHES = 6
 PAPER_GAMMA_U = 0.026  # µm; DIC uncertainty of the elongation of the reference experiment
 _NEAR = 1.1  # of the least error of the elongation
 
@@ -44,6 +47,35 @@ class Row:
     size_w: float
     errors: Errors
     measured: float
+
+
+def sizes(images: SurfaceImages, ratio: float) -> tuple[int, ...]:
+    """The smallest elements of u and v that pixels can decide and memory has room for [px].
+
+    Args:
+        images: the series.
+        ratio: element of w over that of u and v.
+
+    Raises:
+        ImageError: there are too few pixels for any.
+    """
+    found: list[int] = []
+    for size in LADDER:
+        try:
+            _refuse(images, size, ratio)
+        except ImageError:
+            continue
+        found.append(size)
+    if not found:
+        _refuse(images, LADDER[-1], ratio)
+    return tuple(found[:MESHES])
+
+
+def _refuse(images: SurfaceImages, size: int, ratio: float) -> None:
+    """Refuse elements of a size as a correlation would."""
+    pixels = size, ratio * size
+    n_uv, n_w = (len(basis_on(images, n * images.pixel).nodes) for n in pixels)
+    refuse_too_fine(len(images.xy), n_uv, n_w)
 
 
 def chosen(rows: Sequence[Row]) -> Row:

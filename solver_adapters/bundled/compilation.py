@@ -74,6 +74,11 @@ _config: Any = numba.config
 _config.CACHE_DIR = str(_cache_folder())
 
 
+def compiled_before() -> bool:
+    """Whether kernels of this version were compiled on this machine before."""
+    return any(_cache_folder().rglob("*.nbi"))
+
+
 def kernel(function: Any) -> Any:
     """Compile a scalar kernel that is inlined into the batch loops by LLVM."""
     return numba.njit(

@@ -9,6 +9,7 @@ import driver
 from driver.case import CaseError, load_case
 from driver.cli import app
 from driver.finding import Finding
+from solver_adapters.bundled import compilation
 from solver_adapters.interface import PreparedError, SolverError
 
 
@@ -54,6 +55,13 @@ def test_init_writes_a_valid_case_and_its_schema_and_overwrites_nothing(case_pat
     again = invoke("init", case_path.parent)
     assert again.exit_code == 1 and "it is not overwritten" in again.stderr
     assert case_path.read_text() == "mine"
+
+
+@pytest.mark.parametrize("before", [False, True])
+def test_the_first_use_says_that_kernels_are_compiled(before, pipeline, case_path, monkeypatch):
+    monkeypatch.setattr(compilation, "compiled_before", lambda: before)
+    result = invoke("run", case_path)
+    assert ("kernels are compiled" in result.stdout) is not before
 
 
 def test_run_takes_a_case_or_its_folder_and_hands_on_the_options(pipeline, case_path):

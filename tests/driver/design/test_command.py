@@ -77,7 +77,7 @@ def test_time_and_memory_are_told_before_and_the_way_while_it_runs(
     lines = found[2]
     # The case, four usual changes of test and specimen, and the one that was given.
     assert lines[0].startswith("the case and 11 changes: 6 of them simulated")
-    assert "min on free cores" in lines[0] and "GB of memory" in lines[0]
+    assert "on free cores" in lines[0] and "GB of memory" in lines[0]
     assert sum(": simulated; " in line for line in lines) == 5
     assert any(line.startswith("  5 of 5, ") and line.endswith("0 s to go") for line in lines)
 

@@ -93,6 +93,22 @@ def test_serial_correlation_of_the_load_is_seen() -> None:
     assert rejected > 40
 
 
+def test_the_test_of_single_images_keeps_its_level(noise: list[Omnibus]) -> None:
+    """That of T images together: a Bonferroni bound, a little below it."""
+    p = np.array([found.image_outlier for found in noise])
+    # 50 of 1000, with a standard deviation of 7
+    assert 25 < np.sum(p < 0.05) < 71
+
+
+def test_an_image_that_is_wrong_alone_is_seen_and_no_slow_error_is() -> None:
+    rng = np.random.default_rng(13)
+    load, images = rng.standard_normal(T), rng.standard_normal((T, N_Z))
+    wrong = images.copy()
+    wrong[33] *= 4
+    found = after_a_fit(load, wrong)
+    assert not found.accepted and found.image_outlier < 1e-3 and found.image_slow > 0.01
+
+
 def test_too_few_images_for_a_serial_test_have_none() -> None:
     few = 12
     data = Data(cast(Any, SimpleNamespace(n_z=N_Z)), np.zeros(few), 1.0, 0.0, np.arange(few))

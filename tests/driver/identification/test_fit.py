@@ -269,6 +269,22 @@ def test_a_gain_that_derivatives_promise_and_that_never_comes_is_not_waited_for(
     assert found.reason == "the last step lowered the cost by 0.002 only"
 
 
+def test_where_the_cost_scatters_more_than_the_step_promises_the_fit_ends() -> None:
+    """What is evaluated after the start errs by hundredths of σ, as time steps of its own err."""
+    calls = []
+
+    def scattering(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        calls.append(p)
+        return p @ A - (0.05 if len(calls) > 1 else 0.0), A
+
+    measured = np.ones(40)
+    best = np.linalg.solve(A @ A.T, A @ measured)
+    off = dict(zip("abc", best + 0.12 / np.linalg.norm(A, axis=1), strict=True))
+    found = fit(formula(scattering, measured, PLAIN), off, "abc", 20, silent)
+    assert found.converged and "does not lower the cost" in found.reason
+    assert len(calls) == 1 + 3 < 1 + MOST_HALVINGS
+
+
 def test_a_prior_may_raise_the_misfit() -> None:
     """From the optimum of the data to that of data and prior: the cost falls all the same."""
     measured = RNG.standard_normal(40)

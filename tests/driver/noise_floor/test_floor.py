@@ -3,9 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from driver.dic.surface_images import prepare
+from driver.dic.surface_images import SurfaceImages, prepare
+from driver.images.heightmaps import ImageError
 from driver.noise_floor.command import table
-from driver.noise_floor.floor import Row, chosen, relief_rms
+from driver.noise_floor.floor import Row, chosen, relief_rms, sizes
 from driver.noise_floor.laboratory import QUANTITIES, Errors
 
 
@@ -46,3 +47,20 @@ def test_the_relief_is_measured_about_its_plane() -> None:
     images = prepare(noisy[:1], noisy, None, 0.1, (0.0, 0.0), face, mask_dust=False)
     # A product of cosines sampled at 1, 0, −1, 0: half of half of its square.
     assert relief_rms(images) == pytest.approx(0.01, rel=1e-3)
+
+
+def face(rows: int, columns: int) -> SurfaceImages:
+    heights = 0.02 * np.random.default_rng(0).normal(size=(3, rows, columns))
+    bounds = (0.0, 0.1 * (rows - 1), 0.0, 0.1 * (columns - 1))
+    return prepare(heights[:1], heights, None, 0.1, (0.0, 0.0), bounds, mask_dust=False)
+
+
+def test_the_meshes_begin_with_the_finest_that_pixels_and_memory_allow() -> None:
+    assert sizes(face(40, 110), 0.5) == (8, 12, 16, 24, 32, 48)
+    # Of 12 px, 34² nodes of u and of v and 67² of w are 6801 values; of 16 px they are 3953.
+    assert sizes(face(400, 400), 0.5) == (16, 24, 32, 48, 64, 96)
+
+
+def test_a_face_of_too_few_pixels_for_any_mesh_is_refused() -> None:
+    with pytest.raises(ImageError, match="dic.element_px: found"):
+        sizes(face(4, 4), 0.5)

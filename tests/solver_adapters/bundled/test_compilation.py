@@ -9,7 +9,12 @@ from pathlib import Path
 import numba
 import pytest
 
-from solver_adapters.bundled.compilation import KERNEL_SOURCES, PACKAGES, kernels_hash
+from solver_adapters.bundled.compilation import (
+    KERNEL_SOURCES,
+    PACKAGES,
+    compiled_before,
+    kernels_hash,
+)
 
 DECORATORS = {"kernel", "ordered_kernel", "batch_kernel"}
 
@@ -76,3 +81,14 @@ def test_another_numba_changes_the_hash(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_the_cache_lies_in_a_folder_of_the_hash() -> None:
     assert Path(numba.config.CACHE_DIR).name == f"kernels-{kernels_hash()}"
+
+
+def test_a_first_use_is_one_whose_folder_holds_no_compiled_kernel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert not compiled_before()
+    folder = tmp_path / "prismid" / f"kernels-{kernels_hash()}" / "solver_adapters"
+    folder.mkdir(parents=True)
+    (folder / "slip.nbi").touch()
+    assert compiled_before()

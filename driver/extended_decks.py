@@ -1,0 +1,62 @@
+"""The extended model as decks for solvers that are programs of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from driver.case import Case
+from driver.model import ForwardModel
+from driver.profiles import profile_of
+from solver_adapters.external import ExternalAdapter
+from solver_adapters.interface import Capabilities, Simulation, SolverError
+from solver_adapters.registry import adapter_names, find_adapter
+
+DECKS = "extended_decks"
+
+
+def write_decks(
+    folder: Path, case: Case, model: ForwardModel, values: Mapping[str, float]
+) -> dict[str, str | None]:
+    """Write the decks of one simulation for every installed solver that can honour it.
+
+    A deck is run in its folder as the solver is run by hand; no program has to be there for it.
+
+    Args:
+        folder: where the folder of the decks is made, one folder a solver in it.
+        case: the case, for the profiles of the solvers.
+        model: the extended model.
+        values: of all its parameters.
+
+    Returns:
+        By the name of the solver: None where the deck was written, else why it was not.
+    """
+    found: dict[str, str | None] = {}
+    for name in adapter_names():
+        own = case.model_copy(update={"solver": case.solver.model_copy(update={"name": name})})
+        adapter = find_adapter(name, profile_of(own))
+        if not isinstance(adapter, ExternalAdapter):
+            continue
+        asked = _as_offered(model.simulation(values), adapter.capabilities())
+        try:
+            files = adapter.files(asked)
+        except SolverError as refused:
+            found[name] = str(refused)
+            continue
+        for file, content in files.items():
+            path = folder / DECKS / name / file
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+        found[name] = None
+    return found
+
+
+def _as_offered(simulation: Simulation, solver: Capabilities) -> Simulation:
+    """The same physics in the scheme and with the steps that a solver has."""
+    offered = simulation.integration in solver.integrations
+    return replace(
+        simulation,
+        integration=simulation.integration if offered else "backward_euler",
+        accuracy=simulation.accuracy if solver.accuracy else None,
+    )
