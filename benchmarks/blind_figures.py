@@ -85,6 +85,13 @@ def print_figures(lines: Sequence[Record]) -> None:
         f"{sum(line['cpu'] for line in ran) / 3600:.2f}"
     )
     print(f"trials = {len(ran)} (goal: >= 1300)")
+    sized = sum(line["misfit"] >= 6 for line in kinds["cause"] + kinds["pair"] + kinds["known"])
+    print(f"trials of causes and pairs with a misfit >= 6 sigma = {sized} (goal: >= 100)")
+    tried: dict[str, set[float]] = {}
+    for line in kinds["cause"]:
+        tried.setdefault(line["trial"]["truths"][0], set()).add(line["trial"]["level"])
+    print(f"causes at two magnitudes = {sum(len(m) > 1 for m in tried.values())} (goal: >= 28)")
+    print(f"failed = {sum(line['answer'] == 'failed' for line in lines)} (goal: 0)")
     _misses(lines)
 
 
