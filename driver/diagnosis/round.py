@@ -19,7 +19,7 @@ WORTH = 1.0  # log evidence without which nothing is added: less is no evidence 
 LARGE = 3.0  # χ_F beyond which a score names a cause no better than chance
 ENOUGH = 0.9  # share of the excess that the best cause has to explain
 _STRAIGHT = 0.5  # of a log evidence, by which score and refit may differ
-_HOPEFUL = 0.5  # of what the best refit gains, that a first step has to promise
+_HOPEFUL = 0.5  # of what the best gains, that a score or a first step has to promise
 
 
 def examine(
@@ -69,11 +69,9 @@ def _refits(
     """Refits of the causes that may have done it, the best of each, best evidence first."""
     baseline, run = here.best, (settings.processes, settings.threads, log)
     tried = [s for s in scores if s.cause.name != NUMERICS.name and s.degrees]
-    seen = [s for s in tried if s.p < FAMILY_LEVEL][: settings.refit]
-    if not seen:
+    chosen = to_refit(tried, settings.refit)
+    if not chosen:
         return []
-    # Once something is seen, the best by evidence are refitted: theirs may be the better reason.
-    chosen = [s for s in tried if s in seen or s in tried[: settings.refit]]
     log(f"refitting {_listed(chosen)}")
     refits = refit_causes(chosen, screening, baseline, objective, *run)
     best = _best_of_each(refits)
@@ -106,6 +104,22 @@ def _bent(leader: Refit, scores: Sequence[Score]) -> bool:
     """
     foreseen = next(s.log_evidence for s in scores if s.cause.name == leader.cause.name)
     return abs(leader.log_evidence - foreseen) > _STRAIGHT * max(foreseen, leader.log_evidence)
+
+
+def to_refit(tried: Sequence[Score], most: int) -> list[Score]:
+    """The causes that are seen, and those that promise about as much without being seen alone.
+
+    Of likely causes that do nearly the same, noise makes one or the other significant.
+
+    Args:
+        tried: scores, best log evidence first.
+        most: largest number of either.
+    """
+    seen = [s for s in tried if s.p < FAMILY_LEVEL][:most]
+    if not seen:
+        return []
+    bar = _HOPEFUL * tried[0].log_evidence
+    return [s for s in tried if s in seen or (s in tried[:most] and s.log_evidence > bar)]
 
 
 def _listed(scores: Sequence[Score]) -> str:

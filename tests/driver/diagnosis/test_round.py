@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
-from driver.diagnosis.causes import NUMERICS
 from driver.diagnosis.omnibus import FAMILY_LEVEL
 from driver.diagnosis.outcome import Settings
-from driver.diagnosis.round import WORTH, examine
+from driver.diagnosis.round import WORTH, examine, to_refit
+from driver.diagnosis.score import Score
 from driver.identification.fit import Fit, Objective
 from tests.driver import closed_form
 
@@ -24,14 +26,25 @@ def identified(hidden: dict[str, float]) -> tuple[Objective, Fit]:
     return closed_form.identified(BENCH, made, FINE)
 
 
-def test_once_one_cause_is_seen_the_best_by_evidence_are_refitted_and_no_others() -> None:
+def scored(p: float, evidence: float) -> Score:
+    return cast(Score, SimpleNamespace(p=p, log_evidence=evidence))
+
+
+def test_a_cause_that_promises_as_much_as_the_seen_one_is_refitted_with_it() -> None:
+    best, seen, near, far = (
+        scored(*of) for of in ((0.015, 4.4), (0.004, 3.9), (0.05, 3.2), (0.3, 1.0))
+    )
+    assert to_refit([best, seen, near, far], 5) == [best, seen, near]
+    assert to_refit([best, seen, near, far], 2) == [best, seen]
+    assert to_refit([best, near, far], 5) == []  # where nothing is seen nothing is refitted
+
+
+def test_of_a_small_effect_that_its_cause_explains_no_other_cause_is_refitted() -> None:
     objective, baseline = identified({"tilt_drift": 4e-4})
     every = replace(SETTINGS, wanted=None)
     step, winner = examine(baseline, objective, (), every, None, lambda line: None)
-    assert [s.cause.name for s in step.scores if s.p < FAMILY_LEVEL] == ["tilt_drift"]
-    best = [s.cause.name for s in step.scores if s.cause.name != NUMERICS.name][: every.refit]
-    assert {refit.cause.name for refit in step.refits} == set(best)
     assert winner is not None and winner.cause.name == "tilt_drift"
+    assert len(step.refits) == 1
 
 
 def test_an_effect_far_beyond_its_prior_is_significant_and_still_not_added() -> None:
