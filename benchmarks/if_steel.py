@@ -60,7 +60,7 @@ def tables(found: Found) -> None:
     measured = read_hdf5(DATA / RESULTS / "measure.h5")
     n = float(measured["n_reference"])
     noise = np.sqrt((1 + 1 / n) / 2)
-    free = np.sqrt(np.mean(measured["residual"] ** 2) / 2) / float(measured["sigma"])
+    free = np.sqrt(np.nanmean(measured["residual"] ** 2) / 2) / float(measured["sigma"])
     show("table 4: chi_f of noise alone", noise)
     show("table 4: chi_f of DIC", free)
     show("table 4: chi_f of IDIC", found.history["A"]["iterations"][-1]["paper_chi_f"])
