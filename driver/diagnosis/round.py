@@ -119,6 +119,8 @@ def to_refit(tried: Sequence[Score], most: int) -> list[Score]:
     if not seen:
         return []
     bar = _HOPEFUL * tried[0].log_evidence
+    if all(s.log_evidence <= bar for s in seen):
+        return seen  # they are of no size that anyone expects, and vouch for no other
     return [s for s in tried if s in seen or (s in tried[:most] and s.log_evidence > bar)]
 
 

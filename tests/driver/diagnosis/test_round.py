@@ -39,6 +39,11 @@ def test_a_cause_that_promises_as_much_as_the_seen_one_is_refitted_with_it() -> 
     assert to_refit([best, near, far], 5) == []  # where nothing is seen nothing is refitted
 
 
+def test_a_significant_cause_without_evidence_opens_the_door_for_no_other() -> None:
+    best, near, odd = (scored(*of) for of in ((0.4, 1.6), (0.5, 1.2), (0.004, 0.01)))
+    assert to_refit([best, near, odd], 5) == [odd]
+
+
 def test_of_a_small_effect_that_its_cause_explains_no_other_cause_is_refitted() -> None:
     objective, baseline = identified({"tilt_drift": 4e-4})
     every = replace(SETTINGS, wanted=None)
