@@ -10,6 +10,9 @@ import numpy as np
 
 Record = dict[str, Any]
 _Z = 1.959964  # two-sided 95 %
+SILENT = ("null", "noise level", "jitter", "AR(1)")  # kinds of which nothing is to be said
+LOUD = ("cause", "pair", "outside", "known")
+NAMING = ("named", "one of this set", "named, but something is left")
 
 
 def wilson(hits: int, number: int) -> tuple[float, float]:
@@ -38,7 +41,7 @@ def print_figures(lines: Sequence[Record]) -> None:
     """All figures of the trials that are done, then every miss."""
     ran = [line for line in lines if "verdict" in line]
     kinds = {kind: _of(ran, kind) for kind in ("null", "cause", "pair", "outside", "known")}
-    for kind in ("null", "noise level", "jitter", "AR(1)"):
+    for kind in SILENT:
         of = _of(ran, kind)
         show_share(f"{kind}: something named [%]", [bool(line["said"]) for line in of], "<= 1")
         said = [line["verdict"] != "nothing wrong" for line in of]
@@ -64,18 +67,31 @@ def print_figures(lines: Sequence[Record]) -> None:
     if held:
         print(f"held-out chi_F of library truths, mean = {mean(held):.2f} (goal: <= 1.3)")
         show_share("held-out chi_F <= 1.3 [%]", [h <= 1.3 for h in held], "100")
-    for b, goal in (("b = 30", True), ("b = d", False)):
+    for b, expected in (("b = 30", True), ("b = d", False)):
         of = [
             line for line in kinds["known"]
-            if (dict(line["trial"]["companions"])["b"] == 30.0) == goal
+            if (dict(line["trial"]["companions"])["b"] == 30.0) == expected
         ]  # fmt: skip
-        right = [_named_alone(line) == goal for line in of]
-        show_share(f"Q with {b}: {'named' if goal else 'not named alone'} [%]", right, "100")
-    for kind, test in (("null", True), ("other", False)):
-        times = [line["cpu"] for line in ran if (line["trial"]["kind"] == "null") == test]
+        right = [_named_alone(line) == expected for line in of]
+        show_share(f"Q with {b}: {'named' if expected else 'not named alone'} [%]", right, "100")
+    for kind, goal in (*((kind, 6) for kind in SILENT), *((k, 25) for k in LOUD)):
+        times = [line["cpu"] for line in _of(ran, kind)]
         if times:
-            print(f"CPU time of a {kind} trial, median [s] = {np.median(times):.1f} (goal: <= 20)")
+            told = f"{np.median(times):.1f}, mean {np.mean(times):.1f}"
+            print(f"{kind}: CPU time of a diagnosis, median [s] = {told} (goal: <= {goal})")
+    made = [line["cpu_of_truth"] for line in ran]
+    print(
+        f"CPU time of all truths, of all diagnoses [h] = {sum(made) / 3600:.2f}, "
+        f"{sum(line['cpu'] for line in ran) / 3600:.2f}"
+    )
     print(f"trials = {len(ran)} (goal: >= 1300)")
+    sized = sum(line["misfit"] >= 6 for line in kinds["cause"] + kinds["pair"] + kinds["known"])
+    print(f"trials of causes and pairs with a misfit >= 6 sigma = {sized} (goal: >= 100)")
+    tried: dict[str, set[float]] = {}
+    for line in kinds["cause"]:
+        tried.setdefault(line["trial"]["truths"][0], set()).add(line["trial"]["level"])
+    print(f"causes at two magnitudes = {sum(len(m) > 1 for m in tried.values())} (goal: >= 28)")
+    print(f"failed = {sum(line['answer'] == 'failed' for line in lines)} (goal: 0)")
     _misses(lines)
 
 
@@ -86,7 +102,7 @@ def _of_causes(what: str, lines: Sequence[Record], goal: str) -> None:
                [_first(line) == line["trial"]["truths"][0] for line in alone], ">= 92")  # fmt: skip
     holds = [line["trial"]["truths"][0] in _set(line) for line in lines]
     show_share(f"{what}: the set holds the truth [%]", holds, ">= 98")
-    sizes = [len(_set(line)) for line in lines if line["said"]]
+    sizes = [len(_set(line)) for line in lines if _set(line)]
     if sizes:
         print(f"{what}: mean set = {mean(sizes):.2f} (goal: <= 1.5)")
     spurious = [len(line["added"]) > len(line["trial"]["truths"]) for line in lines]
@@ -101,7 +117,7 @@ def has_class(line: Record) -> bool:
 def has_both(line: Record) -> bool:
     """Whether each of two truths is in a set of its own."""
     one, two = (set(line["alike"][name]) for name in line["trial"]["truths"])
-    sets = [set(named) for named in line["sets"]]
+    sets = [set(named) for named in _sets(line)]
     return any(
         one & a and two & b for k, a in enumerate(sets) for m, b in enumerate(sets) if k != m
     )
@@ -112,7 +128,7 @@ def miss_of(line: Record) -> str:
     kind = line["trial"]["kind"]
     if "verdict" not in line:
         return f"{line['answer']}: {line['why'].partition(chr(10))[0][:90]}"
-    if kind in ("null", "noise level", "jitter", "AR(1)"):
+    if kind in SILENT:
         return "" if line["verdict"] == "nothing wrong" else "a false alarm"
     if line["verdict"] == "numerics":
         return f"numerics, {line['numerics']['effect_sigma']:.1f} σ on {line['numerics']['on']}"
@@ -127,6 +143,8 @@ def miss_of(line: Record) -> str:
     truths = [t for t in line["trial"]["truths"] if any(t in refits for refits in line["refits"])]
     if not truths:
         return "the truth was not among the refits"
+    if line["verdict"] == "unexplained":
+        return f"unexplained after {', '.join(line['added']) or 'no addition'}"
     return f"the refit preferred another: {line['refits'][0]}"
 
 
@@ -149,8 +167,14 @@ def _alike(line: Record) -> list[str]:
     return list(line["alike"][line["trial"]["truths"][0]])
 
 
+def _sets(line: Record) -> list[list[str]]:
+    """The sets that the answer names; one that explains nothing or doubts itself names none."""
+    return list(line["sets"]) if line["verdict"] in NAMING else []
+
+
 def _set(line: Record) -> list[str]:
-    return line["sets"][0] if line["said"] and line["sets"] else []
+    sets = _sets(line)
+    return sets[0] if sets else []
 
 
 def _first(line: Record) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,13 +12,15 @@ Kind = Literal["null", "cause", "pair", "outside", "noise level", "jitter", "AR(
 KINDS: tuple[Kind, ...] = (
     "null", "cause", "pair", "outside", "noise level", "jitter", "AR(1)", "known",
 )  # fmt: skip
-LEVELS = (6.0, 12.0)  # projected misfit [σ]
-PAIR_LEVEL = 12.0
-OUTSIDE_LEVELS = (8.0, 16.0)
+LOW, HIGH = 10.0, 15.0  # projected misfit by the ruler [σ]; an experiment may see a third less
+ENOUGH = 6.5  # σ, from which on a cause is hidden several times
+REPEATS = 4
+PAIR_LEVEL = 10.0
+OUTSIDE_LEVELS = (9.5, 12.0)  # met within a seventh; a soft slice has no more than 14
 LOAD_NOISE_RATIOS = (0.7, 1.3)  # true over stated
 JITTER_NM = (0.3, 1.0)
 AUTOCORRELATIONS = (0.4, 0.7)
-NULLS, PAIRS, OUTSIDES, DISTURBED = 1000, 30, 32, 30
+NULLS, PAIRS, OUTSIDES, DISTURBED = 1000, 32, 36, 30
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ def aims(seed: int, causes: Mapping[str, tuple[int, bool]]) -> dict[str, tuple[f
 
 def plan(
     seed: int, causes: Mapping[str, tuple[int, bool]], alike: Mapping[str, tuple[str, ...]],
-    for_pairs: Sequence[str], hardening_d: float,
+    reach: Mapping[str, tuple[float, float]], hardening_d: float,
 ) -> tuple[Trial, ...]:  # fmt: skip
     """All trials, in an order of which every beginning holds every kind in its share.
 
@@ -65,7 +67,7 @@ def plan(
         seed: of all that is drawn.
         causes: by name the number of parameters, and whether they are one-sided.
         alike: by name the causes that do the same to the data.
-        for_pairs: names of the causes of which an effect of `PAIR_LEVEL` can be made.
+        reach: by name the largest projected misfit along its aim, and against it [σ].
         hardening_d: the d of the truth.
     """
     rng = np.random.default_rng(seed)
@@ -83,12 +85,14 @@ def plan(
     towards = aims(seed, causes)
     for _ in range(NULLS):
         add("null", (), 0.0)
-    for level in LEVELS:
-        for name, (_, one_sided) in causes.items():
-            for sign in (1,) if one_sided else (1, -1):
-                add("cause", (name,), level, (tuple(sign * a for a in towards[name]),))
+    for name, (_, one_sided) in causes.items():
+        for sign, most in zip((1,) if one_sided else (1, -1), reach[name], strict=False):
+            for level in magnitudes(most):
+                for _ in range(REPEATS if level >= ENOUGH else 1):
+                    add("cause", (name,), level, (tuple(sign * a for a in towards[name]),))
+    for_pairs = [name for name in causes if reach[name][0] >= PAIR_LEVEL]
     while len(groups["pair"]) < PAIRS:
-        first, second = (str(n) for n in rng.choice(list(for_pairs), 2, replace=False))
+        first, second = (str(n) for n in rng.choice(for_pairs, 2, replace=False))
         if second not in alike[first]:
             add("pair", (first, second), PAIR_LEVEL, (towards[first], towards[second]))
     effects = ("soft_slice", "notch", "creep", "lens")
@@ -111,6 +115,13 @@ def plan(
         for k, trial in enumerate(trials)
     ]
     return tuple(trial for _, trial in sorted(ranked, key=lambda pair: pair[0]))
+
+
+def magnitudes(most: float) -> tuple[float, float]:
+    """The two sizes at which a cause is hidden, of which the larger one may be its largest [σ]."""
+    high = min(HIGH, most)
+    low = LOW if high > LOW + 1 else high / 2
+    return round(low, 1), round(high, 1)
 
 
 def _direction(rng: np.random.Generator, n: int, one_sided: bool) -> tuple[float, ...]:

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import pickle
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -19,18 +17,11 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.blind_specimen import (
-    CYCLES,
-    ELONGATION,
-    known_case,
-    null_values,
-    outside,
-    pulled,
-    true_case,
-)  # fmt: skip
+from benchmarks.blind_specimen import PER_SIGMA, known_case, null_values, outside, pulled
+from benchmarks.blind_store import kept
 from driver.case import load_case
 from driver.diagnosis.causes import Cause
-from driver.diagnosis.score import likeness
+from driver.diagnosis.score import Score, likeness
 from driver.diagnosis.screening import screen, screened
 from driver.errors import InputError
 from driver.identification.fit import Evaluation, Fit, Objective
@@ -38,7 +29,7 @@ from driver.identified_record import IDENTIFY
 from driver.identify_stage import load_workbench, saved_objective
 from driver.microscope.face_motion import Face, NodalMotion
 from driver.pipeline import run
-from driver.results import prismid_version, read_hdf5
+from driver.results import read_hdf5
 from driver.stages import RESULTS, StageContext
 from driver.virtual_course import Course
 from driver.virtual_record import record
@@ -47,8 +38,11 @@ from solver_adapters.interface import SolverError
 FloatArray = NDArray[np.float64]
 
 RULER_SEED = 987_654
-CLOSE = 0.15  # relative error of the size of a truth that is good enough
-TRIES = 3
+CLOSE = 0.14  # relative error of the size of a truth that is good enough
+TRIES = 4
+MOST_SCALES = 4.0
+"""Prior scales beyond which nothing is hidden: a diagnosis that weighs causes by these priors is
+right to think of another one first."""
 ALIKE = 0.95  # likeness beyond which two causes do the same to the data
 
 
@@ -74,15 +68,26 @@ class Ruler:
     causes: tuple[Cause, ...]
     unaffected: Course
 
-    def misfit(self, course: Course) -> float:
-        """What a fit of the baseline leaves of the effect of a course [σ]."""
+    def misfit(self, course: Course, cause: str | None = None) -> float:
+        """What a fit of the baseline leaves of the effect of a course [σ].
+
+        Args:
+            course: what happened.
+            cause: name of a cause, if only that part counts which looks, to first order, like
+                it. The rest is no sign of the cause: its curvature, and that meshes answer to it
+                each in its way, which is as large as a third of an effect.
+        """
         xy = self.objective.data.image.images.xy
-        change = _motion_at(course, xy) - _motion_at(self.unaffected, xy)
+        change = motion_at(course, xy) - motion_at(self.unaffected, xy)
         data, here = self.objective.data, self.here
         with_it = data.residual(
             here.motion + change, here.load + course.load - self.unaffected.load
         )
-        return self._left_of(with_it[0] - here.residual)
+        of_course = with_it[0] - here.residual
+        if cause is None:
+            return self._left_of(of_course)
+        # The directions stand across all that the fit can take.
+        return float(np.linalg.norm(self._scores[cause].directions @ of_course))
 
     def length(self, cause: Cause, direction: FloatArray) -> float:
         """Linear misfit for a step of one along a direction in prior scales [σ]."""
@@ -94,13 +99,20 @@ class Ruler:
         step = np.asarray(direction * np.array(scales)) @ self.wide.jacobian[rows]
         return self._left_of(np.asarray(step))
 
-    def reaches(self, cause: Cause, direction: FloatArray, level: float) -> bool:
-        """Whether the bounds allow an effect as large, to first order."""
-        try:
-            self.values(cause, direction, level / max(self.length(cause, direction), 1e-9))
-        except TooSmallError:
-            return False
-        return True
+    def reach(self, cause: Cause, direction: FloatArray) -> float:
+        """The largest effect along a direction, to first order [σ]."""
+        return self.largest(cause, direction) * self.length(cause, direction)
+
+    def largest(self, cause: Cause, direction: FloatArray) -> float:
+        """How many prior scales along a direction are allowed, by bounds and by the prior."""
+        nulls, most = null_values(), MOST_SCALES
+        for name, share in zip(cause.parameters, direction, strict=True):
+            p = self.objective.parameters[name]
+            bound = p.upper if share > 0 else p.lower
+            if np.isfinite(bound) and share and not (p.logarithmic and bound <= 0):
+                per_size = share * (p.scale if p.logarithmic else 1.0)
+                most = min(most, p.theta(bound, nulls[name]) / per_size)
+        return float(most)
 
     def _left_of(self, change: FloatArray) -> float:
         J = self.here.jacobian
@@ -108,75 +120,58 @@ class Ruler:
         return float(np.sqrt(max(float(change @ (change - taken)), 0.0)))
 
     @cached_property
-    def alike(self) -> dict[str, tuple[str, ...]]:
-        """The causes that do the same to these data, each with itself among them."""
+    def _scores(self) -> dict[str, Score]:
         baseline = Fit(self.here, True, "", ())
         scores = screen(baseline, self.objective, self.causes, self.wide)
+        return {score.cause.name: score for score in scores}
+
+    @cached_property
+    def alike(self) -> dict[str, tuple[str, ...]]:
+        """The causes that do the same to these data, each with itself among them."""
+        scores = self._scores.values()
         return {
             s.cause.name: tuple(o.cause.name for o in scores if o is s or likeness(s, o) > ALIKE)
             for s in scores
         }
 
     def values(self, cause: Cause, direction: FloatArray, size: float) -> dict[str, float]:
-        """Values of its parameters `size` prior scales along a direction.
-
-        Raises:
-            TooSmallError: a bound stands nearer.
-        """
+        """Values of its parameters `size` prior scales along a direction, inside their bounds."""
         nulls, values = null_values(), {}
         for name, share in zip(cause.parameters, direction, strict=True):
             p = self.objective.parameters[name]
             theta = size * share * (p.scale if p.logarithmic else 1.0)
             values[name] = float(p.value(theta, nulls[name]))
-            if abs(p.theta(values[name], nulls[name]) - theta) > 1e-6 * (1 + abs(theta)):
-                raise TooSmallError(f"{name} would leave its bounds")
         return values
-
-
-def cache_folder(root: Path) -> Path:
-    """Where what all trials share is kept; another specimen or another version has another."""
-    told = json.dumps(
-        [known_case().model_dump(mode="json"), true_case().model_dump(mode="json"), CYCLES,
-         ELONGATION, prismid_version()]
-    )  # fmt: skip
-    folder = root / hashlib.sha256(told.encode()).hexdigest()[:12]
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
 
 
 @lru_cache(maxsize=1)
 def ruler(cache: Path) -> Ruler:
-    """The ruler, made if it is not there: about a minute of one core, later a few seconds."""
+    """The ruler, made if it is not there: about a minute of one core."""
+    return kept(cache / "ruler.pickle", lambda: _made(cache))
+
+
+def _made(cache: Path) -> Ruler:
     unaffected = kept(cache / "nothing.pickle", lambda: pulled({}))
     folder = cache / "ruler"
     folder.mkdir(exist_ok=True)
-    if not (folder / "case.toml").is_file():
-        record(folder, known_case(), unaffected, RULER_SEED)
     path = folder / "case.toml"
+    if not path.is_file():
+        record(folder, known_case(), unaffected, RULER_SEED)
     run(path, "identify", False, _silent)
-    case, results = load_case(path), folder / RESULTS
-    context = StageContext(case, path, results, results, _silent, False)
-    bench = load_workbench(context)
-    with h5py.File(results / IDENTIFY, "r") as file:
-        values = json.loads(file.attrs["all_values"])
-        free = tuple(json.loads(file.attrs["names"]))
-    objective = saved_objective(bench, read_hdf5(results / IDENTIFY))
+    objective, values, free = identified(path)
     causes, names = screened(objective.model, free, None)
     wide = objective.evaluate(values, names)
     return Ruler(objective, objective.restrict(wide, free), wide, causes, unaffected)
 
 
-def kept(path: Path, make: Callable[[], Course]) -> Course:
-    """A course from the cache, made and written if it is not there."""
-    if path.is_file():
-        with path.open("rb") as file:
-            course: Course = pickle.load(file)
-        return course
-    course = make()
-    unfinished = path.with_suffix(f".{os.getpid()}")
-    unfinished.write_bytes(pickle.dumps(course))
-    unfinished.replace(path)  # two processes may have made the same one
-    return course
+def identified(path: Path) -> tuple[Objective, dict[str, float], tuple[str, ...]]:
+    """Objective, values and fitted parameters of a case that has been identified."""
+    results = path.parent / RESULTS
+    bench = load_workbench(StageContext(load_case(path), path, results, results, _silent, False))
+    with h5py.File(results / IDENTIFY, "r") as file:
+        values: dict[str, float] = json.loads(file.attrs["all_values"])
+        free = tuple(json.loads(file.attrs["names"]))
+    return saved_objective(bench, read_hdf5(results / IDENTIFY)), values, free
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +180,8 @@ class Truth:
 
     Attributes:
         course: what happened.
-        misfit: what a fit of the baseline leaves of it [σ].
+        misfit: what a fit of the baseline leaves of it [σ]; of a cause, the part that looks like
+            it to first order.
         hidden: parameters that are off their null; of an effect outside the library its amplitude.
     """
 
@@ -200,6 +196,8 @@ def sized(
     level: float,
     start: float,
     make: Callable[[float], tuple[Course, dict[str, float]]],
+    cause: str | None = None,
+    most: float = np.inf,
 ) -> Truth:
     """A truth of a wanted size, from the cache or by some trials.
 
@@ -209,38 +207,40 @@ def sized(
         level: wanted misfit [σ].
         start: first guess of the amplitude.
         make: course and hidden values of an amplitude.
+        cause: the cause whose likeness counts, or None for all that is left.
+        most: largest amplitude, which will do where it is not enough.
 
     Raises:
         TooSmallError: it cannot be made as large.
     """
-    path = cache / f"{name}_{level:g}.pickle"
-    if path.is_file():
-        with path.open("rb") as file:
-            found: Truth = pickle.load(file)
+
+    def sought() -> Truth:
+        measure, amplitude = ruler(cache), min(start, most)
+        for _ in range(TRIES):
+            try:
+                course, hidden = make(amplitude)
+            except (SolverError, InputError) as error:
+                raise TooSmallError(str(error)) from None
+            found = Truth(course, measure.misfit(course, cause), hidden)
+            grown = amplitude * float(np.clip(level / max(found.misfit, 1e-9), 0.3, 3.0))
+            if abs(found.misfit / level - 1) < CLOSE or min(amplitude, grown) >= most:
+                break
+            amplitude = min(grown, most)
+        if found.misfit < (1 - CLOSE) * level and amplitude < most:
+            raise TooSmallError(f"the effect of {hidden} is {found.misfit:.1f} σ")
         return found
-    measure, amplitude = ruler(cache), start
-    for _ in range(TRIES):
-        try:
-            course, hidden = make(amplitude)
-        except (SolverError, InputError) as error:
-            raise TooSmallError(str(error)) from None
-        found = Truth(course, measure.misfit(course), hidden)
-        if abs(found.misfit / level - 1) < CLOSE:
-            break
-        amplitude *= float(np.clip(level / max(found.misfit, 1e-9), 0.3, 3.0))
-    if found.misfit < 0.7 * level:
-        raise TooSmallError(f"the effect of {hidden} is {found.misfit:.1f} σ")
-    unfinished = path.with_suffix(f".{os.getpid()}")
-    unfinished.write_bytes(pickle.dumps(found))
-    unfinished.replace(path)
-    return found
+
+    return kept(cache / f"{name}_{level:g}.pickle", sought)
 
 
 def truth_of_cause(
-    cache: Path, cause: Cause, direction: FloatArray, label: str, level: float,
+    cache: Path, cause: Cause, direction: FloatArray, level: float,
     companions: Mapping[str, float],
 ) -> Truth:  # fmt: skip
-    """A cause of the library, along a direction in prior scales."""
+    """A cause of the library, along a direction in prior scales.
+
+    Where that is not enough it is as large as it may be.
+    """
     measure = ruler(cache)
 
     def make(size: float) -> tuple[Course, dict[str, float]]:
@@ -248,15 +248,25 @@ def truth_of_cause(
         return pulled(hidden), hidden
 
     start = level / max(measure.length(cause, direction), 1e-9)
-    return sized(cache, f"{cause.name}{label}", level, start, make)
+    told = json.dumps([direction.tolist(), dict(companions)])
+    name = f"{cause.name}_{hashlib.sha256(told.encode()).hexdigest()[:8]}"
+    most = measure.largest(cause, direction)
+    return sized(cache, name, level, start, make, cause.name, most)
 
 
 def truth_outside(cache: Path, effect: str, level: float) -> Truth:
     """An effect that the library does not know."""
-    return sized(cache, effect, level, 1.0, lambda a: (outside(effect, a), {"amplitude": a}))
+    return sized(
+        cache,
+        effect,
+        level,
+        level * PER_SIGMA[effect],
+        lambda a: (outside(effect, a), {"amplitude": a}),
+    )
 
 
-def _motion_at(course: Course, xy: FloatArray) -> FloatArray:
+def motion_at(course: Course, xy: FloatArray) -> FloatArray:
+    """What happened at the pixels [µm], shape (T, n_pix, 3)."""
     face = Face(course.face)
     return np.array([NodalMotion(face, nodal)(*xy.T)[0] for nodal in course.motion])
 

@@ -16,9 +16,9 @@ from driver.boundary import elongation_names, tilt_names
 from driver.case import Case
 from driver.case_tables.loading import LambdaStart
 from driver.case_tables.solver import Solver
-from driver.history import History
+from driver.history import History, turning_points
 from driver.specimen import adapter_of, build_model, mesh_of
-from driver.virtual_course import Course, course_of, refuse_unknown, stage_program
+from driver.virtual_course import Course, course_of, refuse_unknown
 from solver_adapters.interface import Simulation
 from tests.driver.virtual_experiment import small_case
 
@@ -26,11 +26,12 @@ FloatArray = NDArray[np.float64]
 Change = Callable[[Simulation, History], Simulation]
 
 LENGTH = 8.0
-CYCLES = ((8, 2), (8, 2))
+CYCLES = ((8, 2), (8, 2))  # images during loading and unloading
+MOVE, SECONDS = 5.0, 15.0  # stage travel [µm] and time from one image to the next
 ELONGATION = (0.045, 0.039, 0.090, 0.083)  # at the turning points [µm]
 TILT_SHARE = 0.25
-OUTSIDE = ("soft_slice", "notch", "creep", "lens")
-"""Effects of which the library knows nothing; each has one amplitude, about 1 at first."""
+PER_SIGMA = {"soft_slice": 0.25, "notch": 0.07, "creep": 0.75, "lens": 0.48}
+"""Effects of which the library knows nothing; each has one amplitude, so much for each σ."""
 
 
 def known_case() -> Case:
@@ -40,7 +41,7 @@ def known_case() -> Case:
     return case.model_copy(
         update={
             "specimen": case.specimen.model_copy(update=mesh),
-            "diagnosis": case.diagnosis.model_copy(update={"held_out_cycle": "last"}),
+            "diagnosis": case.diagnosis.model_copy(update={"held_out_cycle": "last", "refit": 5}),
             "execution": case.execution.model_copy(update={"processes": 1, "threads": 1}),
         }
     )
@@ -62,10 +63,31 @@ def true_case() -> Case:
     )
 
 
+def stage_history() -> History:
+    """The stage moves on slowly from image to image, and holds at each peak before its image.
+
+    A hold before every image, as a microscope that scans needs it, would double the intervals
+    that each simulation has to go through.
+    """
+    time, stage, rows = 0.0, 0.0, [(0.0, 0.0, True)]
+    for up, down in CYCLES:
+        for k, step in enumerate(up * [MOVE] + down * [-MOVE]):
+            time, stage = time + SECONDS, stage + step
+            peak = k == up - 1
+            rows.append((time, stage, not peak))
+            if peak:
+                time += SECONDS
+                rows.append((time, stage, True))
+    times, travel, taken = (np.array(column) for column in zip(*rows, strict=True))
+    images = np.flatnonzero(taken)
+    none = np.zeros(images.size)
+    return History(times, travel, images, none, turning_points(travel), none.astype(np.int64))
+
+
 @cache
 def null_values() -> dict[str, float]:
     """Every parameter of the general model at its null, the law as it truly is."""
-    truth, history = true_case(), stage_program(CYCLES)
+    truth, history = true_case(), stage_history()
     mesh = mesh_of(truth, known_case().specimen.mesh_size)
     model = build_model(truth, mesh, history, np.zeros((0, 2)), adapter_of(truth), 1)
     return model.null_values()
@@ -83,7 +105,7 @@ def pulled(hidden: Mapping[str, float], change: Change | None = None) -> Course:
         SolverError: the simulation could not be finished.
         ValueError: a geometric parameter turns a cell inside out.
     """
-    truth, history = true_case(), stage_program(CYCLES)
+    truth, history = true_case(), stage_history()
     mesh, adapter = mesh_of(truth, truth.specimen.mesh_size), adapter_of(truth)
     steps = truth.solver.steps_per_interval
     model = build_model(truth, mesh, history, np.zeros((0, 2)), adapter, steps)
@@ -111,15 +133,16 @@ def jittered(sigma: float, seed: int) -> Course:
     def change(simulation: Simulation, history: History) -> Simulation:
         off = np.zeros(simulation.times.size)
         off[history.image_row[1:]] = sigma * rng.standard_normal(history.n_images - 1)
-        # A stop begins with the row before its image: the ends do not move in a hold.
-        off[history.image_row[1:] - 1] = off[history.image_row[1:]]
+        # The ends do not move in a hold, which begins with the row before its image.
+        held = np.flatnonzero(np.diff(history.stage) == 0)
+        off[held] = off[held + 1]
         return _elongated(simulation, off)
 
     return pulled({}, change)
 
 
 def outside(effect: str, amplitude: float) -> Course:
-    """The test of a specimen with an effect of `OUTSIDE`."""
+    """The test of a specimen with an effect of `PER_SIGMA`."""
     if effect == "lens":
         return _through_a_lens(pulled({}), amplitude)
     changes: dict[str, Callable[[Simulation, History, float], Simulation]] = {
@@ -144,11 +167,14 @@ def _with_soft_slice(simulation: Simulation, history: History, amplitude: float)
 
 
 def _notched(simulation: Simulation, history: History, amplitude: float) -> Simulation:
-    """A notch across the apex line, 0.5 µm wide, takes 0.3·amplitude of the depth."""
+    """A notch across the apex line, about 2 µm wide, takes 0.3·amplitude of the depth.
+
+    A deeper or narrower one would turn cells of this mesh inside out.
+    """
     mesh = simulation.mesh
     points = mesh.points.copy()
-    share = min(0.3 * amplitude, 0.75)
-    points[:, 2] *= 1 - share * np.exp(-(((points[:, 1] - 0.25 * LENGTH) / 0.5) ** 2))
+    share = min(0.3 * amplitude, 0.6)
+    points[:, 2] *= 1 - share * np.exp(-((points[:, 1] - 0.25 * LENGTH) ** 2))
     return replace(simulation, mesh=replace(mesh, points=points))
 
 

@@ -19,38 +19,31 @@ import resource
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from platformdirs import user_cache_path
 
-from benchmarks.blind_figures import print_figures
-from benchmarks.blind_plan import KINDS, PAIR_LEVEL, Trial, aims, plan
-from benchmarks.blind_ruler import (
-    TooSmallError,
-    Truth,
-    cache_folder,
-    kept,
-    ruler,
-    truth_of_cause,
-    truth_outside,
-)  # fmt: skip
+from benchmarks.blind_figures import SILENT, print_figures
+from benchmarks.blind_misfit import left_of
+from benchmarks.blind_plan import KINDS, Trial, aims, plan
+from benchmarks.blind_ruler import TooSmallError, Truth, ruler, truth_of_cause, truth_outside
 from benchmarks.blind_specimen import jittered, known_case, pulled, true_case
+from benchmarks.blind_store import Record, cache_folder, kept, of_program, program, read
 from driver.case import Case, load_case, write_case
 from driver.diagnosis.causes import LIBRARY
 from driver.errors import InputError
-from driver.pipeline import run
+from driver.measure_stage import measure_numbers
+from driver.pipeline import stages
 from driver.side_by_side import side_by_side
+from driver.stages import Stage, run_stages
 from driver.virtual_record import record
-from solver_adapters.interface import SolverError
+from solver_adapters.bundled.compilation import use_threads
 
-Record = dict[str, Any]
-SECONDS = {
-    "null": 20.0,
-    "other": 60.0,
-}  # CPU-s of a trial until some are done: a null was measured, the other is a guess
+SECONDS = {"silent": 10.0, "loud": 70.0}
+"""CPU-s of a trial without and with an effect, its truth included, until some are done."""
+HELD_OUT = 3  # one cause in so many has a cycle held out
 MEMORY = 0.5e9  # bytes of a process
 BY_NAME = {cause.name: cause for cause in LIBRARY}
 
@@ -62,6 +55,7 @@ class Task:
     trial: Trial
     cache: Path
     results: Path
+    program: str
 
 
 def main() -> None:
@@ -74,6 +68,7 @@ def main() -> None:
     parser.add_argument("--cache", type=Path, default=user_cache_path("prismid") / "blind_trial")
     parser.add_argument("--results", type=Path, help="default: results.jsonl in the cache")
     parser.add_argument("--figures", action="store_true", help="no new trials")
+    parser.add_argument("--program", help="whose figures; default: that of these sources")
     parser.add_argument("--quick", action="store_true", help="end within 45 s")
     asked = parser.parse_args()
     if asked.quick:
@@ -90,7 +85,7 @@ def main() -> None:
             raise SystemExit(str(error)) from None  # another run makes the ruler, or holds it
         except KeyboardInterrupt:
             print(f"stopped; the same command goes on with what {results} lacks")
-    print_figures(read(results))
+    print_figures(of_program(read(results), asked.program or program()))
 
 
 def carry_out(
@@ -98,18 +93,21 @@ def carry_out(
     results: Path,
 ) -> None:  # fmt: skip
     """Run the trials of a plan that are not in the results file yet."""
-    print("an experiment without an effect, by which effects are measured: about 1 CPU-min once")
+    print("an experiment without an effect, by which effects are measured: about 30 CPU-s once")
     measure = ruler(cache)
     shapes = {c.name: (len(c.parameters), c.one_sided) for c in measure.causes}
     towards = aims(seed, shapes)
-    for_pairs = [
-        c.name for c in measure.causes if measure.reaches(c, np.array(towards[c.name]), PAIR_LEVEL)
-    ]
-    trials = plan(seed, shapes, measure.alike, for_pairs, true_case().material.d)
-    done = {line["trial"]["name"] for line in read(results)}
+    reach = {}
+    for cause in measure.causes:
+        aim = np.array(towards[cause.name])
+        reach[cause.name] = (measure.reach(cause, aim), measure.reach(cause, -aim))
+    trials = plan(seed, shapes, measure.alike, reach, true_case().material.d)
+    print(f"program {program()} (hash of its sources); truths in {cache}")
+    known = of_program(read(results), program())
+    done = {line["trial"]["name"] for line in known}
     left = [t for t in trials if t.name not in done and (only is None or t.kind in only)][:most]
-    times = spent(read(results))
-    seconds = sum(times["null" if t.kind == "null" else "other"] for t in left)
+    times = spent(known)
+    seconds = sum(times[_loudness(t.kind)] for t in left)
     print(
         f"{len(left)} of {len(trials)} trials to run: about {seconds / 3600 / processes:.1f} h on "
         f"{processes} free core(s) and {MEMORY * processes / 1e9:.1f} GB of memory, into {results}",
@@ -127,23 +125,26 @@ def carry_out(
             flush=True,
         )
 
-    side_by_side(carried_out, [Task(t, cache, results) for t in left], processes, 1, tell)
+    use_threads(1)
+    tasks = [Task(t, cache, results, program()) for t in left]
+    side_by_side(carried_out, tasks, processes, 1, tell)
 
 
 def carried_out(task: Task) -> Record:
     """Run one trial and append its line to the results file."""
     trial, began = task.trial, time.process_time()
-    line: Record = {"trial": asdict(trial)}
+    line: Record = {"program": task.program, "trial": asdict(trial)}
     try:
         truth = truth_of(trial, task.cache)
-        line |= {"misfit": truth.misfit, "hidden": truth.hidden}
+        line |= {"by_ruler": truth.misfit, "hidden": truth.hidden}
         made = time.process_time() - began
         line |= diagnosed(truth, trial) | {"cpu_of_truth": made}
         began += made
     except TooSmallError as error:
         line |= {"answer": "no such truth", "why": str(error)}
-    except (SolverError, InputError) as error:
-        line |= {"answer": "failed", "why": str(error)}
+    except Exception as error:
+        # Whatever it is, it is a fault of the program in this trial, and no reason to stop others.
+        line |= {"answer": "failed", "why": f"{type(error).__name__}: {error}"}
     line |= {"alike": {n: ruler(task.cache).alike[n] for n in trial.truths if n in BY_NAME}}
     line |= {"cpu": time.process_time() - began,
              "memory": 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss}  # fmt: skip
@@ -161,14 +162,10 @@ def truth_of(trial: Trial, cache: Path) -> Truth:
         return Truth(kept(cache / "nothing.pickle", lambda: pulled({})), 0.0, {})
     if trial.kind == "outside":
         return truth_outside(cache, trial.truths[0], trial.level)
-    label = "".join(f"_{name}{value:g}" for name, value in trial.companions)
     each = [
-        truth_of_cause(
-            cache, BY_NAME[name], np.array(aim), ("+" if aim[0] > 0 else "-") + label,
-            trial.level, dict(trial.companions),
-        )
+        truth_of_cause(cache, BY_NAME[name], np.array(aim), trial.level, dict(trial.companions))
         for name, aim in zip(trial.truths, trial.directions, strict=True)
-    ]  # fmt: skip
+    ]
     if len(each) == 1:
         return each[0]
     hidden = each[0].hidden | each[1].hidden
@@ -180,23 +177,24 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
     """The whole chain on one set of images; what its `diagnosis.json` says, in short."""
     with tempfile.TemporaryDirectory() as folder:
         path = record(Path(folder), measured_with(trial), truth.course, trial.seed)
-        stated = load_case(path)
-        loads = stated.loads.model_copy(update={"noise_uN": known_case().loads.noise_uN})
-        boundary = stated.boundary
-        if trial.kind == "jitter":
-            boundary = boundary.model_copy(update={"jitter_nm": trial.level})
-        write_case(stated.model_copy(update={"loads": loads, "boundary": boundary}), path)
-        run(path, "diagnose", False, _silent)
+        stated = stated_by(trial, load_case(path))
+        write_case(stated, path)
+        run_stages(path, _chain(stated), "diagnose", report=_silent)
+        seen = [left_of(path, truth.course, BY_NAME[n]) for n in trial.truths if n in BY_NAME]
         found = json.loads((path.parent / "results" / "diagnosis.json").read_text("utf-8"))
     owner = {p: c.name for c in LIBRARY for p in c.parameters}
+    added = list(dict.fromkeys(owner[p] for p in found["added"] if p in owner))
     first, last = found["steps"][0], found["steps"][-1]
     scores = {s["cause"]: s["statistic"] for s in first["causes"]}
     return {
+        # Of an effect outside the library the ruler alone says how large it is.
+        "misfit": min(seen, default=truth.misfit),
         "answer": " ".join([found["verdict"], *found["causes"]]),
         "verdict": found["verdict"],
         "said": found["causes"],
-        "added": list(dict.fromkeys(owner[p] for p in found["added"] if p in owner)),
-        "sets": [s["named"] for s in found["steps"] if s["named"]],
+        "added": added,
+        # Of a round whose winner was not added, or was taken back, nothing is said.
+        "sets": [s["named"] for s in found["steps"] if s["named"] and s["named"][0] in added],
         "statistic": {n: scores.get(n) for n in trial.truths},
         "best": [[s["cause"], s["log_evidence"]] for s in first["causes"][:3]],
         "refits": [
@@ -212,6 +210,30 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
     }
 
 
+def stated_by(trial: Trial, recorded: Case) -> Case:
+    """The case as its user states it: the noise of the loads as in every case, the jitter known.
+
+    A held-out cycle is predicted only where the trial has a figure of it: no answer hangs on it.
+    """
+    known = known_case()
+    told: dict[str, object] = {
+        "loads": recorded.loads.model_copy(update={"noise_uN": known.loads.noise_uN})
+    }
+    if trial.kind == "jitter":
+        told["boundary"] = recorded.boundary.model_copy(update={"jitter_nm": trial.level})
+    if trial.kind != "cause" or trial.seed % HELD_OUT:
+        told["diagnosis"] = recorded.diagnosis.model_copy(update={"held_out_cycle": "none"})
+    return recorded.model_copy(update=told)
+
+
+def _chain(case: Case) -> tuple[Stage, ...]:
+    """The stages of `prismid run`, without the pictures of the measurement."""
+    return tuple(
+        replace(stage, run=measure_numbers) if stage.name == "measure" else stage
+        for stage in stages(case)
+    )
+
+
 def measured_with(trial: Trial) -> Case:
     """The case with the noise of the loads as it truly is."""
     case, change = known_case(), {}
@@ -222,29 +244,22 @@ def measured_with(trial: Trial) -> Case:
     return case.model_copy(update={"loads": case.loads.model_copy(update=change)})
 
 
-def read(results: Path) -> list[Record]:
-    """The lines of a results file; one that a kill cut short is left out."""
-    if not results.is_file():
-        return []
-    lines = []
-    for text in results.read_text(encoding="utf-8").splitlines():
-        try:
-            lines.append(json.loads(text))
-        except json.JSONDecodeError:
-            continue
-    return lines
-
-
 def spent(lines: Sequence[Record]) -> dict[str, float]:
-    """Mean CPU time of a null and of any other trial [s]."""
+    """Mean CPU time of a trial without an effect and of one with an effect [s]."""
     found = dict(SECONDS)
     for key in found:
         times = [
-            line["cpu"] for line in lines if (line["trial"]["kind"] == "null") == (key == "null")
+            line["cpu"] + line.get("cpu_of_truth", 0.0)
+            for line in lines
+            if _loudness(line["trial"]["kind"]) == key
         ]
         if times:
             found[key] = sum(times) / len(times)
     return found
+
+
+def _loudness(kind: str) -> str:
+    return "silent" if kind in SILENT else "loud"
 
 
 def _silent(line: str) -> None:

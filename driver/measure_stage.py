@@ -40,7 +40,17 @@ MEASURE, MEASURE_CSV = "measure.h5", "measure.csv"
 
 
 def run_measure(context: StageContext) -> None:
-    """Correct the images, correlate every frame, and find the motion of the edges."""
+    """Measure, and draw what was measured."""
+    measure_numbers(context)
+    written = read_hdf5(context.workdir / MEASURE)
+    case = context.case
+    write_figures(
+        measured_motion(written, case.images.level_um, boundary_trace(case)), context.workdir
+    )
+
+
+def measure_numbers(context: StageContext) -> None:
+    """Correct the images, correlate every frame, and find the motion of the edges; no pictures."""
     case = context.case
     experiment = read_experiment(case)
     images = surface_images(case, experiment)
@@ -167,9 +177,6 @@ def run_measure(context: StageContext) -> None:
             "stopped": motion.reason,
         },
     )
-    written = read_hdf5(context.workdir / MEASURE)
-    measured = measured_motion(written, case.images.level_um, boundary_trace(case))
-    write_figures(measured, context.workdir)
 
 
 def _refuse_another_surface(motion: SurfaceMotion) -> None:

@@ -31,6 +31,12 @@ def share_explained(before: Evaluation, after: Evaluation) -> float:
     return 1.0 - float(left[real].sum() / excess[real].sum())
 
 
+def is_excess(at: Evaluation) -> bool:
+    """Whether loads or images have a misfit beyond the scatter of noise."""
+    excess, scatter = _excess(at)
+    return bool(np.any(excess > _SCATTER * scatter))
+
+
 def log_evidence(
     before: Evaluation, after: Evaluation, objective: Objective, causes: Sequence[Cause]
 ) -> float:

@@ -10,6 +10,7 @@ from driver.diagnosis.examined import NotExamined
 from driver.diagnosis.image_noise import Unevenness, examine_noise
 from driver.diagnosis.loads import BadLoad, bad_loads, load_noise
 from driver.diagnosis.outcome import Log, Settings
+from driver.diagnosis.refit import TOLERANCE
 from driver.diagnosis.score import effects_of
 from driver.identification.data import Data, reweighted
 from driver.identification.fit import Evaluation, Fit, Objective, fit
@@ -116,4 +117,8 @@ def with_load_noise(data: Data, fitted: Evaluation, log: Log) -> Data:
 
 def _fitted_again(objective: Objective, here: Fit, log: Log) -> Fit:
     begin = objective.compare(here.best.prediction, here.values, here.best.free)
-    return fit(objective, here.values, here.best.free, MOST_ITERATIONS, log, start=begin)
+    # Scores and evidence are taken at the optimum to first order: a fit this near to it needs no
+    # step, and the sensitivities of all causes, known there already, are not simulated again.
+    return fit(
+        objective, here.values, here.best.free, MOST_ITERATIONS, log, begin, tolerance=TOLERANCE
+    )

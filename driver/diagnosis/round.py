@@ -8,7 +8,7 @@ from driver.diagnosis.boundary_noise import Stops, refit_boundary_noise, score_b
 from driver.diagnosis.causes import NUMERICS, Cause
 from driver.diagnosis.ebsd_flips import FLIPS, flips_of
 from driver.diagnosis.flip_trial import FlipTrial, not_warranted, try_flips
-from driver.diagnosis.gain import share_explained
+from driver.diagnosis.gain import is_excess, share_explained
 from driver.diagnosis.noise_causes import COVARIANCE
 from driver.diagnosis.omnibus import FAMILY_LEVEL, Omnibus, omnibus
 from driver.diagnosis.outcome import Log, Settings, Step
@@ -19,11 +19,12 @@ from driver.diagnosis.verdict import MOST_ADDITIONS
 from driver.identification.fit import Evaluation, Fit, Objective
 
 WITHIN = 3.0  # log evidence within which causes are not told apart
+WORTH = 1.0  # log evidence without which nothing is added: less is no evidence (Jeffreys)
 LARGE = 3.0  # χ_F beyond which a score names a cause no better than chance
 FAR_TURN = 3.0  # prior scales of a lattice rotation that a slip of the hand does not explain
 ENOUGH = 0.9  # share of the excess that the best cause has to explain
 _STRAIGHT = 0.5  # of a log evidence, by which score and refit may differ
-_HOPEFUL = 0.5  # of what the best refit gains, that a first step has to promise
+_HOPEFUL = 0.5  # of what the best gains, that a score or a first step has to promise
 
 
 def examine(
@@ -70,7 +71,7 @@ def examine(
         trial = _flips(refits, tests, here.best, objective, added, settings, log)
         refits = _best_of_each([*refits, *trial.refits])
         scores = sorted([*scores, *trial.scores], key=lambda s: -s.log_evidence)
-    winner = refits[0] if refits and refits[0].log_evidence > 0 else None
+    winner = refits[0] if refits and refits[0].log_evidence > WORTH else None
     named = set_of(winner, refits, scores) if winner is not None else ()
     chi = here.best.chi_load, here.best.chi_image
     return Step(tuple(scores), tuple(refits), named, tests, *chi, trial.untried), winner
@@ -89,7 +90,7 @@ def _flips(
     if set(added) & set(FLIPS):  # two half turns make the third
         return FlipTrial()
     flips, _ = flips_of(objective.model.microstructure.orientations, settings.wanted)
-    nothing = not refits or refits[0].log_evidence <= 0
+    nothing = not refits or refits[0].log_evidence <= WORTH
     unexplained = not tests.accepted if nothing else _unexplained(baseline, refits[0])
     far = bool(refits) and _turns_far(refits[0])
     if not (baseline.chi_load > LARGE or unexplained or far):
@@ -110,8 +111,9 @@ def _turns_far(best: Refit) -> bool:
 
 
 def _unexplained(baseline: Evaluation, best: Refit) -> bool:
-    """Whether the best cause explains too little of the excess."""
-    return share_explained(baseline, best.fit.best) < ENOUGH
+    """Whether the best cause explains too little of the excess, and leaves more than noise."""
+    # Of a small excess noise alone leaves more than a tenth.
+    return share_explained(baseline, best.fit.best) < ENOUGH and is_excess(best.fit.best)
 
 
 def _noise_of_boundary(
@@ -140,7 +142,7 @@ def _refits(
     """Refits of the causes that may have done it, the best of each, best evidence first."""
     baseline, run = here.best, (settings.processes, settings.threads, log)
     tried = [s for s in scores if s.cause not in (NUMERICS, *COVARIANCE) and s.degrees]
-    chosen = [s for s in tried if s.p < FAMILY_LEVEL][: settings.refit]
+    chosen = to_refit(tried, settings.refit)
     if not chosen:
         return []
     log(f"refitting {_listed(chosen)}")
@@ -172,6 +174,24 @@ def _bent(leader: Refit, scores: Sequence[Score]) -> bool:
     """
     foreseen = next(s.log_evidence for s in scores if s.cause.name == leader.cause.name)
     return abs(leader.log_evidence - foreseen) > _STRAIGHT * max(foreseen, leader.log_evidence)
+
+
+def to_refit(tried: Sequence[Score], most: int) -> list[Score]:
+    """The causes that are seen, and those that promise about as much without being seen alone.
+
+    Of likely causes that do nearly the same, noise makes one or the other significant.
+
+    Args:
+        tried: scores, best log evidence first.
+        most: largest number of either.
+    """
+    seen = [s for s in tried if s.p < FAMILY_LEVEL][:most]
+    if not seen:
+        return []
+    bar = _HOPEFUL * tried[0].log_evidence
+    if all(s.log_evidence <= bar for s in seen):
+        return seen  # they are of no size that anyone expects, and vouch for no other
+    return [s for s in tried if s in seen or (s in tried[:most] and s.log_evidence > bar)]
 
 
 def _listed(scores: Sequence[Score]) -> str:

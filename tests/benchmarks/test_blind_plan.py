@@ -4,16 +4,21 @@ import numpy as np
 import pytest
 
 from benchmarks.blind_figures import has_both, has_class, miss_of, wilson
-from benchmarks.blind_plan import KINDS, NULLS, PAIRS, aims, plan
+from benchmarks.blind_plan import ENOUGH, HIGH, KINDS, NULLS, PAIRS, REPEATS, aims, magnitudes, plan
 
 CAUSES = {"isotropic_hardening": (1, True), "load_gain": (1, False), "boundary_tilt": (2, False)}
 ALIKE = {name: (name,) for name in CAUSES}
-TRIALS = plan(7, CAUSES, ALIKE, tuple(CAUSES), 1140.0)
+REACH = {
+    "isotropic_hardening": (20.0, 0.0),
+    "load_gain": (11.5, 12.0),
+    "boundary_tilt": (12.0, 4.0),
+}
+TRIALS = plan(7, CAUSES, ALIKE, REACH, 1140.0)
 
 
 def test_a_plan_is_drawn_from_its_seed_alone() -> None:
-    assert plan(7, CAUSES, ALIKE, tuple(CAUSES), 1140.0) == TRIALS
-    assert plan(8, CAUSES, ALIKE, tuple(CAUSES), 1140.0) != TRIALS
+    assert plan(7, CAUSES, ALIKE, REACH, 1140.0) == TRIALS
+    assert plan(8, CAUSES, ALIKE, REACH, 1140.0) != TRIALS
     assert len({trial.name for trial in TRIALS}) == len(TRIALS)
     assert len({trial.seed for trial in TRIALS}) == len(TRIALS)
 
@@ -22,7 +27,16 @@ def test_a_plan_has_both_signs_and_magnitudes_of_every_cause() -> None:
     drawn = {(t.truths[0], t.level, t.directions[0][0] > 0) for t in TRIALS if t.kind == "cause"}
     # A one-sided cause has one sign.
     assert len(drawn) == 2 * (1 + 2 + 2)
-    assert ("isotropic_hardening", 6.0, True) in drawn
+    assert ("isotropic_hardening", HIGH, True) in drawn
+
+
+def test_a_cause_is_hidden_no_larger_than_it_may_be_and_more_often_where_it_can_be_seen() -> None:
+    assert magnitudes(20.0) == (10.0, 15.0) and magnitudes(11.5) == (10.0, 11.5)
+    assert magnitudes(4.0) == (2.0, 4.0)
+    gains = [t.level for t in TRIALS if t.truths == ("load_gain",)]
+    assert max(gains) == 12.0 and len(gains) == 4 * REPEATS
+    tilts = [t.level for t in TRIALS if t.kind == "cause" and t.truths == ("boundary_tilt",)]
+    assert sum(level < ENOUGH for level in tilts) == 2
 
 
 def test_every_beginning_of_a_plan_holds_every_kind_in_its_share() -> None:
@@ -36,7 +50,7 @@ def test_every_beginning_of_a_plan_holds_every_kind_in_its_share() -> None:
 def test_a_pair_is_of_two_causes_that_the_data_can_tell_apart() -> None:
     alike = ALIKE | {"load_gain": ("load_gain", "boundary_tilt"),
                      "boundary_tilt": ("boundary_tilt", "load_gain")}  # fmt: skip
-    pairs = [t for t in plan(7, CAUSES, alike, tuple(CAUSES), 1140.0) if t.kind == "pair"]
+    pairs = [t for t in plan(7, CAUSES, alike, REACH, 1140.0) if t.kind == "pair"]
     assert len(pairs) == PAIRS
     assert not any(set(t.truths) == {"load_gain", "boundary_tilt"} for t in pairs)
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.diagnosis.causes import Cause
-from driver.diagnosis.gain import log_evidence, share_explained
+from driver.diagnosis.gain import is_excess, log_evidence, share_explained
 from driver.diagnosis.refit import as_wide_as_found, with_prior
 from driver.diagnosis.score import score
 from driver.identification.fit import Evaluation, Objective, fit
@@ -36,6 +36,11 @@ def test_the_excess_of_the_loads_is_not_lost_among_the_images() -> None:
     assert share_explained(before, of(noise)) > 0.85
     assert share_explained(before, half) == pytest.approx(0.5, abs=0.2)
     assert share_explained(before, before) == 0.0
+
+
+def test_noise_is_no_excess_and_loads_off_by_two_sigma_are() -> None:
+    noise = RNG.standard_normal(N)
+    assert not is_excess(of(noise)) and is_excess(of(noise + 2.0 * (np.arange(N) < N_LOAD)))
 
 
 def test_of_noise_nothing_can_be_explained() -> None:

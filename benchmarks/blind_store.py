@@ -1,0 +1,90 @@
+"""What the blind trials keep on disk, and which program made it."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+from benchmarks.blind_specimen import known_case, true_case
+from driver.results import prismid_version
+from solver_adapters.bundled.compilation import PACKAGES, hash_of
+from solver_adapters.bundled.identity import solver_hash
+
+Kept = TypeVar("Kept")
+Record = dict[str, Any]
+
+# Of what makes truths and tells their size, beside the solver and the two cases.
+_TRUTHS = (
+    *(f"benchmarks/blind_{name}.py" for name in ("plan", "ruler", "specimen")),
+    *(
+        f"driver/{name}.py"
+        for name in (
+            "boundary", "history", "instrument", "load_clock", "microstructure", "model",
+            "own_terms", "specimen", "surface_view", "virtual_course", "microscope/face_motion",
+        )
+    ),
+)  # fmt: skip
+
+
+def cache_folder(root: Path) -> Path:
+    """Where what all trials share is kept; another specimen or other code has another.
+
+    Args:
+        root: the folder of all such folders.
+    """
+    told = [case.model_dump_json() for case in (known_case(), true_case())]
+    sources = (*(PACKAGES / name for name in _TRUTHS), *sorted((PACKAGES / "meshes").glob("*.py")))
+    versions = {"cases": json.dumps(told), "solver": solver_hash()}
+    folder = root / hash_of(sources, versions)[:12]
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+@cache
+def program() -> str:
+    """Hash of all that a diagnosis runs: results of two programs are never mixed."""
+    parts = (PACKAGES / name for name in ("driver", "meshes", "solver_adapters"))
+    sources = sorted(path for part in parts for path in part.rglob("*.py"))
+    return hash_of(sources, {"prismid": prismid_version(), "solver": solver_hash()})[:12]
+
+
+def kept(path: Path, make: Callable[[], Kept]) -> Kept:
+    """What a file of the cache holds, made and written if it is not there."""
+    if path.is_file():
+        with path.open("rb") as file:
+            found: Kept = pickle.load(file)
+        return found
+    made = make()
+    unfinished = path.with_suffix(f".{os.getpid()}")
+    unfinished.write_bytes(pickle.dumps(made))
+    unfinished.replace(path)  # two processes may have made the same one
+    return made
+
+
+def read(results: Path) -> list[Record]:
+    """The lines of a results file; one that a kill cut short is left out."""
+    if not results.is_file():
+        return []
+    lines = []
+    for text in results.read_text(encoding="utf-8").splitlines():
+        try:
+            lines.append(json.loads(text))
+        except json.JSONDecodeError:
+            continue
+    return lines
+
+
+def of_program(lines: list[Record], wanted: str) -> list[Record]:
+    """The lines of one program; those of others are counted and told."""
+    others: dict[str, int] = {}
+    for line in lines:
+        if line["program"] != wanted:
+            others[line["program"]] = others.get(line["program"], 0) + 1
+    for other, number in others.items():
+        print(f"{number} trial(s) of another program, {other}, are left out")
+    return [line for line in lines if line["program"] == wanted]

@@ -1,0 +1,68 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
+
+from driver.diagnosis.boundary_noise import Stops
+from driver.diagnosis.omnibus import FAMILY_LEVEL
+from driver.diagnosis.outcome import Settings
+from driver.diagnosis.round import WORTH, examine, to_refit
+from driver.diagnosis.score import Score
+from driver.identification.fit import Fit, Objective
+from tests.driver import closed_form
+
+BENCH = closed_form.bench()
+SETTINGS = Settings(
+    wanted=("tilt_drift",), refit=5, held_out=None, processes=1, threads=1, free_chi=1.0,
+    sizes=closed_form.SIZES,
+)  # fmt: skip
+
+
+NO_STOPS = Stops(None)
+FINE = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.001))
+
+
+def identified(hidden: dict[str, float]) -> tuple[Objective, Fit]:
+    made = closed_form.objective(BENCH, BENCH.truth | hidden)
+    return closed_form.identified(BENCH, made, FINE)
+
+
+def scored(p: float, evidence: float) -> Score:
+    return cast(Score, SimpleNamespace(p=p, log_evidence=evidence))
+
+
+def test_a_cause_that_promises_as_much_as_the_seen_one_is_refitted_with_it() -> None:
+    best, seen, near, far = (
+        scored(*of) for of in ((0.015, 4.4), (0.004, 3.9), (0.05, 3.2), (0.3, 1.0))
+    )
+    assert to_refit([best, seen, near, far], 5) == [best, seen, near]
+    assert to_refit([best, seen, near, far], 2) == [best, seen]
+    assert to_refit([best, near, far], 5) == []  # where nothing is seen nothing is refitted
+
+
+def test_a_significant_cause_without_evidence_opens_the_door_for_no_other() -> None:
+    best, near, odd = (scored(*of) for of in ((0.4, 1.6), (0.5, 1.2), (0.004, 0.01)))
+    assert to_refit([best, near, odd], 5) == [odd]
+
+
+def test_of_a_small_effect_that_its_cause_explains_no_other_cause_is_refitted() -> None:
+    objective, baseline = identified({"tilt_drift": 4e-4})
+    every = replace(SETTINGS, wanted=None)
+    step, winner = examine(baseline, objective, (), every, NO_STOPS, None, lambda line: None)
+    assert winner is not None and winner.cause.name == "tilt_drift"
+    assert len(step.refits) == 1
+
+
+def test_an_effect_far_beyond_its_prior_is_significant_and_still_not_added() -> None:
+    objective, baseline = identified({"tilt_drift": 4e-4})
+    _, winner = examine(baseline, objective, (), SETTINGS, NO_STOPS, None, lambda line: None)
+    assert winner is not None and winner.cause.name == "tilt_drift"
+    usual = objective.parameters["tilt_drift"]
+    # Of this size nobody expects it: forty of its prior scales.
+    narrow = dict(objective.parameters) | {"tilt_drift": replace(usual, scale=1e-5)}
+    objective = replace(objective, parameters=narrow)
+    step, winner = examine(baseline, objective, (), SETTINGS, NO_STOPS, None, lambda line: None)
+    (refit,) = step.refits
+    assert step.scores[0].p < FAMILY_LEVEL and 0 < refit.log_evidence < WORTH
+    assert winner is None and step.named == ()
