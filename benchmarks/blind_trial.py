@@ -32,6 +32,7 @@ from benchmarks.blind_ruler import TooSmallError, Truth, ruler, truth_of_cause, 
 from benchmarks.blind_specimen import jittered, known_case, pulled, true_case
 from benchmarks.blind_store import Record, cache_folder, kept, of_program, program, read
 from driver.case import Case, load_case, write_case
+from driver.diagnosis.all_causes import EVERY
 from driver.diagnosis.causes import LIBRARY
 from driver.errors import InputError
 from driver.measure_stage import measure_numbers
@@ -94,14 +95,7 @@ def carry_out(
 ) -> None:  # fmt: skip
     """Run the trials of a plan that are not in the results file yet."""
     print("an experiment without an effect, by which effects are measured: about 30 CPU-s once")
-    measure = ruler(cache)
-    shapes = {c.name: (len(c.parameters), c.one_sided) for c in measure.causes}
-    towards = aims(seed, shapes)
-    reach = {}
-    for cause in measure.causes:
-        aim = np.array(towards[cause.name])
-        reach[cause.name] = (measure.reach(cause, aim), measure.reach(cause, -aim))
-    trials = plan(seed, shapes, measure.alike, reach, true_case().material.d)
+    trials = planned(seed, cache)
     print(f"program {program()} (hash of its sources); truths in {cache}")
     known = of_program(read(results), program())
     done = {line["trial"]["name"] for line in known}
@@ -128,6 +122,18 @@ def carry_out(
     use_threads(1)
     tasks = [Task(t, cache, results, program()) for t in left]
     side_by_side(carried_out, tasks, processes, 1, tell)
+
+
+def planned(seed: int, cache: Path) -> tuple[Trial, ...]:
+    """All trials of a seed, sized by the ruler, which is made if it is not there."""
+    measure = ruler(cache)
+    shapes = {c.name: (len(c.parameters), c.one_sided) for c in measure.causes}
+    towards = aims(seed, shapes)
+    reach = {}
+    for cause in measure.causes:
+        aim = np.array(towards[cause.name])
+        reach[cause.name] = (measure.reach(cause, aim), measure.reach(cause, -aim))
+    return plan(seed, shapes, measure.alike, reach, true_case().material.d)
 
 
 def carried_out(task: Task) -> Record:
@@ -182,8 +188,8 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
         run_stages(path, _chain(stated), "diagnose", report=_silent)
         seen = [left_of(path, truth.course, BY_NAME[n]) for n in trial.truths if n in BY_NAME]
         found = json.loads((path.parent / "results" / "diagnosis.json").read_text("utf-8"))
-    owner = {p: c.name for c in LIBRARY for p in c.parameters}
-    added = list(dict.fromkeys(owner[p] for p in found["added"] if p in owner))
+    owner = {p: c.name for c in EVERY for p in c.parameters}
+    added = list(dict.fromkeys(owner[p] for p in found["added"] if p in owner)) + found["flips"]
     first, last = found["steps"][0], found["steps"][-1]
     scores = {s["cause"]: s["statistic"] for s in first["causes"]}
     return {

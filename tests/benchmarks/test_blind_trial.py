@@ -1,0 +1,111 @@
+"""Effects of kinds, signs and sizes that a seed draws are hidden; images to verdict find them.
+
+The truths are simulated on a finer mesh and in finer steps than any that the diagnosis has; no
+stage is told the seed, the truth or its size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import chain
+from pathlib import Path
+
+import pytest
+
+from benchmarks.blind_figures import NAMING, has_both, has_class
+from benchmarks.blind_plan import LOW, Kind, Trial
+from benchmarks.blind_store import Record
+from benchmarks.blind_trial import Task, carried_out, planned
+
+pytestmark = pytest.mark.slow
+
+SEED = 20
+KINDS_OF_EFFECTS = 8
+SEEN = 6.0  # σ of what the fit of the experiment itself leaves of the effect
+MOST = 16  # effects that may be hidden until so many kinds were large enough
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("truths")
+
+
+@pytest.fixture(scope="module")
+def trials(cache: Path) -> tuple[Trial, ...]:
+    return planned(SEED, cache)
+
+
+def answered(trial: Trial, cache: Path) -> Record:
+    line = carried_out(Task(trial, cache, cache / "results.jsonl", "test"))
+    assert "verdict" in line, f"{trial}: {line['answer']}, {line['why']}"
+    return line
+
+
+def one_of_each(trials: tuple[Trial, ...]) -> Iterator[Trial]:
+    """One trial of each cause that can be hidden well enough, in the order of the draw."""
+    met = set()
+    for trial in trials:
+        if trial.kind == "cause" and trial.level >= LOW and trial.truths[0] not in met:
+            met.add(trial.truths[0])
+            yield trial
+
+
+@pytest.fixture(scope="module")
+def hidden(trials: tuple[Trial, ...], cache: Path) -> list[Record]:
+    """What was answered to eight kinds of effects of 6 σ and more."""
+    found: list[Record] = []
+    for number, trial in enumerate(one_of_each(trials)):
+        assert number < MOST, "the draw holds too few effects that can be seen"
+        line = answered(trial, cache)
+        if line["misfit"] >= SEEN:
+            found.append(line)
+        if len(found) == KINDS_OF_EFFECTS:
+            return found
+    raise AssertionError(f"only {len(found)} kinds of effects can be hidden")
+
+
+def told(line: Record) -> str:
+    return f"{line['hidden']} ({line['misfit']:.1f} sigma): {line['answer']}"
+
+
+def first(trials: tuple[Trial, ...], kind: Kind) -> Trial:
+    return next(trial for trial in trials if trial.kind == kind)
+
+
+def test_effects_of_eight_kinds_are_named_or_what_cannot_be_told_from_them(
+    hidden: list[Record],
+) -> None:
+    missed = [told(line) for line in hidden if not has_class(line)]
+    assert not missed, missed
+
+
+def test_without_the_effect_the_finding_is_gone(hidden: list[Record], cache: Path) -> None:
+    """The same relief, stage errors and noise; only the effect is taken out."""
+    for line in hidden:
+        drawn = line["trial"]
+        bare = Trial(
+            name=drawn["name"], kind="null", truths=(), directions=(), level=0.0, companions=(),
+            seed=drawn["seed"],
+        )  # fmt: skip
+        without = answered(bare, cache)
+        named = set(chain.from_iterable(line["sets"]))
+        assert not named & set(without["said"]), told(without)
+        assert without["verdict"] == "nothing wrong", told(without)
+
+
+def test_of_two_effects_both_are_found(trials: tuple[Trial, ...], cache: Path) -> None:
+    line = answered(first(trials, "pair"), cache)
+    assert has_both(line), told(line)
+
+
+def test_an_effect_outside_the_library_is_seen_and_not_explained_away(
+    trials: tuple[Trial, ...], cache: Path
+) -> None:
+    line = answered(first(trials, "outside"), cache)
+    assert line["verdict"] not in ("nothing wrong", *NAMING[:2]), told(line)
+
+
+def test_loads_noisier_than_stated_name_nothing(trials: tuple[Trial, ...], cache: Path) -> None:
+    louder = replace(first(trials, "noise level"), level=1.3)
+    assert answered(louder, cache)["verdict"] == "nothing wrong"
