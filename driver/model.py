@@ -141,6 +141,8 @@ class ForwardModel:
         accuracy: error of the force that a time step may make [µN], or None for steps as given.
         view: where the pixels are on the face.
         workspace: where the solver keeps files of its runs, or None.
+        steps: ends of the time steps [s] on the clock of the history, as another response had
+            them, or None for steps of its own.
         pattern: by how much the pattern of the flats would make the surface rise at the pixels
             were it left in the images [µm], shape (T, n_pix), or None where it is not known.
     """
@@ -158,6 +160,7 @@ class ForwardModel:
     accuracy: float | None
     view: SurfaceView
     workspace: Path | None = None
+    steps: FloatArray | None = None
     pattern: FloatArray | None = None
 
     @property
@@ -172,11 +175,13 @@ class ForwardModel:
 
     def simulation(self, values: Values, free: Sequence[str] = ()) -> Simulation:
         """The hand-over to a solver, with a direction for each free parameter that it needs."""
+        times = self.clock(values)
+        steps = None if self.steps is None else np.interp(self.steps, self.times, times)
         return Simulation(
             mesh=self.microstructure.moved_mesh(values),
             material=with_parameters(self.material, values),
             orientations=self.microstructure.rotated(values),
-            times=self.clock(values),
+            times=times,
             motion_nodes=self.boundary.nodes,
             motion_mask=self.boundary.mask,
             motion=self.boundary.evaluate(values),
@@ -188,8 +193,23 @@ class ForwardModel:
             ),
             integration=self.integration,
             steps_per_interval=self.steps_per_interval,
-            accuracy=self.accuracy,
+            accuracy=self.accuracy if steps is None else None,
+            steps=steps,
         )
+
+    def in_steps_of(self, response: Response, values: Values) -> ForwardModel:
+        """The model that takes the time steps of a response of its own.
+
+        Steps that refine themselves jump from one to the next parameters, and with them the
+        error of the steps; two simulations in the same steps differ by their parameters alone.
+
+        Args:
+            response: the response.
+            values: the parameters that it was made with.
+        """
+        if self.accuracy is None or not response.ends.size:
+            return self
+        return replace(self, steps=np.interp(response.ends, self.clock(values), self.times))
 
     def predict(
         self,

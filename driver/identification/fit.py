@@ -34,6 +34,9 @@ MOST_HALVINGS = 5
 # Step control and iteration of a solver scatter the cost by hundredths. A step that promises less
 # than a tenth and does not lower it, nor do two shorter ones, has met that scatter.
 FLAT = 0.3
+NEAR = 10.0
+"""Newton decrement [σ] below which the trial points take the time steps of the last one: the cost
+is then smooth, where steps of their own would make it jump by about as much as is to be gained."""
 Log = Callable[[str], None]
 
 
@@ -76,6 +79,11 @@ class Objective:
         """
         prediction = self.model.predict(values, free)
         return self.compare(prediction, values, free)
+
+    def in_steps_of(self, here: Evaluation) -> Objective:
+        """The objective whose simulations take the time steps of an evaluation."""
+        model = self.model.in_steps_of(here.prediction.response, here.values)
+        return replace(self, model=model)
 
     def compare(
         self, prediction: Prediction, values: Mapping[str, float], free: Sequence[str]
@@ -326,7 +334,8 @@ def fit(
             reason = f"the limit of {most} iterations, decrement {decrement:.2g} σ"
             return ended(False, reason)
         flat = decrement < FLAT
-        ahead = _descend(objective, here, step, log, 3 if flat else MOST_HALVINGS)
+        tried = objective.in_steps_of(here) if decrement < NEAR else objective
+        ahead = _descend(tried, here, step, log, 3 if flat else MOST_HALVINGS)
         if ahead is None and flat:
             return ended(True, f"a step of {decrement:.2g} σ does not lower the cost")
         if ahead is None:

@@ -29,6 +29,9 @@ class _Nothing:
     def restrict(self, rows: Sequence[int]) -> _Nothing:
         return self
 
+    def in_steps_of(self, response: Response, values: Mapping[str, float]) -> _Nothing:
+        return self
+
 
 _NOTHING = cast(Any, _Nothing())
 

@@ -80,8 +80,8 @@ def test_the_models_are_simulated_once_each_as_they_were_fitted(results: Results
     ends = [np.ptp(s.motion[1, :, 1]) for s in (model, extended)]
     assert ends == pytest.approx([0.064, 0.065], rel=0.2)
     assert not model.directions
-    assert "2 simulations" in told[0] and "min" in told[0]
-    assert told[1:3] == ["  model: 50 %, 1.0 min to go", "  model: 100 %, 1.0 min to go"]
+    assert "2 simulations" in told[0] and "s on free cores" in told[0]
+    assert told[1:3] == ["  model: 50 %, 60 s to go", "  model: 100 %, 60 s to go"]
 
 
 def test_without_the_volume_nothing_is_simulated_and_a_stale_one_is_removed(
