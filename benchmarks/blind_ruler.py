@@ -24,7 +24,8 @@ from driver.diagnosis.causes import Cause
 from driver.diagnosis.score import Score, likeness
 from driver.diagnosis.screening import screen, screened
 from driver.errors import InputError
-from driver.identification.fit import Evaluation, Fit, Objective
+from driver.identification.fit import Fit
+from driver.identification.objective import Evaluation, Objective
 from driver.identified_record import IDENTIFY
 from driver.identify_stage import load_workbench, saved_objective
 from driver.microscope.face_motion import Face, NodalMotion

@@ -27,7 +27,8 @@ from driver.diagnosis.visible import not_seen
 from driver.errors import InputError, sentence
 from driver.experiment import as_in_files
 from driver.extended_decks import DECKS, write_decks
-from driver.identification.fit import Evaluation, Fit
+from driver.identification.fit import Fit
+from driver.identification.objective import Evaluation
 from driver.identified_record import IDENTIFY, value_told
 from driver.identify_stage import (
     error_budget,

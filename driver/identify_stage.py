@@ -14,8 +14,9 @@ from driver.case import CaseError
 from driver.errors import sentence
 from driver.history import History
 from driver.identification.boundary_jitter import BoundaryJitter
-from driver.identification.fit import Correction, Evaluation, Fit, Objective
+from driver.identification.fit import Fit
 from driver.identification.kinematic import kinematic_hessian
+from driver.identification.objective import Correction, Evaluation, Objective
 from driver.identification.procedure import Identification, identify, with_correction
 from driver.identified_record import Arrays, value_told, warnings_of, write_identification
 from driver.log import passing_of

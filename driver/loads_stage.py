@@ -12,9 +12,9 @@ from driver.case import Case
 from driver.experiment import history_of
 from driver.history import History
 from driver.identification.data import Data
-from driver.identification.fit import Objective
 from driver.identification.loads_alone import doubts, identify_from_loads
 from driver.identification.no_images import no_images
+from driver.identification.objective import Objective
 from driver.identification.procedure import Plan
 from driver.identified_record import value_told, warnings_of, write_identification
 from driver.identify_stage import JOBS

@@ -15,8 +15,10 @@ from driver.dic.series import basis_on
 from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.experiment import Experiment, read_experiment
 from driver.fixed_pattern import apparent_rise
-from driver.identification.data import Data, build_image_data, reweighted
-from driver.identification.fit import Objective
+from driver.identification.data import Data
+from driver.identification.image_data import build_image_data, reweighted
+from driver.identification.lacking import lacking_pixels
+from driver.identification.objective import Objective
 from driver.identification.priors import Prior, prior_of, widths
 from driver.identification.procedure import Plan, start_values
 from driver.images.flatfield import flat_pattern
@@ -26,6 +28,7 @@ from driver.surface_view import POSE_DECLARATIONS
 from driver.watched_solver import WatchedSolver
 from meshes.prism_mesh import PrismMesh
 
+BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 
 BUNDLED = "bundled"
@@ -77,6 +80,7 @@ class Seen:
         left_out: frames whose images are not fitted.
         rise: what the pattern of the flats, left in the images, would do to them, as
             `apparent_rise` gives it [µm], shape (T, n_pix), or None without flats.
+        lacking: which pixels say nothing in which frame, (T, n_pix), or None.
     """
 
     experiment: Experiment
@@ -86,6 +90,7 @@ class Seen:
     tilt: FloatArray
     left_out: tuple[int, ...] = ()
     rise: FloatArray | None = None
+    lacking: BoolArray | None = None
 
 
 def seen_by_correlation(
@@ -109,7 +114,8 @@ def seen_by_correlation(
     rise = None
     if experiment.flats is not None:
         rise = apparent_rise(flat_pattern(experiment.flats).pattern, images, motion)
-    return Seen(experiment, images, motion.mean(axis=1), elongation, tilt, left_out, rise)
+    lacking = lacking_pixels(images, motion)
+    return Seen(experiment, images, motion.mean(axis=1), elongation, tilt, left_out, rise, lacking)
 
 
 def build_workbench(
@@ -151,6 +157,7 @@ def build_workbench(
         basis_on(images, mesh_w),
         seen.mean_motion,
         case.boundary.gauge,
+        seen.lacking,
     )
     if experiment.noise_map is not None:
         image_data = reweighted(image_data, experiment.noise_map[images.rows, images.cols] ** 2)

@@ -20,7 +20,7 @@ from driver.diagnosis.causes import Cause
 from driver.diagnosis.own_causes import own_causes
 from driver.diagnosis.screening import screened
 from driver.history import History, knot_weights
-from driver.identification.fit import Correction, Objective
+from driver.identification.objective import Correction, Objective
 from driver.identification.procedure import with_correction
 from driver.model import Prediction, declared_parameters
 from driver.specimen import mesh_of

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.identification.data import Data
-from driver.identification.fit import Evaluation
+from driver.identification.objective import Evaluation
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]

@@ -18,7 +18,7 @@ from driver.diagnosis.score import (
     prior_scaled,
     score,
 )
-from driver.identification.fit import Evaluation
+from driver.identification.objective import Evaluation
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]

@@ -24,7 +24,8 @@ from driver.diagnosis.score import Score
 from driver.diagnosis.variance_component import Component, component
 from driver.identification.boundary_jitter import BoundaryJitter, boundary_jitter
 from driver.identification.data import Data
-from driver.identification.fit import Evaluation, Objective, fit
+from driver.identification.fit import fit
+from driver.identification.objective import Evaluation, Objective
 from solver_adapters.finite_differences import FiniteDifferences
 
 FloatArray = NDArray[np.float64]

@@ -34,7 +34,8 @@ from driver.diagnosis.round import examine
 from driver.diagnosis.score import Score
 from driver.diagnosis.screening import honoured, parameters_of_the_specimen, screened
 from driver.diagnosis.verdict import decide
-from driver.identification.fit import Correction, Evaluation, Fit, Objective, fit
+from driver.identification.fit import Fit, fit
+from driver.identification.objective import Correction, Evaluation, Objective
 from driver.identification.procedure import correction, with_correction
 from driver.model import ForwardModel
 from driver.side_by_side import side_by_side

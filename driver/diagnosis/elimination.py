@@ -12,7 +12,8 @@ from driver.diagnosis.causes import Cause
 from driver.diagnosis.noise_causes import COVARIANCE
 from driver.diagnosis.omnibus import FAMILY_LEVEL
 from driver.diagnosis.outcome import Log
-from driver.identification.fit import Fit, Objective, fit
+from driver.identification.fit import Fit, fit
+from driver.identification.objective import Objective
 
 _MOST_ITERATIONS = 5
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.identification.fit import Evaluation
+from driver.identification.objective import Evaluation
 
 FloatArray = NDArray[np.float64]
 

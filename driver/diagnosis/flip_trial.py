@@ -20,7 +20,7 @@ from driver.diagnosis.refit import (
     refit_from,
 )
 from driver.diagnosis.score import Score
-from driver.identification.fit import Evaluation, Objective
+from driver.identification.objective import Evaluation, Objective
 from driver.model import ForwardModel
 from driver.side_by_side import side_by_side
 from solver_adapters.interface import SolverError

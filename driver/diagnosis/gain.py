@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.noise_causes import COVARIANCE
 from driver.diagnosis.refit import with_prior
-from driver.identification.fit import Evaluation, Objective
+from driver.identification.objective import Evaluation, Objective
 
 FloatArray = NDArray[np.float64]
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from driver.diagnosis.causes import NUMERICS
 from driver.diagnosis.score import Score
 from driver.diagnosis.screening import whitened_difference
-from driver.identification.fit import Correction, Evaluation, Fit, Objective
+from driver.identification.fit import Fit
+from driver.identification.objective import Correction, Evaluation, Objective
 from driver.identification.procedure import correction
 from driver.model import ForwardModel
 

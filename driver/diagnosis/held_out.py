@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.identification.fit import Fit, Objective, fit
+from driver.identification.fit import Fit, fit
+from driver.identification.objective import Objective
 
 IntArray = NDArray[np.int64]
 MOST_ITERATIONS = 5

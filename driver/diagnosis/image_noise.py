@@ -22,7 +22,7 @@ from driver.diagnosis.omnibus import FAMILY_LEVEL
 from driver.diagnosis.score import SEEN_AT, Score
 from driver.diagnosis.verdict import Verdict
 from driver.identification.data import Data
-from driver.identification.fit import Evaluation
+from driver.identification.objective import Evaluation
 
 FloatArray = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from scipy.stats import norm, t
 
 from driver.diagnosis.fast_loads import FEWEST, LEFT, fast_loads, freed
 from driver.identification.data import Data
-from driver.identification.fit import Evaluation
+from driver.identification.objective import Evaluation
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, f
 
 from driver.identification.data import Data
-from driver.identification.fit import Evaluation
+from driver.identification.objective import Evaluation
 
 FloatArray = NDArray[np.float64]
 

@@ -14,7 +14,8 @@ from driver.diagnosis.omnibus import Omnibus
 from driver.diagnosis.refit import Refit
 from driver.diagnosis.score import Score
 from driver.diagnosis.verdict import Verdict
-from driver.identification.fit import Fit, Objective
+from driver.identification.fit import Fit
+from driver.identification.objective import Objective
 
 Log = Callable[[str], None]
 

@@ -12,8 +12,10 @@ from driver.diagnosis.loads import BadLoad, bad_loads, load_noise
 from driver.diagnosis.outcome import Log, Settings
 from driver.diagnosis.refit import TOLERANCE
 from driver.diagnosis.score import effects_of
-from driver.identification.data import Data, reweighted
-from driver.identification.fit import Evaluation, Fit, Objective, fit
+from driver.identification.data import Data
+from driver.identification.fit import Fit, fit
+from driver.identification.image_data import reweighted
+from driver.identification.objective import Evaluation, Objective
 from driver.identification.procedure import noise_factor, with_correction
 
 MOST_ITERATIONS = 8

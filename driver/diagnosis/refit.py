@@ -9,7 +9,8 @@ import numpy as np
 
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.score import Score
-from driver.identification.fit import Evaluation, Fit, Objective, fit
+from driver.identification.fit import Fit, fit
+from driver.identification.objective import Evaluation, Objective
 from driver.identification.step import bounded_step
 from driver.side_by_side import side_by_side
 from solver_adapters.interface import SolverError

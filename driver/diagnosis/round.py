@@ -16,7 +16,8 @@ from driver.diagnosis.refit import Refit, refit_causes, refit_from_afar
 from driver.diagnosis.score import PARALLEL, Score, effects_of, likeness
 from driver.diagnosis.screening import screen, screened
 from driver.diagnosis.verdict import MOST_ADDITIONS
-from driver.identification.fit import Evaluation, Fit, Objective
+from driver.identification.fit import Fit
+from driver.identification.objective import Evaluation, Objective
 
 WITHIN = 3.0  # log evidence within which causes are not told apart
 WORTH = 1.0  # log evidence without which nothing is added: less is no evidence (Jeffreys)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, f
 
 from driver.diagnosis.causes import Cause
-from driver.identification.fit import Evaluation
+from driver.identification.objective import Evaluation
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]

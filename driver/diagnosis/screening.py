@@ -12,7 +12,8 @@ from driver.diagnosis.examined import causes_of
 from driver.diagnosis.score import Score, effects_of, score
 from driver.fixed_pattern import PATTERN_DECLARATIONS
 from driver.hold_time import HOLD, holds
-from driver.identification.fit import Correction, Evaluation, Fit, Objective
+from driver.identification.fit import Fit
+from driver.identification.objective import Correction, Evaluation, Objective
 from driver.microstructure import LATTICE_DECLARATIONS
 from driver.model import ForwardModel
 from solver_adapters.material import MATERIAL_PARAMETERS

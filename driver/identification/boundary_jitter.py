@@ -28,7 +28,7 @@ from driver.model import ForwardModel
 from solver_adapters.interface import Direction
 
 if TYPE_CHECKING:
-    from driver.identification.data import ImageData
+    from driver.identification.image_data import ImageData
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -79,7 +79,7 @@ def boundary_jitter(
         response = model.adapter.solve(asked, model.workspace)
         look = model.observe(response, values, ()).look.value
         moved = response.d_displacement * [1.0, 1.0, 1.0 + values["height_scale"]]
-        images.append(sigma * bare.sensitivity(moved, look))
+        images.append(sigma * bare.sensitivity(moved, look, np.arange(moved.shape[1])))
         loads.append(sigma * (1 + values["load_gain"]) * response.d_force)
     return BoundaryJitter(np.concatenate(loads), np.concatenate(images))
 

@@ -12,15 +12,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from driver.dic.basis import Basis
-from driver.dic.surface_images import SurfaceImages
 from driver.identification.boundary_jitter import BoundaryJitter
+from driver.identification.image_data import ImageData
 from driver.identification.load_noise import whiten_markov
 from driver.identification.simulation_error import SimulationError
 from driver.model import Prediction
@@ -28,165 +25,6 @@ from driver.model import Prediction
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
-
-Gauge = Literal["translation", "rigid"]
-_SHIFT_ITERATIONS = 3
-# Modes of M this much weaker than the strongest carry no information.
-_WEAKEST_MODE = 1e-9
-
-
-@dataclass(frozen=True, eq=False)
-class ImageData:
-    """The image part of the residual.
-
-    Attributes:
-        images: the corrected series with its low-noise gradient.
-        test: ∇f·ψ_j at the pixels, shape (n_pix, n_functions).
-        rigid: motion of unit rigid motions at the pixels, shape (n_rigid, n_pix, 3).
-        mean_motion: mean motion of free correlation, by which the frames are found [µm],
-            shape (T, 3).
-        whiten: what turns b into independent unit numbers, rigid motions projected out,
-            shape (n_z, n_functions).
-        noise_factor: estimated noise over the noise of the repeats.
-        variance: of the noise at each pixel over its mean, shape (n_pix,), None where it is even.
-    """
-
-    images: SurfaceImages
-    test: sp.csr_array
-    rigid: FloatArray
-    mean_motion: FloatArray
-    whiten: FloatArray
-    noise_factor: float = 1.0
-    variance: FloatArray | None = None
-
-    @property
-    def n_z(self) -> int:
-        """Whitened numbers of one image."""
-        return int(self.whiten.shape[0])
-
-    def residual(
-        self, motion: FloatArray, index: IntArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Whitened residual of a predicted motion.
-
-        Args:
-            motion: u, v, w at the pixels [µm] of the frames in `index`, (T, n_pix, 3).
-            index: the frames, shape (T,).
-
-        Returns:
-            z (T, n_z) without the correlation in time; the rigid motion that each frame needed
-            (T, n_rigid) [µm]; ρ after it (T, n_pix) [µm].
-        """
-        seen = np.einsum("rpc,pc->pr", self.rigid, self.slope)
-        inverse = np.linalg.inv(seen.T @ seen)
-        # The stage re-centres by pixels: start where free correlation found each frame.
-        shift = np.zeros((len(index), len(self.rigid)))
-        shift[:, :3] = self.mean_motion[index] - motion.mean(axis=1)
-        for _ in range(_SHIFT_ITERATIONS):
-            moved = motion + np.einsum("tr,rpc->tpc", shift, self.rigid)
-            # A pixel that a frame lacks says nothing, whatever the prediction.
-            rho = np.nan_to_num(self.images.residual(moved, index))
-            step = rho @ seen @ inverse
-            shift += step
-        rho = rho - step @ seen.T  # the last, small step to first order
-        z = (rho @ self.test) @ self.whiten.T / self.noise_factor
-        return np.asarray(z), shift, rho
-
-    def sensitivity(self, d_surface: FloatArray, projection: sp.csr_array) -> FloatArray:
-        """Whitened effect of surface-node motions.
-
-        Args:
-            d_surface: motions, shape (k, T, n, 3).
-            projection: surface nodes → pixels, shape (n_pix, n).
-
-        Returns:
-            Shape (k, T, n_z).
-        """
-        k, T, n, _ = d_surface.shape
-        effect = [
-            (self.test.T @ (sp.diags_array(slope) @ projection)).toarray() for slope in self.slope.T
-        ]
-        surface = np.stack(effect, axis=2).reshape(self.test.shape[1], 3 * n)
-        operator = self.whiten @ surface / self.noise_factor
-        return np.asarray(d_surface.reshape(k, T, 3 * n) @ operator.T)
-
-    def pixel_sensitivity(self, d_motion: FloatArray) -> FloatArray:
-        """Whitened effect of motions at the pixels, (..., n_pix, 3) → (..., n_z)."""
-        seen = np.einsum("...pc,pc->...p", d_motion, self.slope)
-        flat = seen.reshape(-1, seen.shape[-1]) @ self.test @ self.whiten.T / self.noise_factor
-        return np.asarray(flat.reshape(*seen.shape[:-1], self.n_z))
-
-    @property
-    def slope(self) -> FloatArray:
-        """(∂f/∂x, ∂f/∂y, −1) at the pixels, shape (n_pix, 3)."""
-        return np.concatenate([self.images.gradient, -np.ones((len(self.images.xy), 1))], axis=1)
-
-
-def build_image_data(
-    images: SurfaceImages,
-    basis_uv: Basis,
-    basis_w: Basis,
-    mean_motion: FloatArray,
-    gauge: Gauge,
-) -> ImageData:
-    """Prepare test functions and whitening.
-
-    Args:
-        images: the series, gradient refined.
-        basis_uv: functions of u and v at the pixels.
-        basis_w: functions of w at the pixels.
-        mean_motion: mean motion of free correlation in each frame [µm], shape (T, 3).
-        gauge: "translation" removes the mean motion of each image, "rigid" rotations too.
-    """
-    fx, fy = images.gradient.T
-    test = sp.hstack(
-        [
-            sp.diags_array(fx) @ basis_uv.values,
-            sp.diags_array(fy) @ basis_uv.values,
-            -1.0 * basis_w.values,
-        ]
-    ).tocsr()
-    rigid = _rigid_motions(images.xy, gauge)
-    whiten = _whitening(images, test, (test.T @ test).toarray(), rigid)
-    return ImageData(images, test, rigid, mean_motion, whiten)
-
-
-def reweighted(image: ImageData, variance: FloatArray) -> ImageData:
-    """The image part with each pixel counted by the inverse of its own variance.
-
-    Args:
-        image: the image part with all pixels alike.
-        variance: of the noise at each pixel, on any scale, shape (n_pix,).
-    """
-    variance = variance / variance.mean()
-    test = sp.csr_array(sp.diags_array(1.0 / variance) @ image.test)
-    matrix = (image.test.T @ test).toarray()
-    whiten = _whitening(image.images, test, matrix, image.rigid)
-    return replace(image, test=test, whiten=whiten, variance=variance)
-
-
-def _whitening(
-    images: SurfaceImages, test: sp.csr_array, matrix: FloatArray, rigid: FloatArray
-) -> FloatArray:
-    """What turns b of covariance σ² `matrix` into unit numbers, rigid motions projected out."""
-    slope = np.concatenate([images.gradient, -np.ones((len(images.xy), 1))], axis=1)
-    eigenvalue, vector = np.linalg.eigh(matrix)
-    kept = eigenvalue > _WEAKEST_MODE * eigenvalue[-1]
-    root = (vector[:, kept] / np.sqrt(eigenvalue[kept])).T / images.sigma
-    seen = root @ (test.T @ np.einsum("rpc,pc->pr", rigid, slope))
-    left = np.linalg.svd(seen, full_matrices=True)[0]
-    return np.asarray(left[:, seen.shape[1] :].T @ root)
-
-
-def _rigid_motions(xy: FloatArray, gauge: Gauge) -> FloatArray:
-    unit = np.broadcast_to(np.eye(3)[:, None, :], (3, len(xy), 3))
-    if gauge == "translation":
-        return np.array(unit)
-    x, y = (xy - xy.mean(axis=0)).T
-    turns = np.zeros((3, len(xy), 3))
-    turns[0, :, 0], turns[0, :, 1] = -y, x
-    turns[1, :, 2], turns[2, :, 2] = x, y
-    return np.concatenate([unit, turns])
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,9 +110,9 @@ class Data:
     def image_sensitivity(self, prediction: Prediction) -> FloatArray:
         """Derivatives of the images that are fitted, each whitened by itself, (k, T, n_z)."""
         seen = self.index[self.with_image]
-        z = self.image.sensitivity(prediction.d_surface[:, seen], prediction.look.value)
+        z = self.image.sensitivity(prediction.d_surface[:, seen], prediction.look.value, seen)
         for row, motion in prediction.carried.items():
-            z[row] += self.image.pixel_sensitivity(motion[seen])
+            z[row] += self.image.pixel_sensitivity(motion[seen], seen)
         return z
 
     def load_changes(self, changes: FloatArray) -> FloatArray:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.errors import InputError
-from driver.identification.fit import Evaluation, Fit
+from driver.identification.fit import Fit
+from driver.identification.objective import Evaluation
 
 FloatArray = NDArray[np.float64]
 

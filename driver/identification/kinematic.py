@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.identification.fit import Evaluation, Objective
+from driver.identification.objective import Evaluation, Objective
 
 FloatArray = NDArray[np.float64]
 

@@ -11,8 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from driver.identification.fit import Correction, Objective, fit
+from driver.identification.fit import fit
 from driver.identification.identifiability import refuse_what_is_not_seen
+from driver.identification.objective import Correction, Objective
 from driver.identification.procedure import (
     START,
     Identification,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from driver.dic.interpolation import SplineImages
 from driver.dic.surface_images import SurfaceImages
-from driver.identification.data import ImageData
+from driver.identification.image_data import ImageData
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -24,11 +24,13 @@ class NoImages(ImageData):
         nothing = np.zeros((len(index), 0))
         return nothing, nothing, nothing
 
-    def sensitivity(self, d_surface: FloatArray, projection: sp.csr_array) -> FloatArray:
+    def sensitivity(
+        self, d_surface: FloatArray, projection: sp.csr_array, index: IntArray
+    ) -> FloatArray:
         """As `ImageData.sensitivity`, without numbers."""
         return np.zeros((*d_surface.shape[:2], 0))
 
-    def pixel_sensitivity(self, d_motion: FloatArray) -> FloatArray:
+    def pixel_sensitivity(self, d_motion: FloatArray, index: IntArray | None = None) -> FloatArray:
         """As `ImageData.pixel_sensitivity`, without numbers."""
         return np.zeros((*d_motion.shape[:-2], 0))
 

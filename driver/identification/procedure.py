@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from driver.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.identification.boundary_jitter import boundary_jitter
 from driver.identification.data import Data
-from driver.identification.fit import Correction, Fit, Objective, fit
+from driver.identification.fit import Fit, fit
 from driver.identification.identifiability import refuse_what_is_not_seen
+from driver.identification.objective import Correction, Objective
 from driver.identification.simulation_error import simulation_error
 from driver.identification.starts import Outcome, draw_starts, from_each_start
 from driver.model import ForwardModel

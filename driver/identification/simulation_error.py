@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from driver.identification.data import ImageData
+    from driver.identification.image_data import ImageData
 
 FloatArray = NDArray[np.float64]
 

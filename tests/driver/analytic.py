@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.identification.fit import Evaluation, Objective
+from driver.identification.objective import Evaluation, Objective
 from driver.identification.paper_chi import PaperChi
 from solver_adapters.interface import Response
 from solver_adapters.parameter import Parameter

@@ -21,8 +21,10 @@ from driver.case import Case, default_case, write_case
 from driver.dic.basis import grid_basis
 from driver.dic.surface_images import SurfaceImages, prepare
 from driver.history import History, turning_points
-from driver.identification.data import Data, build_image_data
-from driver.identification.fit import Fit, Objective, fit
+from driver.identification.data import Data
+from driver.identification.fit import Fit, fit
+from driver.identification.image_data import build_image_data
+from driver.identification.objective import Objective
 from driver.identification.priors import LAMBDA_PRIOR
 from driver.identification.procedure import correction, with_correction
 from driver.model import ForwardModel, declared_parameters

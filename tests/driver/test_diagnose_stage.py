@@ -15,7 +15,7 @@ from driver.diagnosis.causes import LIBRARY, Cause
 from driver.diagnosis.ebsd_flips import FLIPS, half_turn
 from driver.diagnosis.noise_causes import BOUNDARY_NOISE, NOISE_NOT_UNIFORM
 from driver.experiment import arrange
-from driver.identification.data import reweighted
+from driver.identification.image_data import reweighted
 from driver.model import declared_parameters
 from solver_adapters.material import MATERIAL_DECLARATIONS
 from tests.driver import closed_form

@@ -23,7 +23,8 @@ from driver.diagnosis.score import effects_of
 from driver.diagnosis.screening import screened
 from driver.diagnosis.variance_component import Component
 from driver.identification.boundary_jitter import boundary_jitter, stops_of, unit_elongation
-from driver.identification.fit import Evaluation, Fit, Objective
+from driver.identification.fit import Fit
+from driver.identification.objective import Evaluation, Objective
 from driver.model import ForwardModel, Values
 from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import Simulation

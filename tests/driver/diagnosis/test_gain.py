@@ -12,7 +12,8 @@ from driver.diagnosis.causes import Cause
 from driver.diagnosis.gain import is_excess, log_evidence, share_explained
 from driver.diagnosis.refit import as_wide_as_found, with_prior
 from driver.diagnosis.score import score
-from driver.identification.fit import Evaluation, Objective, fit
+from driver.identification.fit import fit
+from driver.identification.objective import Evaluation, Objective
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import evaluation, formula
 

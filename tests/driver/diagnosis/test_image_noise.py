@@ -12,8 +12,9 @@ from driver.diagnosis.diagnose import diagnose
 from driver.diagnosis.examined import NotExamined
 from driver.diagnosis.image_noise import examine_noise, unevenness
 from driver.diagnosis.outcome import Diagnosis, Settings
-from driver.identification.data import reweighted
-from driver.identification.fit import Fit, Objective
+from driver.identification.fit import Fit
+from driver.identification.image_data import reweighted
+from driver.identification.objective import Objective
 from tests.driver import closed_form
 
 FloatArray = NDArray[np.float64]

@@ -12,7 +12,7 @@ from scipy.stats import kstest
 
 from driver.diagnosis.loads import bad_loads, load_noise
 from driver.identification.data import Data
-from driver.identification.fit import Evaluation
+from driver.identification.objective import Evaluation
 from tests.driver.analytic import evaluation
 
 FloatArray = NDArray[np.float64]

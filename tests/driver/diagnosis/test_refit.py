@@ -18,7 +18,8 @@ from driver.diagnosis.refit import (
     with_prior,
 )
 from driver.diagnosis.score import Score, score
-from driver.identification.fit import Evaluation, Fit, Objective, fit
+from driver.identification.fit import Fit, fit
+from driver.identification.objective import Evaluation, Objective
 from solver_adapters.parameter import Parameter
 from tests.driver import closed_form
 from tests.driver.analytic import formula

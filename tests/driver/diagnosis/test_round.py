@@ -9,7 +9,8 @@ from driver.diagnosis.omnibus import FAMILY_LEVEL
 from driver.diagnosis.outcome import Settings
 from driver.diagnosis.round import WORTH, examine, to_refit
 from driver.diagnosis.score import Score
-from driver.identification.fit import Fit, Objective
+from driver.identification.fit import Fit
+from driver.identification.objective import Objective
 from tests.driver import closed_form
 
 BENCH = closed_form.bench()

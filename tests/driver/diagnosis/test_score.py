@@ -9,7 +9,7 @@ from scipy.stats import kstest, multivariate_normal
 
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.score import Score, likeness, prior_scaled, score
-from driver.identification.fit import Evaluation
+from driver.identification.objective import Evaluation
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import evaluation
 

@@ -17,7 +17,8 @@ from driver.identification.boundary_jitter import (
     unit_elongation,
 )
 from driver.identification.data import Data
-from driver.identification.fit import Objective, fit
+from driver.identification.fit import fit
+from driver.identification.objective import Objective
 from driver.model import ForwardModel
 from solver_adapters.interface import Simulation
 from tests.driver import closed_form
@@ -93,7 +94,7 @@ def test_the_answer_to_a_stop_is_the_derivative_of_the_simulation(stop: int) -> 
     np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max())
     motion = (above.displacement - below.displacement) / (2 * h)
     look = BENCH.model.predict(BENCH.truth).look
-    z = plain().data.image.sensitivity(motion[None], look.value)[0]
+    z = plain().data.image.sensitivity(motion[None], look.value, np.arange(len(motion)))[0]
     np.testing.assert_allclose(jitter().image[stop] / SIGMA_E, z, atol=2e-3 * np.abs(z).max())
 
 

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from driver.dic.basis import grid_basis
 from driver.dic.interpolation import spline_images
 from driver.dic.surface_images import SurfaceImages
-from driver.identification.data import Data, Gauge, build_image_data
-from driver.identification.fit import Correction
+from driver.identification.data import Data
+from driver.identification.image_data import Gauge, build_image_data
+from driver.identification.lacking import lacking_pixels
+from driver.identification.objective import Correction
 from driver.identification.procedure import with_correction
 from tests.driver import closed_form
 from tests.driver.closed_form import BOUNDS, ORIGIN, PIXEL, SHAPE
@@ -173,10 +175,42 @@ def test_a_turn_is_seen_unless_the_gauge_takes_it() -> None:
     assert np.abs(still("rigid").residual(turned, np.zeros(T))[0]).max() < 0.1
 
 
+def holed() -> Data:
+    """Frames without noise or motion, of which two lack a patch of the face."""
+    own = still()
+    frames = own.image.images.frames
+    coefficients = frames.coefficients.copy()
+    coefficients[1:5:3, 12:19, 24:38] = np.nan
+    images = replace(own.image.images, frames=replace(frames, coefficients=coefficients))
+    lacking = lacking_pixels(images, unmoved())
+    return replace(own, image=replace(own.image, images=images, lacking=lacking))
+
+
+def test_frames_with_a_gap_lack_its_pixels_and_the_others_none() -> None:
+    lacking = holed().image.lacking
+    assert lacking is not None
+    # The patch, and around it what a cubic spline reaches half a pixel away.
+    assert set(lacking.sum(axis=1)) == {0, 11 * 18}
+    assert np.flatnonzero(lacking.any(axis=1)).tolist() == [1, 4]
+    assert lacking_pixels(still().image.images, unmoved()) is None
+
+
+def test_the_misfit_does_not_jump_where_a_motion_carries_pixels_over_the_rim_of_a_gap() -> None:
+    own = holed().images_alone()
+    along = 0.4 * PIXEL * np.linspace(0, 1, 80)
+    motions = [unmoved() + x * (own.image.images.xy[:, :1] > 0.5) * [1.0, 1, 0] for x in along]
+    seen = np.array([own.residual(motion, np.zeros(T))[0] for motion in motions])
+    steps = np.linalg.norm(np.diff(seen, axis=0), axis=1)
+    assert steps.max() < 1.5 * np.median(steps)
+
+
+@pytest.mark.parametrize("data_of", [still, holed])
 @pytest.mark.parametrize("component", [0, 1, 2])
-def test_the_sensitivity_is_the_change_of_the_residual(component: int) -> None:
+def test_the_sensitivity_is_the_change_of_the_residual(
+    component: int, data_of: Callable[[], Data]
+) -> None:
     """On images without noise, to the error of the spline's gradient."""
-    own = still().images_alone()
+    own = data_of().images_alone()
     model = BENCH.model
     look = model.view.look(model.view.surface.points, BENCH.truth)
     X, Y = model.view.surface.points.T
@@ -185,8 +219,9 @@ def test_the_sensitivity_is_the_change_of_the_residual(component: int) -> None:
     at_pixels = np.einsum("pn,tnc->tpc", look.value.toarray(), field)
     step = 1e-5
     above, below = (own.residual(s * step * at_pixels, np.zeros(T))[0] for s in (1, -1))
-    z = own.image.sensitivity(field[None], look.value)
-    np.testing.assert_allclose(own.image.pixel_sensitivity(at_pixels), z[0], atol=1e-9)
+    z = own.image.sensitivity(field[None], look.value, np.arange(T))
+    of_pixels = own.image.pixel_sensitivity(at_pixels, np.arange(T))
+    np.testing.assert_allclose(of_pixels, z[0], atol=1e-9)
     # (I + 11ᵀ/n)^(−1/2) over the frames, from its eigenvalues 1 and 1 + T/n.
     mean = z[0].mean(axis=0)
     whitened = (z[0] - mean + mean / np.sqrt(1 + T / N_REFERENCE)).ravel()

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from driver.identification.data import Data
-from driver.identification.fit import Objective
 from driver.identification.no_images import no_images
+from driver.identification.objective import Objective
 from driver.model import declared_parameters
 from tests.driver import closed_form
 from tests.driver.closed_form import KNOTS, LOAD_NOISE

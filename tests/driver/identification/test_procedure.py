@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from driver.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.history import knot_weights
 from driver.identification.data import Data
-from driver.identification.fit import Correction, Fit, fit
+from driver.identification.fit import Fit, fit
+from driver.identification.objective import Correction
 from driver.identification.procedure import (
     Identification,
     Plan,

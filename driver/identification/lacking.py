@@ -1,0 +1,35 @@
+"""The pixels that a frame lacks: one set for each, wherever a prediction moves them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.dic.surface_images import SurfaceImages
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+REACH = 0.5  # px about its measured place within which a pixel must have a height
+
+
+def lacking_pixels(images: SurfaceImages, motion: FloatArray) -> BoolArray | None:
+    """Which pixels say nothing in which frame.
+
+    A set that hung on the prediction would change by whole pixels as parameters change, and the
+    misfit would jump.
+
+    Args:
+        images: the series.
+        motion: measured motion at the pixels [µm], shape (T, n_pix, 3).
+
+    Returns:
+        Shape (T, n_pix), None where no frame lacks any.
+    """
+    reach = REACH * images.pixel
+    corners = [np.array([x, y, 0.0]) for x in (-reach, reach) for y in (-reach, reach)]
+    found = np.zeros(motion.shape[:2], dtype=bool)
+    for t, field in enumerate(motion):
+        for corner in corners:
+            found[t] |= np.isnan(images.residual((field + corner)[None], np.array([t]))[0])
+    return found if found.any() else None
