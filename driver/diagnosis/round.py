@@ -25,6 +25,7 @@ LARGE = 3.0  # χ_F beyond which a score names a cause no better than chance
 FAR_TURN = 3.0  # prior scales of a lattice rotation that a slip of the hand does not explain
 ENOUGH = 0.9  # share of the excess that the best cause has to explain
 _STRAIGHT = 0.5  # of a log evidence, by which score and refit may differ
+_RIVAL = 0.75  # of the log evidence of the best score, with which a cause is refitted in any case
 _HOPEFUL = 0.5  # of what the best gains, that a score or a first step has to promise
 
 
@@ -184,12 +185,15 @@ def to_refit(tried: Sequence[Score], most: int) -> list[Score]:
 
     Args:
         tried: scores, best log evidence first.
-        most: largest number of either.
+        most: largest number of either, close rivals of the best aside.
     """
-    seen = [s for s in tried if s.p < FAMILY_LEVEL][:most]
+    seen = [s for s in tried if s.p < FAMILY_LEVEL]
     if not seen:
         return []
-    bar = _HOPEFUL * tried[0].log_evidence
+    best = tried[0].log_evidence
+    # Refits come in another order than scores that differ by less than refit and score do.
+    seen = [s for k, s in enumerate(seen) if k < most or s.log_evidence > _RIVAL * best]
+    bar = _HOPEFUL * best
     if all(s.log_evidence <= bar for s in seen):
         return seen  # they are of no size that anyone expects, and vouch for no other
     return [s for s in tried if s in seen or (s in tried[:most] and s.log_evidence > bar)]

@@ -42,6 +42,12 @@ def test_a_cause_that_promises_as_much_as_the_seen_one_is_refitted_with_it() -> 
     assert to_refit([best, near, far], 5) == []  # where nothing is seen nothing is refitted
 
 
+def test_close_rivals_of_the_best_are_refitted_however_many_they_are() -> None:
+    tried = [scored(1e-9, evidence) for evidence in (40.0, 34, 33, 32, 31, 29, 12)]
+    assert to_refit(tried, 2) == tried[:5]
+    assert to_refit(tried, 6) == tried[:6]
+
+
 def test_a_significant_cause_without_evidence_opens_the_door_for_no_other() -> None:
     best, near, odd = (scored(*of) for of in ((0.4, 1.6), (0.5, 1.2), (0.004, 0.01)))
     assert to_refit([best, near, odd], 5) == [odd]
