@@ -12,13 +12,20 @@ import argparse
 import json
 import shutil
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 
 from driver import pipeline
+from driver.boundary import LAMBDAS
+from driver.case import load_case
+from driver.diagnosis.screening import screened
 from driver.history import knot_weights, read_history
+from driver.identify_stage import load_workbench
 from driver.results import read_hdf5
+from driver.stages import RESULTS, StageContext
 
 ALPHA = Path(__file__).parents[1] / "examples" / "alpha"
 TRUTH = {
@@ -39,6 +46,7 @@ def main() -> None:
         shutil.copytree(ALPHA, case.parent, ignore=shutil.ignore_patterns("results"))
         pipeline.run(case, "measure" if quick else "report", False, print)
         measured(case)
+        screening(case)
         if not quick:
             found(case)
 
@@ -55,6 +63,32 @@ def measured(case: Path) -> None:
         f"elongation rms error [nm] = {1e3 * np.sqrt(np.mean(error**2)):.1f} "
         f"(goal: <= its sigma {1e3 * float(results['elongation_sigma']):.1f})"
     )
+
+
+def screening(case: Path) -> None:
+    """What the sensitivities of all causes cost, in simulations without any."""
+    results = case.parent / RESULTS
+    context = StageContext(load_case(case), case, results, results, lambda line: None)
+    bench = load_workbench(context)
+    free = (*LAMBDAS, *bench.knots, *bench.law)
+    _, names = screened(bench.working, free, None)
+    bench.working.predict(bench.start)  # kernels are loaded by the first one
+    plain = min(cpu_of(lambda: bench.working.predict(bench.start)) for _ in range(3))
+    fitted = cpu_of(lambda: bench.working.predict(bench.start, free))
+    every = cpu_of(lambda: bench.working.predict(bench.start, names))
+    print(f"a simulation [CPU-s] = {plain:.2f}")
+    print(f"the same with {len(free)} fitted parameters [simulations] = {fitted / plain:.2f}")
+    print(
+        f"screening among all causes, {len(names)} parameters [simulations] = "
+        f"{every / plain:.2f} (goal: <= 2.5)"
+    )
+
+
+def cpu_of(work: Callable[[], object]) -> float:
+    """CPU time of this process [s]."""
+    begin = process_time()
+    work()
+    return process_time() - begin
 
 
 def found(case: Path) -> None:
