@@ -29,9 +29,6 @@ class _Nothing:
     def restrict(self, rows: Sequence[int]) -> _Nothing:
         return self
 
-    def in_steps_of(self, response: Response, values: Mapping[str, float]) -> _Nothing:
-        return self
-
 
 _NOTHING = cast(Any, _Nothing())
 
@@ -77,6 +74,10 @@ class Formula(Objective):
     measured: FloatArray = field(kw_only=True)
     curve: Curve = field(kw_only=True)
     tried: list[dict[str, float]] = field(default_factory=list)
+
+    def in_steps_of(self, here: Evaluation) -> Formula:
+        """A formula takes no time steps."""
+        return self
 
     def evaluate(self, values: Mapping[str, float], free: Sequence[str]) -> Evaluation:
         """Residual and Jacobian with respect to θ of the free parameters."""
