@@ -169,6 +169,22 @@ def test_the_load_is_that_of_the_image_after_its_hold_and_a_lag_reads_another(
     np.testing.assert_allclose(early.surface, prompt.surface, atol=1e-12)
 
 
+def test_in_the_steps_of_a_response_other_parameters_take_the_same_steps(
+    model: ForwardModel, values: dict[str, float]
+) -> None:
+    """Steps that refine themselves follow the clock of holds that last longer."""
+    refined = replace(model, accuracy=1.0)
+    response = refined.predict(values).response
+    other = values | {"tau0": 1.1 * values["tau0"], "hold_time": 3.0}
+    held = refined.in_steps_of(response, values)
+    simulation = held.simulation(other)
+    assert simulation.accuracy is None and simulation.steps is not None
+    ends = np.interp(response.ends, refined.clock(values), refined.clock(other))
+    np.testing.assert_allclose(simulation.steps, ends, rtol=1e-12)
+    assert held.predict(other).response.steps == response.steps > len(model.times) - 1
+    assert model.in_steps_of(response, values) is model  # its steps are as given
+
+
 def test_nulls_are_those_of_the_declarations_but_for_the_constants_of_the_case(
     model: ForwardModel,
 ) -> None:
