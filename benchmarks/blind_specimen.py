@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 
 from driver.boundary import elongation_names, tilt_names
 from driver.case import Case
-from driver.case_tables.loading import LambdaStart
-from driver.case_tables.solver import Solver
 from driver.history import History, turning_points
 from driver.specimen import adapter_of, build_model, mesh_of
 from driver.virtual_course import Course, course_of, refuse_unknown
 from solver_adapters.interface import Simulation
 from tests.driver.virtual_experiment import small_case
+from tests.driver.virtual_experiment import true_case as as_it_is
 
 FloatArray = NDArray[np.float64]
 Change = Callable[[Simulation, History], Simulation]
@@ -49,18 +48,7 @@ def known_case() -> Case:
 
 def true_case() -> Case:
     """The specimen as it is: another law, other apex amplitudes, finer mesh and steps."""
-    case = known_case()
-    mesh = {"mesh_size_um": 0.9, "fine_mesh_size_um": 0.8}
-    law = {"tau0_MPa": 25.0, "c_MPa": 44e3, "d": 1140.0}
-    amplitudes = LambdaStart(plus_Y=0.81, plus_Z=1.02, minus_Y=0.98, minus_Z=1.02)
-    return case.model_copy(
-        update={
-            "specimen": case.specimen.model_copy(update=mesh),
-            "material": case.material.model_copy(update=law),
-            "boundary": case.boundary.model_copy(update={"lambda_start": amplitudes}),
-            "solver": Solver(steps_per_interval=3),
-        }
-    )
+    return as_it_is(known_case())
 
 
 def stage_history() -> History:

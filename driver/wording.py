@@ -52,6 +52,11 @@ _LABELS = {
     "discretisation": "share of the finer-minus-working difference",
 }
 _CAUSES = {
+    "non_schmid": "non-Schmid stress",
+    "hold_time": "length of the holds",
+    "lattice_gradient_grain1": "lattice gradient in grain 1",
+    "lattice_gradient_grain2": "lattice gradient in grain 2",
+    "noise_not_uniform": "uneven noise of the images",
     "family_112": "{112} family",
     "misorientation_grain1": "misorientation of grain 1",
     "misorientation_grain2": "misorientation of grain 2",

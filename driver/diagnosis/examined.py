@@ -43,21 +43,8 @@ def not_examined(
         wanted: names of the causes to try, None for all.
         own: causes beside the library.
     """
-    left: list[NotExamined] = []
-    for cause in (*LIBRARY, *own):
-        if wanted is not None and cause.name not in wanted:
-            continue
-        absent = [name for name in cause.parameters if name not in specimen]
-        refused = [name for name in cause.parameters if name not in solver]
-        free = [name for name in cause.parameters if name in fitted]
-        if absent:
-            why = _ABSENT.get(absent[0], f"the specimen has no {absent[0]}")
-            left.append(NotExamined(cause.name, why))
-        elif refused:
-            left.append(NotExamined(cause.name, f"the solver cannot honour {refused[0]}"))
-        elif free:
-            left.append(NotExamined(cause.name, f"{free[0]} is fitted in the baseline"))
-    return tuple(left)
+    reasons = [(cause, _why_not(cause, specimen, solver, fitted)) for cause in _asked(wanted, own)]
+    return tuple(NotExamined(cause.name, why) for cause, why in reasons if why)
 
 
 def causes_of(
@@ -75,9 +62,25 @@ def causes_of(
         own: causes beside the library.
     """
     return tuple(
-        cause
-        for cause in (*LIBRARY, *own)
-        if set(cause.parameters) <= set(known)
-        and not set(cause.parameters) & set(fitted)
-        and (wanted is None or cause.name in wanted)
+        cause for cause in _asked(wanted, own) if not _why_not(cause, known, known, fitted)
     )
+
+
+def _asked(wanted: Sequence[str] | None, own: Sequence[Cause]) -> list[Cause]:
+    return [cause for cause in (*LIBRARY, *own) if wanted is None or cause.name in wanted]
+
+
+def _why_not(
+    cause: Cause, specimen: Collection[str], solver: Collection[str], fitted: Collection[str]
+) -> str:
+    """Why a cause cannot be tried, empty where it can."""
+    for name in cause.parameters:
+        if name not in specimen:
+            return _ABSENT.get(name, f"the specimen has no {name}")
+    for name in cause.parameters:
+        if name not in solver:
+            return f"the solver cannot honour {name}"
+    for name in cause.parameters:
+        if name in fitted:
+            return f"{name} is fitted in the baseline"
+    return ""

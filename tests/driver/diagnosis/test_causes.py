@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from driver.diagnosis.causes import LIBRARY, NUMERICS
+from driver.diagnosis.causes import LIBRARY, NUMERICS, Cause
 from driver.diagnosis.examined import causes_of, not_examined
 from driver.model import declared_parameters
 
@@ -11,7 +11,7 @@ NAMES = [cause.name for cause in LIBRARY]
 
 
 @pytest.mark.parametrize("cause", LIBRARY, ids=NAMES)
-def test_a_cause_names_parameters_of_the_general_model(cause) -> None:  # type: ignore[no-untyped-def]
+def test_a_cause_names_parameters_of_the_general_model(cause: Cause) -> None:
     named = (*cause.parameters, *cause.companions)
     assert cause.parameters and set(named) <= set(DECLARED)
     assert len(set(named)) == len(named)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from driver.diagnosis.causes import Cause
 from driver.diagnosis.ebsd_flips import FLIPS, disorientation, flips_of, half_turn
 from solver_adapters.crystal import bunge_matrix, rotation_vector_matrix, schmid_tensors
 from solver_adapters.interface import FloatArray
@@ -24,7 +25,9 @@ def schmid_set(orientation: FloatArray) -> set[tuple[float, ...]]:
 
 
 @pytest.mark.parametrize("flip", FLIPS, ids=lambda flip: flip.name)
-def test_a_flip_is_a_half_turn_and_a_mirrored_frame_slips_on_the_same_systems(flip) -> None:  # type: ignore[no-untyped-def]
+def test_a_flip_is_a_half_turn_and_a_mirrored_frame_slips_on_the_same_systems(
+    flip: Cause,
+) -> None:
     turn = half_turn((flip,))
     np.testing.assert_array_equal(turn @ turn, np.eye(3))
     assert np.linalg.det(turn) == pytest.approx(1.0) and np.trace(turn) == -1.0

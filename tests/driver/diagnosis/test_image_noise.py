@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -47,8 +48,8 @@ def uneven(kind: str) -> FloatArray:
 def baseline(
     kind: str, hidden: str = "", size: float = 0.0, seed: int = 0
 ) -> tuple[Objective, Fit]:
-    def noisy(*args: object) -> tuple[FloatArray, FloatArray]:
-        frames, repeats = RECORD(*args)  # type: ignore[arg-type]
+    def noisy(*args: Any) -> tuple[FloatArray, FloatArray]:
+        frames, repeats = RECORD(*args)
         if kind == "even":
             return frames, repeats
         rng, more = np.random.default_rng(31 + seed), np.sqrt(uneven(kind) ** 2 - 1.0)

@@ -139,15 +139,7 @@ def _check(simulation: Simulation, expected_cuts: Callable[[int], bool]) -> None
             if value == 0.0 and direction.name in NOT_NEGATIVE:
                 _compare(response, k, direction.name, _forward(simulation, direction, step))
                 continue
-        high, low = (
-            BundledAdapter().solve(_moved(simulation, direction, sign * step)) for sign in (1, -1)
-        )
-        assert high.steps == low.steps == response.steps
-        slope = (
-            (high.force - low.force) / (2 * step),
-            (high.displacement - low.displacement) / (2 * step),
-        )
-        _compare(response, k, direction.name, slope)
+        _compare(response, k, direction.name, _central(simulation, direction, step, response))
 
 
 def _forward(simulation: Simulation, direction: Direction, step: float) -> tuple[FloatArray, ...]:
@@ -157,6 +149,20 @@ def _forward(simulation: Simulation, direction: Direction, step: float) -> tuple
     weights = (-1.5 / step, 2.0 / step, -0.5 / step)
     pairs = [(w * run.force, w * run.displacement) for w, run in zip(weights, runs, strict=True)]
     return tuple(sum(parts[1:], parts[0]) for parts in zip(*pairs, strict=True))
+
+
+def _central(
+    simulation: Simulation, direction: Direction, step: float, response: Response
+) -> tuple[FloatArray, FloatArray]:
+    """Central differences of force and displacement along a direction, in the same steps."""
+    high, low = (
+        BundledAdapter().solve(_moved(simulation, direction, sign * step)) for sign in (1, -1)
+    )
+    assert high.steps == low.steps == response.steps
+    return (
+        (high.force - low.force) / (2 * step),
+        (high.displacement - low.displacement) / (2 * step),
+    )
 
 
 def _compare(response: Response, k: int, name: str, slope: tuple[FloatArray, ...]) -> None:
@@ -203,14 +209,7 @@ def test_derivatives_of_a_mesh_of_wedges_are_difference_quotients(measure: Strai
     )
     response = BundledAdapter().solve(replace(simulation, directions=directions))
     for k, (direction, step) in enumerate(zip(directions, (1e-3, 1e-5, 1e-5, 1e-5), strict=True)):
-        high, low = (
-            BundledAdapter().solve(_moved(simulation, direction, sign * step)) for sign in (1, -1)
-        )
-        slope = (
-            (high.force - low.force) / (2 * step),
-            (high.displacement - low.displacement) / (2 * step),
-        )
-        _compare(response, k, direction.name, slope)
+        _compare(response, k, direction.name, _central(simulation, direction, step, response))
 
 
 @SCHEMES
@@ -237,14 +236,7 @@ def test_derivatives_with_latent_hardening_alone_are_difference_quotients(
     response = BundledAdapter().solve(replace(simulation, directions=directions))
     for k, direction in enumerate(directions):
         step = MATERIAL_STEP * getattr(simulation.material, direction.name)
-        high, low = (
-            BundledAdapter().solve(_moved(simulation, direction, sign * step)) for sign in (1, -1)
-        )
-        slope = (
-            (high.force - low.force) / (2 * step),
-            (high.displacement - low.displacement) / (2 * step),
-        )
-        _compare(response, k, direction.name, slope)
+        _compare(response, k, direction.name, _central(simulation, direction, step, response))
 
 
 def test_asking_for_derivatives_does_not_change_the_answer() -> None:
