@@ -67,11 +67,15 @@ def print_figures(lines: Sequence[Record]) -> None:
     if held:
         print(f"held-out chi_F of library truths, mean = {mean(held):.2f} (goal: <= 1.3)")
         show_share("held-out chi_F <= 1.3 [%]", [h <= 1.3 for h in held], "100")
+    elastic = [x for x in kinds["known"] if not x["trial"]["companions"]]
+    of_Q = [x for x in kinds["known"] if x["trial"]["companions"]]
     with_30, with_d = (
-        [x for x in kinds["known"] if (dict(x["trial"]["companions"])["b"] == 30.0) == is_30]
+        [x for x in of_Q if (dict(x["trial"]["companions"])["b"] == 30.0) == is_30]
         for is_30 in (True, False)
     )
     show_share("Q with b = 30: named [%]", [_named_alone(line) for line in with_30], "100")
+    not_apart = [_in_a_set(x) for x in elastic]
+    show_share("load gain against elastic scale: not told apart [%]", not_apart, "100")
     show_share("Q with b = d: not told apart [%]", [_in_a_set(x) for x in with_d], "100")
     for kind, goal in (*((kind, 6) for kind in SILENT), *((k, 25) for k in LOUD)):
         times = [line["cpu"] for line in _of(ran, kind)]

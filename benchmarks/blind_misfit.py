@@ -11,26 +11,43 @@ from driver.diagnosis.causes import Cause
 from driver.diagnosis.score import prior_scaled, score
 from driver.virtual_course import Course
 
+OF_THE_MESH = 3.0
+"""What the fit of an experiment without an effect leaves of the finer mesh and steps [σ]."""
 
-def left_of(path: Path, course: Course, cause: Cause) -> float:
-    """Projected misfit of a cause in an experiment that has been identified [σ].
 
-    It is the noncentrality of the score of the cause: of the residual of the fit the part that is
-    not noise and looks like the cause. The nonlinear fit may take more of an effect than the ruler
-    thinks, and what the finer mesh makes of it is missing in a correction without it.
+def left_of(path: Path, course: Course, causes: tuple[Cause, ...]) -> tuple[float, list[float]]:
+    """Projected misfit of an experiment that has been identified, and of each of some causes [σ].
+
+    Of the residual of the fit the part that is not noise: of the whole effect that along what
+    happened less what was predicted, of a cause that which looks like it, the noncentrality of
+    its score. The nonlinear fit may take more of an effect than the ruler thinks, and images
+    answer to a large one less than in proportion.
 
     Args:
         path: the case.
         course: what happened.
-        cause: the cause.
+        causes: the causes.
+
+    Returns:
+        The misfit without what the finer mesh makes of it, and that of each cause.
     """
     objective, values, free = identified(path)
-    wide = objective.evaluate(values, (*free, *cause.parameters))
+    names = [name for cause in causes for name in cause.parameters]
+    wide = objective.evaluate(values, tuple(dict.fromkeys([*free, *names])))
     here = objective.restrict(wide, free)
-    known = objective.parameters
-    effect = prior_scaled(wide.jacobian[len(free) :], cause.parameters, known)
-    xy = objective.data.image.images.xy
-    noise = objective.data.residual(motion_at(course, xy), course.load)[0]
-    directions = score(cause, effect, here, 1).directions
-    # They are perpendicular to all that the fit can take, priors aside.
-    return float(np.linalg.norm(directions @ (here.residual - noise)))
+    data, known = objective.data, objective.parameters
+    true = motion_at(course, data.image.images.xy)
+    excess = here.residual - data.residual(true, course.load)[0]
+    missed = data.change(true - here.motion, course.load - here.load)
+    J = here.jacobian
+    along = missed - J.T @ np.linalg.solve(here.hessian, J @ missed)
+    seen = float(along @ excess / np.linalg.norm(along))
+    whole = float(np.sqrt(max(seen**2 - OF_THE_MESH**2, 0.0)))
+    each = []
+    for cause in causes:
+        rows = [wide.free.index(name) for name in cause.parameters]
+        effect = prior_scaled(wide.jacobian[rows], cause.parameters, known)
+        # Its directions are perpendicular to all that the fit can take, priors aside.
+        directions = score(cause, effect, here, 1).directions
+        each.append(float(np.linalg.norm(directions @ excess)))
+    return whole, each

@@ -16,11 +16,14 @@ LOW, HIGH = 10.0, 15.0  # projected misfit by the ruler [σ]; an experiment may 
 ENOUGH = 6.5  # σ, from which on a cause is hidden several times
 REPEATS = 4
 PAIR_LEVEL = 10.0
-OUTSIDE_LEVELS = (9.5, 12.0)  # met within a seventh; a soft slice has no more than 14
+OUTSIDE_LEVELS = (14.0, 22.0)  # by the ruler, where the effect can be as large
+OUTSIDE_EFFECTS = ("soft_slice", "notch", "creep", "lens", "blister", "slip_band")
 LOAD_NOISE_RATIOS = (0.7, 1.3)  # true over stated
 JITTER_NM = (0.3, 1.0)
 AUTOCORRELATIONS = (0.4, 0.7)
-NULLS, PAIRS, OUTSIDES, DISTURBED = 1000, 32, 36, 30
+NULLS, PAIRS, OUTSIDES, DISTURBED, KNOWN = 1000, 32, 36, 30, 4
+ELASTIC, ELASTIC_LEVEL = ("load_gain", "elastic_stiffness"), 7.0
+"""Of both no more than 3 σ within the prior: they are hidden in sizes that nobody expects."""
 
 
 @dataclass(frozen=True)
@@ -95,15 +98,17 @@ def plan(
         first, second = (str(n) for n in rng.choice(for_pairs, 2, replace=False))
         if second not in alike[first]:
             add("pair", (first, second), PAIR_LEVEL, (towards[first], towards[second]))
-    effects = ("soft_slice", "notch", "creep", "lens")
     for k in range(OUTSIDES):
-        add("outside", (effects[k % 4],), OUTSIDE_LEVELS[k // 4 % 2])
+        turn, effect = divmod(k, len(OUTSIDE_EFFECTS))
+        add("outside", (OUTSIDE_EFFECTS[effect],), OUTSIDE_LEVELS[turn % 2])
     for k in range(DISTURBED):
         add("noise level", (), LOAD_NOISE_RATIOS[k % 2])
         add("jitter", (), JITTER_NM[k % 2])
         add("AR(1)", (), AUTOCORRELATIONS[k % 2])
+    for k in range(KNOWN if {*ELASTIC} <= {*causes} else 0):
+        add("known", (ELASTIC[k % 2],), ELASTIC_LEVEL, ((1.0,),))
     if "isotropic_hardening" in causes:
-        for _ in range(2):
+        for _ in range(KNOWN // 2):
             for b in (hardening_d, 30.0):
                 add("known", ("isotropic_hardening",), 12.0, ((1.0,),), (("b", b),))
     for trials in groups.values():

@@ -17,11 +17,11 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.blind_specimen import PER_SIGMA, known_case, null_values, outside, pulled
+from benchmarks.blind_specimen import LARGEST, PER_SIGMA, known_case, null_values, outside, pulled
 from benchmarks.blind_store import kept
 from driver.case import load_case
 from driver.diagnosis.causes import Cause
-from driver.diagnosis.score import Score, likeness
+from driver.diagnosis.score import Score, effects_of, likeness
 from driver.diagnosis.screening import screen, screened
 from driver.errors import InputError
 from driver.identification.fit import Fit
@@ -101,12 +101,13 @@ class Ruler:
         return self._left_of(np.asarray(step))
 
     def reach(self, cause: Cause, direction: FloatArray) -> float:
-        """The largest effect along a direction, to first order [σ]."""
-        return self.largest(cause, direction) * self.length(cause, direction)
+        """The largest effect along a direction within the prior, to first order [σ]."""
+        most = min(MOST_SCALES, self.largest(cause, direction))
+        return most * self.length(cause, direction)
 
     def largest(self, cause: Cause, direction: FloatArray) -> float:
-        """How many prior scales along a direction are allowed, by bounds and by the prior."""
-        nulls, most = null_values(), MOST_SCALES
+        """How many prior scales along a direction the bounds allow."""
+        nulls, most = null_values(), np.inf
         for name, share in zip(cause.parameters, direction, strict=True):
             p = self.objective.parameters[name]
             bound = p.upper if share > 0 else p.lower
@@ -123,7 +124,8 @@ class Ruler:
     @cached_property
     def _scores(self) -> dict[str, Score]:
         baseline = Fit(self.here, True, "", ())
-        scores = screen(baseline, self.objective, self.causes, self.wide)
+        effects = effects_of(self.causes, self.wide, self.objective.parameters)
+        scores = screen(baseline, self.objective, self.causes, effects)
         return {score.cause.name: score for score in scores}
 
     @cached_property
@@ -236,11 +238,11 @@ def sized(
 
 def truth_of_cause(
     cache: Path, cause: Cause, direction: FloatArray, level: float,
-    companions: Mapping[str, float],
+    companions: Mapping[str, float], most: float,
 ) -> Truth:  # fmt: skip
     """A cause of the library, along a direction in prior scales.
 
-    Where that is not enough it is as large as it may be.
+    Where `most` prior scales are not enough it is as large as it may be.
     """
     measure = ruler(cache)
 
@@ -251,7 +253,7 @@ def truth_of_cause(
     start = level / max(measure.length(cause, direction), 1e-9)
     told = json.dumps([direction.tolist(), dict(companions)])
     name = f"{cause.name}_{hashlib.sha256(told.encode()).hexdigest()[:8]}"
-    most = measure.largest(cause, direction)
+    most = min(most, measure.largest(cause, direction))
     return sized(cache, name, level, start, make, cause.name, most)
 
 
@@ -263,6 +265,7 @@ def truth_outside(cache: Path, effect: str, level: float) -> Truth:
         level,
         level * PER_SIGMA[effect],
         lambda a: (outside(effect, a), {"amplitude": a}),
+        most=LARGEST.get(effect, np.inf),
     )
 
 

@@ -29,8 +29,13 @@ CYCLES = ((8, 2), (8, 2))  # images during loading and unloading
 MOVE, SECONDS = 5.0, 15.0  # stage travel [µm] and time from one image to the next
 ELONGATION = (0.045, 0.039, 0.090, 0.083)  # at the turning points [µm]
 TILT_SHARE = 0.25
-PER_SIGMA = {"soft_slice": 0.25, "notch": 0.07, "creep": 0.75, "lens": 0.48}
+PER_SIGMA = {
+    "soft_slice": 0.30, "notch": 0.065, "creep": 0.70, "lens": 0.48, "blister": 0.5,
+    "slip_band": 0.5,
+}  # fmt: skip
 """Effects of which the library knows nothing; each has one amplitude, so much for each σ."""
+LARGEST = {"soft_slice": 8.0, "notch": 2.0}
+"""Amplitudes beyond which an effect does not grow."""
 
 
 def known_case() -> Case:
@@ -131,8 +136,9 @@ def jittered(sigma: float, seed: int) -> Course:
 
 def outside(effect: str, amplitude: float) -> Course:
     """The test of a specimen with an effect of `PER_SIGMA`."""
-    if effect == "lens":
-        return _through_a_lens(pulled({}), amplitude)
+    shown = {"lens": _through_a_lens, "blister": _blistered, "slip_band": _slipped}
+    if effect in shown:
+        return shown[effect](pulled({}), amplitude)
     changes: dict[str, Callable[[Simulation, History, float], Simulation]] = {
         "soft_slice": _with_soft_slice, "notch": _notched, "creep": _creeping,
     }  # fmt: skip
@@ -187,4 +193,31 @@ def _through_a_lens(course: Course, amplitude: float) -> Course:
     motion = course.motion.copy()
     field = at * (at**2).sum(axis=1, keepdims=True)
     motion[..., :2] += amplitude * 2e-4 * grown[:, None, None] * field
+    return replace(course, motion=motion)
+
+
+def _blistered(course: Course, amplitude: float) -> Course:
+    """Dirt grows on a spot of the face, 1 µm wide: amplitude·10 nm at the end of the test."""
+    off = course.face.points - course.face.points.mean(axis=0) - np.array([0.5, 1.5])
+    bump = np.exp(-0.5 * (off**2).sum(axis=1))
+    motion = course.motion.copy()
+    motion[..., 2] += amplitude * 0.010 * np.linspace(0.0, 1.0, len(motion))[:, None] * bump
+    return replace(course, motion=motion)
+
+
+def _slipped(course: Course, amplitude: float) -> Course:
+    """A slip band crosses grain 1: amplitude·10 nm at the first peak, and as much after it.
+
+    What lies beyond it slides along it, and sinks by half of that.
+    """
+    at = course.face.points
+    along = np.array([np.sin(0.8), np.cos(0.8)])
+    across = np.array([along[1], -along[0]])
+    place = at.mean(axis=0) + np.array([0.0, -1.5])
+    side = 0.5 * (1.0 + np.tanh((at - place) @ across / 0.3))
+    grown = np.minimum(np.arange(len(course.motion)) / CYCLES[0][0], 1.0)
+    jump = amplitude * 0.010 * grown[:, None] * side
+    motion = course.motion.copy()
+    motion[..., :2] += jump[..., None] * along
+    motion[..., 2] -= 0.5 * jump
     return replace(course, motion=motion)

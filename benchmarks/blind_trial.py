@@ -28,7 +28,14 @@ from platformdirs import user_cache_path
 from benchmarks.blind_figures import SILENT, print_figures
 from benchmarks.blind_misfit import left_of
 from benchmarks.blind_plan import KINDS, Trial, aims, plan
-from benchmarks.blind_ruler import TooSmallError, Truth, ruler, truth_of_cause, truth_outside
+from benchmarks.blind_ruler import (
+    MOST_SCALES,
+    TooSmallError,
+    Truth,
+    ruler,
+    truth_of_cause,
+    truth_outside,
+)
 from benchmarks.blind_specimen import jittered, known_case, pulled, true_case
 from benchmarks.blind_store import Record, cache_folder, kept, of_program, program, read
 from driver.case import Case, load_case, write_case
@@ -168,8 +175,10 @@ def truth_of(trial: Trial, cache: Path) -> Truth:
         return Truth(kept(cache / "nothing.pickle", lambda: pulled({})), 0.0, {})
     if trial.kind == "outside":
         return truth_outside(cache, trial.truths[0], trial.level)
+    alongside = dict(trial.companions)
+    most = np.inf if trial.kind == "known" else MOST_SCALES
     each = [
-        truth_of_cause(cache, BY_NAME[name], np.array(aim), trial.level, dict(trial.companions))
+        truth_of_cause(cache, BY_NAME[name], np.array(aim), trial.level, alongside, most)
         for name, aim in zip(trial.truths, trial.directions, strict=True)
     ]
     if len(each) == 1:
@@ -186,15 +195,15 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
         stated = stated_by(trial, load_case(path))
         write_case(stated, path)
         run_stages(path, _chain(stated), "diagnose", report=_silent)
-        seen = [left_of(path, truth.course, BY_NAME[n]) for n in trial.truths if n in BY_NAME]
+        known = tuple(BY_NAME[n] for n in trial.truths if n in BY_NAME)
+        whole, seen = left_of(path, truth.course, known) if trial.truths else (0.0, [])
         found = json.loads((path.parent / "results" / "diagnosis.json").read_text("utf-8"))
     owner = {p: c.name for c in EVERY for p in c.parameters}
     added = list(dict.fromkeys(owner[p] for p in found["added"] if p in owner)) + found["flips"]
     first, last = found["steps"][0], found["steps"][-1]
     scores = {s["cause"]: s["statistic"] for s in first["causes"]}
     return {
-        # Of an effect outside the library the ruler alone says how large it is.
-        "misfit": min(seen, default=truth.misfit),
+        "misfit": min(seen, default=whole),
         "answer": " ".join([found["verdict"], *found["causes"]]),
         "verdict": found["verdict"],
         "said": found["causes"],

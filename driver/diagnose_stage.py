@@ -352,6 +352,7 @@ def _omnibus_record(tests: Omnibus) -> dict[str, Any]:
         "load_serial_p": tests.load_serial,
         "image_slow_p": tests.image_slow,
         "image_outlier_p": tests.image_outlier,
+        "together_p": tests.together,
         "accepted": tests.accepted,
     }
 

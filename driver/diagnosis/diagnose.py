@@ -16,7 +16,7 @@ from driver.diagnosis.ebsd_flips import flips_of
 from driver.diagnosis.elimination import eliminate
 from driver.diagnosis.examined import NotExamined, not_examined
 from driver.diagnosis.flip_trial import turned
-from driver.diagnosis.gain import log_evidence, share_explained
+from driver.diagnosis.gain import log_evidence, share_described, share_explained
 from driver.diagnosis.gate import gate
 from driver.diagnosis.held_out import HeldOut, HeldOutTask, knots_of_cycle, predict_held_out
 from driver.diagnosis.image_noise import with_uneven_noise
@@ -139,7 +139,7 @@ def diagnose(
         passed.words,
         {cause.name: cause.sentence for cause in every},
         {cause.name: cause.check for cause in every},
-        explained,
+        share_described(worse, here.best, steps[-1].omnibus.left),
     )
     if uneven is not None and uneven.named:
         verdict = with_uneven_noise(verdict)

@@ -31,6 +31,18 @@ def share_explained(before: Evaluation, after: Evaluation) -> float:
     return 1.0 - float(left[real].sum() / excess[real].sum())
 
 
+def share_described(before: Evaluation, after: Evaluation, left: float) -> float:
+    """Share of the misfit that is no noise that is gone, of 1.
+
+    Args:
+        before: the baseline, fitted under the covariance of the extended fit.
+        after: the extended fit.
+        left: misfit that the tests of what is left tell from noise [σ²].
+    """
+    gone = float(before.residual @ before.residual - after.residual @ after.residual)
+    return gone / (gone + left) if gone > 0 else 0.0
+
+
 def is_excess(at: Evaluation) -> bool:
     """Whether loads or images have a misfit beyond the scatter of noise."""
     excess, scatter = _excess(at)

@@ -3,17 +3,20 @@
 A model error is slow in time, noise is not. Each signal is therefore compared with itself: the
 power of its slow modes against that of its fast ones (F test), so that no error in the assumed
 noise level can raise a false alarm. The load is also tested for serial correlation, and each
-image against all others: what is wrong in one of them alone is neither slow nor serial.
+image against all others: what is wrong in one of them alone is neither slow nor serial. Last, all
+causes of the library are tested together: what none of them describes alone, some may together.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, f
 
+from driver.diagnosis.score import score_together
 from driver.identification.data import Data
 from driver.identification.objective import Evaluation
 
@@ -34,35 +37,52 @@ class Omnibus:
         load_serial: Ljung–Box test of the load.
         image_slow: slow against fast modes of the images.
         image_outlier: the image that stands out most against the others, times their number.
+        together: all causes of the library at once.
+        left: misfit above that of noise, as the slow modes or the causes together show it, the
+            most of them [σ²].
     """
 
     load_slow: float
     load_serial: float
     image_slow: float
     image_outlier: float
+    together: float
+    left: float
 
     @property
     def accepted(self) -> bool:
         """Whether nothing is left at a family-wise level of 1 %."""
-        tests = self.load_slow, self.load_serial, self.image_slow, self.image_outlier
+        tests = (
+            self.load_slow, self.load_serial, self.image_slow, self.image_outlier, self.together,
+        )  # fmt: skip
         return len(tests) * min(tests) > FAMILY_LEVEL
 
 
-def omnibus(fitted: Evaluation, data: Data) -> Omnibus:
+def omnibus(fitted: Evaluation, data: Data, effects: Sequence[FloatArray] = ()) -> Omnibus:
     """Test a fitted residual; what the fit has taken from it is counted exactly.
 
     The residual of a linear fit has the covariance I − BᵀB, B = L⁻¹J with LLᵀ the Hessian.
+
+    Args:
+        fitted: the fit.
+        data: the data.
+        effects: whitened sensitivities of the causes that could be added, shapes (k_c, n).
     """
     k = len(fitted.free)
     taken = np.linalg.solve(np.linalg.cholesky(fitted.hessian), fitted.jacobian)
     loads, of_loads = fitted.residual[: fitted.n_load], taken[:, : fitted.n_load]
     images = data.image_part(fitted.residual)
     of_images = taken[:, fitted.n_load :].reshape(k, *images.shape)
+    load_slow, in_loads = _slow_against_fast(loads[:, None], of_loads[..., None])
+    image_slow, in_images = _slow_against_fast(images, of_images)
+    together = score_together(effects, fitted, data.load_degrees)
     return Omnibus(
-        load_slow=_slow_against_fast(loads[:, None], of_loads[..., None]),
+        load_slow=load_slow,
         load_serial=_serial(loads, np.eye(loads.size) - of_loads.T @ of_loads),
-        image_slow=_slow_against_fast(images, of_images),
+        image_slow=image_slow,
         image_outlier=_outlier(images, of_images),
+        together=together.p,
+        left=max(in_loads, in_images, together.statistic - together.degrees, 0.0),
     )
 
 
@@ -73,8 +93,8 @@ def _modes(T: int, orders: NDArray[np.int64]) -> FloatArray:
     return np.asarray(modes)
 
 
-def _slow_against_fast(signal: FloatArray, taken: FloatArray) -> float:
-    """F test on a signal (T, n) from which a fit has taken (k, T, n)."""
+def _slow_against_fast(signal: FloatArray, taken: FloatArray) -> tuple[float, float]:
+    """F test on a signal (T, n) from which a fit has taken (k, T, n); what is slow beyond noise."""
     T, k = len(signal), len(taken)
     powers, degrees = [], []
     for orders in (np.arange(T // SLOW_SHARE), np.arange(T // 2, T)):
@@ -83,9 +103,9 @@ def _slow_against_fast(signal: FloatArray, taken: FloatArray) -> float:
         powers.append(power)
         degrees.append(free)
     if not all(degrees):
-        return 1.0
+        return 1.0, 0.0
     ratio = (powers[0] / degrees[0]) / (powers[1] / degrees[1])
-    return float(f.sf(ratio, degrees[0], degrees[1]))
+    return float(f.sf(ratio, degrees[0], degrees[1])), (ratio - 1.0) * degrees[0]
 
 
 def _outlier(signal: FloatArray, taken: FloatArray) -> float:

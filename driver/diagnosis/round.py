@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from driver.diagnosis.boundary_noise import Stops, refit_boundary_noise, score_boundary_noise
 from driver.diagnosis.causes import NUMERICS, Cause
 from driver.diagnosis.ebsd_flips import FLIPS, flips_of
@@ -18,6 +21,8 @@ from driver.diagnosis.screening import screen, screened
 from driver.diagnosis.verdict import MOST_ADDITIONS
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
+
+FloatArray = NDArray[np.float64]
 
 WITHIN = 3.0  # log evidence within which causes are not told apart
 WORTH = 1.0  # log evidence without which nothing is added: less is no evidence (Jeffreys)
@@ -57,9 +62,10 @@ def examine(
     """
     candidates, names = screened(objective.model, here.best.free, settings.wanted, settings.own)
     screening = wide if wide is not None else objective.evaluate(here.values, names)
-    scores = screen(here, objective, candidates, screening)
-    tests = omnibus(here.best, objective.data)
-    noise = _noise_of_boundary(here, objective, candidates, screening, stops)
+    effects = effects_of(candidates, screening, objective.parameters)
+    scores = screen(here, objective, candidates, effects)
+    tests = omnibus(here.best, objective.data, effects)
+    noise = _noise_of_boundary(here, objective, effects, stops)
     if noise is not None:
         scores = sorted([*scores, noise], key=lambda s: -s.log_evidence)
     for s in scores[:5]:
@@ -119,17 +125,12 @@ def _unexplained(baseline: Evaluation, best: Refit) -> bool:
 
 
 def _noise_of_boundary(
-    here: Fit,
-    objective: Objective,
-    candidates: Sequence[Cause],
-    screening: Evaluation,
-    stops: Stops,
+    here: Fit, objective: Objective, effects: Sequence[FloatArray], stops: Stops
 ) -> Score | None:
     """Its score, None where the answers to it are not known or it is counted already."""
     if stops.effect is None or objective.data.jitter is not None:
         return None
-    effects = effects_of(candidates, screening, objective.parameters)
-    family = len(candidates) + 2
+    family = len(effects) + 2
     return score_boundary_noise(stops.effect, here.best, objective.data, effects, family)
 
 

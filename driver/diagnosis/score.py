@@ -30,6 +30,7 @@ FloatArray = NDArray[np.float64]
 SEEN_AT = 4.5
 PARALLEL = 0.95  # likeness beyond which causes cannot be told apart
 _RANK = 1e-9
+_OWN = 1e-4  # variance of a direction that several causes have together, over the largest
 _FAINT = 1e-8  # a prior scale that moves the data by less than 1e-4 σ leaves no trace
 
 
@@ -79,12 +80,7 @@ def score(
         family: number of causes that are tried.
         load_degrees: degrees of freedom of the noise level of the loads.
     """
-    J, H = baseline.jacobian, baseline.hessian
-    coupling = np.linalg.solve(H, J @ sensitivity.T)
-    projected = sensitivity - coupling.T @ J
-    g = sensitivity @ baseline.residual - coupling.T @ baseline.gradient
-    A = sensitivity @ projected.T
-    A = 0.5 * (A + A.T)
+    projected, g, A = _projected(sensitivity, baseline)
     eigenvalue, vector = np.linalg.eigh(A)
     floor = max(_RANK * float(np.sum(sensitivity**2)), _FAINT)
     kept = eigenvalue > floor
@@ -94,9 +90,7 @@ def score(
     estimate: FloatArray = np.asarray(np.linalg.solve(inflated, g), dtype=np.float64)
     evidence = 0.5 * float(g @ estimate) - 0.5 * float(np.linalg.slogdet(inflated)[1])
     degrees = int(kept.sum())
-    in_loads = float(np.sum(projected[:, : baseline.n_load] ** 2))
-    share = in_loads / max(float(np.sum(projected**2)), _FAINT)
-    p = _tail(statistic, degrees, load_degrees, share)
+    p = _tail(statistic, degrees, load_degrees, _in_loads(projected, baseline))
     if cause.one_sided:
         p *= 0.5
         if g[0] <= 0:
@@ -119,6 +113,72 @@ def score(
         directions=basis / np.where(norms > 0, norms, 1.0),
         strengths=eigenvalue[kept],
     )
+
+
+@dataclass(frozen=True)
+class Together:
+    """What all causes together would explain, to first order.
+
+    Attributes:
+        statistic: decrease of ‖r‖² over the variance of what is left [-].
+        degrees: its degrees of freedom.
+        p: probability under the null.
+    """
+
+    statistic: float
+    degrees: int
+    p: float
+
+
+def score_together(
+    effects: Sequence[FloatArray], baseline: Evaluation, load_degrees: float = np.inf
+) -> Together:
+    """Score of all causes at once, each with a size of its own that no prior bounds.
+
+    Of an effect that no cause of a library is like, several together often describe much more
+    than any of them alone: that is the test of it which takes the fewest directions. The level of
+    the noise is that of all that is left (F test).
+
+    Args:
+        effects: whitened sensitivities of the causes, shapes (k_c, n).
+        baseline: evaluation at the optimum of the baseline.
+        load_degrees: degrees of freedom of the noise level of the loads.
+    """
+    rows = np.concatenate([np.zeros((0, baseline.residual.size)), *effects])
+    lengths = np.linalg.norm(rows, axis=1)
+    rows = rows[lengths > np.sqrt(_FAINT)] / lengths[lengths > np.sqrt(_FAINT), None]
+    if not len(rows):
+        return Together(0.0, 0, 1.0)
+    projected, g, A = _projected(rows, baseline)
+    eigenvalue, vector = np.linalg.eigh(A)
+    kept = eigenvalue > _OWN * eigenvalue[-1]
+    along = vector[:, kept].T @ g
+    degrees = int(kept.sum())
+    others = baseline.residual.size - len(baseline.free) - degrees
+    power = float(np.sum(along**2 / eigenvalue[kept]))
+    rest = float(baseline.residual @ baseline.residual) - power
+    statistic = power / (rest / others)
+    basis = vector[:, kept].T @ projected / np.sqrt(eigenvalue[kept])[:, None]
+    known = 1.0 / (_in_loads(basis, baseline) ** 2 / load_degrees + 1.0 / others)
+    return Together(statistic, degrees, float(f.sf(statistic / degrees, degrees, known)))
+
+
+def _projected(
+    sensitivity: FloatArray, baseline: Evaluation
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """C with the fitted parameters projected out, g and A of the head of this module."""
+    J, H = baseline.jacobian, baseline.hessian
+    coupling = np.linalg.solve(H, J @ sensitivity.T)
+    projected = sensitivity - coupling.T @ J
+    g = sensitivity @ baseline.residual - coupling.T @ baseline.gradient
+    A = sensitivity @ projected.T
+    return projected, g, 0.5 * (A + A.T)
+
+
+def _in_loads(projected: FloatArray, baseline: Evaluation) -> float:
+    """Share of some directions that shows in the loads."""
+    in_loads = float(np.sum(projected[:, : baseline.n_load] ** 2))
+    return in_loads / max(float(np.sum(projected**2)), _FAINT)
 
 
 def _tail(statistic: float, degrees: int, load_degrees: float, share: float) -> float:

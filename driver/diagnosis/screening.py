@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from driver.diagnosis.causes import NUMERICS, Cause
 from driver.diagnosis.examined import causes_of
-from driver.diagnosis.score import Score, effects_of, score
+from driver.diagnosis.score import Score, score
 from driver.fixed_pattern import PATTERN_DECLARATIONS
 from driver.hold_time import HOLD, holds
 from driver.identification.fit import Fit
@@ -59,7 +59,7 @@ def honoured(model: ForwardModel) -> frozenset[str]:
 
 
 def screen(
-    here: Fit, objective: Objective, candidates: Sequence[Cause], screening: Evaluation
+    here: Fit, objective: Objective, candidates: Sequence[Cause], effects: Sequence[FloatArray]
 ) -> list[Score]:
     """Score every candidate, and the discretisation; best log evidence first.
 
@@ -67,10 +67,9 @@ def screen(
         here: the fit that is examined.
         objective: its objective.
         candidates: the causes.
-        screening: evaluation at the fit with the parameters of every cause free.
+        effects: whitened sensitivities of each per prior scale, shapes (k_c, n).
     """
     family, degrees = len(candidates) + 1, objective.data.load_degrees
-    effects = effects_of(candidates, screening, objective.parameters)
     scores = [
         score(cause, effect, here.best, family, degrees)
         for cause, effect in zip(candidates, effects, strict=True)

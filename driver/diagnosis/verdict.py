@@ -19,7 +19,7 @@ Kind = Literal[
 ]
 
 MOST_ADDITIONS = 3
-_A_PART = 0.5  # share of the excess without which a name explains nothing while something is left
+_MOST = 0.9  # share of what is no noise without which a name explains nothing
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def decide(
     numerics: str | None,
     sentences: dict[str, str],
     checks: dict[str, str],
-    explained: float = float("nan"),
+    explained: float,
 ) -> Verdict:
     """Put the outcome of the steps into words.
 
@@ -57,7 +57,8 @@ def decide(
         numerics: the refinement that the simulation needs, or None if it is fine enough.
         sentences: what a person would say of each cause.
         checks: the physical check of each cause.
-        explained: share of the excess misfit that the additions explain, NaN if unknown.
+        explained: share of the misfit that is no noise, as far as tests see it, that the
+            additions explain.
     """
     if numerics is not None:
         return Verdict(
@@ -80,11 +81,11 @@ def decide(
             "library.",
             "Look at the maps of what is left, and think of a cause of your own.",
         )  # fmt: skip
-    if not accepted and explained < _A_PART:
+    if not accepted and explained < _MOST:
         return Verdict(
             "unexplained", names,
             f"The best that the library has ({', '.join(names)}) explains {explained:.0%} of the "
-            "excess misfit, and what is left is not noise.",
+            "misfit that is no noise, and what is left is structured as well.",
             "Look at the maps of what is left: where and when it stands tells what to think of.",
         )  # fmt: skip
     do_next = " ".join(f"Confirm {name}: {checks[name]}." for name in names)

@@ -121,6 +121,20 @@ class Data:
         parts = [self._whiten_loads(changes), np.zeros((len(changes), images))]
         return self._whiten_jitter(np.concatenate(parts, axis=1))
 
+    def change(self, motion: FloatArray, load: FloatArray) -> FloatArray:
+        """Whitened effect of a change of the measurements, to first order, shape (n,).
+
+        Args:
+            motion: change of the motion at the pixels [µm], shape (T_all, n_pix, 3).
+            load: change of the loads [µN], shape (T_all,).
+        """
+        seen = self.index[self.with_image]
+        z = self.image.pixel_sensitivity(motion[seen], seen)
+        parts = [self._whiten_images(z).ravel()]
+        if self.with_loads:
+            parts.insert(0, self._whiten_loads(load[self.load_index]))
+        return self._whiten_jitter(np.concatenate(parts))
+
     def image_part(self, residual: FloatArray) -> FloatArray:
         """The image part of a residual, of the images that are fitted, shape (T, n_z)."""
         return residual[self.n_load :].reshape(-1, self.image.n_z)

@@ -260,5 +260,6 @@ def _omnibus(tests: Row) -> str:
         f"slow part of the load p = {probability(tests['load_slow_p'])}, "
         f"its serial correlation p = {probability(tests['load_serial_p'])}, "
         f"slow part of the images p = {probability(tests['image_slow_p'])}, "
-        f"single images p = {probability(tests['image_outlier_p'])}"
+        f"single images p = {probability(tests['image_outlier_p'])}, "
+        f"all causes together p = {probability(tests['together_p'])}"
     )

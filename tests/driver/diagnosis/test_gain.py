@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.diagnosis.causes import Cause
-from driver.diagnosis.gain import is_excess, log_evidence, share_explained
+from driver.diagnosis.gain import is_excess, log_evidence, share_described, share_explained
 from driver.diagnosis.refit import as_wide_as_found, with_prior
 from driver.diagnosis.score import score
 from driver.identification.fit import fit
@@ -42,6 +42,17 @@ def test_the_excess_of_the_loads_is_not_lost_among_the_images() -> None:
 def test_noise_is_no_excess_and_loads_off_by_two_sigma_are() -> None:
     noise = RNG.standard_normal(N)
     assert not is_excess(of(noise)) and is_excess(of(noise + 2.0 * (np.arange(N) < N_LOAD)))
+
+
+def test_a_share_of_what_tests_tell_from_noise_knows_no_scatter() -> None:
+    """An excess of 40 among five thousand numbers is within their scatter of 100."""
+    noise = RNG.standard_normal(N)
+    noise[N_LOAD] = 0.0
+    before = of(noise + np.sqrt(40.0) * np.eye(1, N, N_LOAD)[0])
+    assert np.isnan(share_explained(before, of(noise)))
+    assert share_described(before, of(noise), 0.0) == pytest.approx(1.0)
+    assert share_described(before, of(noise), 10.0) == pytest.approx(0.8)
+    assert share_described(of(noise), before, 10.0) == 0.0
 
 
 def test_of_noise_nothing_can_be_explained() -> None:

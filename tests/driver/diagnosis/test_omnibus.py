@@ -33,11 +33,14 @@ J = jacobian()
 DATA = Data(cast(Any, SimpleNamespace(n_z=N_Z)), np.zeros(T), 1.0, 0.0, np.arange(T))
 
 
+CAUSES = [np.random.default_rng(7).standard_normal((k, T * (1 + N_Z))) for k in (1, 1, 3, 2, 8)]
+
+
 def after_a_fit(load: FloatArray, images: FloatArray) -> Omnibus:
     """The tests of what a least-squares fit with J leaves."""
     data = np.concatenate([load, images.ravel()])
     rest = data - J.T @ np.linalg.solve(J @ J.T, J @ data)
-    return omnibus(evaluation(rest, J, n_load=T), DATA)
+    return omnibus(evaluation(rest, J, n_load=T), DATA, CAUSES)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +54,7 @@ def test_noise_is_taken_for_noise_in_99_of_100_cases(noise: list[Omnibus]) -> No
     assert sum(not found.accepted for found in noise) < 25
 
 
-@pytest.mark.parametrize("name", ["load_slow", "image_slow"])
+@pytest.mark.parametrize("name", ["load_slow", "image_slow", "together"])
 def test_what_the_fit_has_taken_is_counted(noise: list[Omnibus], name: str) -> None:
     p = np.array([getattr(found, name) for found in noise])
     assert kstest(p, "uniform").pvalue > 1e-3
@@ -98,6 +101,20 @@ def test_the_test_of_single_images_keeps_its_level(noise: list[Omnibus]) -> None
     p = np.array([found.image_outlier for found in noise])
     # 50 of 1000, with a standard deviation of 7
     assert 25 < np.sum(p < 0.05) < 71
+
+
+def test_what_no_cause_describes_alone_is_seen_where_all_together_do() -> None:
+    """6 σ along a sum of all causes: none of them takes more than a third of its power."""
+    rng = np.random.default_rng(14)
+    along = np.concatenate([row / np.linalg.norm(row) for rows in CAUSES for row in rows])
+    along = along.reshape(15, -1).sum(axis=0)
+    effect = 7.0 * along / np.linalg.norm(along)
+    load, images = rng.standard_normal(T), rng.standard_normal((T, N_Z))
+    found = after_a_fit(load + effect[:T], images + effect[T:].reshape(T, N_Z))
+    assert not found.accepted and found.together < 1e-3 and found.image_slow > 0.01
+    assert 20 < found.left < 80
+    without = after_a_fit(load, images)
+    assert without.accepted and without.left < 20
 
 
 def test_an_image_that_is_wrong_alone_is_seen_and_no_slow_error_is() -> None:

@@ -7,6 +7,7 @@ import pytest
 from driver.diagnosis.causes import LIBRARY
 from driver.diagnosis.diagnose import diagnose
 from driver.diagnosis.outcome import Settings
+from driver.diagnosis.score import effects_of
 from driver.diagnosis.screening import screen, screened
 from tests.driver import closed_form
 
@@ -20,7 +21,9 @@ def test_scores_of_small_effects_are_what_a_refit_finds() -> None:
     cause = next(c for c in LIBRARY if c.name == "tilt_drift")
     candidates, names = screened(objective.model, baseline.best.free, ("tilt_drift",))
     assert candidates == (cause,) and names == (*baseline.best.free, "tilt_drift")
-    scores = screen(baseline, objective, candidates, objective.evaluate(baseline.values, names))
+    wide = objective.evaluate(baseline.values, names)
+    effects = effects_of(candidates, wide, objective.parameters)
+    scores = screen(baseline, objective, candidates, effects)
     score = next(s for s in scores if s.cause is cause)
     settings = Settings(
         wanted=("tilt_drift",), refit=5, held_out=None, processes=1, threads=1, free_chi=1.0,

@@ -17,8 +17,9 @@ def of(
     accepted: bool = True,
     imaging: bool = False,
     numerics: str | None = None,
+    explained: float = 0.95,
 ) -> Verdict:
-    return decide(added, accepted, imaging, numerics, SENTENCES, CHECKS)
+    return decide(added, accepted, imaging, numerics, SENTENCES, CHECKS, explained)
 
 
 @pytest.mark.parametrize(
@@ -35,6 +36,8 @@ def of(
         (of(CONTRAST, GAIN), "one of this set", ("grain_contrast", *GAIN)),
         (of(CONTRAST, accepted=False), "named, but something is left", ("grain_contrast",)),
         (of(GAIN, accepted=False), "named, but something is left", ("load_gain",)),
+        (of(CONTRAST, accepted=False, explained=0.8), "unexplained", ("grain_contrast",)),
+        (of(CONTRAST, explained=0.8), "named", ("grain_contrast",)),
         (of(CONTRAST, DRIFT, GAIN), "unexplained", ("grain_contrast", "tilt_drift", "load_gain")),
         (of(CONTRAST, numerics="a finer mesh is needed"), "numerics", ("discretisation",)),
     ],

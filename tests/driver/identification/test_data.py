@@ -227,6 +227,14 @@ def test_the_sensitivity_is_the_change_of_the_residual(
     whitened = (z[0] - mean + mean / np.sqrt(1 + T / N_REFERENCE)).ravel()
     difference = (above - below) / (2 * step)
     assert np.linalg.norm(difference + whitened) < 0.01 * np.linalg.norm(whitened)
+    np.testing.assert_allclose(own.change(at_pixels, np.zeros(T)), whitened, atol=1e-9)
+
+
+def test_a_change_of_the_loads_is_that_of_the_residual() -> None:
+    (draw,) = noise_draws(1)
+    change, still_there = np.linspace(1, 7, T) ** 2, np.zeros_like(unmoved())
+    above, below = (draw.residual(unmoved(), s * change)[0] for s in (-1, 0))
+    np.testing.assert_allclose(draw.change(still_there, change), above - below, atol=1e-9)
 
 
 def test_the_jacobian_of_a_prediction_is_that_of_its_residual() -> None:
