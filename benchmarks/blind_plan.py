@@ -13,6 +13,7 @@ KINDS: tuple[Kind, ...] = (
     "null", "cause", "pair", "outside", "noise level", "jitter", "AR(1)", "known",
 )  # fmt: skip
 LOW, HIGH = 10.0, 15.0  # projected misfit by the ruler [σ]; an experiment may see a third less
+FAINTEST = 0.1  # σ, at which a cause is hidden that leaves no trace
 ENOUGH = 6.5  # σ, from which on a cause is hidden several times
 REPEATS = 4
 PAIR_LEVEL = 10.0
@@ -124,9 +125,9 @@ def plan(
 
 def magnitudes(most: float) -> tuple[float, float]:
     """The two sizes at which a cause is hidden, of which the larger one may be its largest [σ]."""
-    high = min(HIGH, most)
+    high = max(min(HIGH, most), FAINTEST)
     low = LOW if high > LOW + 1 else high / 2
-    return round(low, 1), round(high, 1)
+    return round(low, 2), round(high, 2)
 
 
 def _direction(rng: np.random.Generator, n: int, one_sided: bool) -> tuple[float, ...]:

@@ -33,6 +33,7 @@ class Differentiation:
         self._memory = self.problem.points.memory(tangents.count, n_derived)
         self._states = [self._memory.state]
         self._kept = tangents.state
+        self._ones = np.ones_like(self.problem.weights)
 
     def keep(self, instant: Instant) -> None:
         """Leave the derivatives of this instant, and no longer those of another, untouched."""
@@ -72,7 +73,8 @@ class Differentiation:
         out.follow(dH)
         # Virtual work of the pulled force: a unit motion of the pulled face against the stress.
         near = p.near_pulled
-        added = np.einsum("pi,pij,pkj->k", p.pull[near], trial.C[near], dH[near], optimize=True)
+        pulled = p.pull[near, None] @ trial.C[near]
+        added = (dH[near] @ pulled.swapaxes(1, 2))[..., 0].sum(axis=0)
         dforce = change[p.pulled].sum(axis=0) + added
         flat[p.prescribed] = motion_tangent
         self._equilibrium.statistics.clock("derivatives", clock)
@@ -92,8 +94,6 @@ class Differentiation:
         direction_forces(dP, p.gradients, p.weights, forces)
         for slot, index in enumerate(t.geometric):
             part = np.empty(p.pattern.dofs.shape)
-            element_forces(trial.P, p.gradients, t.weights[slot], part)
-            forces[:, :, index] += part
-            element_forces(trial.P, t.gradients[slot], p.weights, part)
+            element_forces(trial.P, t.weighted[slot], self._ones, part)
             forces[:, :, index] += part
         return p.pattern.node_sums(forces, p.n_nodes)

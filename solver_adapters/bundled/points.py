@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,15 +84,16 @@ class PointTangents:
 
     Attributes:
         local: derivative of the local constants, shape (n_grains, k, 16).
-        turn: for each direction the row of `rotation` that holds its part, 0 for none, (k,).
-        rotation: derivative of the rotations, the first row null, (1 + n, n_frames, 3, 3).
+        turn: for each direction the row of `frame` that holds its part, 0 for none, (k,).
+        frame: `Points.frame` of the derivative of the rotations, the first row null,
+            (1 + n, n_frames, ...).
         skinned: for each direction the row of `skin`, 0 for none, (k,).
         skin: derivative of the factors on τ0, the first row null, (1 + m, n_points).
     """
 
     local: FloatArray
     turn: IntArray
-    rotation: FloatArray
+    frame: FloatArray
     skinned: IntArray
     skin: FloatArray
 
@@ -153,6 +155,10 @@ class Points:
         modes = np.einsum("...ij,kjl->...kil", rotation, STRAIN_MODES)
         return np.ascontiguousarray(modes.reshape(*modes.shape[:-2], 9))
 
+    @cached_property
+    def _frame(self) -> FloatArray:
+        return self.frame(self.rotation)
+
     def update(
         self,
         H: FloatArray,
@@ -204,7 +210,7 @@ class Points:
         run(
             self.grain[which],
             self.frame_of[which],
-            self.frame(self.rotation),
+            self._frame,
             self.local,
             self.skin[which],
             self.interaction,
@@ -261,7 +267,7 @@ class Points:
         run(
             self.grain,
             self.frame_of,
-            self.frame(self.rotation),
+            self._frame,
             self.local,
             self.skin,
             self.interaction,
@@ -273,7 +279,7 @@ class Points:
             dt,
             dH,
             tangents.turn,
-            self.frame(tangents.rotation),
+            tangents.frame,
             tangents.local,
             tangents.constant,
             tangents.skinned,

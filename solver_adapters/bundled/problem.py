@@ -80,7 +80,7 @@ class Tangents:
         motion: derivative of the prescribed motion, (n_times, n_prescribed, k).
         geometric: the directions that move nodes or turn crystals.
         gradients: derivative of the turned shape gradients for those, (g, n_cells, n_gauss, n, 3).
-        weights: derivative of the weights for those, (g, n_cells, n_gauss).
+        weighted: derivative of their products with the weights, same shape.
     """
 
     law: PointTangents
@@ -88,7 +88,7 @@ class Tangents:
     motion: FloatArray
     geometric: IntArray
     gradients: FloatArray
-    weights: FloatArray
+    weighted: FloatArray
 
     @property
     def count(self) -> int:
@@ -162,7 +162,7 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
     motion = np.zeros((*problem.motion.shape, k))
     rotations, skins = [np.zeros_like(points.rotation)], [np.zeros_like(points.skin)]
     turn, skinned = np.zeros(k, dtype=np.int64), np.zeros(k, dtype=np.int64)
-    geometric, gradients, weights = [], [], []
+    geometric, gradients, weighted = [], [], []
     starts = np.zeros((points.grain.size, k, problem.state.shape[1]))
     plain, _ = shape_gradients(mesh.points, mesh.cells, problem.element)
     for index, direction in enumerate(simulation.directions):
@@ -192,8 +192,10 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
                 direction, plain, problem, mesh.cells, rotations[turn[index]]
             )
             gradients.append(change_of_gradients)
-            weights.append(weight_change)
-    law = PointTangents(local, turn, np.array(rotations), skinned, np.array(skins))
+            of_weights = weight_change[..., None, None] * problem.gradients
+            weighted.append(problem.weights[..., None, None] * change_of_gradients + of_weights)
+    turned = points.frame(np.array(rotations))
+    law = PointTangents(local, turn, turned, skinned, np.array(skins))
     shape = problem.gradients.shape
     return Tangents(
         law=law,
@@ -201,7 +203,7 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
         motion=motion,
         geometric=np.array(geometric, dtype=np.int64),
         gradients=np.array(gradients).reshape(len(geometric), *shape),
-        weights=np.array(weights).reshape(len(geometric), *problem.weights.shape),
+        weighted=np.array(weighted).reshape(len(geometric), *shape),
     )
 
 

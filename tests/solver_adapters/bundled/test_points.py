@@ -240,7 +240,9 @@ def test_directional_derivatives_are_the_complex_step_of_the_equations(solved: S
     tangents = PointTangents(
         local,
         np.arange(1, count + 1),
-        np.concatenate([np.zeros((1, 2, 3, 3)), rotation.transpose(1, 0, 2, 3)]),
+        solved.points.frame(
+            np.concatenate([np.zeros((1, 2, 3, 3)), rotation.transpose(1, 0, 2, 3)])
+        ),
         skinned,
         skin,
     )
@@ -279,7 +281,8 @@ def test_what_follows_a_later_motion_completes_the_derivative(solved: Solved) ->
     local = rng.normal(size=(2, k, N_LOCAL))
     start = 1e-4 * rng.normal(size=(N_POINTS, k, N_STATE))
     none = np.zeros(k, dtype=np.int64)
-    tangents = PointTangents(local, none, np.zeros((1, 2, 3, 3)), none, np.zeros((1, N_POINTS)))
+    still = solved.points.frame(np.zeros((1, 2, 3, 3)))
+    tangents = PointTangents(local, none, still, none, np.zeros((1, N_POINTS)))
 
     def derive(along: AnyArray) -> PointDerivatives:
         s, out = solved, solved.points.memory(k, N_STATE)

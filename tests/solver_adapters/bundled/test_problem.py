@@ -123,9 +123,17 @@ def test_tangents_are_difference_quotients_of_the_problem(simulation: Simulation
     turn = tangents.law.turn[1]
     for found, above, below in (
         (tangents.gradients[0], high.gradients, low.gradients),
-        (tangents.weights[0], high.weights, low.weights),
+        (
+            tangents.weighted[0],
+            high.weights[..., None, None] * high.gradients,
+            low.weights[..., None, None] * low.gradients,
+        ),
         (tangents.law.local[:, 1], high.points.local, low.points.local),
-        (tangents.law.rotation[turn], high.points.rotation, low.points.rotation),
+        (
+            tangents.law.frame[turn],
+            high.points.frame(high.points.rotation),
+            low.points.frame(low.points.rotation),
+        ),
         (tangents.motion[:, :, 1], high.motion, low.motion),
         (tangents.state[:, 1], high.state, low.state),
     ):
