@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from driver.diagnosis.score import SEEN_AT
+
 Record = dict[str, Any]
 _Z = 1.959964  # two-sided 95 %
 SILENT = ("null", "noise level", "jitter", "AR(1)")  # kinds of which nothing is to be said
@@ -52,8 +54,12 @@ def print_figures(lines: Sequence[Record]) -> None:
     show_share("chi_F >= 10: class [%]", [has_class(line) for line in loud], ">= 95")
     below = [line for line in kinds["cause"] if line["misfit"] < 6]
     show_share("misfit < 6 sigma: class [%]", [has_class(line) for line in below], "none")
-    pairs = [has_both(line) for line in kinds["pair"]]
-    show_share("pairs: both [%]", pairs, ">= 88")
+    for what, visible, wanted in (
+        (f"pairs, each >= {SEEN_AT} sigma", True, ">= 88"),
+        (f"pairs, one < {SEEN_AT} sigma", False, "none"),
+    ):
+        of = [x for x in kinds["pair"] if (min(x["like_itself"]) >= SEEN_AT) == visible]
+        show_share(f"{what}: both [%]", [has_both(line) for line in of], wanted)
     strong = [line for line in kinds["outside"] if line["misfit"] >= 8]
     seen = [line["verdict"] != "nothing wrong" for line in strong]
     show_share("outside the library, misfit >= 8 sigma: seen [%]", seen, ">= 97")

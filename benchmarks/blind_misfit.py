@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.blind_ruler import identified, motion_at
+from benchmarks.blind_ruler import identified, shown
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.score import prior_scaled, score
 from driver.virtual_course import Course
@@ -36,7 +36,7 @@ def left_of(path: Path, course: Course, causes: tuple[Cause, ...]) -> tuple[floa
     wide = objective.evaluate(values, tuple(dict.fromkeys([*free, *names])))
     here = objective.restrict(wide, free)
     data, known = objective.data, objective.parameters
-    true = motion_at(course, data.image.images.xy)
+    true = shown(course, objective)
     excess = here.residual - data.residual(true, course.load)[0]
     missed = data.change(true - here.motion, course.load - here.load)
     J = here.jacobian

@@ -22,7 +22,7 @@ OUTSIDE_EFFECTS = ("soft_slice", "notch", "creep", "lens", "blister", "slip_band
 LOAD_NOISE_RATIOS = (0.7, 1.3)  # true over stated
 JITTER_NM = (0.3, 1.0)
 AUTOCORRELATIONS = (0.4, 0.7)
-NULLS, PAIRS, OUTSIDES, DISTURBED, KNOWN = 1000, 32, 36, 30, 4
+NULLS, PAIRS, OUTSIDES, DISTURBED, KNOWN = 1000, 48, 36, 30, 4
 ELASTIC, ELASTIC_LEVEL = ("load_gain", "elastic_stiffness"), 7.0
 """Of both no more than 3 σ within the prior: they are hidden in sizes that nobody expects."""
 

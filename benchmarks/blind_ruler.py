@@ -78,8 +78,7 @@ class Ruler:
                 it. The rest is no sign of the cause: its curvature, and that meshes answer to it
                 each in its way, which is as large as a third of an effect.
         """
-        xy = self.objective.data.image.images.xy
-        change = motion_at(course, xy) - motion_at(self.unaffected, xy)
+        change = shown(course, self.objective) - shown(self.unaffected, self.objective)
         data, here = self.objective.data, self.here
         with_it = data.residual(
             here.motion + change, here.load + course.load - self.unaffected.load
@@ -269,10 +268,13 @@ def truth_outside(cache: Path, effect: str, level: float) -> Truth:
     )
 
 
-def motion_at(course: Course, xy: FloatArray) -> FloatArray:
-    """What happened at the pixels [µm], shape (T, n_pix, 3)."""
-    face = Face(course.face)
-    return np.array([NodalMotion(face, nodal)(*xy.T)[0] for nodal in course.motion])
+def shown(course: Course, objective: Objective) -> FloatArray:
+    """What the images of a course show to happen at the pixels [µm], shape (T, n_pix, 3)."""
+    face, xy = Face(course.face), objective.data.image.images.xy
+    motion = np.array([NodalMotion(face, nodal)(*xy.T)[0] for nodal in course.motion])
+    if objective.model.pattern is not None:
+        motion[..., 2] += course.values["fixed_pattern"] * objective.model.pattern
+    return motion
 
 
 def _silent(line: str) -> None:

@@ -203,7 +203,8 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
     first, last = found["steps"][0], found["steps"][-1]
     scores = {s["cause"]: s["statistic"] for s in first["causes"]}
     return {
-        "misfit": min(seen, default=whole),
+        "misfit": whole,
+        "like_itself": seen,
         "answer": " ".join([found["verdict"], *found["causes"]]),
         "verdict": found["verdict"],
         "said": found["causes"],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -71,11 +71,14 @@ def record(
     stage = Stage(scope.recentring_px * pixel, scope.refocusing_nm * 1e-3)
     at_images = stage.errors(on_stage, n_images)
     at_flats = stage.errors(on_stage, scope.flats)
+    # The pattern has changed since the flats were taken.
+    left = course.values["fixed_pattern"] * lens.camera.pattern
+    camera = replace(lens.camera, pattern=lens.camera.pattern + left)
     try:
         stacks = {
-            "repeats": repeats(lens.camera, subject, scope.repeats, on_image),
+            "repeats": repeats(camera, subject, scope.repeats, on_image),
             "flats": flats(lens.camera, at_flats, on_image),
-            "images": list(frames(lens.camera, subject, at_images, on_image)),
+            "images": list(frames(camera, subject, at_images, on_image)),
         }
     except ValueError as error:
         raise InputError(f"microscope.bits: {error}") from None

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 
 SEED = 20
 KINDS_OF_EFFECTS = 8
-SEEN = 5.0  # σ of what the fit of the experiment itself leaves of the effect; 4.5 are visible
+SEEN = 6.0  # σ of what the fit of the experiment itself leaves of the effect
 MOST = 16  # effects that may be hidden until so many kinds were large enough
 
 

@@ -116,6 +116,22 @@ def test_the_origin_is_off_by_its_error_and_that_of_the_truth(
     np.testing.assert_allclose(np.subtract(places[1], places[0]), [0.05, -0.02], atol=1e-12)
 
 
+def test_a_pattern_that_has_changed_since_the_flats_stays_in_the_images(
+    tmp_path: Path, course: Course
+) -> None:
+    changed = replace(course, values={**course.values, "fixed_pattern": 0.5})
+    as_flats, later = (
+        quiet(tmp_path / name, which, bits=32) for name, which in (("a", course), ("b", changed))
+    )
+    np.testing.assert_array_equal(taken(as_flats, "flats"), taken(later, "flats"))
+    pattern = read_hdf5(tmp_path / "a" / "truth.h5")["pattern"]
+    for name in ("images", "repeats"):
+        added = taken(later, name) - taken(as_flats, name)
+        seen = np.isfinite(added)
+        every = np.broadcast_to(0.5 * pattern, added.shape)
+        np.testing.assert_allclose(added[seen], every[seen], atol=1e-7)
+
+
 def test_load_noise_has_the_size_and_the_correlation_that_the_case_states() -> None:
     noise = correlated(np.random.default_rng(0), 40000, 0.8)
     assert noise.std() == pytest.approx(1.0, abs=0.05)
