@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from driver.case import Case
 from driver.wording import duration
+from solver_adapters.finite_differences import RUNS_PER_DIRECTION
 from solver_adapters.interface import Capabilities
 
 # Gauss points of a tet10, and its nodes per cell in a mesh of a few hundred cells.
@@ -18,8 +19,6 @@ _POINT_SECONDS = {"small": 2.3e-6, "finite": 5.5e-6}
 _FACTOR_SECONDS, _FACTOR_UNKNOWNS, _FACTOR_POWER = 0.039, 7000.0, 1.5
 # Newton iterations of a step; share of a step that one direction of differentiation adds.
 _ITERATIONS = 4
-# Simulations for a derivative that the solver does not give: central differences.
-_RUNS_PER_DIRECTION = 2
 _DIRECTION_SHARE = 0.05
 # Simulations of a run: Gauss–Newton iterations use this share of their limit, each refit of a
 # cause needs this many, and the finer mesh is run this often.
@@ -92,7 +91,7 @@ def estimate(
     if case.execution.processes > 1:
         memory += case.execution.processes * simulation_memory(n_cells, n_images, directions)
     memory += _IMAGE_COPIES * 8.0 * n_pixels
-    runs = 1 if solver.derivatives else 1 + _RUNS_PER_DIRECTION * directions
+    runs = 1 if solver.derivatives else 1 + RUNS_PER_DIRECTION * directions
     evaluations = fits * case.identification.starts + refits
     return Estimate(solving + correlation, memory, runs * evaluations)
 
@@ -153,4 +152,4 @@ def _simulation(
     if solver.derivatives:
         return plain * (1 + _DIRECTION_SHARE * directions / _ITERATIONS)
     # Finite differences, so many of them at a time.
-    return plain * (1 + math.ceil(_RUNS_PER_DIRECTION * directions / case.execution.processes))
+    return plain * (1 + math.ceil(RUNS_PER_DIRECTION * directions / case.execution.processes))

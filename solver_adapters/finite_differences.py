@@ -42,6 +42,8 @@ from solver_adapters.interface import (
 from solver_adapters.jobs.errors import is_by_circumstances
 from solver_adapters.quotient import Pair, slope_through
 
+RUNS_PER_DIRECTION = 2  # one on each side; twice as many where the first step does not do
+
 
 class FiniteDifferences:
     """An adapter that gives another one derivatives.
@@ -62,8 +64,10 @@ class FiniteDifferences:
         self.name = adapter.name
 
     def capabilities(self) -> Capabilities:
-        """Those of the solver, and derivatives."""
-        return replace(self.adapter.capabilities(), derivatives=True)
+        """Those of the solver, and derivatives at the price of runs."""
+        return replace(
+            self.adapter.capabilities(), derivatives=True, runs_per_direction=RUNS_PER_DIRECTION
+        )
 
     def version(self) -> str:
         """That of the solver, which keeps its jobs by it."""

@@ -246,6 +246,8 @@ class Capabilities:
         lattice_gradient: whether lattices with a gradient are honoured.
         accuracy: whether steps are refined to a stated error of the force.
         cells: the kinds of cells on offer, by their number of nodes.
+        runs_per_direction: simulations that a direction costs beside the asked one: none for a
+            solver with derivatives of its own, some where they are differences of runs.
     """
 
     material: frozenset[str]
@@ -260,6 +262,7 @@ class Capabilities:
     lattice_gradient: bool = False
     accuracy: bool = False
     cells: frozenset[int] = frozenset((10,))
+    runs_per_direction: int = 0
 
 
 class Adapter(Protocol):

@@ -26,7 +26,6 @@ from driver.identification.boundary_jitter import BoundaryJitter, boundary_jitte
 from driver.identification.data import Data
 from driver.identification.fit import fit
 from driver.identification.objective import Evaluation, Objective
-from solver_adapters.finite_differences import FiniteDifferences
 
 FloatArray = NDArray[np.float64]
 Level = tuple[float, float]
@@ -75,8 +74,7 @@ def stops_where_they_pay(
         return none("boundary.jitter_nm states it, and the covariance holds it")
     if not data.with_loads:
         return none("there are no loads")
-    # Words about a running simulation may be wrapped around the solver.
-    if isinstance(getattr(model.adapter, "inner", model.adapter), FiniteDifferences):
+    if model.adapter.capabilities().runs_per_direction:
         return none(
             f"it takes a derivative for each of {data.index.size} images, and the solver has none"
         )

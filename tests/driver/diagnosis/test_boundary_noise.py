@@ -26,6 +26,7 @@ from driver.identification.boundary_jitter import boundary_jitter, stops_of, uni
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from driver.model import ForwardModel, Values
+from driver.watched_solver import WatchedSolver
 from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import Simulation
 from tests.driver import closed_form
@@ -213,8 +214,10 @@ def test_it_is_not_examined_where_it_is_stated_unwanted_or_beyond_the_solver() -
 
     stated = boundary_jitter(BENCH.model, data.image, fitted.values, NOISE)
     assert "jitter_nm" in why(replace(objective, data=replace(data, jitter=stated)))
-    by_differences = replace(objective.model, adapter=FiniteDifferences(objective.model.adapter))
-    assert "the solver has none" in why(replace(objective, model=by_differences))
+    by_differences = FiniteDifferences(objective.model.adapter)
+    for adapter in (by_differences, WatchedSolver(by_differences, silent)):
+        beyond = replace(objective.model, adapter=adapter)
+        assert "the solver has none" in why(replace(objective, model=beyond))
     assert "no loads" in why(replace(objective, data=data.images_alone()))
     assert "too few" in why(replace(objective, data=replace(data, load_degrees=np.inf)))
     unwanted = stops_where_they_pay(fitted.best, objective, stated_noise, ("load_gain",))
