@@ -12,17 +12,16 @@ import numpy as np
 
 from benchmarks.blind_figures import show_share
 from benchmarks.blind_ruler import MOST_SCALES
-from driver.diagnosis.diagnose import diagnose
-from driver.diagnosis.outcome import Diagnosis, Settings
+from driver.diagnosis.outcome import Diagnosis
 from driver.diagnosis.score import SEEN_AT
 from tests.driver import closed_form
+from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
 BUDGET = 32.0  # CPU-s, after which no further trial starts
 LEVEL = 8.0  # projected misfit of a hidden effect [σ]
 SHARE_OF_NULLS = 4  # one trial in so many
 BENCH = closed_form.bench()
-FINE = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.001))
-SETTINGS = Settings(None, 5, None, 1, 1, 1.0, closed_form.SIZES)
+FIVE = replace(SETTINGS, refit=5)
 
 
 def quick(seed: int = 7) -> None:
@@ -66,9 +65,7 @@ def quick(seed: int = 7) -> None:
 
 def _diagnosed(hidden: dict[str, float], rng: np.random.Generator) -> Diagnosis:
     made = closed_form.objective(BENCH, BENCH.truth | hidden, int(rng.integers(2**31)))
-    objective, baseline = closed_form.identified(BENCH, made, FINE)
-    cycles = BENCH.history.cycle
-    return diagnose(baseline, objective, FINE, cycles, SETTINGS, lambda line: None)
+    return diagnosis_of(BENCH, identified(BENCH, made), FIVE)
 
 
 def _is_silent(found: Diagnosis) -> bool:

@@ -16,20 +16,16 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from driver.boundary import LAMBDAS, elongation_names, tilt_names
+from driver.boundary import elongation_names, tilt_names
 from driver.case import Case, default_case, write_case
 from driver.dic.basis import grid_basis
 from driver.dic.surface_images import SurfaceImages, prepare
 from driver.history import History, turning_points
 from driver.identification.data import Data
-from driver.identification.fit import Fit, fit
 from driver.identification.image_data import build_image_data
 from driver.identification.objective import Objective
-from driver.identification.priors import LAMBDA_PRIOR
-from driver.identification.procedure import correction, with_correction
 from driver.model import ForwardModel, declared_parameters
 from driver.specimen import build_model, geometry_of
-from driver.surface_view import POSE_DECLARATIONS
 from meshes.prism import generate
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.crystal import rotation_vector_matrix
@@ -411,27 +407,3 @@ def write_files(folder: Path, injected: Mapping[str, float]) -> None:
     rows = zip(b.history.time, b.history.stage, range(force.size), force, strict=True)
     lines = ["time_s,stage_um,image,force_N", *(",".join(map(str, row)) for row in rows)]
     (folder / "history.csv").write_text("\n".join(lines), encoding="utf-8")
-
-
-def priors(b: Bench, start: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-    """Priors of the apex amplitudes, of the law and of the pose, as in a run."""
-    parameters = declared_parameters(len(KNOTS) + 1)
-    prior = {name: (start[name], LAMBDA_PRIOR / parameters[name].scale) for name in LAMBDAS}
-    prior |= {name: (start[name], 1.0) for name in LAW}
-    return prior | {p.name: (0.0, 1.0) for p in POSE_DECLARATIONS}
-
-
-def identified(b: Bench, made_with: Objective, finer: ForwardModel) -> tuple[Objective, Fit]:
-    """The baseline of a diagnosis: all but the extensions fitted, with the correction."""
-    n = len(KNOTS) + 1
-    pose = tuple(p.name for p in POSE_DECLARATIONS)
-    free = (*LAMBDAS, *pose, *elongation_names(n), *tilt_names(n), *LAW)
-    start = replace(made_with, prior=priors(b, b.truth))
-    first = fit(start, b.truth, free, 12, _silent)
-    change = correction(b.model, finer, first, _silent)
-    corrected = with_correction(start, 1.0, change, SIZES)
-    return corrected, fit(corrected, first.values, free, 12, _silent)
-
-
-def _silent(line: str) -> None:
-    pass

@@ -8,18 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from driver.diagnosis.diagnose import diagnose
-from driver.diagnosis.outcome import Diagnosis, Settings
+from driver.diagnosis.outcome import Diagnosis
 from driver.fixed_pattern import apparent_rise
 from tests.driver import closed_form
+from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
 FloatArray = NDArray[np.float64]
 
 BENCH = closed_form.bench()
-SETTINGS = Settings(
-    wanted=None, refit=3, held_out=None, processes=1, threads=1, free_chi=1.0,
-    sizes=closed_form.SIZES,
-)  # fmt: skip
 SHARE = 0.5
 RECORD = closed_form.height_maps
 
@@ -50,9 +46,7 @@ def diagnosed(share: float) -> Diagnosis:
     rise = apparent_rise(pattern(), made.data.image.images, truly_moved())
     model = replace(BENCH.model, pattern=rise)
     bench = replace(BENCH, model=model)
-    fine = replace(model, adapter=closed_form.ClosedFormSolver(0.001))
-    objective, fitted = closed_form.identified(bench, replace(made, model=model), fine)
-    return diagnose(fitted, objective, fine, BENCH.history.cycle, SETTINGS, lambda line: None)
+    return diagnosis_of(bench, identified(bench, replace(made, model=model)))
 
 
 def test_a_pattern_does_nothing_where_nothing_moves_and_is_the_difference_of_places_else() -> None:
@@ -97,11 +91,8 @@ def test_a_pattern_that_was_removed_is_not_named() -> None:
 
 
 def test_without_flats_it_is_not_examined() -> None:
-    objective = closed_form.objective(BENCH, BENCH.truth)
-    fine = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.001))
-    objective, fitted = closed_form.identified(BENCH, objective, fine)
-    wanted = replace(SETTINGS, wanted=("fixed_pattern",))
-    found = diagnose(fitted, objective, fine, BENCH.history.cycle, wanted, lambda line: None)
+    baseline = identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
+    found = diagnosis_of(BENCH, baseline, replace(SETTINGS, wanted=("fixed_pattern",)))
     assert [(one.cause, one.why) for one in found.not_examined] == [
         ("fixed_pattern", "no flats show the pattern")
     ]

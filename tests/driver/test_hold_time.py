@@ -1,27 +1,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.diagnosis.diagnose import diagnose
-from driver.diagnosis.outcome import Diagnosis, Settings
+from driver.diagnosis.outcome import Diagnosis
 from driver.diagnosis.screening import parameters_of_the_specimen
 from driver.hold_time import HOLD, holds, with_holds
 from solver_adapters.interface import Simulation
 from tests.driver import closed_form
+from tests.driver.closed_form_diagnosis import diagnosis_of, identified
 
 FloatArray = NDArray[np.float64]
 
 BENCH = closed_form.bench()
-SETTINGS = Settings(
-    wanted=None, refit=3, held_out=None, processes=1, threads=1, free_chi=1.0,
-    sizes=closed_form.SIZES,
-)  # fmt: skip
 RECALLED = closed_form.time_signals
 TIMES = np.array([0.0, 10, 20, 26, 30, 45, 50, 60])
 STILL = np.array([False, True, True, False, False, True, False])
@@ -46,9 +41,7 @@ def specimen_that_relaxes(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 @cache
 def diagnosed(error: float) -> Diagnosis:
     made = closed_form.objective(BENCH, BENCH.truth | {HOLD: error})
-    fine = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.001))
-    objective, fitted = closed_form.identified(BENCH, made, fine)
-    return diagnose(fitted, objective, fine, BENCH.history.cycle, SETTINGS, lambda line: None)
+    return diagnosis_of(BENCH, identified(BENCH, made))
 
 
 def test_each_hold_is_longer_and_all_that_follows_later() -> None:

@@ -11,6 +11,7 @@ from driver.identification.fit import fit
 from driver.load_clock import LARGEST_LAG, load_at
 from tests.driver import closed_form
 from tests.driver.closed_form import KNOTS, LAW
+from tests.driver.closed_form_diagnosis import priors
 
 FloatArray = NDArray[np.float64]
 
@@ -69,7 +70,7 @@ def test_a_fit_finds_the_lag_from_none_with_the_knots_free(lag: float, seed: int
     """Images and loads of the closed-form specimen; the start is where the force bends."""
     bench = closed_form.bench()
     made = closed_form.objective(bench, bench.truth | {"load_lag": lag}, seed)
-    prior = closed_form.priors(bench, bench.truth) | {"load_lag": (0.0, 1.0)}
+    prior = priors(bench.truth) | {"load_lag": (0.0, 1.0)}
     n = len(KNOTS) + 1
     free = (*LAMBDAS, *elongation_names(n), *tilt_names(n), *LAW, "load_lag")
     found = fit(replace(made, prior=prior), bench.truth, free, 15, print)

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from driver.diagnosis.diagnose import Settings, diagnose
 from driver.diagnosis.own_causes import read_causes
 from driver.errors import InputError
 from driver.model import declared_parameters
 from driver.own_terms import GROUP, BoundaryTerm, ReadingTerm, installed_terms, terms_of
 from tests.driver import closed_form
+from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
 METHOD = Path(__file__).resolve().parents[2] / "docs" / "method.md"
 SECTION = METHOD.read_text(encoding="utf-8").split("### Terms of your own")[1].split("\n### ")[0]
@@ -105,11 +105,8 @@ def test_an_effect_of_a_term_is_named_by_a_cause_of_ones_own(documented: Path) -
     progress = bench.model.instrument.progress
     read = made.data.load * (1 + 0.5 * np.exp(-8 * progress))
     made = replace(made, data=replace(made.data, load=read))
-    fine = replace(bench.model, adapter=closed_form.ClosedFormSolver(0.001))
-    objective, baseline = closed_form.identified(bench, made, fine)
     cell = replace(own[0], name="cell", category="instrument", parameters=("cell_warming",))
-    settings = Settings(None, 3, None, 1, 1, 1.0, closed_form.SIZES, (*own, cell))
-    found = diagnose(baseline, objective, fine, bench.history.cycle, settings, lambda line: None)
+    found = diagnosis_of(bench, identified(bench, made), replace(SETTINGS, own=(*own, cell)))
     assert found.verdict.causes[0] == "cell"
     assert found.extended.values["cell_warming"] == pytest.approx(0.5, rel=0.3)
     scored = {score.cause.name for score in found.steps[0].scores}

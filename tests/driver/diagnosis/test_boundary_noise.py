@@ -15,9 +15,8 @@ from driver.diagnosis.boundary_noise import (
     score_boundary_noise,
     stops_where_they_pay,
 )
-from driver.diagnosis.diagnose import diagnose
 from driver.diagnosis.noise_causes import SIGMA_E
-from driver.diagnosis.outcome import Diagnosis, Settings
+from driver.diagnosis.outcome import Diagnosis
 from driver.diagnosis.preparation import with_load_noise
 from driver.diagnosis.score import effects_of
 from driver.diagnosis.screening import screened
@@ -29,13 +28,11 @@ from driver.model import ForwardModel, Values
 from driver.watched_solver import WatchedSolver
 from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import Simulation
-from tests.driver import closed_form
+from tests.driver import closed_form, closed_form_diagnosis
+from tests.driver.closed_form_diagnosis import diagnosis_of, identified, silent
 
 BENCH = closed_form.bench()
-FINE = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.001))
-SETTINGS = Settings(
-    wanted=None, refit=5, held_out=2, processes=1, threads=1, free_chi=1.0, sizes=closed_form.SIZES
-)
+SETTINGS = replace(closed_form_diagnosis.SETTINGS, refit=5, held_out=2)
 NOISE = 1e-4  # µm: this stiff specimen answers to it with ten times the noise of its loads
 RUN = ForwardModel.simulation
 
@@ -56,17 +53,12 @@ def baseline(
     truth = BENCH.truth | ({hidden: size} if hidden else {})
     with patch.object(ForwardModel, "simulation", moved):
         made = closed_form.objective(BENCH, truth)
-    return closed_form.identified(BENCH, made, FINE)
+    return identified(BENCH, made)
 
 
 @cache
 def diagnosed(sigma_e: float, hidden: str = "", size: float = 0.0) -> Diagnosis:
-    objective, fitted = baseline(sigma_e, hidden, size)
-    return diagnose(fitted, objective, FINE, BENCH.history.cycle, SETTINGS, silent)
-
-
-def silent(line: str) -> None:
-    pass
+    return diagnosis_of(BENCH, baseline(sigma_e, hidden, size), SETTINGS)
 
 
 class Drawn:

@@ -9,30 +9,24 @@ from numpy.typing import NDArray
 
 from driver.diagnosis.all_causes import EVERY
 from driver.diagnosis.causes import NUMERICS, Cause
-from driver.diagnosis.diagnose import diagnose
 from driver.diagnosis.ebsd_flips import FLIPS
 from driver.diagnosis.flip_trial import turned
 from driver.diagnosis.outcome import Diagnosis, Settings
 from driver.diagnosis.visible import not_seen
 from driver.identification.fit import fit
-from tests.driver import closed_form
+from tests.driver import closed_form, closed_form_diagnosis
+from tests.driver.closed_form_diagnosis import diagnosis_of, identified, silent
 
 FloatArray = NDArray[np.float64]
 
 BENCH = closed_form.bench()
-SETTINGS = Settings(
-    wanted=None, refit=5, held_out=2, processes=1, threads=1, free_chi=1.0, sizes=closed_form.SIZES
-)
-
-
-def silent(line: str) -> None:
-    pass
+SETTINGS = replace(closed_form_diagnosis.SETTINGS, refit=5, held_out=2)
+NONE_HELD_OUT = replace(SETTINGS, held_out=None)
 
 
 def diagnosed(
     injected: dict[str, float],
     in_load: FloatArray | float = 0.0,
-    finer: float = 0.001,
     settings: Settings = SETTINGS,
     seed: int = 0,
     load_noise: float = closed_form.LOAD_NOISE,
@@ -41,9 +35,7 @@ def diagnosed(
     made = closed_form.objective(BENCH, BENCH.truth | injected, seed)
     load = made.data.load + in_load
     made = replace(made, data=replace(made.data, load=load, load_noise=load_noise))
-    fine = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(finer))
-    objective, baseline = closed_form.identified(BENCH, made, fine)
-    return diagnose(baseline, objective, fine, BENCH.history.cycle, settings, silent)
+    return diagnosis_of(BENCH, identified(BENCH, made), settings)
 
 
 @cache
@@ -156,7 +148,7 @@ def test_what_is_not_in_the_library_is_not_explained_away() -> None:
 def test_a_load_that_is_wrong_alone_is_left_out_and_blamed_on_no_cause(frame: int) -> None:
     wrong = np.zeros(BENCH.history.n_images)
     wrong[frame] = 40.0
-    found = diagnosed({}, in_load=wrong, settings=replace(SETTINGS, held_out=None))
+    found = diagnosed({}, in_load=wrong, settings=NONE_HELD_OUT)
     (bad,) = found.bad_loads
     assert bad.frame == frame and bad.off == pytest.approx(40, abs=5)
     assert found.verdict.kind == "nothing wrong"
@@ -166,9 +158,7 @@ def test_a_load_that_is_wrong_alone_is_left_out_and_blamed_on_no_cause(frame: in
 
 def test_an_effect_beside_a_wrong_load_is_named() -> None:
     wrong = np.where(np.arange(BENCH.history.n_images) == 20, -40.0, 0.0)
-    found = diagnosed(
-        {"tilt_drift": 2e-3}, in_load=wrong, settings=replace(SETTINGS, held_out=None)
-    )
+    found = diagnosed({"tilt_drift": 2e-3}, in_load=wrong, settings=NONE_HELD_OUT)
     assert found.verdict.causes == ("tilt_drift",)
     assert [bad.frame for bad in found.bad_loads] == [20]
 
@@ -176,7 +166,7 @@ def test_an_effect_beside_a_wrong_load_is_named() -> None:
 @pytest.mark.parametrize("parameter", ["load_offset", "load_lag"])
 def test_a_cause_that_shows_in_few_loads_is_named_and_they_are_kept(parameter: str) -> None:
     value = {"load_offset": 30.0, "load_lag": 3.0}[parameter]
-    found = diagnosed({parameter: value}, settings=replace(SETTINGS, held_out=None))
+    found = diagnosed({parameter: value}, settings=NONE_HELD_OUT)
     assert parameter in found.verdict.causes and not found.bad_loads
 
 
@@ -184,9 +174,7 @@ def test_a_cause_that_shows_in_few_loads_is_named_and_they_are_kept(parameter: s
 def test_a_wrong_noise_of_the_loads_names_nothing(stated: float) -> None:
     """With 1/2.2 taken for true, 2 of 8 nulls were said to have a drift of the load."""
     for seed in (3, 4):
-        found = diagnosed(
-            {}, seed=seed, load_noise=stated, settings=replace(SETTINGS, held_out=None)
-        )
+        found = diagnosed({}, seed=seed, load_noise=stated, settings=NONE_HELD_OUT)
         assert found.verdict.kind == "nothing wrong"
         assert found.objective.data.load_noise == pytest.approx(1.0, abs=0.5)
         assert found.objective.data.load_degrees > 15
@@ -208,11 +196,9 @@ def flipped(flip: Cause) -> Diagnosis:
     believed = closed_form.bench(case.model_copy(update={"grains": grains}))
     true = replace(believed, model=turned(believed.model, (flip,)))
     made = replace(closed_form.objective(true, true.truth), model=believed.model)
-    fine = replace(believed.model, adapter=closed_form.ClosedFormSolver(0.001))
-    objective, baseline = closed_form.identified(believed, made, fine)
     wanted = (*RIVALS, *(one.name for one in FLIPS))
-    settings = replace(SETTINGS, wanted=wanted, held_out=None)
-    return diagnose(baseline, objective, fine, believed.history.cycle, settings, silent)
+    settings = replace(NONE_HELD_OUT, wanted=wanted)
+    return diagnosis_of(believed, identified(believed, made), settings)
 
 
 @pytest.mark.parametrize("flip", FLIPS, ids=lambda flip: flip.name)
@@ -239,7 +225,7 @@ def test_a_large_effect_of_another_kind_is_no_flip() -> None:
 def test_flips_that_are_not_wanted_are_not_tried() -> None:
     found = diagnosed(
         {"stretch_curvature": 0.1},
-        settings=replace(SETTINGS, wanted=("stretch_not_proportional",), held_out=None),
+        settings=replace(NONE_HELD_OUT, wanted=("stretch_not_proportional",)),
     )
     assert found.verdict.causes == ("stretch_not_proportional",) and not found.not_examined
 
@@ -247,7 +233,7 @@ def test_flips_that_are_not_wanted_are_not_tried() -> None:
 def test_only_wanted_causes_are_tried() -> None:
     found = diagnosed(
         {"tilt_drift": 2e-3},
-        settings=replace(SETTINGS, wanted=("load_gain", "end_rotation"), held_out=None),
+        settings=replace(NONE_HELD_OUT, wanted=("load_gain", "end_rotation")),
     )
     tried = {s.cause.name for s in found.steps[0].scores}
     assert tried == {"load_gain", "end_rotation", NUMERICS.name}
@@ -263,12 +249,8 @@ def test_images_that_free_correlation_cannot_follow_limit_what_is_named() -> Non
 
 def test_a_simulation_that_changes_its_own_error_is_refused_a_verdict() -> None:
     """The correction was taken with a finer simulation that agreed; at the result it does not."""
-    agreed = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.001))
-    objective, baseline = closed_form.identified(
-        BENCH, closed_form.objective(BENCH, BENCH.truth), agreed
-    )
-    differs = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.5))
-    found = diagnose(baseline, objective, differs, BENCH.history.cycle, SETTINGS, silent)
+    agreed = identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
+    found = diagnosis_of(BENCH, agreed, SETTINGS, by=0.5)
     assert found.verdict.kind == "numerics" and not found.gate.passed
     assert f"by {found.gate.effect:.1f} σ along {found.gate.cause}" in found.verdict.text
     # Both are of one mesh: it is the steps that this solver takes otherwise.
@@ -280,12 +262,10 @@ def test_a_simulation_that_changes_its_own_error_is_refused_a_verdict() -> None:
 def test_a_drift_that_is_fitted_is_no_knot_of_the_held_out_cycle() -> None:
     """`tilt_drift` sounds like a knot, `tilt_1` is one."""
     made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": 2e-3})
-    fine = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.001))
-    objective, baseline = closed_form.identified(BENCH, made, fine)
+    objective, baseline = identified(BENCH, made)
     objective = replace(objective, prior={**objective.prior, "tilt_drift": (0.0, 1.0)})
     free = ("tilt_drift", *baseline.best.free)
     fitted = fit(objective, baseline.values, free, 8, silent)
-    settings = replace(SETTINGS, held_out=1)
-    found = diagnose(fitted, objective, fine, BENCH.history.cycle, settings, silent)
+    found = diagnosis_of(BENCH, (objective, fitted), replace(SETTINGS, held_out=1))
     assert found.verdict.kind == "nothing wrong" and found.held_out is not None
     assert found.held_out[0].chi_image < 1.5

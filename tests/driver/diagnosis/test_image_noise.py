@@ -9,23 +9,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.diagnosis.diagnose import diagnose
 from driver.diagnosis.examined import NotExamined
 from driver.diagnosis.image_noise import examine_noise, unevenness
-from driver.diagnosis.outcome import Diagnosis, Settings
+from driver.diagnosis.outcome import Diagnosis
 from driver.identification.fit import Fit
 from driver.identification.image_data import reweighted
 from driver.identification.objective import Objective
 from tests.driver import closed_form
+from tests.driver.closed_form_diagnosis import diagnosis_of, identified
 
 FloatArray = NDArray[np.float64]
 
 BENCH = closed_form.bench()
-FINE = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.001))
-SETTINGS = Settings(
-    wanted=None, refit=3, held_out=None, processes=1, threads=1, free_chi=1.0,
-    sizes=closed_form.SIZES,
-)  # fmt: skip
 RECORD = closed_form.height_maps
 
 
@@ -60,13 +55,12 @@ def baseline(
 
     with patch.object(closed_form, "height_maps", noisy):
         made = closed_form.objective(BENCH, BENCH.truth | ({hidden: size} if hidden else {}), seed)
-    return closed_form.identified(BENCH, made, FINE)
+    return identified(BENCH, made)
 
 
 @cache
 def diagnosed(kind: str, hidden: str = "", size: float = 0.0) -> Diagnosis:
-    objective, fitted = baseline(kind, hidden, size)
-    return diagnose(fitted, objective, FINE, BENCH.history.cycle, SETTINGS, lambda line: None)
+    return diagnosis_of(BENCH, baseline(kind, hidden, size))
 
 
 @pytest.mark.parametrize("kind", ["steep", "defocus"])

@@ -15,14 +15,13 @@ from driver.design.settings import read_change
 from driver.design.variants import base_variant, variant
 from driver.diagnosis.all_causes import NAMES
 from driver.diagnosis.causes import LIBRARY, Cause
-from driver.diagnosis.diagnose import diagnose
 from driver.diagnosis.examined import causes_of, not_examined
-from driver.diagnosis.outcome import Settings
 from driver.diagnosis.own_causes import asked_causes, own_causes, read_causes
 from driver.errors import InputError
 from driver.model import declared_parameters
 from driver.pipeline import run
 from tests.driver import closed_form
+from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
 METHOD = Path(__file__).resolve().parents[3] / "docs" / "method.md"
 TWISTED = Cause(
@@ -175,10 +174,7 @@ def test_an_own_cause_that_cannot_be_tried_is_listed_with_the_reason() -> None:
 def test_an_effect_of_two_parameters_is_named_by_the_own_cause_that_has_both() -> None:
     bench = closed_form.bench()
     made = closed_form.objective(bench, bench.truth | {"end_rotation": 0.4, "end_shear": 0.4})
-    fine = replace(bench.model, adapter=closed_form.ClosedFormSolver(0.001))
-    objective, baseline = closed_form.identified(bench, made, fine)
-    settings = Settings(None, 3, None, 1, 1, 1.0, closed_form.SIZES, (TWISTED,))
-    found = diagnose(baseline, objective, fine, bench.history.cycle, settings, lambda line: None)
+    found = diagnosis_of(bench, identified(bench, made), replace(SETTINGS, own=(TWISTED,)))
     assert found.verdict.causes[0] == "twisted_grip"
     assert found.verdict.text.startswith("The grip is mounted askew")
     assert TWISTED.check in found.verdict.next

@@ -6,27 +6,21 @@ from typing import cast
 
 from driver.diagnosis.boundary_noise import Stops
 from driver.diagnosis.omnibus import FAMILY_LEVEL
-from driver.diagnosis.outcome import Settings
 from driver.diagnosis.round import WORTH, examine, to_refit
 from driver.diagnosis.score import Score
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
 from tests.driver import closed_form
+from tests.driver.closed_form_diagnosis import SETTINGS, identified, silent
 
 BENCH = closed_form.bench()
-SETTINGS = Settings(
-    wanted=("tilt_drift",), refit=5, held_out=None, processes=1, threads=1, free_chi=1.0,
-    sizes=closed_form.SIZES,
-)  # fmt: skip
-
-
+EVERY = replace(SETTINGS, refit=5)
+TILT = replace(EVERY, wanted=("tilt_drift",))
 NO_STOPS = Stops(None)
-FINE = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.001))
 
 
-def identified(hidden: dict[str, float]) -> tuple[Objective, Fit]:
-    made = closed_form.objective(BENCH, BENCH.truth | hidden)
-    return closed_form.identified(BENCH, made, FINE)
+def tilting() -> tuple[Objective, Fit]:
+    return identified(BENCH, closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": 4e-4}))
 
 
 def scored(p: float, evidence: float) -> Score:
@@ -54,22 +48,21 @@ def test_a_significant_cause_without_evidence_opens_the_door_for_no_other() -> N
 
 
 def test_of_a_small_effect_that_its_cause_explains_no_other_cause_is_refitted() -> None:
-    objective, baseline = identified({"tilt_drift": 4e-4})
-    every = replace(SETTINGS, wanted=None)
-    step, winner = examine(baseline, objective, (), every, NO_STOPS, None, lambda line: None)
+    objective, baseline = tilting()
+    step, winner = examine(baseline, objective, (), EVERY, NO_STOPS, None, silent)
     assert winner is not None and winner.cause.name == "tilt_drift"
     assert len(step.refits) == 1
 
 
 def test_an_effect_far_beyond_its_prior_is_significant_and_still_not_added() -> None:
-    objective, baseline = identified({"tilt_drift": 4e-4})
-    _, winner = examine(baseline, objective, (), SETTINGS, NO_STOPS, None, lambda line: None)
+    objective, baseline = tilting()
+    _, winner = examine(baseline, objective, (), TILT, NO_STOPS, None, silent)
     assert winner is not None and winner.cause.name == "tilt_drift"
     usual = objective.parameters["tilt_drift"]
     # Of this size nobody expects it: forty of its prior scales.
     narrow = dict(objective.parameters) | {"tilt_drift": replace(usual, scale=1e-5)}
     objective = replace(objective, parameters=narrow)
-    step, winner = examine(baseline, objective, (), SETTINGS, NO_STOPS, None, lambda line: None)
+    step, winner = examine(baseline, objective, (), TILT, NO_STOPS, None, silent)
     (refit,) = step.refits
     assert step.scores[0].p < FAMILY_LEVEL and 0 < refit.log_evidence < WORTH
     assert winner is None and step.named == ()

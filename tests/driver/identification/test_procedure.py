@@ -29,6 +29,7 @@ from solver_adapters.interface import Response, Simulation
 from tests.driver import closed_form
 from tests.driver.analytic import evaluation
 from tests.driver.closed_form import KNOTS, LAW, LENGTH, SIZES, TILTS, WIDTH
+from tests.driver.closed_form_diagnosis import priors
 
 FloatArray = NDArray[np.float64]
 
@@ -108,7 +109,7 @@ def identification(finer_by: float = 0.002, **keys: Any) -> tuple[Identification
         for knots in (KNOTS, TILTS)
     ]
     start, knots = start_values(BENCH.model, *measured)
-    made = replace(made, prior=closed_form.priors(BENCH, start))
+    made = replace(made, prior=priors(start))
     pose = tuple(p.name for p in POSE_DECLARATIONS)
     finer = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(finer_by))
     lines: list[str] = []
@@ -209,7 +210,7 @@ def test_stage_c_begins_where_b_ended_and_simulates_only_what_b_lacks() -> None:
 
     model = replace(BENCH.model, adapter=Counting())
     made = replace(closed_form.objective(BENCH, BENCH.truth | TRUE), model=model)
-    made = replace(made, prior=closed_form.priors(BENCH, BENCH.truth))
+    made = replace(made, prior=priors(BENCH.truth))
     plan = Plan(law=LAW, knots=(*NAMES, *tilt_names(5)), sizes=SIZES, most=15)
     found = identify(model, BENCH.model, made, BENCH.truth, plan, silent)
     whole = found.objective.evaluate(found.stages["B"].values, plan.free("C"))

@@ -1,0 +1,59 @@
+"""Identification and diagnosis of the specimen in closed form, as a run does them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from driver.boundary import LAMBDAS, elongation_names, tilt_names
+from driver.diagnosis.diagnose import diagnose
+from driver.diagnosis.outcome import Diagnosis, Settings
+from driver.identification.fit import Fit, fit
+from driver.identification.objective import Objective
+from driver.identification.priors import LAMBDA_PRIOR
+from driver.identification.procedure import correction, with_correction
+from driver.model import ForwardModel, declared_parameters
+from driver.surface_view import POSE_DECLARATIONS
+from tests.driver.closed_form import KNOTS, LAW, SIZES, Bench, ClosedFormSolver
+
+SETTINGS = Settings(
+    wanted=None, refit=3, held_out=None, processes=1, threads=1, free_chi=1.0, sizes=SIZES
+)
+"""What a test asks of a diagnosis unless it says otherwise."""
+
+
+def silent(line: str) -> None:
+    """Whoever asks here wants no progress."""
+
+
+def finer(b: Bench, by: float = 0.001) -> ForwardModel:
+    """The model of a finer simulation, whose answer is another by so much (`ClosedFormSolver`)."""
+    return replace(b.model, adapter=ClosedFormSolver(by))
+
+
+def priors(start: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+    """Priors of the apex amplitudes, of the law and of the pose, as in a run."""
+    parameters = declared_parameters(len(KNOTS) + 1)
+    prior = {name: (start[name], LAMBDA_PRIOR / parameters[name].scale) for name in LAMBDAS}
+    prior |= {name: (start[name], 1.0) for name in LAW}
+    return prior | {p.name: (0.0, 1.0) for p in POSE_DECLARATIONS}
+
+
+def identified(b: Bench, made_with: Objective) -> tuple[Objective, Fit]:
+    """The baseline of a diagnosis: all but the extensions fitted, with the correction."""
+    n = len(KNOTS) + 1
+    pose = tuple(p.name for p in POSE_DECLARATIONS)
+    free = (*LAMBDAS, *pose, *elongation_names(n), *tilt_names(n), *LAW)
+    start = replace(made_with, prior=priors(b.truth))
+    first = fit(start, b.truth, free, 12, silent)
+    change = correction(b.model, finer(b), first, silent)
+    corrected = with_correction(start, 1.0, change, SIZES)
+    return corrected, fit(corrected, first.values, free, 12, silent)
+
+
+def diagnosis_of(
+    b: Bench, baseline: tuple[Objective, Fit], settings: Settings = SETTINGS, by: float = 0.001
+) -> Diagnosis:
+    """What is wrong with a baseline (`identified`)."""
+    objective, fitted = baseline
+    return diagnose(fitted, objective, finer(b, by), b.history.cycle, settings, silent)
