@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.case import Case
-from driver.diagnose_stage import DIAGNOSIS, DIAGNOSIS_H5
+from driver.diagnosis_record import DIAGNOSIS, DIAGNOSIS_H5
 from driver.errors import InputError, sentence
 from driver.identified_record import IDENTIFY
 from driver.measure_stage import MEASURE

@@ -6,8 +6,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from driver.case import Case, load_case
-from driver.diagnose_stage import DIAGNOSIS, held_out_cycle, run_diagnose
+from driver.diagnose_stage import held_out_cycle, run_diagnose
 from driver.diagnosis.own_causes import asked_causes
+from driver.diagnosis_record import DIAGNOSIS
 from driver.errors import sentence
 from driver.estimate import cost_told, estimate
 from driver.experiment import history_of

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -88,6 +89,11 @@ def _remedy(path: Path) -> str:
     stage = _STAGES.get(path.stem)
     alone = "" if stage is None else f", running the stage {stage} alone"
     return f"delete it, and `prismid run` makes it anew{alone}"
+
+
+def json_number(value: float) -> float | None:
+    """A number as JSON has it, which knows neither infinity nor NaN: they are None."""
+    return float(value) if math.isfinite(value) else None
 
 
 def write_csv(path: Path, columns: Mapping[str, Sequence[object] | Array]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,7 +10,7 @@ from driver.design.forecast import Forecast
 from driver.design.information import Knowledge
 from driver.design.visibility import NAMED_AT, Outlook, Visible
 from driver.diagnosis.score import PARALLEL, SEEN_AT
-from driver.results import prismid_version
+from driver.results import json_number, prismid_version
 
 
 def design_record(
@@ -56,10 +55,10 @@ def _known(p: Knowledge) -> dict[str, Any]:
         "parameter": p.name,
         "assumed": p.value,
         "unit": p.unit,
-        "sigma": _number(p.sigma),
-        "sigma_theta": _number(p.theta),
-        "prior_theta": _number(p.prior),
-        "alone_theta": _number(p.alone),
+        "sigma": json_number(p.sigma),
+        "sigma_theta": json_number(p.theta),
+        "prior_theta": json_number(p.prior),
+        "alone_theta": json_number(p.alone),
         "variance_from": dict(p.parts),
         "correlated_with": p.partner,
         "factor_if_known": p.factor,
@@ -84,9 +83,9 @@ def _visible(p: Visible) -> dict[str, Any]:
         "unit": p.unit,
         "relative": p.relative,
         "scale": p.scale,
-        "sigma": _number(p.sigma),
-        "smallest_seen": _number(p.seen),
-        "smallest_named": _number(p.named),
+        "sigma": json_number(p.sigma),
+        "smallest_seen": json_number(p.seen),
+        "smallest_named": json_number(p.named),
         "left": p.left,
         "in_loads": p.loads,
         "hidden_by": p.hidden_by,
@@ -97,14 +96,10 @@ def _visible(p: Visible) -> dict[str, Any]:
 def _gain(base: Forecast, other: Forecast) -> dict[str, Any]:
     won = gain(base, other)
     return {
-        "sigma_ratio": {name: _number(ratio) for name, ratio in won.sigma.items()},
-        "seen_ratio": {name: _number(ratio) for name, ratio in won.seen.items()},
+        "sigma_ratio": {name: json_number(ratio) for name, ratio in won.sigma.items()},
+        "seen_ratio": {name: json_number(ratio) for name, ratio in won.seen.items()},
         "parted": [list(pair) for pair in won.parted],
         "merged": [list(pair) for pair in won.merged],
         "shown": list(won.shown),
         "lost": list(won.lost),
     }
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from driver.boundary import BoundaryMotion
 from driver.case import Case
 from driver.check_picture import boundary_trace
-from driver.diagnose_stage import DIAGNOSIS, DIAGNOSIS_H5, EXTENDED
+from driver.diagnosis_record import DIAGNOSIS, DIAGNOSIS_H5
 from driver.dic.surface_images import residual_variance
+from driver.extended_case import EXTENDED
 from driver.history import History, knot_weights, read_history
 from driver.identified_record import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
 from driver.measure_stage import MEASURE, MEASURE_CSV

@@ -10,11 +10,11 @@ import tifffile
 
 from driver.case import Case, load_case, write_case
 from driver.case_tables.images import Axis
-from driver.diagnose_stage import NOISE_MAP, added_parameters, extended_case, write_noise_map
 from driver.diagnosis.causes import LIBRARY, Cause
 from driver.diagnosis.ebsd_flips import FLIPS, half_turn
 from driver.diagnosis.noise_causes import BOUNDARY_NOISE, NOISE_NOT_UNIFORM
 from driver.experiment import arrange
+from driver.extended_case import NOISE_MAP, added_parameters, extended_case, write_noise_map
 from driver.identification.image_data import reweighted
 from driver.model import declared_parameters
 from solver_adapters.material import MATERIAL_DECLARATIONS

@@ -1,0 +1,95 @@
+"""The case that a diagnosis ends with: its causes freed, its noise stated, its starts fitted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+
+from driver.boundary import LAMBDAS
+from driver.case import Case
+from driver.diagnosis.ebsd_flips import half_turn
+from driver.diagnosis.noise_causes import COVARIANCE, NOISE_RATIO, SIGMA_E
+from driver.diagnosis.outcome import Diagnosis
+from driver.experiment import as_in_files
+from solver_adapters.material import MATERIAL_PARAMETERS
+
+EXTENDED, NOISE_MAP = "extended.toml", "noise_map.tif"
+
+
+def extended_case(case: Case, found: Diagnosis) -> Case:
+    """The case with the fitted values as starts and the added causes freed.
+
+    It stands in `results/`: its paths lead one folder up.
+    """
+    values = found.extended.values
+    names = {
+        "tau0": "tau0_MPa", "c": "c_MPa", "Q": "Q_MPa", "Q_latent": "Q_latent_MPa",
+        "c2": "c2_MPa",
+        "skin_thickness": "skin_thickness_um",
+    }  # fmt: skip
+    constants = {
+        names.get(name, name): values[name]
+        for name in MATERIAL_PARAMETERS
+        if name in case.identification.parameters
+    }
+    lambdas = dict(
+        zip(("plus_Y", "plus_Z", "minus_Y", "minus_Z"), (values[n] for n in LAMBDAS), strict=True)
+    )
+    freed = {name: values[name] for name in (*case.extensions, *added_parameters(found))}
+    images = case.images
+    moved = {
+        key: _from_results(getattr(images, key))
+        for key in ("frames", "flats", "repeats", "mask", "noise_map")
+        if getattr(images, key) is not None
+    }
+    if NOISE_RATIO.name in found.levels:
+        moved["noise_map"] = NOISE_MAP
+    history = case.history.model_copy(update={"file": _from_results(case.history.file)})
+    boundary: dict[str, Any] = {
+        "lambda_start": case.boundary.lambda_start.model_copy(update=lambdas)
+    }
+    if SIGMA_E.name in found.levels:
+        boundary["jitter_nm"] = 1e3 * found.levels[SIGMA_E.name][0]
+    files = tuple(_from_results(name) for name in case.diagnosis.cause_files)
+    return with_flips(case, found).model_copy(
+        update={
+            "material": case.material.model_copy(update=constants),
+            "boundary": case.boundary.model_copy(update=boundary),
+            "extensions": freed,
+            "images": images.model_copy(update=moved),
+            "history": history,
+            "diagnosis": case.diagnosis.model_copy(update={"cause_files": files}),
+        }
+    )
+
+
+def added_parameters(found: Diagnosis) -> tuple[str, ...]:
+    """Names of the parameters of the general model that the extension freed."""
+    freed = [cause for cause in found.causes if cause not in COVARIANCE]
+    every = (n for cause in freed for n in (*cause.parameters, *cause.companions))
+    return tuple(dict.fromkeys(every))
+
+
+def with_flips(case: Case, found: Diagnosis) -> Case:
+    """The case with the EBSD frame turned as the flips that were named turn it."""
+    given = np.array(case.orientation.ebsd_to_specimen)
+    rows = tuple(map(tuple, (half_turn(found.causes) @ given + 0.0).tolist()))
+    return case.model_copy(
+        update={"orientation": case.orientation.model_copy(update={"ebsd_to_specimen": rows})}
+    )
+
+
+def write_noise_map(case: Case, found: Diagnosis, path: Path) -> None:
+    """The noise that was found at each pixel, over its mean, as an image like those of the case."""
+    image = found.objective.data.image
+    noise = np.ones((1, *image.images.shape))
+    if image.variance is not None:
+        noise[0, image.images.rows, image.images.cols] = np.sqrt(image.variance)
+    tifffile.imwrite(path, as_in_files(case.images, noise)[0].astype(np.float32))
+
+
+def _from_results(name: str) -> str:
+    return name if Path(name).is_absolute() else f"../{name}"
