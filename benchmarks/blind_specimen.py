@@ -12,23 +12,19 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.boundary import elongation_names, tilt_names
+from benchmarks.short_specimen import CYCLES, small_case, true_knots
+from benchmarks.short_specimen import true_case as as_it_is
 from driver.case import Case
 from driver.history import History, turning_points
 from driver.specimen import adapter_of, build_model, mesh_of
-from driver.virtual_course import Course, course_of, refuse_unknown
+from driver.virtual_course import Course, seen_course, true_model
 from solver_adapters.interface import Simulation
-from tests.driver.virtual_experiment import small_case
-from tests.driver.virtual_experiment import true_case as as_it_is
 
 FloatArray = NDArray[np.float64]
 Change = Callable[[Simulation, History], Simulation]
 
 LENGTH = 8.0
-CYCLES = ((8, 2), (8, 2))  # images during loading and unloading
 MOVE, SECONDS = 5.0, 15.0  # stage travel [µm] and time from one image to the next
-ELONGATION = (0.045, 0.039, 0.090, 0.083)  # at the turning points [µm]
-TILT_SHARE = 0.25
 PER_SIGMA = {
     "soft_slice": 0.30, "notch": 0.065, "creep": 0.70, "lens": 0.48, "blister": 0.5,
     "slip_band": 0.5,
@@ -99,24 +95,12 @@ def pulled(hidden: Mapping[str, float], change: Change | None = None) -> Course:
         ValueError: a geometric parameter turns a cell inside out.
     """
     truth, history = true_case(), stage_history()
-    mesh, adapter = mesh_of(truth, truth.specimen.mesh_size), adapter_of(truth)
-    steps = truth.solver.steps_per_interval
-    model = build_model(truth, mesh, history, np.zeros((0, 2)), adapter, steps)
-    refuse_unknown(hidden, model.parameters)
-    n_knots = history.n_knots
-    start = truth.boundary.lambda_start.model_dump()
-    values = model.null_values() | {f"lambda_{name}": value for name, value in start.items()}
-    values |= dict(zip(elongation_names(n_knots), ELONGATION, strict=True))
-    tilts = (TILT_SHARE * e for e in ELONGATION)
-    values |= dict(zip(tilt_names(n_knots), tilts, strict=True))
-    values |= hidden
+    moved = {**true_knots(history), **hidden}
+    model, values = true_model(truth, history, adapter_of(truth), moved)
     simulation = model.simulation(values)
     if change is not None:
         simulation = change(simulation, history)
-    response = adapter.solve(simulation)
-    seen = model.observe(response, values, ())
-    bare = course_of(simulation, response, history, values)
-    return replace(bare, motion=seen.surface, load=seen.load)
+    return seen_course(model, simulation, history, values)
 
 
 def jittered(sigma: float, seed: int) -> Course:

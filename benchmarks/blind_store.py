@@ -20,12 +20,16 @@ Record = dict[str, Any]
 
 # Of what makes truths and tells their size, beside the solver and the two cases.
 _TRUTHS = (
-    *(f"benchmarks/blind_{name}.py" for name in ("plan", "ruler", "specimen")),
+    *(
+        f"benchmarks/{name}.py"
+        for name in ("blind_plan", "blind_ruler", "blind_specimen", "short_specimen")
+    ),
     *(
         f"driver/{name}.py"
         for name in (
-            "boundary", "history", "instrument", "load_clock", "microstructure", "model",
-            "own_terms", "specimen", "surface_view", "virtual_course", "microscope/face_motion",
+            "boundary", "fixed_pattern", "history", "hold_time", "instrument", "load_clock",
+            "microstructure", "model", "own_terms", "specimen", "surface_view", "virtual_course",
+            "microscope/face_motion",
         )
     ),
 )  # fmt: skip

@@ -12,11 +12,12 @@ from driver.boundary import elongation_names, tilt_names
 from driver.case import Case
 from driver.errors import InputError
 from driver.history import History, turning_points
+from driver.model import ForwardModel
 from driver.specimen import adapter_of, build_model, mesh_of
 from driver.virtual_tables import Program
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import SurfaceMesh, trace
-from solver_adapters.interface import Progress, Response, Simulation
+from solver_adapters.interface import Adapter, Progress, Response, Simulation
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
@@ -112,16 +113,54 @@ def pull(
             f"face.slip_spacing_um: found slip steps with the solver {adapter.name}, which does "
             "not answer the slip of the cells, expected 0"
         )
+    model, values = true_model(truth, history, adapter, hidden)
+    simulation = replace(model.simulation(values), cell_fields=cell_slip)
+    return seen_course(model, simulation, history, values, progress)
+
+
+def true_model(
+    truth: Case, history: History, adapter: Adapter, hidden: Mapping[str, float]
+) -> tuple[ForwardModel, dict[str, float]]:
+    """The specimen as it is, without a pixel on it, and the true value of every parameter.
+
+    Args:
+        truth: the specimen, on the mesh and with the steps of its working model.
+        history: times, stage travel and images.
+        adapter: the solver.
+        hidden: as `pull`.
+
+    Raises:
+        InputError: a parameter is unknown or out of its bounds.
+    """
     mesh = mesh_of(truth, truth.specimen.mesh_size)
-    model = build_model(
-        truth, mesh, history, np.zeros((0, 2)), adapter, truth.solver.steps_per_interval
-    )
+    steps = truth.solver.steps_per_interval
+    model = build_model(truth, mesh, history, np.zeros((0, 2)), adapter, steps)
     start = truth.boundary.lambda_start.model_dump()
     values = model.null_values() | {f"lambda_{name}": value for name, value in start.items()}
     refuse_unknown(hidden, model.parameters)
-    values |= hidden
-    simulation = replace(model.simulation(values), cell_fields=cell_slip)
-    response = adapter.solve(simulation, progress=progress)
+    return model, values | dict(hidden)
+
+
+def seen_course(
+    model: ForwardModel,
+    simulation: Simulation,
+    history: History,
+    values: Mapping[str, float],
+    progress: Callable[[Progress], None] | None = None,
+) -> Course:
+    """Simulate what happens; images and load cell show it as they truly are.
+
+    Args:
+        model: the specimen as it is.
+        simulation: `model.simulation(values)`, or one in which more happens.
+        history: times, stage travel and images.
+        values: the true value of every parameter.
+        progress: called as the run advances.
+
+    Raises:
+        SolverError: the simulation could not be finished.
+    """
+    response = model.adapter.solve(simulation, progress=progress)
     seen = model.observe(response, values, ())
     bare = course_of(simulation, response, history, values)
     # A load that lags is read between the rows, and then every row is answered.

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.short_specimen import small_case
 from driver.extended_decks import DECKS, write_decks
 from driver.model import ForwardModel
 from driver.specimen import adapter_of, build_model, mesh_of
 from driver.virtual_course import stage_program
-from tests.driver.virtual_experiment import small_case
 
 CASE = small_case()
 

@@ -8,13 +8,12 @@ from pathlib import Path
 import h5py
 import pytest
 
+from benchmarks.short_specimen import small_case, true_case
 from driver.design.command import FILES, design
 from driver.identified_record import IDENTIFY
 from driver.pipeline import run
 from driver.virtual_record import record
-from tests.driver.virtual_experiment import pull, small_case, true_case
-
-CYCLES, ELONGATION = ((8, 2), (8, 2)), (0.045, 0.039, 0.090, 0.083)
+from tests.driver.virtual_experiment import pull
 
 
 @pytest.mark.slow
@@ -26,7 +25,7 @@ def test_the_predicted_sigma_is_that_of_the_fit_though_no_image_is_looked_at(
     Within 12 %: the fit also estimates the noise of the images (to 2 %), and its gradient holds
     what 31 images leave of noise.
     """
-    course = pull(true_case(small_case()), CYCLES, ELONGATION, {})
+    course = pull(true_case(small_case()), {})
     case = record(tmp_path, small_case(), course, 1)
     run(case, "identify", False, print)
     with h5py.File(tmp_path / "results" / IDENTIFY) as file:

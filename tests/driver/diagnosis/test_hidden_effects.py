@@ -11,18 +11,17 @@ from typing import Any
 
 import pytest
 
+from benchmarks.short_specimen import small_case, true_case
 from driver.case import Case
 from driver.model import declared_parameters
 from driver.pipeline import run
 from driver.virtual_course import Course
 from driver.virtual_record import record
-from tests.driver.virtual_experiment import pull, small_case, true_case
+from tests.driver.virtual_experiment import pull
 
 Record = dict[str, Any]
 Diagnose = Callable[[str, int], Record]
 
-CYCLES = ((8, 2), (8, 2))
-ELONGATION = (0.045, 0.039, 0.090, 0.083)  # µm at the turning points
 EFFECTS = {  # cause: parameter, null, truth
     "grain_contrast": ("tau0_grain2", 1.0, 1.25),
     "boundary_position": ("boundary_shift", 0.0, 0.6),
@@ -52,7 +51,7 @@ def course(effect: str) -> Course:
     hidden = {"tau0_grain2": EFFECTS[effect][2]} if effect == "grain_contrast" else {}
     if effect == "latent_hardening":
         hidden = {"Q_latent": LATENT}
-    return pull(truth, CYCLES, ELONGATION, hidden)
+    return pull(truth, hidden)
 
 
 @pytest.fixture(scope="module")
