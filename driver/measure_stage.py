@@ -66,7 +66,7 @@ def measure_numbers(context: StageContext) -> None:
         *correlation_meshes(case),
         roughness=case.dic.roughness_um(pixel),
         workers=case.execution.processes,
-        penalty=case.dic.penalised,
+        penalty=case.dic.penalty,
     )
     tell_regularisation(case, single, context.log)
     _refuse_another_surface(single)

@@ -116,13 +116,6 @@ class Dic(Table):
         default=None, description="a number > 0, stage travel below which changes are noise"
     )
 
-    @property
-    def penalised(self) -> Literal["curvature", "equilibrium", "elastic"]:
-        """The penalty by its name in `driver.dic.regularisation`."""
-        if self.penalty == "tikhonov":
-            return "curvature"
-        return "equilibrium" if self.penalty == "equilibrium_gap" else "elastic"
-
     def roughness_um(self, pixel_um: float) -> float | Literal["estimated"]:
         """What the penalty grants [µm], infinity for none, for pixels of a size [µm]."""
         if self.roughness_px == "estimated":

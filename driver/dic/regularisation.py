@@ -16,7 +16,7 @@ from meshes.plane_mesh import PlaneMesh
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-Penalty = Literal["curvature", "equilibrium", "elastic"]
+Penalty = Literal["tikhonov", "equilibrium_gap", "elastic"]
 POISSON = 0.3
 
 
@@ -26,24 +26,24 @@ def penalties(basis_uv: Basis, basis_w: Basis, penalty: Penalty | None) -> list[
     Each is free of dimension and scale, so that pᵀRp/roughness² counts standard deviations. Of
     u and v:
 
-    - curvature (Tikhonov of second order): squares of the second differences ∂XX, ∂YY, ∂XY over
+    - tikhonov (of second order): squares of the second differences ∂XX, ∂YY, ∂XY over
       a grid; on any other mesh, with G the gradient averaged at the nodes and h the element size,
       ∫ |∇u − G|² + h² |∇G|². An affine motion, and no other, costs nothing;
     - elastic: twice the energy of plane stress for E = 1, ν = 0.3, the edges free. A rigid
       motion costs nothing, a strain does;
-    - equilibrium: squares of the nodal forces KU inside the mesh, where equilibrium without body
-      forces wants zero (the equilibrium gap). An affine motion costs nothing.
+    - equilibrium_gap: squares of the nodal forces KU inside the mesh, where equilibrium without
+      body forces wants zero. An affine motion costs nothing.
 
     Of w: second differences on a grid, else the Laplacian inside the mesh.
 
     Args:
         basis_uv: basis of u and of v.
         basis_w: basis of w.
-        penalty: of u and v; None for curvature on a grid and equilibrium elsewhere.
+        penalty: of u and v; None for tikhonov on a grid and equilibrium_gap elsewhere.
     """
     if penalty is None:
-        penalty = "curvature" if isinstance(basis_uv, GridBasis) else "equilibrium"
-    if penalty == "curvature":
+        penalty = "tikhonov" if isinstance(basis_uv, GridBasis) else "equilibrium_gap"
+    if penalty == "tikhonov":
         if isinstance(basis_uv, GridBasis) and isinstance(basis_w, GridBasis):
             if _size(basis_uv, basis_w) <= DENSE:
                 return _dense_curvatures(basis_uv.cells, basis_w.cells)
@@ -75,8 +75,8 @@ def ranks(basis_uv: Basis, basis_w: Basis, penalty: Penalty | None) -> tuple[int
 def modes(basis_uv: Basis, penalty: Penalty | None) -> int:
     """Rank of R of the motion: what of u, v costs something.
 
-    All nodal values but the affine motions (curvature) or the rigid ones (elastic); two for each
-    node inside the mesh (equilibrium), whose block of the stiffness is definite.
+    All nodal values but the affine motions (tikhonov) or the rigid ones (elastic); two for each
+    node inside the mesh (equilibrium_gap), whose block of the stiffness is definite.
 
     Args:
         basis_uv: basis of u and of v.
@@ -85,7 +85,7 @@ def modes(basis_uv: Basis, penalty: Penalty | None) -> int:
     free = 2 * len(basis_uv.nodes)
     if penalty == "elastic":
         return free - 3
-    if penalty == "curvature" or (penalty is None and isinstance(basis_uv, GridBasis)):
+    if penalty == "tikhonov" or (penalty is None and isinstance(basis_uv, GridBasis)):
         return free - 6
     return 2 * int(np.count_nonzero(~on_border(basis_uv.mesh)))
 

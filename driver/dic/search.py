@@ -29,14 +29,14 @@ class Options:
     """How a correlation is regularised and ended.
 
     Attributes:
-        penalty: what is penalised of u, v: "curvature" (second differences, regular grids only),
-            "equilibrium" (nodal forces inside an elastic sheet) or "elastic" (its energy). None
-            takes curvature on grids and equilibrium on other meshes.
+        penalty: what is penalised of u, v: "tikhonov" (second derivatives), "equilibrium_gap"
+            (nodal forces inside an elastic sheet) or "elastic" (its energy). None takes the first
+            on grids and the second on other meshes.
         roughness: standard deviation granted to what is penalised [px]: inf for no penalty; None
             for the value that makes the images most probable.
         roughness_w: the same for the second differences (or the Laplacian) of w, in the unit of
             the images.
-        tikhonov: weights of |p − start|², relative to the mean diagonal of the Hessian, solved in
+        ramp: weights of |p − start|², relative to the mean diagonal of the Hessian, solved in
             turn. The last one stays and biases towards the start, whose own noise the covariance
             leaves out: end with 0 for neither.
         tolerance: largest nodal update of u, v at convergence [px].
@@ -46,7 +46,7 @@ class Options:
     penalty: Penalty | None = None
     roughness: float | None = None
     roughness_w: float | None = None
-    tikhonov: tuple[float, ...] = ()
+    ramp: tuple[float, ...] = ()
     tolerance: float = 1e-3
     workers: int = 1
 
@@ -55,8 +55,8 @@ class Options:
             value = getattr(self, name)
             if value is not None and not value > 0:
                 raise ImageError(f"{name} = {value}; a positive number, inf or None is expected.")
-        if any(not weight >= 0 for weight in self.tikhonov):
-            raise ImageError(f"tikhonov = {self.tikhonov}; weights of 0 or more are expected.")
+        if any(not weight >= 0 for weight in self.ramp):
+            raise ImageError(f"ramp = {self.ramp}; weights of 0 or more are expected.")
         if not self.tolerance > 0 or self.workers < 1:
             raise ImageError(
                 f"tolerance = {self.tolerance}, workers = {self.workers}; "
@@ -87,8 +87,8 @@ class Search:
             roughness_w=options.roughness_w or FIRST_ROUGHNESS_W * relief,
         )
         free = (options.roughness is None, options.roughness_w is None)
-        *ramp, anchor = options.tikhonov or (0.0,)
-        system = self._system(any(options.tikhonov))
+        *ramp, anchor = options.ramp or (0.0,)
+        system = self._system(any(options.ramp))
         for weight in ramp:
             weigh(system, estimate, self.n_reference, weight)
             starts = [end.p for end in self._solve(system, starts, starts, COARSE)]

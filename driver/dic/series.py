@@ -108,8 +108,8 @@ def measure(
         M_ij = Σ (∇f·ψ_i)(∇f·ψ_j),    b_i = Σ (∇f·ψ_i) ρ,
 
     factored once for all frames. P = σ²(1 + 1/n) R/roughness², with R the penalty of
-    `regularisation`, keeps modes in bounds that a weak pattern leaves to the noise. Curvature and
-    equilibrium cost nothing for an affine motion, so a uniform elongation is not biased.
+    `regularisation`, keeps modes in bounds that a weak pattern leaves to the noise. "tikhonov" and
+    "equilibrium_gap" cost nothing for an affine motion, so a uniform elongation is not biased.
 
     A height change shorter than about three elements of w does not fit its basis and pulls on
     u, v in proportion to itself, well before χ shows it: choose `size_w` by the topography.
@@ -129,7 +129,7 @@ def measure(
         roughness: standard deviation granted to what is penalised [µm]; 1 pixel if None, infinity
             for no penalty; "estimated" for what makes the images most probable.
         workers: threads over the frames; the result does not depend on it.
-        penalty: of u and v; None for curvature on a grid and equilibrium elsewhere.
+        penalty: of u and v; None for "tikhonov" on a grid and "equilibrium_gap" elsewhere.
 
     Raises:
         ImageError: more nodal values than the pixels can decide or memory has room for.
@@ -142,7 +142,7 @@ def measure(
     first = ROUGHNESS_FIRST * pixel
     if isinstance(roughness, float):
         first = min(roughness, first)
-    system = _system(images, basis_uv, basis_w, "curvature")
+    system = _system(images, basis_uv, basis_w, "tikhonov")
     system.weigh([variance / first**2])
     starts = first_pass(images, system)
     images = refine_gradient(images, _expand(basis_uv, basis_w, starts))

@@ -123,7 +123,7 @@ def _level(reference: FloatArray, region: BoolArray, scale: int) -> _Level:
     high_row, high_col = float(rows.max()), float(cols.max())
     bounds = (low_row, max(high_row, low_row + 1), low_col, max(high_col, low_col + 1))
     basis = grid_basis(xy, bounds, ELEMENT)
-    system = System(pixels, basis, basis, penalties(basis, basis, "curvature"))
+    system = System(pixels, basis, basis, penalties(basis, basis, "tikhonov"))
     n = 2 * len(basis.nodes)
     # The stiffness that white heights of a tenth of the relief would justify.
     variance = (0.1 * float(np.std(f[at]))) ** 2

@@ -99,9 +99,9 @@ def noise_floor(case_path: Path, log: Log) -> None:
         size_w = ratio * size
         uv, w = size * pixel, size_w * pixel
         measured, freedom = measured_gamma_u(
-            repeats, specimen.length, uv, w, roughness, case.dic.penalised
+            repeats, specimen.length, uv, w, roughness, case.dic.penalty
         )
-        found = errors(lab, uv, w, done, roughness, case.dic.penalised)
+        found = errors(lab, uv, w, done, roughness, case.dic.penalty)
         rows.append(Row(size, size_w, found, measured))
     take = chosen(rows)
     for line in table(rows, take, freedom):

@@ -46,7 +46,7 @@ def test_the_roughness_that_the_motion_was_drawn_with_is_found() -> None:
     )
 
 
-@pytest.mark.parametrize("penalty", ["curvature", "elastic", "equilibrium"])
+@pytest.mark.parametrize("penalty", ["tikhonov", "elastic", "equilibrium_gap"])
 def test_ranks_are_those_of_the_penalties(penalty: Penalty) -> None:
     xy = np.array([[0.0, 0.0], [9.0, 9.0]])
     uv, w = (grid_basis(xy, (0.0, 9.0, 0.0, 9.0), size) for size in (3.0, 2.0))

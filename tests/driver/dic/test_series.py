@@ -202,7 +202,7 @@ def test_heights_that_one_frame_lacks_are_left_out_of_it_alone() -> None:
     assert np.array_equal(np.isfinite(residual[1]), measured.compared[1])
 
 
-@pytest.mark.parametrize("penalty", ["curvature", "equilibrium", "elastic"])
+@pytest.mark.parametrize("penalty", ["tikhonov", "equilibrium_gap", "elastic"])
 def test_the_roughness_is_that_of_the_motion_where_the_images_say_it(
     scene: Scene, penalty: Penalty
 ) -> None:
@@ -230,7 +230,7 @@ def test_the_roughness_is_that_of_the_motion_where_the_images_say_it(
 
 
 @pytest.mark.parametrize("kind", ["tri3", "tri6", "quad4", "quad8"])
-@pytest.mark.parametrize("penalty", ["curvature", "equilibrium", "elastic"])
+@pytest.mark.parametrize("penalty", ["tikhonov", "equilibrium_gap", "elastic"])
 def test_every_penalty_is_ramped_down_to_the_true_motion_on_every_mesh(
     scene: Scene, kind: CellKind, penalty: Penalty
 ) -> None:
