@@ -39,7 +39,7 @@ _BOUNDARY_DIRECTIONS = 4 + 4 * 6
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Cost:
     """What a run will cost.
 
     Attributes:
@@ -55,7 +55,7 @@ class Estimate:
 
 def estimate(
     case: Case, solver: Capabilities, n_cells: int, n_images: int, n_pixels: int = 0
-) -> Estimate:
+) -> Cost:
     """Time and memory of a run.
 
     Args:
@@ -93,7 +93,7 @@ def estimate(
     memory += _IMAGE_COPIES * 8.0 * n_pixels
     runs = 1 if solver.derivatives else 1 + RUNS_PER_DIRECTION * directions
     evaluations = fits * case.identification.starts + refits
-    return Estimate(solving + correlation, memory, runs * evaluations)
+    return Cost(solving + correlation, memory, runs * evaluations)
 
 
 def simulation_memory(n_cells: int, n_images: int, directions: int = 0) -> float:

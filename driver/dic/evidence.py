@@ -18,7 +18,7 @@ LEAST = 1e-3  # px, or of the noise for w: as good as affine
 
 
 @dataclass(frozen=True)
-class Estimate:
+class NoiseAndRoughness:
     """Noise of one image, and what is granted to u, v (in the unit of the pixel) and to w."""
 
     sigma: float
@@ -47,8 +47,8 @@ class Evidence:
     n_reference: int
 
     def settle(
-        self, p: FloatArray, estimate: Estimate, sigma: float
-    ) -> tuple[Estimate, FloatArray]:
+        self, p: FloatArray, estimate: NoiseAndRoughness, sigma: float
+    ) -> tuple[NoiseAndRoughness, FloatArray]:
         """The most probable roughness, and the nodal values under it, shape (T, n).
 
         MacKay's fixed point of the evidence: with γ = rank − tr(A⁻¹P) unknowns that the images
@@ -69,7 +69,7 @@ class Evidence:
                 break
             leap = drift if step == 0 else _secant(now - last[0], drift - last[1], drift)
             last, now, stale = (now, drift), now + leap, False
-            estimate = Estimate(sigma, *(float(a) for a in np.exp(now)))
+            estimate = NoiseAndRoughness(sigma, *(float(a) for a in np.exp(now)))
             weigh(self.system, estimate, self.n_reference, self.anchor)
             p = self._moved(p)
         return estimate, p
@@ -99,7 +99,7 @@ class Evidence:
         return drift, share
 
 
-def weigh(system: System, estimate: Estimate, n_reference: int, anchor: float) -> None:
+def weigh(system: System, estimate: NoiseAndRoughness, n_reference: int, anchor: float) -> None:
     """Give the penalties of u, v and of w, and the anchor if there is one, their weights."""
     variance = estimate.sigma**2 * (1 + 1 / n_reference)
     weights = [variance / granted**2 for granted in (estimate.roughness, estimate.roughness_w)]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
 
 from driver.dic.basis import Basis
-from driver.dic.evidence import Estimate, Evidence, weigh
+from driver.dic.evidence import Evidence, NoiseAndRoughness, weigh
 from driver.dic.interpolation import variance_gain
 from driver.dic.kernels import motion_of
 from driver.dic.regularisation import Penalty, penalties, ranks
@@ -77,11 +77,11 @@ class Search:
     splines: list[FloatArray]
     pool: ThreadPoolExecutor | None
 
-    def run(self, starts: list[FloatArray]) -> tuple[System, list[End], Estimate]:
+    def run(self, starts: list[FloatArray]) -> tuple[System, list[End], NoiseAndRoughness]:
         """Ends of all images, with the system that led to them and what it assumed."""
         options = self.options
         relief = float(np.std(self.pixels.height))
-        estimate = Estimate(
+        estimate = NoiseAndRoughness(
             sigma=self.sigma or FIRST_NOISE * relief,
             roughness=self.pixels.pixel * (options.roughness or FIRST_ROUGHNESS),
             roughness_w=options.roughness_w or FIRST_ROUGHNESS_W * relief,

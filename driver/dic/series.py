@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array, hstack
 
 from driver.dic.basis import Basis, grid_basis, mesh_basis
-from driver.dic.evidence import Estimate, Evidence
+from driver.dic.evidence import Evidence, NoiseAndRoughness
 from driver.dic.fineness import refuse_too_fine
 from driver.dic.first_pass import TOLERANCE_FIRST, first_pass
 from driver.dic.gaps import Equations
@@ -169,7 +169,7 @@ def measure(
         rank = ranks(basis_uv, basis_w, penalty)
         evidence = Evidence(system, targets, 0.0, rank, (True, False), images.n_reference)
         # The height has no penalty here.
-        guess = Estimate(images.sigma, ROUGHNESS * pixel, roughness_w=1.0)
+        guess = NoiseAndRoughness(images.sigma, ROUGHNESS * pixel, roughness_w=1.0)
         estimate, starts[heard] = evidence.settle(p, guess, images.sigma)
         granted = estimate.roughness
     else:

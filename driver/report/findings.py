@@ -22,7 +22,7 @@ from driver.identified_record import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
 from driver.measure_stage import MEASURE, MEASURE_CSV
 from driver.mesh_stage import FINE_MESH, MESH
 from driver.model import declared_parameters
-from driver.report.identified import Estimate, estimates
+from driver.report.identified import IdentifiedParameter, estimates
 from driver.report.measured import DATASETS, MeasuredMotion, measured_motion, peaks
 from driver.report.measured_figures import FIGURES
 from driver.results import damaged, read_hdf5
@@ -88,7 +88,7 @@ class Findings:
     motion: MeasuredMotion
     pictures: dict[str, bytes]
     fitted: dict[str, FloatArray]
-    estimates: dict[str, Estimate]
+    estimates: dict[str, IdentifiedParameter]
     identified: dict[str, FloatArray]
     hessian_names: tuple[str, ...]
     warnings: tuple[str, ...]

@@ -18,7 +18,7 @@ _AT_BOUND = 1e-9
 
 
 @dataclass(frozen=True)
-class Estimate:
+class IdentifiedParameter:
     """An identified parameter.
 
     Attributes:
@@ -76,7 +76,7 @@ def interval_of(parameter: Parameter, middle: float, deviation: float) -> tuple[
 
 def estimates(
     names: Sequence[str], declared: Mapping[str, Parameter], results: Mapping[str, FloatArray]
-) -> dict[str, Estimate]:
+) -> dict[str, IdentifiedParameter]:
     """Estimates by name.
 
     Args:
@@ -91,6 +91,6 @@ def estimates(
         results["prior/width"], results["prior_share"],
     )  # fmt: skip
     return {
-        name: Estimate(declared[name], *map(float, row))
+        name: IdentifiedParameter(declared[name], *map(float, row))
         for name, *row in zip(names, *columns, strict=True)
     }

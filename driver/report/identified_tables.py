@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from driver.boundary import LAMBDAS
 from driver.identification.identifiability import INSENSITIVE
-from driver.report.identified import Estimate
+from driver.report.identified import IdentifiedParameter
 from driver.wording import (
     chi,
     duration,
@@ -66,7 +66,7 @@ def core(names: Sequence[str]) -> list[str]:
     return sorted(alone, key=lambda n: (order[n in LAMBDAS], order[n in _LAW]))
 
 
-def estimate_rows(found: Mapping[str, Estimate]) -> tuple[Groups, Groups]:
+def estimate_rows(found: Mapping[str, IdentifiedParameter]) -> tuple[Groups, Groups]:
     """Rows of the parameters that count, and of the knots and the origin, in groups."""
     alone: dict[str, list[Row]] = {}
     many: dict[str, list[Row]] = {}
@@ -80,7 +80,7 @@ def estimate_rows(found: Mapping[str, Estimate]) -> tuple[Groups, Groups]:
     return list(alone.items()), [(t, many[t]) for t in titles.values() if t in many]
 
 
-def _estimate_row(name: str, found: Estimate) -> Row:
+def _estimate_row(name: str, found: IdentifiedParameter) -> Row:
     factor, unit = reading_unit(name, found.parameter.unit)
     low, high = (factor * end for end in found.interval)
     prior, bound, share = found.prior_interval, found.at_bound, found.prior_share
@@ -148,7 +148,9 @@ def apex_table(
     )
 
 
-def law_table(found: Mapping[str, Estimate], paper: Mapping[str, tuple[float, float]]) -> Table:
+def law_table(
+    found: Mapping[str, IdentifiedParameter], paper: Mapping[str, tuple[float, float]]
+) -> Table:
     """χ, χ_f, χ_F and parameters of the law at start and result (table 5 of Bertin 2016).
 
     Args:
@@ -173,7 +175,7 @@ def law_table(found: Mapping[str, Estimate], paper: Mapping[str, tuple[float, fl
     )
 
 
-def _value(name: str, found: Estimate) -> str:
+def _value(name: str, found: IdentifiedParameter) -> str:
     factor, _ = reading_unit(name, found.parameter.unit)
     return with_sigma(factor * found.value, factor * found.sigma)
 

@@ -3,7 +3,7 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.dic.basis import grid_basis
-from driver.dic.evidence import Estimate, Evidence, weigh
+from driver.dic.evidence import Evidence, NoiseAndRoughness, weigh
 from driver.dic.regularisation import Penalty, penalties, ranks
 from driver.dic.system import Pixels, System
 
@@ -32,7 +32,7 @@ def drawn() -> tuple[System, NDArray[np.float64]]:
 
 def test_the_roughness_that_the_motion_was_drawn_with_is_found() -> None:
     system, targets = drawn()
-    first = Estimate(SIGMA, 1.0, 20.0)
+    first = NoiseAndRoughness(SIGMA, 1.0, 20.0)
     weigh(system, first, 1, 0.0)
     start = system.solve(targets.T).T
     found, p = Evidence(
@@ -56,7 +56,7 @@ def test_ranks_are_those_of_the_penalties(penalty: Penalty) -> None:
 
 def test_what_is_given_stays_and_only_the_noise_is_taken_over() -> None:
     system, targets = drawn()
-    first = Estimate(3 * SIGMA, ROUGH, ROUGH_W)
+    first = NoiseAndRoughness(3 * SIGMA, ROUGH, ROUGH_W)
     weigh(system, first, 1, 0.0)
     start = system.solve(targets.T).T
     found, _ = Evidence(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from driver.model import declared_parameters
-from driver.report.identified import Estimate
+from driver.report.identified import IdentifiedParameter
 from driver.report.identified_tables import (
     apex_table,
     budget_table,
@@ -21,7 +21,9 @@ DECLARED = declared_parameters(3)
 def estimate(name, start, value, sigma, width=math.inf):
     parameter = DECLARED[name]
     deviation = sigma / parameter.slope(value)
-    return Estimate(parameter, start, value, deviation, start, width, (deviation / width) ** 2)
+    return IdentifiedParameter(
+        parameter, start, value, deviation, start, width, (deviation / width) ** 2
+    )
 
 
 # Values of tables 4 and 5 of Bertin et al. (2016); the standard deviations are invented.
