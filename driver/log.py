@@ -46,5 +46,9 @@ def seldom(
     return tell_seldom
 
 
+def silent(line: str) -> None:
+    """Tell nobody: lines of jobs that run side by side would interleave."""
+
+
 def _no_word(text: str) -> None:
     """Nobody is there to read it."""

@@ -26,6 +26,7 @@ from driver.identification.boundary_jitter import BoundaryJitter, boundary_jitte
 from driver.identification.data import Data
 from driver.identification.fit import fit
 from driver.identification.objective import Evaluation, Objective
+from driver.log import silent
 
 FloatArray = NDArray[np.float64]
 Level = tuple[float, float]
@@ -160,7 +161,7 @@ def refit_boundary_noise(
     for turn in range(_TURNS):
         noisy = with_level(objective, stops, found)
         result = fit(
-            noisy, best.values, best.free, MOST_ITERATIONS, _silent,
+            noisy, best.values, best.free, MOST_ITERATIONS, silent,
             start=noisy.complete(best, best.free), tolerance=TOLERANCE,
         )  # fmt: skip
         before, best = found.level, result.best
@@ -224,7 +225,3 @@ def level_again(
 def _level(found: Component) -> Level:
     """σ_e and its standard deviation [µm]."""
     return SIGMA_E.scale * found.level, SIGMA_E.scale * found.spread
-
-
-def _silent(line: str) -> None:
-    """Its fits are told in one line at the end."""

@@ -37,6 +37,7 @@ from driver.diagnosis.verdict import decide
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Correction, Evaluation, Objective
 from driver.identification.procedure import correction, with_correction
+from driver.log import silent
 from driver.model import ForwardModel
 from driver.side_by_side import side_by_side
 
@@ -229,14 +230,10 @@ def _run(task: _Refresh | _Again | HeldOutTask) -> Correction | Fit | HeldOut:
     if isinstance(task, HeldOutTask):
         return predict_held_out(task)
     if isinstance(task, _Refresh):
-        return correction(task.working, task.finer, task.at, _silent)
+        return correction(task.working, task.finer, task.at, silent)
     best = task.fit.best
     start = task.objective.compare(best.prediction, best.values, best.free)
-    return fit(task.objective, best.values, best.free, POLISH, _silent, start=start)
-
-
-def _silent(line: str) -> None:
-    """These jobs run side by side: their lines would interleave."""
+    return fit(task.objective, best.values, best.free, POLISH, silent, start=start)
 
 
 def _held_out_tasks(

@@ -12,7 +12,7 @@ from driver.diagnosis.ebsd_flips import half_turn
 from driver.diagnosis.examined import NotExamined
 from driver.diagnosis.refit import (
     MOST_FROM_AFAR,
-    Log,
+    Crew,
     Refit,
     Start,
     nominal,
@@ -58,9 +58,7 @@ def try_flips(
     flips: Sequence[Cause],
     baseline: Evaluation,
     objective: Objective,
-    processes: int,
-    threads: int,
-    log: Log,
+    crew: Crew,
     bar: float,
 ) -> FlipTrial:
     """Evaluate each flip from two starts, and refit where a first step promises enough.
@@ -73,14 +71,12 @@ def try_flips(
         flips: the flips.
         baseline: the baseline at its optimum.
         objective: the objective of the baseline.
-        processes: how many flips at a time.
-        threads: threads of each.
-        log: takes a line for each.
+        crew: who tries them.
         bar: cost which the first step has to promise.
     """
     if not flips:
         return FlipTrial()
-    log(f"other frames of the EBSD: {', '.join(flip.name for flip in flips)}")
+    crew.log(f"other frames of the EBSD: {', '.join(flip.name for flip in flips)}")
     starts = [
         Start(flip, replace(objective, model=turned(objective.model, (flip,))), values, None,
               baseline, bar, MOST_FROM_AFAR)
@@ -90,24 +86,27 @@ def try_flips(
     scores: list[Score] = []
     hopeful: list[Start] = []
     failed: list[NotExamined] = []
-    looks = list(zip(starts, side_by_side(_first_look, starts, processes, threads), strict=True))
+    ends = side_by_side(_first_look, starts, crew.processes, crew.threads)
+    looks = list(zip(starts, ends, strict=True))
     for flip in flips:
         mine = [(start, look) for start, look in looks if start.cause is flip]
         seen = [replace(start, start=look) for start, look in mine if not isinstance(look, str)]
         if not seen:
             why = f"it cannot be simulated ({mine[0][1]})"
-            log(f"  {flip.name}: {why}")
+            crew.log(f"  {flip.name}: {why}")
             failed.append(NotExamined(flip.name, why))
             continue
         promises = [_promise(start) for start in seen]
         promise = min(promises)
         scores.append(_score(flip, baseline.cost - promise))
         if promise > bar:
-            log(f"  {flip.name}: given up, for its first step promises too little "
-                f"(cost {promise:.0f}, {bar:.0f} is asked for)")  # fmt: skip
+            crew.log(
+                f"  {flip.name}: given up, for its first step promises too little "
+                f"(cost {promise:.0f}, {bar:.0f} is asked for)"
+            )
         else:
             hopeful.append(seen[promises.index(promise)])
-    refits = refit_from(hopeful, processes, threads, log)
+    refits = refit_from(hopeful, crew)
     return FlipTrial(tuple(scores), tuple(refits), tuple(failed))
 
 

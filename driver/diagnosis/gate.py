@@ -15,6 +15,7 @@ from driver.diagnosis.screening import whitened_difference
 from driver.identification.fit import Fit
 from driver.identification.objective import Correction, Evaluation, Objective
 from driver.identification.procedure import correction
+from driver.log import silent
 from driver.model import ForwardModel
 
 FloatArray = NDArray[np.float64]
@@ -138,7 +139,7 @@ def _refinement(
         model, steps_per_interval=finer.steps_per_interval, accuracy=finer.accuracy,
         adapter=finer.adapter,
     )  # fmt: skip
-    halved = correction(model, between, here, lambda line: None)
+    halved = correction(model, between, here, silent)
     of_steps = along.effect(whitened_difference(objective, here.best, halved, Correction()))
     of_mesh = along.effect(whitened_difference(objective, here.best, fresh, halved))
     if of_steps < _MATTERS * of_mesh:

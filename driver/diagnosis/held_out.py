@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Objective
+from driver.log import silent
 
 IntArray = NDArray[np.int64]
 MOST_ITERATIONS = 5
@@ -63,10 +64,10 @@ def predict_held_out(task: HeldOutTask) -> HeldOut:
     best = task.fit.best
     without = replace(task.objective, data=data.frames(others))
     shared = tuple(name for name in best.free if name not in task.knots)
-    trained = fit(without, best.values, shared, MOST_ITERATIONS, _silent, tolerance=TOLERANCE)
+    trained = fit(without, best.values, shared, MOST_ITERATIONS, silent, tolerance=TOLERANCE)
     only = replace(task.objective, data=data.frames(inside))
     predicted = fit(
-        only, trained.values, task.knots, MOST_ITERATIONS, _silent, tolerance=TOLERANCE
+        only, trained.values, task.knots, MOST_ITERATIONS, silent, tolerance=TOLERANCE
     ).best
     loads = predicted.residual[: predicted.n_load]
     # The elongation knots are seen by the loads, the tilt knots by the images.
@@ -95,7 +96,3 @@ def knots_of_cycle(
         for k in range(1, n + 1)
     ]
     return tuple(name for index, name in enumerate(names) if alone[index % n])
-
-
-def _silent(line: str) -> None:
-    """Held-out fits run side by side: their iterations would interleave."""

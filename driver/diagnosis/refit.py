@@ -12,6 +12,7 @@ from driver.diagnosis.score import Score
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.step import bounded_step
+from driver.log import silent
 from driver.side_by_side import side_by_side
 from solver_adapters.interface import SolverError
 
@@ -48,6 +49,21 @@ class Refit:
         at = self.objective.restrict(self.fit.best, self.fit.best.free)
         rest = at.residual - np.linalg.solve(at.hessian, at.gradient) @ at.jacobian
         return float(rest @ rest)
+
+
+@dataclass(frozen=True)
+class Crew:
+    """Who refits.
+
+    Attributes:
+        processes: how many fits at a time.
+        threads: threads of each.
+        log: takes a line for each.
+    """
+
+    processes: int
+    threads: int
+    log: Log
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,9 +137,7 @@ def refit_causes(
     screening: Evaluation,
     baseline: Evaluation,
     objective: Objective,
-    processes: int,
-    threads: int,
-    log: Log,
+    crew: Crew,
     bar: float = np.inf,
 ) -> list[Refit]:
     """Refit causes side by side, each from the biased optimum of the baseline.
@@ -133,9 +147,7 @@ def refit_causes(
         screening: evaluation at the baseline with the parameters of every cause free.
         baseline: the baseline at its optimum.
         objective: the objective of the baseline.
-        processes: how many refits at a time.
-        threads: threads of each.
-        log: takes a line for each refit.
+        crew: who refits.
         bar: cost which the first step has to promise; a cause of which it does not is left out.
     """
     tasks, hopeless = [], []
@@ -148,17 +160,15 @@ def refit_causes(
         start = Start(scored.cause, extended, begin.values, begin, baseline, bar, MOST_ITERATIONS)
         tasks.append(start)
     if hopeless:
-        log(f"  the first step promises too little of {', '.join(hopeless)}")
-    return refit_from(tasks, processes, threads, log)
+        crew.log(f"  the first step promises too little of {', '.join(hopeless)}")
+    return refit_from(tasks, crew)
 
 
 def refit_from_afar(
     scores: Sequence[Score],
     baseline: Evaluation,
     objective: Objective,
-    processes: int,
-    threads: int,
-    log: Log,
+    crew: Crew,
     bar: float,
 ) -> list[Refit]:
     """Refit causes from the nominal model with ±1 and ±3 prior scales of each.
@@ -170,9 +180,7 @@ def refit_from_afar(
         scores: the causes to refit.
         baseline: the baseline at its optimum.
         objective: the objective of the baseline.
-        processes: how many refits at a time.
-        threads: threads of each.
-        log: takes a line for each refit.
+        crew: who refits.
         bar: cost which the first step has to promise; a start that does not is given up.
     """
     tasks = []
@@ -180,7 +188,7 @@ def refit_from_afar(
         extended, cause = with_prior(objective, scored.cause), scored.cause
         for values in nominal_starts(scored, baseline, extended):
             tasks.append(Start(cause, extended, values, None, baseline, bar, MOST_FROM_AFAR))
-    return refit_from(tasks, processes, threads, log)
+    return refit_from(tasks, crew)
 
 
 def nominal_starts(
@@ -229,21 +237,21 @@ def _free(baseline: Evaluation, cause: Cause) -> tuple[str, ...]:
     return (*baseline.free, *_added(baseline, cause))
 
 
-def refit_from(tasks: Sequence[Start], processes: int, threads: int, log: Log) -> list[Refit]:
+def refit_from(tasks: Sequence[Start], crew: Crew) -> list[Refit]:
     """Refits side by side; starts that are given up are told and left out."""
 
     def done(index: int, result: Refit | str) -> None:
         name = tasks[index].cause.name
         if isinstance(result, str):
-            log(f"  {name}: a start is given up, {result}")
+            crew.log(f"  {name}: a start is given up, {result}")
             return
         best = result.fit.best
-        log(
+        crew.log(
             f"  {name}: log evidence {result.log_evidence:+.1f}, "
             f"χ_F {best.chi_load:.2f}, χ of images {best.chi_image:.3f} ({result.fit.reason})"
         )
 
-    ends = side_by_side(_refit, tasks, processes, threads, done)
+    ends = side_by_side(_refit, tasks, crew.processes, crew.threads, done)
     return [end for end in ends if isinstance(end, Refit)]
 
 
@@ -258,7 +266,7 @@ def _refit(task: Start) -> Refit | str:
         if promised(objective, here) > task.bar:
             return "for its first step promises too little"
     result = fit(
-        objective, here.values, here.free, task.most, _silent, start=here, tolerance=TOLERANCE
+        objective, here.values, here.free, task.most, silent, start=here, tolerance=TOLERANCE
     )
     added = _added(task.baseline, task.cause)
     evidence = log_bayes_factor(task.baseline, result.best, objective, added)
@@ -274,7 +282,3 @@ def promised(objective: Objective, here: Evaluation) -> float:
         [here.values[name] for name in here.free],
     )  # fmt: skip
     return here.cost - float(2 * here.gradient @ step - step @ here.hessian @ step)
-
-
-def _silent(line: str) -> None:
-    """Refits run side by side: their iterations would interleave."""

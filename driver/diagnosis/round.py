@@ -15,7 +15,7 @@ from driver.diagnosis.gain import is_excess, share_explained
 from driver.diagnosis.noise_causes import COVARIANCE
 from driver.diagnosis.omnibus import FAMILY_LEVEL, Omnibus, omnibus
 from driver.diagnosis.outcome import Log, Settings, Step
-from driver.diagnosis.refit import Refit, refit_causes, refit_from_afar
+from driver.diagnosis.refit import Crew, Refit, refit_causes, refit_from_afar
 from driver.diagnosis.score import PARALLEL, Score, effects_of, likeness
 from driver.diagnosis.screening import screen, screened
 from driver.diagnosis.verdict import MOST_ADDITIONS
@@ -75,8 +75,9 @@ def examine(
     if noise is not None and noise.p < FAMILY_LEVEL and stops.effect is not None:
         refits = [refit_boundary_noise(stops.effect, here.best, objective, log)]
     elif len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS:
-        refits = _refits(scores, screening, here, objective, settings, log)
-        trial = _flips(refits, tests, here.best, objective, added, settings, log)
+        crew = Crew(settings.processes, settings.threads, log)
+        refits = _refits(scores, screening, here, objective, settings.refit, crew)
+        trial = _flips(refits, tests, here.best, objective, added, settings.wanted, crew)
         refits = _best_of_each([*refits, *trial.refits])
         scores = sorted([*scores, *trial.scores], key=lambda s: -s.log_evidence)
     winner = refits[0] if refits and refits[0].log_evidence > WORTH else None
@@ -91,20 +92,20 @@ def _flips(
     baseline: Evaluation,
     objective: Objective,
     added: Sequence[Cause],
-    settings: Settings,
-    log: Log,
+    wanted: tuple[str, ...] | None,
+    crew: Crew,
 ) -> FlipTrial:
     """Trial of the EBSD flips where it is warranted: each costs a simulation, or a refit."""
     if set(added) & set(FLIPS):  # two half turns make the third
         return FlipTrial()
-    flips, _ = flips_of(objective.model.microstructure.orientations, settings.wanted)
+    flips, _ = flips_of(objective.model.microstructure.orientations, wanted)
     nothing = not refits or refits[0].log_evidence <= WORTH
     unexplained = not tests.accepted if nothing else _unexplained(baseline, refits[0])
     far = bool(refits) and _turns_far(refits[0])
     if not (baseline.chi_load > LARGE or unexplained or far):
         return not_warranted(flips)
     bar = _bar(refits, baseline) if refits else baseline.cost
-    return try_flips(flips, baseline, objective, settings.processes, settings.threads, log, bar)
+    return try_flips(flips, baseline, objective, crew, bar)
 
 
 def _turns_far(best: Refit) -> bool:
@@ -139,34 +140,34 @@ def _refits(
     screening: Evaluation,
     here: Fit,
     objective: Objective,
-    settings: Settings,
-    log: Log,
+    most: int,
+    crew: Crew,
 ) -> list[Refit]:
     """Refits of the causes that may have done it, the best of each, best evidence first."""
-    baseline, run = here.best, (settings.processes, settings.threads, log)
+    baseline = here.best
     tried = [s for s in scores if s.cause not in (NUMERICS, *COVARIANCE) and s.degrees]
-    chosen = to_refit(tried, settings.refit)
+    chosen = to_refit(tried, most)
     if not chosen:
         return []
-    log(f"refitting {_listed(chosen)}")
-    refits = refit_causes(chosen, screening, baseline, objective, *run)
+    crew.log(f"refitting {_listed(chosen)}")
+    refits = refit_causes(chosen, screening, baseline, objective, crew)
     best = _best_of_each(refits)
     large = baseline.chi_load > LARGE or _unexplained(baseline, best[0])
     if large:
         others = [s for s in tried if s not in chosen]
-        log(f"a large effect, or one half explained: refitting {_listed(others)}")
+        crew.log(f"a large effect, or one half explained: refitting {_listed(others)}")
         bar = _bar(best, baseline)
         best = _best_of_each(
-            [*best, *refit_causes(others, screening, baseline, objective, *run, bar)]
+            [*best, *refit_causes(others, screening, baseline, objective, crew, bar)]
         )
     stalled = {r.cause.name for r in best if not r.fit.converged}
     far = baseline.chi_load > LARGE or _bent(best[0], scores)
-    leading = {r.cause.name for r in best[: settings.refit]} if far else set()
+    leading = {r.cause.name for r in best[:most]} if far else set()
     afar = [s for s in tried if s.cause.name in stalled | leading]
     if afar:
-        log(f"from other starts: {_listed(afar)}")
+        crew.log(f"from other starts: {_listed(afar)}")
         bar = _bar(best, baseline)
-        best = _best_of_each([*best, *refit_from_afar(afar, baseline, objective, *run, bar)])
+        best = _best_of_each([*best, *refit_from_afar(afar, baseline, objective, crew, bar)])
     return best
 
 

@@ -25,6 +25,7 @@ from driver.identification.identifiability import refuse_what_is_not_seen
 from driver.identification.objective import Correction, Objective
 from driver.identification.simulation_error import simulation_error
 from driver.identification.starts import Outcome, draw_starts, from_each_start
+from driver.log import silent
 from driver.model import ForwardModel
 
 FloatArray = NDArray[np.float64]
@@ -197,11 +198,7 @@ def _best_start(task: _Task, log: Log) -> tuple[_First, tuple[Outcome, ...]]:
 
 
 def _from_a_start(task: _Task) -> _First:
-    return _first_stages(task, _silent)
-
-
-def _silent(line: str) -> None:
-    """Starts run side by side: their iterations would interleave."""
+    return _first_stages(task, silent)
 
 
 def _with_jitter(objective: Objective, values: Mapping[str, float], sigma: float) -> Objective:

@@ -12,6 +12,7 @@ from driver.identification.fit import Fit, fit
 from driver.identification.objective import Objective
 from driver.identification.priors import LAMBDA_PRIOR
 from driver.identification.procedure import correction, with_correction
+from driver.log import silent
 from driver.model import ForwardModel, declared_parameters
 from driver.surface_view import POSE_DECLARATIONS
 from tests.driver.closed_form import KNOTS, LAW, SIZES, Bench, ClosedFormSolver
@@ -20,10 +21,6 @@ SETTINGS = Settings(
     wanted=None, refit=3, held_out=None, processes=1, threads=1, free_chi=1.0, sizes=SIZES
 )
 """What a test asks of a diagnosis unless it says otherwise."""
-
-
-def silent(line: str) -> None:
-    """Whoever asks here wants no progress."""
 
 
 def finer(b: Bench, by: float = 0.001) -> ForwardModel:

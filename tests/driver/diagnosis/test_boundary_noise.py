@@ -24,12 +24,13 @@ from driver.diagnosis.variance_component import Component
 from driver.identification.boundary_jitter import boundary_jitter, stops_of, unit_elongation
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
+from driver.log import silent
 from driver.model import ForwardModel, Values
 from driver.watched_solver import WatchedSolver
 from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import Simulation
 from tests.driver import closed_form, closed_form_diagnosis
-from tests.driver.closed_form_diagnosis import diagnosis_of, identified, silent
+from tests.driver.closed_form_diagnosis import diagnosis_of, identified
 
 BENCH = closed_form.bench()
 SETTINGS = replace(closed_form_diagnosis.SETTINGS, refit=5, held_out=2)

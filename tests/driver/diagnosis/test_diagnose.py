@@ -14,8 +14,9 @@ from driver.diagnosis.flip_trial import turned
 from driver.diagnosis.outcome import Diagnosis, Settings
 from driver.diagnosis.visible import not_seen
 from driver.identification.fit import fit
+from driver.log import silent
 from tests.driver import closed_form, closed_form_diagnosis
-from tests.driver.closed_form_diagnosis import diagnosis_of, identified, silent
+from tests.driver.closed_form_diagnosis import diagnosis_of, identified
 
 FloatArray = NDArray[np.float64]
 

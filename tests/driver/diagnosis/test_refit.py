@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.refit import (
+    Crew,
     as_wide_as_found,
     log_bayes_factor,
     nominal_starts,
@@ -20,6 +21,7 @@ from driver.diagnosis.refit import (
 from driver.diagnosis.score import Score, score
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Evaluation, Objective
+from driver.log import silent
 from solver_adapters.parameter import Parameter
 from tests.driver import closed_form
 from tests.driver.analytic import formula
@@ -124,8 +126,8 @@ def test_a_fit_that_stalls_by_its_null_is_found_from_afar() -> None:
     objective, scored = two_valleys()
     baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5, lambda line: None).best
     screening = objective.evaluate(baseline.values, ("a", "x"))
-    (near,) = refit_causes([scored], screening, baseline, objective, 1, 1, lambda line: None)
-    far = refit_from_afar([scored], baseline, objective, 1, 1, lambda line: None, np.inf)
+    (near,) = refit_causes([scored], screening, baseline, objective, Crew(1, 1, silent))
+    far = refit_from_afar([scored], baseline, objective, Crew(1, 1, silent), np.inf)
     best = min(far, key=lambda refit: refit.fit.best.cost)
     assert near.fit.best.cost > 300 and best.fit.best.cost < 25
     assert best.fit.values["x"] == pytest.approx(0.3, abs=0.02)
@@ -135,7 +137,7 @@ def test_a_start_whose_first_step_promises_too_little_is_given_up() -> None:
     objective, scored = two_valleys()
     baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5, lambda line: None).best
     lines: list[str] = []
-    assert refit_from_afar([scored], baseline, objective, 1, 1, lines.append, -1.0) == []
+    assert refit_from_afar([scored], baseline, objective, Crew(1, 1, lines.append), -1.0) == []
     assert len(lines) == 4 and all("promises too little" in line for line in lines)
 
 
@@ -153,7 +155,7 @@ def test_a_companion_that_is_free_already_is_freed_once() -> None:
     for companions in ((), ("b",)):
         cause = Cause("x", "material", ("Q",), "", "", companions)
         scored = score(cause, screening.jacobian[2:], baseline, 1)
-        (refit,) = refit_causes([scored], screening, baseline, objective, 1, 1, lambda line: None)
+        (refit,) = refit_causes([scored], screening, baseline, objective, Crew(1, 1, silent))
         assert refit.fit.best.free == ("a", "b", "Q")
         evidence.append(refit.log_evidence)
     assert evidence[0] == pytest.approx(evidence[1], abs=0.5)
@@ -165,7 +167,7 @@ def test_prior_odds_count_in_the_evidence() -> None:
     screening = objective.evaluate(baseline.values, ("a", "x"))
     unlikely: Any = SimpleNamespace(cause=replace(scored.cause, odds=0.01))
     (even,), (odd,) = (
-        refit_causes([one], screening, baseline, objective, 1, 1, lambda line: None)
+        refit_causes([one], screening, baseline, objective, Crew(1, 1, silent))
         for one in (scored, cast(Score, unlikely))
     )
     assert odd.log_evidence == pytest.approx(even.log_evidence - np.log(100))

@@ -10,8 +10,9 @@ from driver.diagnosis.round import WORTH, examine, to_refit
 from driver.diagnosis.score import Score
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
+from driver.log import silent
 from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import SETTINGS, identified, silent
+from tests.driver.closed_form_diagnosis import SETTINGS, identified
 
 BENCH = closed_form.bench()
 EVERY = replace(SETTINGS, refit=5)
