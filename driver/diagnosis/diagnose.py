@@ -8,17 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.boundary import elongation_names, tilt_names
 from driver.diagnosis.all_causes import EVERY
-from driver.diagnosis.boundary_noise import Level, level_again, stops_where_they_pay
+from driver.diagnosis.boundary_noise import Level, Stops, level_again, stops_where_they_pay
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.ebsd_flips import flips_of
 from driver.diagnosis.elimination import eliminate
 from driver.diagnosis.examined import NotExamined, not_examined
+from driver.diagnosis.final_fits import POLISH, final_fits
 from driver.diagnosis.flip_trial import turned
 from driver.diagnosis.gain import log_evidence, share_described, share_explained
 from driver.diagnosis.gate import gate
-from driver.diagnosis.held_out import HeldOut, HeldOutTask, knots_of_cycle, predict_held_out
 from driver.diagnosis.image_noise import with_uneven_noise
 from driver.diagnosis.loads import bad_loads
 from driver.diagnosis.noise_causes import (
@@ -28,23 +27,20 @@ from driver.diagnosis.noise_causes import (
     NOISE_RATIO,
 )
 from driver.diagnosis.outcome import Diagnosis, Log, Settings, Step
-from driver.diagnosis.preparation import noise_of_images, prepared, with_load_noise
+from driver.diagnosis.preparation import Prepared, noise_of_images, prepared, with_load_noise
 from driver.diagnosis.refit import Refit
 from driver.diagnosis.round import examine
 from driver.diagnosis.score import Score
 from driver.diagnosis.screening import honoured, parameters_of_the_specimen, screened
 from driver.diagnosis.verdict import decide
 from driver.identification.fit import Fit, fit
-from driver.identification.objective import Correction, Evaluation, Objective
+from driver.identification.objective import Evaluation, Objective
 from driver.identification.procedure import correction, with_correction
-from driver.log import silent
 from driver.model import ForwardModel
-from driver.side_by_side import side_by_side
 
 IntArray = NDArray[np.int64]
 
 MOST_STEPS = 5  # rounds, where elimination keeps taking back what was added
-POLISH = 8  # Newton iterations of an extended model with its own correction
 
 
 def diagnose(
@@ -80,12 +76,86 @@ def diagnose(
         wide = objective.evaluate(baseline.values, names)
     begin = prepared(baseline, objective, wide, candidates, settings, log)
     stated, uneven = objective.data.load_noise, begin.uneven
-    objective, known = begin.objective, begin.wide
+    objective = begin.objective
     stops = stops_where_they_pay(begin.baseline.best, objective, stated, settings.wanted)
     left += begin.left + (() if stops.why is None else (stops.why,))
     for one in left:
         log(f"  {one.cause} is not examined: {one.why}")
-    here, current = begin.baseline, objective
+    ended = _rounds(begin, finer, stops, settings, log)
+    here, current, finer = ended.fit, ended.objective, ended.finer
+    steps, causes, levels = list(ended.steps), list(ended.causes), dict(ended.levels)
+    if uneven is not None:
+        steps = [_with_score(step, uneven.score) for step in steps]
+    log("the correction once more, and the held-out cycle predicted from the others")
+    final = final_fits(
+        (begin.baseline, objective), (here, current), causes, finer, cycles, settings
+    )
+    added = [n for cause in causes if cause not in COVARIANCE for n in cause.parameters]
+    passed = gate(current, here, final.fresh, finer, steps[-1].scores, added)
+    log(f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.cause}")
+    explained = share_explained(final.uncounted, here.best) if causes else float("nan")
+    of_causes = {cause.name for cause in causes}
+    # What was dropped and added again counts once.
+    sets = {step.named[0]: step.named for step in steps if of_causes & set(step.named[:1])}
+    every = (*EVERY, *settings.own)
+    verdict = decide(
+        list(sets.values()),
+        steps[-1].omnibus.accepted,
+        settings.imaging_limited,
+        passed.words,
+        {cause.name: cause.sentence for cause in every},
+        {cause.name: cause.check for cause in every},
+        share_described(final.uncounted, here.best, steps[-1].omnibus.left),
+    )
+    if uneven is not None and uneven.named:
+        verdict = with_uneven_noise(verdict)
+        causes = [NOISE_NOT_UNIFORM, *causes]
+        levels |= {NOISE_RATIO.name: (uneven.ratio, uneven.sigma)}
+    return Diagnosis(
+        baseline=begin.baseline,
+        extended=here,
+        objective=current,
+        bad_loads=tuple(one for one in begin.bad if one.frame in current.data.bad_loads),
+        steps=tuple(steps),
+        causes=tuple(causes),
+        gate=passed,
+        held_out=final.held_out,
+        explained=explained,
+        log_evidence=ended.of_noise + log_evidence(final.before, here.best, current, causes),
+        not_examined=left + _never_tried(steps),
+        verdict=verdict,
+        levels=levels,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Rounds:
+    """Where the rounds ended.
+
+    Attributes:
+        fit: the last fit.
+        objective: its objective.
+        finer: the finer model, its orientations those of the fit.
+        steps: the rounds.
+        causes: the causes that were added and are still needed.
+        levels: of the noise that was named its level and the standard deviation of it.
+        of_noise: log evidence of that noise.
+    """
+
+    fit: Fit
+    objective: Objective
+    finer: ForwardModel
+    steps: tuple[Step, ...]
+    causes: tuple[Cause, ...]
+    levels: Mapping[str, Level]
+    of_noise: float
+
+
+def _rounds(
+    begin: Prepared, finer: ForwardModel, stops: Stops, settings: Settings, log: Log
+) -> _Rounds:
+    """Add one cause after the other, until none stands out."""
+    here, current, known = begin.baseline, begin.objective, begin.wide
     steps: list[Step] = []
     causes: list[Cause] = []
     levels: dict[str, Level] = {}
@@ -107,60 +177,7 @@ def diagnose(
         elif winner.levels:
             of_noise = winner.log_evidence
         here, current, causes = eliminate(here, current, causes, log)
-    if uneven is not None:
-        steps = [_with_score(step, uneven.score) for step in steps]
-    log("the correction once more, and the held-out cycle predicted from the others")
-    tasks: list[_Refresh | _Again | HeldOutTask] = [_Refresh(current.model, finer, here)]
-    # Before and after are compared under one covariance, that of the end.
-    final = replace(objective, data=current.data)
-    # What a noise of the boundary explains is an excess where it is not counted.
-    uncounted = replace(final, data=replace(final.data, jitter=objective.data.jitter))
-    if causes:
-        tasks.append(_Again(final, begin.baseline))
-    if BOUNDARY_NOISE in causes:
-        tasks.append(_Again(uncounted, begin.baseline))
-    tasks += _held_out_tasks(uncounted, current, begin.baseline, here, cycles, settings)
-    ends = side_by_side(_run, tasks, settings.processes, settings.threads)
-    fresh = next(end for end in ends if isinstance(end, Correction))
-    fits = [end.best for end in ends if isinstance(end, Fit)]
-    before, worse = (fits[0], fits[-1]) if fits else (here.best, here.best)
-    held = [end for end in ends if isinstance(end, HeldOut)]
-    added = [n for cause in causes if cause not in COVARIANCE for n in cause.parameters]
-    passed = gate(current, here, fresh, finer, steps[-1].scores, added)
-    log(f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.cause}")
-    explained = share_explained(worse, here.best) if causes else float("nan")
-    of_causes = {cause.name for cause in causes}
-    # What was dropped and added again counts once.
-    sets = {step.named[0]: step.named for step in steps if of_causes & set(step.named[:1])}
-    every = (*EVERY, *settings.own)
-    verdict = decide(
-        list(sets.values()),
-        steps[-1].omnibus.accepted,
-        settings.imaging_limited,
-        passed.words,
-        {cause.name: cause.sentence for cause in every},
-        {cause.name: cause.check for cause in every},
-        share_described(worse, here.best, steps[-1].omnibus.left),
-    )
-    if uneven is not None and uneven.named:
-        verdict = with_uneven_noise(verdict)
-        causes = [NOISE_NOT_UNIFORM, *causes]
-        levels |= {NOISE_RATIO.name: (uneven.ratio, uneven.sigma)}
-    return Diagnosis(
-        baseline=begin.baseline,
-        extended=here,
-        objective=current,
-        bad_loads=tuple(one for one in begin.bad if one.frame in current.data.bad_loads),
-        steps=tuple(steps),
-        causes=tuple(causes),
-        gate=passed,
-        held_out=(held[0], held[-1]) if held else None,
-        explained=explained,
-        log_evidence=of_noise + log_evidence(before, here.best, current, causes),
-        not_examined=left + _never_tried(steps),
-        verdict=verdict,
-        levels=levels,
-    )
+    return _Rounds(here, current, finer, tuple(steps), tuple(causes), levels, of_noise)
 
 
 def _never_tried(steps: Sequence[Step]) -> tuple[NotExamined, ...]:
@@ -207,53 +224,3 @@ def _extended(
 def _with_score(step: Step, score: Score) -> Step:
     scores = sorted((*step.scores, score), key=lambda s: -s.log_evidence)
     return replace(step, scores=tuple(scores))
-
-
-@dataclass(frozen=True, eq=False)
-class _Refresh:
-    """A correction to be taken at a fit."""
-
-    working: ForwardModel
-    finer: ForwardModel
-    at: Fit
-
-
-@dataclass(frozen=True, eq=False)
-class _Again:
-    """A fit to be made again under another covariance."""
-
-    objective: Objective
-    fit: Fit
-
-
-def _run(task: _Refresh | _Again | HeldOutTask) -> Correction | Fit | HeldOut:
-    if isinstance(task, HeldOutTask):
-        return predict_held_out(task)
-    if isinstance(task, _Refresh):
-        return correction(task.working, task.finer, task.at, silent)
-    best = task.fit.best
-    start = task.objective.compare(best.prediction, best.values, best.free)
-    return fit(task.objective, best.values, best.free, POLISH, silent, start=start)
-
-
-def _held_out_tasks(
-    final: Objective,
-    current: Objective,
-    baseline: Fit,
-    here: Fit,
-    cycles: IntArray,
-    settings: Settings,
-) -> list[HeldOutTask]:
-    """The held-out cycle before and after, both with the covariance of the end."""
-    if settings.held_out is None:
-        return []
-    boundary, rows = final.model.boundary, final.model.image_row
-    weights = boundary.weights[rows]
-    n_knots = weights.shape[1]
-    every = (*elongation_names(n_knots), *tilt_names(n_knots))
-    names: Sequence[str] = [name for name in every if name in baseline.best.free]
-    knots = knots_of_cycle(cycles, weights, settings.held_out, names)
-    fits = [(final, baseline)]
-    if here is not baseline:
-        fits.append((current, here))
-    return [HeldOutTask(o, f, settings.held_out, cycles, knots) for o, f in fits]
