@@ -19,7 +19,7 @@ Kept = TypeVar("Kept")
 Record = dict[str, Any]
 
 # Of what makes truths and tells their size, beside the solver and the two cases.
-_TRUTHS = (
+TRUTHS = (
     *(
         f"benchmarks/{name}.py"
         for name in ("blind_plan", "blind_ruler", "blind_specimen", "short_specimen")
@@ -28,8 +28,8 @@ _TRUTHS = (
         f"driver/{name}.py"
         for name in (
             "boundary", "fixed_pattern", "history", "hold_time", "instrument", "load_clock",
-            "microstructure", "model", "own_terms", "specimen", "surface_view", "virtual_course",
-            "microscope/face_motion",
+            "microstructure", "model", "own_terms", "prediction", "specimen", "surface_view",
+            "virtual_course", "microscope/face_motion",
         )
     ),
 )  # fmt: skip
@@ -42,7 +42,7 @@ def cache_folder(root: Path) -> Path:
         root: the folder of all such folders.
     """
     told = [case.model_dump_json() for case in (known_case(), true_case())]
-    sources = (*(PACKAGES / name for name in _TRUTHS), *sorted((PACKAGES / "meshes").glob("*.py")))
+    sources = (*(PACKAGES / name for name in TRUTHS), *sorted((PACKAGES / "meshes").glob("*.py")))
     versions = {"cases": json.dumps(told), "solver": solver_hash()}
     folder = root / hash_of(sources, versions)[:12]
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""The forward model: parameters in, what images and load cell should show out."""
+"""The forward model: parameters in, a prediction of what images and load cell show out."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from driver.microstructure import (
     Microstructure,
 )
 from driver.own_terms import installed_terms, refuse_doubles
+from driver.prediction import Prediction
 from driver.surface_view import POSE_DECLARATIONS, Look, SurfaceView, apply
 from solver_adapters.interface import (
     Adapter,
@@ -69,58 +70,6 @@ def declared_parameters(n_knots: int, material: Material = _OF_THE_PAPER) -> dic
     )
     refuse_doubles(declared)
     return {parameter.name: parameter for parameter in declared}
-
-
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """What the model expects, T images, n surface nodes, k free parameters.
-
-    Attributes:
-        surface: motion of the surface nodes as the images show it [µm], shape (T, n, 3).
-        load: load reading [µN], shape (T,).
-        d_surface: derivative for each free parameter, shape (k, T, n, 3).
-        d_load: derivative of the load, shape (k, T).
-        carried: what the images see besides, where a parameter moves the surface under the
-            pixels: derivative of the motion at the pixels by index of the parameter,
-            each of shape (T, n_pix, 3).
-        look: operators from the nodes to the pixels.
-        rise: by how much the surface seems to rise at the pixels besides [µm], shape (T, n_pix),
-            or 0.
-        response: statistics and raw fields of the solver.
-    """
-
-    surface: FloatArray
-    load: FloatArray
-    d_surface: FloatArray
-    d_load: FloatArray
-    carried: Mapping[int, FloatArray]
-    look: Look
-    response: Response
-    rise: FloatArray | float = 0.0
-
-    def restrict(self, rows: Sequence[int]) -> Prediction:
-        """The prediction with the derivatives of some of its parameters, in the given order."""
-        carried = {new: self.carried[old] for new, old in enumerate(rows) if old in self.carried}
-        return replace(
-            self, d_surface=self.d_surface[rows], d_load=self.d_load[rows], carried=carried
-        )
-
-    def joined(self, other: Prediction) -> Prediction:
-        """The prediction with the derivatives of another one at the same values behind its own."""
-        n = len(self.d_load)
-        return replace(
-            self,
-            d_surface=np.concatenate([self.d_surface, other.d_surface]),
-            d_load=np.concatenate([self.d_load, other.d_load]),
-            carried={**self.carried, **{n + row: c for row, c in other.carried.items()}},
-        )
-
-    @property
-    def motion(self) -> FloatArray:
-        """Motion at the pixels [µm], shape (T, n_pix, 3)."""
-        motion = apply(self.look.value, self.surface)
-        motion[..., 2] += self.rise
-        return motion
 
 
 @dataclass(frozen=True, eq=False)

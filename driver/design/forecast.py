@@ -22,7 +22,8 @@ from driver.diagnosis.screening import screened
 from driver.history import History, knot_weights
 from driver.identification.objective import Correction, Objective
 from driver.identification.procedure import with_correction
-from driver.model import Prediction, declared_parameters
+from driver.model import declared_parameters
+from driver.prediction import Prediction
 from driver.specimen import mesh_of
 from driver.virtual_course import knots, refuse_unknown
 from driver.workbench import Seen, Workbench, build_workbench

@@ -20,7 +20,7 @@ from driver.identification.boundary_jitter import BoundaryJitter
 from driver.identification.image_data import ImageData
 from driver.identification.load_noise import whiten_markov
 from driver.identification.simulation_error import SimulationError
-from driver.model import Prediction
+from driver.prediction import Prediction
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

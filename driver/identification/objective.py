@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from driver.identification.data import Data
 from driver.identification.paper_chi import PaperChi, paper_chi
-from driver.model import ForwardModel, Prediction
+from driver.model import ForwardModel
+from driver.prediction import Prediction
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]

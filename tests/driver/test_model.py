@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from driver.boundary import elongation_names, tilt_names
 from driver.history import History, turning_points
-from driver.model import ForwardModel, Prediction, declared_parameters
+from driver.model import ForwardModel, declared_parameters
+from driver.prediction import Prediction
 from driver.specimen import build_model, geometry_of
 from driver.surface_view import apply
 from meshes.prism import generate

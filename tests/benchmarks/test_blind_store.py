@@ -1,0 +1,42 @@
+"""Trials that are done are found again, and truths that other code would make are not."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from benchmarks.blind_store import TRUTHS, cache_folder, kept, of_program, read
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_a_line_that_a_kill_cut_short_is_left_out(tmp_path: Path) -> None:
+    results = tmp_path / "results.jsonl"
+    assert read(results) == []
+    results.write_text('{"trial": 1}\n{"trial": 2}\n{"tri', encoding="utf-8")
+    assert read(results) == [{"trial": 1}, {"trial": 2}]
+
+
+def test_lines_of_another_program_are_counted_and_left_out(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    lines = [{"program": name, "trial": k} for k, name in enumerate("aba")]
+    assert of_program(lines, "a") == [lines[0], lines[2]]
+    assert "1 trial(s) of another program, b," in capsys.readouterr().out
+
+
+def test_what_is_kept_is_made_once(tmp_path: Path) -> None:
+    path = tmp_path / "it.pickle"
+    assert [kept(path, lambda k=k: k) for k in (1, 2)] == [1, 1]
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_truths_are_kept_by_all_that_the_model_is_made_of(tmp_path: Path) -> None:
+    """What stands in no hash may change, and truths of before would be taken for those of now."""
+    tree = ast.parse((ROOT / "driver" / "model.py").read_text(encoding="utf-8"))
+    asked = {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module}
+    parts = {f"{name.replace('.', '/')}.py" for name in asked if name.startswith("driver.")}
+    assert len(parts) > 8 and parts <= set(TRUTHS)
+    assert cache_folder(tmp_path).parent == tmp_path
