@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from statistics import mean
-from typing import Any
 
 import numpy as np
 
+from benchmarks.blind_store import Record
 from driver.diagnosis.score import SEEN_AT
 
-Record = dict[str, Any]
 _Z = 1.959964  # two-sided 95 %
 SILENT = ("null", "noise level", "jitter", "AR(1)")  # kinds of which nothing is to be said
 LOUD = ("cause", "pair", "outside", "known")

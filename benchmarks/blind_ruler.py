@@ -28,6 +28,7 @@ from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from driver.identified_record import IDENTIFY
 from driver.identify_stage import load_workbench, saved_objective
+from driver.log import silent
 from driver.microscope.face_motion import Face, NodalMotion
 from driver.pipeline import run
 from driver.results import read_hdf5
@@ -159,7 +160,7 @@ def _made(cache: Path) -> Ruler:
     path = folder / "case.toml"
     if not path.is_file():
         record(folder, known_case(), unaffected, RULER_SEED)
-    run(path, "identify", False, _silent)
+    run(path, "identify", False, silent)
     objective, values, free = identified(path)
     causes, names = screened(objective.model, free, None)
     wide = objective.evaluate(values, names)
@@ -169,7 +170,7 @@ def _made(cache: Path) -> Ruler:
 def identified(path: Path) -> tuple[Objective, dict[str, float], tuple[str, ...]]:
     """Objective, values and fitted parameters of a case that has been identified."""
     results = path.parent / RESULTS
-    bench = load_workbench(StageContext(load_case(path), path, results, results, _silent, False))
+    bench = load_workbench(StageContext(load_case(path), path, results, results, silent, False))
     with h5py.File(results / IDENTIFY, "r") as file:
         values: dict[str, float] = json.loads(file.attrs["all_values"])
         free = tuple(json.loads(file.attrs["names"]))
@@ -275,7 +276,3 @@ def shown(course: Course, objective: Objective) -> FloatArray:
     if objective.model.pattern is not None:
         motion[..., 2] += course.values["fixed_pattern"] * objective.model.pattern
     return motion
-
-
-def _silent(line: str) -> None:
-    pass

@@ -42,6 +42,7 @@ from driver.case import Case, load_case, write_case
 from driver.diagnosis.all_causes import EVERY
 from driver.diagnosis.causes import LIBRARY
 from driver.errors import InputError
+from driver.log import silent
 from driver.measure_stage import measure_numbers
 from driver.pipeline import stages
 from driver.side_by_side import side_by_side
@@ -194,7 +195,7 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
         path = record(Path(folder), measured_with(trial), truth.course, trial.seed)
         stated = stated_by(trial, load_case(path))
         write_case(stated, path)
-        run_stages(path, _chain(stated), "diagnose", report=_silent)
+        run_stages(path, _chain(stated), "diagnose", report=silent)
         known = tuple(BY_NAME[n] for n in trial.truths if n in BY_NAME)
         whole, seen = left_of(path, truth.course, known) if trial.truths else (0.0, [])
         found = json.loads((path.parent / "results" / "diagnosis.json").read_text("utf-8"))
@@ -276,10 +277,6 @@ def spent(lines: Sequence[Record]) -> dict[str, float]:
 
 def _loudness(kind: str) -> str:
     return "silent" if kind in SILENT else "loud"
-
-
-def _silent(line: str) -> None:
-    pass
 
 
 if __name__ == "__main__":
