@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.identification.cosine_modes import fast_modes
 from driver.identification.objective import Evaluation
 
 FloatArray = NDArray[np.float64]
@@ -63,7 +64,7 @@ def fast_loads(fitted: Evaluation, left: float = UNTOUCHED) -> FastLoads:
         left: variance that it must have left of a direction.
     """
     T, J = fitted.n_load, fitted.jacobian
-    modes = _fast_modes(T)
+    modes = fast_modes(T)
     through = modes @ J[:, :T].T
     images = J[:, T:]
     H = through.T @ through + images @ images.T + np.diag(fitted.prior_weight)
@@ -92,9 +93,3 @@ def freed(fitted: Evaluation, effect: FloatArray) -> Evaluation:
         prior_gap=np.concatenate([fitted.prior_gap, more]),
         prior_weight=np.concatenate([fitted.prior_weight, more + _WIDE**-2]),
     )
-
-
-def _fast_modes(T: int) -> FloatArray:
-    """The fast half of the orthonormal cosines, shape (T − T//2, T)."""
-    modes = np.cos(np.pi * np.outer(np.arange(T // 2, T), np.arange(T) + 0.5) / T)
-    return np.asarray(np.sqrt(2 / T) * modes)

@@ -21,6 +21,7 @@ from driver.diagnosis.noise_causes import NOISE_NOT_UNIFORM, NOISE_RATIO
 from driver.diagnosis.omnibus import FAMILY_LEVEL
 from driver.diagnosis.score import SEEN_AT, Score
 from driver.diagnosis.verdict import Verdict
+from driver.identification.cosine_modes import fast_modes
 from driver.identification.data import Data
 from driver.identification.objective import Evaluation
 
@@ -91,13 +92,11 @@ def unevenness(at: Evaluation, data: Data, family: int) -> Unevenness | None:
         family: number of causes that are tried.
     """
     rho = at.rho[data.with_image]
-    T = len(rho)
-    fast = np.arange(T // 2, T)
-    modes = np.sqrt(2 / T) * np.cos(np.pi * np.outer(fast, np.arange(T) + 0.5) / T)
+    modes = fast_modes(len(rho))
     whole = np.all(rho != 0.0, axis=0)  # pixels that no frame lacks
     every = _features(data)
     features = every - every[whole].mean(axis=0)
-    m, q = len(fast), features.shape[1]
+    m, q = len(modes), features.shape[1]
     if m < 3 * q:
         return None
     power = (modes @ rho[:, whole]) ** 2

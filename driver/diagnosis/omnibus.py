@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, f
 
 from driver.diagnosis.score import score_together
+from driver.identification.cosine_modes import cosine_modes
 from driver.identification.data import Data
 from driver.identification.objective import Evaluation
 
@@ -86,19 +87,12 @@ def omnibus(fitted: Evaluation, data: Data, effects: Sequence[FloatArray] = ()) 
     )
 
 
-def _modes(T: int, orders: NDArray[np.int64]) -> FloatArray:
-    """Orthonormal cosines of the given orders, shape (n_orders, T)."""
-    modes = np.sqrt(2 / T) * np.cos(np.pi * np.outer(orders, np.arange(T) + 0.5) / T)
-    modes[orders == 0] /= np.sqrt(2)
-    return np.asarray(modes)
-
-
 def _slow_against_fast(signal: FloatArray, taken: FloatArray) -> tuple[float, float]:
     """F test on a signal (T, n) from which a fit has taken (k, T, n); what is slow beyond noise."""
     T, k = len(signal), len(taken)
     powers, degrees = [], []
     for orders in (np.arange(T // SLOW_SHARE), np.arange(T // 2, T)):
-        modes = _modes(T, orders)
+        modes = cosine_modes(T, orders)
         power, free = _free_power((modes @ signal).ravel(), (modes @ taken).reshape(k, -1))
         powers.append(power)
         degrees.append(free)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from driver.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.identification.boundary_jitter import boundary_jitter
+from driver.identification.cosine_modes import fast_modes
 from driver.identification.data import Data
 from driver.identification.fit import Fit, fit
 from driver.identification.identifiability import refuse_what_is_not_seen
@@ -293,10 +294,7 @@ def noise_factor(fit_: Fit, data: Data) -> float:
     A model error is slow, noise is white: the estimate does not need the model to be right.
     """
     z = data.image_part(fit_.best.residual)
-    T = len(z)
-    row = np.arange(T)
-    modes = np.sqrt(2 / T) * np.cos(np.pi * np.outer(np.arange(T // 2, T), row + 0.5) / T)
-    return float(np.sqrt(np.mean((modes @ z) ** 2)))
+    return float(np.sqrt(np.mean((fast_modes(len(z)) @ z) ** 2)))
 
 
 def start_values(
