@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from benchmarks.short_specimen import CYCLES, small_case, true_knots
 from benchmarks.short_specimen import true_case as as_it_is
 from driver.case import Case
-from driver.history import History, turning_points
+from driver.history import History
 from driver.specimen import adapter_of, build_model, mesh_of
-from driver.virtual_course import Course, seen_course, true_model
+from driver.virtual_course import Course, history_of_rows, seen_course, true_model
 from solver_adapters.interface import Simulation
 
 FloatArray = NDArray[np.float64]
@@ -67,10 +67,7 @@ def stage_history() -> History:
             if peak:
                 time += SECONDS
                 rows.append((time, stage, True))
-    times, travel, taken = (np.array(column) for column in zip(*rows, strict=True))
-    images = np.flatnonzero(taken)
-    none = np.zeros(images.size)
-    return History(times, travel, images, none, turning_points(travel), none.astype(np.int64))
+    return history_of_rows(rows)
 
 
 @cache

@@ -208,6 +208,11 @@ def stage_program(cycles: Sequence[tuple[int, int]]) -> History:
             rows.append((time, stage, False))
             time += _HOLD
             rows.append((time, stage, True))
+    return history_of_rows(rows)
+
+
+def history_of_rows(rows: Sequence[tuple[float, float, bool]]) -> History:
+    """A history without loads or cycles: time [s], travel [µm] and whether an image is taken."""
     times, travel, taken = (np.array(column) for column in zip(*rows, strict=True))
     images = np.flatnonzero(taken)
     none = np.zeros(images.size)
