@@ -10,10 +10,13 @@ import tifffile
 
 from driver.boundary import LAMBDAS
 from driver.case import Case
+from driver.case_tables.solver import ProfileTable
 from driver.diagnosis.ebsd_flips import half_turn
 from driver.diagnosis.noise_causes import COVARIANCE, NOISE_RATIO, SIGMA_E
 from driver.diagnosis.outcome import Diagnosis
 from driver.experiment import as_in_files
+from driver.profiles import with_files_of
+from driver.specimen import TRACE
 from solver_adapters.material import MATERIAL_PARAMETERS
 
 EXTENDED, NOISE_MAP = "extended.toml", "noise_map.tif"
@@ -54,12 +57,19 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     if SIGMA_E.name in found.levels:
         boundary["jitter_nm"] = 1e3 * found.levels[SIGMA_E.name][0]
     files = tuple(_from_results(name) for name in case.diagnosis.cause_files)
+    meshes = {
+        key: _from_results(name)
+        for key in ("mesh", "height_mesh")
+        if (name := getattr(case.dic, key)) is not None and name != TRACE
+    }
     return with_flips(case, found).model_copy(
         update={
             "material": case.material.model_copy(update=constants),
             "boundary": case.boundary.model_copy(update=boundary),
             "extensions": freed,
             "images": images.model_copy(update=moved),
+            "dic": case.dic.model_copy(update=meshes),
+            "solver": case.solver.model_copy(update={"profiles": _profiles_from_results(case)}),
             "history": history,
             "diagnosis": case.diagnosis.model_copy(update={"cause_files": files}),
         }
@@ -89,6 +99,20 @@ def write_noise_map(case: Case, found: Diagnosis, path: Path) -> None:
     if image.variance is not None:
         noise[0, image.images.rows, image.images.cols] = np.sqrt(image.variance)
     tifffile.imwrite(path, as_in_files(case.images, noise)[0].astype(np.float32))
+
+
+def _profiles_from_results(case: Case) -> dict[str, ProfileTable]:
+    """The profiles of the case, whose commands may name files beside it."""
+    moved = dict(case.solver.profiles)
+    for name, profile in moved.items():
+        if profile.command is not None:
+            found = with_files_of(case.path(""), profile.command)
+            words = (
+                _from_results(word) if word != there else word
+                for word, there in zip(profile.command, found, strict=True)
+            )
+            moved[name] = profile.model_copy(update={"command": tuple(words)})
+    return moved
 
 
 def _from_results(name: str) -> str:

@@ -77,13 +77,13 @@ def profile_of(case: Case, prepare_only: bool = False) -> Profile:
         if name in profiles:
             entries |= profiles[name].model_dump(exclude_none=True)
             if (command := profiles[name].command) is not None:
-                entries["command"] = _with_files_of(folder, command)
+                entries["command"] = with_files_of(folder, command)
     keys = {"memory_MB": "memory", "wall_time_s": "wall_time", "cpu_time_s": "cpu_time"}
     known = {keys.get(key, key): value for key, value in entries.items()}
     return Profile(**known, prepare_only=prepare_only)
 
 
-def _with_files_of(folder: Path, command: Sequence[str]) -> tuple[str, ...]:
+def with_files_of(folder: Path, command: Sequence[str]) -> tuple[str, ...]:
     """A call that can be made in any folder: its files by their absolute paths.
 
     A program without a slash is one of PATH, as in a shell.
