@@ -29,7 +29,7 @@ TRUTHS = (
         for name in (
             "boundary", "fixed_pattern", "history", "hold_time", "instrument", "load_clock",
             "microstructure", "model", "own_terms", "prediction", "specimen", "surface_view",
-            "virtual_course", "microscope/face_motion",
+            "virtual_course", "diagnosis/ebsd_flips", "microscope/face_motion",
         )
     ),
 )  # fmt: skip

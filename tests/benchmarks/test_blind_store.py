@@ -33,10 +33,15 @@ def test_what_is_kept_is_made_once(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_truths_are_kept_by_all_that_the_model_is_made_of(tmp_path: Path) -> None:
-    """What stands in no hash may change, and truths of before would be taken for those of now."""
-    tree = ast.parse((ROOT / "driver" / "model.py").read_text(encoding="utf-8"))
+@pytest.mark.parametrize("module", ["driver/model.py", "benchmarks/blind_specimen.py"])
+def test_truths_are_kept_by_all_that_makes_them(module: str, tmp_path: Path) -> None:
+    """What stands in no hash may change, and truths of before would be taken for those of now.
+
+    Of cases the hash takes the values.
+    """
+    tree = ast.parse((ROOT / module).read_text(encoding="utf-8"))
     asked = {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module}
-    parts = {f"{name.replace('.', '/')}.py" for name in asked if name.startswith("driver.")}
-    assert len(parts) > 8 and parts <= set(TRUTHS)
+    ours = {name for name in asked if name.startswith(("driver.", "benchmarks."))}
+    parts = {f"{name.replace('.', '/')}.py" for name in ours - {"driver.case"}}
+    assert len(parts) > 4 and parts | {module} <= set(TRUTHS)
     assert cache_folder(tmp_path).parent == tmp_path
