@@ -39,7 +39,7 @@ from driver.identify_stage import (
 from driver.measure_stage import MEASURE
 from driver.results import read_hdf5, write_hdf5
 from driver.stages import StageContext
-from driver.workbench import Workbench
+from driver.workbench import Workbench, on_another_mesh
 from solver_adapters.interface import SolverError
 from solver_adapters.material import MATERIAL_PARAMETERS
 
@@ -78,7 +78,10 @@ def run_diagnose(context: StageContext) -> None:
         sizes=bench.plan.sizes,
         own=own,
     )
-    found = diagnose(baseline, objective, bench.finer, cycles, settings, context.log, wide)
+    found = diagnose(
+        baseline, objective, bench.finer, cycles, settings, context.log, wide,
+        lambda: on_another_mesh(case, bench),
+    )  # fmt: skip
     telling = _telling(found, context, bench)
     if telling:
         advised = f"{found.verdict.next} {advice(telling)}"
@@ -269,6 +272,7 @@ def diagnosis_record(
             "on": found.gate.cause,
             "passed": found.gate.passed,
             "needed": found.gate.needed,
+            "between_meshes": found.gate.between_meshes,
         },
         "load_noise": {
             "stated_uN": bench.objective.data.load_noise,
@@ -340,6 +344,7 @@ def _step_record(step: Step, bench: Workbench) -> dict[str, Any]:
     return {
         "chi_load": step.chi_load,
         "chi_image": step.chi_image,
+        "widened": step.widened,
         "omnibus": _omnibus_record(step.omnibus),
         "named": list(step.named),
         "causes": [scored(s) for s in step.scores],

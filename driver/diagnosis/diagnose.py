@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from driver.boundary import elongation_names, tilt_names
 from driver.diagnosis.all_causes import EVERY
+from driver.diagnosis.another_mesh import lost_on
 from driver.diagnosis.boundary_noise import Level, level_again, stops_where_they_pay
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.ebsd_flips import flips_of
@@ -17,7 +18,7 @@ from driver.diagnosis.elimination import eliminate
 from driver.diagnosis.examined import NotExamined, not_examined
 from driver.diagnosis.flip_trial import turned
 from driver.diagnosis.gain import log_evidence, share_described, share_explained
-from driver.diagnosis.gate import gate
+from driver.diagnosis.gate import Gate, gate
 from driver.diagnosis.held_out import HeldOut, HeldOutTask, knots_of_cycle, predict_held_out
 from driver.diagnosis.image_noise import with_uneven_noise
 from driver.diagnosis.loads import bad_loads
@@ -54,6 +55,7 @@ def diagnose(
     settings: Settings,
     log: Log,
     wide: Evaluation | None = None,
+    another: Callable[[], ForwardModel] | None = None,
 ) -> Diagnosis:
     """Find out what the baseline gets wrong.
 
@@ -65,6 +67,7 @@ def diagnose(
         settings: how to run.
         log: takes one line of progress.
         wide: evaluation at the baseline with the parameters of `screened` free, if known.
+        another: makes the finer model on another mesh; None for a simulation without a mesh.
 
     Raises:
         SolverError: the model cannot be evaluated at the baseline.
@@ -89,12 +92,18 @@ def diagnose(
     causes: list[Cause] = []
     levels: dict[str, Level] = {}
     of_noise = 0.0  # log evidence
+    lost: Gate | None = None
     while True:
         log(f"screening at χ_F {here.best.chi_load:.2f}, χ of images {here.best.chi_image:.3f}")
         step, winner = examine(here, current, causes, settings, stops, known, log)
         known = None
         steps.append(step)
         if winner is None or len(steps) > MOST_STEPS:
+            break
+        if another is not None and winner.cause is not BOUNDARY_NOISE:
+            other = turned(another(), causes)
+            lost = lost_on(other, here, current, step.scores, step.widened, log)
+        if lost is not None:
             break
         causes.append(winner.cause)
         log(f"added {winner.cause.name}, log evidence {winner.log_evidence:+.1f}")
@@ -126,6 +135,8 @@ def diagnose(
     held = [end for end in ends if isinstance(end, HeldOut)]
     added = [n for cause in causes if cause not in COVARIANCE for n in cause.parameters]
     passed = gate(current, here, fresh, finer, steps[-1].scores, added)
+    if lost is not None and not causes:
+        passed = lost
     log(f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.cause}")
     explained = share_explained(worse, here.best) if causes else float("nan")
     of_causes = {cause.name for cause in causes}
