@@ -13,7 +13,7 @@ from driver.diagnosis.score import SEEN_AT
 Record = dict[str, Any]
 _Z = 1.959964  # two-sided 95 %
 SILENT = ("null", "noise level", "jitter", "AR(1)")  # kinds of which nothing is to be said
-LOUD = ("cause", "pair", "outside", "known")
+LOUD = ("cause", "pair", "outside", "known", "noise", "flip")
 NAMING = ("named", "one of this set", "named, but something is left")
 
 
@@ -65,6 +65,10 @@ def print_figures(lines: Sequence[Record]) -> None:
     show_share("outside the library, misfit >= 8 sigma: seen [%]", seen, ">= 97")
     unexplained = [line["verdict"] == "unexplained" for line in strong]
     show_share("outside the library, misfit >= 8 sigma: unexplained [%]", unexplained, ">= 85")
+    for kind in ("noise", "flip"):
+        for truth in sorted({line["trial"]["truths"][0] for line in _of(ran, kind)}):
+            of = [line for line in _of(ran, kind) if line["trial"]["truths"] == [truth]]
+            show_share(f"{truth}: named [%]", [truth in line["said"] for line in of], "none")
     held = [
         line["held_out"]["chi_load_after"]
         for line in large
@@ -147,6 +151,8 @@ def miss_of(line: Record) -> str:
         statistic = [round(s, 1) for s in line["statistic"].values() if s is not None]
         return f"not seen; statistic of the truth {statistic}"
     good: Callable[[Record], bool] = has_both if kind == "pair" else has_class
+    if kind in ("noise", "flip"):
+        return "" if line["trial"]["truths"][0] in line["said"] else "another answer"
     if good(line):
         return ""
     truths = [t for t in line["trial"]["truths"] if any(t in refits for refits in line["refits"])]

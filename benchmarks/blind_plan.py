@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-Kind = Literal["null", "cause", "pair", "outside", "noise level", "jitter", "AR(1)", "known"]
+Kind = Literal[
+    "null", "cause", "pair", "outside", "noise level", "jitter", "AR(1)", "known", "noise", "flip"
+]
 KINDS: tuple[Kind, ...] = (
-    "null", "cause", "pair", "outside", "noise level", "jitter", "AR(1)", "known",
+    "null", "cause", "pair", "outside", "noise level", "jitter", "AR(1)", "known", "noise", "flip",
 )  # fmt: skip
 LOW, HIGH = 10.0, 15.0  # projected misfit by the ruler [σ]; an experiment may see a third less
 FAINTEST = 0.1  # σ, at which a cause is hidden that leaves no trace
@@ -23,6 +25,8 @@ LOAD_NOISE_RATIOS = (0.7, 1.3)  # true over stated
 JITTER_NM = (0.3, 1.0)
 AUTOCORRELATIONS = (0.4, 0.7)
 NULLS, PAIRS, OUTSIDES, DISTURBED, KNOWN = 1000, 48, 36, 30, 4
+NOISES = {"boundary_noise": (1.0, 3.0), "noise_not_uniform": (2.0, 3.0)}
+"""Noises that the case does not state, with their sizes: nm at a stop, last over first column."""
 ELASTIC, ELASTIC_LEVEL = ("load_gain", "elastic_stiffness"), 7.0
 """Of both no more than 3 σ within the prior: they are hidden in sizes that nobody expects."""
 
@@ -63,7 +67,7 @@ def aims(seed: int, causes: Mapping[str, tuple[int, bool]]) -> dict[str, tuple[f
 
 def plan(
     seed: int, causes: Mapping[str, tuple[int, bool]], alike: Mapping[str, tuple[str, ...]],
-    reach: Mapping[str, tuple[float, float]], hardening_d: float,
+    reach: Mapping[str, tuple[float, float]], hardening_d: float, flips: Sequence[str] = (),
 ) -> tuple[Trial, ...]:  # fmt: skip
     """All trials, in an order of which every beginning holds every kind in its share.
 
@@ -73,6 +77,7 @@ def plan(
         alike: by name the causes that do the same to the data.
         reach: by name the largest projected misfit along its aim, and against it [σ].
         hardening_d: the d of the truth.
+        flips: half turns of the EBSD frame that make other lattices.
     """
     rng = np.random.default_rng(seed)
     groups: dict[Kind, list[Trial]] = {kind: [] for kind in KINDS}
@@ -112,6 +117,11 @@ def plan(
         for _ in range(KNOWN // 2):
             for b in (hardening_d, 30.0):
                 add("known", ("isotropic_hardening",), 12.0, ((1.0,),), (("b", b),))
+    for noise, sizes in NOISES.items():
+        for size in sizes * REPEATS:
+            add("noise", (noise,), size)
+    for flip in (*flips,) * REPEATS:
+        add("flip", (flip,), 0.0)
     for trials in groups.values():
         # Names are given already: the order says nothing of the truth.
         rng.shuffle(trials)

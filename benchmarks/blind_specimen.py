@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from driver.boundary import elongation_names, tilt_names
 from driver.case import Case
+from driver.diagnosis.ebsd_flips import FLIPS, half_turn
 from driver.history import History, turning_points
 from driver.specimen import adapter_of, build_model, mesh_of
 from driver.virtual_course import Course, course_of, refuse_unknown
@@ -130,6 +131,16 @@ def jittered(sigma: float, seed: int) -> Course:
         held = np.flatnonzero(np.diff(history.stage) == 0)
         off[held] = off[held + 1]
         return _elongated(simulation, off)
+
+    return pulled({}, change)
+
+
+def flipped(flip: str) -> Course:
+    """The test of a specimen whose lattices are half a turn off those that the case states."""
+    turn = half_turn([cause for cause in FLIPS if cause.name == flip])
+
+    def change(simulation: Simulation, history: History) -> Simulation:
+        return replace(simulation, orientations=turn @ simulation.orientations)
 
     return pulled({}, change)
 

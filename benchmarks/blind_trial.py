@@ -36,17 +36,20 @@ from benchmarks.blind_ruler import (
     truth_of_cause,
     truth_outside,
 )
-from benchmarks.blind_specimen import jittered, known_case, pulled, true_case
+from benchmarks.blind_specimen import flipped, jittered, known_case, pulled, true_case
 from benchmarks.blind_store import Record, cache_folder, kept, of_program, program, read
 from driver.case import Case, load_case, write_case
 from driver.diagnosis.all_causes import EVERY
 from driver.diagnosis.causes import LIBRARY
+from driver.diagnosis.ebsd_flips import flips_of
+from driver.diagnosis.noise_causes import BOUNDARY_NOISE, NOISE_NOT_UNIFORM
 from driver.errors import InputError
 from driver.measure_stage import measure_numbers
 from driver.pipeline import stages
 from driver.side_by_side import side_by_side
 from driver.stages import Stage, run_stages
 from driver.virtual_record import record
+from driver.virtual_tables import Microscope, Virtual
 from solver_adapters.bundled.compilation import use_threads
 
 SECONDS = {"silent": 10.0, "loud": 70.0}
@@ -140,7 +143,9 @@ def planned(seed: int, cache: Path) -> tuple[Trial, ...]:
     for cause in measure.causes:
         aim = np.array(towards[cause.name])
         reach[cause.name] = (measure.reach(cause, aim), measure.reach(cause, -aim))
-    return plan(seed, shapes, measure.alike, reach, true_case().material.d)
+    tried, _ = flips_of(known_case().orientations, None)
+    d = true_case().material.d
+    return plan(seed, shapes, measure.alike, reach, d, [flip.name for flip in tried])
 
 
 def carried_out(task: Task) -> Record:
@@ -169,9 +174,12 @@ def carried_out(task: Task) -> Record:
 
 def truth_of(trial: Trial, cache: Path) -> Truth:
     """What happens in a trial."""
-    if trial.kind == "jitter":
+    if trial.kind == "jitter" or trial.truths == (BOUNDARY_NOISE.name,):
         return Truth(jittered(1e-3 * trial.level, trial.seed), 0.0, {"jitter_nm": trial.level})
-    if not trial.truths:
+    if trial.kind == "flip":
+        (flip,) = trial.truths
+        return Truth(kept(cache / f"{flip}.pickle", lambda: flipped(flip)), 0.0, {flip: 1.0})
+    if not trial.truths or trial.kind == "noise":
         return Truth(kept(cache / "nothing.pickle", lambda: pulled({})), 0.0, {})
     if trial.kind == "outside":
         return truth_outside(cache, trial.truths[0], trial.level)
@@ -191,7 +199,9 @@ def truth_of(trial: Trial, cache: Path) -> Truth:
 def diagnosed(truth: Truth, trial: Trial) -> Record:
     """The whole chain on one set of images; what its `diagnosis.json` says, in short."""
     with tempfile.TemporaryDirectory() as folder:
-        path = record(Path(folder), measured_with(trial), truth.course, trial.seed)
+        case, microscope = measured_with(trial), Microscope(noise_ratio=uneven(trial))
+        settings = Virtual(microscope=microscope)
+        path = record(Path(folder), case, truth.course, trial.seed, settings)
         stated = stated_by(trial, load_case(path))
         write_case(stated, path)
         run_stages(path, _chain(stated), "diagnose", report=_silent)
@@ -258,6 +268,11 @@ def measured_with(trial: Trial) -> Case:
     elif trial.kind == "AR(1)":
         change = {"autocorrelation": trial.level}
     return case.model_copy(update={"loads": case.loads.model_copy(update=change)})
+
+
+def uneven(trial: Trial) -> float:
+    """Noise of the images at the last column over that at the first."""
+    return trial.level if trial.truths == (NOISE_NOT_UNIFORM.name,) else 1.0
 
 
 def spent(lines: Sequence[Record]) -> dict[str, float]:

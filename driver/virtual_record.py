@@ -133,7 +133,9 @@ def _lens(case: Case, course: Course, settings: Virtual, rng: np.random.Generato
         indexing="ij",
     )
     pattern = scope.pattern_nm * 1e-3 * Waves.random(rng, *_PATTERN)(x, y)
-    noise = case.images.gamma_f if scope.noise_nm is None else scope.noise_nm * 1e-3
+    sigma = case.images.gamma_f if scope.noise_nm is None else scope.noise_nm * 1e-3
+    growing = scope.noise_ratio ** np.linspace(-0.5, 0.5, columns)
+    noise = np.tile(sigma * growing / np.sqrt(np.mean(growing**2)), (rows, 1))
     level = _level(case, settings) * 1e-3
     camera = Camera(x, y, pixel, pattern, noise, scope.bits, level, scope.samples)
     return _Lens(camera, origin, error)

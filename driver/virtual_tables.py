@@ -34,6 +34,10 @@ class Microscope(Table):
     noise_nm: NonNegative | None = Field(
         default=None, description="height noise, default that of the case"
     )
+    noise_ratio: Annotated[float, Field(ge=1)] = Field(
+        default=1.0,
+        description="the noise at the last column over that at the first, its rms as stated",
+    )
     pattern_nm: NonNegative = Field(default=8.0, description="rms of the fixed pattern")
     recentring_px: NonNegative = Field(
         default=0.3, description="largest error of the stage along X and Y"

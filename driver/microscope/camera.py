@@ -26,7 +26,7 @@ class Camera:
         y: Y, same shape.
         pixel: side of a pixel [µm].
         pattern: error that is fixed in the camera frame [µm], shape (rows, columns).
-        noise: standard deviation of the height noise of a pixel [µm].
+        noise: standard deviation of the height noise of each pixel [µm], shape (rows, columns).
         bits: of a level: unsigned integers of 8 or 16, floats of 32.
         level: height of a level [µm].
         samples: Gauss points along each side of a pixel over whose area it averages; 1 for the
@@ -37,7 +37,7 @@ class Camera:
     y: FloatArray
     pixel: float
     pattern: FloatArray
-    noise: float
+    noise: FloatArray
     bits: Bits
     level: float
     samples: int = 1

@@ -13,12 +13,13 @@ REACH = {
     "load_gain": (11.5, 12.0),
     "boundary_tilt": (12.0, 4.0),
 }
-TRIALS = plan(7, CAUSES, ALIKE, REACH, 1140.0)
+FLIPS = ("ebsd_flip_x", "ebsd_flip_z")
+TRIALS = plan(7, CAUSES, ALIKE, REACH, 1140.0, FLIPS)
 
 
 def test_a_plan_is_drawn_from_its_seed_alone() -> None:
-    assert plan(7, CAUSES, ALIKE, REACH, 1140.0) == TRIALS
-    assert plan(8, CAUSES, ALIKE, REACH, 1140.0) != TRIALS
+    assert plan(7, CAUSES, ALIKE, REACH, 1140.0, FLIPS) == TRIALS
+    assert plan(8, CAUSES, ALIKE, REACH, 1140.0, FLIPS) != TRIALS
     assert len({trial.name for trial in TRIALS}) == len(TRIALS)
     assert len({trial.seed for trial in TRIALS}) == len(TRIALS)
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.blind_figures import has_both, has_class
-from benchmarks.blind_plan import LOW, Kind, Trial
+from benchmarks.blind_plan import LOW, NOISES, Kind, Trial
 from benchmarks.blind_store import Record
 from benchmarks.blind_trial import Task, carried_out, planned
 
@@ -105,6 +105,20 @@ def test_an_effect_outside_the_library_is_seen_and_not_explained_away(
     """One of 25 σ: of a smaller one the nearest cause of the library leaves no more than noise."""
     line = answered(replace(first(trials, "outside"), level=25.0), cache)
     assert line["verdict"] not in ("nothing wrong", "named", "one of this set"), told(line)
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_a_noise_that_the_case_does_not_state_is_named(
+    noise: str, trials: tuple[Trial, ...], cache: Path
+) -> None:
+    of = [trial for trial in trials if trial.truths == (noise,)]
+    line = answered(max(of, key=lambda trial: trial.level), cache)
+    assert noise in line["said"], told(line)
+
+
+def test_a_half_turn_of_the_ebsd_frame_is_named(trials: tuple[Trial, ...], cache: Path) -> None:
+    line = answered(first(trials, "flip"), cache)
+    assert line["trial"]["truths"][0] in line["said"], told(line)
 
 
 def test_loads_noisier_than_stated_name_nothing(trials: tuple[Trial, ...], cache: Path) -> None:

@@ -132,6 +132,18 @@ def test_a_pattern_that_has_changed_since_the_flats_stays_in_the_images(
         np.testing.assert_allclose(added[seen], every[seen], atol=1e-7)
 
 
+def test_the_noise_grows_along_the_columns_with_the_rms_stated(
+    tmp_path: Path, course: Course
+) -> None:
+    scope = Microscope(repeats=200, flats=6, noise_nm=9.0, noise_ratio=3.0, bits=32)
+    case = load_case(record(tmp_path, CASE, course, 1, Virtual(microscope=scope)))
+    spread = taken(case, "repeats").std(axis=0, ddof=1)
+    by_column = np.sqrt(np.nanmean(spread**2, axis=0))
+    # 200 repeats of about 40 pixels: 0.8 %
+    assert by_column[-1] / by_column[0] == pytest.approx(3.0, rel=0.05)
+    assert np.sqrt(np.mean(by_column**2)) == pytest.approx(0.009, rel=0.02)
+
+
 def test_load_noise_has_the_size_and_the_correlation_that_the_case_states() -> None:
     noise = correlated(np.random.default_rng(0), 40000, 0.8)
     assert noise.std() == pytest.approx(1.0, abs=0.05)

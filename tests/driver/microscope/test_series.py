@@ -35,7 +35,8 @@ def subject() -> Subject:
 def camera(bits: int = 32, samples: int = 1, noise: float = 0.0) -> Camera:
     x, y = np.meshgrid(np.arange(-7, 8) * PIXEL, np.arange(2, 33) * PIXEL, indexing="ij")
     pattern = np.zeros_like(x)
-    return Camera(x, y, PIXEL, pattern, noise, bits, 0.0065, samples)  # type: ignore[arg-type]
+    sigma = np.full_like(x, noise)
+    return Camera(x, y, PIXEL, pattern, sigma, bits, 0.0065, samples)  # type: ignore[arg-type]
 
 
 def closed_form(subject: Subject, x_now: FloatArray, y_now: FloatArray) -> FloatArray:
