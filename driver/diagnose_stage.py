@@ -14,6 +14,7 @@ import tifffile
 
 from driver.boundary import LAMBDAS
 from driver.case import Case, CaseError, schema_text, write_case
+from driver.case_tables.solver import ProfileTable
 from driver.design.telling import Telling, advice, most_telling
 from driver.diagnosis.diagnose import diagnose
 from driver.diagnosis.ebsd_flips import FLIPS, half_turn
@@ -38,6 +39,7 @@ from driver.identify_stage import (
 )
 from driver.measure_stage import MEASURE
 from driver.results import read_hdf5, write_hdf5
+from driver.specimen import TRACE
 from driver.stages import StageContext
 from driver.workbench import Workbench, on_another_mesh
 from solver_adapters.interface import SolverError
@@ -46,6 +48,15 @@ from solver_adapters.material import MATERIAL_PARAMETERS
 DIAGNOSIS, DIAGNOSIS_H5, EXTENDED = "diagnosis.json", "diagnosis.h5", "extended.toml"
 NOISE_MAP = "noise_map.tif"
 SCHEMA = "case.schema.json"  # the name by which every case file knows its schema
+# Entries of `omnibus` by name, and what each is of the tests.
+OMNIBUS = {
+    "load_slow_p": "load_slow",
+    "load_serial_p": "load_serial",
+    "image_slow_p": "image_slow",
+    "image_outlier_p": "image_outlier",
+    "together_p": "together",
+    "accepted": "accepted",
+}
 
 
 def run_diagnose(context: StageContext) -> None:
@@ -58,7 +69,8 @@ def run_diagnose(context: StageContext) -> None:
     measured = read_hdf5(context.result(MEASURE))
     free_chi = measured["chi"]
     with h5py.File(context.result(IDENTIFY), "r") as file:
-        values = json.loads(file.attrs["all_values"])
+        # A term that was installed since is at its null.
+        values = bench.objective.model.null_values() | json.loads(file.attrs["all_values"])
         free = tuple(json.loads(file.attrs["names"]))
         converged, reason = bool(file.attrs["converged"]), str(file.attrs["reason"])
     if not converged:
@@ -194,6 +206,11 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     if SIGMA_E.name in found.levels:
         boundary["jitter_nm"] = 1e3 * found.levels[SIGMA_E.name][0]
     files = tuple(_from_results(name) for name in case.diagnosis.cause_files)
+    meshes = {
+        key: _from_results(name)
+        for key in ("mesh", "height_mesh")
+        if (name := getattr(case.dic, key)) not in (None, TRACE)
+    }
     return _with_flips(case, found).model_copy(
         update={
             "material": case.material.model_copy(update=constants),
@@ -201,6 +218,8 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
             "extensions": freed,
             "images": images.model_copy(update=moved),
             "history": history,
+            "dic": case.dic.model_copy(update=meshes),
+            "solver": case.solver.model_copy(update={"profiles": _profiles_from_results(case)}),
             "diagnosis": case.diagnosis.model_copy(update={"cause_files": files}),
         }
     )
@@ -217,6 +236,19 @@ def write_noise_map(case: Case, found: Diagnosis, path: Path) -> None:
 
 def _from_results(name: str) -> str:
     return name if Path(name).is_absolute() else f"../{name}"
+
+
+def _profiles_from_results(case: Case) -> dict[str, ProfileTable]:
+    """The profiles of the case; files in their calls are those that they were."""
+    found = {}
+    for name, profile in case.solver.profiles.items():
+        words = [
+            # A program without a slash is one of PATH.
+            _from_results(word) if case.path(word).is_file() and (k or "/" in word) else word
+            for k, word in enumerate(profile.command or ())
+        ]
+        found[name] = profile.model_copy(update={"command": tuple(words) or None})
+    return found
 
 
 def diagnosis_record(
@@ -352,14 +384,7 @@ def _step_record(step: Step, bench: Workbench) -> dict[str, Any]:
 
 
 def _omnibus_record(tests: Omnibus) -> dict[str, Any]:
-    return {
-        "load_slow_p": tests.load_slow,
-        "load_serial_p": tests.load_serial,
-        "image_slow_p": tests.image_slow,
-        "image_outlier_p": tests.image_outlier,
-        "together_p": tests.together,
-        "accepted": tests.accepted,
-    }
+    return {name: getattr(tests, key) for name, key in OMNIBUS.items()}
 
 
 def _number(value: float) -> float | None:

@@ -10,6 +10,7 @@ import tifffile
 
 from driver.case import Case, load_case, write_case
 from driver.case_tables.images import Axis
+from driver.case_tables.solver import ProfileTable
 from driver.diagnose_stage import NOISE_MAP, added_parameters, extended_case, write_noise_map
 from driver.diagnosis.causes import LIBRARY, Cause
 from driver.diagnosis.ebsd_flips import FLIPS, half_turn
@@ -143,6 +144,31 @@ def test_paths_lead_from_the_results_to_the_files_and_absolute_ones_stay() -> No
     assert found.images.flats == "/data/flats.tif"
     assert (found.images.repeats, found.images.mask) == ("../repeats.tif", "../mask.tif")
     assert found.history.file == "../history.csv"
+
+
+def test_meshes_of_correlation_and_files_of_a_call_are_found_from_the_results(
+    tmp_path: Path,
+) -> None:
+    for name in ("image.sif", "run"):
+        (tmp_path / name).touch()
+    call = ("run", "image.sif", "--quiet")
+    profile = ProfileTable(command=call, processes=2)
+    write_case(fitting("tau0"), tmp_path / "case.toml")
+    case = load_case(tmp_path / "case.toml")
+    case = case.model_copy(
+        update={
+            "dic": case.dic.model_copy(update={"mesh": "mine.msh", "height_mesh": "trace"}),
+            "solver": case.solver.model_copy(
+                update={"profiles": {"code_aster": profile, "calculix": ProfileTable(threads=2)}}
+            ),
+        }
+    )
+    found = extended(case, {})
+    assert (found.dic.mesh, found.dic.height_mesh) == ("../mine.msh", "trace")
+    # `run` has no slash: a program of PATH.
+    words = ("run", "../image.sif", "--quiet")
+    assert found.solver.profiles["code_aster"] == profile.model_copy(update={"command": words})
+    assert found.solver.profiles["calculix"] == ProfileTable(threads=2)
 
 
 @pytest.mark.parametrize("cause", LIBRARY, ids=list(BY_NAME))
