@@ -25,7 +25,7 @@ LOAD_NOISE_RATIOS = (0.7, 1.3)  # true over stated
 JITTER_NM = (0.3, 1.0)
 AUTOCORRELATIONS = (0.4, 0.7)
 NULLS, PAIRS, OUTSIDES, DISTURBED, KNOWN = 1000, 48, 36, 30, 4
-NOISES = {"boundary_noise": (1.0, 3.0), "noise_not_uniform": (2.0, 3.0)}
+NOISES = {"boundary_noise": (0.5, 1.0), "noise_not_uniform": (2.0, 3.0)}
 """Noises that the case does not state, with their sizes: nm at a stop, last over first column."""
 ELASTIC, ELASTIC_LEVEL = ("load_gain", "elastic_stiffness"), 7.0
 """Of both no more than 3 σ within the prior: they are hidden in sizes that nobody expects."""

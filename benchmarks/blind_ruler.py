@@ -125,7 +125,8 @@ class Ruler:
     def _scores(self) -> dict[str, Score]:
         baseline = Fit(self.here, True, "", ())
         effects = effects_of(self.causes, self.wide, self.objective.parameters)
-        scores = screen(baseline, self.objective, self.causes, effects)
+        sizes = known_case().specimen.mesh_size, known_case().specimen.fine_mesh_size
+        scores, _ = screen(baseline, self.objective, self.causes, effects, sizes)
         return {score.cause.name: score for score in scores}
 
     @cached_property

@@ -53,17 +53,20 @@ def true_case() -> Case:
     return as_it_is(known_case())
 
 
-def stage_history() -> History:
+def stage_history(dense: int = 1) -> History:
     """The stage moves on slowly from image to image, and holds at each peak before its image.
 
     A hold before every image, as a microscope that scans needs it, would double the intervals
     that each simulation has to go through.
+
+    Args:
+        dense: by how many times there are more images, in steps as much shorter.
     """
     time, stage, rows = 0.0, 0.0, [(0.0, 0.0, True)]
     for up, down in CYCLES:
-        for k, step in enumerate(up * [MOVE] + down * [-MOVE]):
-            time, stage = time + SECONDS, stage + step
-            peak = k == up - 1
+        for k, step in enumerate(dense * up * [MOVE] + dense * down * [-MOVE]):
+            time, stage = time + SECONDS / dense, stage + step / dense
+            peak = k == dense * up - 1
             rows.append((time, stage, not peak))
             if peak:
                 time += SECONDS
@@ -80,19 +83,20 @@ def null_values() -> dict[str, float]:
     return model.null_values()
 
 
-def pulled(hidden: Mapping[str, float], change: Change | None = None) -> Course:
+def pulled(hidden: Mapping[str, float], change: Change | None = None, dense: int = 1) -> Course:
     """Simulate the test.
 
     Args:
         hidden: true values of parameters of the general model that are not at their null.
         change: what happens besides that no parameter of the general model says.
+        dense: as of the history.
 
     Raises:
         InputError: a parameter is unknown or out of its bounds.
         SolverError: the simulation could not be finished.
         ValueError: a geometric parameter turns a cell inside out.
     """
-    truth, history = true_case(), stage_history()
+    truth, history = true_case(), stage_history(dense)
     moved = {**true_knots(history), **hidden}
     model, values = true_model(truth, history, adapter_of(truth), moved)
     simulation = model.simulation(values)
@@ -101,7 +105,7 @@ def pulled(hidden: Mapping[str, float], change: Change | None = None) -> Course:
     return seen_course(model, simulation, history, values)
 
 
-def jittered(sigma: float, seed: int) -> Course:
+def jittered(sigma: float, seed: int, dense: int = 1) -> Course:
     """Ends that stop a little off, σ [µm] at each stop anew; the specimen feels every one."""
     rng = np.random.default_rng(seed)
 
@@ -113,7 +117,7 @@ def jittered(sigma: float, seed: int) -> Course:
         off[held] = off[held + 1]
         return _elongated(simulation, off)
 
-    return pulled({}, change)
+    return pulled({}, change, dense)
 
 
 def flipped(flip: str) -> Course:

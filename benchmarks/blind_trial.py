@@ -55,6 +55,7 @@ from solver_adapters.bundled.compilation import use_threads
 
 SECONDS = {"silent": 10.0, "loud": 70.0}
 """CPU-s of a trial without and with an effect, its truth included, until some are done."""
+DENSE = 3  # times as many images where the noise itself is to be found
 HELD_OUT = 3  # one cause in so many has a cycle held out
 MEMORY = 0.5e9  # bytes of a process
 BY_NAME = {cause.name: cause for cause in LIBRARY}
@@ -175,12 +176,17 @@ def carried_out(task: Task) -> Record:
 
 def truth_of(trial: Trial, cache: Path) -> Truth:
     """What happens in a trial."""
+    dense = DENSE if trial.kind == "noise" else 1
     if trial.kind == "jitter" or trial.truths == (BOUNDARY_NOISE.name,):
-        return Truth(jittered(1e-3 * trial.level, trial.seed), 0.0, {"jitter_nm": trial.level})
+        course = jittered(1e-3 * trial.level, trial.seed, dense)
+        return Truth(course, 0.0, {"jitter_nm": trial.level})
+    if trial.kind == "noise":
+        course = kept(cache / "nothing_dense.pickle", lambda: pulled({}, dense=dense))
+        return Truth(course, 0.0, {})
     if trial.kind == "flip":
         (flip,) = trial.truths
         return Truth(kept(cache / f"{flip}.pickle", lambda: flipped(flip)), 0.0, {flip: 1.0})
-    if not trial.truths or trial.kind == "noise":
+    if not trial.truths:
         return Truth(kept(cache / "nothing.pickle", lambda: pulled({})), 0.0, {})
     if trial.kind == "outside":
         return truth_outside(cache, trial.truths[0], trial.level)

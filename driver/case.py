@@ -219,7 +219,12 @@ def write_case(case: Case, path: Path) -> None:
 
 
 def default_case() -> Case:
-    """The case that `prismid init` writes: two grains, every other value at its default."""
+    """The case that `prismid init` writes: two grains, every other value at its default.
+
+    Raises:
+        InputError: an installed term of the user's own cannot be used.
+    """
+    declared_parameters(1)  # a validator would wrap what is said of a bad term
     return Case(
         specimen=Specimen(boundary_point_um=(0.0, 6.0, 0.0), boundary_normal=(0.0, 1.0, 0.0)),
         grains=(

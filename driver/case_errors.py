@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from driver.errors import sentence, show
+from driver.errors import InputError, sentence, show
 
 _BOUNDS = {
     "greater_than": ("a number > {gt:g}", "gt"),
@@ -54,15 +54,21 @@ def sentences(
     """
     by_value: dict[tuple[str, str], list[str]] = {}
     meaning: dict[str, str] = {}
+    whole: list[str] = []
     for details in error.errors():
+        raised = details.get("ctx", {}).get("error")
+        if isinstance(raised, InputError):  # a whole sentence, of something beside the file
+            whole.append(str(raised))
+            continue
         key, found, expected, field = _explain(model, data, details)
         by_value.setdefault((key, found), []).append(expected)
         meaning[key] = field.description or "" if field else ""
     # Each branch of a union refuses the same value: together they are one sentence.
-    return "\n".join(
+    told = (
         sentence(path, key, found, meaning[key] if len(expected) > 1 else expected[0])
         for (key, found), expected in by_value.items()
     )
+    return "\n".join((*dict.fromkeys(whole), *told))
 
 
 def _explain(

@@ -39,7 +39,7 @@ from driver.identify_stage import (
 from driver.measure_stage import MEASURE
 from driver.results import read_hdf5, write_hdf5
 from driver.stages import StageContext
-from driver.workbench import Workbench
+from driver.workbench import Workbench, on_another_mesh
 from solver_adapters.interface import SolverError
 
 SCHEMA = "case.schema.json"  # the name by which every case file knows its schema
@@ -55,7 +55,8 @@ def run_diagnose(context: StageContext) -> None:
     measured = read_hdf5(context.result(MEASURE))
     free_chi = measured["chi"]
     with h5py.File(context.result(IDENTIFY), "r") as file:
-        values = json.loads(file.attrs["all_values"])
+        # A term that was installed since is at its null.
+        values = bench.objective.model.null_values() | json.loads(file.attrs["all_values"])
         free = tuple(json.loads(file.attrs["names"]))
         converged, reason = bool(file.attrs["converged"]), str(file.attrs["reason"])
     if not converged:
@@ -75,7 +76,10 @@ def run_diagnose(context: StageContext) -> None:
         sizes=bench.plan.sizes,
         own=own,
     )
-    found = diagnose(baseline, objective, bench.finer, cycles, settings, context.log, wide)
+    found = diagnose(
+        baseline, objective, bench.finer, cycles, settings, context.log, wide,
+        lambda: on_another_mesh(case, bench),
+    )  # fmt: skip
     telling = _telling(found, context, bench)
     if telling:
         advised = f"{found.verdict.next} {advice(telling)}"

@@ -21,6 +21,15 @@ from driver.workbench import Workbench
 Budget = dict[str, float]
 
 DIAGNOSIS, DIAGNOSIS_H5 = "diagnosis.json", "diagnosis.h5"
+# Entries of `omnibus` by name, and what each is of the tests.
+OMNIBUS = {
+    "load_slow_p": "load_slow",
+    "load_serial_p": "load_serial",
+    "image_slow_p": "image_slow",
+    "image_outlier_p": "image_outlier",
+    "together_p": "together",
+    "accepted": "accepted",
+}
 
 
 def diagnosis_record(
@@ -70,6 +79,7 @@ def diagnosis_record(
             "on": found.gate.cause,
             "passed": found.gate.passed,
             "needed": found.gate.needed,
+            "between_meshes": found.gate.between_meshes,
         },
         "load_noise": {
             "stated_uN": bench.objective.data.load_noise,
@@ -174,6 +184,7 @@ def _step_record(step: Step, bench: Workbench) -> dict[str, Any]:
     return {
         "chi_load": step.chi_load,
         "chi_image": step.chi_image,
+        "widened": step.widened,
         "omnibus": _omnibus_record(step.omnibus),
         "named": list(step.named),
         "causes": [scored(s) for s in step.scores],
@@ -181,11 +192,4 @@ def _step_record(step: Step, bench: Workbench) -> dict[str, Any]:
 
 
 def _omnibus_record(tests: Omnibus) -> dict[str, Any]:
-    return {
-        "load_slow_p": tests.load_slow,
-        "load_serial_p": tests.load_serial,
-        "image_slow_p": tests.image_slow,
-        "image_outlier_p": tests.image_outlier,
-        "together_p": tests.together,
-        "accepted": tests.accepted,
-    }
+    return {name: getattr(tests, key) for name, key in OMNIBUS.items()}

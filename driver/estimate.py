@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from driver.case import Case
+from driver.diagnosis.all_causes import NAMES
 from driver.wording import duration
 from solver_adapters.finite_differences import RUNS_PER_DIRECTION
 from solver_adapters.interface import Capabilities
@@ -75,7 +76,7 @@ def estimate(
         case, solver, round(finer), intervals * case.solver.fine_steps_per_interval, 0
     )
     fits = round(_ITERATION_SHARE * case.identification.max_iterations)
-    refits = case.diagnosis.refit * _PER_REFIT if case.with_images else 0
+    refits = min(case.diagnosis.refit, _causes(case)) * _PER_REFIT if case.with_images else 0
     # Only further starts and the refits are independent of each other and run side by side.
     beside = (fits * (case.identification.starts - 1) + refits) / case.execution.processes
     solving = working * (fits + beside) + _FINE_RUNS * fine
@@ -94,6 +95,12 @@ def estimate(
     runs = 1 if solver.derivatives else 1 + RUNS_PER_DIRECTION * directions
     evaluations = fits * case.identification.starts + refits
     return Cost(solving + correlation, memory, runs * evaluations)
+
+
+def _causes(case: Case) -> int:
+    """How many causes a case asks for, of its own files one each."""
+    asked = case.diagnosis.causes
+    return len(NAMES) + len(case.diagnosis.cause_files) if asked == "all" else len(asked)
 
 
 def simulation_memory(n_cells: int, n_images: int, directions: int = 0) -> float:

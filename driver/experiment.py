@@ -314,9 +314,11 @@ def _noise_map(case: Case, frames: Stack | None) -> FloatArray | None:
     if len(stack.levels) != 1:
         raise _error(case, "noise_map", f"{len(stack.levels)} images", "one")
     noise = stack.levels[0].astype(np.float64)
-    if not np.all(noise > 0):
-        least = f"the value {np.nanmin(noise):.3g}" if np.isfinite(noise).any() else "no number"
-        raise _error(case, "noise_map", least, "a number above 0 at every pixel")
+    bad = ~(np.isfinite(noise) & (noise > 0))
+    if bad.any():
+        row, column = np.argwhere(bad)[0]
+        found = f"{noise[row, column]:.3g} at row {row}, column {column}"
+        raise _error(case, "noise_map", found, "a number above 0 at every pixel")
     return np.asarray(arrange(case.images, noise[None])[0])
 
 

@@ -6,16 +6,19 @@ Its parameter joins the general model: extensions free it, causes of one's own t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.errors import InputError
+from driver.errors import InputError, why
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
@@ -24,6 +27,9 @@ Field: TypeAlias = NDArray[np.inexact]
 Term = TypeVar("Term")
 
 GROUP = "prismid.terms"
+_TINY = 1e-30  # complex step
+_STEP = 1e-5  # of differences
+_ALIKE = 1e-3  # of the largest value, within which both derivatives are the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +85,20 @@ def installed_terms() -> tuple[BoundaryTerm | ReadingTerm, ...]:
     """All terms that installed packages bring, by the name of their entry points.
 
     Raises:
-        InputError: an entry point is no term, or the null of its parameter is not 0.
+        InputError: an entry point cannot be loaded or is no term; its parameter has another null
+            than 0, or its formula another shape, or none through which complex numbers go.
     """
     return tuple(_load(point) for point in sorted(entry_points(group=GROUP), key=_name))
+
+
+def files_of_terms(parameters: Iterable[str]) -> tuple[Path, ...]:
+    """The files of the modules of the installed terms that have one of these parameters."""
+    wanted = set(parameters)
+    points = sorted(entry_points(group=GROUP), key=_name)
+    terms = zip(points, installed_terms(), strict=True)
+    modules = sorted({point.module for point, term in terms if term.parameter.name in wanted})
+    origins = (spec.origin for module in modules if (spec := find_spec(module)) is not None)
+    return tuple(Path(origin) for origin in origins if origin is not None)
 
 
 def terms_of(kind: type[Term]) -> tuple[Term, ...]:
@@ -109,15 +126,72 @@ def _name(point: EntryPoint) -> str:
 
 
 def _load(point: EntryPoint) -> BoundaryTerm | ReadingTerm:
-    term = point.load()
+    try:
+        term = point.load()
+    except Exception as error:  # whatever the code of a package raises as it is imported
+        raise _refused(point, why(error), "an entry point that can be loaded") from None
     if not isinstance(term, BoundaryTerm | ReadingTerm):
-        raise InputError(
-            f"{GROUP}: {point.name}: found {type(term).__name__}, expected a BoundaryTerm or a "
-            "ReadingTerm"
-        )
-    if term.parameter.null != 0:
-        raise InputError(
-            f"{GROUP}: {point.name}: found the null {term.parameter.null:g} of its parameter, "
-            "expected 0"
-        )
+        raise _refused(point, type(term).__name__, "a BoundaryTerm or a ReadingTerm")
+    _check_parameter(point, term.parameter)
+    _check_formula(point, term)
     return term
+
+
+def _refused(point: EntryPoint, found: str, expected: str) -> InputError:
+    return InputError(f"{GROUP}: {point.name}: found {found}, expected {expected}")
+
+
+def _check_parameter(point: EntryPoint, parameter: Parameter) -> None:
+    """Refuse a parameter that cannot be freed about a null of 0."""
+    if not isinstance(parameter, Parameter):
+        raise _refused(point, f"a parameter of the type {type(parameter).__name__}", "a Parameter")
+    knot = re.fullmatch(r"(elongation|tilt)_\d+", parameter.name)
+    if knot or not re.fullmatch(r"[A-Za-z]\w*", parameter.name):
+        expected = "letters, digits and _ that name no knot"
+        raise _refused(point, f'the name "{parameter.name}" of its parameter', expected)
+    if parameter.null != 0:
+        raise _refused(point, f"the null {parameter.null:g} of its parameter", "0")
+    if parameter.logarithmic:
+        raise _refused(point, "a logarithmic parameter", "one whose null is 0")
+    if not 0 < parameter.scale < np.inf:
+        raise _refused(point, f"the scale {parameter.scale:g} of its parameter", "a number > 0")
+    if not parameter.lower < 0 < parameter.upper:
+        bounds = f"the bounds {parameter.lower:g} and {parameter.upper:g} of its parameter"
+        raise _refused(point, bounds, "0 between them")
+
+
+def _check_formula(point: EntryPoint, term: BoundaryTerm | ReadingTerm) -> None:
+    """Refuse a formula of the wrong shape, or one that complex numbers do not go through.
+
+    It is tried on invented ends and loads: a derivative by a complex step against differences.
+    """
+    kind = "motion" if isinstance(term, BoundaryTerm) else "reading"
+    shape = (3, 4, 3) if kind == "motion" else (3,)
+    values = []
+    for step in (0.0, _STEP, -_STEP, 1j * _TINY):
+        try:
+            value = np.asarray(_tried(term, 1.0 + step))
+        except Exception as error:  # whatever the formula raises
+            raise _refused(point, f"a {kind} that ends with {why(error)}", "a formula") from None
+        if value.shape != shape:
+            of = "(T, n, 3)" if kind == "motion" else "(T,)"
+            found = f"a {kind} of shape {value.shape} in place of {shape}"
+            raise _refused(point, found, f"one of shape {of}")
+        if value.dtype.kind not in "iufc" or not np.isfinite(value).all():
+            raise _refused(point, f"a {kind} that is not finite", "numbers")
+        values.append(value)
+    slope = np.real(values[1] - values[2]) / (2 * _STEP)
+    exact = np.imag(values[3]) / _TINY
+    size = max(float(np.abs(slope).max()), float(np.abs(values[0]).max()))
+    if np.abs(exact - slope).max() > _ALIKE * size:
+        found = f"a {kind} whose derivative is lost with complex numbers"
+        raise _refused(point, found, "a formula through which they go (no abs, no real part)")
+
+
+def _tried(term: BoundaryTerm | ReadingTerm, factor: complex) -> Field:
+    if isinstance(term, ReadingTerm):
+        return term.reading(np.array([110.0, 480.0, 730.0]) * factor, np.array([0.1, 0.5, 0.9]))
+    side, zeta = np.array([1.0, 1.0, -1.0, -1.0]), np.array([0.0, 1.0, 0.0, 1.0])
+    stretch, tilt = np.array([0.03, 0.11, 0.07]), np.array([0.004, 0.019, 0.011])
+    across = np.array([0.9, 0.0, -0.8, 0.0])
+    return term.motion(EndFaces(side, zeta, across, stretch * factor, tilt * factor))

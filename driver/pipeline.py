@@ -25,6 +25,7 @@ from driver.stages import (
     Stage,
     StageError,
     diagnosed_files,
+    identified_files,
     measured_files,
     run_stages,
 )
@@ -47,14 +48,14 @@ def stages(case: Case) -> Sequence[Stage]:
         inputs = (*_MESH, "history", "sections", "loads", *_IDENTIFY)
         return (
             Stage("mesh", "1", _MESH, run_mesh),
-            Stage("identify", "2", inputs, run_identify_loads, measured_files),
+            Stage("identify", "2", inputs, run_identify_loads, identified_files),
             Stage("report", "2", inputs, run_report_loads, measured_files),
         )
     return (
         Stage("mesh", "1", _MESH, run_mesh),
         Stage("measure", "5", _MEASURE, run_measure, measured_files),
-        Stage("identify", "4", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, measured_files),
-        Stage("diagnose", "1", ("diagnosis",), run_diagnose, diagnosed_files),
+        Stage("identify", "4", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
+        Stage("diagnose", "2", ("diagnosis",), run_diagnose, diagnosed_files),
         Stage("report", "4", _REPORT, run_report, measured_files),
     )
 

@@ -42,7 +42,7 @@ def load_config(path: Path, stated: bool) -> Config:
             is wrong.
     """
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         if not stated:
             return Config()

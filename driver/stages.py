@@ -17,6 +17,7 @@ from typing import TypedDict
 from driver.case import Case, load_case
 from driver.errors import InputError
 from driver.images.files import split_dataset
+from driver.own_terms import files_of_terms, installed_terms
 from driver.run_lock import sole_run
 
 RESULTS = "results"
@@ -107,9 +108,15 @@ def measured_files(case: Case) -> tuple[Path, ...]:
     return tuple(Path(split_dataset(case.path(name))[0]) for name in names if name is not None)
 
 
+def identified_files(case: Case) -> tuple[Path, ...]:
+    """What an identification reads: the measured files, and the terms that it frees."""
+    return (*measured_files(case), *files_of_terms(case.extensions))
+
+
 def diagnosed_files(case: Case) -> tuple[Path, ...]:
-    """What a diagnosis reads: the measured files, and the causes of the user's own."""
-    return (*measured_files(case), *(case.path(name) for name in case.diagnosis.cause_files))
+    """What a diagnosis reads: the measured files, and causes and terms of the user's own."""
+    own = files_of_terms(term.parameter.name for term in installed_terms())
+    return (*measured_files(case), *own, *(case.path(name) for name in case.diagnosis.cause_files))
 
 
 def run_stages(

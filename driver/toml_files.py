@@ -26,7 +26,7 @@ def read_toml(path: Path, expected: str, refuse: type[InputError] = InputError) 
         InputError: it is absent, cannot be read, or is no TOML in UTF-8.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         raise refuse(sentence(path, "file", "nothing", expected)) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

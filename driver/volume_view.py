@@ -80,7 +80,7 @@ def simulate_volume(
         case: the case; its solver answers fields of the cells.
         mesh: working mesh.
         history: times and stage travel.
-        values: every parameter of the model.
+        values: parameters of the model; others are at their null.
         progress: called as the run advances.
         workspace: folder of the jobs of a solver that is a program of its own, or None.
 
@@ -91,7 +91,7 @@ def simulate_volume(
     no_pixels = np.zeros((0, 2))
     model = build_model(case, mesh, history, no_pixels, adapter, case.solver.steps_per_interval)
     simulation = replace(
-        model.simulation(values),
+        model.simulation({**model.null_values(), **values}),
         output=history.image_row,
         output_nodes=np.arange(len(mesh.points)),
         cell_fields=True,

@@ -23,7 +23,7 @@ from driver.identification.priors import Prior, prior_of, widths
 from driver.identification.procedure import Plan, start_values
 from driver.images.flatfield import flat_pattern
 from driver.model import ForwardModel
-from driver.specimen import adapter_of, build_model, correlation_meshes, surface_images
+from driver.specimen import adapter_of, build_model, correlation_meshes, mesh_of, surface_images
 from driver.surface_view import POSE_DECLARATIONS
 from driver.watched_solver import WatchedSolver
 from meshes.prism_mesh import PrismMesh
@@ -32,6 +32,7 @@ BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 
 BUNDLED = "bundled"
+_OTHER_SIZE = 0.93  # element size of the other finer mesh over the stated one
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +117,17 @@ def seen_by_correlation(
         rise = apparent_rise(flat_pattern(experiment.flats).pattern, images, motion)
     lacking = lacking_pixels(images, motion)
     return Seen(experiment, images, motion.mean(axis=1), elongation, tilt, left_out, rise, lacking)
+
+
+def on_another_mesh(case: Case, bench: Workbench) -> ForwardModel:
+    """The finer model on a mesh of about the same size of which no inner node is the same."""
+    finer, history = bench.finer, bench.experiment.history
+    mesh = mesh_of(case, _OTHER_SIZE * case.specimen.fine_mesh_size)
+    other = build_model(
+        case, mesh, history, bench.images.xy, finer.adapter, finer.steps_per_interval,
+        finer.workspace,
+    )  # fmt: skip
+    return replace(other, pattern=finer.pattern)
 
 
 def build_workbench(

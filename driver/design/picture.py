@@ -33,22 +33,26 @@ def draw(base: Forecast, others: Sequence[Forecast]) -> Figure:
     known, causes = _representatives(base), sorted(base.causes, key=lambda o: o.in_scales)
     rows = len(known) + len(causes)
     figure = new_figure(_ROW * rows + _ROOM + (1.2 if others else 0.0), 12.0)
+    heights = [len(known), len(causes)] if causes else [len(known)]
     grids = figure.add_gridspec(
-        2, 2 if others else 1, height_ratios=[len(known), len(causes)],
+        len(heights), 2 if others else 1, height_ratios=heights,
         width_ratios=[1.0, 0.9] if others else None,
     )  # fmt: skip
     _parameters(figure.add_subplot(grids[0, 0]), known)
-    _causes(figure.add_subplot(grids[1, 0]), base)
+    if causes:
+        _causes(figure.add_subplot(grids[1, 0]), base)
     if others:
         gains = [gain(base, other) for other in others]
         means = [by_group(won.sigma) for won in gains]
         names = list(groups_of([p.name for p in base.parameters]))
         names = [group for group in names if any(group in mean for mean in means)]
-        top, low = figure.add_subplot(grids[0, 1]), figure.add_subplot(grids[1, 1])
+        top = figure.add_subplot(grids[0, 1])
         _ratios(top, names, [[mean.get(name, np.nan) for mean in means] for name in names])
         top.set_title("σ with a change over σ without")
         top.set_xticks(range(len(others)), [o.variant.name for o in others], rotation=35, ha="left")
         top.xaxis.tick_top()
+    if others and causes:
+        low = figure.add_subplot(grids[1, 1])
         listed = [o.cause.name for o in causes]
         _ratios(low, listed, [[won.seen.get(name, np.nan) for won in gains] for name in listed])
         low.set_title("smallest magnitude seen, over that without")

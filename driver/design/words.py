@@ -84,6 +84,8 @@ def _knots(known: Sequence[Knowledge], start: str) -> str:
 
 
 def _causes(base: Forecast) -> list[str]:
+    if not base.causes:
+        return ["none of the causes that the case asks for can be forecast"]
     lines = [
         "what would show of the causes, most visible first: the smallest magnitude that would be "
         f"seen ({SEEN_AT:g} σ), also",

@@ -122,6 +122,7 @@ def score_boundary_noise(
         estimate=np.array([found.level]),
         sigma=np.array([found.spread]),
         visible=np.array([found.visible]),
+        components=np.empty(0),
         directions=np.empty((0, baseline.residual.size)),
         strengths=np.empty(0),
     )

@@ -134,6 +134,7 @@ def _score(flip: Cause, gain: float) -> Score:
         estimate=none,
         sigma=none,
         visible=none,
+        components=none,
         directions=np.zeros((0, 0)),
         strengths=none,
     )

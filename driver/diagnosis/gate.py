@@ -33,11 +33,13 @@ class Gate:
         effect: largest effect on the score of any cause [σ].
         cause: the cause whose score it would change most.
         needed: what has to be refined, None where the gate is passed.
+        between_meshes: whether it is the change from one finer mesh to another.
     """
 
     effect: float
     cause: str
     needed: Refinement | None = None
+    between_meshes: bool = False
 
     @property
     def passed(self) -> bool:
@@ -54,6 +56,11 @@ class Gate:
             "steps": "time steps half as long are needed",
             "mesh and steps": "a mesh and time steps half as large are needed",
         }[self.needed]
+        if self.between_meshes:
+            return (
+                f"what looks like {self.cause} is gone on another mesh of the same size, which "
+                f"moves it by {self.effect:.1f} σ; {finer}"
+            )
         return (
             f"close to the result its own error still changes by {self.effect:.1f} σ "
             f"along {self.cause}; {finer}"
@@ -102,7 +109,7 @@ def gate(
         SolverError: the simulation that tells mesh from steps could not be finished.
     """
     at = here.best
-    change = whitened_difference(objective, at, fresh, objective.correction)
+    change = whitened_difference(objective, fresh, objective.correction)
     directions = _directions(at, scores, named)
     effects = [direction.effect(change) for direction in directions]
     if not effects:
@@ -140,8 +147,8 @@ def _refinement(
         adapter=finer.adapter,
     )  # fmt: skip
     halved = correction(model, between, here, silent)
-    of_steps = along.effect(whitened_difference(objective, here.best, halved, Correction()))
-    of_mesh = along.effect(whitened_difference(objective, here.best, fresh, halved))
+    of_steps = along.effect(whitened_difference(objective, halved, Correction()))
+    of_mesh = along.effect(whitened_difference(objective, fresh, halved))
     if of_steps < _MATTERS * of_mesh:
         return "mesh"
     if of_mesh < _MATTERS * of_steps:

@@ -122,6 +122,7 @@ def unevenness(at: Evaluation, data: Data, family: int) -> Unevenness | None:
         estimate=np.array([estimate]),
         sigma=np.array([sigma]),
         visible=np.array([visible]),
+        components=np.empty(0),
         directions=np.empty((0, at.residual.size)),
         strengths=np.empty(0),
     )

@@ -59,7 +59,9 @@ class Omnibus:
         return len(tests) * min(tests) > FAMILY_LEVEL
 
 
-def omnibus(fitted: Evaluation, data: Data, effects: Sequence[FloatArray] = ()) -> Omnibus:
+def omnibus(
+    fitted: Evaluation, data: Data, effects: Sequence[FloatArray] = (), variance: float = 1.0
+) -> Omnibus:
     """Test a fitted residual; what the fit has taken from it is counted exactly.
 
     The residual of a linear fit has the covariance I − BᵀB, B = L⁻¹J with LLᵀ the Hessian.
@@ -68,6 +70,7 @@ def omnibus(fitted: Evaluation, data: Data, effects: Sequence[FloatArray] = ()) 
         fitted: the fit.
         data: the data.
         effects: whitened sensitivities of the causes that could be added, shapes (k_c, n).
+        variance: of whitened numbers along the causes, 1 for noise alone.
     """
     k = len(fitted.free)
     taken = np.linalg.solve(np.linalg.cholesky(fitted.hessian), fitted.jacobian)
@@ -76,7 +79,7 @@ def omnibus(fitted: Evaluation, data: Data, effects: Sequence[FloatArray] = ()) 
     of_images = taken[:, fitted.n_load :].reshape(k, *images.shape)
     load_slow, in_loads = _slow_against_fast(loads[:, None], of_loads[..., None])
     image_slow, in_images = _slow_against_fast(images, of_images)
-    together = score_together(effects, fitted, data.load_degrees)
+    together = score_together(effects, fitted, data.load_degrees, variance)
     return Omnibus(
         load_slow=load_slow,
         load_serial=_serial(loads, np.eye(loads.size) - of_loads.T @ of_loads),

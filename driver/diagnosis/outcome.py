@@ -62,6 +62,7 @@ class Step:
         named: the cause that was added and those that cannot be told from it, or empty.
         omnibus: tests of the baseline of this round.
         chi_load, chi_image: of that baseline.
+        widened: by how much the simulation's own error widens the scores.
         untried: flips of the EBSD frame that were not tried in it, and why.
     """
 
@@ -71,6 +72,7 @@ class Step:
     omnibus: Omnibus
     chi_load: float
     chi_image: float
+    widened: float = 1.0
     untried: tuple[NotExamined, ...] = ()
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from driver.boundary import LAMBDAS
 from driver.case import Case, CaseError
@@ -22,6 +22,17 @@ from driver.surface_view import POSE_DECLARATIONS
 _ALWAYS_FITTED = {*LAMBDAS, *(parameter.name for parameter in POSE_DECLARATIONS)}
 
 
+def _clause(text: str) -> str:
+    """A text as it stands inside a sentence: in one line, without a full stop of its own."""
+    clause = " ".join(text.split()).rstrip(".")
+    if not clause:
+        raise refusal("a text in quotes, with at least a word")
+    return clause
+
+
+Clause = Annotated[str, AfterValidator(_clause)]
+
+
 class CauseTable(Table):
     """A table [[causes]], with the fields of `Cause`."""
 
@@ -34,12 +45,8 @@ class CauseTable(Table):
     parameters: tuple[str, ...] = Field(
         min_length=1, description="a list of names of parameters of the general model"
     )
-    sentence: Annotated[str, Field(min_length=1)] = Field(
-        description="a text in quotes, what a person would say of it"
-    )
-    check: Annotated[str, Field(min_length=1)] = Field(
-        description="a text in quotes, the physical check that would confirm it"
-    )
+    sentence: Clause = Field(description="a text in quotes, what a person would say of it")
+    check: Clause = Field(description="a text in quotes, the physical check that would confirm it")
     companions: tuple[str, ...] = Field(
         default=(), description="a list of names of parameters that exist only with this cause"
     )
@@ -97,7 +104,7 @@ def read_causes(path: Path) -> tuple[Cause, ...]:
             key, found, expected.
     """
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         raise InputError(
             sentence(path, "diagnosis.cause_files", "nothing", "a file of tables [[causes]]")

@@ -63,8 +63,10 @@ def examine(
     candidates, names = screened(objective.model, here.best.free, settings.wanted, settings.own)
     screening = wide if wide is not None else objective.evaluate(here.values, names)
     effects = effects_of(candidates, screening, objective.parameters)
-    scores = screen(here, objective, candidates, effects)
-    tests = omnibus(here.best, objective.data, effects)
+    scores, variance = screen(here, objective, candidates, effects, settings.sizes)
+    if variance > 1.0:
+        log(f"  the simulation's own error widens scores by {np.sqrt(variance):.2f}")
+    tests = omnibus(here.best, objective.data, effects, variance)
     noise = _noise_of_boundary(here, objective, effects, stops)
     if noise is not None:
         scores = sorted([*scores, noise], key=lambda s: -s.log_evidence)
@@ -83,7 +85,8 @@ def examine(
     winner = refits[0] if refits and refits[0].log_evidence > WORTH else None
     named = set_of(winner, refits, scores) if winner is not None else ()
     chi = here.best.chi_load, here.best.chi_image
-    return Step(tuple(scores), tuple(refits), named, tests, *chi, trial.untried), winner
+    widened = float(np.sqrt(variance))
+    return Step(tuple(scores), tuple(refits), named, tests, *chi, widened, trial.untried), winner
 
 
 def _flips(

@@ -48,6 +48,8 @@ class Score:
         sigma: their standard deviations in prior scales, shape (k,).
         visible: smallest magnitude that would have been seen, in prior scales, infinite where
             none would, shape (k,).
+        components: what the data show along the directions over its standard deviation, whose
+            squares sum up to the statistic, shape (degrees,).
         directions: unit projected sensitivities, shape (degrees, n); none of a noise.
         strengths: projected misfit of one prior scale along each of them [σ²], shape (degrees,).
     """
@@ -60,6 +62,7 @@ class Score:
     estimate: FloatArray
     sigma: FloatArray
     visible: FloatArray
+    components: FloatArray
     directions: FloatArray
     strengths: FloatArray
 
@@ -70,6 +73,7 @@ def score(
     baseline: Evaluation,
     family: int,
     load_degrees: float = np.inf,
+    variance: float = 1.0,
 ) -> Score:
     """Score one cause.
 
@@ -79,40 +83,65 @@ def score(
         baseline: evaluation at the optimum of the baseline.
         family: number of causes that are tried.
         load_degrees: degrees of freedom of the noise level of the loads.
+        variance: of whitened numbers along the cause, 1 for noise alone.
     """
-    projected, g, A = _projected(sensitivity, baseline)
+    projected, of_noise, information = _projected(sensitivity, baseline)
+    g, A = of_noise / variance, information / variance
     eigenvalue, vector = np.linalg.eigh(A)
     floor = max(_RANK * float(np.sum(sensitivity**2)), _FAINT)
     kept = eigenvalue > floor
-    along = vector[:, kept].T @ g
-    statistic = float(np.sum(along**2 / eigenvalue[kept]))
+    components = vector[:, kept].T @ g / np.sqrt(eigenvalue[kept])
+    statistic = float(np.sum(components**2))
     inflated = A + np.eye(len(g))
     estimate: FloatArray = np.asarray(np.linalg.solve(inflated, g), dtype=np.float64)
     evidence = 0.5 * float(g @ estimate) - 0.5 * float(np.linalg.slogdet(inflated)[1])
     degrees = int(kept.sum())
-    p = _tail(statistic, degrees, load_degrees, _in_loads(projected, baseline))
-    if cause.one_sided:
-        p *= 0.5
-        if g[0] <= 0:
-            statistic, p, estimate = 0.0, 1.0, np.zeros_like(estimate)
-            evidence = -0.5 * float(np.linalg.slogdet(inflated)[1])
-    variance = np.diag(np.linalg.inv(inflated))
-    seen = np.diag(A) > floor
-    visible = np.where(seen, SEEN_AT / np.sqrt(np.where(seen, np.diag(A), 1.0)), np.inf)
     basis = (vector[:, kept] / np.sqrt(eigenvalue[kept])).T @ projected
     norms = np.linalg.norm(basis, axis=1, keepdims=True)
+    directions = basis / np.where(norms > 0, norms, 1.0)
+    p = significance(cause, components, projected, baseline, family, load_degrees)
+    if cause.one_sided and g[0] <= 0:
+        statistic, p, estimate = 0.0, 1.0, np.zeros_like(estimate)
+        evidence = -0.5 * float(np.linalg.slogdet(inflated)[1])
+    uncertainty = np.diag(np.linalg.inv(inflated))
+    seen = np.diag(A) > floor
+    visible = np.where(seen, SEEN_AT / np.sqrt(np.where(seen, np.diag(A), 1.0)), np.inf)
     return Score(
         cause=cause,
         statistic=statistic,
         degrees=degrees,
-        p=min(1.0, p * family),
+        p=p,
         log_evidence=evidence,
         estimate=estimate,
-        sigma=np.sqrt(variance),
+        sigma=np.sqrt(uncertainty),
         visible=visible,
-        directions=basis / np.where(norms > 0, norms, 1.0),
+        components=components,
+        directions=directions,
         strengths=eigenvalue[kept],
     )
+
+
+def significance(
+    cause: Cause,
+    components: FloatArray,
+    sensitivity: FloatArray,
+    baseline: Evaluation,
+    family: int,
+    load_degrees: float,
+) -> float:
+    """Probability under the null of components as large, for the whole family of causes.
+
+    Args:
+        cause: the cause; one-sided ones are taken to lie on their side.
+        components: independent numbers of variance 1 under the null, shape (degrees,).
+        sensitivity: projected sensitivities of the cause on any scale, shape (k, n).
+        baseline: evaluation at the optimum of the baseline.
+        family: number of causes that are tried.
+        load_degrees: degrees of freedom of the noise level of the loads.
+    """
+    share = _in_loads(sensitivity, baseline)
+    p = _tail(float(components @ components), components.size, load_degrees, share)
+    return min(1.0, family * (0.5 * p if cause.one_sided else p))
 
 
 @dataclass(frozen=True)
@@ -131,7 +160,10 @@ class Together:
 
 
 def score_together(
-    effects: Sequence[FloatArray], baseline: Evaluation, load_degrees: float = np.inf
+    effects: Sequence[FloatArray],
+    baseline: Evaluation,
+    load_degrees: float = np.inf,
+    variance: float = 1.0,
 ) -> Together:
     """Score of all causes at once, each with a size of its own that no prior bounds.
 
@@ -143,6 +175,7 @@ def score_together(
         effects: whitened sensitivities of the causes, shapes (k_c, n).
         baseline: evaluation at the optimum of the baseline.
         load_degrees: degrees of freedom of the noise level of the loads.
+        variance: of whitened numbers along the causes, 1 for noise alone.
     """
     rows = np.concatenate([np.zeros((0, baseline.residual.size)), *effects])
     lengths = np.linalg.norm(rows, axis=1)
@@ -157,7 +190,7 @@ def score_together(
     others = baseline.residual.size - len(baseline.free) - degrees
     power = float(np.sum(along**2 / eigenvalue[kept]))
     rest = float(baseline.residual @ baseline.residual) - power
-    statistic = power / (rest / others)
+    statistic = power / (rest / others) / variance
     basis = vector[:, kept].T @ projected / np.sqrt(eigenvalue[kept])[:, None]
     known = 1.0 / (_in_loads(basis, baseline) ** 2 / load_degrees + 1.0 / others)
     return Together(statistic, degrees, float(f.sf(statistic / degrees, degrees, known)))

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 from driver.diagnosis.causes import NUMERICS, Cause
 from driver.diagnosis.examined import causes_of
+from driver.diagnosis.own_error import score_variance
 from driver.diagnosis.score import Score, score
 from driver.fixed_pattern import PATTERN_DECLARATIONS
 from driver.hold_time import HOLD, holds
 from driver.identification.fit import Fit
-from driver.identification.objective import Correction, Evaluation, Objective
+from driver.identification.objective import Correction, Objective
 from driver.microstructure import LATTICE_DECLARATIONS
 from driver.model import ForwardModel
 from solver_adapters.material import MATERIAL_PARAMETERS
@@ -59,8 +60,12 @@ def honoured(model: ForwardModel) -> frozenset[str]:
 
 
 def screen(
-    here: Fit, objective: Objective, candidates: Sequence[Cause], effects: Sequence[FloatArray]
-) -> list[Score]:
+    here: Fit,
+    objective: Objective,
+    candidates: Sequence[Cause],
+    effects: Sequence[FloatArray],
+    sizes: tuple[float, float],
+) -> tuple[list[Score], float]:
     """Score every candidate, and the discretisation; best log evidence first.
 
     Args:
@@ -68,25 +73,27 @@ def screen(
         objective: its objective.
         candidates: the causes.
         effects: whitened sensitivities of each per prior scale, shapes (k_c, n).
+        sizes: element sizes of the working and of the finer mesh [µm].
+
+    Returns:
+        The scores, and the variance that they count along the causes, 1 for noise alone.
     """
     family, degrees = len(candidates) + 1, objective.data.load_degrees
-    scores = [
-        score(cause, effect, here.best, family, degrees)
-        for cause, effect in zip(candidates, effects, strict=True)
-    ]
-    if isinstance(objective.correction.load, np.ndarray):
-        along = whitened_difference(objective, here.best, objective.correction, Correction())
-        scores.append(score(NUMERICS, along[None], here.best, family, degrees))
-    return sorted(scores, key=lambda s: -s.log_evidence)
+    pairs = list(zip(candidates, effects, strict=True))
+    change = objective.correction
+    if isinstance(change.load, np.ndarray):
+        pairs.append((NUMERICS, whitened_difference(objective, change, Correction())[None]))
+
+    def scored(variance: float) -> list[Score]:
+        return [
+            score(cause, effect, here.best, family, degrees, variance) for cause, effect in pairs
+        ]
+
+    variance = score_variance(scored(1.0), objective.data, change, sizes)
+    return sorted(scored(variance), key=lambda s: -s.log_evidence), variance
 
 
-def whitened_difference(
-    objective: Objective, at: Evaluation, one: Correction, other: Correction
-) -> FloatArray:
-    """Change of the whitened prediction between two corrections, shape (n,)."""
-    data = objective.data
-    here = data.residual(at.motion, at.load)[0]
+def whitened_difference(objective: Objective, one: Correction, other: Correction) -> FloatArray:
+    """Change of the whitened prediction between two corrections, to first order, shape (n,)."""
     motion = np.asarray(one.motion) - np.asarray(other.motion)
-    load = np.asarray(one.load) - np.asarray(other.load)
-    there = data.residual(at.motion + motion, at.load + load)[0]
-    return np.asarray(here - there)
+    return objective.data.change(motion, np.asarray(one.load) - np.asarray(other.load))

@@ -77,14 +77,13 @@ def decide(
         return Verdict(
             "unexplained", names,
             f"Three or more causes were needed ({', '.join(effects)}): their sum describes the "
-            "data, but so many at once are more likely the shadow of one that is not in the "
-            "library.",
+            "data, but so many at once are more likely the shadow of one that was not tried.",
             "Look at the maps of what is left, and think of a cause of your own.",
         )  # fmt: skip
     if not accepted and explained < _MOST:
         return Verdict(
             "unexplained", names,
-            f"The best that the library has ({', '.join(names)}) explains {explained:.0%} of the "
+            f"The best that was tried ({', '.join(names)}) explains {explained:.0%} of the "
             "misfit that is no noise, and what is left is structured as well.",
             "Look at the maps of what is left: where and when it stands tells what to think of.",
         )  # fmt: skip
@@ -118,14 +117,14 @@ def _without_a_name(accepted: bool, imaging_limited: bool) -> Verdict:
     if accepted:
         return Verdict(
             "nothing wrong", (),
-            "What is left is noise: no cause of the library is needed, and no structure remains "
+            "What is left is noise: no cause that was tried is needed, and no structure remains "
             "in loads or images.",
             "Read the table of the smallest magnitudes that would have been seen: a cause "
             "smaller than that can still be there.",
         )  # fmt: skip
     return Verdict(
         "unexplained", (),
-        "The residual is not noise, yet no cause of the library explains it.",
+        "The residual is not noise, yet no cause that was tried explains it.",
         "Look at the maps of what is left: where and when it stands tells what to think of.",
     )  # fmt: skip
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from driver.boundary import BoundaryMotion
 from driver.case import Case
 from driver.check_picture import boundary_trace
-from driver.diagnosis_record import DIAGNOSIS, DIAGNOSIS_H5
+from driver.diagnosis_record import DIAGNOSIS, DIAGNOSIS_H5, OMNIBUS
 from driver.dic.surface_images import residual_variance
 from driver.extended_case import EXTENDED
 from driver.history import History, knot_weights, read_history
@@ -175,6 +175,8 @@ def read_findings(context: StageContext) -> Findings:
     names, warnings, values = _texts(paths[IDENTIFY], ("names", "warnings", "all_values"))
     case, measured = context.case, _datasets(paths[MEASURE], _MEASURED)
     history = read_history(case.path(case.history.file))
+    # A term of the user's own that was installed since the identification is at its null.
+    null = {name: parameter.null for name, parameter in _declared(case, history).items()}
     iterations = _record(paths[HISTORY_JSON], ("C",))
     return Findings(
         case=case,
@@ -189,10 +191,10 @@ def read_findings(context: StageContext) -> Findings:
         hessian_names=tuple(name.decode() for name in identified["hessian_names"].tolist()),
         warnings=tuple(warnings),
         seconds=_seconds(context.results, iterations),
-        values=values,
+        values=null | values,
         noise_factor=float(identified["noise_factor"]),
         iterations=iterations,
-        diagnosis=_record(paths[DIAGNOSIS], ("verdict", "added", "flips", "gain", "steps")),
+        diagnosis=_diagnosis(paths[DIAGNOSIS]),
     )
 
 
@@ -226,6 +228,16 @@ def _texts(path: Path, expected: tuple[str, ...]) -> list[Any]:
             if name not in file.attrs:
                 raise damaged(path, f"no attribute {name}")
         return [json.loads(file.attrs[name]) for name in expected]
+
+
+def _diagnosis(path: Path) -> Record:
+    entries = ("verdict", "added", "flips", "gain", "steps", "bad_loads", "not_examined")
+    record = _record(path, entries)
+    for step in record["steps"]:
+        for name in OMNIBUS:
+            if name not in step["omnibus"]:
+                raise damaged(path, f"no entry {name} in steps.omnibus")
+    return record
 
 
 def _record(path: Path, expected: tuple[str, ...]) -> Record:

@@ -75,6 +75,7 @@ def report_page(
         checks=checks(findings),
         facts=facts(findings),
         measured=texts(findings.motion),
+        untried=untried(findings),
         rounds=[
             {
                 "number": index,
@@ -142,7 +143,7 @@ def headline(kind: str, causes: Sequence[str]) -> str:
         "one of this set": f"One of these explains the misfit, and these data cannot say which: "
         f"{names}.",
         "named, but something is left": f"Found: {names}; but something is left that is not noise.",
-        "unexplained": "Unexplained: the model misses something that no cause of the library "
+        "unexplained": "Unexplained: the model misses something that no cause that was tried "
         "accounts for.",
         "imaging-limited": "The images are the limit: their errors outweigh those of the model.",
         "numerics": "The simulation is not exact enough to judge the model.",
@@ -213,6 +214,24 @@ def checks(findings: Findings) -> list[Row]:
             reason = diagnosis[key]["reason"]
             rows.append({"what": f"fit of the {name}", "passed": None, "text": f"ended: {reason}"})
     return rows
+
+
+def untried(findings: Findings) -> list[str]:
+    """Sentences on what the verdict does not speak of: causes not tried, loads left out."""
+    case, diagnosis = findings.case, findings.diagnosis
+    found = []
+    if case.diagnosis.causes != "all":
+        found.append("Of the library only the causes that the case asks for were tried.")
+    by_reason: dict[str, list[str]] = {}
+    for name, why in diagnosis["not_examined"].items():
+        by_reason.setdefault(why, []).append(cause_label(name))
+    found += [f"Not examined: {joined(names)}; {why}." for why, names in by_reason.items()]
+    for bad in diagnosis["bad_loads"]:
+        found.append(
+            f"The load of image {bad['image']} is left out: it is off by "
+            f"{number(bad['off_uN'])} µN, {number(bad['sigmas'], 2)} of its standard deviations."
+        )
+    return found
 
 
 def facts(findings: Findings) -> list[tuple[str, str]]:

@@ -12,6 +12,7 @@ from driver import check as check_module
 from driver.case import load_case
 from driver.check import check
 from driver.check_picture import boundary_trace
+from driver.diagnosis.all_causes import NAMES
 from driver.estimate import estimate
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.calculix.adapter import CalculixAdapter
@@ -177,6 +178,18 @@ def test_the_estimate_grows_with_the_work():
         update={"boundary": case.boundary.model_copy(update={"jitter_nm": 0.1})}
     )
     assert estimate(shaken, bundled, 264, 97).seconds > base.seconds
+
+
+def test_the_estimate_counts_no_more_refits_than_causes_that_are_asked_for():
+    default, bundled = load_case(ALPHA / "case.toml"), BundledAdapter().capabilities()
+
+    def simulations(**asked):
+        table = default.diagnosis.model_copy(update=asked)
+        case = default.model_copy(update={"diagnosis": table})
+        return estimate(case, bundled, 264, 97).simulations
+
+    assert simulations(refit=10000) == simulations(refit=len(NAMES))
+    assert simulations(causes=("load_lag",)) == simulations(refit=1) < simulations()
 
 
 def test_the_estimate_counts_the_simulations_that_derivatives_cost():

@@ -223,7 +223,10 @@ BAD = {
     "mask": ("mask", lambda f: stored(f, "m.tif", 0 * SURFACE),
              "found 0 at every pixel, expected another number where pixels are used"),
     "noise": ("noise_map", lambda f: stored(f, "o.tif", SURFACE - SURFACE.min()),
-              "found the value 0, expected a number above 0 at every pixel"),
+              "found 0 at row 0, column 0, expected a number above 0 at every pixel"),
+    "a noise left out": ("noise_map", lambda f: stored(f, "o.tif", np.where(
+        np.arange(60).reshape(6, 10) == 23, np.nan, 1.0).astype(np.float32)),
+              "found nan at row 2, column 3, expected a number above 0 at every pixel"),
     "two noises": ("noise_map", lambda f: stored(f, "o.tif", np.stack([SURFACE + 1] * 2)),
                    "found 2 images, expected one"),
 }  # fmt: skip

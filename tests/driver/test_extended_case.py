@@ -146,33 +146,29 @@ def test_paths_lead_from_the_results_to_the_files_and_absolute_ones_stay() -> No
     assert found.history.file == "../history.csv"
 
 
-def test_meshes_of_the_correlation_are_found_from_the_results_and_the_trace_is_no_file() -> None:
-    case = fitting("tau0")
-    dic = case.dic.model_copy(update={"mesh": "uv.msh", "height_mesh": "trace"})
-    found = extended(case.model_copy(update={"dic": dic}), {}).dic
-    assert (found.mesh, found.height_mesh) == ("../uv.msh", "trace")
-    assert extended(case, {}).dic == case.dic
-
-
-def test_a_command_finds_its_files_from_the_results(tmp_path: Path) -> None:
-    """What is no file beside the case is a program of PATH, or an option."""
-    (tmp_path / "container.sif").touch()
-    (tmp_path / "run_ccx").touch()
-    profiles = {
-        "calculix": ProfileTable(command=("apptainer", "exec", "container.sif", "ccx")),
-        "code_aster": ProfileTable(command=("./run_ccx", "/opt/aster"), threads=2),
-        "bundled": ProfileTable(threads=2),
-    }
-    plain = fitting("tau0")
-    solver = plain.solver.model_copy(update={"profiles": profiles})
-    write_case(plain.model_copy(update={"solver": solver}), tmp_path / "case.toml")
-    (tmp_path / "results").mkdir()
-    path = tmp_path / "results" / "extended.toml"
-    write_case(extended(load_case(tmp_path / "case.toml"), {}), path)
-    found = load_case(path).solver.profiles
-    assert found["calculix"].command == ("apptainer", "exec", "../container.sif", "ccx")
-    assert found["code_aster"].command == (".././run_ccx", "/opt/aster")
-    assert (found["code_aster"].threads, found["bundled"]) == (2, profiles["bundled"])
+def test_meshes_of_correlation_and_files_of_a_call_are_found_from_the_results(
+    tmp_path: Path,
+) -> None:
+    for name in ("image.sif", "run"):
+        (tmp_path / name).touch()
+    call = ("run", "image.sif", "--quiet")
+    profile = ProfileTable(command=call, processes=2)
+    write_case(fitting("tau0"), tmp_path / "case.toml")
+    case = load_case(tmp_path / "case.toml")
+    case = case.model_copy(
+        update={
+            "dic": case.dic.model_copy(update={"mesh": "mine.msh", "height_mesh": "trace"}),
+            "solver": case.solver.model_copy(
+                update={"profiles": {"code_aster": profile, "calculix": ProfileTable(threads=2)}}
+            ),
+        }
+    )
+    found = extended(case, {})
+    assert (found.dic.mesh, found.dic.height_mesh) == ("../mine.msh", "trace")
+    # `run` has no slash: a program of PATH.
+    words = ("run", "../image.sif", "--quiet")
+    assert found.solver.profiles["code_aster"] == profile.model_copy(update={"command": words})
+    assert found.solver.profiles["calculix"] == ProfileTable(threads=2)
 
 
 @pytest.mark.parametrize("cause", LIBRARY, ids=list(BY_NAME))

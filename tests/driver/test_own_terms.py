@@ -9,10 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from driver.case import Case, default_case, load_case, write_case
 from driver.diagnosis.own_causes import read_causes
 from driver.errors import InputError
 from driver.model import declared_parameters
 from driver.own_terms import GROUP, BoundaryTerm, ReadingTerm, installed_terms, terms_of
+from driver.pipeline import stages
+from driver.stages import stage_key
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
@@ -27,6 +30,15 @@ def install(folder: Path, module: str, entry_points: str) -> None:
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my-terms\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(f"[{GROUP}]\n{entry_points}", encoding="utf-8")
+
+
+def reading(parameter: str, formula: str) -> str:
+    """A module with a term of the load reading."""
+    return (
+        "from driver.own_terms import ReadingTerm\n"
+        "from solver_adapters.parameter import Parameter\n"
+        f"TERM = ReadingTerm({parameter}, lambda force, progress: {formula})"
+    )
 
 
 @pytest.fixture
@@ -129,14 +141,91 @@ def test_an_effect_of_a_term_is_named_by_a_cause_of_ones_own(documented: Path) -
             "TERM = ReadingTerm(Parameter('Q', '', 0.0, 0.1), lambda force, progress: force)",
             'prismid.terms: found a second parameter "Q", expected a name that the general',
         ),
+        ("1 / 0", "prismid.terms: mine: found “division by zero”, expected an entry point that"),
+        ("other = 3", "prismid.terms: mine: found “module 'my_terms' has no attribute 'TERM'”"),
+        (
+            reading("Parameter('two words', '', 0.0, 0.1)", "force"),
+            'prismid.terms: mine: found the name "two words" of its parameter, expected letters',
+        ),
+        (
+            reading("Parameter('tilt_3', '', 0.0, 0.1)", "force"),
+            'prismid.terms: mine: found the name "tilt_3" of its parameter, expected letters',
+        ),
+        (
+            reading("Parameter('mine', '', 0.0, 0.0)", "force"),
+            "prismid.terms: mine: found the scale 0 of its parameter, expected a number > 0",
+        ),
+        (
+            reading("Parameter('mine', '', 0.0, 0.1, 0.2, 1.0)", "force"),
+            "prismid.terms: mine: found the bounds 0.2 and 1 of its parameter, expected 0 between",
+        ),
+        (
+            reading("Parameter('mine', '', 0.0, 0.1, logarithmic=True)", "force"),
+            "prismid.terms: mine: found a logarithmic parameter, expected one whose null is 0",
+        ),
+        (
+            reading("'mine'", "force"),
+            "prismid.terms: mine: found a parameter of the type str, expected a Parameter",
+        ),
+        (
+            reading("Parameter('mine', '', 0.0, 0.1)", "1.0"),
+            "prismid.terms: mine: found a reading of shape () in place of (3,), expected one of",
+        ),
+        (
+            reading("Parameter('mine', '', 0.0, 0.1)", "force / 0"),
+            "prismid.terms: mine: found a reading that is not finite, expected numbers",
+        ),
+        (
+            reading("Parameter('mine', '', 0.0, 0.1)", "force.nothing"),
+            "prismid.terms: mine: found a reading that ends with “'numpy.ndarray' object has no",
+        ),
+        (
+            reading("Parameter('mine', '', 0.0, 0.1)", "abs(force)"),
+            "prismid.terms: mine: found a reading whose derivative is lost with complex numbers",
+        ),
     ],
 )
+@pytest.mark.filterwarnings("ignore:(divide by zero|invalid value):RuntimeWarning")
 def test_a_bad_term_is_told_in_one_sentence(module: str, told: str, site: Path) -> None:
     install(site, module, "mine = my_terms:TERM")
     with pytest.raises(InputError) as refused:
         declared_parameters(3)
     (line,) = str(refused.value).splitlines()
     assert line.startswith(told)
+
+
+def test_a_bad_term_is_told_where_a_case_is_read(site: Path, tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    write_case(default_case(), path)
+    installed_terms.cache_clear()
+    install(site, "TERM = 3", "mine = my_terms:TERM")
+    told = "prismid.terms: mine: found int, expected a BoundaryTerm or a ReadingTerm"
+    for begin in (lambda: load_case(path), default_case):
+        with pytest.raises(InputError) as refused:
+            begin()
+        assert str(refused.value) == told
+
+
+def test_a_term_that_is_changed_makes_identification_and_diagnosis_stale(
+    documented: Path, tmp_path: Path
+) -> None:
+    """An identification only where it frees the term: at its null it does nothing."""
+    case = closed_form.small_case()
+    freeing = case.model_copy(update={"extensions": {"swing": 0.0}})
+    names = [stage.name for stage in stages(case)]
+
+    def keys(of: Case) -> list[str]:
+        return [stage_key(stage, of, "") for stage in stages(of)]
+
+    before = keys(case), keys(freeing)
+    module = documented / "my_terms.py"
+    module.write_text(module.read_text("utf-8").replace("-8 *", "-4 *"), encoding="utf-8")
+    for of, old, expected in (
+        (case, before[0], {"diagnose"}),
+        (freeing, before[1], {"identify", "diagnose"}),
+    ):
+        pairs = zip(names, old, keys(of), strict=True)
+        assert {name for name, one, other in pairs if one != other} == expected
 
 
 def test_without_such_packages_there_are_no_terms() -> None:

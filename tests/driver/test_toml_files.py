@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from driver.case import CaseError, load_case
+from driver.case import CaseError, default_case, load_case, write_case
 from driver.design.settings import read_settings
 from driver.errors import InputError
 from driver.virtual_tables import read_virtual
@@ -32,6 +32,13 @@ def test_a_file_that_cannot_be_read_is_one_sentence(
             read(path)
         assert str(error.value).startswith(f"{path}: file: ")
         assert message in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_file_with_the_mark_of_windows_editors_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    write_case(default_case(), path)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert load_case(path).model_dump() == default_case().model_dump()
 
 
 def test_what_is_wrong_with_a_case_is_an_error_of_the_case(tmp_path: Path) -> None:

@@ -116,6 +116,17 @@ def test_less_noise_and_more_images_know_no_less(
         assert max(named[name]["gain"]["sigma_ratio"].values()) <= 1 + 1e-9, name
 
 
+def test_a_case_that_asks_for_causes_without_a_sensitivity_has_a_design(tmp_path: Path) -> None:
+    """A flip of the EBSD frame and the noises have none."""
+    path, lines = write(tmp_path), list[str]()
+    case = load_case(path)
+    table = case.diagnosis.model_copy(update={"causes": ("ebsd_flip_x", "boundary_noise")})
+    write_case(case.model_copy(update={"diagnosis": table}), path)
+    design(path, tmp_path / "settings.toml", [], False, lines.append)
+    assert "none of the causes that the case asks for can be forecast" in lines
+    assert (tmp_path / "results" / FILES[1]).is_file()
+
+
 def test_every_key_of_the_record_is_documented(
     found: tuple[Path, dict[str, Any], list[str]],
 ) -> None:

@@ -92,6 +92,7 @@ def test_causes_of_all_files_are_read(tmp_path: Path) -> None:
         ({"one_sided": True}, "one_sided: found true with 2 parameters, expected true for"),
         ({"sentence": None}, "sentence: found nothing, expected a text in quotes"),
         ({"check": ""}, 'check: found "", expected a text in quotes'),
+        ({"sentence": " . "}, 'sentence: found " . ", expected a text in quotes'),
         ({"unit": "MPa"}, "unit: found an unknown key"),
     ],
 )
@@ -103,6 +104,19 @@ def test_a_bad_cause_is_told_in_one_sentence(
         read_causes(path)
     (line,) = str(refused.value).splitlines()
     assert line.startswith(f"{path}: causes.1") and told in line
+
+
+def test_sentence_and_check_are_taken_as_the_answer_says_them(tmp_path: Path) -> None:
+    """In one line, and without the full stop that follows there."""
+    path = written(tmp_path / "my.toml", sentence=f"{TWISTED.sentence}. ", check="a photograph\n"
+                   "of the grip.")  # fmt: skip
+    assert read_causes(path) == (TWISTED,)
+
+
+def test_a_file_with_the_mark_of_windows_editors_is_read(tmp_path: Path) -> None:
+    path = written(tmp_path / "my.toml")
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert read_causes(path) == (TWISTED,)
 
 
 def test_a_bad_file_is_told_in_one_sentence(tmp_path: Path) -> None:

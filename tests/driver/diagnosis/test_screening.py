@@ -21,7 +21,7 @@ def test_scores_of_small_effects_are_what_a_refit_finds() -> None:
     assert candidates == (cause,) and names == (*baseline.best.free, "tilt_drift")
     wide = objective.evaluate(baseline.values, names)
     effects = effects_of(candidates, wide, objective.parameters)
-    scores = screen(baseline, objective, candidates, effects)
+    scores, _ = screen(baseline, objective, candidates, effects, closed_form.SIZES)
     score = next(s for s in scores if s.cause is cause)
     settings = replace(SETTINGS, wanted=("tilt_drift",))
     found = diagnosis_of(BENCH, (objective, baseline), settings)

@@ -49,7 +49,7 @@ def test_the_kind_of_the_answer(found: Verdict, kind: str, causes: tuple[str, ..
 
 def test_as_many_additions_as_are_allowed_explain_nothing() -> None:
     assert MOST_ADDITIONS == 3
-    assert "shadow of one that is not in the library" in of(CONTRAST, DRIFT, GAIN).text
+    assert "shadow of one that was not tried" in of(CONTRAST, DRIFT, GAIN).text
 
 
 def test_what_is_named_is_said_and_can_be_confirmed() -> None:
@@ -69,6 +69,13 @@ def test_what_cannot_be_told_apart_is_said_with_the_check_of_each() -> None:
 def test_what_is_left_is_said() -> None:
     assert "still not noise" in of(GAIN, accepted=False).text
     assert "maps of what is left" in of(accepted=False).next
+
+
+def test_where_nothing_is_named_only_what_was_tried_is_spoken_of() -> None:
+    """A case may ask for a few causes of the library."""
+    for accepted in (True, False):
+        text = of(accepted=accepted).text
+        assert "no cause that was tried" in text and "library" not in text
 
 
 def test_a_coarse_simulation_says_what_it_needs() -> None:

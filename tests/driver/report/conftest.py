@@ -299,6 +299,12 @@ def diagnosis():
             },
         },
         "flips": [],
+        "bad_loads": [{"image": 4, "off_uN": 61.0, "sigmas": 9.8}],
+        "not_examined": {
+            "fixed_pattern": "no flats show the pattern",
+            "ebsd_flip_x": "nothing calls for it",
+            "ebsd_flip_y": "nothing calls for it",
+        },
         "numerics": {"effect_sigma": 0.31, "on": "grain_contrast", "passed": True},
         "baseline": _fitted(),
         "extended": _fitted(copy.deepcopy(added).items()),

@@ -203,6 +203,40 @@ def test_results_of_another_version_are_refused_with_what_to_do(results, tmp_pat
         run_report(results.context(tmp_path / "work"))
 
 
+def test_a_verdict_of_an_earlier_version_is_refused_with_what_to_do(results, tmp_path):
+    steps = json.loads((results.results / "diagnosis.json").read_text("utf-8"))["steps"]
+    del steps[1]["omnibus"]["together_p"]
+    results.edit_diagnosis(steps=steps)
+    with pytest.raises(ResultError, match="found no entry together_p.*the stage diagnose alone"):
+        run_report(results.context(tmp_path / "work"))
+
+
+def test_what_was_not_examined_and_the_loads_left_out_stand_beside_the_evidence(
+    page, results, tmp_path
+):
+    text = shown(page)
+    assert "Not examined: fixed pattern; no flats show the pattern." in text
+    turns = "EBSD frame turned by half a turn about"
+    assert f"Not examined: {turns} X and {turns} Y; nothing calls for it." in text
+    assert "The load of image 4 is left out: it is off by 61.0 µN, 9.8 of its" in text
+    assert "only the causes that the case asks for" not in text
+    case = results.folder / "case.toml"
+    asked = case.read_text("utf-8").replace('causes = "all"', 'causes = ["grain_contrast"]')
+    case.write_text(asked, "utf-8")
+    run_report(results.context(tmp_path / "work"))
+    text = shown((tmp_path / "work" / "report.html").read_text("utf-8"))
+    assert "Of the library only the causes that the case asks for were tried." in text
+
+
+def test_a_parameter_that_the_identification_did_not_have_was_at_its_null(results, tmp_path):
+    """That of a term of the user's own, installed between identification and diagnosis."""
+    with h5py.File(results.results / "identify.h5", "a") as file:
+        values = json.loads(file.attrs["all_values"])
+        del values["tau0_grain2"]
+        file.attrs["all_values"] = json.dumps(values)
+    assert read_findings(results.context(tmp_path / "work")).values["tau0_grain2"] == 1.0
+
+
 def test_a_damaged_verdict_is_named_in_one_sentence(results, tmp_path):
     (results.results / "diagnosis.json").write_text("{", "utf-8")
     with pytest.raises(ResultError, match=r"diagnosis.json: found no readable JSON"):

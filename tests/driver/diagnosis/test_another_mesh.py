@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from driver.diagnosis.diagnose import diagnose
+from driver.diagnosis.outcome import Diagnosis
+from driver.model import ForwardModel
+from solver_adapters.interface import Simulation
+from tests.driver import closed_form
+from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
+
+FloatArray = NDArray[np.float64]
+
+DRIFT = 4e-4
+BENCH = closed_form.bench()
+FINE = finer(BENCH)
+
+
+class ErringMesh(closed_form.ClosedFormSolver):
+    """A mesh whose error is a tilt that grows during the test."""
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        motion, load = super().answer(simulation)
+        grown = np.linspace(0.0, DRIFT, len(motion))
+        x = simulation.mesh.points[simulation.output_nodes, 0]
+        motion[..., 2] += grown[:, None] * (x - x.mean())
+        return motion, load
+
+
+ERRING = replace(BENCH.model, adapter=ErringMesh(0.001))
+
+
+def diagnosed(drift: float, another: ForwardModel) -> tuple[Diagnosis, list[str]]:
+    """The diagnosis of a test with so much drift."""
+    made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": drift})
+    objective, baseline = identified(BENCH, made)
+    settings = replace(SETTINGS, wanted=("tilt_drift",))
+    lines: list[str] = []
+    found = diagnose(
+        baseline, objective, FINE, BENCH.history.cycle, settings, lines.append, None,
+        lambda: another,
+    )  # fmt: skip
+    return found, lines
+
+
+def test_what_is_there_on_another_mesh_as_well_is_named() -> None:
+    found, _ = diagnosed(DRIFT, FINE)
+    assert found.verdict.kind == "named" and found.verdict.causes == ("tilt_drift",)
+
+
+def test_what_another_mesh_takes_away_is_not_named_and_a_finer_one_is_asked_for() -> None:
+    found, lines = diagnosed(DRIFT, ERRING)
+    assert found.verdict.kind == "numerics" and not found.causes
+    assert "what looks like tilt_drift is gone on another mesh" in found.verdict.text
+    assert "a mesh half as large is needed" in found.verdict.text
+    assert found.gate.between_meshes and found.gate.needed == "mesh"
+    first = found.steps[0].scores[0]
+    assert found.gate.effect == pytest.approx(np.linalg.norm(first.components), rel=0.3)
+    assert any("moved by" in line for line in lines)
+
+
+def test_without_a_finding_no_other_mesh_is_tried() -> None:
+    found, lines = diagnosed(0.0, ERRING)
+    assert found.verdict.kind == "nothing wrong"
+    assert not any("another mesh" in line for line in lines)
