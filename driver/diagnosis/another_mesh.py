@@ -2,7 +2,7 @@
 
 A mesh errs in its own way, mostly where crystals yield, and so do many causes: on a coarse mesh
 and with many images the error of the finer simulation may look like one of them. On another mesh
-of about that size it is another one.
+of about that size it is another one, and the mean of both corrections is the better one.
 """
 
 from __future__ import annotations
@@ -20,9 +20,12 @@ from driver.identification.objective import Objective
 from driver.identification.procedure import correction
 from driver.model import ForwardModel
 
+SURE = 20.0
+"""Log evidence of a score that no mesh takes away: almost 7 σ."""
+
 
 def lost_on(
-    another: ForwardModel,
+    another: Callable[[], ForwardModel],
     here: Fit,
     objective: Objective,
     scores: Sequence[Score],
@@ -31,10 +34,11 @@ def lost_on(
 ) -> Gate | None:
     """The change that takes every significant score away, None where one of them stays.
 
-    A score that was hardly significant and that moves by less than the gate allows has stayed.
+    It stays if it is significant with the mean of both corrections, or if the other mesh moves it
+    by less than the gate allows.
 
     Args:
-        another: the finer model on another mesh.
+        another: makes the finer model on another mesh.
         here: the fit.
         objective: its objective, with the correction by the finer model.
         scores: of all causes at the fit.
@@ -45,16 +49,16 @@ def lost_on(
         SolverError: the simulation could not be finished.
     """
     seen = [s for s in scores if s.p < FAMILY_LEVEL and s.directions.size]
-    if not seen:
+    if not seen or max(s.log_evidence for s in seen) > SURE:
         return None
     log("the finer simulation once more, on another mesh")
-    change = correction(objective.model, another, here, log)
+    change = correction(objective.model, another(), here, log)
     difference = whitened_difference(objective, change, objective.correction)
     effects = []
     for one in seen:
         moved = one.directions @ difference / widened
         p = significance(
-            one.cause, one.components - moved, one.directions, here.best, len(scores),
+            one.cause, one.components - 0.5 * moved, one.directions, here.best, len(scores),
             objective.data.load_degrees,
         )  # fmt: skip
         effects.append(float(np.linalg.norm(moved) / np.sqrt(moved.size)))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from driver.diagnosis.all_causes import EVERY
-from driver.diagnosis.another_mesh import lost_on
 from driver.diagnosis.boundary_noise import Level, Stops, level_again, stops_where_they_pay
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.ebsd_flips import flips_of
@@ -18,7 +18,7 @@ from driver.diagnosis.examined import NotExamined, not_examined
 from driver.diagnosis.final_fits import POLISH, final_fits
 from driver.diagnosis.flip_trial import turned
 from driver.diagnosis.gain import log_evidence, share_described, share_explained
-from driver.diagnosis.gate import Gate, gate
+from driver.diagnosis.gate import gate
 from driver.diagnosis.image_noise import with_uneven_noise
 from driver.diagnosis.loads import bad_loads
 from driver.diagnosis.noise_causes import (
@@ -95,8 +95,9 @@ def diagnose(
     )
     added = [n for cause in causes if cause not in COVARIANCE for n in cause.parameters]
     passed = gate(current, here, final.fresh, finer, steps[-1].scores, added)
-    if ended.lost is not None and not causes:
-        passed = ended.lost
+    lost = steps[-1].lost
+    if lost is not None and not causes:
+        passed = lost
     log(f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.cause}")
     explained = share_explained(final.uncounted, here.best) if causes else float("nan")
     of_causes = {cause.name for cause in causes}
@@ -145,7 +146,6 @@ class _Rounds:
         causes: the causes that were added and are still needed.
         levels: of the noise that was named its level and the standard deviation of it.
         of_noise: log evidence of that noise.
-        lost: what another mesh took away of the last finding, None where nothing.
     """
 
     fit: Fit
@@ -155,7 +155,6 @@ class _Rounds:
     causes: tuple[Cause, ...]
     levels: Mapping[str, Level]
     of_noise: float
-    lost: Gate | None
 
 
 def _rounds(
@@ -172,18 +171,13 @@ def _rounds(
     causes: list[Cause] = []
     levels: dict[str, Level] = {}
     of_noise = 0.0  # log evidence
-    lost: Gate | None = None
     while True:
         log(f"screening at χ_F {here.best.chi_load:.2f}, χ of images {here.best.chi_image:.3f}")
-        step, winner = examine(here, current, causes, settings, stops, known, log)
+        other = None if another is None else partial(_turned, another, tuple(causes))
+        step, winner = examine(here, current, causes, settings, stops, known, other, log)
         known = None
         steps.append(step)
         if winner is None or len(steps) > MOST_STEPS:
-            break
-        if another is not None and winner.cause is not BOUNDARY_NOISE:
-            other = turned(another(), causes)
-            lost = lost_on(other, here, current, step.scores, step.widened, log)
-        if lost is not None:
             break
         causes.append(winner.cause)
         log(f"added {winner.cause.name}, log evidence {winner.log_evidence:+.1f}")
@@ -195,7 +189,11 @@ def _rounds(
         elif winner.levels:
             of_noise = winner.log_evidence
         here, current, causes = eliminate(here, current, causes, log)
-    return _Rounds(here, current, finer, tuple(steps), tuple(causes), levels, of_noise, lost)
+    return _Rounds(here, current, finer, tuple(steps), tuple(causes), levels, of_noise)
+
+
+def _turned(another: Callable[[], ForwardModel], causes: tuple[Cause, ...]) -> ForwardModel:
+    return turned(another(), causes)
 
 
 def _never_tried(steps: Sequence[Step]) -> tuple[NotExamined, ...]:

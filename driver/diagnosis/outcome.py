@@ -64,6 +64,7 @@ class Step:
         chi_load, chi_image: of that baseline.
         widened: by how much the simulation's own error widens the scores.
         untried: flips of the EBSD frame that were not tried in it, and why.
+        lost: what another mesh takes away of what was seen, None where nothing.
     """
 
     scores: tuple[Score, ...]
@@ -74,6 +75,7 @@ class Step:
     chi_image: float
     widened: float = 1.0
     untried: tuple[NotExamined, ...] = ()
+    lost: Gate | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.diagnosis.another_mesh import lost_on
 from driver.diagnosis.boundary_noise import Stops, refit_boundary_noise, score_boundary_noise
 from driver.diagnosis.causes import NUMERICS, Cause
 from driver.diagnosis.ebsd_flips import FLIPS, flips_of
 from driver.diagnosis.flip_trial import FlipTrial, not_warranted, try_flips
 from driver.diagnosis.gain import is_excess, share_explained
+from driver.diagnosis.gate import Gate
 from driver.diagnosis.noise_causes import COVARIANCE
 from driver.diagnosis.omnibus import FAMILY_LEVEL, Omnibus, omnibus
 from driver.diagnosis.outcome import Log, Settings, Step
@@ -21,6 +23,7 @@ from driver.diagnosis.screening import screen, screened
 from driver.diagnosis.verdict import MOST_ADDITIONS
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
+from driver.model import ForwardModel
 
 FloatArray = NDArray[np.float64]
 
@@ -41,6 +44,7 @@ def examine(
     settings: Settings,
     stops: Stops,
     wide: Evaluation | None,
+    another: Callable[[], ForwardModel] | None,
     log: Log,
 ) -> tuple[Step, Refit | None]:
     """Screen all causes, refit the best, and pick the one to add.
@@ -55,6 +59,7 @@ def examine(
         settings: how the diagnosis is run.
         stops: the answers to a noise of the boundary, if they were computed.
         wide: evaluation at the fit with the parameters of every cause free, if known.
+        another: makes the finer model on another mesh; None for a simulation without a mesh.
         log: takes one line of progress.
 
     Returns:
@@ -74,19 +79,26 @@ def examine(
         log(f"  {s.cause.name}: log evidence {s.log_evidence:+.1f}, p {s.p:.2g}")
     refits: list[Refit] = []
     trial = FlipTrial()
+    lost: Gate | None = None
+    widened = float(np.sqrt(variance))
     if noise is not None and noise.p < FAMILY_LEVEL and stops.effect is not None:
         refits = [refit_boundary_noise(stops.effect, here.best, objective, log)]
     elif len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS:
         crew = Crew(settings.processes, settings.threads, log)
-        refits = _refits(scores, screening, here, objective, settings.refit, crew)
-        trial = _flips(refits, tests, here.best, objective, added, settings.wanted, crew)
-        refits = _best_of_each([*refits, *trial.refits])
-        scores = sorted([*scores, *trial.scores], key=lambda s: -s.log_evidence)
+        if another is not None:
+            lost = lost_on(another, here, objective, scores, widened, log)
+        if lost is None:
+            refits = _refits(scores, screening, here, objective, settings.refit, crew)
+            trial = _flips(refits, tests, here.best, objective, added, settings.wanted, crew)
+            refits = _best_of_each([*refits, *trial.refits])
+            scores = sorted([*scores, *trial.scores], key=lambda s: -s.log_evidence)
     winner = refits[0] if refits and refits[0].log_evidence > WORTH else None
     named = set_of(winner, refits, scores) if winner is not None else ()
     chi = here.best.chi_load, here.best.chi_image
-    widened = float(np.sqrt(variance))
-    return Step(tuple(scores), tuple(refits), named, tests, *chi, widened, trial.untried), winner
+    step = Step(
+        tuple(scores), tuple(refits), named, tests, *chi, widened, trial.untried, lost
+    )  # fmt: skip
+    return step, winner
 
 
 def _flips(

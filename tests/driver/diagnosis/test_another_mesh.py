@@ -21,11 +21,11 @@ FINE = finer(BENCH)
 
 
 class ErringMesh(closed_form.ClosedFormSolver):
-    """A mesh whose error is a tilt that grows during the test."""
+    """A mesh whose error is a tilt that grows during the test; the mean of both has half of it."""
 
     def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
         motion, load = super().answer(simulation)
-        grown = np.linspace(0.0, DRIFT, len(motion))
+        grown = np.linspace(0.0, 2 * DRIFT, len(motion))
         x = simulation.mesh.points[simulation.output_nodes, 0]
         motion[..., 2] += grown[:, None] * (x - x.mean())
         return motion, load
@@ -59,11 +59,18 @@ def test_what_another_mesh_takes_away_is_not_named_and_a_finer_one_is_asked_for(
     assert "a mesh half as large is needed" in found.verdict.text
     assert found.gate.between_meshes and found.gate.needed == "mesh"
     first = found.steps[0].scores[0]
-    assert found.gate.effect == pytest.approx(np.linalg.norm(first.components), rel=0.3)
+    assert found.gate.effect == pytest.approx(2 * np.linalg.norm(first.components), rel=0.3)
+    assert not found.steps[0].refits
     assert any("moved by" in line for line in lines)
 
 
 def test_without_a_finding_no_other_mesh_is_tried() -> None:
     found, lines = diagnosed(0.0, ERRING)
     assert found.verdict.kind == "nothing wrong"
+    assert not any("another mesh" in line for line in lines)
+
+
+def test_what_no_mesh_takes_away_needs_no_other_mesh() -> None:
+    found, lines = diagnosed(3 * DRIFT, ERRING)
+    assert found.verdict.kind == "named"
     assert not any("another mesh" in line for line in lines)

@@ -50,20 +50,20 @@ def test_a_significant_cause_without_evidence_opens_the_door_for_no_other() -> N
 
 def test_of_a_small_effect_that_its_cause_explains_no_other_cause_is_refitted() -> None:
     objective, baseline = tilting()
-    step, winner = examine(baseline, objective, (), EVERY, NO_STOPS, None, silent)
+    step, winner = examine(baseline, objective, (), EVERY, NO_STOPS, None, None, silent)
     assert winner is not None and winner.cause.name == "tilt_drift"
     assert len(step.refits) == 1
 
 
 def test_an_effect_far_beyond_its_prior_is_significant_and_still_not_added() -> None:
     objective, baseline = tilting()
-    _, winner = examine(baseline, objective, (), TILT, NO_STOPS, None, silent)
+    _, winner = examine(baseline, objective, (), TILT, NO_STOPS, None, None, silent)
     assert winner is not None and winner.cause.name == "tilt_drift"
     usual = objective.parameters["tilt_drift"]
     # Of this size nobody expects it: forty of its prior scales.
     narrow = dict(objective.parameters) | {"tilt_drift": replace(usual, scale=1e-5)}
     objective = replace(objective, parameters=narrow)
-    step, winner = examine(baseline, objective, (), TILT, NO_STOPS, None, silent)
+    step, winner = examine(baseline, objective, (), TILT, NO_STOPS, None, None, silent)
     (refit,) = step.refits
     assert step.scores[0].p < FAMILY_LEVEL and 0 < refit.log_evidence < WORTH
     assert winner is None and step.named == ()
