@@ -43,7 +43,7 @@ class FlipTrial:
 
 def not_warranted(flips: Sequence[Cause]) -> FlipTrial:
     """No flip is tried where no large effect and nothing unexplained calls for it."""
-    why = "it is tried only where an effect is large or something stays unexplained"
+    why = "it is tried only where an effect is large, turns a lattice, or stays unexplained"
     return FlipTrial(untried=tuple(NotExamined(flip.name, why) for flip in flips))
 
 

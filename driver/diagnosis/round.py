@@ -30,7 +30,6 @@ FloatArray = NDArray[np.float64]
 WITHIN = 3.0  # log evidence within which causes are not told apart
 WORTH = 1.0  # log evidence without which nothing is added: less is no evidence (Jeffreys)
 LARGE = 3.0  # χ_F beyond which a score names a cause no better than chance
-FAR_TURN = 3.0  # prior scales of a lattice rotation that a slip of the hand does not explain
 ENOUGH = 0.9  # share of the excess that the best cause has to explain
 _STRAIGHT = 0.5  # of a log evidence, by which score and refit may differ
 _RIVAL = 0.75  # of the log evidence of the best score, with which a cause is refitted in any case
@@ -116,22 +115,20 @@ def _flips(
     flips, _ = flips_of(objective.model.microstructure.orientations, wanted)
     nothing = not refits or refits[0].log_evidence <= WORTH
     unexplained = not tests.accepted if nothing else _unexplained(baseline, refits[0])
-    far = bool(refits) and _turns_far(refits[0])
-    if not (baseline.chi_load > LARGE or unexplained or far):
+    turns = not nothing and _turns_a_lattice(refits[0])
+    if not (baseline.chi_load > LARGE or unexplained or turns):
         return not_warranted(flips)
     bar = _bar(refits, baseline) if refits else baseline.cost
     return try_flips(flips, baseline, objective, crew, bar)
 
 
-def _turns_far(best: Refit) -> bool:
-    """Whether the best cause turns a lattice so far that its frame is suspect.
+def _turns_a_lattice(best: Refit) -> bool:
+    """Whether the best cause turns a lattice, so that its frame is suspect.
 
     A half turn about an axis of the specimen leaves the Schmid factors along Y as they are: it may
-    hide from the loads.
+    hide from the loads, and look like a turn of a few degrees.
     """
-    turns = [name for name in best.cause.parameters if name.startswith("rotation_")]
-    scales = {name: best.objective.parameters[name].scale for name in turns}
-    return any(abs(best.fit.values[name]) > FAR_TURN * scales[name] for name in turns)
+    return any(name.startswith("rotation_") for name in best.cause.parameters)
 
 
 def _unexplained(baseline: Evaluation, best: Refit) -> bool:
