@@ -22,13 +22,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.short_specimen import GRAINS, short_prism
 from driver.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.case import Case, load_case
 from driver.case_tables.images import Images
 from driver.case_tables.inference import Identification
 from driver.case_tables.material import MaterialTable
 from driver.case_tables.solver import Solver
-from driver.case_tables.specimen import Grain, Specimen
 from driver.dic.elongation import edge_motion
 from driver.dic.series import measure
 from driver.experiment import read_experiment
@@ -59,17 +59,8 @@ GOAL = (0.90, 0.98)
 def believed() -> Case:
     """The case that every draw is identified with."""
     return Case(
-        specimen=Specimen(
-            length_um=6.0,
-            mesh_size_um=2.0,
-            fine_mesh_size_um=1.4,
-            boundary_point_um=(0.0, 2.7, 0.0),
-            boundary_normal=(0.15, 1.0, 0.3),
-        ),
-        grains=(
-            Grain(name="grain 1", euler_deg=(281.0, 8.0, 47.0)),
-            Grain(name="grain 2", euler_deg=(211.0, 45.0, 150.0)),
-        ),
+        specimen=short_prism(6.0, 1.4),
+        grains=GRAINS,
         material=MaterialTable(strain_measure="small", tau0_MPa=25.0, c_MPa=44e3, d=1140.0),
         images=Images(frames="images.tif"),
         solver=Solver(steps_per_interval=1, fine_steps_per_interval=2),

@@ -19,22 +19,28 @@ CYCLES = ((8, 2), (8, 2))
 """Images during loading and during unloading of each cycle."""
 _ELONGATION = (0.045, 0.039, 0.090, 0.083)  # at the turning points [µm]
 _TILT_SHARE = 0.25
+GRAINS = (
+    Grain(name="grain 1", euler_deg=(281.0, 8.0, 47.0)),
+    Grain(name="grain 2", euler_deg=(211.0, 45.0, 150.0)),
+)
+
+
+def short_prism(length: float, fine_mesh_size: float) -> Specimen:
+    """A prism with an oblique grain boundary somewhat below its middle [µm]."""
+    return Specimen(
+        length_um=length,
+        mesh_size_um=2.0,
+        fine_mesh_size_um=fine_mesh_size,
+        boundary_point_um=(0.0, 0.45 * length, 0.0),
+        boundary_normal=(0.15, 1.0, 0.3),
+    )
 
 
 def small_case() -> Case:
     """A short prism of two grains on a mesh of some hundred cells; starts as a user would."""
     return Case(
-        specimen=Specimen(
-            length_um=8.0,
-            mesh_size_um=2.0,
-            fine_mesh_size_um=1.0,
-            boundary_point_um=(0.0, 3.6, 0.0),
-            boundary_normal=(0.15, 1.0, 0.3),
-        ),
-        grains=(
-            Grain(name="grain 1", euler_deg=(281.0, 8.0, 47.0)),
-            Grain(name="grain 2", euler_deg=(211.0, 45.0, 150.0)),
-        ),
+        specimen=short_prism(8.0, 1.0),
+        grains=GRAINS,
         material=MaterialTable(strain_measure="small"),
         images=Images(frames="images.tif"),  # the microscope says the rest
         solver=Solver(steps_per_interval=1, fine_steps_per_interval=2),

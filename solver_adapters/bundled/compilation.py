@@ -12,15 +12,13 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numba
+
 # GNU's OpenMP threads spin while they wait: on a machine with other work that makes every parallel
 # loop ten times slower. It must be said before the first loop loads the library.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-import numba  # noqa: E402
-
 _FAST = {"contract", "reassoc", "nsz", "arcp", "nnan"}
-
-
 PACKAGES = Path(__file__).parents[2]
 
 # Where kernels stand, and what they freeze: constants, layouts, tables.

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -81,10 +82,10 @@ class BarAdapter(ExternalAdapter):
         )  # fmt: skip
 
 
-def bar(do: str = "", **settings: object) -> BarAdapter:
+def bar(do: str = "", **settings: Any) -> BarAdapter:
     """The adapter with Python as its program."""
     profile = {"command": (sys.executable, "-S"), **settings}
-    adapter = BarAdapter(Profile(**profile))  # type: ignore[arg-type]
+    adapter = BarAdapter(Profile(**profile))
     adapter.do = do
     return adapter
 

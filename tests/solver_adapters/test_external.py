@@ -13,6 +13,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -213,10 +214,10 @@ def test_what_a_dead_process_left_is_cleared_and_a_living_one_is_left_alone(
     ],
 )  # fmt: skip
 def test_what_it_cannot_honour_is_refused_by_name_before_anything_runs(
-    tmp_path: Path, change: dict[str, object], words: str
+    tmp_path: Path, change: dict[str, Any], words: str
 ) -> None:
     with pytest.raises(UnsupportedError, match=words):
-        bar().solve(replace(SIMULATION, **change), tmp_path)  # type: ignore[arg-type]
+        bar().solve(replace(SIMULATION, **change), tmp_path)
     assert folders(tmp_path) == []
 
 
@@ -232,9 +233,10 @@ def test_what_an_adapter_judges_is_refused_before_its_files_are_written(tmp_path
     )
     adapter = _NoHardening()
     assert adapter.files(weak) == adapter.write(weak)
-    for call in (adapter.files, lambda asked: adapter.solve(asked, tmp_path)):
-        with pytest.raises(UnsupportedError, match="Q is too much"):
-            call(strong)  # type: ignore[operator]
+    with pytest.raises(UnsupportedError, match="Q is too much"):
+        adapter.files(strong)
+    with pytest.raises(UnsupportedError, match="Q is too much"):
+        adapter.solve(strong, tmp_path)
     with pytest.raises(BadSimulationError):
         adapter.files(replace(SIMULATION, times=SIMULATION.times[::-1]))
     assert folders(tmp_path) == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -90,8 +91,8 @@ OFF = {"tau0_grains": (1.1,), "interaction": ((1.0,) * 24,) * 24}
 
 @pytest.mark.parametrize("name", sorted({f.name for f in fields(Material)} - BASE))
 def test_a_field_of_the_law_off_its_null_is_refused_by_a_solver_that_names_none(name: str) -> None:
-    value = OFF.get(name, 0.5)
-    asked = replace(PLAIN, material=replace(PLAIN.material, **{name: value}))  # type: ignore[arg-type]
+    value: Any = OFF.get(name, 0.5)
+    asked = replace(PLAIN, material=replace(PLAIN.material, **{name: value}))
     none = Capabilities(frozenset(), frozenset({"small"}), derivatives=False)
     with pytest.raises(UnsupportedError, match=f"^{name} = "):
         refuse_unsupported(asked, "plain", none, dict)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,11 +28,11 @@ SIMULATION = pulled(box(), Material(), (0.002, 0.004))
     ],
     ids=lambda change: next(iter(change)),
 )
-def test_the_key_tells_simulations_apart(change: dict[str, object]) -> None:
+def test_the_key_tells_simulations_apart(change: dict[str, Any]) -> None:
     key = simulation_key(SIMULATION, "1")
     assert simulation_key(replace(SIMULATION), "1") == key
     assert simulation_key(SIMULATION, "2") != key
-    assert simulation_key(replace(SIMULATION, **change), "1") != key  # type: ignore[arg-type]
+    assert simulation_key(replace(SIMULATION, **change), "1") != key
 
 
 def test_the_key_does_not_know_the_byte_order_nor_the_layout_in_memory() -> None:

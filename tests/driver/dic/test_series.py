@@ -206,7 +206,9 @@ def test_heights_that_one_frame_lacks_are_left_out_of_it_alone() -> None:
 def test_the_roughness_is_that_of_the_motion_where_the_images_say_it(
     scene: Scene, penalty: Penalty
 ) -> None:
-    wave: Field = lambda x, y: 0.03 * np.sin(2 * np.pi * (y + 0.3 * x) / 4.0)  # noqa: E731
+    def wave(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(0.03 * np.sin(2 * np.pi * (y + 0.3 * x) / 4.0))
+
     flat = (constant(0.02), linear(0.0, 0.004), STILL)
     found = {}
     for name, motion in (("smooth", flat), ("rough", (wave, wave, STILL))):

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -141,11 +142,11 @@ def test_the_refined_gradient_has_less_error_than_the_first() -> None:
     ],
 )
 def test_input_that_does_not_fit_is_named(
-    change: Callable[[dict[str, object]], dict[str, object]], message: str
+    change: Callable[[dict[str, Any]], dict[str, Any]], message: str
 ) -> None:
     arguments = {
         "frames": noisy(13, 2), "repeats": noisy(14, 3), "flat": None, "pixel": PIXEL,
         "origin": ORIGIN, "bounds": BOUNDS,
     }  # fmt: skip
     with pytest.raises(ImageError, match=message):
-        prepare(**change(arguments))  # type: ignore[arg-type]
+        prepare(**change(arguments))

@@ -99,7 +99,9 @@ def test_the_correction_is_finer_minus_working() -> None:
 
 
 @cache
-def identification(finer_by: float = 0.002, **keys: Any) -> tuple[Identification, tuple[str, ...]]:
+def identification(
+    finer_by: float = 0.002, spread: tuple[tuple[str, float], ...] = (), **keys: Any
+) -> tuple[Identification, tuple[str, ...]]:
     """The whole procedure on a specimen that differs from the start in law and amplitudes."""
     truth = BENCH.truth | TRUE
     made = closed_form.objective(BENCH, truth, seed=1)
@@ -113,7 +115,7 @@ def identification(finer_by: float = 0.002, **keys: Any) -> tuple[Identification
     pose = tuple(p.name for p in POSE_DECLARATIONS)
     finer = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(finer_by))
     lines: list[str] = []
-    plan = Plan(law=LAW, knots=(*pose, *knots), sizes=SIZES, most=15, **keys)
+    plan = Plan(law=LAW, knots=(*pose, *knots), sizes=SIZES, most=15, spread=dict(spread), **keys)
     found = identify(BENCH.model, finer, made, start, plan, lines.append)
     return found, tuple(lines)
 
@@ -239,8 +241,8 @@ def test_noise_of_the_boundary_enters_with_the_loads_and_is_taken_anew_at_the_en
 
 
 def test_several_starts_end_in_the_same_place() -> None:
-    spread = {"tau0": 0.5, "c": 0.3, "lambda_plus_Y": 1.0}
-    found, lines = identification(1e-6, starts=3, spread=cast(Any, _Frozen(spread)))
+    spread = (("tau0", 0.5), ("c", 0.3), ("lambda_plus_Y", 1.0))
+    found, lines = identification(1e-6, starts=3, spread=spread)
     single = identification(1e-6)[0]
     for name in LAW:
         sigma = single.final.sigma(name, single.objective.parameters)
@@ -248,10 +250,3 @@ def test_several_starts_end_in_the_same_place() -> None:
     costs = [outcome.cost for outcome in found.starts]
     assert len(costs) == 3 and found.stages["B"].best.cost == min(costs)
     assert any(line.startswith("  kept start") for line in lines)
-
-
-class _Frozen(dict[str, float]):
-    """A dictionary that can be the argument of a cached function."""
-
-    def __hash__(self) -> int:  # type: ignore[override]
-        return hash(tuple(self.items()))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,8 +22,8 @@ PULL = np.array([[-0.4, 0.1, 0.0], [0.2, 1.0, 0.1], [0.0, -0.1, -0.3]])
 PATH = (0.001, 0.003, 0.01, 0.03, 0.028, 0.02, 0.04)
 
 
-def _points(measure: StrainMeasure = "finite", **constants: float) -> Points:
-    material = replace(MATERIAL, strain_measure=measure, **constants)  # type: ignore[arg-type]
+def _points(measure: StrainMeasure = "finite", **constants: Any) -> Points:
+    material = replace(MATERIAL, strain_measure=measure, **constants)
     return points_of_grains(material, "exponential", np.zeros(1, dtype=np.int64), R[None])
 
 

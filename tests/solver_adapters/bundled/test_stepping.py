@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -112,7 +111,10 @@ def test_a_stepper_that_resumes_goes_on_as_the_one_before() -> None:
 def test_moves_and_holds_are_remembered_apart() -> None:
     case = _pulled(PLASTIC)
     instant = case.advance(0.5)
-    hold: Callable[[float], FloatArray] = lambda time: 0.5 * case.speed  # noqa: E731
+
+    def hold(time: float) -> FloatArray:
+        return 0.5 * case.speed
+
     held = case.stepper.advance(instant, np.array([0.9]), hold, _no_tangent)
     last = case.stepper.last
     assert set(last) == {True, False}

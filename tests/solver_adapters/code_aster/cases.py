@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from solver_adapters.interface import Simulation
 from solver_adapters.material import Material
@@ -13,9 +14,9 @@ from tests.solver_adapters.boxes import box, pulled
 DATA = Path(__file__).parents[2] / "data" / "solver" / "code_aster"
 
 
-def small_case(**material: object) -> Simulation:
+def small_case(**material: Any) -> Simulation:
     """Two grains pulled, held and unloaded, in small strain unless said otherwise."""
-    law = Material(**{"strain_measure": "small", **material})  # type: ignore[arg-type]
+    law = Material(**{"strain_measure": "small", **material})
     return replace(
         pulled(box(), law, (0.01, 0.01, 0.006), interval=2.0, tolerance=1e-7),
         integration="backward_euler",
