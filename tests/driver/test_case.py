@@ -9,12 +9,13 @@ from driver.case import CaseError, bunge_matrix, case_text, default_case, load_c
 from driver.case_tables.material import MaterialTable
 from driver.case_tables.solver import ProfileTable
 from solver_adapters.interaction import bcc24_classes
+from solver_adapters.interface import FloatArray
 from solver_adapters.material import Material
 
 ALPHA = Path(__file__).parents[2] / "examples" / "alpha" / "case.toml"
 
 
-def write(tmp_path, *changes):
+def write(tmp_path: Path, *changes: tuple[str, str]) -> Path:
     """The default case with some of its text replaced."""
     text = case_text(default_case())
     for old, new in changes:
@@ -25,7 +26,7 @@ def write(tmp_path, *changes):
     return path
 
 
-def refused(tmp_path, *changes):
+def refused(tmp_path: Path, *changes: tuple[str, str]) -> list[str]:
     path = write(tmp_path, *changes)
     with pytest.raises(CaseError) as error:
         load_case(path)
@@ -117,20 +118,20 @@ def refused(tmp_path, *changes):
     ],
 )  # fmt: skip
 def test_a_wrong_value_is_named_with_file_key_found_and_expected(
-    tmp_path, old, new, key, found, expected
-):
+    tmp_path: Path, old: str, new: str, key: str, found: str, expected: str
+) -> None:
     lines = refused(tmp_path, (old, new))
     assert len(lines) == 1
     assert lines[0].startswith(f"{tmp_path / 'case.toml'}: {key}: found {found}")
     assert expected in lines[0].split(", expected ", 1)[1]
 
 
-def test_each_of_several_errors_has_its_line(tmp_path):
+def test_each_of_several_errors_has_its_line(tmp_path: Path) -> None:
     lines = refused(tmp_path, ("width_um = 4.0", "width_um = 0"), ("refit = 5", "refit = 0"))
     assert [line.split(": ")[1] for line in lines] == ["specimen.width_um", "diagnosis.refit"]
 
 
-def test_two_grains_without_a_boundary_are_refused(tmp_path):
+def test_two_grains_without_a_boundary_are_refused(tmp_path: Path) -> None:
     (line,) = refused(
         tmp_path,
         ("boundary_point_um = [0.0, 6.0, 0.0]\n", ""),
@@ -139,14 +140,14 @@ def test_two_grains_without_a_boundary_are_refused(tmp_path):
     assert ": grains: found 2 of them, expected one table [[grains]], or specimen.boundary" in line
 
 
-def test_a_missing_file_and_a_broken_one_are_named(tmp_path):
+def test_a_missing_file_and_a_broken_one_are_named(tmp_path: Path) -> None:
     with pytest.raises(CaseError, match="nowhere.toml: file: found nothing, expected a case file"):
         load_case(tmp_path / "nowhere.toml")
     (line,) = refused(tmp_path, ("[loads]", "[loads"))
     assert "at line" in line and line.endswith("expected a TOML file in UTF-8")
 
 
-def test_the_written_case_reads_back_equal(tmp_path):
+def test_the_written_case_reads_back_equal(tmp_path: Path) -> None:
     case = default_case().model_copy(
         update={"sections": default_case().sections.model_copy(update={"specimen_um2": 5.15})}
     )
@@ -155,7 +156,7 @@ def test_the_written_case_reads_back_equal(tmp_path):
     assert load_case(path).model_dump() == case.model_dump()
 
 
-def test_written_profiles_read_back_equal(tmp_path):
+def test_written_profiles_read_back_equal(tmp_path: Path) -> None:
     profiles = {
         "code_aster": ProfileTable(command=("run_aster",), memory_MB=8000.0, wall_time_s=60.0),
         "my solver": ProfileTable(threads=2, command=("solve", "a b", 'say "x"')),
@@ -172,7 +173,9 @@ def test_written_profiles_read_back_equal(tmp_path):
     "interaction",
     [(1.0, 1.4, 1.0, 0.5), tuple(tuple(row) for row in np.where(np.eye(24) == 1, 1.0, 1.4))],
 )
-def test_a_written_interaction_reads_back_equal(tmp_path, interaction):
+def test_a_written_interaction_reads_back_equal(
+    tmp_path: Path, interaction: tuple[float, ...] | tuple[tuple[float, ...], ...]
+) -> None:
     case = default_case()
     material = case.material.model_copy(update={"interaction": interaction})
     case = case.model_copy(update={"material": material})
@@ -181,17 +184,20 @@ def test_a_written_interaction_reads_back_equal(tmp_path, interaction):
     assert load_case(path).material == material
 
 
-def test_four_numbers_are_the_classes_of_bcc24_and_24_rows_the_matrix_itself(tmp_path):
+def test_four_numbers_are_the_classes_of_bcc24_and_24_rows_the_matrix_itself(
+    tmp_path: Path,
+) -> None:
     line = "# interaction = [1, 1, 1, 1]"
     classes = load_case(write(tmp_path, (line, "interaction = [1, 1.4, 0.7, 0.5]")))
     expected = bcc24_classes(1.0, 1.4, 0.7, 0.5)
-    assert np.array_equal(classes.material.to_material().interaction, expected)
+    interaction = classes.material.to_material().interaction
+    assert interaction is not None and np.array_equal(interaction, expected)
     rows = load_case(write(tmp_path, (line, f"interaction = {expected.tolist()}")))
     assert rows.material.to_material() == classes.material.to_material()
     assert load_case(write(tmp_path)).material.to_material().interaction is None
 
 
-def test_every_scalar_of_the_law_has_its_key_in_its_unit(tmp_path):
+def test_every_scalar_of_the_law_has_its_key_in_its_unit(tmp_path: Path) -> None:
     changed = MaterialTable(
         h_latent=0.4, Q_latent_MPa=3, tau0_antitwinning=1.2, a1=0.3, c2_MPa=1500, d2=100, x0=-1e-4,
         eigenstrain=1e-3, skin_tau0=1.5, skin_thickness_um=0.2,
@@ -202,7 +208,7 @@ def test_every_scalar_of_the_law_has_its_key_in_its_unit(tmp_path):
     )  # fmt: skip
 
 
-def test_every_key_stands_in_the_written_case():
+def test_every_key_stands_in_the_written_case() -> None:
     text, document = case_text(default_case()), schema()
     tables = {**document["properties"], **document["$defs"]}
     keys = {key for table in document["$defs"].values() for key in table.get("properties", {})}
@@ -211,17 +217,17 @@ def test_every_key_stands_in_the_written_case():
     assert missing == []
 
 
-def test_the_schema_refuses_unknown_keys_and_is_named_by_the_case():
+def test_the_schema_refuses_unknown_keys_and_is_named_by_the_case() -> None:
     assert case_text(default_case()).splitlines()[0] == "#:schema ./case.schema.json"
     assert schema()["additionalProperties"] is False
     assert schema()["$defs"]["Grain"]["required"] == ["name", "euler_deg"]
 
 
-def test_the_schema_beside_the_example_is_that_of_the_model():
+def test_the_schema_beside_the_example_is_that_of_the_model() -> None:
     assert json.loads((ALPHA.parent / "case.schema.json").read_text("utf-8")) == schema()
 
 
-def test_units_of_the_border_become_internal_units():
+def test_units_of_the_border_become_internal_units() -> None:
     case = load_case(ALPHA)
     assert case.material.to_material() == Material(strain_measure="small")
     assert case.images.pixel_um == pytest.approx(0.110)
@@ -232,26 +238,27 @@ def test_units_of_the_border_become_internal_units():
     assert case.specimen.depth == pytest.approx(2 * 3**0.5)
 
 
-def test_paths_are_relative_to_the_case_file():
+def test_paths_are_relative_to_the_case_file() -> None:
     case = load_case(ALPHA)
+    assert case.images.frames is not None
     assert case.path(case.images.frames) == ALPHA.parent / "images.tif"
 
 
-def test_a_prior_width_that_is_not_given_is_one(tmp_path):
+def test_a_prior_width_that_is_not_given_is_one(tmp_path: Path) -> None:
     case = load_case(write(tmp_path, ("# tau0 = 1.0", "tau0 = 0.25")))
     assert [case.identification.width(name) for name in ("tau0", "c")] == [0.25, 1.0]
 
 
-def young_modulus(direction):
+def young_modulus(direction: FloatArray) -> float:
     """Young's modulus [MPa] of the cubic crystal along a direction in crystal axes (Nye 1957)."""
     c11, c12, c44 = 233.5e3, 135.5e3, 118e3
     det = (c11 - c12) * (c11 + 2 * c12)
     s11, s12, s44 = (c11 + c12) / det, -c12 / det, 1 / c44
     l2, m2, n2 = np.asarray(direction) ** 2
-    return 1 / (s11 - 2 * (s11 - s12 - s44 / 2) * (l2 * m2 + m2 * n2 + n2 * l2))
+    return float(1 / (s11 - 2 * (s11 - s12 - s44 / 2) * (l2 * m2 + m2 * n2 + n2 * l2)))
 
 
-def test_the_first_grain_is_as_stiff_along_Y_as_in_code_aster():
+def test_the_first_grain_is_as_stiff_along_Y_as_in_code_aster() -> None:
     # Code_Aster 15.2, one HEXA8, ANGL_EULER = (281, 8, 47), uniaxial stress along Y, after the
     # first step: stress 109.834484338433 MPa, strain 8.33333333333333e-4, of which
     # 2.79788085082804e-4 plastic.
@@ -262,14 +269,14 @@ def test_the_first_grain_is_as_stiff_along_Y_as_in_code_aster():
     assert young_modulus(first[:, 1]) != pytest.approx(modulus, rel=1e-3)
 
 
-def test_the_second_grain_is_as_stiff_along_Z_as_in_a_point_solution():
+def test_the_second_grain_is_as_stiff_along_Z_as_in_a_point_solution() -> None:
     # Backward-Euler point solution that agrees with CalculiX 2.20, Bunge (211, 45, 150),
     # uniaxial stress along Z: 63.764812769 MPa at a strain of 2.5e-4, still elastic.
     second = load_case(ALPHA).orientations[1]
     assert young_modulus(second[2]) == pytest.approx(63.764812769 / 2.5e-4, rel=1e-9)
 
 
-def test_bunge_angles_turn_the_crystal_about_Z_then_X_then_Z():
+def test_bunge_angles_turn_the_crystal_about_Z_then_X_then_Z() -> None:
     # φ1 turns the crystal about the sample normal: [100] from X to Y.
     np.testing.assert_allclose(bunge_matrix((90, 0, 0)) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
     # Cube on its corner: Φ = acos(1/√3), φ2 = 45° stands [111] along Z.
@@ -277,7 +284,7 @@ def test_bunge_angles_turn_the_crystal_about_Z_then_X_then_Z():
     np.testing.assert_allclose(corner @ np.full(3, 3**-0.5), [0, 0, 1], atol=1e-12)
 
 
-def test_turning_the_ebsd_frame_back_restores_the_crystals(tmp_path):
+def test_turning_the_ebsd_frame_back_restores_the_crystals(tmp_path: Path) -> None:
     """A specimen mounted 30° askew: φ1 grows by 30°, the rotation of the frame takes it back."""
     expected = load_case(write(tmp_path)).orientations
     c, s = np.cos(np.radians(30)), np.sin(np.radians(30))
@@ -293,7 +300,7 @@ def test_turning_the_ebsd_frame_back_restores_the_crystals(tmp_path):
     np.testing.assert_allclose(turned.orientations, expected, atol=1e-12)
 
 
-def test_a_rounded_rotation_is_made_a_proper_one(tmp_path):
+def test_a_rounded_rotation_is_made_a_proper_one(tmp_path: Path) -> None:
     rounded = "[[0.8660, -0.5000, 0.0], [0.5000, 0.8660, 0.0], [0.0, 0.0, 1.0]]"
     identity = "[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]"
     rotation = load_case(write(tmp_path, (identity, rounded))).orientation.rotation
@@ -301,7 +308,7 @@ def test_a_rounded_rotation_is_made_a_proper_one(tmp_path):
     np.testing.assert_allclose(rotation[0], [3**0.5 / 2, -0.5, 0], atol=1e-4)
 
 
-def test_the_example_states_what_its_readme_states():
+def test_the_example_states_what_its_readme_states() -> None:
     values = tomllib.loads(ALPHA.read_text("utf-8"))
     assert [grain["euler_deg"] for grain in values["grains"]] == [[281, 8, 47], [211, 45, 150]]
     assert values["specimen"]["boundary_point_um"] == [0, 5.4, 0]

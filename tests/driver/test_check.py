@@ -2,6 +2,7 @@ import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from driver.diagnosis.all_causes import NAMES
 from driver.estimate import estimate
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.calculix.adapter import CalculixAdapter
-from solver_adapters.interface import Capabilities, UnsupportedError
+from solver_adapters.interface import Adapter, Capabilities, Simulation, UnsupportedError
 from solver_adapters.profile import Profile
 from solver_adapters.registry import find_adapter
 from tests.solver_adapters.bar import BarAdapter
@@ -27,20 +28,20 @@ ALPHA = Path(__file__).parents[2] / "examples" / "alpha"
 class SmallStrainSolver:
     name = "bundled"
 
-    def capabilities(self):
+    def capabilities(self) -> Capabilities:
         return Capabilities(frozenset({"tau0", "c", "d"}), frozenset({"small"}), True)
 
-    def version(self):
+    def version(self) -> str:
         return "1.2"
 
 
-def install(monkeypatch, adapter):
+def install(monkeypatch: pytest.MonkeyPatch, adapter: Adapter | SmallStrainSolver) -> None:
     """Let `solver.name` find an adapter, whatever the name is."""
     monkeypatch.setattr(check_module, "find_adapter", lambda name, profile: adapter)
 
 
 @pytest.fixture
-def case_path(tmp_path, monkeypatch):
+def case_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of the example, and a solver that offers small strain only."""
     install(monkeypatch, SmallStrainSolver())
     for name in ("case.toml", "images.tif", "flats.tif", "repeats.tif", "history.csv"):
@@ -48,13 +49,13 @@ def case_path(tmp_path, monkeypatch):
     return tmp_path / "case.toml"
 
 
-def edit(path, old, new):
+def edit(path: Path, old: str, new: str) -> None:
     text = path.read_text("utf-8")
     assert text.count(old) == 1
     path.write_text(text.replace(old, new), encoding="utf-8")
 
 
-def found(path, level):
+def found(path: Path, level: str) -> list[str]:
     # Whether the distribution is installed is not the matter of the case.
     return [
         finding.message
@@ -63,7 +64,7 @@ def found(path, level):
     ]
 
 
-def test_the_example_is_in_order_and_drawn(case_path):
+def test_the_example_is_in_order_and_drawn(case_path: Path) -> None:
     assert found(case_path, "error") == [] and found(case_path, "warning") == []
     picture = imread(case_path.parent / "results" / "check.png")
     assert picture.shape[0] > 400 and picture.shape[1] > 1000
@@ -72,7 +73,7 @@ def test_the_example_is_in_order_and_drawn(case_path):
     assert orange.sum() > 200
 
 
-def test_the_trace_of_the_grain_boundary_lies_on_its_plane():
+def test_the_trace_of_the_grain_boundary_lies_on_its_plane() -> None:
     trace = boundary_trace(load_case(ALPHA / "case.toml"))
     assert trace is not None
     points = np.column_stack([trace, np.zeros(2)])
@@ -99,13 +100,15 @@ def test_the_trace_of_the_grain_boundary_lies_on_its_plane():
         ("boundary_point_um = [0.0, 5.4, 0.0]", "boundary_point_um = [0.0, 54, 0.0]", "specimen: "),
     ],
 )  # fmt: skip
-def test_what_would_stop_a_run_is_found_before_it(case_path, old, new, sentence):
+def test_what_would_stop_a_run_is_found_before_it(
+    case_path: Path, old: str, new: str, sentence: str
+) -> None:
     edit(case_path, old, new)
     (message,) = found(case_path, "error")
     assert sentence in message
 
 
-def test_loads_that_end_early_are_found(case_path):
+def test_loads_that_end_early_are_found(case_path: Path) -> None:
     history = case_path.parent / "history.csv"
     lines = history.read_text().splitlines()
     lines[-1] = lines[-1].rsplit(",", 1)[0] + ","
@@ -117,7 +120,7 @@ def test_loads_that_end_early_are_found(case_path):
     )
 
 
-def test_a_face_drawn_over_a_trench_and_missing_stacks_are_warned_of(case_path):
+def test_a_face_drawn_over_a_trench_and_missing_stacks_are_warned_of(case_path: Path) -> None:
     edit(case_path, "origin_pixel = [35.5, 21.0]", "origin_pixel = [28.0, 21.0]")
     edit(case_path, 'repeats = "repeats.tif"', "")
     (trench,) = found(case_path, "warning")
@@ -126,13 +129,13 @@ def test_a_face_drawn_over_a_trench_and_missing_stacks_are_warned_of(case_path):
     assert repeats.startswith("images.repeats: found nothing, expected repeated images")
 
 
-def test_an_element_larger_than_the_face_is_warned_of(case_path):
+def test_an_element_larger_than_the_face_is_warned_of(case_path: Path) -> None:
     edit(case_path, "element_px = 16", "element_px = 160")
     (element,) = found(case_path, "warning")
     assert element.startswith("dic.element_px: found 160, expected less than the 107 px")
 
 
-def test_noise_pixels_and_pattern_are_told_as_they_will_be_measured(case_path):
+def test_noise_pixels_and_pattern_are_told_as_they_will_be_measured(case_path: Path) -> None:
     told = found(case_path, "ok")
     # 9 nm nominal, by the README of the data; 6.5 nm of quantisation add 1.9 nm in squares.
     assert any(line.startswith("9.15 ± 0.04 nm from 10 repeats") for line in told)
@@ -141,7 +144,7 @@ def test_noise_pixels_and_pattern_are_told_as_they_will_be_measured(case_path):
     assert not found(case_path, "warning")
 
 
-def test_bad_frames_a_wrong_scale_and_dust_are_warned_of_by_name(case_path):
+def test_bad_frames_a_wrong_scale_and_dust_are_warned_of_by_name(case_path: Path) -> None:
     folder = case_path.parent
     frames = tifffile.imread(folder / "images.tif")
     frames[40, 30:40, 60:80] += 20
@@ -160,7 +163,7 @@ def test_bad_frames_a_wrong_scale_and_dust_are_warned_of_by_name(case_path):
     assert any("and 13 as dust" in line for line in found(case_path, "ok"))
 
 
-def test_the_estimate_grows_with_the_work():
+def test_the_estimate_grows_with_the_work() -> None:
     case, bundled = load_case(ALPHA / "case.toml"), BundledAdapter().capabilities()
     base = estimate(case, bundled, 264, 97)
     assert estimate(case, bundled, 528, 97).seconds > 1.9 * base.seconds
@@ -180,10 +183,10 @@ def test_the_estimate_grows_with_the_work():
     assert estimate(shaken, bundled, 264, 97).seconds > base.seconds
 
 
-def test_the_estimate_counts_no_more_refits_than_causes_that_are_asked_for():
+def test_the_estimate_counts_no_more_refits_than_causes_that_are_asked_for() -> None:
     default, bundled = load_case(ALPHA / "case.toml"), BundledAdapter().capabilities()
 
-    def simulations(**asked):
+    def simulations(**asked: Any) -> int:
         table = default.diagnosis.model_copy(update=asked)
         case = default.model_copy(update={"diagnosis": table})
         return estimate(case, bundled, 264, 97).simulations
@@ -192,7 +195,7 @@ def test_the_estimate_counts_no_more_refits_than_causes_that_are_asked_for():
     assert simulations(causes=("load_lag",)) == simulations(refit=1) < simulations()
 
 
-def test_the_estimate_counts_the_simulations_that_derivatives_cost():
+def test_the_estimate_counts_the_simulations_that_derivatives_cost() -> None:
     """Two for each of 31 directions, and the one that is asked for."""
     case, bundled = load_case(ALPHA / "case.toml"), BundledAdapter().capabilities()
     base = estimate(case, bundled, 264, 97)
@@ -202,14 +205,16 @@ def test_the_estimate_counts_the_simulations_that_derivatives_cost():
     assert slower.seconds > 8 * base.seconds
 
 
-def test_a_scheme_that_the_solver_lacks_is_an_error_with_the_remedy(case_path):
+def test_a_scheme_that_the_solver_lacks_is_an_error_with_the_remedy(case_path: Path) -> None:
     edit(case_path, 'integration = "backward_euler"', 'integration = "exponential"')
     (message,) = found(case_path, "error")
     assert message.startswith('solver.integration: found "exponential", expected backward_euler')
     assert message.endswith("or the key left out")
 
 
-def test_a_strain_measure_that_a_program_lacks_is_told_once(case_path, monkeypatch):
+def test_a_strain_measure_that_a_program_lacks_is_told_once(
+    case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     install(monkeypatch, CalculixAdapter(Profile(command=(sys.executable,))))
     edit(case_path, 'name = "bundled"', 'name = "calculix"')
     edit(case_path, 'strain_measure = "small"', 'strain_measure = "finite"')
@@ -218,9 +223,11 @@ def test_a_strain_measure_that_a_program_lacks_is_told_once(case_path, monkeypat
     ]
 
 
-def test_the_caution_of_a_solver_about_a_strain_measure_is_a_warning(case_path, monkeypatch):
+def test_the_caution_of_a_solver_about_a_strain_measure_is_a_warning(
+    case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     class CautiousSolver(SmallStrainSolver):
-        def capabilities(self):
+        def capabilities(self) -> Capabilities:
             return replace(super().capabilities(), cautions={"small": "Small is coarse."})
 
     install(monkeypatch, CautiousSolver())
@@ -228,8 +235,8 @@ def test_the_caution_of_a_solver_about_a_strain_measure_is_a_warning(case_path, 
 
 
 def test_a_program_that_is_not_there_is_a_warning_that_says_where_to_name_it(
-    case_path, monkeypatch
-):
+    case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(check_module, "find_adapter", lambda name, profile: BarAdapter(profile))
     monkeypatch.setenv("PRISMID_CONFIG", str(case_path.parent / "config.toml"))
     config = case_path.parent / "config.toml"
@@ -243,19 +250,23 @@ def test_a_program_that_is_not_there_is_a_warning_that_says_where_to_name_it(
     assert message.startswith(f"{config}: profiles.bundled.threads: found 0, expected")
 
 
-def test_a_solver_that_is_not_installed_is_an_error_with_those_that_are(case_path, monkeypatch):
+def test_a_solver_that_is_not_installed_is_an_error_with_those_that_are(
+    case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(check_module, "find_adapter", find_adapter)
     edit(case_path, 'name = "bundled"', 'name = "abaqus"')
     (message,) = found(case_path, "error")
     assert message.startswith('solver.name: found "abaqus", expected one of bundled')
 
 
-def test_what_an_external_solver_refuses_is_found_before_it_runs(case_path, monkeypatch):
+def test_what_an_external_solver_refuses_is_found_before_it_runs(
+    case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     class Refusing(BarAdapter):
-        def capabilities(self):
+        def capabilities(self) -> Capabilities:
             return replace(super().capabilities(), material=frozenset({"tau0", "c", "d"}))
 
-        def judge(self, simulation):
+        def judge(self, simulation: Simulation) -> None:
             raise UnsupportedError("the bar has no images")
 
     install(monkeypatch, Refusing())

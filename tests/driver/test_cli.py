@@ -1,9 +1,10 @@
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 import driver
 from driver.case import CaseError, load_case
@@ -14,11 +15,17 @@ from solver_adapters.interface import PreparedError, SolverError
 
 
 @pytest.fixture
-def pipeline(monkeypatch):
+def pipeline(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     """A pipeline that keeps what it was called with."""
-    calls = []
+    calls: list[tuple[object, ...]] = []
 
-    def run(case_path, until, force, log, prepare_only):
+    def run(
+        case_path: Path,
+        until: str | None,
+        force: bool,
+        log: Callable[[str], None],
+        prepare_only: bool,
+    ) -> None:
         load_case(case_path)
         calls.append(("run", case_path, until, force))
         if prepare_only:
@@ -38,17 +45,17 @@ def pipeline(monkeypatch):
     return fake
 
 
-def invoke(*arguments):
+def invoke(*arguments: object) -> Result:
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 @pytest.fixture
-def case_path(tmp_path):
+def case_path(tmp_path: Path) -> Path:
     assert invoke("init", tmp_path / "a").exit_code == 0
     return tmp_path / "a" / "case.toml"
 
 
-def test_init_writes_a_valid_case_and_its_schema_and_overwrites_nothing(case_path):
+def test_init_writes_a_valid_case_and_its_schema_and_overwrites_nothing(case_path: Path) -> None:
     assert len(load_case(case_path).grains) == 2
     assert (case_path.parent / "case.schema.json").is_file()
     case_path.write_text("mine")
@@ -58,21 +65,25 @@ def test_init_writes_a_valid_case_and_its_schema_and_overwrites_nothing(case_pat
 
 
 @pytest.mark.parametrize("before", [False, True])
-def test_the_first_use_says_that_kernels_are_compiled(before, pipeline, case_path, monkeypatch):
+def test_the_first_use_says_that_kernels_are_compiled(
+    before: bool, pipeline: SimpleNamespace, case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(compilation, "compiled_before", lambda: before)
     result = invoke("run", case_path)
     assert ("kernels are compiled" in result.stdout) is not before
 
 
-def test_run_takes_a_case_or_its_folder_and_hands_on_the_options(pipeline, case_path):
+def test_run_takes_a_case_or_its_folder_and_hands_on_the_options(
+    pipeline: SimpleNamespace, case_path: Path
+) -> None:
     result = invoke("run", case_path.parent, "--until", "measure", "--force")
     assert result.exit_code == 0 and result.stdout.rstrip().endswith("s  mesh: started")
     assert pipeline.calls == [("run", case_path, "measure", True)]
 
 
 def test_a_bad_case_is_one_line_on_standard_error_and_the_others_are_run(
-    pipeline, case_path, tmp_path
-):
+    pipeline: SimpleNamespace, case_path: Path, tmp_path: Path
+) -> None:
     bad = tmp_path / "bad.toml"
     bad.write_text(case_path.read_text("utf-8").replace("refit = 5", "refit = 0"), "utf-8")
     result = invoke("run", bad, case_path)
@@ -86,8 +97,8 @@ def test_a_bad_case_is_one_line_on_standard_error_and_the_others_are_run(
 
 
 def test_prepared_jobs_are_listed_and_are_no_failure_and_the_other_cases_are_run(
-    pipeline, case_path, tmp_path
-):
+    pipeline: SimpleNamespace, case_path: Path, tmp_path: Path
+) -> None:
     assert invoke("init", tmp_path / "b").exit_code == 0
     other = tmp_path / "b" / "case.toml"
     result = invoke("run", case_path, other, "--prepare-only")
@@ -98,8 +109,10 @@ def test_prepared_jobs_are_listed_and_are_no_failure_and_the_other_cases_are_run
 
 
 @pytest.mark.parametrize("error", [SolverError, CaseError, FileNotFoundError])
-def test_an_expected_error_shows_no_traceback(pipeline, case_path, error):
-    def failing(case_path):
+def test_an_expected_error_shows_no_traceback(
+    pipeline: SimpleNamespace, case_path: Path, error: type[Exception]
+) -> None:
+    def failing(case_path: Path) -> None:
         raise error("what went wrong")
 
     pipeline.report = failing
@@ -107,15 +120,17 @@ def test_an_expected_error_shows_no_traceback(pipeline, case_path, error):
     assert (result.exit_code, result.stderr) == (1, "prismid: what went wrong\n")
 
 
-def test_a_mistake_of_the_program_is_not_hidden(pipeline, case_path):
-    def failing(case_path):
+def test_a_mistake_of_the_program_is_not_hidden(pipeline: SimpleNamespace, case_path: Path) -> None:
+    def failing(case_path: Path) -> None:
         raise KeyError("a bug")
 
     pipeline.report = failing
     assert isinstance(invoke("report", case_path).exception, KeyError)
 
 
-def test_report_and_export_find_their_case(pipeline, case_path, tmp_path):
+def test_report_and_export_find_their_case(
+    pipeline: SimpleNamespace, case_path: Path, tmp_path: Path
+) -> None:
     assert invoke("report", case_path.parent).exit_code == 0
     assert invoke("export", case_path).exit_code == 0
     there = tmp_path / "there"
@@ -127,7 +142,9 @@ def test_report_and_export_find_their_case(pipeline, case_path, tmp_path):
     ]
 
 
-def test_virtual_and_noise_floor_hand_on_their_options(case_path, monkeypatch, tmp_path):
+def test_virtual_and_noise_floor_hand_on_their_options(
+    case_path: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     calls = []
     monkeypatch.setattr("driver.virtual.virtual", lambda *given: calls.append(given[:4]))
     monkeypatch.setattr(
@@ -145,7 +162,9 @@ def test_virtual_and_noise_floor_hand_on_their_options(case_path, monkeypatch, t
     ]
 
 
-def test_check_prints_each_finding_and_fails_on_an_error(case_path, monkeypatch):
+def test_check_prints_each_finding_and_fails_on_an_error(
+    case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     findings = [Finding("ok", "case", "valid"), Finding("warning", "images", "no flats")]
     monkeypatch.setattr("driver.check.check", lambda path: findings)
     good = invoke("check", case_path)
@@ -156,7 +175,7 @@ def test_check_prints_each_finding_and_fails_on_an_error(case_path, monkeypatch)
     assert bad.exit_code == 1 and bad.stdout.splitlines()[-1] == "ERROR   solver: none"
 
 
-def test_the_version_is_that_of_the_distribution(monkeypatch):
+def test_the_version_is_that_of_the_distribution(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("driver.cli.version", lambda name: {"prismid": "3.2.1"}[name])
     assert invoke("--version").stdout == "prismid 3.2.1\n"
 

@@ -1,11 +1,16 @@
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal
+
 import h5py
 import imagecodecs
 import numpy as np
 import pytest
 import tifffile
+from numpy.typing import NDArray
 
 from driver.case import default_case, load_case, write_case
-from driver.case_tables.images import Images
+from driver.case_tables.images import Axis, Images
 from driver.experiment import (
     ExperimentError,
     arrange,
@@ -15,14 +20,15 @@ from driver.experiment import (
     read_experiment,
 )
 
-RIGHT_HANDED = [
+Arrangement = tuple[Axis, Axis, Literal["+Z", "-Z"]]
+RIGHT_HANDED: list[Arrangement] = [
     ("+X", "+Y", "+Z"), ("-X", "-Y", "+Z"), ("+Y", "-X", "+Z"), ("-Y", "+X", "+Z"),
     ("+Y", "+X", "-Z"), ("-X", "+Y", "-Z"), ("+X", "-Y", "-Z"), ("-Y", "-X", "-Z"),
 ]  # fmt: skip
 
 
 @pytest.fixture
-def folder(tmp_path):
+def folder(tmp_path: Path) -> Path:
     """A case of two images with flats, repeats and a mask, no two pixels alike."""
     levels = np.arange(2 * 6 * 10, dtype=np.uint8).reshape(2, 6, 10)
     tifffile.imwrite(tmp_path / "images.tif", levels, photometric="minisblack")
@@ -41,7 +47,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_an_experiment_is_read_in_internal_units(folder):
+def test_an_experiment_is_read_in_internal_units(folder: Path) -> None:
     experiment = read_experiment(load_case(folder / "case.toml"))
     assert experiment.frames.shape == (2, 6, 10) and experiment.frames.dtype == np.float64
     # Level 60 of 6.5 nm; 100 N on 3 mm² is 231 µN on 4√3 µm².
@@ -55,7 +61,9 @@ def test_an_experiment_is_read_in_internal_units(folder):
 
 
 @pytest.mark.parametrize("axes", RIGHT_HANDED)
-def test_what_is_written_as_the_files_lie_is_read_as_it_was(axes):
+def test_what_is_written_as_the_files_lie_is_read_as_it_was(
+    axes: Arrangement,
+) -> None:
     rows, columns, up = axes
     images = Images(frames="", rows_along=rows, columns_along=columns, heights=up)
     stack = np.arange(60).reshape(1, 6, 10)
@@ -63,7 +71,9 @@ def test_what_is_written_as_the_files_lie_is_read_as_it_was(axes):
 
 
 @pytest.mark.parametrize("axes", RIGHT_HANDED)
-def test_every_right_handed_arrangement_is_turned_into_the_specimen_frame(axes):
+def test_every_right_handed_arrangement_is_turned_into_the_specimen_frame(
+    axes: Arrangement,
+) -> None:
     """Heights of a tilted plane, written as the arrangement says, come back as that plane."""
     x, y = np.meshgrid(np.arange(-2.0, 4.0), np.arange(-1.0, 9.0), indexing="ij")
     z = 100.0 + 3.0 * x + 0.25 * y
@@ -83,7 +93,7 @@ def test_every_right_handed_arrangement_is_turned_into_the_specimen_frame(axes):
     assert origin(images, stored.shape) == (2.0, 1.0)
 
 
-def test_arranging_never_mirrors():
+def test_arranging_never_mirrors() -> None:
     """Of the eight arrangements of a square picture, those seen from outside are its turns."""
     picture = np.arange(9.0).reshape(1, 3, 3)
     turns = {np.rot90(picture[0], k).tobytes() for k in range(4)}
@@ -95,7 +105,7 @@ def test_arranging_never_mirrors():
     assert arranged == turns
 
 
-def test_another_number_of_frames_than_of_images_is_refused(folder):
+def test_another_number_of_frames_than_of_images_is_refused(folder: Path) -> None:
     with (folder / "history.csv").open("a") as file:
         file.write("50,10,2,120\n")
     with pytest.raises(ExperimentError) as error:
@@ -107,7 +117,7 @@ def test_another_number_of_frames_than_of_images_is_refused(folder):
 
 
 @pytest.mark.parametrize("name", ["flats", "repeats", "mask"])
-def test_a_stack_of_another_size_is_refused(folder, name):
+def test_a_stack_of_another_size_is_refused(folder: Path, name: str) -> None:
     tifffile.imwrite(
         folder / f"{name}.tif", np.ones((2, 6, 9), dtype=np.uint8), photometric="minisblack"
     )
@@ -118,7 +128,7 @@ def test_a_stack_of_another_size_is_refused(folder, name):
     )
 
 
-def test_a_mask_of_several_images_is_refused(folder):
+def test_a_mask_of_several_images_is_refused(folder: Path) -> None:
     tifffile.imwrite(
         folder / "mask.tif", np.ones((2, 6, 10), dtype=np.uint8), photometric="minisblack"
     )
@@ -126,7 +136,9 @@ def test_a_mask_of_several_images_is_refused(folder):
         read_experiment(load_case(folder / "case.toml"))
 
 
-def test_heights_are_scale_and_offset_of_the_levels_without_any_loss(folder, tmp_path):
+def test_heights_are_scale_and_offset_of_the_levels_without_any_loss(
+    folder: Path, tmp_path: Path
+) -> None:
     """16 bit and doubles, compared with the formula in exact arithmetic on the levels."""
     rng = np.random.default_rng(1)
     for dtype, name in (("uint16", "a.tif"), ("uint16", "a.png"), ("float64", "a.h5")):
@@ -154,7 +166,7 @@ def test_heights_are_scale_and_offset_of_the_levels_without_any_loss(folder, tmp
         )
 
 
-def test_pixels_without_a_height_are_no_numbers_whatever_the_offset():
+def test_pixels_without_a_height_are_no_numbers_whatever_the_offset() -> None:
     levels = np.array([[[0.0, 5.0, np.nan, np.inf, 7.0]]])
     one = Images(frames="", height_per_level_nm=1000.0, height_offset_nm=-5000.0)
     np.testing.assert_array_equal(heights(one, levels), [[[np.nan, 0, np.nan, np.nan, 2]]])
@@ -167,31 +179,31 @@ def test_pixels_without_a_height_are_no_numbers_whatever_the_offset():
 SURFACE = np.arange(1, 61, dtype=np.uint8).reshape(6, 10)
 
 
-def numbered(folder, numbers):
+def numbered(folder: Path, numbers: tuple[int, ...]) -> str:
     for number in numbers:
         tifffile.imwrite(folder / f"f_{number:03d}.tif", SURFACE + number, photometric="minisblack")
     return "f_*.tif"
 
 
-def stored(folder, name, array, **options):
+def stored(folder: Path, name: str, array: NDArray[np.generic], **options: Any) -> str:
     tifffile.imwrite(folder / name, array, **{"photometric": "minisblack", **options})
     return name
 
 
-def cut(folder):
+def cut(folder: Path) -> str:
     stored(folder, "cut.tif", np.stack([SURFACE] * 2), metadata=None)
     content = (folder / "cut.tif").read_bytes()
     (folder / "cut.tif").write_bytes(content[:150])
     return "cut.tif"
 
 
-def dataset(folder):
+def dataset(folder: Path) -> str:
     with h5py.File(folder / "a.h5", "w") as file:
         file["scan/heights"] = np.stack([SURFACE] * 2)
     return "a.h5:/scan/levels"
 
 
-BAD = {
+BAD: dict[str, tuple[str, Callable[[Path], str], str]] = {
     "gap": ("frames", lambda f: numbered(f, (1, 2, 4, 5)),
             "found 4 frames (f_004.tif follows f_002.tif), expected 2, the images of history.csv"),
     "absent": ("frames", lambda f: "nothing/*.tif", "found no image, expected a file, a folder or"),
@@ -233,7 +245,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("what", BAD)
-def test_bad_images_are_told_in_one_sentence_with_file_and_key(folder, what):
+def test_bad_images_are_told_in_one_sentence_with_file_and_key(folder: Path, what: str) -> None:
     key, make, sentence = BAD[what]
     case = load_case(folder / "case.toml")
     name = make(folder)
@@ -246,7 +258,7 @@ def test_bad_images_are_told_in_one_sentence_with_file_and_key(folder, what):
     assert told.startswith(str(folder / name.split(":")[0]))
 
 
-def test_everything_that_is_wrong_is_told_at_once(folder):
+def test_everything_that_is_wrong_is_told_at_once(folder: Path) -> None:
     for name in ("images.tif", "flats.tif", "repeats.tif", "mask.tif", "history.csv"):
         (folder / name).unlink()
     with pytest.raises(ExperimentError) as error:

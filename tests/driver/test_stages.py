@@ -1,19 +1,22 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from driver.case import CaseError, default_case, write_case
 from driver.run_lock import BusyError
-from driver.stages import Stage, StageError, measured_files, run_stages
+from driver.stages import Stage, StageContext, StageError, measured_files, run_stages
 
 
 class Workshop:
     """Two stages, the second built on the first, that count how often they are run."""
 
-    def __init__(self, folder):
-        self.folder, self.case_path, self.runs, self.lines = folder, folder / "case.toml", [], []
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.case_path = folder, folder / "case.toml"
+        self.runs: list[str] = []
+        self.lines: list[str] = []
         write_case(default_case(), self.case_path)
         for name in ("images.tif", "flats.tif", "repeats.tif", "history.csv"):
             (folder / name).write_text(name)
@@ -22,35 +25,35 @@ class Workshop:
             Stage("measure", "1", ("images", "dic"), self.measure, measured_files),
         ]
 
-    def mesh(self, context):
+    def mesh(self, context: StageContext) -> None:
         self.runs.append("mesh")
         (context.workdir / "mesh.txt").write_text(str(context.case.specimen.length))
 
-    def measure(self, context):
+    def measure(self, context: StageContext) -> None:
         self.runs.append("measure")
         (context.workdir / "maps").mkdir()
         (context.workdir / "maps" / "motion.txt").write_text(
             context.result("mesh.txt").read_text() + " motion"
         )
 
-    def run(self, **options):
+    def run(self, **options: Any) -> list[str]:
         """The stages that did run."""
         self.runs.clear()
         run_stages(self.case_path, self.stages, report=self.lines.append, **options)
         return list(self.runs)
 
-    def edit(self, old, new):
+    def edit(self, old: str, new: str) -> None:
         text = self.case_path.read_text("utf-8")
         assert text.count(old) == 1
         self.case_path.write_text(text.replace(old, new), encoding="utf-8")
 
 
 @pytest.fixture
-def workshop(tmp_path):
+def workshop(tmp_path: Path) -> Workshop:
     return Workshop(tmp_path)
 
 
-def test_what_is_done_and_unchanged_is_not_done_again(workshop):
+def test_what_is_done_and_unchanged_is_not_done_again(workshop: Workshop) -> None:
     assert workshop.run() == ["mesh", "measure"]
     results = workshop.folder / "results"
     assert (results / "maps" / "motion.txt").read_text() == "12.0 motion"
@@ -58,7 +61,7 @@ def test_what_is_done_and_unchanged_is_not_done_again(workshop):
     assert workshop.lines[-2:] == ["mesh: done and unchanged", "measure: done and unchanged"]
 
 
-def test_a_change_reruns_the_stages_that_depend_on_it(workshop):
+def test_a_change_reruns_the_stages_that_depend_on_it(workshop: Workshop) -> None:
     workshop.run()
     workshop.edit("element_px = 16", "element_px = 20")
     assert workshop.run() == ["measure"]
@@ -70,7 +73,9 @@ def test_a_change_reruns_the_stages_that_depend_on_it(workshop):
     assert workshop.run() == []
 
 
-def test_comments_of_the_case_and_its_place_on_the_disk_do_not_matter(workshop, tmp_path):
+def test_comments_of_the_case_and_its_place_on_the_disk_do_not_matter(
+    workshop: Workshop, tmp_path: Path
+) -> None:
     workshop.run()
     workshop.edit("[dic]", "# a comment\n[dic]")
     assert workshop.run() == []
@@ -78,19 +83,19 @@ def test_comments_of_the_case_and_its_place_on_the_disk_do_not_matter(workshop, 
     assert workshop.run() == []
 
 
-def test_new_code_reruns_its_stage_and_those_after_it(workshop):
+def test_new_code_reruns_its_stage_and_those_after_it(workshop: Workshop) -> None:
     workshop.run()
     workshop.stages[0] = replace(workshop.stages[0], version="2")
     assert workshop.run() == ["mesh", "measure"]
 
 
-def test_a_result_that_is_gone_is_made_again(workshop):
+def test_a_result_that_is_gone_is_made_again(workshop: Workshop) -> None:
     workshop.run()
     (workshop.folder / "results" / "mesh.txt").unlink()
     assert workshop.run() == ["mesh"]
 
 
-def test_force_reruns_and_until_stops(workshop):
+def test_force_reruns_and_until_stops(workshop: Workshop) -> None:
     assert workshop.run(until="mesh") == ["mesh"]
     assert workshop.run() == ["measure"]
     assert workshop.run(until="mesh", force=True) == ["mesh"]
@@ -99,8 +104,8 @@ def test_force_reruns_and_until_stops(workshop):
         workshop.run(until="mash")
 
 
-def test_a_second_run_leaves_what_the_first_is_at_work_on(workshop):
-    def measure(context):
+def test_a_second_run_leaves_what_the_first_is_at_work_on(workshop: Workshop) -> None:
+    def measure(context: StageContext) -> None:
         (context.workdir / "half.txt").write_text("half")
         with pytest.raises(BusyError, match="another run, process .* is at work on it"):
             run_stages(workshop.case_path, workshop.stages, report=workshop.lines.append)
@@ -111,10 +116,10 @@ def test_a_second_run_leaves_what_the_first_is_at_work_on(workshop):
     assert (workshop.folder / "results" / "half.txt").is_file()
 
 
-def test_a_stage_that_fails_leaves_the_results_of_its_last_run(workshop):
+def test_a_stage_that_fails_leaves_the_results_of_its_last_run(workshop: Workshop) -> None:
     workshop.run()
 
-    def failing(context):
+    def failing(context: StageContext) -> None:
         (context.workdir / "mesh.txt").write_text("half")
         raise RuntimeError("no convergence")
 
@@ -128,13 +133,13 @@ def test_a_stage_that_fails_leaves_the_results_of_its_last_run(workshop):
 
 
 def test_a_crash_while_results_are_replaced_makes_the_stage_count_as_not_done(
-    workshop, monkeypatch
-):
+    workshop: Workshop, monkeypatch: pytest.MonkeyPatch
+) -> None:
     workshop.run()
     workshop.edit("length_um = 12.0", "length_um = 10.0")
     move = __import__("os").replace
 
-    def crash(source, target):
+    def crash(source: Path, target: Path) -> None:
         if str(target).endswith("mesh.txt"):
             raise OSError("disk full")
         move(source, target)
@@ -147,10 +152,12 @@ def test_a_crash_while_results_are_replaced_makes_the_stage_count_as_not_done(
     assert workshop.run() == ["mesh"]
 
 
-def test_results_that_are_no_longer_made_go_and_those_of_others_are_kept(workshop):
+def test_results_that_are_no_longer_made_go_and_those_of_others_are_kept(
+    workshop: Workshop,
+) -> None:
     workshop.run()
 
-    def renamed(context):
+    def renamed(context: StageContext) -> None:
         (context.workdir / "prism.txt").write_text("a mesh")
 
     workshop.stages = [replace(workshop.stages[0], version="2", run=renamed)]
@@ -161,7 +168,7 @@ def test_results_that_are_no_longer_made_go_and_those_of_others_are_kept(worksho
     assert record["mesh"]["outputs"] == ["prism.txt"]
 
 
-def test_one_name_for_two_results_is_refused(workshop):
+def test_one_name_for_two_results_is_refused(workshop: Workshop) -> None:
     workshop.stages[1] = replace(workshop.stages[1], run=workshop.mesh)
     with pytest.raises(
         StageError, match=r"measure: found a result mesh.txt, which belongs to mesh"
@@ -170,13 +177,13 @@ def test_one_name_for_two_results_is_refused(workshop):
     assert (workshop.folder / "results" / "mesh.txt").exists()
 
 
-def test_a_result_that_no_stage_has_made_is_named(workshop):
+def test_a_result_that_no_stage_has_made_is_named(workshop: Workshop) -> None:
     workshop.stages = workshop.stages[1:]
     with pytest.raises(StageError, match="mesh.txt: found nothing, expected the result of an earl"):
         workshop.run()
 
 
-def test_a_bad_case_stops_before_anything_is_written(workshop):
+def test_a_bad_case_stops_before_anything_is_written(workshop: Workshop) -> None:
     workshop.edit("length_um = 12.0", "length_um = -1")
     with pytest.raises(CaseError, match="specimen.length_um"):
         workshop.run()
@@ -191,7 +198,7 @@ def test_a_damaged_record_is_no_record(tmp_path: Path, text: str) -> None:
     assert stages.read_record(tmp_path) == {}
 
 
-def test_a_dataset_is_known_by_the_content_of_its_file(workshop):
+def test_a_dataset_is_known_by_the_content_of_its_file(workshop: Workshop) -> None:
     workshop.edit('frames = "images.tif"', 'frames = "images.h5:/frames"')
     (workshop.folder / "images.h5").write_text("heights")
     assert workshop.run() == ["mesh", "measure"] and workshop.run() == []
@@ -199,6 +206,6 @@ def test_a_dataset_is_known_by_the_content_of_its_file(workshop):
     assert workshop.run() == ["measure"]
 
 
-def test_a_file_that_cannot_be_looked_up_is_left_to_the_stage_to_tell(workshop):
+def test_a_file_that_cannot_be_looked_up_is_left_to_the_stage_to_tell(workshop: Workshop) -> None:
     workshop.edit('frames = "images.tif"', f'frames = "{"a" * 300}"')
     assert workshop.run() == ["mesh", "measure"]

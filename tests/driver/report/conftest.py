@@ -3,8 +3,10 @@
 import copy
 import csv
 import json
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,13 +15,14 @@ from driver.case import default_case, load_case, write_case
 from driver.diagnosis.causes import LIBRARY, NUMERICS
 from driver.dic.basis import grid_basis
 from driver.model import declared_parameters
-from driver.report.measured import measured_motion
+from driver.report.measured import MeasuredMotion, measured_motion
 from driver.report.measured_figures import FIGURES
 from driver.results import read_hdf5, write_hdf5
 from driver.specimen import geometry_of
 from driver.stages import StageContext
 from meshes.files import write_med
 from meshes.prism import generate
+from solver_adapters.interface import FloatArray, IntArray
 
 STAGE = (0.0, 10.0, 20.0, 30.0, 20.0, 10.0, 25.0, 40.0, 55.0, 45.0, 35.0)
 CYCLE = (1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2)
@@ -43,29 +46,29 @@ class Results:
     folder: Path
 
     @property
-    def results(self):
+    def results(self) -> Path:
         return self.folder / "results"
 
-    def context(self, workdir):
+    def context(self, workdir: Path) -> StageContext:
         workdir.mkdir(exist_ok=True)
         path = self.folder / "case.toml"
         return StageContext(load_case(path), path, self.results, workdir, lambda line: None)
 
-    def edit_diagnosis(self, **changes):
+    def edit_diagnosis(self, **changes: Any) -> None:
         """Replace entries of `diagnosis.json`."""
         path = self.results / "diagnosis.json"
         path.write_text(json.dumps(json.loads(path.read_text("utf-8")) | changes), "utf-8")
 
 
 @pytest.fixture(scope="session")
-def written(tmp_path_factory):
+def written(tmp_path_factory: pytest.TempPathFactory) -> Results:
     """The results, written once."""
     folder = tmp_path_factory.mktemp("prisms") / "invented"
     (folder / "results").mkdir(parents=True)
     case = default_case()
     write_case(case, folder / "case.toml")
     write_med(generate(geometry_of(case), 3.0), folder / "results" / "mesh.med")
-    time = np.arange(len(STAGE)) * 40.0
+    time = np.arange(len(STAGE), dtype=float) * 40.0
     with (folder / "history.csv").open("w", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(("time_s", "stage_um", "image", "force_N"))
@@ -80,7 +83,7 @@ def written(tmp_path_factory):
 
 
 @pytest.fixture
-def results(written, tmp_path):
+def results(written: Results, tmp_path: Path) -> Results:
     """A copy of the results that a test may change."""
     copied = Results(tmp_path / "invented")
     copied.results.mkdir(parents=True)
@@ -91,19 +94,19 @@ def results(written, tmp_path):
 
 
 @pytest.fixture(scope="session")
-def measured(written):
+def measured(written: Results) -> MeasuredMotion:
     """The invented motion of free correlation."""
     trace = np.array([[-2.0, 5.0], [2.0, 6.0]])
     return measured_motion(read_hdf5(written.results / "measure.h5"), 0.0065, trace)
 
 
-def pixels():
+def pixels() -> tuple[IntArray, IntArray]:
     """Rows and columns of the region of interest."""
     rows, cols = np.meshgrid(np.arange(5, 36), np.arange(8, 112), indexing="ij")
     return rows.ravel(), cols.ravel()
 
 
-def _write_measured(path, time, rng):
+def _write_measured(path: Path, time: FloatArray, rng: np.random.Generator) -> None:
     rows, cols = pixels()
     T, n_pix = len(STAGE), rows.size
     xy = np.column_stack([(rows - ORIGIN[0]) * PIXEL, (cols - ORIGIN[1]) * PIXEL])
@@ -177,12 +180,12 @@ def _write_measured(path, time, rng):
         (path.parent / f"{name}.png").write_bytes(b"\x89PNG " + name.encode())
 
 
-def _knot_names():
+def _knot_names() -> list[str]:
     n = len(KNOTS)
     return [f"elongation_{k + 1}" for k in range(n)] + [f"tilt_{k + 1}" for k in range(n)]
 
 
-def _fitted(extra=()):
+def _fitted(extra: Iterable[tuple[str, Any]] = ()) -> dict[str, Any]:
     declared = declared_parameters(len(KNOTS) + 1)
     values = VALUES | dict(zip(_knot_names(), (*KNOTS, *np.zeros(len(KNOTS))), strict=True))
     sigmas = SIGMAS | dict.fromkeys(_knot_names(), 2e-4)
@@ -193,7 +196,7 @@ def _fitted(extra=()):
     return record | dict(extra) | {"reason": "the Newton decrement is 0.04 σ"}
 
 
-def _write_identified(folder):
+def _write_identified(folder: Path) -> None:
     names = [*LAMBDAS, *_knot_names(), *LAW]
     declared = declared_parameters(len(KNOTS) + 1)
     fitted = _fitted()
@@ -258,7 +261,7 @@ def _write_identified(folder):
     (folder / "stages.json").write_text(json.dumps(done), "utf-8")
 
 
-def _write_diagnosed(folder, rng):
+def _write_diagnosed(folder: Path, rng: np.random.Generator) -> None:
     rows, _ = pixels()
     T = len(STAGE)
     load = 23.1 * np.array(STAGE)
@@ -272,7 +275,7 @@ def _write_diagnosed(folder, rng):
     (folder / "diagnosis.json").write_text(json.dumps(diagnosis()), "utf-8")
 
 
-def diagnosis():
+def diagnosis() -> dict[str, Any]:
     """A verdict that names one cause, found in two rounds."""
     added = {"tau0_grain2": {"value": 1.1493, "sigma": 0.0041, "unit": ""}}
     omnibus = {"load_slow_p": 0.4, "load_serial_p": 0.2, "image_slow_p": 0.6,
@@ -322,9 +325,9 @@ def diagnosis():
     }  # fmt: skip
 
 
-def _causes(refitted, without):
+def _causes(refitted: Sequence[str], without: Sequence[str]) -> list[dict[str, Any]]:
     declared = declared_parameters(len(KNOTS) + 1)
-    records = []
+    records: list[dict[str, Any]] = []
     for rank, cause in enumerate((*LIBRARY, NUMERICS)):
         if cause.name in without:
             continue

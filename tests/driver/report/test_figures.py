@@ -1,19 +1,22 @@
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
+from matplotlib.patches import Rectangle
 
 from driver.report import figures, maps
 from driver.report.style import png
+from solver_adapters.interface import FloatArray, IntArray
 
 T = 9
 STAGE = np.r_[np.linspace(0, 40, 5), np.linspace(30, 0, 4)]
-TIME = np.arange(T) * 40.0
+TIME = np.arange(T, dtype=float) * 40.0
 
 
-def texts(axes):
+def texts(axes: Axes) -> list[str]:
     return [text.get_text() for text in axes.texts]
 
 
-def test_the_budget_writes_every_chi_above_its_bar():
+def test_the_budget_writes_every_chi_above_its_bar() -> None:
     before = {"model": 1.31, "basis": 1.6, "load": 58.0}
     after = {"model": 1.02, "basis": 1.03, "load": 0.98}
     pixels, mesh, loads = figures.budget(1.01, {"before": before, "after": after}).axes
@@ -24,7 +27,7 @@ def test_the_budget_writes_every_chi_above_its_bar():
     assert (pixels.get_ylabel(), loads.get_ylabel()) == ("χ [1]", r"$\mathregular{χ_F}$ [1]")
 
 
-def test_motion_is_drawn_in_nanometres_over_stage_travel():
+def test_motion_is_drawn_in_nanometres_over_stage_travel() -> None:
     measured = np.column_stack([STAGE * 1e-3, STAGE * 2e-4])
     identified = {"before": measured * 0.9, "after": measured}
     figure = figures.motion(
@@ -36,31 +39,35 @@ def test_motion_is_drawn_in_nanometres_over_stage_travel():
     assert elongation.get_xlabel() == "stage travel [µm]"
     knots = next(line for line in elongation.lines if line.get_label() == "knots")
     assert np.allclose(knots.get_xydata(), [[0, 0], [40, 40], [0, 0]])
-    band = np.concatenate([c.get_paths()[0].vertices[:, 1] for c in elongation.collections])
+    band = np.concatenate(
+        [np.asarray(c.get_paths()[0].vertices)[:, 1] for c in elongation.collections]
+    )
     assert band.min() == pytest.approx(-20.0) and band.max() == pytest.approx(60.0)
 
 
-def test_the_residual_of_the_load_is_measured_minus_model_with_the_noise_as_a_band():
+def test_the_residual_of_the_load_is_measured_minus_model_with_the_noise_as_a_band() -> None:
     measured = 20.0 * STAGE
     figure = figures.loads(STAGE, TIME, measured, {"before": measured - 7.0}, 5.97, 2 * measured)
     loop, residual = figure.axes
     line = next(line for line in residual.lines if line.get_label() == "identified model")
     assert np.allclose(line.get_ydata(), 7.0)
-    assert residual.patches[0].get_height() == pytest.approx(2 * 5.97)
+    band = residual.patches[0]
+    assert isinstance(band, Rectangle)
+    assert band.get_height() == pytest.approx(2 * 5.97)
     initial = next(line for line in loop.lines if line.get_label() == "at the start")
     assert np.array_equal(initial.get_ydata(), 2 * measured)
     assert loop.get_ylabel() == "load on the specimen [µN]"
     assert residual.get_ylabel() == "measured − model [µN]"
 
 
-def face():
+def face() -> maps.Face:
     rows, cols = np.meshgrid(np.arange(3, 23), np.arange(5, 65), indexing="ij")
     return maps.Face(rows.ravel(), cols.ravel(), 0.1, (12.5, 4.5), np.array([[-1, 2.0], [1, 3.0]]))
 
 
-def test_maps_are_in_micrometres_with_y_to_the_right_and_x_down():
+def test_maps_are_in_micrometres_with_y_to_the_right_and_x_down() -> None:
     seen = face()
-    values = seen.rows * 1.0
+    values = seen.rows.astype(float)
     figure = maps.residual_maps(seen, ["peak"], {"before": values[None]}, {"before": values})
     axes = figure.axes[0]
     left, right, bottom, top = axes.images[0].get_extent()
@@ -68,16 +75,17 @@ def test_maps_are_in_micrometres_with_y_to_the_right_and_x_down():
     assert (bottom, top) == pytest.approx((1.0, -1.0))
     assert axes.images[0].get_clim() == (-4.0, 4.0)
     shown = axes.images[0].get_array()
+    assert shown is not None
     assert np.all(shown[0] == 3.0) and np.all(shown[-1] == 22.0)
 
 
-def test_pixels_off_the_region_stay_blank():
+def test_pixels_off_the_region_stay_blank() -> None:
     rows, cols = np.array([0, 0, 1]), np.array([0, 1, 1])
     image = maps.Face(rows, cols, 0.1, (0.0, 0.0), None).grid(np.array([1.0, 2.0, 3.0]))
     assert np.array_equal(image, [[1.0, 2.0], [np.nan, 3.0]], equal_nan=True)
 
 
-def test_displacements_share_one_scale_around_zero_and_are_in_nanometres():
+def test_displacements_share_one_scale_around_zero_and_are_in_nanometres() -> None:
     seen = face()
     motion = np.zeros((seen.rows.size, 3))
     motion[:, 1] = 0.1 * np.linspace(-1.0, 1.0, seen.rows.size) + 5.0
@@ -88,13 +96,13 @@ def test_displacements_share_one_scale_around_zero_and_are_in_nanometres():
     assert "v − mean [nm]" in [axes.get_xlabel() for axes in figure.axes]
 
 
-def two_tetrahedra():
+def two_tetrahedra() -> tuple[FloatArray, IntArray]:
     """Two tetrahedra that share the face x + y + z = 1, each a grain of its own."""
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1.0]])
     return points, np.array([[0, 1, 2, 3], [1, 2, 3, 4]])
 
 
-def test_only_outer_faces_towards_the_viewer_are_drawn():
+def test_only_outer_faces_towards_the_viewer_are_drawn() -> None:
     points, cells = two_tetrahedra()
     for height, expected in (
         (-1.0, {(0, 1, 2): 0, (1, 2, 4): 1}),
@@ -105,12 +113,12 @@ def test_only_outer_faces_towards_the_viewer_are_drawn():
         assert dict(zip(corners, owner.tolist(), strict=True)) == expected
 
 
-def test_the_grain_boundary_is_where_faces_of_two_grains_meet():
+def test_the_grain_boundary_is_where_faces_of_two_grains_meet() -> None:
     faces = np.array([[0, 1, 2], [1, 3, 2], [1, 4, 3]])
     assert maps.boundary_edges(faces, np.array([0, 1, 1])).tolist() == [[1, 2]]
     assert maps.boundary_edges(faces, np.zeros(3, int)).size == 0
 
 
-def test_a_figure_becomes_a_png_file():
+def test_a_figure_becomes_a_png_file() -> None:
     side = {"model": 1.0, "basis": 1.0, "load": 1.0}
     assert png(figures.budget(1.0, {"before": side})).startswith(b"\x89PNG")

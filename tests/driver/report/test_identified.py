@@ -12,33 +12,33 @@ POSITIVE = Parameter("p", "MPa", 40.0, 1.0, 1.0, 100.0, True)
 OTHER = Parameter("q", "", 1.0, 0.1, -3.0, 5.0)
 
 
-def test_the_interval_holds_95_percent_of_a_normal_distribution():
+def test_the_interval_holds_95_percent_of_a_normal_distribution() -> None:
     assert stats.norm.cdf(COVERED) - stats.norm.cdf(-COVERED) == pytest.approx(0.95, abs=1e-6)
 
 
-def test_the_interval_of_a_positive_parameter_is_symmetric_in_its_logarithm():
+def test_the_interval_of_a_positive_parameter_is_symmetric_in_its_logarithm() -> None:
     low, high = IdentifiedParameter(POSITIVE, 40.0, 21.0, 0.9, math.nan, math.inf, 0.0).interval
     assert low > 0 and low * high == pytest.approx(21.0**2)
     assert math.log(high / low) == pytest.approx(2 * COVERED * 0.9)
 
 
-def test_the_interval_of_another_parameter_is_symmetric_about_its_value():
+def test_the_interval_of_another_parameter_is_symmetric_about_its_value() -> None:
     found = IdentifiedParameter(OTHER, 1.0, 0.8, 0.2, 1.0, 2.0, 0.01)
     assert found.interval == pytest.approx((0.8 - COVERED * 0.02, 0.8 + COVERED * 0.02))
     assert found.prior_interval == pytest.approx((1 - COVERED * 0.2, 1 + COVERED * 0.2))
     assert found.sigma == pytest.approx(0.02)
 
 
-def test_without_a_prior_there_is_no_interval_of_it():
+def test_without_a_prior_there_is_no_interval_of_it() -> None:
     assert IdentifiedParameter(OTHER, 1.0, 1.0, 0.3, math.nan, math.inf, 0.0).prior_interval is None
 
 
 @pytest.mark.parametrize(("value", "bound"), [(100.0, 100.0), (1.0, 1.0), (99.0, None)])
-def test_a_parameter_on_its_bound_is_told(value, bound):
+def test_a_parameter_on_its_bound_is_told(value: float, bound: float | None) -> None:
     assert IdentifiedParameter(POSITIVE, 40.0, value, 0.1, 40.0, 1.0, 0.01).at_bound == bound
 
 
-def test_estimates_take_their_row_of_the_results():
+def test_estimates_take_their_row_of_the_results() -> None:
     results = {
         "start": np.array([40.0, 1.0]), "values": np.array([21.0, 0.8]),
         "covariance": np.diag([0.01, 0.04]), "prior/mean": np.array([40.0, np.nan]),

@@ -18,7 +18,9 @@ from driver.report.identified_tables import (
 DECLARED = declared_parameters(3)
 
 
-def estimate(name, start, value, sigma, width=math.inf):
+def estimate(
+    name: str, start: float, value: float, sigma: float, width: float = math.inf
+) -> IdentifiedParameter:
     parameter = DECLARED[name]
     deviation = sigma / parameter.slope(value)
     return IdentifiedParameter(
@@ -38,7 +40,7 @@ PAPER = {
 }
 
 
-def test_a_row_says_start_prior_value_interval_and_the_share_of_the_prior():
+def test_a_row_says_start_prior_value_interval_and_the_share_of_the_prior() -> None:
     (_, (plus_y, plus_z)), (_, (tau0, c, _)) = estimate_rows(PAPER)[0]
     assert (plus_y["value"], plus_y["interval"]) == ("0.810 ± 0.020", "0.771 to 0.849")
     assert (plus_y["prior"], plus_y["share"], plus_y["unit"]) == ("0.80 to 1.2", "4 %", "1")
@@ -48,7 +50,7 @@ def test_a_row_says_start_prior_value_interval_and_the_share_of_the_prior():
     assert tau0["share"] == "< 1 %" and tau0["bound"] == ""
 
 
-def test_knots_stand_apart_in_nanometres_and_have_no_prior():
+def test_knots_stand_apart_in_nanometres_and_have_no_prior() -> None:
     groups = dict(estimate_rows(PAPER)[1])
     assert list(groups) == ["Elongation knots", "Tilt knots"]
     knot = groups["Elongation knots"][0]
@@ -56,18 +58,18 @@ def test_knots_stand_apart_in_nanometres_and_have_no_prior():
     assert (knot["prior"], knot["share"]) == ("none", "–")
 
 
-def test_a_bound_that_was_reached_is_named():
+def test_a_bound_that_was_reached_is_named() -> None:
     upper = DECLARED["lambda_plus_Y"].upper
     found = {"lambda_plus_Y": estimate("lambda_plus_Y", 1.0, upper, 0.1)}
     assert estimate_rows(found)[0][0][1][0]["bound"] == "at 5.00"
 
 
-def test_apex_amplitudes_come_first_then_the_law_then_the_rest_without_knots():
+def test_apex_amplitudes_come_first_then_the_law_then_the_rest_without_knots() -> None:
     names = ["load_gain", "tau0", "elongation_1", "origin_X", "lambda_plus_Y", "c"]
     assert core(names) == ["lambda_plus_Y", "tau0", "c", "load_gain"]
 
 
-def test_strong_correlations_are_named_the_strongest_first():
+def test_strong_correlations_are_named_the_strongest_first() -> None:
     matrix = np.array([[1.0, 0.2, 0.71], [0.2, 1.0, -0.93], [0.71, -0.93, 1.0]])
     said = strongest(["tau0", "c", "d"], matrix)
     assert said == "Strongest: c and d (−0.93) and τ₀ and d (+0.71)."
@@ -76,7 +78,7 @@ def test_strong_correlations_are_named_the_strongest_first():
     )
 
 
-def test_the_apex_table_goes_from_free_correlation_to_the_result():
+def test_the_apex_table_goes_from_free_correlation_to_the_result() -> None:
     amplitudes = {"lambda_plus_Y": (1.0, 0.81, 0.02), "lambda_plus_Z": (1.0, 1.02, None)}
     table = apex_table(amplitudes, 3.7, (4.46, 4.5))
     assert table.head == ("", "χ_f", "λ⁺_Y", "λ⁺_Z")
@@ -87,7 +89,7 @@ def test_the_apex_table_goes_from_free_correlation_to_the_result():
     )
 
 
-def test_the_law_table_has_units_in_its_head_and_the_residuals_at_both_ends():
+def test_the_law_table_has_units_in_its_head_and_the_residuals_at_both_ends() -> None:
     paper = {"chi": (4.64, 4.52), "chi_f": (4.46, 4.47), "chi_F": (78.0, 58.0)}
     table = law_table(PAPER, paper)
     assert table.head == ("", "χ", "χ_f", "χ_F", "τ₀ [MPa]", "c [GPa]", "d")
@@ -97,7 +99,7 @@ def test_the_law_table_has_units_in_its_head_and_the_residuals_at_both_ends():
     )
 
 
-def test_the_budget_goes_from_noise_over_free_correlation_to_the_models():
+def test_the_budget_goes_from_noise_over_free_correlation_to_the_models() -> None:
     side = {"model": 4.5, "basis": 6.0, "load": 58.0}
     table = budget_table((3.7, 2.7), {"identified model": side}, {"identified model": 3.3}, 0.742)
     assert table.rows == (
@@ -108,7 +110,7 @@ def test_the_budget_goes_from_noise_over_free_correlation_to_the_models():
 
 
 @pytest.mark.parametrize("total", [1.0, 1200.0])
-def test_times_are_told_with_their_share_and_their_sum(total):
+def test_times_are_told_with_their_share_and_their_sum(total: float) -> None:
     table = time_table({"measure": 0.25 * total, "identify A": 0.75 * total})
     assert [row[2] for row in table.rows] == ["25 %", "75 %", "100 %"]
     assert table.rows[-1][1] == {1.0: "1.0 s", 1200.0: "20.0 min"}[total]

@@ -5,25 +5,32 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib import colormaps
+from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection, QuadMesh
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from driver.report import measured_maps as maps
 from driver.report.maps import Face
+from driver.report.measured import MeasuredMotion
+from solver_adapters.interface import FloatArray
 
 from .conftest import ORIGIN, PEAKS, PIXEL
 
 
-def polygons(axes):
+def polygons(axes: Axes) -> list[list[FloatArray]]:
     """Vertices of the elements drawn in each mesh."""
     found = [c for c in axes.collections if isinstance(c, PolyCollection)]
-    return [[path.vertices[:-1] for path in c.get_paths()] for c in found]
+    return [[np.asarray(path.vertices)[:-1] for path in c.get_paths()] for c in found]
 
 
-def bars(figure, label):
+def bars(figure: Figure, label: str) -> list[Axes]:
     return [a for a in figure.axes if label in (a.get_xlabel(), a.get_ylabel())]
 
 
-def test_the_reference_is_in_nanometres_over_micrometres_with_both_meshes(measured):
+def test_the_reference_is_in_nanometres_over_micrometres_with_both_meshes(
+    measured: MeasuredMotion,
+) -> None:
     figure = maps.reference(measured)
     axes = figure.axes[0]
     nm = 1e3 * measured.reference
@@ -40,13 +47,15 @@ def test_the_reference_is_in_nanometres_over_micrometres_with_both_meshes(measur
     assert "mesh of u, v: 12 elements" in [t.get_text() for t in figure.legends[0].get_texts()]
 
 
-def test_the_scale_bar_is_as_long_as_it_says(measured):
+def test_the_scale_bar_is_as_long_as_it_says(measured: MeasuredMotion) -> None:
     axes = maps.reference(measured).axes[0]
-    assert axes.patches[0].get_width() == 2.0
+    bar = axes.patches[0]
+    assert isinstance(bar, Rectangle)
+    assert bar.get_width() == 2.0
     assert [text.get_text().strip() for text in axes.texts] == ["2 µm"]
 
 
-def test_each_component_has_one_colour_scale_for_all_images(measured):
+def test_each_component_has_one_colour_scale_for_all_images(measured: MeasuredMotion) -> None:
     figure = maps.fields(measured)
     shown = 1e3 * measured.motion[measured.shown]
     bar = bars(figure, "v (along Y), mean removed [nm]")
@@ -65,7 +74,9 @@ def test_each_component_has_one_colour_scale_for_all_images(measured):
         assert light.min() >= 0.65 - 1e-9 and light.max() <= 1.0 + 1e-9
 
 
-def test_the_mesh_moves_with_the_motion_as_often_enlarged_as_the_legend_says(measured):
+def test_the_mesh_moves_with_the_motion_as_often_enlarged_as_the_legend_says(
+    measured: MeasuredMotion,
+) -> None:
     figure = maps.fields(measured)
     text = figure.legends[0].get_texts()[0].get_text()
     assert text == "mesh of u and v, its motion 20 times enlarged"
@@ -78,7 +89,7 @@ def test_the_mesh_moves_with_the_motion_as_often_enlarged_as_the_legend_says(mea
         assert f"image {image}: end of loading {row + 1}" in figure.axes[3 * row].get_title("left")
 
 
-def test_a_pixel_is_drawn_where_its_motion_has_taken_it():
+def test_a_pixel_is_drawn_where_its_motion_has_taken_it() -> None:
     rows, cols = np.meshgrid([4, 5, 6], [2, 3], indexing="ij")
     face = Face(rows.ravel(), cols.ravel(), 0.1, (5.0, 2.0), None)
     motion = np.tile([0.03, -0.01], (6, 1))
@@ -88,7 +99,7 @@ def test_a_pixel_is_drawn_where_its_motion_has_taken_it():
     assert corners[-1, -1] == pytest.approx([0.15 + 0.03, 0.15 - 0.01])
 
 
-def test_off_the_region_corners_move_with_the_nearest_pixel_and_stay_blank():
+def test_off_the_region_corners_move_with_the_nearest_pixel_and_stay_blank() -> None:
     face = Face(np.array([0, 0, 1]), np.array([0, 1, 1]), 1.0, (0.0, 0.0), None)
     corners = maps.moved_corners(face, np.tile([0.25, 0.5], (3, 1)))
     assert np.isfinite(corners).all()
@@ -96,7 +107,7 @@ def test_off_the_region_corners_move_with_the_nearest_pixel_and_stay_blank():
     assert np.isnan(face.grid(np.ones(3))[1, 0])
 
 
-def test_an_image_of_millions_of_pixels_is_drawn_coarser(measured):
+def test_an_image_of_millions_of_pixels_is_drawn_coarser(measured: MeasuredMotion) -> None:
     rows, cols = np.meshgrid(np.arange(300), np.arange(400), indexing="ij")
     face = Face(rows.ravel(), cols.ravel(), PIXEL, (0.0, 0.0), None)
     heights = np.random.default_rng(1).standard_normal((300, 400))
@@ -105,19 +116,21 @@ def test_an_image_of_millions_of_pixels_is_drawn_coarser(measured):
     large = replace(measured, face=face, reference=heights, motion=motion)
     mesh = next(c for c in maps.fields(large).axes[0].collections if isinstance(c, QuadMesh))
     assert np.asarray(mesh.get_array()).shape[:2] == (150, 200)
-    assert mesh.get_coordinates().shape[:2] == (151, 201)
+    assert np.asarray(mesh.get_coordinates()).shape[:2] == (151, 201)
 
 
-def test_a_component_that_does_not_move_has_a_scale_around_it():
+def test_a_component_that_does_not_move_has_a_scale_around_it() -> None:
     assert maps.field_limits(np.zeros(9)) == (-1.0, 1.0)
 
 
-def test_light_falls_with_depth_and_never_below_its_floor():
+def test_light_falls_with_depth_and_never_below_its_floor() -> None:
     light = maps.relief(np.array([[-50.0, 0.0, 50.0, np.nan]]), 0.0, 20.0)[0, :, 0]
     assert light[:3] == pytest.approx([0.65, 0.65, 1.0])
 
 
-def test_residuals_stand_in_nanometres_and_grey_levels_and_in_sigma(measured):
+def test_residuals_stand_in_nanometres_and_grey_levels_and_in_sigma(
+    measured: MeasuredMotion,
+) -> None:
     figure = maps.residuals(measured)
     for row, image in enumerate(PEAKS):
         metric, over = figure.axes[2 * row : 2 * row + 2]

@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from driver.report.measured import Curve, Regularisation
+from driver.report.measured import Curve, MeasuredMotion, Regularisation
 from driver.report.measured_figures import FIGURES
 from driver.report.measured_texts import texts
 
 
-def test_every_picture_has_a_caption_and_words_for_those_who_do_not_see_it(measured):
+def test_every_picture_has_a_caption_and_words_for_those_who_do_not_see_it(
+    measured: MeasuredMotion,
+) -> None:
     found = texts(measured)
     assert tuple(found) == tuple(FIGURES)
     for text in found.values():
@@ -19,7 +21,7 @@ def test_every_picture_has_a_caption_and_words_for_those_who_do_not_see_it(measu
         assert not set('<>&"') & set(text.alternative)
 
 
-def test_the_band_and_the_elongation_are_written_in_nanometres(measured):
+def test_the_band_and_the_elongation_are_written_in_nanometres(measured: MeasuredMotion) -> None:
     peak = measured.elongation.value.copy()
     peak[8] = 0.0602
     curve = Curve(peak, np.full(11, 0.005), 0.0, 0.005)
@@ -28,7 +30,9 @@ def test_the_band_and_the_elongation_are_written_in_nanometres(measured):
     assert "the elongation is 60 ± 5 nm" in text.caption
 
 
-def test_ranges_are_those_of_the_shown_images_and_noise_that_of_a_node(measured):
+def test_ranges_are_those_of_the_shown_images_and_noise_that_of_a_node(
+    measured: MeasuredMotion,
+) -> None:
     text = texts(measured)["measure_fields"].caption
     v = 1e3 * measured.motion[measured.shown, :, 1]
     assert f"v from −{abs(v.min()):.1f} to {v.max():.1f} nm" in text
@@ -36,7 +40,9 @@ def test_ranges_are_those_of_the_shown_images_and_noise_that_of_a_node(measured)
     assert "19 nm in u, 18 nm in v and 2.0 nm in w" in text
 
 
-def test_far_residuals_are_counted_against_the_normal_distribution(measured):
+def test_far_residuals_are_counted_against_the_normal_distribution(
+    measured: MeasuredMotion,
+) -> None:
     values = np.zeros_like(measured.standardised)
     values[0, : values.size // 100 + 1] = 3.5
     text = texts(replace(measured, standardised=values))["measure_noise"].caption
@@ -45,15 +51,16 @@ def test_far_residuals_are_counted_against_the_normal_distribution(measured):
 
 
 @pytest.mark.parametrize(("factor", "words"), [(20.0, "enlarged 10 times"), (500, "true to scale")])
-def test_the_enlargement_is_stated(measured, factor, words):
+def test_the_enlargement_is_stated(measured: MeasuredMotion, factor: float, words: str) -> None:
     motion = measured.motion * factor / 10
     assert words in texts(replace(measured, motion=motion))["measure_fields"].caption
 
 
-def test_what_kept_the_motion_in_bounds_is_said_with_its_effect(measured):
-    text = texts(measured)["measure_travel"].caption
-    assert "Tikhonov, its second derivatives, roughness 0.050 px, estimated from the images" in text
-    assert "stage travel count as noise" not in text
+def test_what_kept_the_motion_in_bounds_is_said_with_its_effect(measured: MeasuredMotion) -> None:
+    text = texts(measured)["measure_travel"]
+    said = "Tikhonov, its second derivatives, roughness 0.050 px, estimated from the images"
+    assert said in text.caption
+    assert "stage travel count as noise" not in text.caption
     stiff = Regularisation("elastic", 0.3, estimated=False, travel=12.0)
     curve = replace(measured.elongation, held=0.003, single=0.009)
     text = texts(replace(measured, regularisation=stiff, elongation=curve))["measure_travel"]
@@ -62,11 +69,11 @@ def test_what_kept_the_motion_in_bounds_is_said_with_its_effect(measured):
     assert "below 12 µm of stage travel count as noise" in text.caption
     assert "falls from 9.0 to 5.0 nm" in text.caption
     free = Regularisation("tikhonov", np.inf, estimated=False, travel=0.0)
-    text = texts(replace(measured, regularisation=free))["measure_travel"].caption
-    assert "The motion is not regularised." in text
+    text = texts(replace(measured, regularisation=free))["measure_travel"]
+    assert "The motion is not regularised." in text.caption
 
 
-def test_images_that_did_not_converge_are_told_with_what_to_try(measured):
+def test_images_that_did_not_converge_are_told_with_what_to_try(measured: MeasuredMotion) -> None:
     assert "all 11 images converged" in texts(measured)["measure_noise"].caption
     converged = np.arange(11) != 4
     stopped = tuple("diverged; try larger elements" if t == 4 else "" for t in range(11))
@@ -74,7 +81,7 @@ def test_images_that_did_not_converge_are_told_with_what_to_try(measured):
     assert "1 of 11 images did not converge: image 4 diverged; try larger elements." in text
 
 
-def test_pixels_that_an_image_lacks_are_not_counted(measured):
+def test_pixels_that_an_image_lacks_are_not_counted(measured: MeasuredMotion) -> None:
     before = texts(measured)
     residual, values = measured.residual.copy(), measured.standardised.copy()
     residual[0, :100] = values[0, :100] = np.nan

@@ -1,6 +1,7 @@
 import base64
 import json
 import re
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -10,6 +11,7 @@ from driver.case import load_case, write_case
 from driver.diagnosis.causes import LIBRARY
 from driver.diagnosis.ebsd_flips import FLIPS
 from driver.report.findings import FILES, read_findings
+from driver.report.measured import MeasuredMotion
 from driver.report.measured_texts import texts
 from driver.report.page import gain_text, headline
 from driver.report.stage import run_report
@@ -17,6 +19,9 @@ from driver.report.tables import cause_rows
 from driver.results import ResultError
 from driver.stages import StageError
 from driver.wording import cause_label
+from solver_adapters.interface import FloatArray
+
+from .conftest import Results
 
 FIGURES = (
     "budget", "specimen", "motion", "fields", "loads", "residual_maps",
@@ -34,7 +39,7 @@ KINDS = (
 
 
 @pytest.fixture(scope="module")
-def made(written, tmp_path_factory):
+def made(written: Results, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder with the report of the invented case."""
     folder = tmp_path_factory.mktemp("report")
     run_report(written.context(folder))
@@ -42,17 +47,17 @@ def made(written, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def page(made):
+def page(made: Path) -> str:
     return (made / "report.html").read_text("utf-8")
 
 
-def shown(page):
+def shown(page: str) -> str:
     """What a reader sees, without tags."""
     body = page.split("</style>")[1].replace("<sub>", "_").replace("</sub>", "")
     return re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", body))
 
 
-def test_the_page_holds_all_that_it_shows(page):
+def test_the_page_holds_all_that_it_shows(page: str) -> None:
     assert not re.findall(r"https?://|<script|<link|@import|url\(", page)
     sources = re.findall(r'src="([^"]*)"', page)
     assert len(sources) == len(FIGURES) + len(MEASURED)
@@ -61,7 +66,7 @@ def test_the_page_holds_all_that_it_shows(page):
     assert all(target[0] == "#" and f'id="{target[1:]}"' in page for target in targets)
 
 
-def test_every_figure_stands_in_the_page_and_beside_it(made, page):
+def test_every_figure_stands_in_the_page_and_beside_it(made: Path, page: str) -> None:
     assert {path.name for path in made.iterdir()} == {
         "report.html", *(f"report_{name}.png" for name in FIGURES)
     }  # fmt: skip
@@ -72,8 +77,8 @@ def test_every_figure_stands_in_the_page_and_beside_it(made, page):
 
 
 def test_the_pictures_of_free_correlation_stand_in_the_page_with_words_for_each(
-    written, measured, page
-):
+    written: Results, measured: MeasuredMotion, page: str
+) -> None:
     assert tuple(texts(measured)) == MEASURED
     section = page[page.index('id="measured"') : page.index('id="specimen"')]
     for name, text in texts(measured).items():
@@ -82,7 +87,7 @@ def test_the_pictures_of_free_correlation_stand_in_the_page_with_words_for_each(
         assert text.caption in section
 
 
-def test_the_verdict_and_the_gain_come_first(page):
+def test_the_verdict_and_the_gain_come_first(page: str) -> None:
     text = shown(page)
     words = (
         "invented", "Verdict: named",
@@ -95,7 +100,7 @@ def test_the_verdict_and_the_gain_come_first(page):
     assert places == sorted(places)
 
 
-def test_every_cause_stands_in_the_table_with_its_sentence(page):
+def test_every_cause_stands_in_the_table_with_its_sentence(page: str) -> None:
     text = shown(page)
     for cause in LIBRARY:
         assert cause_label(cause.name) in text
@@ -104,7 +109,7 @@ def test_every_cause_stands_in_the_table_with_its_sentence(page):
     assert "load drift over the test +0.140 µN not visible" in text
 
 
-def test_identified_parameters_are_written_with_interval_prior_and_its_share(page):
+def test_identified_parameters_are_written_with_interval_prior_and_its_share(page: str) -> None:
     text = shown(page)
     assert "τ₀ tau0 MPa 40.00 5.6 to 280 21.34 ± 0.12 21.11 to 21.58 &lt; 1 %" in text
     assert "c c GPa 40.00 5.6 to 280 44.1 ± 0.4 43.4 to 44.8 &lt; 1 %" in text
@@ -115,21 +120,21 @@ def test_identified_parameters_are_written_with_interval_prior_and_its_share(pag
     assert "Strongest: c and d (−0.93)." in text
 
 
-def test_what_the_extension_changed_is_told(page):
+def test_what_the_extension_changed_is_told(page: str) -> None:
     text = shown(page)
     assert "τ₀ tau0 MPa 40.00 21.34 ± 0.12 21.34 ± 0.12 0" in text
     assert "ΔU_Y, knot 1 elongation_1 nm 0 30.00 ± 0.20 30.00 ± 0.20 0" in text
     assert "tau0_grain2 1.000 – 1.149 ± 0.004 –" in text
 
 
-def test_the_law_stands_beside_the_verdict_with_its_intervals(page):
+def test_the_law_stands_beside_the_verdict_with_its_intervals(page: str) -> None:
     text = shown(page)
     top = text[: text.index("Can the verdict be trusted?")]
     assert "τ₀ 21.34 ± 0.12 MPa 95 %: 21.11 to 21.58; before the extension 21.34 ± 0.12" in top
     assert "c 44.1 ± 0.4 GPa" in top and "λ" not in top
 
 
-def test_residuals_and_parameters_stand_in_the_form_of_the_literature(page):
+def test_residuals_and_parameters_stand_in_the_form_of_the_literature(page: str) -> None:
     text = shown(page)
     assert "χ_f λ⁺_Y λ⁺_Z λ⁻_Y λ⁻_Z free correlation (DIC) 0.70 – – – – start 4.46 1.00" in text
     assert "identified 4.47 0.970 ± 0.021" in text
@@ -139,30 +144,30 @@ def test_residuals_and_parameters_stand_in_the_form_of_the_literature(page):
     assert "noise alone leaves χ_f = 0.74 here" in text
 
 
-def test_the_budget_stands_in_numbers_under_its_bars(page):
+def test_the_budget_stands_in_numbers_under_its_bars(page: str) -> None:
     text = shown(page)
     assert "noise alone 1.00 0.74 1.00 1.00 free correlation (DIC) 1.01 0.70 – –" in text
     assert "identified model 1.31 4.47 1.60 6.70 extended model 1.02 – 1.03 0.98" in text
 
 
-def test_the_time_is_told_by_stage(page):
+def test_the_time_is_told_by_stage(page: str) -> None:
     text = shown(page)
     assert "mesh 0.5 s &lt; 1 % measure 9.5 s 10 % identify A 20 s 20 %" in text
     assert "identify, the rest 30 s 30 % all 1.7 min 100 %" in text
 
 
-def test_every_figure_has_words_for_those_who_do_not_see_it(page):
+def test_every_figure_has_words_for_those_who_do_not_see_it(page: str) -> None:
     alternatives = re.findall(r'<img src="[^"]*" alt="([^"]*)"', page)
     assert len(alternatives) == len(FIGURES) + len(MEASURED)
     assert all(len(words) > 15 and "<" not in words for words in alternatives)
 
 
-def test_only_files_that_are_there_are_listed(page):
+def test_only_files_that_are_there_are_listed(page: str) -> None:
     assert "diagnosis.json" in page and "mesh_fine.med" in FILES
     assert "mesh_fine.med" not in page
 
 
-def test_without_an_addition_one_model_is_shown(results, tmp_path):
+def test_without_an_addition_one_model_is_shown(results: Results, tmp_path: Path) -> None:
     diagnosis = json.loads((results.results / "diagnosis.json").read_text("utf-8"))
     gain = diagnosis["gain"] | {"share_of_excess_explained": None, "log_bayes_factor": 0.0}
     gain.pop("held_out")
@@ -178,7 +183,7 @@ def test_without_an_addition_one_model_is_shown(results, tmp_path):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_verdict_is_said_in_one_sentence(kind):
+def test_every_verdict_is_said_in_one_sentence(kind: str) -> None:
     sentence = headline(kind, ["load_gain", "section_depth"])
     assert sentence.endswith(".") and "\n" not in sentence
     if kind.startswith(("named", "one of")):
@@ -190,20 +195,26 @@ def test_every_verdict_is_said_in_one_sentence(kind):
     ["mesh.med", "measure.h5", "measure_fields.png", "identify.h5", "diagnosis.json",
      "diagnosis.h5"],
 )  # fmt: skip
-def test_a_missing_result_is_named_in_one_sentence(results, tmp_path, name):
+def test_a_missing_result_is_named_in_one_sentence(
+    results: Results, tmp_path: Path, name: str
+) -> None:
     (results.results / name).unlink()
     with pytest.raises(StageError, match=rf"{name}: found nothing, expected the result of"):
         run_report(results.context(tmp_path / "work"))
 
 
-def test_results_of_another_version_are_refused_with_what_to_do(results, tmp_path):
+def test_results_of_another_version_are_refused_with_what_to_do(
+    results: Results, tmp_path: Path
+) -> None:
     with h5py.File(results.results / "diagnosis.h5", "a") as file:
         del file["after/rho"]
     with pytest.raises(ResultError, match="found no dataset after/rho.*the stage diagnose alone"):
         run_report(results.context(tmp_path / "work"))
 
 
-def test_a_verdict_of_an_earlier_version_is_refused_with_what_to_do(results, tmp_path):
+def test_a_verdict_of_an_earlier_version_is_refused_with_what_to_do(
+    results: Results, tmp_path: Path
+) -> None:
     steps = json.loads((results.results / "diagnosis.json").read_text("utf-8"))["steps"]
     del steps[1]["omnibus"]["together_p"]
     results.edit_diagnosis(steps=steps)
@@ -212,8 +223,8 @@ def test_a_verdict_of_an_earlier_version_is_refused_with_what_to_do(results, tmp
 
 
 def test_what_was_not_examined_and_the_loads_left_out_stand_beside_the_evidence(
-    page, results, tmp_path
-):
+    page: str, results: Results, tmp_path: Path
+) -> None:
     text = shown(page)
     assert "Not examined: fixed pattern; no flats show the pattern." in text
     turns = "EBSD frame turned by half a turn about"
@@ -228,7 +239,9 @@ def test_what_was_not_examined_and_the_loads_left_out_stand_beside_the_evidence(
     assert "Of the library only the causes that the case asks for were tried." in text
 
 
-def test_a_parameter_that_the_identification_did_not_have_was_at_its_null(results, tmp_path):
+def test_a_parameter_that_the_identification_did_not_have_was_at_its_null(
+    results: Results, tmp_path: Path
+) -> None:
     """That of a term of the user's own, installed between identification and diagnosis."""
     with h5py.File(results.results / "identify.h5", "a") as file:
         values = json.loads(file.attrs["all_values"])
@@ -237,13 +250,15 @@ def test_a_parameter_that_the_identification_did_not_have_was_at_its_null(result
     assert read_findings(results.context(tmp_path / "work")).values["tau0_grain2"] == 1.0
 
 
-def test_a_damaged_verdict_is_named_in_one_sentence(results, tmp_path):
+def test_a_damaged_verdict_is_named_in_one_sentence(results: Results, tmp_path: Path) -> None:
     (results.results / "diagnosis.json").write_text("{", "utf-8")
     with pytest.raises(ResultError, match=r"diagnosis.json: found no readable JSON"):
         run_report(results.context(tmp_path / "work"))
 
 
-def test_the_residual_of_pure_noise_is_one_wherever_the_stage_has_moved(results, tmp_path):
+def test_the_residual_of_pure_noise_is_one_wherever_the_stage_has_moved(
+    results: Results, tmp_path: Path
+) -> None:
     rng = np.random.default_rng(0)
     with h5py.File(results.results / "measure.h5", "a") as file:
         motion = np.zeros(file["motion"].shape)
@@ -259,7 +274,7 @@ def test_the_residual_of_pure_noise_is_one_wherever_the_stage_has_moved(results,
     assert rms == pytest.approx(np.ones(len(rms)), abs=0.04)
 
 
-def spline_gain():
+def spline_gain() -> float:
     """Σ h² of the interpolating cubic spline at half a pixel, along one axis.
 
     h is its cardinal function, from the B-spline filter 1/(2/3 + 1/3 cos ω) on the samples.
@@ -270,7 +285,7 @@ def spline_gain():
     return float(np.mean((half / (2 / 3 + np.cos(omega) / 3)) ** 2))
 
 
-def test_the_identified_motion_passes_through_its_knots(written, tmp_path):
+def test_the_identified_motion_passes_through_its_knots(written: Results, tmp_path: Path) -> None:
     findings = read_findings(written.context(tmp_path / "work"))
     at_knots = findings.edges("before")[findings.history.turning]
     assert at_knots[:, 0] == pytest.approx([0.0, 0.030, 0.018, 0.060, 0.042])
@@ -278,13 +293,13 @@ def test_the_identified_motion_passes_through_its_knots(written, tmp_path):
     assert findings.peaks.tolist() == [3, 8]
 
 
-def test_a_frame_that_is_left_out_is_named(page):
+def test_a_frame_that_is_left_out_is_named(page: str) -> None:
     assert "; 7 is unlike its neighbours and not fitted but for the load" in page
 
 
 def test_with_the_knots_held_the_page_shows_the_law_and_how_the_amplitudes_were_found(
-    results, tmp_path
-):
+    results: Results, tmp_path: Path
+) -> None:
     """In the paper's order only the law is free at the end, and only the amplitudes in stage A."""
     with h5py.File(results.results / "identify.h5", "a") as file:
         names = json.loads(file.attrs["names"])
@@ -310,12 +325,14 @@ def test_with_the_knots_held_the_page_shows_the_law_and_how_the_amplitudes_were_
     assert "τ₀ tau0 MPa 40.00 5.6 to 280 21.34 ± 0.12" in text
 
 
-def replaced(file, name, values):
+def replaced(file: h5py.File, name: str, values: FloatArray) -> None:
     del file[name]
     file[name] = values
 
 
-def test_parameters_are_scaled_at_the_constants_of_the_case(results, tmp_path):
+def test_parameters_are_scaled_at_the_constants_of_the_case(
+    results: Results, tmp_path: Path
+) -> None:
     """A back strain saturates at 1/d: the standard deviation of x₀ is told in tenths of it."""
     path = results.folder / "case.toml"
     case = load_case(path)
@@ -325,7 +342,7 @@ def test_parameters_are_scaled_at_the_constants_of_the_case(results, tmp_path):
     assert declared["x0"].scale == pytest.approx(0.1 / material.d)
 
 
-def test_a_flip_of_the_ebsd_frame_is_shown_without_a_parameter():
+def test_a_flip_of_the_ebsd_frame_is_shown_without_a_parameter() -> None:
     flip = FLIPS[0]
     refit = {"log_evidence": 40.0, "chi_load": 1.0, "chi_image": 1.0, "values": {}, "sigma": {}}
     cause = {
