@@ -29,7 +29,7 @@ def test_lines_of_another_program_are_counted_and_left_out(
 
 def test_what_is_kept_is_made_once(tmp_path: Path) -> None:
     path = tmp_path / "it.pickle"
-    assert [kept(path, lambda k=k: k) for k in (1, 2)] == [1, 1]
+    assert [kept(path, lambda: 1), kept(path, lambda: 2)] == [1, 1]
     assert list(tmp_path.iterdir()) == [path]
 
 

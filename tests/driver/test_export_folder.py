@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -93,7 +94,8 @@ def test_a_file_that_no_export_has_written_stays_beside_one(results: Results) ->
     for _ in range(2):
         export_case(results.case_path, results.to, volume=False)
         assert mine.items() <= contents(results.to).items()
-    for options in ({"med": True}, {}):
+    cases: list[dict[str, Any]] = [{"med": True}, {}]
+    for options in cases:
         with pytest.raises(ExportError, match="found a file volume_.* that is no export"):
             export_case(results.case_path, results.to, **options)
     assert mine.items() <= contents(results.to).items()

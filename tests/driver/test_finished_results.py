@@ -11,6 +11,7 @@ from driver import finished_results
 from driver.case import default_case, write_case
 from driver.export import ExportError, export_case
 from driver.results import ResultError
+from meshes.files import read_med
 from meshes.prism_mesh import PrismMesh
 from tests.driver.exported import (
     Results,
@@ -127,11 +128,9 @@ def test_a_damaged_result_is_one_sentence_that_names_its_stage(
 def test_results_that_a_run_replaces_meanwhile_are_not_mixed(
     results: Results, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    read = finished_results.read_med
-
     def replaced(path: Path) -> PrismMesh:
         results.record("mesh", "measure")
-        return read(path)
+        return read_med(path)
 
     monkeypatch.setattr(finished_results, "read_med", replaced)
     with pytest.raises(ExportError, match="found a run that replaces results"):

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -200,7 +200,8 @@ def test_a_bad_term_is_told_where_a_case_is_read(site: Path, tmp_path: Path) -> 
     installed_terms.cache_clear()
     install(site, "TERM = 3", "mine = my_terms:TERM")
     told = "prismid.terms: mine: found int, expected a BoundaryTerm or a ReadingTerm"
-    for begin in (lambda: load_case(path), default_case):
+    begins: list[Callable[[], Case]] = [lambda: load_case(path), default_case]
+    for begin in begins:
         with pytest.raises(InputError) as refused:
             begin()
         assert str(refused.value) == told

@@ -267,6 +267,7 @@ def test_the_extended_case_stands_by_itself(copied: Run) -> None:
     extended = copied.results / "extended.toml"
     case = load_case(extended)
     assert case.extensions == {"stretch_curvature": pytest.approx(CURVATURE, abs=0.01)}
+    assert case.images.frames is not None
     assert case.path(case.images.frames).is_file() and case.path(case.history.file).is_file()
     beside = json.loads((copied.results / "case.schema.json").read_text("utf-8"))
     assert extended.read_text("utf-8").startswith("#:schema ./case.schema.json")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,7 +13,7 @@ from driver.profiles import ConfigError, profile_of
 from solver_adapters.profile import Profile, config_path
 
 
-def case(**entries: object) -> Case:
+def case(**entries: Any) -> Case:
     """A case for the solver "bar" with a profile."""
     plain = default_case()
     profiles = {"bar": ProfileTable(**entries)} if entries else {}

@@ -18,13 +18,15 @@ def test_a_file_that_cannot_be_read_is_one_sentence(
     read: Callable[[Path], object], tmp_path: Path
 ) -> None:
     path = tmp_path / "given.toml"
-    cases = {
+
+    def be_a_folder() -> None:
+        path.unlink()
+        path.mkdir()
+
+    cases: dict[str, Callable[[], object]] = {
         "found nothing, expected": lambda: None,
         "expected a TOML file in UTF-8": lambda: path.write_bytes(b"\xff = 1"),
-        "found “Is a directory”, expected a TOML file that can be read": lambda: (
-            path.unlink(),
-            path.mkdir(),
-        ),
+        "found “Is a directory”, expected a TOML file that can be read": be_a_folder,
     }
     for message, prepare in cases.items():
         prepare()

@@ -20,7 +20,7 @@ def test_the_mesh_stands_once_and_fields_step_after_step(
     mesh, times = BOXES[element](), np.array([0.0, 2.5, 7.0])
     n_points, n_cells = len(mesh.points), len(mesh.cells)
     u = times[:, None, None] * mesh.points
-    total = times[:, None] * np.arange(n_cells)
+    total = times[:, None] * np.arange(n_cells, dtype=float)
     path = tmp_path / "volume.vtkhdf"
     write_vtkhdf(path, mesh, times, {"u": u}, {"total": total})
     with h5py.File(path) as file:

@@ -66,6 +66,7 @@ def test_a_noise_map_weighs_the_pixels(case: Case) -> None:
     tifffile.imwrite(case.path("noise_map.tif"), noise)
     image = built(case, images={"noise_map": "noise_map.tif"}).objective.data.image
     variance = noise[image.images.rows, image.images.cols] ** 2
+    assert image.variance is not None
     np.testing.assert_allclose(image.variance, variance / variance.mean(), rtol=1e-6)
     assert built(case).objective.data.image.variance is None
 

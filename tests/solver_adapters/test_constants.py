@@ -53,16 +53,16 @@ def test_latent_hardening_adds_to_the_interaction_off_its_diagonal() -> None:
 
 
 @pytest.mark.parametrize(
-    ("constants", "expected"),
+    ("material", "expected"),
     [
-        ({"Q": 10.0, "Q_latent": 4.0}, self_and_latent(10.0, 4.0)),
-        ({"Q": 10.0, "h_latent": 0.5, "Q_latent": 4.0}, self_and_latent(10.0, 9.0)),
-        ({"Q": 0.0, "h_latent": 0.5, "Q_latent": 4.0}, self_and_latent(0.0, 4.0)),
-        ({"Q": 0.0, "h_latent": 0.5}, np.zeros((24, 24))),
+        (Material(Q=10.0, Q_latent=4.0), self_and_latent(10.0, 4.0)),
+        (Material(Q=10.0, h_latent=0.5, Q_latent=4.0), self_and_latent(10.0, 9.0)),
+        (Material(Q=0.0, h_latent=0.5, Q_latent=4.0), self_and_latent(0.0, 4.0)),
+        (Material(Q=0.0, h_latent=0.5), np.zeros((24, 24))),
     ],
 )
 def test_Q_and_its_matrix_together_hold_every_latent_hardening(
-    constants: dict[str, float], expected: FloatArray
+    material: Material, expected: FloatArray
 ) -> None:
-    Q, h = isotropic_hardening(Material(**constants))
+    Q, h = isotropic_hardening(material)
     np.testing.assert_allclose(Q * h, expected, rtol=1e-15)

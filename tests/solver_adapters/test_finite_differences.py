@@ -143,7 +143,7 @@ def test_the_runs_beside_repeat_the_steps_of_the_asked_one(
         assert _worst(response.d_force[k], direct.d_force[k]) < 0.01
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Toy:
     """A solver in closed form: force and displacement are exponentials of tau0, linear in c.
 
@@ -262,7 +262,7 @@ def test_what_has_no_effect_is_tried_over_the_widest_step_and_told() -> None:
     )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Rounded(Toy):
     """Answers with six digits, as a result file has them."""
 

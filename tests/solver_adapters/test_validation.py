@@ -145,7 +145,10 @@ BROKEN: list[tuple[Simulation, str]] = [
     (replace(GOOD, tolerance="1e-7"), "tolerance is '1e-7'; expected a number"),  # type: ignore[arg-type]
     (replace(GOOD, accuracy="1"), "accuracy is '1'; expected a number"),  # type: ignore[arg-type]
     *[
-        (replace(GOOD, **{name: list(getattr(GOOD, name))}), f"{name} is a list; expected an array")
+        (
+            replace(GOOD, **{name: list(getattr(GOOD, name))}),  # type: ignore[arg-type]
+            f"{name} is a list; expected an array",
+        )
         for name in (
             "orientations",
             "times",

@@ -59,7 +59,8 @@ def test_the_worked_example_is_installed_as_a_package_and_solves(tmp_path: Path)
     source.mkdir()
     for name, text in example().items():
         (source / name).write_text(text, encoding="utf-8")
-    install = [sys.executable, "-m", "pip", "install", "--no-deps", "--target", target, source]
+    pip = [sys.executable, "-m", "pip"]
+    install = [*pip, "install", "--no-deps", "--target", str(target), str(source)]
     subprocess.run(install, check=True, capture_output=True)
     path = os.pathsep.join([str(target), str(ROOT)])
     used = subprocess.run(

@@ -15,7 +15,7 @@ from driver import specimen
 from driver.case import load_case, write_case
 from driver.design import command
 from driver.design.command import FILES, design
-from driver.design.forecast import Plan
+from driver.design.forecast import Forecast, Plan, whole_forecast
 from driver.errors import InputError
 from solver_adapters.interface import SolverError
 from tests.driver import closed_form
@@ -48,7 +48,8 @@ def write(folder: Path) -> Path:
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any], list[str]]:
     """The results, the record, and what was told."""
-    folder, lines = tmp_path_factory.mktemp("design"), []
+    folder = tmp_path_factory.mktemp("design")
+    lines: list[str] = []
     case = write(folder)
     design(case, folder / "settings.toml", ["test.holds=3"], True, lines.append)
     results = folder / "results"
@@ -159,12 +160,10 @@ def test_no_more_than_the_case_is_asked_without_the_usual_changes(tmp_path: Path
 def test_a_change_that_cannot_be_simulated_costs_no_other(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = command.whole_forecast
-
-    def fails(plan: Plan) -> Any:
+    def fails(plan: Plan) -> Forecast:
         if plan.variant.test.compression:
             raise SolverError("the specimen buckles\nin the second line")
-        return whole(plan)
+        return whole_forecast(plan)
 
     monkeypatch.setattr(command, "whole_forecast", fails)
     lines: list[str] = []

@@ -28,7 +28,7 @@ class PlainData:
     error: float = 0.0
 
     def noise_part(self, rows: FloatArray) -> FloatArray:
-        return rows / np.sqrt(1.0 + self.error)
+        return np.asarray(rows / np.sqrt(1.0 + self.error))
 
 
 def known(

@@ -40,7 +40,7 @@ def test_the_squared_slopes_of_noisy_repeats_are_those_of_the_pattern(tmp_path: 
     case, history = own_case(tmp_path), closed_form.history()
     clean = np.mean(expected_surface(case, Settings(), history).images.gradient ** 2)
     rng = np.random.default_rng(5)
-    row, col = np.indices(closed_form.SHAPE)
+    row, col = np.indices(closed_form.SHAPE, dtype=float)
     x, y = ((a - o) * PIXEL for a, o in zip((row, col), closed_form.ORIGIN, strict=True))
     sigma = np.sqrt(0.25 * clean / SLOPE_GAIN * 2) * PIXEL
     repeats = closed_form.relief(x, y) + sigma * rng.standard_normal((2, *closed_form.SHAPE))

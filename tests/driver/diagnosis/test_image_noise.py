@@ -26,7 +26,7 @@ RECORD = closed_form.height_maps
 
 def uneven(kind: str) -> FloatArray:
     """σ at each pixel over that of the quiet ones."""
-    row, col = np.indices(closed_form.SHAPE)
+    row, col = np.indices(closed_form.SHAPE, dtype=float)
     if kind == "defocus":
         return np.asarray(1.0 + 1.5 * ((col - 24) / 24) ** 2)
     x = (row - closed_form.ORIGIN[0]) * closed_form.PIXEL

@@ -36,7 +36,8 @@ DATA = data()
 def fitted(load: FloatArray, rows: FloatArray = J, held: float = 1e-6) -> Evaluation:
     """What a fit leaves of a whitened load: the law within a prior, knots held by the images."""
     prior = np.repeat([held, WEIGHT], [6, 5])
-    theta = np.linalg.solve(rows @ rows.T + np.diag(prior), rows @ load)
+    solved = np.linalg.solve(rows @ rows.T + np.diag(prior), rows @ load)
+    theta = np.asarray(solved, dtype=np.float64)
     return evaluation(load - theta @ rows, rows, prior, -theta, n_load=T)
 
 

@@ -28,7 +28,7 @@ def data(counted: float) -> Data:
         return motion.ravel()
 
     def noise_part(rows: FloatArray) -> FloatArray:
-        return np.sqrt(1.0 - counted) * rows
+        return np.asarray(np.sqrt(1.0 - counted) * rows)
 
     return cast(Data, SimpleNamespace(change=change, noise_part=noise_part))
 

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from meshes.surface import SurfaceMesh
 from tests.meshes.plane_examples import distorted
 
 FloatArray = NDArray[np.float64]
+Field = Callable[[FloatArray, FloatArray], FloatArray]
 Scene = Callable[..., SurfaceImages]
 PIXEL = 0.11
 NONE = Options(roughness=np.inf, roughness_w=np.inf)
@@ -36,7 +37,9 @@ def arrays(images: SurfaceImages) -> tuple[FloatArray, FloatArray, NDArray[np.bo
     return images.reference_image, np.array([*map(samples, images.frames.coefficients)]), mask
 
 
-def error(found: Correlation, images: SurfaceImages, motion: Any, t: int = 0) -> FloatArray:
+def error(
+    found: Correlation, images: SurfaceImages, motion: Sequence[Field], t: int = 0
+) -> FloatArray:
     """Found less true u, v, w [µm] at the pixels."""
     at = found.system.pixels
     x, y = ((p - o) * PIXEL for p, o in zip((at.rows, at.cols), images.frames.origin, strict=True))
@@ -201,10 +204,11 @@ def test_affine_motions_are_in_equilibrium_and_rigid_ones_cost_no_energy(scene: 
         affine = np.concatenate([0.3 * x - 0.1 * y, 0.2 * x + 0.5 * y, rest])
         turned = np.concatenate([1 - y, x, rest])
         bent = np.concatenate([x**2, np.zeros(n), rest])
-        for penalty, free, costs in (
+        cases: list[tuple[Penalty, FloatArray, FloatArray]] = [
             ("equilibrium_gap", affine, bent),
             ("elastic", turned, affine),
-        ):
+        ]
+        for penalty, free, costs in cases:
             r = penalties(found.basis_uv, found.basis_w, penalty)[0]
             assert free @ (r @ free) < 1e-20 + 1e-12 * (costs @ (r @ costs))
             assert costs @ (r @ costs) > 1e-3

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -17,19 +19,20 @@ FloatArray = NDArray[np.float64]
 SHAPE = (34, 36)
 
 
-def region() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def region() -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Pixels of a rectangle with a hole, away from the mirrored border."""
     inside = np.zeros(SHAPE, dtype=bool)
     inside[12:22, 12:24] = True
     inside[15:17, 16:20] = False
-    return np.nonzero(inside)
+    rows, cols = np.nonzero(inside)
+    return rows, cols
 
 
 def interpolation(row_shift: float, col_shift: float) -> FloatArray:
     """What each pixel of an image adds to its value at the moved pixels, by unit images."""
     rows, cols = region()
-    images = spline_images(np.eye(np.prod(SHAPE)).reshape(-1, *SHAPE), 1.0, (0.0, 0.0))
-    every = np.arange(np.prod(SHAPE))
+    images = spline_images(np.eye(math.prod(SHAPE)).reshape(-1, *SHAPE), 1.0, (0.0, 0.0))
+    every = np.arange(math.prod(SHAPE))
     x, y = rows + row_shift, cols + col_shift
     return images.value(every, np.tile(x, (len(every), 1)), np.tile(y, (len(every), 1))).T
 

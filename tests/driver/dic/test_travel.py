@@ -11,6 +11,7 @@ from driver.dic.series import measure
 from driver.dic.surface_images import SurfaceImages
 from driver.dic.travel import smooth_along_travel, smoothed_motion
 from driver.images.heightmaps import ImageError
+from solver_adapters.interface import FloatArray
 from tests.driver.dic.conftest import PIXEL
 
 Field = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -73,7 +74,9 @@ def test_the_stage_is_not_smoothed_and_the_elongation_scatters_as_stated(scene: 
             lambda x, y: 0 * x * y,
         )
 
-    found, plain, stated, chi = [], [], [], []
+    found: list[FloatArray] = []
+    plain: list[FloatArray] = []
+    stated, chi = [], []
     for seed in range(8):
         images = scene([motion(t) for t in range(len(travel))], noise=0.009, seed=20 + seed)
         measured = measure(images)

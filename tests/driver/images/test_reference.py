@@ -24,8 +24,8 @@ def repeats(n: int, seed: int, shifts: np.ndarray | None = None) -> np.ndarray:
     return np.array([surface(ROW - u, COL - v) for u, v in shifts]) + noise
 
 
-def built(stack: np.ndarray, **options: bool) -> Reference:
-    return build_reference(stack, None, PIXEL, ORIGIN, BOUNDS, **options)
+def built(stack: np.ndarray, mask_dust: bool = True) -> Reference:
+    return build_reference(stack, None, PIXEL, ORIGIN, BOUNDS, mask_dust=mask_dust)
 
 
 def test_the_mean_has_the_noise_of_n_repeats_that_stood_still() -> None:

@@ -115,8 +115,8 @@ def test_the_trench_has_no_height_and_moves_with_the_face(subject: Subject, bits
     stage = np.array([[0.0, 0, 0], [PIXEL, 0, 0]])
     still, moved = frames(camera(bits), cut, stage, np.random.default_rng(0))
     inside = np.abs(np.arange(-7, 8)) <= 5
-    np.testing.assert_array_equal((still > 0).all(axis=1), inside)
-    np.testing.assert_array_equal((moved > 0).all(axis=1), np.roll(inside, 1))
+    np.testing.assert_array_equal((still.astype(float) > 0).all(axis=1), inside)
+    np.testing.assert_array_equal((moved.astype(float) > 0).all(axis=1), np.roll(inside, 1))
     empty, _ = frames(camera(32), cut, stage, np.random.default_rng(0))
     np.testing.assert_array_equal(np.isfinite(empty).all(axis=1), inside)
 

@@ -40,7 +40,8 @@ def experiment(folder: Path, repeats: int) -> Path:
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any], list[str]]:
     """The folder of the results, the record and what was said, of two meshes."""
-    folder, lines = tmp_path_factory.mktemp("floor"), []
+    folder = tmp_path_factory.mktemp("floor")
+    lines: list[str] = []
     case = experiment(folder, 12)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(command, "sizes", lambda images, ratio: (12, 24))

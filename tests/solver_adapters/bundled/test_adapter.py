@@ -241,28 +241,28 @@ def test_recorded_steps_are_taken_again_as_they_were() -> None:
     np.testing.assert_allclose(again.force, first.force, rtol=1e-9)
 
 
-NULLS = {
-    "Q": 0.0,
-    "tau0_112": 1.0,
-    "tau0_grain2": 1.0,
-    "tau0_antitwinning": 1.0,
-    "a1": 0.0,
-    "h_latent": 0.7,  # without Q
-    "Q_latent": 0.0,
-    "c2": 0.0,
-    "d2": 17.0,  # without c2
-    "x0": 0.0,
-    "eigenstrain": 0.0,
-    "skin_tau0": 1.0,
-    "skin_thickness": 0.01,  # without skin_tau0
-    "elastic_scale": 1.0,
-    "C44_scale": 1.0,
-}
+NULLS = Material(
+    Q=0.0,
+    tau0_112=1.0,
+    tau0_grain2=1.0,
+    tau0_antitwinning=1.0,
+    a1=0.0,
+    h_latent=0.7,  # without Q
+    Q_latent=0.0,
+    c2=0.0,
+    d2=17.0,  # without c2
+    x0=0.0,
+    eigenstrain=0.0,
+    skin_tau0=1.0,
+    skin_thickness=0.01,  # without skin_tau0
+    elastic_scale=1.0,
+    C44_scale=1.0,
+)
 
 
 def test_extensions_at_their_null_give_the_baseline_bit_for_bit(measure: StrainMeasure) -> None:
     plain = solve(pulled(box(), Material(strain_measure=measure), HISTORY))
-    general = Material(**NULLS, strain_measure=measure)
+    general = replace(NULLS, strain_measure=measure)
     null = replace(
         pulled(box(), general, HISTORY),
         directions=tuple(Direction(name, material={name: 1.0}) for name in ("c2", "a1", "x0")),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numba
 import pytest
@@ -80,7 +81,8 @@ def test_another_numba_changes_the_hash(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_the_cache_lies_in_a_folder_of_the_hash() -> None:
-    assert Path(numba.config.CACHE_DIR).name == f"kernels-{kernels_hash()}"
+    config: Any = numba.config
+    assert Path(config.CACHE_DIR).name == f"kernels-{kernels_hash()}"
 
 
 def test_a_first_use_is_one_whose_folder_holds_no_compiled_kernel(

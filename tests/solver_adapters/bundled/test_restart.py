@@ -106,7 +106,7 @@ def test_a_checkpoint_of_the_run_fits_it() -> None:
         {"rows": {"force": np.array(["a"] * 5)}},
         {"ends": [0.5]},
         {"instant": replace(checkpoint().instant, u=np.zeros((3, 3)))},
-        {"instant": replace(checkpoint().instant, time=np.zeros(2))},
+        {"instant": replace(checkpoint().instant, time=np.zeros(2))},  # type: ignore[arg-type]
         {"last": {False: replace(checkpoint().last[False], motion=np.zeros(5))}},
         {"last": {True: replace(checkpoint().last[False], slips=np.zeros((1, NS)))}},
     ],

@@ -81,7 +81,11 @@ def test_wedges_in_uniform_strain_answer_as_in_the_bundled_solver(tmp_path: Path
     mesh = replace(mesh, grain=np.zeros_like(mesh.grain))
     gradient = np.array([[-3e-4, 1e-4, 0.0], [0.0, 1e-3, 2e-4], [0.0, 0.0, -4e-4]])
     asked = moved(
-        mesh, OCTAHEDRAL, skin(mesh), lambda t, points: t * points @ gradient.T, 0.2 * np.arange(11)
+        mesh,
+        OCTAHEDRAL,
+        skin(mesh),
+        lambda t, points: t * points @ gradient.T,
+        0.2 * np.arange(11, dtype=float),
     )
     found, expected = both(replace(asked, integration="backward_euler"), tmp_path)
     assert error(found, expected) < 1e-4

@@ -30,7 +30,7 @@ def test_the_deck_says_what_wrote_it() -> None:
 
 
 def test_each_constant_of_the_law_lands_exactly_once() -> None:
-    values = {
+    values: dict[str, Any] = {
         "C11": 211111.0, "C12": 122222.0, "C44": 133333.0, "K": 14.4, "n": 15.5, "c": 46666.0,
         "d": 1777.0, "tau0": 48.8, "Q": 19.9, "b": 31.1,
     }  # fmt: skip
