@@ -64,6 +64,8 @@ def run_diagnose(context: StageContext) -> None:
     objective = saved_objective(bench, identified)
     # One simulation gives the baseline and the sensitivities of every cause.
     wide = objective.evaluate(values, screened(objective.model, free, wanted, own)[1])
+    objective, wide = objective.reading_pattern_along(wide)
+    bench = replace(bench, finer=replace(bench.finer, pattern=objective.model.pattern))
     baseline = Fit(objective.restrict(wide, free), converged, reason, ())
     cycles = bench.experiment.history.cycle
     settings = Settings(

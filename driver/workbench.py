@@ -21,7 +21,6 @@ from driver.identification.lacking import lacking_pixels
 from driver.identification.objective import Objective
 from driver.identification.priors import Prior, prior_of, widths
 from driver.identification.procedure import Plan, start_values
-from driver.images.flatfield import flat_pattern
 from driver.model import ForwardModel
 from driver.specimen import adapter_of, build_model, correlation_meshes, mesh_of, surface_images
 from driver.surface_view import POSE_DECLARATIONS
@@ -112,9 +111,7 @@ def seen_by_correlation(
     """
     experiment = read_experiment(case)
     images = refine_gradient(surface_images(case, experiment), motion)
-    rise = None
-    if experiment.flats is not None:
-        rise = apparent_rise(flat_pattern(experiment.flats).pattern, images, motion)
+    rise = apparent_rise(images, motion)
     lacking = lacking_pixels(images, motion)
     return Seen(experiment, images, motion.mean(axis=1), elongation, tilt, left_out, rise, lacking)
 

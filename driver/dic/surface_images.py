@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from driver.dic.interpolation import SplineImages, spline_images, variance_gain
-from driver.images.flatfield import FlatField, left_over
+from driver.images.flatfield import FlatField, left_over, without_noise
 from driver.images.heightmaps import ImageError, on_surface
 from driver.images.reference import Reference, build_reference, corrected
 from driver.images.region import Bounds, CodeArray
@@ -42,6 +42,7 @@ class SurfaceImages:
         noise_dof: degrees of freedom behind `sigma`.
         sigma_flat: standard error of the flat pattern that was subtracted [µm].
         flat_error: the same at each pixel [µm], shape (rows, cols).
+        flat_pattern: that pattern without its noise [µm], shape (rows, cols), None without flats.
         codes: what becomes of each pixel, values of `Excluded`, shape (rows, cols).
     """
 
@@ -60,6 +61,7 @@ class SurfaceImages:
     noise_dof: int
     sigma_flat: float
     flat_error: FloatArray
+    flat_pattern: FloatArray | None
     codes: CodeArray
 
     @property
@@ -213,6 +215,7 @@ def over_region(
         noise_dof=reference.noise.dof,
         sigma_flat=0.0 if flat is None else flat.sigma,
         flat_error=np.zeros(shape) if flat is None else flat.error,
+        flat_pattern=None if flat is None else without_noise(flat),
         codes=reference.codes,
     )
 

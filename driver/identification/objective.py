@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.fixed_pattern import apparent_rise
 from driver.identification.data import Data
 from driver.identification.paper_chi import PaperChi, paper_chi
 from driver.model import ForwardModel
@@ -59,6 +60,24 @@ class Objective:
         """
         prediction = self.model.predict(values, free)
         return self.compare(prediction, values, free)
+
+    def reading_pattern_along(self, here: Evaluation) -> tuple[Objective, Evaluation]:
+        """The objective that reads the fixed pattern where an evaluation sees the specimen.
+
+        Free correlation knows less well where that is, and errs with the noise of the images.
+
+        Returns:
+            The objective, and what the evaluation is under it.
+        """
+        image = self.data.image
+        if image.images.flat_pattern is None:
+            return self, here
+        moved = here.motion.copy()
+        moved[self.data.index] += np.einsum("tr,rpc->tpc", here.shift, image.rigid)
+        rise = apparent_rise(image.images, moved)
+        there = replace(self, model=replace(self.model, pattern=rise))
+        prediction = there.model.with_pattern(here.prediction, here.values, here.free)
+        return there, there.compare(prediction, here.values, here.free)
 
     def in_steps_of(self, here: Evaluation) -> Objective:
         """The objective whose simulations take the time steps of an evaluation."""
