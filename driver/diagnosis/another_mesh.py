@@ -12,8 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from driver.diagnosis.gate import GATE, Gate
-from driver.diagnosis.omnibus import FAMILY_LEVEL
-from driver.diagnosis.score import Score, significance
+from driver.diagnosis.score import NAMING_LEVEL, Score, significance
 from driver.diagnosis.screening import whitened_difference
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
@@ -48,7 +47,7 @@ def lost_on(
     Raises:
         SolverError: the simulation could not be finished.
     """
-    seen = [s for s in scores if s.p < FAMILY_LEVEL and s.directions.size]
+    seen = [s for s in scores if s.p < NAMING_LEVEL and s.directions.size]
     if not seen or max(s.log_evidence for s in seen) > SURE:
         return None
     log("the finer simulation once more, on another mesh")
@@ -63,6 +62,6 @@ def lost_on(
         )  # fmt: skip
         effects.append(float(np.linalg.norm(moved) / np.sqrt(moved.size)))
         log(f"  {one.cause.name}: moved by {effects[-1]:.1f} σ, p {one.p:.2g} → {p:.2g}")
-        if p < FAMILY_LEVEL or effects[-1] <= GATE:
+        if p < NAMING_LEVEL or effects[-1] <= GATE:
             return None
     return Gate(effects[0], seen[0].cause.name, "mesh", between_meshes=True)

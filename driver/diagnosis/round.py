@@ -15,10 +15,10 @@ from driver.diagnosis.flip_trial import FlipTrial, not_warranted, try_flips
 from driver.diagnosis.gain import is_excess, share_explained
 from driver.diagnosis.gate import Gate
 from driver.diagnosis.noise_causes import COVARIANCE
-from driver.diagnosis.omnibus import FAMILY_LEVEL, Omnibus, omnibus
+from driver.diagnosis.omnibus import Omnibus, omnibus
 from driver.diagnosis.outcome import Log, Settings, Step
 from driver.diagnosis.refit import Crew, Refit, refit_causes, refit_from_afar
-from driver.diagnosis.score import PARALLEL, Score, effects_of, likeness
+from driver.diagnosis.score import NAMING_LEVEL, PARALLEL, Score, effects_of, likeness
 from driver.diagnosis.screening import screen, screened
 from driver.diagnosis.verdict import MOST_ADDITIONS
 from driver.identification.fit import Fit
@@ -80,7 +80,7 @@ def examine(
     trial = FlipTrial()
     lost: Gate | None = None
     widened = float(np.sqrt(variance))
-    if noise is not None and noise.p < FAMILY_LEVEL and stops.effect is not None:
+    if noise is not None and noise.p < NAMING_LEVEL and stops.effect is not None:
         refits = [refit_boundary_noise(stops.effect, here.best, objective, log)]
     elif len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS:
         crew = Crew(settings.processes, settings.threads, log)
@@ -201,7 +201,7 @@ def to_refit(tried: Sequence[Score], most: int) -> list[Score]:
         tried: scores, best log evidence first.
         most: largest number of either, close rivals of the best aside.
     """
-    seen = [s for s in tried if s.p < FAMILY_LEVEL]
+    seen = [s for s in tried if s.p < NAMING_LEVEL]
     if not seen:
         return []
     best = tried[0].log_evidence

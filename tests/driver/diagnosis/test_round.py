@@ -5,9 +5,8 @@ from types import SimpleNamespace
 from typing import cast
 
 from driver.diagnosis.boundary_noise import Stops
-from driver.diagnosis.omnibus import FAMILY_LEVEL
 from driver.diagnosis.round import WORTH, examine, to_refit
-from driver.diagnosis.score import Score
+from driver.diagnosis.score import NAMING_LEVEL, Score
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
 from driver.log import silent
@@ -65,5 +64,5 @@ def test_an_effect_far_beyond_its_prior_is_significant_and_still_not_added() -> 
     objective = replace(objective, parameters=narrow)
     step, winner = examine(baseline, objective, (), TILT, NO_STOPS, None, None, silent)
     (refit,) = step.refits
-    assert step.scores[0].p < FAMILY_LEVEL and 0 < refit.log_evidence < WORTH
+    assert step.scores[0].p < NAMING_LEVEL and 0 < refit.log_evidence < WORTH
     assert winner is None and step.named == ()
