@@ -2,39 +2,56 @@
 
 A mesh errs in its own way, mostly where crystals yield, and so do many causes: on a coarse mesh
 and with many images the error of the finer simulation may look like one of them. On another mesh
-of about that size it is another one, and the mean of both corrections is the better one.
+of about that size it is another one: the mean of both corrections is the better one, and half of
+what they differ by is what each may be off. What is named has both in its value and its σ.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from driver.diagnosis.gate import GATE, Gate
 from driver.diagnosis.score import NAMING_LEVEL, Score, significance
 from driver.diagnosis.screening import whitened_difference
-from driver.identification.fit import Fit
+from driver.identification.data import MeshSpread
+from driver.identification.fit import Fit, fit
 from driver.identification.objective import Objective
 from driver.identification.procedure import correction
 from driver.model import ForwardModel
 
+MOST_ITERATIONS = 8
 SURE = 20.0
 """Log evidence of a score that no mesh takes away: almost 7 σ."""
 
 
-def lost_on(
+@dataclass(frozen=True, eq=False)
+class OnBoth:
+    """What two finer meshes say.
+
+    Attributes:
+        lost: the change that takes every significant score away, None where one of them stays.
+        spread: what they differ by, None where there was no need of another mesh.
+    """
+
+    lost: Gate | None
+    spread: MeshSpread | None
+
+
+def on_another_mesh(
     another: Callable[[], ForwardModel],
     here: Fit,
     objective: Objective,
     scores: Sequence[Score],
     widened: float,
     log: Callable[[str], None],
-) -> Gate | None:
-    """The change that takes every significant score away, None where one of them stays.
+) -> OnBoth:
+    """Hold what is significant against another mesh.
 
-    It stays if it is significant with the mean of both corrections, or if the other mesh moves it
-    by less than the gate allows.
+    A score stays if it is significant with the mean of both corrections, or if the other mesh
+    moves it by less than the gate allows.
 
     Args:
         another: makes the finer model on another mesh.
@@ -48,11 +65,16 @@ def lost_on(
         SolverError: the simulation could not be finished.
     """
     seen = [s for s in scores if s.p < NAMING_LEVEL and s.directions.size]
-    if not seen or max(s.log_evidence for s in seen) > SURE:
-        return None
+    sure = bool(seen) and max(s.log_evidence for s in seen) > SURE
+    if not seen or sure or objective.data.mesh_spread is not None:
+        return OnBoth(None, None)
     log("the finer simulation once more, on another mesh")
     change = correction(objective.model, another(), here, log)
     difference = whitened_difference(objective, change, objective.correction)
+    spread = MeshSpread(
+        0.5 * (np.asarray(change.motion) - objective.correction.motion),
+        0.5 * (np.asarray(change.load) - objective.correction.load),
+    )
     effects = []
     for one in seen:
         moved = one.directions @ difference / widened
@@ -63,5 +85,22 @@ def lost_on(
         effects.append(float(np.linalg.norm(moved) / np.sqrt(moved.size)))
         log(f"  {one.cause.name}: moved by {effects[-1]:.1f} σ, p {one.p:.2g} → {p:.2g}")
         if p < NAMING_LEVEL or effects[-1] <= GATE:
-            return None
-    return Gate(effects[0], seen[0].cause.name, "mesh", between_meshes=True)
+            return OnBoth(None, spread)
+    return OnBoth(Gate(effects[0], seen[0].cause.name, "mesh", between_meshes=True), spread)
+
+
+def with_both(
+    objective: Objective, here: Fit, spread: MeshSpread, log: Callable[[str], None]
+) -> tuple[Objective, Fit]:
+    """The objective with the mean of both corrections and what they differ by, fitted.
+
+    Args:
+        objective: with the correction by the finer model.
+        here: its fit.
+        spread: half of what the other mesh adds.
+        log: takes a line for each iteration.
+    """
+    data = replace(objective.data, mesh_spread=spread)
+    both = replace(objective, data=data, correction=objective.correction.towards(spread))
+    start = both.compare(here.best.prediction, here.values, here.best.free)
+    return both, fit(both, here.values, here.best.free, MOST_ITERATIONS, log, start=start)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.diagnosis.another_mesh import lost_on
+from driver.diagnosis.another_mesh import on_another_mesh, with_both
 from driver.diagnosis.boundary_noise import Stops, refit_boundary_noise, score_boundary_noise
 from driver.diagnosis.causes import NUMERICS, Cause
 from driver.diagnosis.ebsd_flips import FLIPS, flips_of
@@ -85,7 +85,13 @@ def examine(
     elif len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS:
         crew = Crew(settings.processes, settings.threads, log)
         if another is not None:
-            lost = lost_on(another, here, objective, scores, widened, log)
+            both = on_another_mesh(another, here, objective, scores, widened, log)
+            lost = both.lost
+            if lost is None and both.spread is not None:
+                objective, here = with_both(objective, here, both.spread, log)
+                screening = objective.compare(
+                    screening.prediction, screening.values, screening.free
+                )
         if lost is None:
             refits = _refits(scores, screening, here, objective, settings.refit, crew)
             trial = _flips(refits, tests, here.best, objective, added, settings.wanted, crew)

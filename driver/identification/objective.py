@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.fixed_pattern import apparent_rise
-from driver.identification.data import Data
+from driver.identification.data import Data, MeshSpread
 from driver.identification.paper_chi import PaperChi, paper_chi
 from driver.model import ForwardModel
 from driver.prediction import Prediction
@@ -32,6 +32,12 @@ class Correction:
 
     motion: FloatArray | float = 0.0
     load: FloatArray | float = 0.0
+
+    def towards(self, spread: MeshSpread | None) -> Correction:
+        """The mean of this correction by a finer mesh and of that by the other one."""
+        if spread is None:
+            return self
+        return Correction(self.motion + spread.motion, self.load + spread.load)
 
 
 @dataclass(frozen=True, eq=False)

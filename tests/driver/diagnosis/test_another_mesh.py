@@ -23,9 +23,11 @@ FINE = finer(BENCH)
 class ErringMesh(closed_form.ClosedFormSolver):
     """A mesh whose error is a tilt that grows during the test; the mean of both has half of it."""
 
+    drift = 2 * DRIFT
+
     def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
         motion, load = super().answer(simulation)
-        grown = np.linspace(0.0, 2 * DRIFT, len(motion))
+        grown = np.linspace(0.0, self.drift, len(motion))
         x = simulation.mesh.points[simulation.output_nodes, 0]
         motion[..., 2] += grown[:, None] * (x - x.mean())
         return motion, load
@@ -50,6 +52,28 @@ def diagnosed(drift: float, another: ForwardModel) -> tuple[Diagnosis, list[str]
 def test_what_is_there_on_another_mesh_as_well_is_named() -> None:
     found, _ = diagnosed(DRIFT, FINE)
     assert found.verdict.kind == "named" and found.verdict.causes == ("tilt_drift",)
+
+
+class LittleErringMesh(ErringMesh):
+    """The same with a quarter of the effect that is there."""
+
+    drift = 0.5 * DRIFT
+
+
+def test_what_is_named_has_the_mean_of_both_meshes_and_their_difference_in_its_sigma() -> None:
+    little = replace(BENCH.model, adapter=LittleErringMesh(0.001))
+    (one, _), (both, lines) = (diagnosed(DRIFT, mesh) for mesh in (FINE, little))
+    assert one.verdict.causes == both.verdict.causes == ("tilt_drift",)
+    of_one, of_both = (
+        (found.extended.values["tilt_drift"],
+         found.extended.sigma("tilt_drift", found.objective.parameters))
+        for found in (one, both)
+    )  # fmt: skip
+    half = 0.25 * DRIFT
+    # What is weighed less along the difference moves the value by a fraction of its noise.
+    assert abs(of_both[0] - of_one[0] + half) < 0.25 * of_one[1] < 0.25 * half
+    assert of_both[1] ** 2 == pytest.approx(of_one[1] ** 2 + half**2, rel=0.2)
+    assert both.gate.effect < 0.1 and any("moved by" in line for line in lines)
 
 
 def test_what_another_mesh_takes_away_is_not_named_and_a_finer_one_is_asked_for() -> None:
