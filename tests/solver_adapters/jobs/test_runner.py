@@ -134,9 +134,12 @@ def test_what_a_program_leaves_running_is_ended_with_it(tmp_path: Path) -> None:
 
 
 DRIVER = """
+import signal
 import sys
 from pathlib import Path
 from solver_adapters.jobs.runner import Limits, run_program
+# Who starts the tests in the background of a shell has them ignore Ctrl-C, and all they start.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 try:
     run_program(("sh", "-c", sys.argv[2]), Path(sys.argv[1]), Limits(1000.0), {})
 except KeyboardInterrupt:
