@@ -100,8 +100,8 @@ def without_noise(flat: FlatField) -> FloatArray:
     """
     cosines = fft.dctn(flat.pattern, norm="ortho")
     power = ndimage.uniform_filter(cosines**2, _NEIGHBOURS)
-    noise = flat.sigma**2
-    share = np.clip(1.0 - noise / np.maximum(power, noise), 0.0, 1.0)
+    own = np.maximum(power - flat.sigma**2, 0.0)
+    share = np.divide(own, power, out=np.zeros_like(own), where=power > 0)
     return np.asarray(fft.idctn(share * cosines, norm="ortho"))
 
 

@@ -19,7 +19,7 @@ from tests.solver_adapters.boxes import box, pulled
 SCRIPT = """\
 import json, sys
 bar = json.load(open("bar.json"))
-print("a bar of", bar["stiffness"])
+print("a bar of", bar["stiffness"], flush=True)
 json.dump([bar["stiffness"] * u for u in bar["pull"]], open("force.json", "w"))
 open("count", "a").write("x")
 """
