@@ -111,6 +111,8 @@ def _tell(found: Diagnosis, bench: Workbench, log: Log) -> None:
     log(f"verdict: {found.verdict.kind}. {found.verdict.text}")
     for name in added_parameters(found):
         log(f"  {value_told(name, found.extended, bench.objective.parameters)}")
+        if (off := found.off_by_mesh(name)) is not None:
+            log(f"    two finer meshes say {off:.2g} more and less: not in its σ")
     for name, (level, sigma) in found.levels.items():
         log(f"  {name} = {level:.4g} ± {sigma:.2g} {COVARIANCE_PARAMETERS[name].unit}")
     if found.held_out is not None:

@@ -80,6 +80,7 @@ def diagnosis_record(
             "passed": found.gate.passed,
             "needed": found.gate.needed,
             "between_meshes": found.gate.between_meshes,
+            "off_by_mesh": {n: found.off_by_mesh(n) for n in added_parameters(found)},
         },
         "load_noise": {
             "stated_uN": bench.objective.data.load_noise,

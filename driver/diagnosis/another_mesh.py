@@ -3,7 +3,7 @@
 A mesh errs in its own way, mostly where crystals yield, and so do many causes: on a coarse mesh
 and with many images the error of the finer simulation may look like one of them. On another mesh
 of about that size it is another one: the mean of both corrections is the better one, and half of
-what they differ by is what each may be off. What is named has both in its value and its σ.
+what they differ by is what each may be off.
 """
 
 from __future__ import annotations
@@ -16,9 +16,8 @@ import numpy as np
 from driver.diagnosis.gate import GATE, Gate
 from driver.diagnosis.score import NAMING_LEVEL, Score, significance
 from driver.diagnosis.screening import whitened_difference
-from driver.identification.data import MeshSpread
 from driver.identification.fit import Fit, fit
-from driver.identification.objective import Objective
+from driver.identification.objective import Correction, Objective
 from driver.identification.procedure import correction
 from driver.model import ForwardModel
 
@@ -33,11 +32,11 @@ class OnBoth:
 
     Attributes:
         lost: the change that takes every significant score away, None where one of them stays.
-        spread: what they differ by, None where there was no need of another mesh.
+        spread: half of what the other one adds, None where there was no need of it.
     """
 
     lost: Gate | None
-    spread: MeshSpread | None
+    spread: Correction | None
 
 
 def on_another_mesh(
@@ -66,12 +65,12 @@ def on_another_mesh(
     """
     seen = [s for s in scores if s.p < NAMING_LEVEL and s.directions.size]
     sure = bool(seen) and max(s.log_evidence for s in seen) > SURE
-    if not seen or sure or objective.data.mesh_spread is not None:
+    if not seen or sure or objective.spread is not None:
         return OnBoth(None, None)
     log("the finer simulation once more, on another mesh")
     change = correction(objective.model, another(), here, log)
     difference = whitened_difference(objective, change, objective.correction)
-    spread = MeshSpread(
+    spread = Correction(
         0.5 * (np.asarray(change.motion) - objective.correction.motion),
         0.5 * (np.asarray(change.load) - objective.correction.load),
     )
@@ -90,9 +89,9 @@ def on_another_mesh(
 
 
 def with_both(
-    objective: Objective, here: Fit, spread: MeshSpread, log: Callable[[str], None]
+    objective: Objective, here: Fit, spread: Correction, log: Callable[[str], None]
 ) -> tuple[Objective, Fit]:
-    """The objective with the mean of both corrections and what they differ by, fitted.
+    """The objective with the mean of both corrections, fitted.
 
     Args:
         objective: with the correction by the finer model.
@@ -100,7 +99,6 @@ def with_both(
         spread: half of what the other mesh adds.
         log: takes a line for each iteration.
     """
-    data = replace(objective.data, mesh_spread=spread)
-    both = replace(objective, data=data, correction=objective.correction.towards(spread))
+    both = replace(objective, correction=objective.correction.towards(spread), spread=spread)
     start = both.compare(here.best.prediction, here.values, here.best.free)
     return both, fit(both, here.values, here.best.free, MOST_ITERATIONS, log, start=start)

@@ -219,8 +219,7 @@ def _extended(
     change = correction(objective.model, finer, winner.fit, log)
     noise = noise_of_images(winner.fit, objective.data, settings)
     objective = with_correction(objective, noise, change, settings.sizes)
-    spread = objective.data.mesh_spread
-    objective = replace(objective, correction=objective.correction.towards(spread))
+    objective = replace(objective, correction=change.towards(objective.spread))
     free = winner.fit.best.free
     here = fit(objective, winner.fit.values, free, POLISH, log)
     data = objective.data

@@ -69,7 +69,7 @@ def final_fits(
         settings: how the diagnosis is run.
     """
     (baseline, objective), (here, current) = first, last
-    spread = current.data.mesh_spread
+    spread = current.spread
     corrected = objective.correction.towards(spread)
     counted = replace(objective, data=current.data, correction=corrected)
     uncounted = replace(counted, data=replace(counted.data, jitter=objective.data.jitter))

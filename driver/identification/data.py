@@ -28,19 +28,6 @@ BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class MeshSpread:
-    """By how much either of two finer meshes is off their mean: one standard deviation of both.
-
-    Attributes:
-        motion: at the pixels [µm], shape (T_all, n_pix, 3).
-        load: [µN], shape (T_all,).
-    """
-
-    motion: FloatArray
-    load: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class Data:
     """All measurements of a case, or of some of its frames.
 
@@ -53,7 +40,6 @@ class Data:
         with_loads: whether the loads are part of the residual.
         simulation_error: covariance of what mesh and time steps leave wrong, None if neglected.
         left_out: frames whose images are not fitted, outliers of the series; their loads are.
-        mesh_spread: what two finer meshes do not agree in, None where there was one.
         jitter: noise of the boundary motion, None if there is none.
         bad_loads: frames whose loads are not fitted, outliers of the series; their images are.
         load_degrees: degrees of freedom from which γ_F was estimated, infinite if it is known.
@@ -67,7 +53,6 @@ class Data:
     with_loads: bool = True
     simulation_error: SimulationError | None = None
     left_out: tuple[int, ...] = ()
-    mesh_spread: MeshSpread | None = None
     jitter: BoundaryJitter | None = None
     bad_loads: tuple[int, ...] = ()
     load_degrees: float = np.inf
@@ -143,15 +128,12 @@ class Data:
             motion: change of the motion at the pixels [µm], shape (T_all, n_pix, 3).
             load: change of the loads [µN], shape (T_all,).
         """
-        return self._whiten_jitter(self._seen(motion, load))
-
-    def _seen(self, motion: FloatArray, load: FloatArray) -> FloatArray:
         seen = self.index[self.with_image]
         z = self.image.pixel_sensitivity(motion[seen], seen)
         parts = [self._whiten_images(z).ravel()]
         if self.with_loads:
             parts.insert(0, self._whiten_loads(load[self.load_index]))
-        return np.concatenate(parts)
+        return self._whiten_jitter(np.concatenate(parts))
 
     def image_part(self, residual: FloatArray) -> FloatArray:
         """The image part of a residual, of the images that are fitted, shape (T, n_z)."""
@@ -163,30 +145,10 @@ class Data:
         parts = [self._whiten_images(seen).reshape(len(seen), -1)]
         if self.with_loads:
             parts.insert(0, self._whiten_loads(jitter.load[:, self.load_index]))
-        return self._whiten_spread(np.concatenate(parts, axis=1))
-
-    def _whiten_spread(self, white: FloatArray) -> FloatArray:
-        """(I + d dᵀ)^(−1/2) on (..., n), d what two meshes differ by, whitened as the rest."""
-        if self.mesh_spread is None:
-            return white
-        along = self._spread_along
-        return np.asarray(white - np.multiply.outer(white @ along, along))
-
-    @cached_property
-    def _spread_along(self) -> FloatArray:
-        """E with (I + d dᵀ)^(−1/2) = I − e eᵀ, shape (n,)."""
-        assert self.mesh_spread is not None
-        d = self._seen(self.mesh_spread.motion, self.mesh_spread.load)
-        square = float(d @ d)
-        if square == 0.0:
-            return d
-        return np.asarray(np.sqrt((1.0 - 1.0 / np.sqrt(1.0 + square)) / square) * d)
+        return np.concatenate(parts, axis=1)
 
     def _whiten_jitter(self, white: FloatArray) -> FloatArray:
-        """(I + σ_e² G Gᵀ)^(−1/2) on (..., n), with G whitened as the rest; the meshes before."""
-        return self._whiten_stops(self._whiten_spread(white))
-
-    def _whiten_stops(self, white: FloatArray) -> FloatArray:
+        """(I + σ_e² G Gᵀ)^(−1/2) on (..., n), with G whitened as the rest."""
         if self.jitter is None:
             return white
         return np.asarray(white - (white @ self._jitter_root.T) @ self._jitter_root)
@@ -206,9 +168,9 @@ class Data:
     def noise_part(self, rows: FloatArray) -> FloatArray:
         """What measurement noise alone makes of estimates from whitened numbers.
 
-        Whitened numbers have unit covariance, R (I + Σ) Rᵀ with Σ that of the simulation's error
-        and of the noise of the boundary, and R the product of the roots (I + Σ_i)^(−1/2): an
-        estimate e = row · r owes |row R|² of its variance |row|² to the noise of images and loads.
+        Whitened numbers have unit covariance, R (I + Σ) R with Σ that of the simulation's error
+        and of the noise of the boundary, and R = (I + Σ)^(−1/2): an estimate e = row · r owes
+        |row R|² of its variance |row|² to the noise of images and loads.
 
         Args:
             rows: weights of the whitened numbers, shape (k, n).
@@ -216,7 +178,7 @@ class Data:
         Returns:
             row R, shape (k, n).
         """
-        rows = self._whiten_spread(self._whiten_stops(rows))
+        rows = self._whiten_jitter(rows)
         if self.simulation_error is None:
             return rows
         loads, images = rows[:, : self.n_load], rows[:, self.n_load :]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.fixed_pattern import apparent_rise
-from driver.identification.data import Data, MeshSpread
+from driver.identification.data import Data
 from driver.identification.paper_chi import PaperChi, paper_chi
 from driver.model import ForwardModel
 from driver.prediction import Prediction
@@ -33,8 +33,12 @@ class Correction:
     motion: FloatArray | float = 0.0
     load: FloatArray | float = 0.0
 
-    def towards(self, spread: MeshSpread | None) -> Correction:
-        """The mean of this correction by a finer mesh and of that by the other one."""
+    def towards(self, spread: Correction | None) -> Correction:
+        """The mean of this correction by a finer mesh and of that by another one.
+
+        Args:
+            spread: half of what the other one adds, None where there is no other one.
+        """
         if spread is None:
             return self
         return Correction(self.motion + spread.motion, self.load + spread.load)
@@ -49,7 +53,9 @@ class Objective:
         data: the measurements.
         parameters: declarations by name.
         prior: mean (value) and standard deviation (in θ) of the parameters that have a prior.
-        correction: finer minus working prediction.
+        correction: finer minus working prediction, the mean of two where another finer mesh was
+            needed.
+        spread: half of what the second of them adds, None where there is one.
     """
 
     model: ForwardModel
@@ -57,6 +63,7 @@ class Objective:
     parameters: Mapping[str, Parameter]
     prior: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     correction: Correction = Correction()
+    spread: Correction | None = None
 
     def evaluate(self, values: Mapping[str, float], free: Sequence[str]) -> Evaluation:
         """Simulate and compare.

@@ -99,6 +99,7 @@ def added_rows(findings: Findings) -> list[Row]:
         noise = COVARIANCE_PARAMETERS.get(name)
         unit, null = record["unit"], findings.values[name] if noise is None else noise.null
         factor, shown = reading_unit(name, unit)
+        off = findings.diagnosis["numerics"]["off_by_mesh"].get(name)
         rows.append(
             {
                 "label": label(name),
@@ -106,6 +107,7 @@ def added_rows(findings: Findings) -> list[Row]:
                 "value": measure(name, unit, record["value"], record["sigma"]),
                 "null": with_unit(number(factor * null, 4), shown),
                 "sigmas": number(abs(record["value"] - null) / record["sigma"], 2),
+                "off_by_mesh": "" if off is None else with_unit(number(factor * off, 2), shown),
             }
         )
     return rows

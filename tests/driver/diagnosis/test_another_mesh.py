@@ -60,20 +60,22 @@ class LittleErringMesh(ErringMesh):
     drift = 0.5 * DRIFT
 
 
-def test_what_is_named_has_the_mean_of_both_meshes_and_their_difference_in_its_sigma() -> None:
+def test_what_is_named_has_the_mean_of_both_meshes_and_what_either_is_off_is_told() -> None:
     little = replace(BENCH.model, adapter=LittleErringMesh(0.001))
     (one, _), (both, lines) = (diagnosed(DRIFT, mesh) for mesh in (FINE, little))
     assert one.verdict.causes == both.verdict.causes == ("tilt_drift",)
-    of_one, of_both = (
-        (found.extended.values["tilt_drift"],
-         found.extended.sigma("tilt_drift", found.objective.parameters))
-        for found in (one, both)
-    )  # fmt: skip
     half = 0.25 * DRIFT
-    # What is weighed less along the difference moves the value by a fraction of its noise.
-    assert abs(of_both[0] - of_one[0] + half) < 0.25 * of_one[1] < 0.25 * half
-    assert of_both[1] ** 2 == pytest.approx(of_one[1] ** 2 + half**2, rel=0.2)
+    moved = both.extended.values["tilt_drift"] - one.extended.values["tilt_drift"]
+    assert moved == pytest.approx(-half, rel=0.05)
+    assert both.off_by_mesh("tilt_drift") == pytest.approx(half, rel=0.05)
     assert both.gate.effect < 0.1 and any("moved by" in line for line in lines)
+
+
+def test_where_both_meshes_agree_neither_is_off() -> None:
+    found, _ = diagnosed(DRIFT, FINE)
+    assert found.off_by_mesh("tilt_drift") == pytest.approx(0.0, abs=1e-5 * DRIFT)
+    sure, _ = diagnosed(3 * DRIFT, FINE)
+    assert sure.off_by_mesh("tilt_drift") is None
 
 
 def test_what_another_mesh_takes_away_is_not_named_and_a_finer_one_is_asked_for() -> None:

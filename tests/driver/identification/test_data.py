@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from driver.dic.basis import grid_basis
 from driver.dic.interpolation import spline_images
 from driver.dic.surface_images import SurfaceImages
-from driver.identification.boundary_jitter import boundary_jitter
-from driver.identification.data import Data, MeshSpread
+from driver.identification.data import Data
 from driver.identification.image_data import Gauge, build_image_data
 from driver.identification.lacking import lacking_pixels
 from driver.identification.objective import Correction
@@ -295,35 +294,6 @@ def test_the_noise_part_of_a_row_is_the_row_whitened_once_more() -> None:
     part, whole = (np.linalg.norm(r, axis=1) for r in (with_error.noise_part(rows), rows))
     assert np.all(part < whole)
     np.testing.assert_array_equal(plain.noise_part(rows), rows)
-
-
-def test_what_two_meshes_differ_by_has_the_variance_of_noise_and_itself() -> None:
-    """I + d dᵀ: unit variance across d, 1 + |d|² along it."""
-    objective = closed_form.objective(BENCH, BENCH.truth)
-    prediction = BENCH.model.predict(BENCH.truth, ("tau0", "elongation_1", "tilt_2"))
-    rng = np.random.default_rng(4)
-    motion = 1e-3 * rng.standard_normal(prediction.motion.shape)
-    load = rng.standard_normal(prediction.load.shape)
-    plain = objective.data
-    spread = replace(plain, mesh_spread=MeshSpread(motion, load))
-    d = plain.change(motion, load)
-    size = float(np.linalg.norm(d))
-    assert size > 3
-    rows = plain.sensitivity(prediction)
-    expected = rows + np.outer(rows @ d, d) * (1 / np.sqrt(1 + size**2) - 1) / size**2
-    np.testing.assert_allclose(spread.sensitivity(prediction), expected, atol=1e-9)
-    np.testing.assert_allclose(spread.noise_part(rows), expected, atol=1e-9)
-    np.testing.assert_allclose(spread.change(motion, load), d / np.sqrt(1 + size**2), atol=1e-9)
-    before = plain.residual(prediction.motion, prediction.load)[0]
-    after = spread.residual(prediction.motion, prediction.load)[0]
-    expected_drop = (before @ d) ** 2 / (1 + size**2)
-    assert before @ before - after @ after == pytest.approx(expected_drop, rel=1e-6)
-    stops = boundary_jitter(BENCH.model, plain.image, BENCH.truth, 1e-3)
-    noisy = replace(spread, jitter=stops)
-    # The stops are counted in what the meshes leave: (I + d dᵀ)^(−1/2) comes first.
-    assert noisy.effect_of_stops(stops) @ d == pytest.approx(
-        plain.effect_of_stops(stops) @ d / np.sqrt(1 + size**2), rel=1e-6
-    )
 
 
 def test_an_expected_evaluation_needs_no_image() -> None:

@@ -308,7 +308,8 @@ def diagnosis() -> dict[str, Any]:
             "ebsd_flip_x": "nothing calls for it",
             "ebsd_flip_y": "nothing calls for it",
         },
-        "numerics": {"effect_sigma": 0.31, "on": "grain_contrast", "passed": True},
+        "numerics": {"effect_sigma": 0.31, "on": "grain_contrast", "passed": True,
+                     "off_by_mesh": {"tau0_grain2": 0.0072}},
         "baseline": _fitted(),
         "extended": _fitted(copy.deepcopy(added).items()),
         "steps": [
