@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +67,66 @@ def examine(
     """
     candidates, names = screened(objective.model, here.best.free, settings.wanted, settings.own)
     screening = wide if wide is not None else objective.evaluate(here.values, names)
+    seen = _first_order(here, objective, candidates, screening, settings, stops, log)
+    refits: list[Refit] = []
+    trial = FlipTrial()
+    lost: Gate | None = None
+    noise = seen.noise
+    if noise is not None and noise.p < NAMING_LEVEL and stops.effect is not None:
+        refits = [refit_boundary_noise(stops.effect, here.best, objective, log)]
+    elif len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS:
+        crew = Crew(settings.processes, settings.threads, log)
+        if another is not None:
+            both = on_another_mesh(another, here, objective, seen.scores, seen.widened, log)
+            lost = both.lost
+            if lost is None and both.spread is not None:
+                objective, here = with_both(objective, here, both.spread, log)
+                screening = objective.compare(
+                    screening.prediction, screening.values, screening.free
+                )
+                log("  with the mean of both meshes:")
+                seen = _first_order(here, objective, candidates, screening, settings, stops, log)
+        if lost is None:
+            refits = _refits(seen.scores, screening, here, objective, settings.refit, crew)
+            trial = _flips(refits, seen.tests, here.best, objective, added, settings.wanted, crew)
+            refits = _best_of_each([*refits, *trial.refits])
+    scores = sorted([*seen.scores, *trial.scores], key=lambda s: -s.log_evidence)
+    winner = refits[0] if refits and refits[0].log_evidence > WORTH else None
+    named = set_of(winner, refits, scores) if winner is not None else ()
+    chi = here.best.chi_load, here.best.chi_image
+    step = Step(
+        tuple(scores), tuple(refits), named, seen.tests, *chi, seen.widened, trial.untried, lost
+    )  # fmt: skip
+    return step, winner
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What is seen to first order.
+
+    Attributes:
+        scores: of all causes, best log evidence first.
+        widened: by how much the simulation's own error widens them.
+        tests: of the residual against no particular cause.
+        noise: the score of the noise of the boundary, None where it was not looked for.
+    """
+
+    scores: list[Score]
+    widened: float
+    tests: Omnibus
+    noise: Score | None
+
+
+def _first_order(
+    here: Fit,
+    objective: Objective,
+    candidates: Sequence[Cause],
+    screening: Evaluation,
+    settings: Settings,
+    stops: Stops,
+    log: Log,
+) -> _Seen:
+    """Scores and tests of a fit; the best five are told."""
     effects = effects_of(candidates, screening, objective.parameters)
     scores, variance = screen(here, objective, candidates, effects, settings.sizes)
     if variance > 1.0:
@@ -76,34 +137,7 @@ def examine(
         scores = sorted([*scores, noise], key=lambda s: -s.log_evidence)
     for s in scores[:5]:
         log(f"  {s.cause.name}: log evidence {s.log_evidence:+.1f}, p {s.p:.2g}")
-    refits: list[Refit] = []
-    trial = FlipTrial()
-    lost: Gate | None = None
-    widened = float(np.sqrt(variance))
-    if noise is not None and noise.p < NAMING_LEVEL and stops.effect is not None:
-        refits = [refit_boundary_noise(stops.effect, here.best, objective, log)]
-    elif len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS:
-        crew = Crew(settings.processes, settings.threads, log)
-        if another is not None:
-            both = on_another_mesh(another, here, objective, scores, widened, log)
-            lost = both.lost
-            if lost is None and both.spread is not None:
-                objective, here = with_both(objective, here, both.spread, log)
-                screening = objective.compare(
-                    screening.prediction, screening.values, screening.free
-                )
-        if lost is None:
-            refits = _refits(scores, screening, here, objective, settings.refit, crew)
-            trial = _flips(refits, tests, here.best, objective, added, settings.wanted, crew)
-            refits = _best_of_each([*refits, *trial.refits])
-            scores = sorted([*scores, *trial.scores], key=lambda s: -s.log_evidence)
-    winner = refits[0] if refits and refits[0].log_evidence > WORTH else None
-    named = set_of(winner, refits, scores) if winner is not None else ()
-    chi = here.best.chi_load, here.best.chi_image
-    step = Step(
-        tuple(scores), tuple(refits), named, tests, *chi, widened, trial.untried, lost
-    )  # fmt: skip
-    return step, winner
+    return _Seen(scores, float(np.sqrt(variance)), tests, noise)
 
 
 def _flips(
