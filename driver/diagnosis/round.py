@@ -16,7 +16,7 @@ from driver.diagnosis.flip_trial import FlipTrial, not_warranted, try_flips
 from driver.diagnosis.gain import is_excess, share_explained
 from driver.diagnosis.gate import Gate
 from driver.diagnosis.noise_causes import COVARIANCE
-from driver.diagnosis.omnibus import Omnibus, omnibus
+from driver.diagnosis.omnibus import FAMILY_LEVEL, Omnibus, omnibus
 from driver.diagnosis.outcome import Log, Settings, Step
 from driver.diagnosis.refit import Crew, Refit, refit_causes, refit_from_afar
 from driver.diagnosis.score import NAMING_LEVEL, PARALLEL, Score, effects_of, likeness
@@ -72,7 +72,7 @@ def examine(
     trial = FlipTrial()
     lost: Gate | None = None
     noise = seen.noise
-    if noise is not None and noise.p < NAMING_LEVEL and stops.effect is not None:
+    if noise is not None and noise.p < FAMILY_LEVEL and stops.effect is not None:
         refits = [refit_boundary_noise(stops.effect, here.best, objective, log)]
     elif len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS:
         crew = Crew(settings.processes, settings.threads, log)
