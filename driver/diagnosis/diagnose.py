@@ -28,7 +28,13 @@ from driver.diagnosis.noise_causes import (
     NOISE_RATIO,
 )
 from driver.diagnosis.outcome import Diagnosis, Log, Settings, Step
-from driver.diagnosis.preparation import Prepared, noise_of_images, prepared, with_load_noise
+from driver.diagnosis.preparation import (
+    Prepared,
+    loads_taken_back,
+    noise_of_images,
+    prepared,
+    with_load_noise,
+)
 from driver.diagnosis.refit import Refit
 from driver.diagnosis.round import examine
 from driver.diagnosis.score import Score
@@ -79,8 +85,9 @@ def diagnose(
         wide = objective.evaluate(baseline.values, names)
     begin = prepared(baseline, objective, wide, candidates, settings, log)
     stated, uneven = objective.data.load_noise, begin.uneven
+    stops = stops_where_they_pay(begin.baseline.best, begin.objective, stated, settings.wanted)
+    begin = loads_taken_back(begin, stops, log)
     objective = begin.objective
-    stops = stops_where_they_pay(begin.baseline.best, objective, stated, settings.wanted)
     left += begin.left + (() if stops.why is None else (stops.why,))
     for one in left:
         log(f"  {one.cause} is not examined: {one.why}")

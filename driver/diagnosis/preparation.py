@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from driver.diagnosis.boundary_noise import Stops, explains_better
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.examined import NotExamined
 from driver.diagnosis.image_noise import Unevenness, examine_noise
@@ -87,6 +88,29 @@ def prepared(
     known = None if moved else objective.compare(wide.prediction, wide.values, wide.free)
     here = replace(here, best=objective.restrict(here.best, free))
     return Prepared(here, objective, known, bad, uneven, left)
+
+
+def loads_taken_back(begin: Prepared, stops: Stops, log: Log) -> Prepared:
+    """The same with the loads that were left out, where noise of the boundary explains them.
+
+    Args:
+        begin: what screening would begin with.
+        stops: the answers to each stop, if they were computed.
+        log: takes one line of progress.
+    """
+    if stops.effect is None or not begin.bad:
+        return begin
+    objective, here = begin.objective, begin.baseline
+    whole = replace(objective, data=replace(objective.data, bad_loads=()))
+    at = whole.compare(here.best.prediction, here.values, here.best.free)
+    if not explains_better(stops.effect, at, whole.data, [one.frame for one in begin.bad]):
+        return begin
+    log("  the loads that were left out are likelier by a noise of the boundary: taken back")
+    here = _fitted_again(whole, here, log)
+    whole = replace(whole, data=with_load_noise(whole.data, here.best, log))
+    return replace(
+        begin, baseline=_fitted_again(whole, here, log), objective=whole, wide=None, bad=()
+    )
 
 
 def _reweighted(
