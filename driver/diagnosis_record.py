@@ -188,6 +188,7 @@ def _step_record(step: Step, bench: Workbench) -> dict[str, Any]:
         "widened": step.widened,
         "omnibus": _omnibus_record(step.omnibus),
         "named": list(step.named),
+        "left_something": list(step.left_something),
         "causes": [scored(s) for s in step.scores],
     }
 

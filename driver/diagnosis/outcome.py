@@ -67,6 +67,8 @@ class Step:
         widened: by how much the simulation's own error widens the scores.
         untried: flips of the EBSD frame that were not tried in it, and why.
         lost: what another mesh takes away of what was seen, None where nothing.
+        left_something: causes that cannot be told from the one added by their evidence, but that
+            leave what is no noise, where it does not.
     """
 
     scores: tuple[Score, ...]
@@ -78,6 +80,7 @@ class Step:
     widened: float = 1.0
     untried: tuple[NotExamined, ...] = ()
     lost: Gate | None = None
+    left_something: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -100,6 +100,30 @@ def examine(
     return step, winner
 
 
+def at_first_sight(
+    here: Fit, objective: Objective, settings: Settings, stops: Stops, log: Log
+) -> Step:
+    """Screen all causes, and refit none.
+
+    Args:
+        here: the fit that is examined.
+        objective: its objective.
+        settings: how the diagnosis is run.
+        stops: the answers to a noise of the boundary, if they were computed.
+        log: takes one line of progress.
+    """
+    candidates, names = screened(objective.model, here.best.free, settings.wanted, settings.own)
+    screening = objective.evaluate(here.values, names)
+    seen = _first_order(here, objective, candidates, screening, settings, stops, log)
+    chi = here.best.chi_load, here.best.chi_image
+    return Step(tuple(seen.scores), (), (), seen.tests, *chi, seen.widened)
+
+
+def is_settled(step: Step) -> bool:
+    """Whether nothing is left: the tests accept, and no cause is significant."""
+    return step.omnibus.accepted and all(s.p >= NAMING_LEVEL for s in step.scores if s.degrees)
+
+
 @dataclass(frozen=True, eq=False)
 class _Seen:
     """What is seen to first order.

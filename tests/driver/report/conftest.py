@@ -315,11 +315,12 @@ def diagnosis() -> dict[str, Any]:
         "steps": [
             {
                 "chi_load": 6.7, "chi_image": 1.6, "omnibus": found,
-                "named": ["grain_contrast", "family_112"],
+                "named": ["grain_contrast", "family_112"], "left_something": [],
                 "causes": _causes(("grain_contrast", "family_112"), ()),
             },
             {
                 "chi_load": 0.98, "chi_image": 1.03, "omnibus": omnibus, "named": [],
+                "left_something": [],
                 "causes": _causes((), ("grain_contrast",)),
             },
         ],

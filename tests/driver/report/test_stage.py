@@ -351,7 +351,7 @@ def test_a_flip_of_the_ebsd_frame_is_shown_without_a_parameter() -> None:
         "parameters": [], "units": [], "statistic": 90.0, "degrees": 0, "p_family": None,
         "log_evidence": 41.0, "estimate": [], "smallest_visible": [], "refit": refit,
     }  # fmt: skip
-    (row,) = cause_rows({"named": [flip.name], "causes": [cause]}, {})
+    (row,) = cause_rows({"named": [flip.name], "left_something": [], "causes": [cause]}, {})
     assert row["winner"] and row["refit"] == "+40.0" and row["p"] == "–"
     assert [parameter["label"] for parameter in row["parameters"]] == ["–"]
     budget = {"load": 5.0, "basis": 2.0}
