@@ -22,8 +22,6 @@ from driver.identification.procedure import correction
 from driver.model import ForwardModel
 
 MOST_ITERATIONS = 8
-SURE = 20.0
-"""Log evidence of a score that no mesh takes away: almost 7 σ."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,16 +62,11 @@ def on_another_mesh(
         SolverError: the simulation could not be finished.
     """
     seen = [s for s in scores if s.p < NAMING_LEVEL and s.directions.size]
-    sure = bool(seen) and max(s.log_evidence for s in seen) > SURE
-    if not seen or sure or objective.spread is not None:
+    if not seen or objective.spread is not None:
         return OnBoth(None, None)
-    log("the finer simulation once more, on another mesh")
-    change = correction(objective.model, another(), here, log)
-    difference = whitened_difference(objective, change, objective.correction)
-    spread = Correction(
-        0.5 * (np.asarray(change.motion) - objective.correction.motion),
-        0.5 * (np.asarray(change.load) - objective.correction.load),
-    )
+    change = spread(objective.model, another(), here, objective.correction, log)
+    twice = Correction(2.0 * np.asarray(change.motion), 2.0 * np.asarray(change.load))
+    difference = whitened_difference(objective, twice, Correction())
     effects = []
     for one in seen:
         moved = one.directions @ difference / widened
@@ -84,8 +77,35 @@ def on_another_mesh(
         effects.append(float(np.linalg.norm(moved) / np.sqrt(moved.size)))
         log(f"  {one.cause.name}: moved by {effects[-1]:.1f} σ, p {one.p:.2g} → {p:.2g}")
         if p < NAMING_LEVEL or effects[-1] <= GATE:
-            return OnBoth(None, spread)
-    return OnBoth(Gate(effects[0], seen[0].cause.name, "mesh", between_meshes=True), spread)
+            return OnBoth(None, change)
+    return OnBoth(Gate(effects[0], seen[0].cause.name, "mesh", between_meshes=True), change)
+
+
+def spread(
+    working: ForwardModel,
+    another: ForwardModel,
+    here: Fit,
+    known: Correction,
+    log: Callable[[str], None],
+) -> Correction:
+    """Half of what the correction by another finer model has more than the one that is known.
+
+    Args:
+        working: the working model.
+        another: the finer model on another mesh.
+        here: the fit at which both are taken.
+        known: the correction by the one finer model.
+        log: takes one line of progress.
+
+    Raises:
+        SolverError: the simulation could not be finished.
+    """
+    log("the finer simulation once more, on another mesh")
+    change = correction(working, another, here, log)
+    return Correction(
+        0.5 * (np.asarray(change.motion) - known.motion),
+        0.5 * (np.asarray(change.load) - known.load),
+    )
 
 
 def with_both(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from driver.diagnosis.another_mesh import spread
 from driver.diagnosis.boundary_noise import Level, level_again
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.elimination import eliminate
@@ -42,12 +43,19 @@ class Extension:
     of_noise: float
 
 
-def extended(before: Extension, winner: Refit, settings: Settings, log: Log) -> Extension:
+def extended(
+    before: Extension,
+    winner: Refit,
+    another: Callable[[], ForwardModel] | None,
+    settings: Settings,
+    log: Log,
+) -> Extension:
     """The model with a cause added, and without what that makes superfluous.
 
     Args:
         before: the model without it.
         winner: the refit of the cause, from that model.
+        another: makes the finer model on another mesh; None for a simulation without a mesh.
         settings: how the diagnosis is run.
         log: takes one line of progress.
 
@@ -57,7 +65,8 @@ def extended(before: Extension, winner: Refit, settings: Settings, log: Log) -> 
     log(f"added {winner.cause.name}, log evidence {winner.log_evidence:+.1f}")
     causes, of_noise = [*before.causes, winner.cause], before.of_noise
     finer = turned(before.finer, (winner.cause,))
-    here, objective, levels = _fitted(winner, finer, settings, before.levels, log)
+    winner = _corrected(winner, causes, finer, another, settings, log)
+    here, objective, levels = _fitted(winner, before.levels, log)
     if BOUNDARY_NOISE in causes and not levels:
         causes.remove(BOUNDARY_NOISE)
         of_noise = 0.0
@@ -67,24 +76,34 @@ def extended(before: Extension, winner: Refit, settings: Settings, log: Log) -> 
     return Extension(here, objective, finer, tuple(causes), levels, of_noise)
 
 
-def _fitted(
+def _corrected(
     winner: Refit,
+    causes: Sequence[Cause],
     finer: ForwardModel,
+    another: Callable[[], ForwardModel] | None,
     settings: Settings,
-    levels: Mapping[str, Level],
     log: Log,
+) -> Refit:
+    """The refit with the correction at its end, by both meshes where it had both."""
+    objective, here = winner.objective, winner.fit
+    log("finer mesh and steps at the extended model")
+    change = correction(objective.model, finer, here, log)
+    noise = noise_of_images(here, objective.data, settings)
+    objective = with_correction(objective, noise, change, settings.sizes)
+    if objective.spread is not None and another is not None:
+        half = spread(objective.model, turned(another(), causes), here, change, log)
+        objective = replace(objective, correction=change.towards(half), spread=half)
+    return replace(winner, objective=objective)
+
+
+def _fitted(
+    winner: Refit, levels: Mapping[str, Level], log: Log
 ) -> tuple[Fit, Objective, dict[str, Level]]:
-    """The extended model with its own correction and noise, fitted, and the level of the latter.
+    """The extended model fitted with its own noise, and the level of the latter.
 
     A load that was left out and that the extended model explains is taken back.
     """
-    objective = winner.objective
-    log("finer mesh and steps at the extended model")
-    change = correction(objective.model, finer, winner.fit, log)
-    noise = noise_of_images(winner.fit, objective.data, settings)
-    objective = with_correction(objective, noise, change, settings.sizes)
-    objective = replace(objective, correction=change.towards(objective.spread))
-    free = winner.fit.best.free
+    objective, free = winner.objective, winner.fit.best.free
     here = fit(objective, winner.fit.values, free, POLISH, log)
     data = objective.data
     if data.bad_loads:

@@ -62,11 +62,12 @@ def rounds(
         )
         known = None
         if winner is None and steps and not step.omnibus.accepted:
-            return _by_a_rival(before, Rounds(here, (*steps, step)), stops, settings, log)
+            ended = Rounds(here, (*steps, step))
+            return _by_a_rival(before, ended, another, stops, settings, log)
         steps.append(step)
         if winner is None or len(steps) > MOST_STEPS:
             return Rounds(here, tuple(steps))
-        before, here = here, extended(here, winner, settings, log)
+        before, here = here, extended(here, winner, another, settings, log)
 
 
 def _turned(another: Callable[[], ForwardModel], here: Extension) -> ForwardModel:
@@ -74,7 +75,12 @@ def _turned(another: Callable[[], ForwardModel], here: Extension) -> ForwardMode
 
 
 def _by_a_rival(
-    before: Extension, ended: Rounds, stops: Stops, settings: Settings, log: Log
+    before: Extension,
+    ended: Rounds,
+    another: Callable[[], ForwardModel] | None,
+    stops: Stops,
+    settings: Settings,
+    log: Log,
 ) -> Rounds:
     """The last addition exchanged for one that cannot be told from it, where that leaves nothing.
 
@@ -84,6 +90,7 @@ def _by_a_rival(
     Args:
         before: the model before the last addition.
         ended: the rounds, the last of which finds that something is left, and nothing to add.
+        another: makes the finer model on another mesh; None for a simulation without a mesh.
         stops: the answers to a noise of the boundary, if they were computed.
         settings: how the diagnosis is run.
         log: takes one line of progress.
@@ -96,7 +103,7 @@ def _by_a_rival(
         if name not in last.named:
             continue
         log(f"something is left by {last.named[0]}: {name} in its place")
-        tried = extended(before, rival, settings, log)
+        tried = extended(before, rival, another, settings, log)
         seen = at_first_sight(tried.fit, tried.objective, settings, stops, log)
         if is_settled(seen):
             found.append((tried, seen))

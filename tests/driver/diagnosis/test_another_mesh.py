@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from driver.diagnosis.diagnose import diagnose
 from driver.diagnosis.outcome import Diagnosis
+from driver.log import silent
 from driver.model import ForwardModel
 from solver_adapters.interface import Simulation
 from tests.driver import closed_form
@@ -16,6 +17,7 @@ from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
 FloatArray = NDArray[np.float64]
 
 DRIFT = 4e-4
+WANTED = replace(SETTINGS, wanted=("tilt_drift",))
 BENCH = closed_form.bench()
 FINE = finer(BENCH)
 
@@ -40,10 +42,9 @@ def diagnosed(drift: float, another: ForwardModel) -> tuple[Diagnosis, list[str]
     """The diagnosis of a test with so much drift."""
     made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": drift})
     objective, baseline = identified(BENCH, made)
-    settings = replace(SETTINGS, wanted=("tilt_drift",))
     lines: list[str] = []
     found = diagnose(
-        baseline, objective, FINE, BENCH.history.cycle, settings, lines.append, None,
+        baseline, objective, FINE, BENCH.history.cycle, WANTED, lines.append, None,
         lambda: another,
     )  # fmt: skip
     return found, lines
@@ -71,11 +72,10 @@ def test_what_is_named_has_the_mean_of_both_meshes_and_what_either_is_off_is_tol
     assert both.gate.effect < 0.1 and any("moved by" in line for line in lines)
 
 
-def test_where_both_meshes_agree_neither_is_off() -> None:
-    found, _ = diagnosed(DRIFT, FINE)
-    assert found.off_by_mesh("tilt_drift") == pytest.approx(0.0, abs=1e-5 * DRIFT)
-    sure, _ = diagnosed(3 * DRIFT, FINE)
-    assert sure.off_by_mesh("tilt_drift") is None
+@pytest.mark.parametrize("size", [DRIFT, 3 * DRIFT])
+def test_where_both_meshes_agree_neither_is_off(size: float) -> None:
+    found, _ = diagnosed(size, FINE)
+    assert found.off_by_mesh("tilt_drift") == pytest.approx(0.0, abs=1e-5 * size)
 
 
 def test_what_another_mesh_takes_away_is_not_named_and_a_finer_one_is_asked_for() -> None:
@@ -96,7 +96,24 @@ def test_without_a_finding_no_other_mesh_is_tried() -> None:
     assert not any("another mesh" in line for line in lines)
 
 
-def test_what_no_mesh_takes_away_needs_no_other_mesh() -> None:
-    found, lines = diagnosed(3 * DRIFT, ERRING)
+def test_what_no_mesh_takes_away_is_named_with_the_mean_of_both_as_well() -> None:
+    found, _ = diagnosed(4 * DRIFT, ERRING)
     assert found.verdict.kind == "named"
-    assert not any("another mesh" in line for line in lines)
+    # Of the two finer meshes one sees all of it, and the other one half of it.
+    assert found.extended.values["tilt_drift"] == pytest.approx(3 * DRIFT, rel=0.1)
+    assert found.off_by_mesh("tilt_drift") == pytest.approx(DRIFT, rel=0.1)
+
+
+def test_what_the_meshes_differ_by_is_taken_at_the_extended_model() -> None:
+    """A mesh that errs as long as the cause is not in the model, and no more when it is."""
+    meshes = [replace(BENCH.model, adapter=LittleErringMesh(0.001)), FINE]
+    made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": DRIFT})
+    objective, baseline = identified(BENCH, made)
+    found = diagnose(
+        baseline, objective, FINE, BENCH.history.cycle, WANTED, silent, None, lambda: meshes.pop(0)
+    )
+    assert found.verdict.causes == ("tilt_drift",) and not meshes
+    assert found.off_by_mesh("tilt_drift") == pytest.approx(0.0, abs=1e-5 * DRIFT)
+    agreeing, _ = diagnosed(DRIFT, FINE)
+    value = agreeing.extended.values["tilt_drift"]
+    assert found.extended.values["tilt_drift"] == pytest.approx(value, rel=1e-3)
