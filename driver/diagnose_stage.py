@@ -13,6 +13,7 @@ from driver.case import Case, CaseError, schema_text, write_case
 from driver.design.telling import Telling, advice, most_telling
 from driver.diagnosis.diagnose import diagnose
 from driver.diagnosis.ebsd_flips import FLIPS
+from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.noise_causes import COVARIANCE_PARAMETERS, NOISE_RATIO
 from driver.diagnosis.outcome import Diagnosis, Log, Settings
 from driver.diagnosis.own_causes import own_causes
@@ -79,8 +80,8 @@ def run_diagnose(context: StageContext) -> None:
         own=own,
     )
     found = diagnose(
-        baseline, objective, bench.finer, cycles, settings, context.log, wide,
-        lambda: on_another_mesh(case, bench),
+        baseline, objective, FinerMeshes(bench.finer, lambda: on_another_mesh(case, bench)),
+        cycles, settings, context.log, wide,
     )  # fmt: skip
     telling = _telling(found, context, bench)
     if telling:
@@ -112,7 +113,9 @@ def _tell(found: Diagnosis, bench: Workbench, log: Log) -> None:
     for name in added_parameters(found):
         log(f"  {value_told(name, found.extended, bench.objective.parameters)}")
         if (off := found.off_by_mesh(name)) is not None:
-            log(f"    two finer meshes say {off:.2g} more and less: not in its σ")
+            unit = bench.objective.parameters[name].unit
+            told = f"{off:.2g} {unit}" if unit else f"{off:.2g}"
+            log(f"    either of two finer meshes alone would put it off by {told}: not in its σ")
     for name, (level, sigma) in found.levels.items():
         log(f"  {name} = {level:.4g} ± {sigma:.2g} {COVARIANCE_PARAMETERS[name].unit}")
     if found.held_out is not None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from driver.boundary import LAMBDAS
 from driver.case import Case
@@ -31,7 +32,10 @@ BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 
 BUNDLED = "bundled"
-_OTHER_SIZE = 0.93  # element size of the other finer mesh over the stated one
+_OTHER_SIZES = (0.93, 0.9, 0.87, 0.84, 0.8, 0.75)
+"""Element sizes of the other finer mesh over the stated one, the first that does."""
+_COMMON = 0.2  # share of its nodes that it may have in common with the stated one
+_SAME = 0.02  # element sizes between two nodes that are as good as the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,9 +121,19 @@ def seen_by_correlation(
 
 
 def on_another_mesh(case: Case, bench: Workbench) -> ForwardModel:
-    """The finer model on a mesh of about the same size of which no inner node is the same."""
-    finer, history = bench.finer, bench.experiment.history
-    mesh = mesh_of(case, _OTHER_SIZE * case.specimen.fine_mesh_size)
+    """The finer model on a mesh of little smaller elements that has few nodes in common with it.
+
+    Numbers of elements along an edge are whole: meshes of nearly the same size may be the same.
+
+    Raises:
+        InputError: the prism cannot be meshed with such elements.
+    """
+    finer, history, size = bench.finer, bench.experiment.history, case.specimen.fine_mesh_size
+    nodes = cKDTree(finer.microstructure.mesh.points)
+    for share in _OTHER_SIZES:
+        mesh = mesh_of(case, share * size)
+        if np.mean(nodes.query(mesh.points)[0] < _SAME * size) <= _COMMON:
+            break
     other = build_model(
         case, mesh, history, bench.images.xy, finer.adapter, finer.steps_per_interval,
         finer.workspace,

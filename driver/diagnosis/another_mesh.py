@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from driver.diagnosis.causes import NUMERICS
+from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.gate import GATE, Gate
 from driver.diagnosis.score import NAMING_LEVEL, Score, significance
 from driver.diagnosis.screening import whitened_difference
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Correction, Objective
-from driver.identification.procedure import correction
-from driver.model import ForwardModel
 
 MOST_ITERATIONS = 8
 
@@ -30,95 +30,79 @@ class OnBoth:
 
     Attributes:
         lost: the change that takes every significant score away, None where one of them stays.
-        spread: half of what the other one adds, None where there was no need of it.
+        first: the correction by the finer mesh at the fit.
+        spread: half of what the other one adds.
     """
 
     lost: Gate | None
-    spread: Correction | None
+    first: Correction
+    spread: Correction
 
 
-def on_another_mesh(
-    another: Callable[[], ForwardModel],
+def held_against_both(
+    finer: FinerMeshes,
     here: Fit,
     objective: Objective,
     scores: Sequence[Score],
     widened: float,
     log: Callable[[str], None],
-) -> OnBoth:
+) -> OnBoth | None:
     """Hold what is significant against another mesh.
 
     A score stays if it is significant with the mean of both corrections, or if the other mesh
     moves it by less than the gate allows.
 
     Args:
-        another: makes the finer model on another mesh.
+        finer: the finer models.
         here: the fit.
         objective: its objective, with the correction by the finer model.
         scores: of all causes at the fit.
         widened: by how much the simulation's own error widens them.
         log: takes one line of progress.
 
+    Returns:
+        None where nothing is significant, the objective has both meshes already, or there is no
+        other one.
+
     Raises:
-        SolverError: the simulation could not be finished.
+        SolverError: the finer simulation could not be finished.
     """
-    seen = [s for s in scores if s.p < NAMING_LEVEL and s.directions.size]
-    if not seen or objective.spread is not None:
-        return OnBoth(None, None)
-    change = spread(objective.model, another(), here, objective.correction, log)
-    twice = Correction(2.0 * np.asarray(change.motion), 2.0 * np.asarray(change.load))
-    difference = whitened_difference(objective, twice, Correction())
+    seen = [s for s in scores if s.p < NAMING_LEVEL and s.directions.size and s.cause != NUMERICS]
+    if not seen or objective.spread is not None or finer.another is None:
+        return None
+    log("finer mesh and steps at this fit")
+    first, spread = finer.corrections(objective.model, here, True, log)
+    if spread is None:
+        return None
+    both = whitened_difference(objective, first.mean_with(spread), objective.correction)
+    half = whitened_difference(objective, spread, Correction())
     effects = []
     for one in seen:
-        moved = one.directions @ difference / widened
         p = significance(
-            one.cause, one.components - 0.5 * moved, one.directions, here.best, len(scores),
-            objective.data.load_degrees,
+            one.cause, one.components - one.directions @ both / widened, one.directions, here.best,
+            len(scores), objective.data.load_degrees,
         )  # fmt: skip
+        moved = 2.0 * one.directions @ half / widened
         effects.append(float(np.linalg.norm(moved) / np.sqrt(moved.size)))
         log(f"  {one.cause.name}: moved by {effects[-1]:.1f} σ, p {one.p:.2g} → {p:.2g}")
         if p < NAMING_LEVEL or effects[-1] <= GATE:
-            return OnBoth(None, change)
-    return OnBoth(Gate(effects[0], seen[0].cause.name, "mesh", between_meshes=True), change)
-
-
-def spread(
-    working: ForwardModel,
-    another: ForwardModel,
-    here: Fit,
-    known: Correction,
-    log: Callable[[str], None],
-) -> Correction:
-    """Half of what the correction by another finer model has more than the one that is known.
-
-    Args:
-        working: the working model.
-        another: the finer model on another mesh.
-        here: the fit at which both are taken.
-        known: the correction by the one finer model.
-        log: takes one line of progress.
-
-    Raises:
-        SolverError: the simulation could not be finished.
-    """
-    log("the finer simulation once more, on another mesh")
-    change = correction(working, another, here, log)
-    return Correction(
-        0.5 * (np.asarray(change.motion) - known.motion),
-        0.5 * (np.asarray(change.load) - known.load),
-    )
+            return OnBoth(None, first, spread)
+    lost = Gate(effects[0], seen[0].cause.name, "mesh", between_meshes=True)
+    return OnBoth(lost, first, spread)
 
 
 def with_both(
-    objective: Objective, here: Fit, spread: Correction, log: Callable[[str], None]
+    objective: Objective, here: Fit, both: OnBoth, log: Callable[[str], None]
 ) -> tuple[Objective, Fit]:
     """The objective with the mean of both corrections, fitted.
 
     Args:
         objective: with the correction by the finer model.
         here: its fit.
-        spread: half of what the other mesh adds.
+        both: what two finer meshes say.
         log: takes a line for each iteration.
     """
-    both = replace(objective, correction=objective.correction.towards(spread), spread=spread)
-    start = both.compare(here.best.prediction, here.values, here.best.free)
-    return both, fit(both, here.values, here.best.free, MOST_ITERATIONS, log, start=start)
+    mean = both.first.mean_with(both.spread)
+    objective = replace(objective, correction=mean, spread=both.spread)
+    start = objective.compare(here.best.prediction, here.values, here.best.free)
+    return objective, fit(objective, here.values, here.best.free, MOST_ITERATIONS, log, start=start)

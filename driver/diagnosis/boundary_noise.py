@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from driver.diagnosis.examined import NotExamined
-from driver.diagnosis.fast_loads import FEWEST, fast_loads
+from driver.diagnosis.fast_loads import FEWEST, LEFT, fast_loads
 from driver.diagnosis.noise_causes import BOUNDARY_NOISE, SIGMA_E
 from driver.diagnosis.omnibus import FAMILY_LEVEL
 from driver.diagnosis.refit import MOST_ITERATIONS, TOLERANCE, Refit
@@ -156,14 +156,15 @@ def explains_better(
         data: its data.
         frames: of the loads in question.
     """
-    fast = fast_loads(whole)
+    # In the space in which they were found to be errors.
+    fast = fast_loads(whole, LEFT)
     y, m = fast.residual, fast.residual.size
     single = np.eye(whole.n_load)[np.isin(data.load_index, frames)]
     across = _complement(fast.of(data.load_changes(data.load_noise * single)))
     off = y @ across
     choice = 0.5 * np.log(m)
     of_errors = 0.5 * m * np.log(float(y @ y) / float(off @ off))
-    of_errors -= len(frames) * (choice + np.log(whole.n_load))
+    of_errors = max(of_errors - len(frames) * (choice + np.log(whole.n_load)), 0.0)
     found = component(fast.of(data.effect_of_stops(stops)), y)
     return bool(0.5 * found.ratio - choice > of_errors + _CLEAR)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from driver.diagnosis.boundary_noise import stops_where_they_pay
 from driver.diagnosis.ebsd_flips import flips_of
 from driver.diagnosis.examined import NotExamined, not_examined
 from driver.diagnosis.final_fits import final_fits
+from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.gain import log_evidence, share_described, share_explained
 from driver.diagnosis.gate import gate
 from driver.diagnosis.image_noise import with_uneven_noise
@@ -32,34 +33,29 @@ from driver.diagnosis.screening import honoured, parameters_of_the_specimen, scr
 from driver.diagnosis.verdict import decide
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
-from driver.model import ForwardModel
 
 IntArray = NDArray[np.int64]
-
-MOST_STEPS = 5  # rounds, where elimination keeps taking back what was added
 
 
 def diagnose(
     baseline: Fit,
     objective: Objective,
-    finer: ForwardModel,
+    finer: FinerMeshes,
     cycles: IntArray,
     settings: Settings,
     log: Log,
     wide: Evaluation | None = None,
-    another: Callable[[], ForwardModel] | None = None,
 ) -> Diagnosis:
     """Find out what the baseline gets wrong.
 
     Args:
         baseline: converged fit with the correction.
         objective: its objective.
-        finer: the finer model behind the correction.
+        finer: the finer models behind the correction.
         cycles: number of the cycle of each image, shape (T,).
         settings: how to run.
         log: takes one line of progress.
         wide: evaluation at the baseline with the parameters of `screened` free, if known.
-        another: makes the finer model on another mesh; None for a simulation without a mesh.
 
     Raises:
         SolverError: the model cannot be evaluated at the baseline.
@@ -75,23 +71,22 @@ def diagnose(
     begin = prepared(baseline, objective, wide, candidates, settings, log)
     stated, uneven = objective.data.load_noise, begin.uneven
     stops = stops_where_they_pay(begin.baseline.best, begin.objective, stated, settings.wanted)
-    begin = loads_taken_back(begin, stops, log)
-    objective = begin.objective
+    begin = loads_taken_back(begin, stops, candidates, names, log)
     left += begin.left + (() if stops.why is None else (stops.why,))
     for one in left:
         log(f"  {one.cause} is not examined: {one.why}")
-    found = rounds(begin, finer, another, stops, settings, log)
-    end, steps = found.end, list(found.steps)
-    here, current, finer = end.fit, end.objective, end.finer
+    found = rounds(begin, finer, stops, settings, log)
+    first, end, steps = found.begin, found.end, list(found.steps)
+    here, current, last = end.fit, end.objective, end.finer.one
     causes, levels = list(end.causes), dict(end.levels)
     if uneven is not None:
         steps = [_with_score(step, uneven.score) for step in steps]
     log("the correction once more, and the held-out cycle predicted from the others")
     final = final_fits(
-        (begin.baseline, objective), (here, current), causes, finer, cycles, settings
+        (first.fit, first.objective), (here, current), causes, last, cycles, settings
     )
     added = [n for cause in causes if cause not in COVARIANCE for n in cause.parameters]
-    passed = gate(current, here, final.fresh, finer, steps[-1].scores, added)
+    passed = gate(current, here, final.fresh, last, steps[-1].scores, added)
     lost = steps[-1].lost
     if lost is not None and not causes:
         passed = lost
@@ -115,7 +110,7 @@ def diagnose(
         causes = [NOISE_NOT_UNIFORM, *causes]
         levels |= {NOISE_RATIO.name: (uneven.ratio, uneven.sigma)}
     return Diagnosis(
-        baseline=begin.baseline,
+        baseline=first.fit,
         extended=here,
         objective=current,
         bad_loads=tuple(one for one in begin.bad if one.frame in current.data.bad_loads),

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from driver.diagnosis.another_mesh import spread
 from driver.diagnosis.boundary_noise import Level, level_again
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.elimination import eliminate
 from driver.diagnosis.final_fits import POLISH
-from driver.diagnosis.flip_trial import turned
+from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.loads import bad_loads
 from driver.diagnosis.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.outcome import Log, Settings
@@ -18,8 +17,7 @@ from driver.diagnosis.preparation import noise_of_images, with_load_noise
 from driver.diagnosis.refit import Refit
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Objective
-from driver.identification.procedure import correction, with_correction
-from driver.model import ForwardModel
+from driver.identification.procedure import with_correction
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +27,7 @@ class Extension:
     Attributes:
         fit: the fit.
         objective: its objective.
-        finer: the finer model, its orientations those of the fit.
+        finer: the finer models, their orientations those of the fit.
         causes: the causes that were added and are still needed.
         levels: of the noise that was named its level and the standard deviation of it.
         of_noise: log evidence of that noise.
@@ -37,35 +35,27 @@ class Extension:
 
     fit: Fit
     objective: Objective
-    finer: ForwardModel
+    finer: FinerMeshes
     causes: tuple[Cause, ...]
     levels: Mapping[str, Level]
     of_noise: float
 
 
-def extended(
-    before: Extension,
-    winner: Refit,
-    another: Callable[[], ForwardModel] | None,
-    settings: Settings,
-    log: Log,
-) -> Extension:
+def extended(before: Extension, winner: Refit, settings: Settings, log: Log) -> Extension:
     """The model with a cause added, and without what that makes superfluous.
 
     Args:
         before: the model without it.
         winner: the refit of the cause, from that model.
-        another: makes the finer model on another mesh; None for a simulation without a mesh.
         settings: how the diagnosis is run.
         log: takes one line of progress.
 
     Raises:
         SolverError: the simulation could not be finished.
     """
-    log(f"added {winner.cause.name}, log evidence {winner.log_evidence:+.1f}")
     causes, of_noise = [*before.causes, winner.cause], before.of_noise
-    finer = turned(before.finer, (winner.cause,))
-    winner = _corrected(winner, causes, finer, another, settings, log)
+    finer = before.finer.turned((winner.cause,))
+    winner = _corrected(winner, finer, settings, log)
     here, objective, levels = _fitted(winner, before.levels, log)
     if BOUNDARY_NOISE in causes and not levels:
         causes.remove(BOUNDARY_NOISE)
@@ -76,23 +66,15 @@ def extended(
     return Extension(here, objective, finer, tuple(causes), levels, of_noise)
 
 
-def _corrected(
-    winner: Refit,
-    causes: Sequence[Cause],
-    finer: ForwardModel,
-    another: Callable[[], ForwardModel] | None,
-    settings: Settings,
-    log: Log,
-) -> Refit:
+def _corrected(winner: Refit, finer: FinerMeshes, settings: Settings, log: Log) -> Refit:
     """The refit with the correction at its end, by both meshes where it had both."""
     objective, here = winner.objective, winner.fit
     log("finer mesh and steps at the extended model")
-    change = correction(objective.model, finer, here, log)
+    both = objective.spread is not None
+    change, spread = finer.corrections(objective.model, here, both, log)
     noise = noise_of_images(here, objective.data, settings)
     objective = with_correction(objective, noise, change, settings.sizes)
-    if objective.spread is not None and another is not None:
-        half = spread(objective.model, turned(another(), causes), here, change, log)
-        objective = replace(objective, correction=change.towards(half), spread=half)
+    objective = replace(objective, correction=change.mean_with(spread), spread=spread)
     return replace(winner, objective=objective)
 
 

@@ -70,8 +70,9 @@ def final_fits(
     """
     (baseline, objective), (here, current) = first, last
     spread = current.spread
-    corrected = objective.correction.towards(spread)
-    counted = replace(objective, data=current.data, correction=corrected)
+    if objective.spread is None:  # the other mesh was asked for in a later round
+        objective = replace(objective, correction=objective.correction.mean_with(spread))
+    counted = replace(objective, data=current.data)
     uncounted = replace(counted, data=replace(counted.data, jitter=objective.data.jitter))
     tasks: list[_Refresh | _Again | HeldOutTask] = [_Refresh(current.model, finer, here)]
     if causes:
@@ -83,7 +84,7 @@ def final_fits(
     fits = [end.best for end in ends if isinstance(end, Fit)] or [here.best]
     held = [end for end in ends if isinstance(end, HeldOut)]
     return Final(
-        fresh=next(end for end in ends if isinstance(end, Correction)).towards(spread),
+        fresh=next(end for end in ends if isinstance(end, Correction)).mean_with(spread),
         before=fits[0],
         uncounted=fits[-1],
         held_out=(held[0], held[-1]) if held else None,

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.diagnosis.another_mesh import on_another_mesh, with_both
+from driver.diagnosis.another_mesh import held_against_both, with_both
 from driver.diagnosis.boundary_noise import Stops, refit_boundary_noise, score_boundary_noise
 from driver.diagnosis.causes import NUMERICS, Cause
 from driver.diagnosis.ebsd_flips import FLIPS, flips_of
+from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.flip_trial import FlipTrial, not_warranted, try_flips
 from driver.diagnosis.gain import is_excess, share_explained
 from driver.diagnosis.gate import Gate
-from driver.diagnosis.noise_causes import COVARIANCE
+from driver.diagnosis.noise_causes import BOUNDARY_NOISE, COVARIANCE
 from driver.diagnosis.omnibus import FAMILY_LEVEL, Omnibus, omnibus
 from driver.diagnosis.outcome import Log, Settings, Step
 from driver.diagnosis.refit import Crew, Refit, refit_causes, refit_from_afar
@@ -24,7 +25,6 @@ from driver.diagnosis.screening import screen, screened
 from driver.diagnosis.verdict import MOST_ADDITIONS
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
-from driver.model import ForwardModel
 
 FloatArray = NDArray[np.float64]
 
@@ -37,6 +37,23 @@ _RIVAL = 0.75  # of the log evidence of the best score, with which a cause is re
 _HOPEFUL = 0.5  # of what the best gains, that a score or a first step has to promise
 
 
+@dataclass(frozen=True, eq=False)
+class Round:
+    """A round, and what was examined in it.
+
+    Attributes:
+        step: what was found.
+        winner: the refit of the cause to add, None where none stands out.
+        fit: the fit that was examined, with both meshes where they were asked for.
+        objective: its objective.
+    """
+
+    step: Step
+    winner: Refit | None
+    fit: Fit
+    objective: Objective
+
+
 def examine(
     here: Fit,
     objective: Objective,
@@ -44,9 +61,9 @@ def examine(
     settings: Settings,
     stops: Stops,
     wide: Evaluation | None,
-    another: Callable[[], ForwardModel] | None,
+    finer: FinerMeshes,
     log: Log,
-) -> tuple[Step, Refit | None]:
+) -> Round:
     """Screen all causes, refit the best, and pick the one to add.
 
     Noise of the boundary is the first suspect: where it stands, no other cause is refitted
@@ -59,11 +76,11 @@ def examine(
         settings: how the diagnosis is run.
         stops: the answers to a noise of the boundary, if they were computed.
         wide: evaluation at the fit with the parameters of every cause free, if known.
-        another: makes the finer model on another mesh; None for a simulation without a mesh.
+        finer: the finer models behind the correction.
         log: takes one line of progress.
 
-    Returns:
-        The round, and the refit of the cause to add, None where none stands out.
+    Raises:
+        SolverError: the simulation could not be finished.
     """
     candidates, names = screened(objective.model, here.best.free, settings.wanted, settings.own)
     screening = wide if wide is not None else objective.evaluate(here.values, names)
@@ -72,15 +89,16 @@ def examine(
     trial = FlipTrial()
     lost: Gate | None = None
     noise = seen.noise
-    if noise is not None and noise.p < FAMILY_LEVEL and stops.effect is not None:
+    if noise is not None and noise.p < level_of(BOUNDARY_NOISE) and stops.effect is not None:
         refits = [refit_boundary_noise(stops.effect, here.best, objective, log)]
     elif len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS:
         crew = Crew(settings.processes, settings.threads, log)
-        if another is not None:
-            both = on_another_mesh(another, here, objective, seen.scores, seen.widened, log)
+        both = held_against_both(finer, here, objective, seen.scores, seen.widened, log)
+        if both is not None:
             lost = both.lost
-            if lost is None and both.spread is not None:
-                objective, here = with_both(objective, here, both.spread, log)
+            if lost is None:
+                objective, here = with_both(objective, here, both, log)
+                # The sensitivities stay those at the fit before, a fraction of a σ away.
                 screening = objective.compare(
                     screening.prediction, screening.values, screening.free
                 )
@@ -97,7 +115,7 @@ def examine(
     step = Step(
         tuple(scores), tuple(refits), named, seen.tests, *chi, seen.widened, trial.untried, lost
     )  # fmt: skip
-    return step, winner
+    return Round(step, winner, here, objective)
 
 
 def at_first_sight(
@@ -121,7 +139,13 @@ def at_first_sight(
 
 def is_settled(step: Step) -> bool:
     """Whether nothing is left: the tests accept, and no cause is significant."""
-    return step.omnibus.accepted and all(s.p >= NAMING_LEVEL for s in step.scores if s.degrees)
+    causes = [s for s in step.scores if s.degrees and s.cause != NUMERICS]
+    return step.omnibus.accepted and all(s.p >= level_of(s.cause) for s in causes)
+
+
+def level_of(cause: Cause) -> float:
+    """The level of the family at which a cause is named, or suspected first."""
+    return FAMILY_LEVEL if cause == BOUNDARY_NOISE else NAMING_LEVEL
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,7 @@ class Correction:
     motion: FloatArray | float = 0.0
     load: FloatArray | float = 0.0
 
-    def towards(self, spread: Correction | None) -> Correction:
+    def mean_with(self, spread: Correction | None) -> Correction:
         """The mean of this correction by a finer mesh and of that by another one.
 
         Args:

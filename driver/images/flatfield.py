@@ -29,7 +29,8 @@ class FlatField:
 
     Attributes:
         pattern: to be subtracted from every image [µm], shape (rows, cols).
-        sigma: standard error of `pattern`, root mean square over the pixels [µm].
+        sigma: standard error of `pattern`, root mean square over the pixels of two
+            flats or more [µm].
         error: standard error of `pattern` at each pixel [µm], shape (rows, cols); with n
             flats it is known to 1/√(2 (n − 1)) of itself.
         n: number of flats.
@@ -84,7 +85,7 @@ def flat_pattern(flats: Iterable[FloatArray]) -> FlatField:
     error[~known] = mean[known].std()
     return FlatField(
         pattern=fill_off_surface(mean, known),
-        sigma=float(np.sqrt(np.mean(error**2))),
+        sigma=float(np.sqrt(np.mean(error[known] ** 2))),
         error=error,
         n=n,
     )

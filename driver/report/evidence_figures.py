@@ -96,5 +96,5 @@ def _evidence_key(categories: Sequence[str], refitted: bool) -> list[Patch | Lin
     if refitted:
         key.append(Line2D([], [], marker="D", ls="", mfc="white", mec=MEASURED,
                           label="its screening, before the refit"))  # fmt: skip
-        key.append(Line2D([], [], color=BEFORE, ls="--", label=f"best − {WITHIN:g}"))
+        key.append(Line2D([], [], color=BEFORE, ls="--", label=f"added − {WITHIN:g}"))
     return key

@@ -8,11 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from driver.boundary import LAMBDAS
 from driver.diagnosis.outcome import Diagnosis
 from driver.fixed_pattern import apparent_rise
-from driver.identification.objective import Objective
+from driver.identification.objective import Correction, Objective
+from driver.identification.procedure import Plan, identify
+from driver.log import silent
 from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
+from tests.driver.closed_form import LAW, SIZES
+from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, finer, identified
 
 FloatArray = NDArray[np.float64]
 
@@ -103,6 +107,25 @@ def test_the_pattern_is_read_where_the_fit_sees_the_specimen() -> None:
     # At the null of the pattern nothing else changes.
     np.testing.assert_allclose(here.residual, baseline.best.residual, atol=1e-9)
     np.testing.assert_allclose(here.jacobian, baseline.best.jacobian, atol=1e-9)
+
+
+def test_identification_reads_a_pattern_that_is_free_where_its_fit_sees_the_specimen() -> None:
+    objective, first = identified(BENCH, seen(SHARE))
+    images, true = objective.data.image.images, truly_moved()
+    rng = np.random.default_rng(8)
+    noise = 0.1 * closed_form.PIXEL * rng.standard_normal((len(true), 1, 3))
+    working = replace(BENCH.model, pattern=apparent_rise(images, true + noise))
+    start = replace(objective, model=working, correction=Correction())
+    knots = tuple(name for name in first.best.free if name not in (*LAMBDAS, *LAW))
+    plan = Plan(law=(*LAW, "fixed_pattern"), knots=knots, sizes=SIZES, most=15)
+    found = identify(
+        working, finer(replace(BENCH, model=working)), start, first.values, plan, silent
+    )
+    there, read = apparent_rise(images, true), found.objective.model.pattern
+    assert there is not None and read is not None and working.pattern is not None
+    assert np.std(read - there) < 0.25 * np.std(working.pattern - there)
+    sigma = found.final.sigma("fixed_pattern", found.objective.parameters)
+    assert abs(found.final.values["fixed_pattern"] - SHARE) < 3.5 * sigma < 0.3 * SHARE
 
 
 def test_an_evaluation_follows_the_pattern_to_where_it_is_read() -> None:

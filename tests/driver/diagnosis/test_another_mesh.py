@@ -7,10 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.diagnosis.diagnose import diagnose
+from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.outcome import Diagnosis
 from driver.log import silent
 from driver.model import ForwardModel
-from solver_adapters.interface import Simulation
+from solver_adapters.interface import Simulation, SolverError
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
 
@@ -44,8 +45,8 @@ def diagnosed(drift: float, another: ForwardModel) -> tuple[Diagnosis, list[str]
     objective, baseline = identified(BENCH, made)
     lines: list[str] = []
     found = diagnose(
-        baseline, objective, FINE, BENCH.history.cycle, WANTED, lines.append, None,
-        lambda: another,
+        baseline, objective, FinerMeshes(FINE, lambda: another), BENCH.history.cycle, WANTED,
+        lines.append,
     )  # fmt: skip
     return found, lines
 
@@ -75,7 +76,7 @@ def test_what_is_named_has_the_mean_of_both_meshes_and_what_either_is_off_is_tol
 @pytest.mark.parametrize("size", [DRIFT, 3 * DRIFT])
 def test_where_both_meshes_agree_neither_is_off(size: float) -> None:
     found, _ = diagnosed(size, FINE)
-    assert found.off_by_mesh("tilt_drift") == pytest.approx(0.0, abs=1e-5 * size)
+    assert found.off_by_mesh("tilt_drift") == 0.0
 
 
 def test_what_another_mesh_takes_away_is_not_named_and_a_finer_one_is_asked_for() -> None:
@@ -88,6 +89,17 @@ def test_what_another_mesh_takes_away_is_not_named_and_a_finer_one_is_asked_for(
     assert found.gate.effect == pytest.approx(2 * np.linalg.norm(first.components), rel=0.3)
     assert not found.steps[0].refits
     assert any("moved by" in line for line in lines)
+
+
+class BrokenMesh(closed_form.ClosedFormSolver):
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        raise SolverError("no step is short enough")
+
+
+def test_where_the_other_mesh_cannot_be_simulated_one_has_to_do() -> None:
+    found, lines = diagnosed(DRIFT, replace(BENCH.model, adapter=BrokenMesh()))
+    assert found.verdict.kind == "named" and found.off_by_mesh("tilt_drift") is None
+    assert any("no step is short enough" in line for line in lines)
 
 
 def test_without_a_finding_no_other_mesh_is_tried() -> None:
@@ -109,9 +121,8 @@ def test_what_the_meshes_differ_by_is_taken_at_the_extended_model() -> None:
     meshes = [replace(BENCH.model, adapter=LittleErringMesh(0.001)), FINE]
     made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": DRIFT})
     objective, baseline = identified(BENCH, made)
-    found = diagnose(
-        baseline, objective, FINE, BENCH.history.cycle, WANTED, silent, None, lambda: meshes.pop(0)
-    )
+    both = FinerMeshes(FINE, lambda: meshes.pop(0))
+    found = diagnose(baseline, objective, both, BENCH.history.cycle, WANTED, silent)
     assert found.verdict.causes == ("tilt_drift",) and not meshes
     assert found.off_by_mesh("tilt_drift") == pytest.approx(0.0, abs=1e-5 * DRIFT)
     agreeing, _ = diagnosed(DRIFT, FINE)

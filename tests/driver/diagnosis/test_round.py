@@ -5,18 +5,20 @@ from types import SimpleNamespace
 from typing import cast
 
 from driver.diagnosis.boundary_noise import Stops
+from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.round import WORTH, examine, to_refit
 from driver.diagnosis.score import NAMING_LEVEL, Score
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
 from driver.log import silent
 from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import SETTINGS, identified
+from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
 
 BENCH = closed_form.bench()
 EVERY = replace(SETTINGS, refit=5)
 TILT = replace(EVERY, wanted=("tilt_drift",))
 NO_STOPS = Stops(None)
+FINER = FinerMeshes(finer(BENCH))
 
 
 def tilting() -> tuple[Objective, Fit]:
@@ -49,20 +51,20 @@ def test_a_significant_cause_without_evidence_opens_the_door_for_no_other() -> N
 
 def test_of_a_small_effect_that_its_cause_explains_no_other_cause_is_refitted() -> None:
     objective, baseline = tilting()
-    step, winner = examine(baseline, objective, (), EVERY, NO_STOPS, None, None, silent)
-    assert winner is not None and winner.cause.name == "tilt_drift"
-    assert len(step.refits) == 1
+    found = examine(baseline, objective, (), EVERY, NO_STOPS, None, FINER, silent)
+    assert found.winner is not None and found.winner.cause.name == "tilt_drift"
+    assert len(found.step.refits) == 1
 
 
 def test_an_effect_far_beyond_its_prior_is_significant_and_still_not_added() -> None:
     objective, baseline = tilting()
-    _, winner = examine(baseline, objective, (), TILT, NO_STOPS, None, None, silent)
-    assert winner is not None and winner.cause.name == "tilt_drift"
+    found = examine(baseline, objective, (), TILT, NO_STOPS, None, FINER, silent)
+    assert found.winner is not None and found.winner.cause.name == "tilt_drift"
     usual = objective.parameters["tilt_drift"]
     # Of this size nobody expects it: forty of its prior scales.
     narrow = dict(objective.parameters) | {"tilt_drift": replace(usual, scale=1e-5)}
     objective = replace(objective, parameters=narrow)
-    step, winner = examine(baseline, objective, (), TILT, NO_STOPS, None, None, silent)
-    (refit,) = step.refits
-    assert step.scores[0].p < NAMING_LEVEL and 0 < refit.log_evidence < WORTH
-    assert winner is None and step.named == ()
+    found = examine(baseline, objective, (), TILT, NO_STOPS, None, FINER, silent)
+    (refit,) = found.step.refits
+    assert found.step.scores[0].p < NAMING_LEVEL and 0 < refit.log_evidence < WORTH
+    assert found.winner is None and found.step.named == ()
