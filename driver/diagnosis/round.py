@@ -19,6 +19,7 @@ from driver.diagnosis.gate import Gate
 from driver.diagnosis.noise_causes import BOUNDARY_NOISE, COVARIANCE
 from driver.diagnosis.omnibus import FAMILY_LEVEL, Omnibus, omnibus
 from driver.diagnosis.outcome import Log, Settings, Step
+from driver.diagnosis.own_correction import with_own_corrections
 from driver.diagnosis.refit import Crew, Refit, refit_causes, refit_from_afar
 from driver.diagnosis.score import NAMING_LEVEL, PARALLEL, Score, effects_of, likeness
 from driver.diagnosis.screening import screen, screened
@@ -32,6 +33,7 @@ WITHIN = 3.0  # log evidence within which causes are not told apart
 WORTH = 1.0  # log evidence without which nothing is added: less is no evidence (Jeffreys)
 LARGE = 3.0  # χ_F beyond which a score names a cause no better than chance
 ENOUGH = 0.9  # share of the excess that the best cause has to explain
+_AKIN = 0.5  # likeness of causes that may do for each other
 _STRAIGHT = 0.5  # of a log evidence, by which score and refit may differ
 _RIVAL = 0.75  # of the log evidence of the best score, with which a cause is refitted in any case
 _HOPEFUL = 0.5  # of what the best gains, that a score or a first step has to promise
@@ -108,6 +110,7 @@ def examine(
             refits = _refits(seen.scores, screening, here, objective, settings.refit, crew)
             trial = _flips(refits, seen.tests, here.best, objective, added, settings.wanted, crew)
             refits = _best_of_each([*refits, *trial.refits])
+            refits = with_own_corrections(refits, here.best, finer, crew)
     scores = sorted([*seen.scores, *trial.scores], key=lambda s: -s.log_evidence)
     winner = refits[0] if refits and refits[0].log_evidence > WORTH else None
     named = set_of(winner, refits, scores) if winner is not None else ()
@@ -281,9 +284,10 @@ def _bent(leader: Refit, scores: Sequence[Score]) -> bool:
 
 
 def to_refit(tried: Sequence[Score], most: int) -> list[Score]:
-    """The causes that are seen, and those that promise about as much without being seen alone.
+    """The causes that are seen, and those akin to one that promise about as much.
 
-    Of likely causes that do nearly the same, noise makes one or the other significant.
+    Of likely causes that do nearly the same, noise makes one or the other significant. What a
+    cause promises that has nothing to do with those that are seen is noise.
 
     Args:
         tried: scores, best log evidence first.
@@ -298,7 +302,9 @@ def to_refit(tried: Sequence[Score], most: int) -> list[Score]:
     bar = _HOPEFUL * best
     if all(s.log_evidence <= bar for s in seen):
         return seen  # they are of no size that anyone expects, and vouch for no other
-    return [s for s in tried if s in seen or (s in tried[:most] and s.log_evidence > bar)]
+    hopeful = [s for s in tried[:most] if s not in seen and s.log_evidence > bar]
+    akin = [s for s in hopeful if any(likeness(s, one) > _AKIN for one in seen)]
+    return [s for s in tried if s in seen or s in akin]
 
 
 def _listed(scores: Sequence[Score]) -> str:
