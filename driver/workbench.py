@@ -35,6 +35,7 @@ BUNDLED = "bundled"
 _OTHER_SIZES = (0.93, 0.9, 0.87, 0.84, 0.8, 0.75)
 """Element sizes of the other finer mesh over the stated one, the first that does."""
 _COMMON = 0.2  # share of its nodes that it may have in common with the stated one
+_PLACES = 25  # at which the motion of the specimen over the camera is followed
 _SAME = 0.02  # element sizes between two nodes that are as good as the same
 
 
@@ -79,6 +80,7 @@ class Seen:
         experiment: history and loads; its frames are not looked at any more.
         images: the corrected images with the low-noise gradient.
         mean_motion: mean motion of each image [µm], shape (T, 3).
+        places: displacement of some places of the specimen [µm], shape (T, p, 2).
         elongation: measured v(S+) − v(S−) of each image [µm], shape (T,).
         tilt: measured w(S+) − w(S−) of each image [µm], shape (T,).
         left_out: frames whose images are not fitted.
@@ -90,6 +92,7 @@ class Seen:
     experiment: Experiment
     images: SurfaceImages
     mean_motion: FloatArray
+    places: FloatArray
     elongation: FloatArray
     tilt: FloatArray
     left_out: tuple[int, ...] = ()
@@ -117,7 +120,11 @@ def seen_by_correlation(
     images = refine_gradient(surface_images(case, experiment), motion)
     rise = apparent_rise(images, motion)
     lacking = lacking_pixels(images, motion)
-    return Seen(experiment, images, motion.mean(axis=1), elongation, tilt, left_out, rise, lacking)
+    some = np.linspace(0, motion.shape[1] - 1, _PLACES).astype(np.int64)
+    places = motion[:, some, :2]
+    return Seen(
+        experiment, images, motion.mean(axis=1), places, elongation, tilt, left_out, rise, lacking
+    )
 
 
 def on_another_mesh(case: Case, bench: Workbench) -> ForwardModel:
@@ -180,6 +187,7 @@ def build_workbench(
         basis_on(images, mesh_w),
         seen.mean_motion,
         case.boundary.gauge,
+        seen.places,
         seen.lacking,
     )
     if experiment.noise_map is not None:
