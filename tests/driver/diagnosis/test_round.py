@@ -4,6 +4,8 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
+import numpy as np
+
 from driver.diagnosis.boundary_noise import Stops
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.round import WORTH, examine, to_refit
@@ -25,8 +27,13 @@ def tilting() -> tuple[Objective, Fit]:
     return identified(BENCH, closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": 4e-4}))
 
 
-def scored(p: float, evidence: float) -> Score:
-    return cast(Score, SimpleNamespace(p=p, log_evidence=evidence))
+def scored(p: float, evidence: float, angle: float = 0.0) -> Score:
+    """A cause that does to the data what a unit vector at an angle in a plane says."""
+    along = np.array([[np.cos(angle), np.sin(angle)]])
+    return cast(
+        Score,
+        SimpleNamespace(p=p, log_evidence=evidence, directions=along, strengths=np.ones(1)),
+    )
 
 
 def test_a_cause_that_promises_as_much_as_the_seen_one_is_refitted_with_it() -> None:
@@ -36,6 +43,11 @@ def test_a_cause_that_promises_as_much_as_the_seen_one_is_refitted_with_it() -> 
     assert to_refit([best, seen, near, far], 5) == [best, seen, near]
     assert to_refit([best, seen, near, far], 2) == [best, seen]
     assert to_refit([best, near, far], 5) == []  # where nothing is seen nothing is refitted
+
+
+def test_a_cause_that_has_nothing_to_do_with_the_seen_one_is_not_refitted_with_it() -> None:
+    seen, akin, strange = scored(0.004, 3.9), scored(0.05, 4.0, 0.9), scored(0.05, 4.1, 1.2)
+    assert to_refit([strange, akin, seen], 5) == [akin, seen]
 
 
 def test_close_rivals_of_the_best_are_refitted_however_many_they_are() -> None:
