@@ -34,6 +34,7 @@ def left_of(path: Path, course: Course, causes: tuple[Cause, ...]) -> tuple[floa
     objective, values, free = identified(path)
     names = [name for cause in causes for name in cause.parameters]
     wide = objective.evaluate(values, tuple(dict.fromkeys([*free, *names])))
+    objective, wide = objective.reading_pattern_along(wide)
     here = objective.restrict(wide, free)
     data, known = objective.data, objective.parameters
     true = shown(course, objective)

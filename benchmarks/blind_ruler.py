@@ -164,7 +164,7 @@ def _made(cache: Path) -> Ruler:
     run(path, "identify", False, silent)
     objective, values, free = identified(path)
     causes, names = screened(objective.model, free, None)
-    wide = objective.evaluate(values, names)
+    objective, wide = objective.reading_pattern_along(objective.evaluate(values, names))
     return Ruler(objective, objective.restrict(wide, free), wide, causes, unaffected)
 
 

@@ -30,6 +30,8 @@ TRUTHS = (
             "boundary", "fixed_pattern", "history", "hold_time", "instrument", "load_clock",
             "microstructure", "model", "own_terms", "prediction", "specimen", "surface_view",
             "virtual_course", "diagnosis/ebsd_flips", "microscope/face_motion",
+            "dic/surface_images", "identification/data", "identification/image_data",
+            "identification/objective", "identification/shared_noise",
         )
     ),
 )  # fmt: skip

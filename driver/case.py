@@ -122,6 +122,11 @@ class Case(Table):
                 raise refusal(
                     f"a number from {lower:g} to {upper:g}", "extensions", f"{name} = {value:g}"
                 )
+        if "fixed_pattern" in self.extensions and self.images.flats is None:
+            raise refusal(
+                "images.flats as well, of whose pattern it is a share", "extensions",
+                f"fixed_pattern = {self.extensions['fixed_pattern']:g}",
+            )  # fmt: skip
         return self
 
     @model_validator(mode="after")

@@ -13,6 +13,7 @@ from driver.case import Case, CaseError, schema_text, write_case
 from driver.design.telling import Telling, advice, most_telling
 from driver.diagnosis.diagnose import diagnose
 from driver.diagnosis.ebsd_flips import FLIPS
+from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.noise_causes import COVARIANCE_PARAMETERS, NOISE_RATIO
 from driver.diagnosis.outcome import Diagnosis, Log, Settings
 from driver.diagnosis.own_causes import own_causes
@@ -64,6 +65,8 @@ def run_diagnose(context: StageContext) -> None:
     objective = saved_objective(bench, identified)
     # One simulation gives the baseline and the sensitivities of every cause.
     wide = objective.evaluate(values, screened(objective.model, free, wanted, own)[1])
+    objective, wide = objective.reading_pattern_along(wide)
+    bench = replace(bench, finer=replace(bench.finer, pattern=objective.model.pattern))
     baseline = Fit(objective.restrict(wide, free), converged, reason, ())
     cycles = bench.experiment.history.cycle
     settings = Settings(
@@ -77,8 +80,8 @@ def run_diagnose(context: StageContext) -> None:
         own=own,
     )
     found = diagnose(
-        baseline, objective, bench.finer, cycles, settings, context.log, wide,
-        lambda: on_another_mesh(case, bench),
+        baseline, objective, FinerMeshes(bench.finer, lambda: on_another_mesh(case, bench)),
+        cycles, settings, context.log, wide,
     )  # fmt: skip
     telling = _telling(found, context, bench)
     if telling:
@@ -109,6 +112,10 @@ def _tell(found: Diagnosis, bench: Workbench, log: Log) -> None:
     log(f"verdict: {found.verdict.kind}. {found.verdict.text}")
     for name in added_parameters(found):
         log(f"  {value_told(name, found.extended, bench.objective.parameters)}")
+        if (off := found.off_by_mesh(name)) is not None:
+            unit = bench.objective.parameters[name].unit
+            told = f"{off:.2g} {unit}" if unit else f"{off:.2g}"
+            log(f"    either of two finer meshes alone would put it off by {told}: not in its σ")
     for name, (level, sigma) in found.levels.items():
         log(f"  {name} = {level:.4g} ± {sigma:.2g} {COVARIANCE_PARAMETERS[name].unit}")
     if found.held_out is not None:

@@ -80,6 +80,7 @@ def diagnosis_record(
             "passed": found.gate.passed,
             "needed": found.gate.needed,
             "between_meshes": found.gate.between_meshes,
+            "off_by_mesh": {n: found.off_by_mesh(n) for n in added_parameters(found)},
         },
         "load_noise": {
             "stated_uN": bench.objective.data.load_noise,
@@ -187,6 +188,7 @@ def _step_record(step: Step, bench: Workbench) -> dict[str, Any]:
         "widened": step.widened,
         "omnibus": _omnibus_record(step.omnibus),
         "named": list(step.named),
+        "left_something": list(step.left_something),
         "causes": [scored(s) for s in step.scores],
     }
 

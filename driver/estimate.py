@@ -22,10 +22,10 @@ _FACTOR_SECONDS, _FACTOR_UNKNOWNS, _FACTOR_POWER = 0.039, 7000.0, 1.5
 _ITERATIONS = 4
 _DIRECTION_SHARE = 0.05
 # Simulations of a run: Gauss–Newton iterations use this share of their limit, each refit of a
-# cause needs this many, and the finer mesh is run this often.
+# cause needs this many, and a finer mesh is run this often where something is found.
 _ITERATION_SHARE = 0.7
 _PER_REFIT = 6
-_FINE_RUNS = 3
+_FINE_RUNS = 8
 # Seconds of one core of the correlation for one pixel of one image, all iterations.
 _PIXEL_SECONDS = 8e-6
 # Libraries of one process [bytes]; copies of the images held at a time.

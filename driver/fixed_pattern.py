@@ -20,14 +20,16 @@ PATTERN_DECLARATIONS: tuple[Parameter, ...] = (Parameter("fixed_pattern", "", 0.
 """Share of the flat pattern that is left in the images."""
 
 
-def apparent_rise(pattern: FloatArray, images: SurfaceImages, motion: FloatArray) -> FloatArray:
-    """P(x + u) − P(x) at the pixels [µm], shape (T, n_pix).
+def apparent_rise(images: SurfaceImages, motion: FloatArray) -> FloatArray | None:
+    """P(x + u) − P(x) at the pixels [µm], shape (T, n_pix); None where no flats show P.
 
     Args:
-        pattern: P of the whole image [µm], shape (rows, cols).
         images: the series.
-        motion: motion of the free correlation at the pixels [µm], shape (T, n_pix, 3).
+        motion: motion of specimen and stage at the pixels [µm], shape (T, n_pix, 3).
     """
+    pattern = images.flat_pattern
+    if pattern is None:
+        return None
     spline = spline_images(pattern[None], images.pixel, images.frames.origin)
     moved = images.xy + motion[..., :2]
     there = spline.value(np.zeros(len(motion), dtype=int), moved[..., 0], moved[..., 1])

@@ -237,8 +237,21 @@ class ForwardModel:
             carried=self._carried(surface, look, free),
             look=look,
             response=response,
-            rise=0.0 if self.pattern is None else values["fixed_pattern"] * self.pattern,
+            rise=self._rise(values),
         )
+
+    def with_pattern(
+        self, prediction: Prediction, values: Values, free: Sequence[str]
+    ) -> Prediction:
+        """A prediction of this model that was made with another `pattern`."""
+        carried = dict(prediction.carried)
+        for index, name in enumerate(free):
+            if name in _PATTERN_NAMES and self.pattern is not None:
+                carried[index] = _as_motion(self.pattern)
+        return replace(prediction, rise=self._rise(values), carried=carried)
+
+    def _rise(self, values: Values) -> FloatArray | float:
+        return 0.0 if self.pattern is None else values["fixed_pattern"] * self.pattern
 
     def _rows(self, values: Values, free: Sequence[str]) -> IntArray:
         """Rows of the history that are asked for: of the images, all where the load may lag."""
@@ -265,8 +278,7 @@ class ForwardModel:
                 slope = look.slope_X if name == "origin_X" else look.slope_Y
                 carried[index] = apply(slope, surface)
             elif name in _PATTERN_NAMES and self.pattern is not None:
-                carried[index] = np.zeros((*self.pattern.shape, 3))
-                carried[index][..., 2] = self.pattern
+                carried[index] = _as_motion(self.pattern)
             elif name in self.microstructure.velocities:
                 flow = look.value @ self.microstructure.velocities[name][self.surface_nodes, :2]
                 if np.any(flow):
@@ -295,6 +307,13 @@ class ForwardModel:
             gradient = self.microstructure.lattice_gradient_rate(name)
             return Direction(name, lattice_gradient=gradient, scale=scale)
         return Direction(name, motion=self.boundary.derivative(values, name), scale=scale)
+
+
+def _as_motion(rise: FloatArray) -> FloatArray:
+    """A rise at the pixels as a motion, (T, n_pix) → (T, n_pix, 3)."""
+    motion = np.zeros((*rise.shape, 3))
+    motion[..., 2] = rise
+    return motion
 
 
 def _lagging(values: Values, free: Sequence[str]) -> bool:

@@ -53,10 +53,10 @@ def stages(case: Case) -> Sequence[Stage]:
         )
     return (
         Stage("mesh", "1", _MESH, run_mesh),
-        Stage("measure", "5", _MEASURE, run_measure, measured_files),
-        Stage("identify", "4", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
-        Stage("diagnose", "2", ("diagnosis",), run_diagnose, diagnosed_files),
-        Stage("report", "4", _REPORT, run_report, measured_files),
+        Stage("measure", "6", _MEASURE, run_measure, measured_files),
+        Stage("identify", "5", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
+        Stage("diagnose", "3", ("diagnosis",), run_diagnose, diagnosed_files),
+        Stage("report", "5", _REPORT, run_report, measured_files),
     )
 
 

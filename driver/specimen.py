@@ -51,7 +51,7 @@ def mesh_of(case: Case, size: float) -> PrismMesh:
     """
     try:
         return generate(geometry_of(case), size)
-    except ValueError as error:
+    except (ValueError, RuntimeError) as error:
         raise InputError(f"specimen: {error}") from None
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from driver.boundary import LAMBDAS
 from driver.case import Case
@@ -21,7 +22,6 @@ from driver.identification.lacking import lacking_pixels
 from driver.identification.objective import Objective
 from driver.identification.priors import Prior, prior_of, widths
 from driver.identification.procedure import Plan, start_values
-from driver.images.flatfield import flat_pattern
 from driver.model import ForwardModel
 from driver.specimen import adapter_of, build_model, correlation_meshes, mesh_of, surface_images
 from driver.surface_view import POSE_DECLARATIONS
@@ -32,7 +32,11 @@ BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 
 BUNDLED = "bundled"
-_OTHER_SIZE = 0.93  # element size of the other finer mesh over the stated one
+_OTHER_SIZES = (0.93, 0.9, 0.87, 0.84, 0.8, 0.75)
+"""Element sizes of the other finer mesh over the stated one, the first that does."""
+_COMMON = 0.2  # share of its nodes that it may have in common with the stated one
+_PLACES = 25  # at which the motion of the specimen over the camera is followed
+_SAME = 0.02  # element sizes between two nodes that are as good as the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +80,7 @@ class Seen:
         experiment: history and loads; its frames are not looked at any more.
         images: the corrected images with the low-noise gradient.
         mean_motion: mean motion of each image [µm], shape (T, 3).
+        places: displacement of some places of the specimen [µm], shape (T, p, 2).
         elongation: measured v(S+) − v(S−) of each image [µm], shape (T,).
         tilt: measured w(S+) − w(S−) of each image [µm], shape (T,).
         left_out: frames whose images are not fitted.
@@ -87,6 +92,7 @@ class Seen:
     experiment: Experiment
     images: SurfaceImages
     mean_motion: FloatArray
+    places: FloatArray
     elongation: FloatArray
     tilt: FloatArray
     left_out: tuple[int, ...] = ()
@@ -112,17 +118,29 @@ def seen_by_correlation(
     """
     experiment = read_experiment(case)
     images = refine_gradient(surface_images(case, experiment), motion)
-    rise = None
-    if experiment.flats is not None:
-        rise = apparent_rise(flat_pattern(experiment.flats).pattern, images, motion)
+    rise = apparent_rise(images, motion)
     lacking = lacking_pixels(images, motion)
-    return Seen(experiment, images, motion.mean(axis=1), elongation, tilt, left_out, rise, lacking)
+    some = np.linspace(0, motion.shape[1] - 1, _PLACES).astype(np.int64)
+    places = motion[:, some, :2]
+    return Seen(
+        experiment, images, motion.mean(axis=1), places, elongation, tilt, left_out, rise, lacking
+    )
 
 
 def on_another_mesh(case: Case, bench: Workbench) -> ForwardModel:
-    """The finer model on a mesh of about the same size of which no inner node is the same."""
-    finer, history = bench.finer, bench.experiment.history
-    mesh = mesh_of(case, _OTHER_SIZE * case.specimen.fine_mesh_size)
+    """The finer model on a mesh of little smaller elements that has few nodes in common with it.
+
+    Numbers of elements along an edge are whole: meshes of nearly the same size may be the same.
+
+    Raises:
+        InputError: the prism cannot be meshed with such elements.
+    """
+    finer, history, size = bench.finer, bench.experiment.history, case.specimen.fine_mesh_size
+    nodes = cKDTree(finer.microstructure.mesh.points)
+    for share in _OTHER_SIZES:
+        mesh = mesh_of(case, share * size)
+        if np.mean(nodes.query(mesh.points)[0] < _SAME * size) <= _COMMON:
+            break
     other = build_model(
         case, mesh, history, bench.images.xy, finer.adapter, finer.steps_per_interval,
         finer.workspace,
@@ -169,6 +187,7 @@ def build_workbench(
         basis_on(images, mesh_w),
         seen.mean_motion,
         case.boundary.gauge,
+        seen.places,
         seen.lacking,
     )
     if experiment.noise_map is not None:

@@ -141,7 +141,13 @@ def prepare(plan: Plan, passing: Callable[[str], None] | None = None) -> Prepare
         case,
         mesh_of(case, case.specimen.mesh_size),
         mesh_of(case, case.specimen.fine_mesh_size),
-        Seen(experiment, images, np.zeros((history.n_images, 3)), *edges),
+        Seen(
+            experiment,
+            images,
+            np.zeros((history.n_images, 3)),
+            np.zeros((history.n_images, 1, 2)),
+            *edges,
+        ),  # fmt: skip
         plan.jobs,
         passing=passing,
     )

@@ -2,67 +2,107 @@
 
 A mesh errs in its own way, mostly where crystals yield, and so do many causes: on a coarse mesh
 and with many images the error of the finer simulation may look like one of them. On another mesh
-of about that size it is another one, and the mean of both corrections is the better one.
+of about that size it is another one: the mean of both corrections is the better one, and half of
+what they differ by is what each may be off.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from driver.diagnosis.causes import NUMERICS
+from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.gate import GATE, Gate
-from driver.diagnosis.omnibus import FAMILY_LEVEL
-from driver.diagnosis.score import Score, significance
+from driver.diagnosis.score import NAMING_LEVEL, Score, significance
 from driver.diagnosis.screening import whitened_difference
-from driver.identification.fit import Fit
-from driver.identification.objective import Objective
-from driver.identification.procedure import correction
-from driver.model import ForwardModel
+from driver.identification.fit import Fit, fit
+from driver.identification.objective import Correction, Objective
 
-SURE = 20.0
-"""Log evidence of a score that no mesh takes away: almost 7 σ."""
+MOST_ITERATIONS = 8
 
 
-def lost_on(
-    another: Callable[[], ForwardModel],
+@dataclass(frozen=True, eq=False)
+class OnBoth:
+    """What two finer meshes say.
+
+    Attributes:
+        lost: the change that takes every significant score away, None where one of them stays.
+        first: the correction by the finer mesh at the fit.
+        spread: half of what the other one adds.
+    """
+
+    lost: Gate | None
+    first: Correction
+    spread: Correction
+
+
+def held_against_both(
+    finer: FinerMeshes,
     here: Fit,
     objective: Objective,
     scores: Sequence[Score],
     widened: float,
     log: Callable[[str], None],
-) -> Gate | None:
-    """The change that takes every significant score away, None where one of them stays.
+) -> OnBoth | None:
+    """Hold what is significant against another mesh.
 
-    It stays if it is significant with the mean of both corrections, or if the other mesh moves it
-    by less than the gate allows.
+    A score stays if it is significant with the mean of both corrections, or if the other mesh
+    moves it by less than the gate allows.
 
     Args:
-        another: makes the finer model on another mesh.
+        finer: the finer models.
         here: the fit.
         objective: its objective, with the correction by the finer model.
         scores: of all causes at the fit.
         widened: by how much the simulation's own error widens them.
         log: takes one line of progress.
 
+    Returns:
+        None where nothing is significant, the objective has both meshes already, or there is no
+        other one.
+
     Raises:
-        SolverError: the simulation could not be finished.
+        SolverError: the finer simulation could not be finished.
     """
-    seen = [s for s in scores if s.p < FAMILY_LEVEL and s.directions.size]
-    if not seen or max(s.log_evidence for s in seen) > SURE:
+    seen = [s for s in scores if s.p < NAMING_LEVEL and s.directions.size and s.cause != NUMERICS]
+    if not seen or objective.spread is not None or finer.another is None:
         return None
-    log("the finer simulation once more, on another mesh")
-    change = correction(objective.model, another(), here, log)
-    difference = whitened_difference(objective, change, objective.correction)
+    log("finer mesh and steps at this fit")
+    first, spread = finer.corrections(objective.model, here, True, log)
+    if spread is None:
+        return None
+    both = whitened_difference(objective, first.mean_with(spread), objective.correction)
+    half = whitened_difference(objective, spread, Correction())
     effects = []
     for one in seen:
-        moved = one.directions @ difference / widened
         p = significance(
-            one.cause, one.components - 0.5 * moved, one.directions, here.best, len(scores),
-            objective.data.load_degrees,
+            one.cause, one.components - one.directions @ both / widened, one.directions, here.best,
+            len(scores), objective.data.load_degrees,
         )  # fmt: skip
+        moved = 2.0 * one.directions @ half / widened
         effects.append(float(np.linalg.norm(moved) / np.sqrt(moved.size)))
         log(f"  {one.cause.name}: moved by {effects[-1]:.1f} σ, p {one.p:.2g} → {p:.2g}")
-        if p < FAMILY_LEVEL or effects[-1] <= GATE:
-            return None
-    return Gate(effects[0], seen[0].cause.name, "mesh", between_meshes=True)
+        if p < NAMING_LEVEL or effects[-1] <= GATE:
+            return OnBoth(None, first, spread)
+    lost = Gate(effects[0], seen[0].cause.name, "mesh", between_meshes=True)
+    return OnBoth(lost, first, spread)
+
+
+def with_both(
+    objective: Objective, here: Fit, both: OnBoth, log: Callable[[str], None]
+) -> tuple[Objective, Fit]:
+    """The objective with the mean of both corrections, fitted.
+
+    Args:
+        objective: with the correction by the finer model.
+        here: its fit.
+        both: what two finer meshes say.
+        log: takes a line for each iteration.
+    """
+    mean = both.first.mean_with(both.spread)
+    objective = replace(objective, correction=mean, spread=both.spread)
+    start = objective.compare(here.best.prediction, here.values, here.best.free)
+    return objective, fit(objective, here.values, here.best.free, MOST_ITERATIONS, log, start=start)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from driver.diagnosis.examined import NotExamined
-from driver.diagnosis.fast_loads import FEWEST, fast_loads
+from driver.diagnosis.fast_loads import FEWEST, LEFT, fast_loads
 from driver.diagnosis.noise_causes import BOUNDARY_NOISE, SIGMA_E
 from driver.diagnosis.omnibus import FAMILY_LEVEL
 from driver.diagnosis.refit import MOST_ITERATIONS, TOLERANCE, Refit
@@ -34,6 +34,7 @@ Level = tuple[float, float]
 _TURNS = 5  # of fit and level
 _SIMULATED = 2  # turns after which the answers to each stop are simulated anew
 _SEEN = 1e-3  # effect of a prior scale on the fast loads [σ] below which a cause explains none
+_CLEAR = 3.0  # log evidence: twenty to one
 _SETTLED = 0.03  # relative change of the level with which they end
 
 
@@ -138,6 +139,34 @@ def in_fast_loads(stops: BoundaryJitter, at: Evaluation, data: Data) -> Componen
     """
     fast = fast_loads(at)
     return component(fast.of(data.effect_of_stops(stops)), fast.residual)
+
+
+def explains_better(
+    stops: BoundaryJitter, whole: Evaluation, data: Data, frames: Sequence[int]
+) -> bool:
+    """Whether σ_e makes what is seen in loads clearly likelier than errors of some of them do.
+
+    Where the specimen is stiff its stops stand out of the loads as errors of single ones do. Both
+    are judged by their likelihood in all fast loads, less what each was free to choose (Schwarz's
+    criterion; an error may be that of any load).
+
+    Args:
+        stops: the answers to each stop.
+        whole: a fit whose residual holds these loads, whitened without noise of the boundary.
+        data: its data.
+        frames: of the loads in question.
+    """
+    # In the space in which they were found to be errors.
+    fast = fast_loads(whole, LEFT)
+    y, m = fast.residual, fast.residual.size
+    single = np.eye(whole.n_load)[np.isin(data.load_index, frames)]
+    across = _complement(fast.of(data.load_changes(data.load_noise * single)))
+    off = y @ across
+    choice = 0.5 * np.log(m)
+    of_errors = 0.5 * m * np.log(float(y @ y) / float(off @ off))
+    of_errors = max(of_errors - len(frames) * (choice + np.log(whole.n_load)), 0.0)
+    found = component(fast.of(data.effect_of_stops(stops)), y)
+    return bool(0.5 * found.ratio - choice > of_errors + _CLEAR)
 
 
 def _complement(rows: FloatArray) -> FloatArray:

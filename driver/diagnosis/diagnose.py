@@ -2,69 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from driver.diagnosis.all_causes import EVERY
-from driver.diagnosis.boundary_noise import Level, Stops, level_again, stops_where_they_pay
-from driver.diagnosis.causes import Cause
+from driver.diagnosis.boundary_noise import stops_where_they_pay
 from driver.diagnosis.ebsd_flips import flips_of
-from driver.diagnosis.elimination import eliminate
 from driver.diagnosis.examined import NotExamined, not_examined
-from driver.diagnosis.final_fits import POLISH, final_fits
-from driver.diagnosis.flip_trial import turned
+from driver.diagnosis.final_fits import final_fits
+from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.gain import log_evidence, share_described, share_explained
 from driver.diagnosis.gate import gate
 from driver.diagnosis.image_noise import with_uneven_noise
-from driver.diagnosis.loads import bad_loads
 from driver.diagnosis.noise_causes import (
-    BOUNDARY_NOISE,
     COVARIANCE,
     NOISE_NOT_UNIFORM,
     NOISE_RATIO,
 )
 from driver.diagnosis.outcome import Diagnosis, Log, Settings, Step
-from driver.diagnosis.preparation import Prepared, noise_of_images, prepared, with_load_noise
-from driver.diagnosis.refit import Refit
-from driver.diagnosis.round import examine
+from driver.diagnosis.preparation import (
+    loads_taken_back,
+    prepared,
+)
+from driver.diagnosis.rounds import rounds
 from driver.diagnosis.score import Score
 from driver.diagnosis.screening import honoured, parameters_of_the_specimen, screened
 from driver.diagnosis.verdict import decide
-from driver.identification.fit import Fit, fit
+from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
-from driver.identification.procedure import correction, with_correction
-from driver.model import ForwardModel
 
 IntArray = NDArray[np.int64]
-
-MOST_STEPS = 5  # rounds, where elimination keeps taking back what was added
 
 
 def diagnose(
     baseline: Fit,
     objective: Objective,
-    finer: ForwardModel,
+    finer: FinerMeshes,
     cycles: IntArray,
     settings: Settings,
     log: Log,
     wide: Evaluation | None = None,
-    another: Callable[[], ForwardModel] | None = None,
 ) -> Diagnosis:
     """Find out what the baseline gets wrong.
 
     Args:
         baseline: converged fit with the correction.
         objective: its objective.
-        finer: the finer model behind the correction.
+        finer: the finer models behind the correction.
         cycles: number of the cycle of each image, shape (T,).
         settings: how to run.
         log: takes one line of progress.
         wide: evaluation at the baseline with the parameters of `screened` free, if known.
-        another: makes the finer model on another mesh; None for a simulation without a mesh.
 
     Raises:
         SolverError: the model cannot be evaluated at the baseline.
@@ -79,22 +70,23 @@ def diagnose(
         wide = objective.evaluate(baseline.values, names)
     begin = prepared(baseline, objective, wide, candidates, settings, log)
     stated, uneven = objective.data.load_noise, begin.uneven
-    objective = begin.objective
-    stops = stops_where_they_pay(begin.baseline.best, objective, stated, settings.wanted)
+    stops = stops_where_they_pay(begin.baseline.best, begin.objective, stated, settings.wanted)
+    begin = loads_taken_back(begin, stops, candidates, names, log)
     left += begin.left + (() if stops.why is None else (stops.why,))
     for one in left:
         log(f"  {one.cause} is not examined: {one.why}")
-    ended = _rounds(begin, finer, another, stops, settings, log)
-    here, current, finer = ended.fit, ended.objective, ended.finer
-    steps, causes, levels = list(ended.steps), list(ended.causes), dict(ended.levels)
+    found = rounds(begin, finer, stops, settings, log)
+    first, end, steps = found.begin, found.end, list(found.steps)
+    here, current, last = end.fit, end.objective, end.finer.one
+    causes, levels = list(end.causes), dict(end.levels)
     if uneven is not None:
         steps = [_with_score(step, uneven.score) for step in steps]
     log("the correction once more, and the held-out cycle predicted from the others")
     final = final_fits(
-        (begin.baseline, objective), (here, current), causes, finer, cycles, settings
+        (first.fit, first.objective), (here, current), causes, last, cycles, settings
     )
     added = [n for cause in causes if cause not in COVARIANCE for n in cause.parameters]
-    passed = gate(current, here, final.fresh, finer, steps[-1].scores, added)
+    passed = gate(current, here, final.fresh, last, steps[-1].scores, added)
     lost = steps[-1].lost
     if lost is not None and not causes:
         passed = lost
@@ -118,7 +110,7 @@ def diagnose(
         causes = [NOISE_NOT_UNIFORM, *causes]
         levels |= {NOISE_RATIO.name: (uneven.ratio, uneven.sigma)}
     return Diagnosis(
-        baseline=begin.baseline,
+        baseline=first.fit,
         extended=here,
         objective=current,
         bad_loads=tuple(one for one in begin.bad if one.frame in current.data.bad_loads),
@@ -127,73 +119,11 @@ def diagnose(
         gate=passed,
         held_out=final.held_out,
         explained=explained,
-        log_evidence=ended.of_noise + log_evidence(final.before, here.best, current, causes),
+        log_evidence=end.of_noise + log_evidence(final.before, here.best, current, causes),
         not_examined=left + _never_tried(steps),
         verdict=verdict,
         levels=levels,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Rounds:
-    """Where the rounds ended.
-
-    Attributes:
-        fit: the last fit.
-        objective: its objective.
-        finer: the finer model, its orientations those of the fit.
-        steps: the rounds.
-        causes: the causes that were added and are still needed.
-        levels: of the noise that was named its level and the standard deviation of it.
-        of_noise: log evidence of that noise.
-    """
-
-    fit: Fit
-    objective: Objective
-    finer: ForwardModel
-    steps: tuple[Step, ...]
-    causes: tuple[Cause, ...]
-    levels: Mapping[str, Level]
-    of_noise: float
-
-
-def _rounds(
-    begin: Prepared,
-    finer: ForwardModel,
-    another: Callable[[], ForwardModel] | None,
-    stops: Stops,
-    settings: Settings,
-    log: Log,
-) -> _Rounds:
-    """Add one cause after the other, until none stands out, or not on another mesh."""
-    here, current, known = begin.baseline, begin.objective, begin.wide
-    steps: list[Step] = []
-    causes: list[Cause] = []
-    levels: dict[str, Level] = {}
-    of_noise = 0.0  # log evidence
-    while True:
-        log(f"screening at χ_F {here.best.chi_load:.2f}, χ of images {here.best.chi_image:.3f}")
-        other = None if another is None else partial(_turned, another, tuple(causes))
-        step, winner = examine(here, current, causes, settings, stops, known, other, log)
-        known = None
-        steps.append(step)
-        if winner is None or len(steps) > MOST_STEPS:
-            break
-        causes.append(winner.cause)
-        log(f"added {winner.cause.name}, log evidence {winner.log_evidence:+.1f}")
-        finer = turned(finer, (winner.cause,))
-        here, current, levels = _extended(winner, finer, settings, levels, log)
-        if BOUNDARY_NOISE in causes and not levels:
-            causes.remove(BOUNDARY_NOISE)
-            of_noise = 0.0
-        elif winner.levels:
-            of_noise = winner.log_evidence
-        here, current, causes = eliminate(here, current, causes, log)
-    return _Rounds(here, current, finer, tuple(steps), tuple(causes), levels, of_noise)
-
-
-def _turned(another: Callable[[], ForwardModel], causes: tuple[Cause, ...]) -> ForwardModel:
-    return turned(another(), causes)
 
 
 def _never_tried(steps: Sequence[Step]) -> tuple[NotExamined, ...]:
@@ -201,40 +131,6 @@ def _never_tried(steps: Sequence[Step]) -> tuple[NotExamined, ...]:
     tried = {s.cause.name for step in steps for s in step.scores}
     why = {one.cause: one for step in steps for one in step.untried if one.cause not in tried}
     return tuple(why.values())
-
-
-def _extended(
-    winner: Refit,
-    finer: ForwardModel,
-    settings: Settings,
-    levels: Mapping[str, Level],
-    log: Log,
-) -> tuple[Fit, Objective, dict[str, Level]]:
-    """The extended model with its own correction and noise, fitted, and the level of the latter.
-
-    A load that was left out and that the extended model explains is taken back.
-    """
-    objective = winner.objective
-    log("finer mesh and steps at the extended model")
-    change = correction(objective.model, finer, winner.fit, log)
-    noise = noise_of_images(winner.fit, objective.data, settings)
-    objective = with_correction(objective, noise, change, settings.sizes)
-    free = winner.fit.best.free
-    here = fit(objective, winner.fit.values, free, POLISH, log)
-    data = objective.data
-    if data.bad_loads:
-        whole = replace(objective, data=replace(data, bad_loads=()))
-        again = whole.compare(here.best.prediction, here.values, free)
-        still = {one.frame for one in bad_loads(again, whole.data)} & set(data.bad_loads)
-        data = replace(data, bad_loads=tuple(sorted(still)))
-        objective = replace(objective, data=data)
-    at = objective.compare(here.best.prediction, here.values, free)
-    if levels := {**levels, **winner.levels}:
-        objective, levels = level_again(at, objective, levels, log)
-        at = objective.compare(here.best.prediction, here.values, free)
-    objective = replace(objective, data=with_load_noise(objective.data, at, log))
-    at = objective.compare(here.best.prediction, here.values, free)
-    return fit(objective, here.values, free, POLISH, log, start=at), objective, levels
 
 
 def _with_score(step: Step, score: Score) -> Step:

@@ -33,7 +33,8 @@ class Final:
     """What was found at the end.
 
     Attributes:
-        fresh: finer minus working prediction at the extended fit.
+        fresh: finer minus working prediction at the extended fit, the mean of two meshes where
+            there were two.
         before: the baseline, fitted under the covariance of the end; the last fit itself where
             no cause is left.
         uncounted: the same without the noise of the boundary that was found: what that explains
@@ -68,6 +69,9 @@ def final_fits(
         settings: how the diagnosis is run.
     """
     (baseline, objective), (here, current) = first, last
+    spread = current.spread
+    if objective.spread is None:  # the other mesh was asked for in a later round
+        objective = replace(objective, correction=objective.correction.mean_with(spread))
     counted = replace(objective, data=current.data)
     uncounted = replace(counted, data=replace(counted.data, jitter=objective.data.jitter))
     tasks: list[_Refresh | _Again | HeldOutTask] = [_Refresh(current.model, finer, here)]
@@ -80,7 +84,7 @@ def final_fits(
     fits = [end.best for end in ends if isinstance(end, Fit)] or [here.best]
     held = [end for end in ends if isinstance(end, HeldOut)]
     return Final(
-        fresh=next(end for end in ends if isinstance(end, Correction)),
+        fresh=next(end for end in ends if isinstance(end, Correction)).mean_with(spread),
         before=fits[0],
         uncounted=fits[-1],
         held_out=(held[0], held[-1]) if held else None,

@@ -18,8 +18,7 @@ from scipy.stats import f
 from driver.diagnosis.all_causes import NAMES
 from driver.diagnosis.examined import NotExamined
 from driver.diagnosis.noise_causes import NOISE_NOT_UNIFORM, NOISE_RATIO
-from driver.diagnosis.omnibus import FAMILY_LEVEL
-from driver.diagnosis.score import SEEN_AT, Score
+from driver.diagnosis.score import NAMING_LEVEL, SEEN_AT, Score
 from driver.diagnosis.verdict import Verdict
 from driver.identification.cosine_modes import fast_modes
 from driver.identification.data import Data
@@ -50,7 +49,7 @@ class Unevenness:
     @property
     def named(self) -> bool:
         """Whether it is significant, and large enough to matter."""
-        return self.score.p < FAMILY_LEVEL and self.ratio > EVEN_ENOUGH
+        return self.score.p < NAMING_LEVEL and self.ratio > EVEN_ENOUGH
 
 
 def examine_noise(

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.examined import NotExamined
 from driver.diagnosis.gate import Gate
@@ -65,6 +67,8 @@ class Step:
         widened: by how much the simulation's own error widens the scores.
         untried: flips of the EBSD frame that were not tried in it, and why.
         lost: what another mesh takes away of what was seen, None where nothing.
+        left_something: causes that cannot be told from the one added by their evidence, but that
+            leave what is no noise, where it does not.
     """
 
     scores: tuple[Score, ...]
@@ -76,6 +80,7 @@ class Step:
     widened: float = 1.0
     untried: tuple[NotExamined, ...] = ()
     lost: Gate | None = None
+    left_something: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,3 +119,17 @@ class Diagnosis:
     not_examined: tuple[NotExamined, ...]
     verdict: Verdict
     levels: Mapping[str, tuple[float, float]]
+
+    def off_by_mesh(self, name: str) -> float | None:
+        """By how much either of two finer meshes puts a fitted value off that of their mean.
+
+        To first order, in the unit of the value; None where there is one finer mesh. It is no
+        part of the standard deviation, which is that of the measurements.
+        """
+        spread, fit_ = self.objective.spread, self.extended
+        if spread is None:
+            return None
+        change = self.objective.data.change(np.asarray(spread.motion), np.asarray(spread.load))
+        row = fit_.covariance[fit_.best.free.index(name)]
+        slope = self.objective.parameters[name].slope(fit_.values[name])
+        return float(abs(row @ (fit_.best.jacobian @ change) * slope))

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from driver.diagnosis.boundary_noise import Stops, explains_better, score_boundary_noise
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.examined import NotExamined
 from driver.diagnosis.image_noise import Unevenness, examine_noise
 from driver.diagnosis.loads import BadLoad, bad_loads, load_noise
+from driver.diagnosis.omnibus import FAMILY_LEVEL
 from driver.diagnosis.outcome import Log, Settings
 from driver.diagnosis.refit import TOLERANCE
 from driver.diagnosis.score import effects_of
@@ -87,6 +89,43 @@ def prepared(
     known = None if moved else objective.compare(wide.prediction, wide.values, wide.free)
     here = replace(here, best=objective.restrict(here.best, free))
     return Prepared(here, objective, known, bad, uneven, left)
+
+
+def loads_taken_back(
+    begin: Prepared, stops: Stops, candidates: Sequence[Cause], names: Sequence[str], log: Log
+) -> Prepared:
+    """The same with the loads that were left out, where noise of the boundary explains them.
+
+    It has to be seen with them, and to be likelier than errors of their own.
+
+    Args:
+        begin: what screening would begin with.
+        stops: the answers to each stop, if they were computed.
+        candidates: the causes.
+        names: the parameters that screening needs free.
+        log: takes one line of progress.
+
+    Raises:
+        SolverError: the simulation could not be finished.
+    """
+    if stops.effect is None or not begin.bad:
+        return begin
+    objective, here = begin.objective, begin.baseline
+    whole = replace(objective, data=replace(objective.data, bad_loads=()))
+    at = whole.compare(here.best.prediction, here.values, here.best.free)
+    if not explains_better(stops.effect, at, whole.data, [one.frame for one in begin.bad]):
+        return begin
+    log("  a noise of the boundary explains the loads that were left out better: with them")
+    here = _fitted_again(whole, here, log)
+    whole = replace(whole, data=with_load_noise(whole.data, here.best, log))
+    here = _fitted_again(whole, here, log)
+    wide = whole.evaluate(here.values, names)
+    effects = effects_of(candidates, wide, whole.parameters)
+    noise = score_boundary_noise(stops.effect, here.best, whole.data, effects, len(effects) + 2)
+    if noise.p >= FAMILY_LEVEL:
+        log(f"  it is not seen with any cause free (p {noise.p:.2g}): they stay left out")
+        return begin
+    return replace(begin, baseline=here, objective=whole, wide=wide, bad=())
 
 
 def _reweighted(

@@ -227,14 +227,14 @@ def nominal(baseline: Evaluation, objective: Objective) -> dict[str, float]:
     return baseline.values | {name: prior[name][0] for name in baseline.free if name in prior}
 
 
-def _added(baseline: Evaluation, cause: Cause) -> tuple[str, ...]:
+def added_by(cause: Cause, baseline: Evaluation) -> tuple[str, ...]:
     """What a cause frees; a companion may be free already, with another cause."""
     named = (*cause.parameters, *cause.companions)
     return tuple(name for name in named if name not in baseline.free)
 
 
 def _free(baseline: Evaluation, cause: Cause) -> tuple[str, ...]:
-    return (*baseline.free, *_added(baseline, cause))
+    return (*baseline.free, *added_by(cause, baseline))
 
 
 def refit_from(tasks: Sequence[Start], crew: Crew) -> list[Refit]:
@@ -268,11 +268,21 @@ def _refit(task: Start) -> Refit | str:
     result = fit(
         objective, here.values, here.free, task.most, silent, start=here, tolerance=TOLERANCE
     )
-    added = _added(task.baseline, task.cause)
-    evidence = log_bayes_factor(task.baseline, result.best, objective, added)
-    evidence += float(np.log(task.cause.odds))
-    widened = as_wide_as_found(objective, task.cause, result.values)
-    return Refit(task.cause, widened, result, evidence)
+    return refit_of(task.cause, objective, result, task.baseline)
+
+
+def refit_of(cause: Cause, objective: Objective, result: Fit, baseline: Evaluation) -> Refit:
+    """The refit that a fit with the prior of a cause is.
+
+    Args:
+        cause: the cause.
+        objective: the objective of the fit, with the prior of the cause.
+        result: the fit.
+        baseline: the baseline at its optimum.
+    """
+    evidence = log_bayes_factor(baseline, result.best, objective, added_by(cause, baseline))
+    evidence += float(np.log(cause.odds))
+    return Refit(cause, as_wide_as_found(objective, cause, result.values), result, evidence)
 
 
 def promised(objective: Objective, here: Evaluation) -> float:

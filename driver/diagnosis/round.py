@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.diagnosis.another_mesh import lost_on
+from driver.diagnosis.another_mesh import held_against_both, with_both
 from driver.diagnosis.boundary_noise import Stops, refit_boundary_noise, score_boundary_noise
 from driver.diagnosis.causes import NUMERICS, Cause
 from driver.diagnosis.ebsd_flips import FLIPS, flips_of
+from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.flip_trial import FlipTrial, not_warranted, try_flips
 from driver.diagnosis.gain import is_excess, share_explained
 from driver.diagnosis.gate import Gate
-from driver.diagnosis.noise_causes import COVARIANCE
+from driver.diagnosis.noise_causes import BOUNDARY_NOISE, COVARIANCE
 from driver.diagnosis.omnibus import FAMILY_LEVEL, Omnibus, omnibus
 from driver.diagnosis.outcome import Log, Settings, Step
+from driver.diagnosis.own_correction import with_own_corrections
 from driver.diagnosis.refit import Crew, Refit, refit_causes, refit_from_afar
-from driver.diagnosis.score import PARALLEL, Score, effects_of, likeness
+from driver.diagnosis.score import NAMING_LEVEL, PARALLEL, Score, effects_of, likeness
 from driver.diagnosis.screening import screen, screened
 from driver.diagnosis.verdict import MOST_ADDITIONS
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
-from driver.model import ForwardModel
 
 FloatArray = NDArray[np.float64]
 
@@ -31,9 +33,27 @@ WITHIN = 3.0  # log evidence within which causes are not told apart
 WORTH = 1.0  # log evidence without which nothing is added: less is no evidence (Jeffreys)
 LARGE = 3.0  # χ_F beyond which a score names a cause no better than chance
 ENOUGH = 0.9  # share of the excess that the best cause has to explain
+_AKIN = 0.5  # likeness of causes that may do for each other
 _STRAIGHT = 0.5  # of a log evidence, by which score and refit may differ
 _RIVAL = 0.75  # of the log evidence of the best score, with which a cause is refitted in any case
 _HOPEFUL = 0.5  # of what the best gains, that a score or a first step has to promise
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """A round, and what was examined in it.
+
+    Attributes:
+        step: what was found.
+        winner: the refit of the cause to add, None where none stands out.
+        fit: the fit that was examined, with both meshes where they were asked for.
+        objective: its objective.
+    """
+
+    step: Step
+    winner: Refit | None
+    fit: Fit
+    objective: Objective
 
 
 def examine(
@@ -43,9 +63,9 @@ def examine(
     settings: Settings,
     stops: Stops,
     wide: Evaluation | None,
-    another: Callable[[], ForwardModel] | None,
+    finer: FinerMeshes,
     log: Log,
-) -> tuple[Step, Refit | None]:
+) -> Round:
     """Screen all causes, refit the best, and pick the one to add.
 
     Noise of the boundary is the first suspect: where it stands, no other cause is refitted
@@ -58,14 +78,106 @@ def examine(
         settings: how the diagnosis is run.
         stops: the answers to a noise of the boundary, if they were computed.
         wide: evaluation at the fit with the parameters of every cause free, if known.
-        another: makes the finer model on another mesh; None for a simulation without a mesh.
+        finer: the finer models behind the correction.
         log: takes one line of progress.
 
-    Returns:
-        The round, and the refit of the cause to add, None where none stands out.
+    Raises:
+        SolverError: the simulation could not be finished.
     """
     candidates, names = screened(objective.model, here.best.free, settings.wanted, settings.own)
     screening = wide if wide is not None else objective.evaluate(here.values, names)
+    seen = _first_order(here, objective, candidates, screening, settings, stops, log)
+    refits: list[Refit] = []
+    trial = FlipTrial()
+    lost: Gate | None = None
+    noise = seen.noise
+    if noise is not None and noise.p < level_of(BOUNDARY_NOISE) and stops.effect is not None:
+        refits = [refit_boundary_noise(stops.effect, here.best, objective, log)]
+    elif len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS:
+        crew = Crew(settings.processes, settings.threads, log)
+        both = held_against_both(finer, here, objective, seen.scores, seen.widened, log)
+        if both is not None:
+            lost = both.lost
+            if lost is None:
+                objective, here = with_both(objective, here, both, log)
+                # The sensitivities stay those at the fit before, a fraction of a σ away.
+                screening = objective.compare(
+                    screening.prediction, screening.values, screening.free
+                )
+                log("  with the mean of both meshes:")
+                seen = _first_order(here, objective, candidates, screening, settings, stops, log)
+        if lost is None:
+            refits = _refits(seen.scores, screening, here, objective, settings.refit, crew)
+            trial = _flips(refits, seen.tests, here.best, objective, added, settings.wanted, crew)
+            refits = _best_of_each([*refits, *trial.refits])
+            refits = with_own_corrections(refits, here.best, finer, crew)
+    scores = sorted([*seen.scores, *trial.scores], key=lambda s: -s.log_evidence)
+    winner = refits[0] if refits and refits[0].log_evidence > WORTH else None
+    named = set_of(winner, refits, scores) if winner is not None else ()
+    chi = here.best.chi_load, here.best.chi_image
+    step = Step(
+        tuple(scores), tuple(refits), named, seen.tests, *chi, seen.widened, trial.untried, lost
+    )  # fmt: skip
+    return Round(step, winner, here, objective)
+
+
+def at_first_sight(
+    here: Fit, objective: Objective, settings: Settings, stops: Stops, log: Log
+) -> Step:
+    """Screen all causes, and refit none.
+
+    Args:
+        here: the fit that is examined.
+        objective: its objective.
+        settings: how the diagnosis is run.
+        stops: the answers to a noise of the boundary, if they were computed.
+        log: takes one line of progress.
+    """
+    candidates, names = screened(objective.model, here.best.free, settings.wanted, settings.own)
+    screening = objective.evaluate(here.values, names)
+    seen = _first_order(here, objective, candidates, screening, settings, stops, log)
+    chi = here.best.chi_load, here.best.chi_image
+    return Step(tuple(seen.scores), (), (), seen.tests, *chi, seen.widened)
+
+
+def is_settled(step: Step) -> bool:
+    """Whether nothing is left: the tests accept, and no cause is significant."""
+    causes = [s for s in step.scores if s.degrees and s.cause != NUMERICS]
+    return step.omnibus.accepted and all(s.p >= level_of(s.cause) for s in causes)
+
+
+def level_of(cause: Cause) -> float:
+    """The level of the family at which a cause is named, or suspected first."""
+    return FAMILY_LEVEL if cause == BOUNDARY_NOISE else NAMING_LEVEL
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What is seen to first order.
+
+    Attributes:
+        scores: of all causes, best log evidence first.
+        widened: by how much the simulation's own error widens them.
+        tests: of the residual against no particular cause.
+        noise: the score of the noise of the boundary, None where it was not looked for.
+    """
+
+    scores: list[Score]
+    widened: float
+    tests: Omnibus
+    noise: Score | None
+
+
+def _first_order(
+    here: Fit,
+    objective: Objective,
+    candidates: Sequence[Cause],
+    screening: Evaluation,
+    settings: Settings,
+    stops: Stops,
+    log: Log,
+) -> _Seen:
+    """Scores and tests of a fit; the best five are told."""
     effects = effects_of(candidates, screening, objective.parameters)
     scores, variance = screen(here, objective, candidates, effects, settings.sizes)
     if variance > 1.0:
@@ -76,28 +188,7 @@ def examine(
         scores = sorted([*scores, noise], key=lambda s: -s.log_evidence)
     for s in scores[:5]:
         log(f"  {s.cause.name}: log evidence {s.log_evidence:+.1f}, p {s.p:.2g}")
-    refits: list[Refit] = []
-    trial = FlipTrial()
-    lost: Gate | None = None
-    widened = float(np.sqrt(variance))
-    if noise is not None and noise.p < FAMILY_LEVEL and stops.effect is not None:
-        refits = [refit_boundary_noise(stops.effect, here.best, objective, log)]
-    elif len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS:
-        crew = Crew(settings.processes, settings.threads, log)
-        if another is not None:
-            lost = lost_on(another, here, objective, scores, widened, log)
-        if lost is None:
-            refits = _refits(scores, screening, here, objective, settings.refit, crew)
-            trial = _flips(refits, tests, here.best, objective, added, settings.wanted, crew)
-            refits = _best_of_each([*refits, *trial.refits])
-            scores = sorted([*scores, *trial.scores], key=lambda s: -s.log_evidence)
-    winner = refits[0] if refits and refits[0].log_evidence > WORTH else None
-    named = set_of(winner, refits, scores) if winner is not None else ()
-    chi = here.best.chi_load, here.best.chi_image
-    step = Step(
-        tuple(scores), tuple(refits), named, tests, *chi, widened, trial.untried, lost
-    )  # fmt: skip
-    return step, winner
+    return _Seen(scores, float(np.sqrt(variance)), tests, noise)
 
 
 def _flips(
@@ -193,15 +284,16 @@ def _bent(leader: Refit, scores: Sequence[Score]) -> bool:
 
 
 def to_refit(tried: Sequence[Score], most: int) -> list[Score]:
-    """The causes that are seen, and those that promise about as much without being seen alone.
+    """The causes that are seen, and those akin to one that promise about as much.
 
-    Of likely causes that do nearly the same, noise makes one or the other significant.
+    Of likely causes that do nearly the same, noise makes one or the other significant. What a
+    cause promises that has nothing to do with those that are seen is noise.
 
     Args:
         tried: scores, best log evidence first.
         most: largest number of either, close rivals of the best aside.
     """
-    seen = [s for s in tried if s.p < FAMILY_LEVEL]
+    seen = [s for s in tried if s.p < NAMING_LEVEL]
     if not seen:
         return []
     best = tried[0].log_evidence
@@ -210,7 +302,9 @@ def to_refit(tried: Sequence[Score], most: int) -> list[Score]:
     bar = _HOPEFUL * best
     if all(s.log_evidence <= bar for s in seen):
         return seen  # they are of no size that anyone expects, and vouch for no other
-    return [s for s in tried if s in seen or (s in tried[:most] and s.log_evidence > bar)]
+    hopeful = [s for s in tried[:most] if s not in seen and s.log_evidence > bar]
+    akin = [s for s in hopeful if any(likeness(s, one) > _AKIN for one in seen)]
+    return [s for s in tried if s in seen or s in akin]
 
 
 def _listed(scores: Sequence[Score]) -> str:

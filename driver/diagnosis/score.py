@@ -26,7 +26,9 @@ from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
 
-# A one-σ-per-family threshold of 1 % over tens of causes is near 3.5 σ; one more σ for power.
+NAMING_LEVEL = 0.005
+"""Of the family of all causes: less than one model in a hundred that is right gets a cause."""
+# This level over tens of causes is near 3.7 σ; most of one more σ for power.
 SEEN_AT = 4.5
 PARALLEL = 0.95  # likeness beyond which causes cannot be told apart
 _RANK = 1e-9

@@ -2,8 +2,9 @@
 
 Image part: with ρ = f + w − g(x + u) of a predicted motion, b_j = Σ_pixels (∇f·ψ_j) ρ tests the
 residual with the functions of the correlation mesh. Its noise covariance is σ² M, M_jk =
-Σ (∇f·ψ_j)(∇f·ψ_k), times (δ_tt' + 1/n) between frames, for all share the reference, a mean of n
-images. The stage re-centres between images: what a rigid motion explains is projected out.
+Σ (∇f·ψ_j)(∇f·ψ_k), times (δ_tt' + S_tt') between frames, for all share the reference and the error
+of the flat pattern (`shared_noise`). The stage re-centres between images: what a rigid motion
+explains is projected out.
 Load part: (F_measured − F_predicted)/γ_F, whitened for AR(1) noise over the frames in use.
 Both together are whitened for noise of the boundary motion, which moves images and loads alike.
 """
@@ -198,10 +199,14 @@ class Data:
         return self.simulation_error.whiten_images(white, shapes)
 
     def _whiten_reference(self, z: FloatArray) -> FloatArray:
-        """(I + 11ᵀ/n)^(−1/2) over the frames, axis −2."""
-        T = z.shape[-2]
-        shrink = 1.0 - 1.0 / np.sqrt(1.0 + T / self.image.images.n_reference)
-        return np.asarray(z - shrink * z.mean(axis=-2, keepdims=True))
+        """(I + S)^(−1/2) over the frames, axis −2, S what they share."""
+        return np.asarray(self._shared_root @ z)
+
+    @cached_property
+    def _shared_root(self) -> FloatArray:
+        seen = self.index[self.with_image]
+        strength, modes = np.linalg.eigh(self.image.shared[np.ix_(seen, seen)])
+        return np.asarray((modes / np.sqrt(1.0 + strength)) @ modes.T)
 
     def _whiten_loads(self, load: FloatArray) -> FloatArray:
         return self._whiten_load_simulation(self._whiten_series(load))

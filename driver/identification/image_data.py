@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from driver.dic.basis import Basis
 from driver.dic.surface_images import SurfaceImages
+from driver.identification.shared_noise import shared_noise, some_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -40,6 +41,8 @@ class ImageData:
             shape (T, 3).
         whiten: what turns b into independent unit numbers, rigid motions projected out,
             shape (n_z, n_functions).
+        shared: covariance between the frames beside their own noise, in units of its variance,
+            shape (T, T).
         noise_factor: estimated noise over the noise of the repeats.
         variance: of the noise at each pixel over its mean, shape (n_pix,), None where it is even.
         lacking: which pixels say nothing in which frame, shape (T, n_pix), None where all say
@@ -51,6 +54,7 @@ class ImageData:
     rigid: FloatArray
     mean_motion: FloatArray
     whiten: FloatArray
+    shared: FloatArray
     noise_factor: float = 1.0
     variance: FloatArray | None = None
     lacking: BoolArray | None = None
@@ -181,6 +185,7 @@ def build_image_data(
     basis_w: Basis,
     mean_motion: FloatArray,
     gauge: Gauge,
+    places: FloatArray,
     lacking: BoolArray | None = None,
 ) -> ImageData:
     """Prepare test functions and whitening.
@@ -191,6 +196,7 @@ def build_image_data(
         basis_w: functions of w at the pixels.
         mean_motion: mean motion of free correlation in each frame [µm], shape (T, 3).
         gauge: "translation" removes the mean motion of each image, "rigid" rotations too.
+        places: displacement of some places of the specimen in the frames [µm], shape (T, p, 2).
         lacking: as in `ImageData`.
     """
     fx, fy = images.gradient.T
@@ -203,7 +209,9 @@ def build_image_data(
     ).tocsr()
     rigid = _rigid_motions(images.xy, gauge)
     whiten = _whitening(images, test, (test.T @ test).toarray(), rigid)
-    return ImageData(images, test, rigid, mean_motion, whiten, lacking=lacking)
+    tested = np.asarray((test @ whiten[some_of(len(whiten))].T).T)
+    shared = shared_noise(images, tested, places)
+    return ImageData(images, test, rigid, mean_motion, whiten, shared, lacking=lacking)
 
 
 def _by_component(

@@ -44,7 +44,7 @@ def no_images(n_loads: int) -> NoImages:
         frames=SplineImages(np.zeros((n_loads, 0, 0)), 1.0, (0.0, 0.0)),
         sigma=1.0, n_reference=1, shape=(0, 0), pixel=1.0, bounds=(0.0, 0.0, 0.0, 0.0),
         reference_image=np.zeros((0, 0)), noise_dof=0, sigma_flat=0.0, codes=no_codes,
-        flat_error=np.zeros((0, 0)),
+        flat_error=np.zeros((0, 0)), flat_pattern=None, flat_noise=np.zeros((0, 0)),
     )  # fmt: skip
     return NoImages(
         images,
@@ -52,4 +52,5 @@ def no_images(n_loads: int) -> NoImages:
         rigid=np.zeros((0, 0, 3)),
         mean_motion=np.zeros((n_loads, 3)),
         whiten=np.zeros((0, 0)),
+        shared=np.zeros((n_loads, n_loads)),
     )

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.fixed_pattern import apparent_rise
 from driver.identification.data import Data
 from driver.identification.paper_chi import PaperChi, paper_chi
 from driver.model import ForwardModel
@@ -32,6 +33,16 @@ class Correction:
     motion: FloatArray | float = 0.0
     load: FloatArray | float = 0.0
 
+    def mean_with(self, spread: Correction | None) -> Correction:
+        """The mean of this correction by a finer mesh and of that by another one.
+
+        Args:
+            spread: half of what the other one adds, None where there is no other one.
+        """
+        if spread is None:
+            return self
+        return Correction(self.motion + spread.motion, self.load + spread.load)
+
 
 @dataclass(frozen=True, eq=False)
 class Objective:
@@ -42,7 +53,9 @@ class Objective:
         data: the measurements.
         parameters: declarations by name.
         prior: mean (value) and standard deviation (in θ) of the parameters that have a prior.
-        correction: finer minus working prediction.
+        correction: finer minus working prediction, the mean of two where another finer mesh was
+            needed.
+        spread: half of what the second of them adds, None where there is one.
     """
 
     model: ForwardModel
@@ -50,6 +63,7 @@ class Objective:
     parameters: Mapping[str, Parameter]
     prior: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     correction: Correction = Correction()
+    spread: Correction | None = None
 
     def evaluate(self, values: Mapping[str, float], free: Sequence[str]) -> Evaluation:
         """Simulate and compare.
@@ -59,6 +73,24 @@ class Objective:
         """
         prediction = self.model.predict(values, free)
         return self.compare(prediction, values, free)
+
+    def reading_pattern_along(self, here: Evaluation) -> tuple[Objective, Evaluation]:
+        """The objective that reads the fixed pattern where an evaluation sees the specimen.
+
+        Free correlation knows less well where that is, and errs with the noise of the images.
+
+        Returns:
+            The objective, and what the evaluation is under it.
+        """
+        image = self.data.image
+        if image.images.flat_pattern is None:
+            return self, here
+        moved = here.motion.copy()
+        moved[self.data.index] += np.einsum("tr,rpc->tpc", here.shift, image.rigid)
+        rise = apparent_rise(image.images, moved)
+        there = replace(self, model=replace(self.model, pattern=rise))
+        prediction = there.model.with_pattern(here.prediction, here.values, here.free)
+        return there, there.compare(prediction, here.values, here.free)
 
     def in_steps_of(self, here: Evaluation) -> Objective:
         """The objective whose simulations take the time steps of an evaluation."""

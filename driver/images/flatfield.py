@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
+from scipy import fft, ndimage
 
 from driver.images.heightmaps import ImageError, fill_off_surface, on_surface
 from driver.images.plane import plane_modes
@@ -19,6 +19,7 @@ BoolArray = NDArray[np.bool_]
 # Robust standard deviations beyond which a pixel of a flat is dirt: of 400 flats of 300 000
 # pixels noise alone loses 70 readings, nothing to the mean.
 DIRT = 5.0
+_NEIGHBOURS = 9  # orders along each axis over which the power of a pattern's cosines is averaged
 _BAND = 32  # rows that are looked at together in all flats, to bound the memory
 
 
@@ -28,7 +29,8 @@ class FlatField:
 
     Attributes:
         pattern: to be subtracted from every image [µm], shape (rows, cols).
-        sigma: standard error of `pattern`, root mean square over the pixels [µm].
+        sigma: standard error of `pattern`, root mean square over the pixels of two
+            flats or more [µm].
         error: standard error of `pattern` at each pixel [µm], shape (rows, cols); with n
             flats it is known to 1/√(2 (n − 1)) of itself.
         n: number of flats.
@@ -83,10 +85,25 @@ def flat_pattern(flats: Iterable[FloatArray]) -> FlatField:
     error[~known] = mean[known].std()
     return FlatField(
         pattern=fill_off_surface(mean, known),
-        sigma=float(np.sqrt(np.mean(error**2))),
+        sigma=float(np.sqrt(np.mean(error[known] ** 2))),
         error=error,
         n=n,
     )
+
+
+def without_noise(flat: FlatField) -> FloatArray:
+    """The pattern without the noise of its flats [µm], shape (rows, cols).
+
+    Wiener filter: each cosine over the image is reduced to the share of its power that is no
+    noise, the power being the mean about it. What is subtracted from the images stays the mean of
+    the flats; but a pattern that shifts with a frame has the slopes of its noise as well, and of n
+    flats those soon exceed its own.
+    """
+    cosines = fft.dctn(flat.pattern, norm="ortho")
+    power = ndimage.uniform_filter(cosines**2, _NEIGHBOURS)
+    own = np.maximum(power - flat.sigma**2, 0.0)
+    share = np.divide(own, power, out=np.zeros_like(own), where=power > 0)
+    return np.asarray(fft.idctn(share * cosines, norm="ortho"))
 
 
 def left_over(displacement: FloatArray, gain: FloatArray) -> FloatArray:

@@ -31,6 +31,7 @@ def evidence(
     categories: Sequence[str],
     score: FloatArray,
     refit: FloatArray,
+    winner: int | None,
 ) -> Figure:
     """Log evidence of every cause against the baseline of a round, best on top.
 
@@ -39,14 +40,12 @@ def evidence(
         categories: their categories.
         score: log evidence of the first-order screening, shape (n,).
         refit: log evidence of the refit, NaN where there is none, shape (n,).
+        winner: the place of the cause that the round added, None where it added none.
     """
     n = len(names)
     figure = new_figure(0.255 * n + 1.15)
     axis = figure.subplots()
     best = np.where(np.isnan(refit), score, refit)
-    winner = int(np.nanargmax(refit)) if not np.all(np.isnan(refit)) else None
-    if winner is not None and refit[winner] <= 0:
-        winner = None
     places = np.arange(n)
     for place, category in enumerate(categories):
         colour, refitted = CATEGORIES[category], not np.isnan(refit[place])
@@ -97,5 +96,5 @@ def _evidence_key(categories: Sequence[str], refitted: bool) -> list[Patch | Lin
     if refitted:
         key.append(Line2D([], [], marker="D", ls="", mfc="white", mec=MEASURED,
                           label="its screening, before the refit"))  # fmt: skip
-        key.append(Line2D([], [], color=BEFORE, ls="--", label=f"best − {WITHIN:g}"))
+        key.append(Line2D([], [], color=BEFORE, ls="--", label=f"added − {WITHIN:g}"))
     return key

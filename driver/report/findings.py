@@ -231,9 +231,15 @@ def _texts(path: Path, expected: tuple[str, ...]) -> list[Any]:
 
 
 def _diagnosis(path: Path) -> Record:
-    entries = ("verdict", "added", "flips", "gain", "steps", "bad_loads", "not_examined")
+    entries = (
+        "verdict", "added", "flips", "gain", "steps", "bad_loads", "not_examined", "numerics",
+    )  # fmt: skip
     record = _record(path, entries)
+    if "off_by_mesh" not in record["numerics"]:
+        raise damaged(path, "no entry off_by_mesh in numerics")
     for step in record["steps"]:
+        if "left_something" not in step:
+            raise damaged(path, "no entry left_something in steps")
         for name in OMNIBUS:
             if name not in step["omnibus"]:
                 raise damaged(path, f"no entry {name} in steps.omnibus")

@@ -134,6 +134,7 @@ def _evidence(step: Record) -> Figure:
         [cause["category"] for cause in causes],
         np.array([cause["log_evidence"] for cause in causes]),
         np.array(refits),
+        next((k for k, c in enumerate(causes) if c["cause"] in step["named"][:1]), None),
     )
 
 

@@ -36,7 +36,7 @@ def cause_rows(step: Row, declared: Declared) -> list[Row]:
         step: a round of `diagnosis.json`.
         declared: the parameters of the general model.
     """
-    return [_cause_row(cause, step["named"], declared) for cause in ordered(step["causes"])]
+    return [_cause_row(cause, step, declared) for cause in ordered(step["causes"])]
 
 
 def ordered(causes: Sequence[Row]) -> list[Row]:
@@ -49,8 +49,9 @@ def ordered(causes: Sequence[Row]) -> list[Row]:
     return sorted(causes, key=key)
 
 
-def _cause_row(cause: Row, named: Sequence[str], declared: Declared) -> Row:
-    refit, declared = cause["refit"], {**declared, **COVARIANCE_PARAMETERS}
+def _cause_row(cause: Row, step: Row, declared: Declared) -> Row:
+    named, refit = step["named"], cause["refit"]
+    declared = {**declared, **COVARIANCE_PARAMETERS}
     parameters = []
     for name, unit, estimate, visible in zip(
         cause["parameters"], cause["units"], cause["estimate"], cause["smallest_visible"],
@@ -77,6 +78,7 @@ def _cause_row(cause: Row, named: Sequence[str], declared: Declared) -> Row:
         "parameters": parameters or [{"label": "–", "estimate": "", "refit": "", "visible": ""}],
         "winner": bool(named) and cause["cause"] == named[0],
         "in_set": cause["cause"] in named[1:],
+        "left_something": cause["cause"] in step["left_something"],
     }
 
 
@@ -99,6 +101,7 @@ def added_rows(findings: Findings) -> list[Row]:
         noise = COVARIANCE_PARAMETERS.get(name)
         unit, null = record["unit"], findings.values[name] if noise is None else noise.null
         factor, shown = reading_unit(name, unit)
+        off = findings.diagnosis["numerics"]["off_by_mesh"].get(name)
         rows.append(
             {
                 "label": label(name),
@@ -106,6 +109,7 @@ def added_rows(findings: Findings) -> list[Row]:
                 "value": measure(name, unit, record["value"], record["sigma"]),
                 "null": with_unit(number(factor * null, 4), shown),
                 "sigmas": number(abs(record["value"] - null) / record["sigma"], 2),
+                "off_by_mesh": "" if off is None else with_unit(number(factor * off, 2), shown),
             }
         )
     return rows

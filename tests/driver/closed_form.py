@@ -375,12 +375,14 @@ def surface_images(b: Bench, values: Mapping[str, float], seed: int) -> SurfaceI
 def objective(b: Bench, values: Mapping[str, float], seed: int = 0) -> Objective:
     """What is minimised for data made with these parameters, without priors."""
     images = surface_images(b, values, seed)
+    motion = b.model.predict(values).motion + stage_error(b)[:, None]
     image = build_image_data(
         images,
         grid_basis(images.xy, images.bounds, 12 * PIXEL),
         grid_basis(images.xy, images.bounds, 8 * PIXEL),
-        b.model.predict(values).motion.mean(axis=1) + stage_error(b),
+        motion.mean(axis=1),
         "translation",
+        motion[:, ::200, :2],
     )
     load = readings(b, values, seed)
     data = Data(image, load, LOAD_NOISE, 0.0, np.arange(b.history.n_images))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from driver.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.diagnosis.diagnose import diagnose
+from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.outcome import Diagnosis, Settings
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Objective
@@ -53,4 +54,5 @@ def diagnosis_of(
 ) -> Diagnosis:
     """What is wrong with a baseline (`identified`)."""
     objective, fitted = baseline
-    return diagnose(fitted, objective, finer(b, by), b.history.cycle, settings, silent)
+    meshes = FinerMeshes(finer(b, by))
+    return diagnose(fitted, objective, meshes, b.history.cycle, settings, silent)

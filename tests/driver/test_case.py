@@ -131,6 +131,15 @@ def test_each_of_several_errors_has_its_line(tmp_path: Path) -> None:
     assert [line.split(": ")[1] for line in lines] == ["specimen.width_um", "diagnosis.refit"]
 
 
+def test_a_fixed_pattern_without_flats_is_refused(tmp_path: Path) -> None:
+    write(tmp_path, ("[extensions]", "[extensions]\nfixed_pattern = 0.1"))
+    path = tmp_path / "case.toml"
+    text = "\n".join(x for x in path.read_text("utf-8").splitlines() if "flats" not in x)
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(CaseError, match=r"fixed_pattern = 0\.1.*images\.flats as well"):
+        load_case(path)
+
+
 def test_two_grains_without_a_boundary_are_refused(tmp_path: Path) -> None:
     (line,) = refused(
         tmp_path,

@@ -8,10 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from driver.boundary import LAMBDAS
 from driver.diagnosis.outcome import Diagnosis
 from driver.fixed_pattern import apparent_rise
+from driver.identification.objective import Correction, Objective
+from driver.identification.procedure import Plan, identify
+from driver.log import silent
 from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
+from tests.driver.closed_form import LAW, SIZES
+from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, finer, identified
 
 FloatArray = NDArray[np.float64]
 
@@ -39,21 +44,29 @@ def truly_moved() -> FloatArray:
     return np.asarray(motion + closed_form.stage_error(BENCH)[:, None])
 
 
-@cache
-def diagnosed(share: float) -> Diagnosis:
+def seen(share: float) -> Objective:
+    """What is minimised where a share of the pattern is left, and flats show the pattern."""
     with patch.object(closed_form, "height_maps", lambda *_: heights(share)):
         made = closed_form.objective(BENCH, BENCH.truth)
-    rise = apparent_rise(pattern(), made.data.image.images, truly_moved())
-    model = replace(BENCH.model, pattern=rise)
-    bench = replace(BENCH, model=model)
-    return diagnosis_of(bench, identified(bench, replace(made, model=model)))
+    image = made.data.image
+    images = replace(image.images, flat_pattern=pattern())
+    return replace(made, data=replace(made.data, image=replace(image, images=images)))
+
+
+@cache
+def diagnosed(share: float) -> Diagnosis:
+    objective, baseline = identified(BENCH, seen(share))
+    objective, here = objective.reading_pattern_along(baseline.best)
+    bench = replace(BENCH, model=objective.model)
+    return diagnosis_of(bench, (objective, replace(baseline, best=here)))
 
 
 def test_a_pattern_does_nothing_where_nothing_moves_and_is_the_difference_of_places_else() -> None:
-    images = closed_form.surface_images(BENCH, BENCH.truth, 0)
+    images = replace(closed_form.surface_images(BENCH, BENCH.truth, 0), flat_pattern=pattern())
     motion = np.zeros((2, len(images.xy), 3))
     motion[1, :, 0], motion[1, :, 1] = 2 * closed_form.PIXEL, -closed_form.PIXEL
-    rise = apparent_rise(pattern(), images, motion)
+    rise = apparent_rise(images, motion)
+    assert rise is not None
     np.testing.assert_allclose(rise[0], 0.0, atol=1e-12)
     inside = (images.rows < 22) & (images.cols > 6)
     shifted = pattern()[np.minimum(images.rows + 2, 27), images.cols - 1]
@@ -73,6 +86,59 @@ def test_the_prediction_follows_the_share_as_its_derivative_says() -> None:
     assert np.array_equal(plain.carried[1][..., 2], rise)
     assert not plain.d_surface[1].any() and not plain.d_load[1].any()
     assert np.array_equal(plain.motion, BENCH.model.predict(BENCH.truth).motion)
+
+
+def test_the_pattern_is_read_where_the_fit_sees_the_specimen() -> None:
+    objective, baseline = identified(BENCH, seen(SHARE))
+    images = objective.data.image.images
+    true = apparent_rise(images, truly_moved())
+    # Somewhere else, as a noisy correlation has it: a tenth of a pixel off.
+    noise = (
+        0.1
+        * closed_form.PIXEL
+        * np.random.default_rng(8).standard_normal((len(truly_moved()), 1, 3))
+    )
+    model = replace(objective.model, pattern=apparent_rise(images, truly_moved() + noise))
+    there, here = replace(objective, model=model).reading_pattern_along(baseline.best)
+    assert true is not None and model.pattern is not None and there.model.pattern is not None
+    scale = np.std(true)
+    assert np.std(model.pattern - true) > 0.2 * scale
+    assert np.std(there.model.pattern - true) < 0.05 * scale
+    # At the null of the pattern nothing else changes.
+    np.testing.assert_allclose(here.residual, baseline.best.residual, atol=1e-9)
+    np.testing.assert_allclose(here.jacobian, baseline.best.jacobian, atol=1e-9)
+
+
+def test_identification_reads_a_pattern_that_is_free_where_its_fit_sees_the_specimen() -> None:
+    objective, first = identified(BENCH, seen(SHARE))
+    images, true = objective.data.image.images, truly_moved()
+    rng = np.random.default_rng(8)
+    noise = 0.1 * closed_form.PIXEL * rng.standard_normal((len(true), 1, 3))
+    working = replace(BENCH.model, pattern=apparent_rise(images, true + noise))
+    start = replace(objective, model=working, correction=Correction())
+    knots = tuple(name for name in first.best.free if name not in (*LAMBDAS, *LAW))
+    plan = Plan(law=(*LAW, "fixed_pattern"), knots=knots, sizes=SIZES, most=15)
+    found = identify(
+        working, finer(replace(BENCH, model=working)), start, first.values, plan, silent
+    )
+    there, read = apparent_rise(images, true), found.objective.model.pattern
+    assert there is not None and read is not None and working.pattern is not None
+    assert np.std(read - there) < 0.25 * np.std(working.pattern - there)
+    sigma = found.final.sigma("fixed_pattern", found.objective.parameters)
+    assert abs(found.final.values["fixed_pattern"] - SHARE) < 3.5 * sigma < 0.3 * SHARE
+
+
+def test_an_evaluation_follows_the_pattern_to_where_it_is_read() -> None:
+    objective = seen(SHARE)
+    values, free = BENCH.truth | {"fixed_pattern": 0.3}, ("tau0", "fixed_pattern")
+    images = objective.data.image.images
+    model = replace(objective.model, pattern=apparent_rise(images, 1.2 * truly_moved()))
+    there, here = replace(objective, model=model).reading_pattern_along(
+        replace(objective, model=model).evaluate(values, free)
+    )
+    anew = there.evaluate(values, free)
+    np.testing.assert_allclose(here.residual, anew.residual, atol=1e-9)
+    np.testing.assert_allclose(here.jacobian, anew.jacobian, atol=1e-9)
 
 
 def test_a_pattern_that_was_left_is_named_and_its_share_found() -> None:

@@ -72,7 +72,9 @@ def test_a_noise_map_weighs_the_pixels(case: Case) -> None:
 
 
 def test_flats_show_what_their_pattern_would_do(case: Case) -> None:
-    flats = np.random.default_rng(4).normal(0.0, 0.01, (3, *closed_form.SHAPE)).astype(np.float32)
+    rng = np.random.default_rng(4)
+    pattern = rng.normal(0.0, 0.01, closed_form.SHAPE)
+    flats = (pattern + rng.normal(0.0, 0.001, (3, *pattern.shape))).astype(np.float32)
     images: dict[str, object] = {"flats": "flats.tif"}
     levels = 1e3 * flats / case.images.height_per_level_nm
     tifffile.imwrite(case.path("flats.tif"), levels, photometric="minisblack")

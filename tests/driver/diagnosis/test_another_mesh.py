@@ -7,15 +7,18 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.diagnosis.diagnose import diagnose
+from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.outcome import Diagnosis
+from driver.log import silent
 from driver.model import ForwardModel
-from solver_adapters.interface import Simulation
+from solver_adapters.interface import Simulation, SolverError
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
 
 FloatArray = NDArray[np.float64]
 
 DRIFT = 4e-4
+WANTED = replace(SETTINGS, wanted=("tilt_drift",))
 BENCH = closed_form.bench()
 FINE = finer(BENCH)
 
@@ -23,9 +26,11 @@ FINE = finer(BENCH)
 class ErringMesh(closed_form.ClosedFormSolver):
     """A mesh whose error is a tilt that grows during the test; the mean of both has half of it."""
 
+    drift = 2 * DRIFT
+
     def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
         motion, load = super().answer(simulation)
-        grown = np.linspace(0.0, 2 * DRIFT, len(motion))
+        grown = np.linspace(0.0, self.drift, len(motion))
         x = simulation.mesh.points[simulation.output_nodes, 0]
         motion[..., 2] += grown[:, None] * (x - x.mean())
         return motion, load
@@ -38,11 +43,10 @@ def diagnosed(drift: float, another: ForwardModel) -> tuple[Diagnosis, list[str]
     """The diagnosis of a test with so much drift."""
     made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": drift})
     objective, baseline = identified(BENCH, made)
-    settings = replace(SETTINGS, wanted=("tilt_drift",))
     lines: list[str] = []
     found = diagnose(
-        baseline, objective, FINE, BENCH.history.cycle, settings, lines.append, None,
-        lambda: another,
+        baseline, objective, FinerMeshes(FINE, lambda: another), BENCH.history.cycle, WANTED,
+        lines.append,
     )  # fmt: skip
     return found, lines
 
@@ -50,6 +54,29 @@ def diagnosed(drift: float, another: ForwardModel) -> tuple[Diagnosis, list[str]
 def test_what_is_there_on_another_mesh_as_well_is_named() -> None:
     found, _ = diagnosed(DRIFT, FINE)
     assert found.verdict.kind == "named" and found.verdict.causes == ("tilt_drift",)
+
+
+class LittleErringMesh(ErringMesh):
+    """The same with a quarter of the effect that is there."""
+
+    drift = 0.5 * DRIFT
+
+
+def test_what_is_named_has_the_mean_of_both_meshes_and_what_either_is_off_is_told() -> None:
+    little = replace(BENCH.model, adapter=LittleErringMesh(0.001))
+    (one, _), (both, lines) = (diagnosed(DRIFT, mesh) for mesh in (FINE, little))
+    assert one.verdict.causes == both.verdict.causes == ("tilt_drift",)
+    half = 0.25 * DRIFT
+    moved = both.extended.values["tilt_drift"] - one.extended.values["tilt_drift"]
+    assert moved == pytest.approx(-half, rel=0.05)
+    assert both.off_by_mesh("tilt_drift") == pytest.approx(half, rel=0.05)
+    assert both.gate.effect < 0.1 and any("moved by" in line for line in lines)
+
+
+@pytest.mark.parametrize("size", [DRIFT, 3 * DRIFT])
+def test_where_both_meshes_agree_neither_is_off(size: float) -> None:
+    found, _ = diagnosed(size, FINE)
+    assert found.off_by_mesh("tilt_drift") == 0.0
 
 
 def test_what_another_mesh_takes_away_is_not_named_and_a_finer_one_is_asked_for() -> None:
@@ -64,13 +91,40 @@ def test_what_another_mesh_takes_away_is_not_named_and_a_finer_one_is_asked_for(
     assert any("moved by" in line for line in lines)
 
 
+class BrokenMesh(closed_form.ClosedFormSolver):
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        raise SolverError("no step is short enough")
+
+
+def test_where_the_other_mesh_cannot_be_simulated_one_has_to_do() -> None:
+    found, lines = diagnosed(DRIFT, replace(BENCH.model, adapter=BrokenMesh()))
+    assert found.verdict.kind == "named" and found.off_by_mesh("tilt_drift") is None
+    assert any("no step is short enough" in line for line in lines)
+
+
 def test_without_a_finding_no_other_mesh_is_tried() -> None:
     found, lines = diagnosed(0.0, ERRING)
     assert found.verdict.kind == "nothing wrong"
     assert not any("another mesh" in line for line in lines)
 
 
-def test_what_no_mesh_takes_away_needs_no_other_mesh() -> None:
-    found, lines = diagnosed(3 * DRIFT, ERRING)
+def test_what_no_mesh_takes_away_is_named_with_the_mean_of_both_as_well() -> None:
+    found, _ = diagnosed(4 * DRIFT, ERRING)
     assert found.verdict.kind == "named"
-    assert not any("another mesh" in line for line in lines)
+    # Of the two finer meshes one sees all of it, and the other one half of it.
+    assert found.extended.values["tilt_drift"] == pytest.approx(3 * DRIFT, rel=0.1)
+    assert found.off_by_mesh("tilt_drift") == pytest.approx(DRIFT, rel=0.1)
+
+
+def test_what_the_meshes_differ_by_is_taken_at_the_extended_model() -> None:
+    """A mesh that errs as long as the cause is not in the model, and no more when it is."""
+    meshes = [replace(BENCH.model, adapter=LittleErringMesh(0.001)), FINE]
+    made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": DRIFT})
+    objective, baseline = identified(BENCH, made)
+    both = FinerMeshes(FINE, lambda: meshes.pop(0))
+    found = diagnose(baseline, objective, both, BENCH.history.cycle, WANTED, silent)
+    assert found.verdict.causes == ("tilt_drift",) and not meshes
+    assert found.off_by_mesh("tilt_drift") == pytest.approx(0.0, abs=1e-5 * DRIFT)
+    agreeing, _ = diagnosed(DRIFT, FINE)
+    value = agreeing.extended.values["tilt_drift"]
+    assert found.extended.values["tilt_drift"] == pytest.approx(value, rel=1e-3)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from unittest.mock import patch
@@ -9,12 +10,14 @@ import pytest
 
 from driver.diagnosis.all_causes import NAMES
 from driver.diagnosis.boundary_noise import (
+    explains_better,
     in_fast_loads,
     level_again,
     refit_boundary_noise,
     score_boundary_noise,
     stops_where_they_pay,
 )
+from driver.diagnosis.loads import bad_loads
 from driver.diagnosis.noise_causes import SIGMA_E
 from driver.diagnosis.outcome import Diagnosis
 from driver.diagnosis.preparation import with_load_noise
@@ -89,6 +92,9 @@ class Drawn:
         at, data = self.fit(sigma_e, load_noise, seed), self.objective.data
         return score_boundary_noise(self.stops, at, data, self.causes, len(NAMES) + 1).p
 
+    def explains_better(self, at: Evaluation, frames: Sequence[int]) -> bool:
+        return explains_better(self.stops, at, self.objective.data, frames)
+
 
 @cache
 def drawn() -> Drawn:
@@ -118,6 +124,48 @@ def test_without_it_nothing_is_found_whatever_the_noise_of_the_loads(load_noise:
 def test_where_it_is_strong_it_stands_with_any_cause_freed() -> None:
     p = np.array([drawn().p(3e-4, 1.0, seed) for seed in range(20)])
     assert np.mean(p < 0.01) > 0.8
+
+
+def test_loads_that_a_noise_of_the_boundary_moved_are_no_errors_of_single_loads() -> None:
+    found = []
+    for seed in range(100):
+        at = drawn().fit(3e-4, 1.0, seed)
+        largest = np.argsort(np.abs(at.residual[: at.n_load]))[-2:].tolist()
+        found.append(drawn().explains_better(at, largest))
+    assert np.mean(found) > 0.95
+
+
+@pytest.mark.parametrize("load_noise", [1.0, 2.2])
+def test_errors_of_single_loads_are_not_taken_for_a_noise_of_the_boundary(
+    load_noise: float,
+) -> None:
+    found = []
+    for seed in range(100):
+        at, rng = drawn().fit(0.0, load_noise, seed), np.random.default_rng(999 + seed)
+        wrong = rng.choice(at.n_load, 2, replace=False).tolist()
+        at.residual[wrong] += 15.0 * load_noise * rng.choice([-1, 1], 2)
+        found.append(drawn().explains_better(at, wrong))
+    assert np.mean(found) < 0.03
+
+
+def test_loads_that_a_noise_of_the_boundary_explains_are_taken_back_and_it_is_named() -> None:
+    objective, fitted = baseline(2e-4, seed=208)
+    assert bad_loads(fitted.best, objective.data)
+    found = diagnosis_of(BENCH, (objective, fitted), SETTINGS)
+    assert found.verdict.causes == ("boundary_noise",)
+    assert not found.bad_loads and not found.objective.data.bad_loads
+
+
+def test_a_wrong_load_among_noisy_ones_stays_left_out() -> None:
+    made = closed_form.objective(BENCH, BENCH.truth)
+    load, rng = made.data.load.copy(), np.random.default_rng(4)
+    load += 2.0 * closed_form.LOAD_NOISE * rng.standard_normal(load.size)
+    load[20] += 40.0 * closed_form.LOAD_NOISE
+    made = replace(made, data=replace(made.data, load=load))
+    found = diagnosis_of(BENCH, identified(BENCH, made), SETTINGS)
+    assert [bad.frame for bad in found.bad_loads] == [20]
+    assert found.objective.data.load_noise > 1.5 * closed_form.LOAD_NOISE
+    assert found.verdict.kind == "nothing wrong"
 
 
 def test_real_noise_is_found_without_bias_by_the_loads_that_are_fast() -> None:

@@ -4,28 +4,36 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
+import numpy as np
+
 from driver.diagnosis.boundary_noise import Stops
-from driver.diagnosis.omnibus import FAMILY_LEVEL
+from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.round import WORTH, examine, to_refit
-from driver.diagnosis.score import Score
+from driver.diagnosis.score import NAMING_LEVEL, Score
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
 from driver.log import silent
 from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import SETTINGS, identified
+from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
 
 BENCH = closed_form.bench()
 EVERY = replace(SETTINGS, refit=5)
 TILT = replace(EVERY, wanted=("tilt_drift",))
 NO_STOPS = Stops(None)
+FINER = FinerMeshes(finer(BENCH))
 
 
 def tilting() -> tuple[Objective, Fit]:
     return identified(BENCH, closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": 4e-4}))
 
 
-def scored(p: float, evidence: float) -> Score:
-    return cast(Score, SimpleNamespace(p=p, log_evidence=evidence))
+def scored(p: float, evidence: float, angle: float = 0.0) -> Score:
+    """A cause that does to the data what a unit vector at an angle in a plane says."""
+    along = np.array([[np.cos(angle), np.sin(angle)]])
+    return cast(
+        Score,
+        SimpleNamespace(p=p, log_evidence=evidence, directions=along, strengths=np.ones(1)),
+    )
 
 
 def test_a_cause_that_promises_as_much_as_the_seen_one_is_refitted_with_it() -> None:
@@ -35,6 +43,11 @@ def test_a_cause_that_promises_as_much_as_the_seen_one_is_refitted_with_it() -> 
     assert to_refit([best, seen, near, far], 5) == [best, seen, near]
     assert to_refit([best, seen, near, far], 2) == [best, seen]
     assert to_refit([best, near, far], 5) == []  # where nothing is seen nothing is refitted
+
+
+def test_a_cause_that_has_nothing_to_do_with_the_seen_one_is_not_refitted_with_it() -> None:
+    seen, akin, strange = scored(0.004, 3.9), scored(0.05, 4.0, 0.9), scored(0.05, 4.1, 1.2)
+    assert to_refit([strange, akin, seen], 5) == [akin, seen]
 
 
 def test_close_rivals_of_the_best_are_refitted_however_many_they_are() -> None:
@@ -50,20 +63,20 @@ def test_a_significant_cause_without_evidence_opens_the_door_for_no_other() -> N
 
 def test_of_a_small_effect_that_its_cause_explains_no_other_cause_is_refitted() -> None:
     objective, baseline = tilting()
-    step, winner = examine(baseline, objective, (), EVERY, NO_STOPS, None, None, silent)
-    assert winner is not None and winner.cause.name == "tilt_drift"
-    assert len(step.refits) == 1
+    found = examine(baseline, objective, (), EVERY, NO_STOPS, None, FINER, silent)
+    assert found.winner is not None and found.winner.cause.name == "tilt_drift"
+    assert len(found.step.refits) == 1
 
 
 def test_an_effect_far_beyond_its_prior_is_significant_and_still_not_added() -> None:
     objective, baseline = tilting()
-    _, winner = examine(baseline, objective, (), TILT, NO_STOPS, None, None, silent)
-    assert winner is not None and winner.cause.name == "tilt_drift"
+    found = examine(baseline, objective, (), TILT, NO_STOPS, None, FINER, silent)
+    assert found.winner is not None and found.winner.cause.name == "tilt_drift"
     usual = objective.parameters["tilt_drift"]
     # Of this size nobody expects it: forty of its prior scales.
     narrow = dict(objective.parameters) | {"tilt_drift": replace(usual, scale=1e-5)}
     objective = replace(objective, parameters=narrow)
-    step, winner = examine(baseline, objective, (), TILT, NO_STOPS, None, None, silent)
-    (refit,) = step.refits
-    assert step.scores[0].p < FAMILY_LEVEL and 0 < refit.log_evidence < WORTH
-    assert winner is None and step.named == ()
+    found = examine(baseline, objective, (), TILT, NO_STOPS, None, FINER, silent)
+    (refit,) = found.step.refits
+    assert found.step.scores[0].p < NAMING_LEVEL and 0 < refit.log_evidence < WORTH
+    assert found.winner is None and found.step.named == ()

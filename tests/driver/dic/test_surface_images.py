@@ -1,13 +1,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from driver.dic.surface_images import SurfaceImages, prepare, refine_gradient
-from driver.images.flatfield import FlatField
+from driver.images.flatfield import FlatField, flat_pattern
 from driver.images.heightmaps import ImageError
 
 PIXEL, ORIGIN, BOUNDS = 0.11, (19.5, 5.0), (-1.5, 1.5, 0.0, 5.0)
@@ -126,6 +127,31 @@ def test_the_refined_gradient_has_less_error_than_the_first() -> None:
     assert error(refined) < 0.96 * SIGMA / PIXEL / np.sqrt(50) * 1.15
     assert error(refined) < 0.5 * error(images)
     assert np.array_equal(refined.reference, images.reference)
+
+
+def test_the_noise_of_few_flats_hardly_draws_the_motion_to_none() -> None:
+    """It stands still in all images: a gradient that held it would see it do so."""
+    u, v, noise = 0.4 * PIXEL, 0.3 * PIXEL, 0.02
+    still = 1e-5 * np.random.default_rng(5).standard_normal((3, *ROW.shape))
+
+    def short(images: SurfaceImages, motion: np.ndarray) -> np.ndarray:
+        """Share of u and v that a linear correlation from the true motion takes back."""
+        gradient = refine_gradient(images, motion).gradient
+        slope = np.column_stack([gradient, -np.ones(len(images.xy))])
+        rho = images.residual(motion)[0]
+        return np.asarray(np.linalg.solve(slope.T @ slope, slope.T @ rho)[:2] / [u, v])
+
+    found, held = [], []
+    for seed in range(20):
+        rng = np.random.default_rng([7, seed])
+        flat = flat_pattern(noise * rng.standard_normal((4, *ROW.shape)))
+        frames = surface(ROW - 0.4, COL - 0.3)[None]
+        images = prepare(frames, surface(ROW, COL) + still, flat, PIXEL, ORIGIN, BOUNDS)
+        motion = constant_motion(images, u, v, 0.0)
+        found.append(short(images, motion))
+        held.append(short(replace(images, flat_noise=np.zeros(ROW.shape)), motion))
+    assert np.all(np.abs(np.mean(held, axis=0)) > 0.2)
+    assert np.all(np.abs(np.mean(found, axis=0)) < 0.04)
 
 
 @pytest.mark.parametrize(

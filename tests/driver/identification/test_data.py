@@ -52,6 +52,7 @@ def data(images: SurfaceImages, load: FloatArray, gauge: Gauge = "translation") 
         grid_basis(images.xy, BOUNDS, 8 * PIXEL),
         np.zeros((T, 3)),
         gauge,
+        np.zeros((T, 1, 2)),
     )
     return Data(image, load, LOAD_NOISE, AUTOCORRELATION, np.arange(T))
 

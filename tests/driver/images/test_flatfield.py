@@ -2,11 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from driver.dic.interpolation import variance_gain
-from driver.images.flatfield import flat_pattern, left_over
+from driver.images.flatfield import flat_pattern, left_over, without_noise
 from driver.images.heightmaps import ImageError
+
+FloatArray = NDArray[np.float64]
 
 SIGMA = 0.009
 
@@ -27,6 +30,25 @@ def test_a_known_pattern_is_recovered_with_the_stated_error() -> None:
     assert found.sigma == pytest.approx(SIGMA / 10, rel=0.01)  # 2400 × 99 degrees of freedom
     assert np.std(error) == pytest.approx(found.sigma, rel=0.05)  # sampling error 1.4 %
     assert np.abs(modes.T @ found.pattern.ravel()).max() < 1e-12
+
+
+def test_a_smooth_pattern_loses_most_of_the_noise_of_its_flats_and_a_rough_one_stays() -> None:
+    rng = np.random.default_rng(6)
+    row, col = np.indices((40, 60)) / 40.0
+    smooth = 0.006 * np.sin(9 * row) * np.cos(7 * col)
+    rough = 0.02 * rng.normal(size=row.shape)
+    for pattern, left in ((smooth, 0.4), (rough, 1.1)):
+        found = flat_pattern(pattern + SIGMA * rng.normal(size=(20, *row.shape)))
+        error = _levelled(without_noise(found) - pattern)
+        assert np.std(error) < left * np.std(_levelled(found.pattern - pattern))
+    of_noise = flat_pattern(SIGMA * rng.normal(size=(20, *row.shape)))
+    assert np.std(without_noise(of_noise)) < 0.3 * np.std(of_noise.pattern)
+
+
+def _levelled(heights: FloatArray) -> FloatArray:
+    row, col = np.indices(heights.shape)
+    modes = np.linalg.qr(np.column_stack([np.ones(row.size), row.ravel(), col.ravel()]))[0]
+    return np.asarray(heights - (modes @ (modes.T @ heights.ravel())).reshape(heights.shape))
 
 
 def test_flats_that_do_not_fit_are_refused() -> None:

@@ -308,17 +308,19 @@ def diagnosis() -> dict[str, Any]:
             "ebsd_flip_x": "nothing calls for it",
             "ebsd_flip_y": "nothing calls for it",
         },
-        "numerics": {"effect_sigma": 0.31, "on": "grain_contrast", "passed": True},
+        "numerics": {"effect_sigma": 0.31, "on": "grain_contrast", "passed": True,
+                     "off_by_mesh": {"tau0_grain2": 0.0072}},
         "baseline": _fitted(),
         "extended": _fitted(copy.deepcopy(added).items()),
         "steps": [
             {
                 "chi_load": 6.7, "chi_image": 1.6, "omnibus": found,
-                "named": ["grain_contrast", "family_112"],
+                "named": ["grain_contrast", "family_112"], "left_something": [],
                 "causes": _causes(("grain_contrast", "family_112"), ()),
             },
             {
                 "chi_load": 0.98, "chi_image": 1.03, "omnibus": omnibus, "named": [],
+                "left_something": [],
                 "causes": _causes((), ("grain_contrast",)),
             },
         ],

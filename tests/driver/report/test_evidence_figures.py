@@ -12,7 +12,7 @@ def texts(axes: Axes) -> list[str]:
 def test_evidence_marks_the_best_refit_and_the_line_three_below_it() -> None:
     score, refit = np.array([20.0, 30.0, 4.0, -1.0]), np.array([41.0, 12.0, np.nan, np.nan])
     figure = evidence_figures.evidence(
-        ["a", "b", "c", "d"], ["material", "boundary", "instrument", "numerics"], score, refit
+        ["a", "b", "c", "d"], ["material", "boundary", "instrument", "numerics"], score, refit, 0
     )
     axes = figure.axes[0]
     assert texts(axes) == ["+41.0", "+12.0", "+4.0", "−1.0"]
@@ -29,14 +29,21 @@ def test_evidence_marks_the_best_refit_and_the_line_three_below_it() -> None:
 
 def test_evidence_in_the_thousands_is_drawn_logarithmically_and_says_so() -> None:
     figure = evidence_figures.evidence(
-        ["a", "b"], ["material", "material"], np.array([3000.0, 2.0]), np.full(2, np.nan)
+        ["a", "b"], ["material", "material"], np.array([3000.0, 2.0]), np.full(2, np.nan), None
     )
     axes = figure.axes[0]
     assert axes.get_xscale() == "symlog" and "logarithmic beyond" in axes.get_xlabel()
 
 
-def test_without_a_refit_that_pays_nothing_is_marked_as_the_best() -> None:
+def test_where_nothing_was_added_nothing_is_marked_as_the_best() -> None:
     figure = evidence_figures.evidence(
-        ["a", "b"], ["material", "material"], np.array([-1.0, -2.0]), np.array([-0.5, np.nan])
+        ["a", "b"], ["material", "material"], np.array([-1.0, -2.0]), np.array([-0.5, np.nan]), None
     )
     assert {bar.get_linewidth() for bar in figure.axes[0].patches} == {0.6}
+
+
+def test_the_cause_that_was_added_is_marked_though_another_has_more_evidence() -> None:
+    figure = evidence_figures.evidence(
+        ["a", "b"], ["material", "material"], np.array([9.0, 8.0]), np.array([9.0, 8.0]), 1
+    )
+    assert [bar.get_linewidth() for bar in figure.axes[0].patches] == [0.6, 2.0]

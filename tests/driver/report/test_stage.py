@@ -98,6 +98,7 @@ def test_the_verdict_and_the_gain_come_first(page: str) -> None:
     )  # fmt: skip
     places = [text.index(word) for word in words]
     assert places == sorted(places)
+    assert "σ away; two finer meshes say 0.0072 more and less" in text
 
 
 def test_every_cause_stands_in_the_table_with_its_sentence(page: str) -> None:
@@ -105,7 +106,7 @@ def test_every_cause_stands_in_the_table_with_its_sentence(page: str) -> None:
     for cause in LIBRARY:
         assert cause_label(cause.name) in text
         assert f"{cause.category}: {cause.sentence}".replace("'", "&#39;") in text
-    assert "grain contrast (best)" in text and "{112} family (not told from the best)" in text
+    assert "grain contrast (added)" in text and "{112} family (not told from it)" in text
     assert "load drift over the test +0.140 µN not visible" in text
 
 
@@ -212,13 +213,16 @@ def test_results_of_another_version_are_refused_with_what_to_do(
         run_report(results.context(tmp_path / "work"))
 
 
+@pytest.mark.parametrize("missing", ["together_p", "left_something", "off_by_mesh"])
 def test_a_verdict_of_an_earlier_version_is_refused_with_what_to_do(
-    results: Results, tmp_path: Path
+    missing: str, results: Results, tmp_path: Path
 ) -> None:
-    steps = json.loads((results.results / "diagnosis.json").read_text("utf-8"))["steps"]
-    del steps[1]["omnibus"]["together_p"]
-    results.edit_diagnosis(steps=steps)
-    with pytest.raises(ResultError, match="found no entry together_p.*the stage diagnose alone"):
+    found = json.loads((results.results / "diagnosis.json").read_text("utf-8"))
+    steps, numerics = found["steps"], found["numerics"]
+    for entries in (steps[1], steps[1]["omnibus"], numerics):
+        entries.pop(missing, None)
+    results.edit_diagnosis(steps=steps, numerics=numerics)
+    with pytest.raises(ResultError, match=f"found no entry {missing}.*the stage diagnose alone"):
         run_report(results.context(tmp_path / "work"))
 
 
@@ -350,7 +354,7 @@ def test_a_flip_of_the_ebsd_frame_is_shown_without_a_parameter() -> None:
         "parameters": [], "units": [], "statistic": 90.0, "degrees": 0, "p_family": None,
         "log_evidence": 41.0, "estimate": [], "smallest_visible": [], "refit": refit,
     }  # fmt: skip
-    (row,) = cause_rows({"named": [flip.name], "causes": [cause]}, {})
+    (row,) = cause_rows({"named": [flip.name], "left_something": [], "causes": [cause]}, {})
     assert row["winner"] and row["refit"] == "+40.0" and row["p"] == "–"
     assert [parameter["label"] for parameter in row["parameters"]] == ["–"]
     budget = {"load": 5.0, "basis": 2.0}

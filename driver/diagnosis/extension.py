@@ -1,0 +1,103 @@
+"""The model with one more cause: its own correction and noise, fitted, and pruned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from driver.diagnosis.boundary_noise import Level, level_again
+from driver.diagnosis.causes import Cause
+from driver.diagnosis.elimination import eliminate
+from driver.diagnosis.final_fits import POLISH
+from driver.diagnosis.finer_meshes import FinerMeshes
+from driver.diagnosis.loads import bad_loads
+from driver.diagnosis.noise_causes import BOUNDARY_NOISE
+from driver.diagnosis.outcome import Log, Settings
+from driver.diagnosis.preparation import noise_of_images, with_load_noise
+from driver.diagnosis.refit import Refit
+from driver.identification.fit import Fit, fit
+from driver.identification.objective import Objective
+from driver.identification.procedure import with_correction
+
+
+@dataclass(frozen=True, eq=False)
+class Extension:
+    """A model as far as it was extended.
+
+    Attributes:
+        fit: the fit.
+        objective: its objective.
+        finer: the finer models, their orientations those of the fit.
+        causes: the causes that were added and are still needed.
+        levels: of the noise that was named its level and the standard deviation of it.
+        of_noise: log evidence of that noise.
+    """
+
+    fit: Fit
+    objective: Objective
+    finer: FinerMeshes
+    causes: tuple[Cause, ...]
+    levels: Mapping[str, Level]
+    of_noise: float
+
+
+def extended(before: Extension, winner: Refit, settings: Settings, log: Log) -> Extension:
+    """The model with a cause added, and without what that makes superfluous.
+
+    Args:
+        before: the model without it.
+        winner: the refit of the cause, from that model.
+        settings: how the diagnosis is run.
+        log: takes one line of progress.
+
+    Raises:
+        SolverError: the simulation could not be finished.
+    """
+    causes, of_noise = [*before.causes, winner.cause], before.of_noise
+    finer = before.finer.turned((winner.cause,))
+    winner = _corrected(winner, finer, settings, log)
+    here, objective, levels = _fitted(winner, before.levels, log)
+    if BOUNDARY_NOISE in causes and not levels:
+        causes.remove(BOUNDARY_NOISE)
+        of_noise = 0.0
+    elif winner.levels:
+        of_noise = winner.log_evidence
+    here, objective, causes = eliminate(here, objective, causes, log)
+    return Extension(here, objective, finer, tuple(causes), levels, of_noise)
+
+
+def _corrected(winner: Refit, finer: FinerMeshes, settings: Settings, log: Log) -> Refit:
+    """The refit with the correction at its end, by both meshes where it had both."""
+    objective, here = winner.objective, winner.fit
+    log("finer mesh and steps at the extended model")
+    both = objective.spread is not None
+    change, spread = finer.corrections(objective.model, here, both, log)
+    noise = noise_of_images(here, objective.data, settings)
+    objective = with_correction(objective, noise, change, settings.sizes)
+    objective = replace(objective, correction=change.mean_with(spread), spread=spread)
+    return replace(winner, objective=objective)
+
+
+def _fitted(
+    winner: Refit, levels: Mapping[str, Level], log: Log
+) -> tuple[Fit, Objective, dict[str, Level]]:
+    """The extended model fitted with its own noise, and the level of the latter.
+
+    A load that was left out and that the extended model explains is taken back.
+    """
+    objective, free = winner.objective, winner.fit.best.free
+    here = fit(objective, winner.fit.values, free, POLISH, log)
+    data = objective.data
+    if data.bad_loads:
+        whole = replace(objective, data=replace(data, bad_loads=()))
+        again = whole.compare(here.best.prediction, here.values, free)
+        still = {one.frame for one in bad_loads(again, whole.data)} & set(data.bad_loads)
+        data = replace(data, bad_loads=tuple(sorted(still)))
+        objective = replace(objective, data=data)
+    at = objective.compare(here.best.prediction, here.values, free)
+    if levels := {**levels, **winner.levels}:
+        objective, levels = level_again(at, objective, levels, log)
+        at = objective.compare(here.best.prediction, here.values, free)
+    objective = replace(objective, data=with_load_noise(objective.data, at, log))
+    at = objective.compare(here.best.prediction, here.values, free)
+    return fit(objective, here.values, free, POLISH, log, start=at), objective, levels

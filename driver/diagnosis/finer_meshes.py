@@ -1,0 +1,72 @@
+"""The finer simulation behind the correction: on its own mesh, and on another one of that size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from driver.diagnosis.causes import Cause
+from driver.diagnosis.flip_trial import turned
+from driver.diagnosis.outcome import Log
+from driver.errors import InputError
+from driver.identification.fit import Fit
+from driver.identification.objective import Correction
+from driver.identification.procedure import correction
+from driver.model import ForwardModel
+from solver_adapters.interface import SolverError
+
+
+@dataclass(frozen=True, eq=False)
+class FinerMeshes:
+    """The finer models.
+
+    Attributes:
+        one: on the finer mesh of the case.
+        another: makes it on another mesh; None for a simulation without a mesh.
+    """
+
+    one: ForwardModel
+    another: Callable[[], ForwardModel] | None = None
+
+    def turned(self, causes: Sequence[Cause]) -> FinerMeshes:
+        """The same with the measured orientations as the flips among these causes have them."""
+        another = None if self.another is None else partial(_turned, self.another, causes)
+        return FinerMeshes(turned(self.one, causes), another)
+
+    def corrections(
+        self, working: ForwardModel, here: Fit, both: bool, log: Log
+    ) -> tuple[Correction, Correction | None]:
+        """Finer minus working prediction at a fit, and half of what the other mesh adds.
+
+        Both are taken at the same parameters: what the difference changes by from fit to fit is no
+        difference of the meshes. The latter is None where it was not asked for, or cannot be had.
+
+        Args:
+            working: the working model.
+            here: the fit.
+            both: whether the other mesh is asked for.
+            log: takes one line of progress.
+
+        Raises:
+            SolverError: the finer simulation could not be finished.
+        """
+        first = correction(working, self.one, here, log)
+        if self.another is None or not both:
+            return first, None
+        log("the same on another mesh")
+        try:
+            second = correction(working, self.another(), here, log)
+        except (SolverError, InputError) as error:
+            log(f"  one mesh has to do: {str(error).partition(chr(10))[0]}")
+            return first, None
+        return first, Correction(
+            0.5 * (np.asarray(second.motion) - first.motion),
+            0.5 * (np.asarray(second.load) - first.load),
+        )
+
+
+def _turned(another: Callable[[], ForwardModel], causes: Sequence[Cause]) -> ForwardModel:
+    return turned(another(), causes)

@@ -1,0 +1,85 @@
+"""The refits that lead, each under the correction at its own end.
+
+What the working mesh gets wrong depends on where crystals yield, and that on the cause: of causes
+that do much the same the correction at the baseline may favour the wrong one by several units of
+log evidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from driver.diagnosis.finer_meshes import FinerMeshes
+from driver.diagnosis.refit import TOLERANCE, Crew, Refit, refit_of, with_prior
+from driver.identification.fit import fit
+from driver.identification.objective import Evaluation
+from driver.identification.procedure import correction
+from driver.log import silent
+from driver.model import ForwardModel
+from driver.side_by_side import side_by_side
+from solver_adapters.interface import SolverError
+
+REACH = 10.0
+"""Log evidence below the best within which a correction may change the order."""
+_MOST = 3  # iterations
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """A refit, to be fitted again.
+
+    Attributes:
+        refit: the refit, under the correction at the baseline.
+        finer: the finer model, its orientations those of the refit.
+        baseline: the baseline at its optimum.
+    """
+
+    refit: Refit
+    finer: ForwardModel
+    baseline: Evaluation
+
+
+def with_own_corrections(
+    refits: Sequence[Refit], baseline: Evaluation, finer: FinerMeshes, crew: Crew
+) -> list[Refit]:
+    """Refits, best evidence first, those that lead under the correction at their own end.
+
+    Where one leads alone nothing is simulated: what it gains no correction takes away.
+
+    Args:
+        refits: the refits, best evidence first.
+        baseline: the baseline at its optimum.
+        finer: the finer models.
+        crew: who refits.
+    """
+    if not refits:
+        return []
+    bar = max(refits[0].log_evidence - REACH, 0.0)
+    leading = [refit for refit in refits if refit.log_evidence > bar]
+    if len(leading) < 2:
+        return list(refits)
+    crew.log("finer mesh and steps at the end of each refit that leads")
+    tasks = [_Task(refit, finer.turned((refit.cause,)).one, baseline) for refit in leading]
+
+    def done(index: int, result: Refit) -> None:
+        before = leading[index].log_evidence
+        crew.log(f"  {result.cause.name}: log evidence {before:+.1f} → {result.log_evidence:+.1f}")
+
+    own = side_by_side(_under_its_own, tasks, crew.processes, crew.threads, done)
+    others = [refit for refit in refits if refit not in leading]
+    return sorted([*own, *others], key=lambda refit: -refit.log_evidence)
+
+
+def _under_its_own(task: _Task) -> Refit:
+    """The refit under the correction at its end; as it is where that cannot be simulated."""
+    refit, cause = task.refit, task.refit.cause
+    objective, best = with_prior(refit.objective, cause), refit.fit.best
+    try:
+        change = correction(objective.model, task.finer, refit.fit, silent)
+    except SolverError:
+        return refit
+    objective = replace(objective, correction=change.mean_with(objective.spread))
+    start = objective.compare(best.prediction, best.values, best.free)
+    result = fit(objective, best.values, best.free, _MOST, silent, start=start, tolerance=TOLERANCE)
+    return refit_of(cause, objective, result, task.baseline)

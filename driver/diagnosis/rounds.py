@@ -1,0 +1,137 @@
+"""Rounds of a diagnosis: one cause is added after the other, until none stands out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from driver.diagnosis.boundary_noise import Stops
+from driver.diagnosis.extension import Extension, extended
+from driver.diagnosis.finer_meshes import FinerMeshes
+from driver.diagnosis.noise_causes import COVARIANCE
+from driver.diagnosis.outcome import Log, Settings, Step
+from driver.diagnosis.preparation import Prepared
+from driver.diagnosis.refit import Refit
+from driver.diagnosis.round import (
+    WITHIN,
+    WORTH,
+    Round,
+    at_first_sight,
+    examine,
+    is_settled,
+    set_of,
+)
+from driver.diagnosis.verdict import MOST_ADDITIONS
+from solver_adapters.interface import SolverError
+
+MOST_STEPS = 5  # rounds, where elimination keeps taking back what was added
+
+
+@dataclass(frozen=True, eq=False)
+class Rounds:
+    """Where the rounds ended.
+
+    Attributes:
+        begin: the model of the first round, to which nothing was added.
+        end: the model at last.
+        steps: the rounds.
+    """
+
+    begin: Extension
+    end: Extension
+    steps: tuple[Step, ...]
+
+
+def rounds(
+    begin: Prepared, finer: FinerMeshes, stops: Stops, settings: Settings, log: Log
+) -> Rounds:
+    """Add one cause after the other, until none stands out, or not on another mesh.
+
+    Args:
+        begin: what screening begins with.
+        finer: the finer models behind the correction.
+        stops: the answers to a noise of the boundary, if they were computed.
+        settings: how the diagnosis is run.
+        log: takes one line of progress.
+
+    Raises:
+        SolverError: the simulation could not be finished.
+    """
+    here = Extension(begin.baseline, begin.objective, finer, (), {}, 0.0)
+    before, known = here, begin.wide
+    first: Extension | None = None
+    steps: list[Step] = []
+    while True:
+        at = here.fit.best
+        log(f"screening at χ_F {at.chi_load:.2f}, χ of images {at.chi_image:.3f}")
+        found = examine(
+            here.fit, here.objective, here.causes, settings, stops, known, here.finer, log
+        )
+        known, step, winner = None, found.step, found.winner
+        here = replace(here, fit=found.fit, objective=found.objective)
+        first = first or here
+        if steps and _leaves_something(found, here):
+            better = _by_a_rival(before, steps[-1], stops, settings, log)
+            if better is not None:
+                end, exchanged, last = better
+                return Rounds(first, end, (*steps[:-1], exchanged, last))
+        steps.append(step)
+        if winner is None or len(steps) > MOST_STEPS:
+            return Rounds(first, here, tuple(steps))
+        log(f"added {winner.cause.name}, log evidence {winner.log_evidence:+.1f}")
+        before, here = here, extended(here, winner, settings, log)
+
+
+def _leaves_something(found: Round, here: Extension) -> bool:
+    """Whether the last addition leaves what is no noise, and what hardly anything can be added to.
+
+    What another mesh takes away is an error of the meshes, and asks for no other cause. Nor does
+    another one help where as many were added as there may be.
+    """
+    little = found.winner is None or found.winner.log_evidence < WITHIN
+    effects = [cause for cause in here.causes if cause not in COVARIANCE]
+    few = len(effects) < MOST_ADDITIONS
+    return little and few and found.step.lost is None and not found.step.omnibus.accepted
+
+
+def _by_a_rival(
+    before: Extension, last: Step, stops: Stops, settings: Settings, log: Log
+) -> tuple[Extension, Step, Step] | None:
+    """The last addition exchanged for one that cannot be told from it, where that leaves nothing.
+
+    A refit is judged by its evidence alone, and of large effects that do much the same the wrong
+    one may have a little more of it. What it leaves then tells them apart.
+
+    Args:
+        before: the model before the last addition.
+        last: the round of that addition.
+        stops: the answers to a noise of the boundary, if they were computed.
+        settings: how the diagnosis is run.
+        log: takes one line of progress.
+
+    Returns:
+        The model, the round of the addition and the one after it; None where each of the set
+        leaves something.
+    """
+    rivals = [r for r in last.refits if r.cause.name in last.named[1:] and r.log_evidence > WORTH]
+    found: list[tuple[Refit, Extension, Step]] = []
+    for rival in rivals:
+        log(f"{last.named[0]} leaves something: {rival.cause.name} is tried in its place")
+        try:
+            tried = extended(before, rival, settings, log)
+            seen = at_first_sight(tried.fit, tried.objective, settings, stops, log)
+        except SolverError as error:
+            log(f"  it cannot be simulated ({str(error).partition(chr(10))[0]})")
+            continue
+        if is_settled(seen):
+            log("  nothing is left")
+            found.append((rival, tried, seen))
+        else:
+            log("  something is left as well")
+    if not found:
+        return None
+    stand = [rival for rival, _, _ in found]
+    left = {r.cause.name for r in last.refits} - {r.cause.name for r in stand}
+    scores = [score for score in last.scores if score.cause.name not in left]
+    named = set_of(stand[0], stand, scores)
+    passed_over = tuple(name for name in last.named if name in left)
+    return found[0][1], replace(last, named=named, left_something=passed_over), found[0][2]

@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from unittest.mock import patch
+
+from driver.diagnosis import rounds
+from driver.diagnosis.boundary_noise import Stops
+from driver.diagnosis.causes import Cause
+from driver.diagnosis.extension import Extension, extended
+from driver.diagnosis.finer_meshes import FinerMeshes
+from driver.diagnosis.gate import Gate
+from driver.diagnosis.outcome import Diagnosis, Log, Settings
+from driver.diagnosis.refit import Crew, Refit, refit_causes
+from driver.diagnosis.round import Round, at_first_sight, examine
+from driver.diagnosis.screening import screened
+from driver.identification.fit import Fit
+from driver.identification.objective import Evaluation, Objective
+from solver_adapters.interface import SolverError
+from tests.driver import closed_form
+from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
+
+BENCH = closed_form.bench()
+TRUE, WRONG, OTHER = "tilt_drift", "magnification_drift", "end_rotation"
+
+
+def misled(
+    refitted: Sequence[str], named: tuple[str, ...], lost: Gate | None
+) -> Callable[..., Round]:
+    """A round that prefers the first of these causes, after which nothing can be added."""
+
+    def examined(
+        here: Fit, objective: Objective, added: Sequence[Cause], settings: Settings, stops: Stops,
+        wide: Evaluation | None, finer: FinerMeshes, log: Log,
+    ) -> Round:  # fmt: skip
+        if added:
+            seen = at_first_sight(here, objective, settings, stops, log)
+            return Round(replace(seen, lost=lost), None, here, objective)
+        found = examine(here, objective, added, settings, stops, wide, finer, log)
+        _, names = screened(objective.model, here.best.free, settings.wanted)
+        screening = objective.evaluate(here.values, names)
+        by_name = {score.cause.name: score for score in found.step.scores}
+        chosen = [by_name[name] for name in refitted]
+        refits = refit_causes(chosen, screening, here.best, objective, Crew(1, 1, log))
+        # As near to the best as causes are that evidence does not part.
+        refits = [replace(refit, log_evidence=20.0 - k) for k, refit in enumerate(refits)]
+        return replace(
+            found, step=replace(found.step, refits=tuple(refits), named=named), winner=refits[0]
+        )
+
+    return examined
+
+
+def diagnosed(
+    refitted: Sequence[str], named: tuple[str, ...], lost: Gate | None = None
+) -> Diagnosis:
+    made = closed_form.objective(BENCH, BENCH.truth | {TRUE: 4e-4})
+    with patch.object(rounds, "examine", misled(refitted, named, lost)):
+        return diagnosis_of(BENCH, identified(BENCH, made), replace(SETTINGS, refit=5))
+
+
+def test_of_causes_that_evidence_does_not_part_the_one_that_leaves_nothing_is_named() -> None:
+    found = diagnosed((WRONG, OTHER, TRUE), (WRONG, OTHER, TRUE))
+    assert found.verdict.kind == "named" and found.verdict.causes == (TRUE,)
+    first, last = found.steps
+    assert first.named == (TRUE,) and first.left_something == (WRONG, OTHER)
+    assert last.omnibus.accepted and TRUE in found.extended.best.free
+    assert WRONG not in found.extended.best.free
+
+
+def test_a_cause_that_was_told_from_the_best_is_not_taken_into_the_set_of_another() -> None:
+    found = diagnosed((WRONG, OTHER, TRUE), (WRONG, TRUE))
+    assert found.verdict.kind == "named" and found.verdict.causes == (TRUE,)
+    assert found.steps[0].named == (TRUE,) and found.steps[0].left_something == (WRONG,)
+
+
+def test_where_each_of_a_set_leaves_something_the_one_of_most_evidence_stays() -> None:
+    found = diagnosed((WRONG, OTHER), (WRONG, OTHER))
+    assert found.verdict.kind == "unexplained"
+    first, last = found.steps
+    assert first.named == (WRONG, OTHER) and not first.left_something
+    assert not last.omnibus.accepted and WRONG in found.extended.best.free
+
+
+def test_what_another_mesh_takes_away_asks_for_no_other_cause() -> None:
+    gone = Gate(2.0, OTHER, "mesh", between_meshes=True)
+    found = diagnosed((WRONG, TRUE), (WRONG, TRUE), gone)
+    assert found.steps[0].named == (WRONG, TRUE) and not found.steps[0].left_something
+
+
+def test_a_rival_that_cannot_be_simulated_takes_nothing_away() -> None:
+    def failing(before: Extension, winner: Refit, settings: Settings, log: Log) -> Extension:
+        if winner.cause.name == OTHER:
+            raise SolverError("no step is short enough")
+        return extended(before, winner, settings, log)
+
+    with patch.object(rounds, "extended", failing):
+        found = diagnosed((WRONG, OTHER), (WRONG, OTHER))
+    assert found.steps[0].named == (WRONG, OTHER)
