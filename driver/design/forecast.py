@@ -147,7 +147,7 @@ def prepare(plan: Plan, passing: Callable[[str], None] | None = None) -> Prepare
             np.zeros((history.n_images, 3)),
             np.zeros((history.n_images, 1, 2)),
             *edges,
-        ),  # fmt: skip
+        ),
         plan.jobs,
         passing=passing,
     )

@@ -17,16 +17,9 @@ from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.gain import log_evidence, share_described, share_explained
 from driver.diagnosis.gate import gate
 from driver.diagnosis.image_noise import with_uneven_noise
-from driver.diagnosis.noise_causes import (
-    COVARIANCE,
-    NOISE_NOT_UNIFORM,
-    NOISE_RATIO,
-)
+from driver.diagnosis.noise_causes import COVARIANCE, NOISE_NOT_UNIFORM, NOISE_RATIO
 from driver.diagnosis.outcome import Diagnosis, Log, Settings, Step
-from driver.diagnosis.preparation import (
-    loads_taken_back,
-    prepared,
-)
+from driver.diagnosis.preparation import loads_taken_back, prepared
 from driver.diagnosis.rounds import rounds
 from driver.diagnosis.score import Score
 from driver.diagnosis.screening import honoured, parameters_of_the_specimen, screened

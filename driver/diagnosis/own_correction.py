@@ -45,7 +45,8 @@ def with_own_corrections(
 ) -> list[Refit]:
     """Refits, best evidence first, those that lead under the correction at their own end.
 
-    Where one leads alone nothing is simulated: what it gains no correction takes away.
+    Where one leads alone nothing is simulated: what it gains no correction takes away. One whose
+    end the finer model cannot simulate stays as it was, and the log says so.
 
     Args:
         refits: the refits, best evidence first.
@@ -62,23 +63,28 @@ def with_own_corrections(
     crew.log("finer mesh and steps at the end of each refit that leads")
     tasks = [_Task(refit, finer.turned((refit.cause,)).one, baseline) for refit in leading]
 
-    def done(index: int, result: Refit) -> None:
-        before = leading[index].log_evidence
-        crew.log(f"  {result.cause.name}: log evidence {before:+.1f} → {result.log_evidence:+.1f}")
+    def done(index: int, result: Refit | str) -> None:
+        name, before = leading[index].cause.name, leading[index].log_evidence
+        if isinstance(result, str):
+            crew.log(f"  {name}: log evidence {before:+.1f} as it was, {result}")
+        else:
+            crew.log(f"  {name}: log evidence {before:+.1f} → {result.log_evidence:+.1f}")
 
-    own = side_by_side(_under_its_own, tasks, crew.processes, crew.threads, done)
+    ends = side_by_side(_under_its_own, tasks, crew.processes, crew.threads, done)
+    own = [a if isinstance(b, str) else b for a, b in zip(leading, ends, strict=True)]
     others = [refit for refit in refits if refit not in leading]
     return sorted([*own, *others], key=lambda refit: -refit.log_evidence)
 
 
-def _under_its_own(task: _Task) -> Refit:
-    """The refit under the correction at its end; as it is where that cannot be simulated."""
+def _under_its_own(task: _Task) -> Refit | str:
+    """The refit under the correction at its end, or why there is none."""
     refit, cause = task.refit, task.refit.cause
     objective, best = with_prior(refit.objective, cause), refit.fit.best
     try:
         change = correction(objective.model, task.finer, refit.fit, silent)
-    except SolverError:
-        return refit
+    except SolverError as error:
+        return f"for it cannot be simulated ({str(error).partition(chr(10))[0]})"
+    # What the other mesh adds is that at the baseline: small beside what this changes.
     objective = replace(objective, correction=change.mean_with(objective.spread))
     start = objective.compare(best.prediction, best.values, best.free)
     result = fit(objective, best.values, best.free, _MOST, silent, start=start, tolerance=TOLERANCE)
