@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from driver.boundary import BoundaryMotion
 from driver.case import Case
@@ -34,6 +35,9 @@ from solver_adapters.registry import find_adapter
 
 FloatArray = NDArray[np.float64]
 
+_SMALLER = (0.93, 0.9, 0.87, 0.84, 0.8, 0.75)  # elements of another mesh over those of the first
+_COMMON = 0.2  # share of its nodes that it may have in common with the first
+_SAME = 0.02  # element sizes between two nodes that are as good as the same
 TRACE = "trace"  # of the working mesh, in place of a mesh file of the correlation
 
 
@@ -53,6 +57,27 @@ def mesh_of(case: Case, size: float) -> PrismMesh:
         return generate(geometry_of(case), size)
     except (ValueError, RuntimeError) as error:
         raise InputError(f"specimen: {error}") from None
+
+
+def unlike(case: Case, size: float, points: FloatArray) -> PrismMesh:
+    """A mesh of somewhat smaller elements with few nodes in common with one of a size.
+
+    Numbers of elements along an edge are whole: meshes of nearly the same size may be the same.
+
+    Args:
+        case: the case.
+        size: elements of that mesh [µm].
+        points: its nodes [µm], shape (n, 3).
+
+    Raises:
+        InputError: the prism cannot be meshed with such elements.
+    """
+    nodes, mesh = cKDTree(points), mesh_of(case, _SMALLER[0] * size)
+    for smaller in _SMALLER[1:]:
+        if np.mean(nodes.query(mesh.points)[0] < _SAME * size) <= _COMMON:
+            break
+        mesh = mesh_of(case, smaller * size)
+    return mesh
 
 
 def capabilities_of(case: Case) -> Capabilities:

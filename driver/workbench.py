@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from driver.boundary import LAMBDAS
 from driver.case import Case
@@ -23,7 +22,7 @@ from driver.identification.objective import Objective
 from driver.identification.priors import Prior, prior_of, widths
 from driver.identification.procedure import Plan, start_values
 from driver.model import ForwardModel
-from driver.specimen import adapter_of, build_model, correlation_meshes, mesh_of, surface_images
+from driver.specimen import adapter_of, build_model, correlation_meshes, surface_images, unlike
 from driver.surface_view import POSE_DECLARATIONS
 from driver.watched_solver import WatchedSolver
 from meshes.prism_mesh import PrismMesh
@@ -32,11 +31,7 @@ BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 
 BUNDLED = "bundled"
-_OTHER_SIZES = (0.93, 0.9, 0.87, 0.84, 0.8, 0.75)
-"""Element sizes of the other finer mesh over the stated one, the first that does."""
-_COMMON = 0.2  # share of its nodes that it may have in common with the stated one
 _PLACES = 25  # at which the motion of the specimen over the camera is followed
-_SAME = 0.02  # element sizes between two nodes that are as good as the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,19 +123,13 @@ def seen_by_correlation(
 
 
 def on_another_mesh(case: Case, bench: Workbench) -> ForwardModel:
-    """The finer model on a mesh of little smaller elements that has few nodes in common with it.
-
-    Numbers of elements along an edge are whole: meshes of nearly the same size may be the same.
+    """The finer model on a mesh of about that size that has few nodes in common with its own.
 
     Raises:
         InputError: the prism cannot be meshed with such elements.
     """
-    finer, history, size = bench.finer, bench.experiment.history, case.specimen.fine_mesh_size
-    nodes = cKDTree(finer.microstructure.mesh.points)
-    for share in _OTHER_SIZES:
-        mesh = mesh_of(case, share * size)
-        if np.mean(nodes.query(mesh.points)[0] < _SAME * size) <= _COMMON:
-            break
+    finer, history = bench.finer, bench.experiment.history
+    mesh = unlike(case, case.specimen.fine_mesh_size, finer.microstructure.mesh.points)
     other = build_model(
         case, mesh, history, bench.images.xy, finer.adapter, finer.steps_per_interval,
         finer.workspace,

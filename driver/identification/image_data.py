@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from driver.dic.basis import Basis
 from driver.dic.surface_images import SurfaceImages
-from driver.identification.shared_noise import shared_noise, some_of
+from driver.identification.shared_noise import shared_noise
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -209,8 +209,7 @@ def build_image_data(
     ).tocsr()
     rigid = _rigid_motions(images.xy, gauge)
     whiten = _whitening(images, test, (test.T @ test).toarray(), rigid)
-    tested = np.asarray((test @ whiten[some_of(len(whiten))].T).T)
-    shared = shared_noise(images, tested, places)
+    shared = shared_noise(images, test, whiten, places)
     return ImageData(images, test, rigid, mean_motion, whiten, shared, lacking=lacking)
 
 

@@ -9,7 +9,10 @@ specimen moves slowly.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy import fft, ndimage
 
@@ -17,36 +20,38 @@ from driver.dic.surface_images import SurfaceImages
 
 FloatArray = NDArray[np.float64]
 
-_TESTS = 24  # weights of which the autocorrelation is the mean
+_TESTS = 24  # numbers of an image of whose weights the autocorrelation is the mean
 
 
-def shared_noise(images: SurfaceImages, weights: FloatArray, places: FloatArray) -> FloatArray:
+def shared_noise(
+    images: SurfaceImages, test: sp.csr_array, whiten: FloatArray, places: FloatArray
+) -> FloatArray:
     """Covariance between the frames beside their own noise, in units of its variance, (T, T).
 
     Args:
         images: the series.
-        weights: of the pixels in numbers that are tested, shape (n, n_pix).
+        test: ∇f·ψ_j at the pixels, shape (n_pix, n_functions).
+        whiten: what turns numbers tested by them into independent ones, shape (n_z, n_functions).
         places: displacement of some places of the specimen in the frames [µm], shape (T, p, 2).
     """
     T = len(places)
     shared = np.full((T, T), 1.0 / images.n_reference)
     if images.sigma_flat:
         moved = places / images.pixel
+        some = np.unique(np.linspace(0, len(whiten) - 1, _TESTS).astype(np.int64))
+        weights = (test @ row for row in whiten[some])
         shared += (images.sigma_flat / images.sigma) ** 2 * _of_pattern(images, weights, moved)
     return shared
 
 
-def some_of(weights: int) -> NDArray[np.int64]:
-    """Which of so many weights are enough for their mean autocorrelation."""
-    return np.unique(np.linspace(0, weights - 1, _TESTS).astype(np.int64))
-
-
-def _of_pattern(images: SurfaceImages, weights: FloatArray, places: FloatArray) -> FloatArray:
+def _of_pattern(
+    images: SurfaceImages, weights: Iterable[FloatArray], places: FloatArray
+) -> FloatArray:
     """The same of the flat pattern, in units of the variance of its error.
 
     Args:
         images: the series.
-        weights: as in `shared_noise`.
+        weights: of the pixels in some of the numbers, each of shape (n_pix,).
         places: displacement [px], shape (T, p, 2).
     """
     rows, cols = images.rows - images.rows.min(), images.cols - images.cols.min()

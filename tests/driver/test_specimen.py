@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from driver import specimen
 from driver.case import Case, load_case
@@ -15,8 +16,11 @@ from driver.specimen import (
     build_model,
     geometry_of,
     integration_of,
+    mesh_of,
     surface_images,
+    unlike,
 )
+from meshes.prism_mesh import PrismMesh
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import Capabilities, UnsupportedError
@@ -148,3 +152,25 @@ def test_a_scheme_that_the_solver_lacks_is_refused() -> None:
         'solver.integration: found "exponential", expected backward_euler (what the solver '
         "bundled offers), or the key left out"
     )
+
+
+@pytest.mark.parametrize(("length", "width", "size"), [(8.0, 6.0, 1.8), (8.0, 4.0, 1.2)])
+def test_another_mesh_has_few_nodes_in_common_where_a_little_smaller_elements_give_the_same(
+    length: float, width: float, size: float
+) -> None:
+    case = changed(closed_form.small_case(), "specimen", length_um=length, width_um=width)
+    mesh = mesh_of(case, size)
+    nodes = cKDTree(mesh.points)
+
+    def common(other: PrismMesh) -> float:
+        return float(np.mean(nodes.query(other.points)[0] < 0.02 * size))
+
+    other = unlike(case, size, mesh.points)
+    assert common(mesh_of(case, 0.93 * size)) > 0.5 and common(other) <= 0.2
+    assert 1.0 < len(other.cells) / len(mesh.cells) < 2.4
+
+
+def test_the_largest_of_the_meshes_with_few_nodes_in_common_is_taken() -> None:
+    case = closed_form.small_case()
+    other = unlike(case, 1.0, mesh_of(case, 1.0).points)
+    np.testing.assert_array_equal(other.points, mesh_of(case, 0.93).points)

@@ -3,9 +3,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import scipy.sparse as sp
 from scipy import ndimage
 
-from driver.identification.shared_noise import shared_noise, some_of
+from driver.identification.shared_noise import shared_noise
 from tests.driver import closed_form
 
 BENCH = closed_form.bench()
@@ -22,9 +23,14 @@ def weights() -> np.ndarray:
     return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
 
 
+def numbers_of(weights: np.ndarray) -> tuple[sp.csr_array, np.ndarray]:
+    """Test functions of which each is one of the numbers."""
+    return sp.csr_array(weights.T), np.eye(len(weights))
+
+
 def test_without_flats_frames_share_the_reference_alone() -> None:
     images = replace(IMAGES, n_reference=4, sigma_flat=0.0)
-    found = shared_noise(images, weights(), np.ones((3, 2, 2)))
+    found = shared_noise(images, *numbers_of(weights()), np.ones((3, 2, 2)))
     np.testing.assert_allclose(found, 0.25)
 
 
@@ -33,7 +39,7 @@ def test_the_error_of_the_flats_is_shared_as_draws_of_it_are() -> None:
     tested, shifts = weights(), np.array([[0, 0], [1, 0], [0, 2], [3, -1], [2, 0]])
     images = replace(IMAGES, sigma_flat=FLAT * IMAGES.sigma)
     places = np.repeat(shifts[:, None] * images.pixel, 2, axis=1)
-    stated = shared_noise(images, tested, places) - 1.0 / images.n_reference
+    stated = shared_noise(images, *numbers_of(tested), places) - 1.0 / images.n_reference
     draws, rows, cols = 4000, images.rows, images.cols
     drawn = np.zeros((draws, len(shifts), len(tested)))
     for k in range(draws):
@@ -45,9 +51,3 @@ def test_the_error_of_the_flats_is_shared_as_draws_of_it_are() -> None:
     scatter = np.einsum("ktj,ksj->ts", drawn, drawn) / (draws * len(tested))
     np.testing.assert_allclose(stated, scatter, atol=0.03 * FLAT**2)
     np.testing.assert_allclose(stated[0], 0.0, atol=1e-9)  # it did not move
-
-
-def test_some_weights_are_spread_over_all_and_few_ones_are_all() -> None:
-    assert some_of(5).tolist() == [0, 1, 2, 3, 4]
-    many = some_of(1000)
-    assert many.size == 24 and many[0] == 0 and many[-1] == 999
