@@ -31,6 +31,11 @@ def with_value(array: Any, index: Any, value: Any) -> Any:
     return changed
 
 
+def given(**changes: Any) -> Simulation:
+    """The good simulation with fields of any type, as who does not check types may give them."""
+    return replace(GOOD, **changes)
+
+
 def of_mesh(**changes: Any) -> Simulation:
     return replace(GOOD, mesh=replace(MESH, **changes))
 
@@ -39,8 +44,8 @@ def of_material(**changes: Any) -> Simulation:
     return replace(GOOD, material=replace(Material(), **changes))
 
 
-def along(**changes: Any) -> Simulation:
-    return replace(GOOD, directions=(Direction("a", **changes),))
+def along(name: Any = "a", **changes: Any) -> Simulation:
+    return replace(GOOD, directions=(Direction(name, **changes),))
 
 
 def held(holds: Callable[[FloatArray], Any]) -> Simulation:

@@ -13,6 +13,7 @@ from tests.solver_adapters.simulations import (
     NAN,
     N,
     at,
+    given,
     held,
     refused,
     with_value,
@@ -42,7 +43,7 @@ BROKEN: list[tuple[Simulation, str]] = [
         "motion_mask has shape (5, 3); expected (18, 3)",
     ),
     (
-        replace(GOOD, motion_mask=GOOD.motion_mask * 1.0),  # type: ignore[arg-type]
+        given(motion_mask=GOOD.motion_mask * 1.0),
         "motion_mask holds float64; expected true or false",
     ),
     (

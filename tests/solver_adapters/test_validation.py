@@ -24,6 +24,7 @@ from tests.solver_adapters.simulations import (
     N,
     along,
     at,
+    given,
     held,
     of_material,
     of_mesh,
@@ -77,7 +78,7 @@ UNSUPPORTED: list[tuple[Simulation, str]] = [
         "strain_measure is 'log'; expected 'small' or 'finite'",
     ),
     (
-        replace(GOOD, integration="midpoint"),  # type: ignore[arg-type]
+        given(integration="midpoint"),
         "integration is 'midpoint'; expected 'backward_euler' or 'exponential'",
     ),
     (
@@ -129,7 +130,7 @@ BROKEN: list[tuple[Simulation, str]] = [
     ),
     *[
         (
-            replace(GOOD, steps_per_interval=value),  # type: ignore[arg-type]
+            given(steps_per_interval=value),
             f"steps_per_interval is {value!r}; expected a whole number, 1 or more",
         )
         for value in (0, 2.0, True, "two")
@@ -142,11 +143,11 @@ BROKEN: list[tuple[Simulation, str]] = [
         of_material(tau0_grains=(1.1,)),
         "tau0_grains has 1 ratios for 2 grains; expected at most 0, those of the third and later",
     ),
-    (replace(GOOD, tolerance="1e-7"), "tolerance is '1e-7'; expected a number"),  # type: ignore[arg-type]
-    (replace(GOOD, accuracy="1"), "accuracy is '1'; expected a number"),  # type: ignore[arg-type]
+    (given(tolerance="1e-7"), "tolerance is '1e-7'; expected a number"),
+    (given(accuracy="1"), "accuracy is '1'; expected a number"),
     *[
         (
-            replace(GOOD, **{name: list(getattr(GOOD, name))}),  # type: ignore[arg-type]
+            given(**{name: list(getattr(GOOD, name))}),
             f"{name} is a list; expected an array",
         )
         for name in (
@@ -159,7 +160,7 @@ BROKEN: list[tuple[Simulation, str]] = [
             "output_nodes",
         )
     ],  # fmt: skip
-    (replace(GOOD, steps=[1.0, 2.0]), "steps is a list; expected an array"),  # type: ignore[arg-type]
+    (given(steps=[1.0, 2.0]), "steps is a list; expected an array"),
     (
         replace(GOOD, times=np.array(["0", "1", "2"])),
         "times holds <U1; expected real numbers",

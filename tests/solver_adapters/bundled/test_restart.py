@@ -93,6 +93,10 @@ def test_a_checkpoint_of_the_run_fits_it() -> None:
     assert of_run(checkpoint())
 
 
+def instant(**changes: Any) -> Instant:
+    return replace(checkpoint().instant, **changes)
+
+
 @pytest.mark.parametrize(
     "changes",
     [
@@ -105,8 +109,8 @@ def test_a_checkpoint_of_the_run_fits_it() -> None:
         {"rows": {"force": np.full(5, np.nan)}},
         {"rows": {"force": np.array(["a"] * 5)}},
         {"ends": [0.5]},
-        {"instant": replace(checkpoint().instant, u=np.zeros((3, 3)))},
-        {"instant": replace(checkpoint().instant, time=np.zeros(2))},  # type: ignore[arg-type]
+        {"instant": instant(u=np.zeros((3, 3)))},
+        {"instant": instant(time=np.zeros(2))},
         {"last": {False: replace(checkpoint().last[False], motion=np.zeros(5))}},
         {"last": {True: replace(checkpoint().last[False], slips=np.zeros((1, NS)))}},
     ],
