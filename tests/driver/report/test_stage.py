@@ -98,7 +98,7 @@ def test_the_verdict_and_the_gain_come_first(page: str) -> None:
     )  # fmt: skip
     places = [text.index(word) for word in words]
     assert places == sorted(places)
-    assert "σ away; two finer meshes say 0.0072 more and less" in text
+    assert "σ away; either of two finer meshes alone would put it off by 0.0072" in text
 
 
 def test_every_cause_stands_in_the_table_with_its_sentence(page: str) -> None:
