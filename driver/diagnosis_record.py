@@ -28,6 +28,7 @@ OMNIBUS = {
     "image_slow_p": "image_slow",
     "image_outlier_p": "image_outlier",
     "together_p": "together",
+    "smooth_p": "smooth",
     "accepted": "accepted",
 }
 

@@ -3,8 +3,9 @@
 A model error is slow in time, noise is not. Each signal is therefore compared with itself: the
 power of its slow modes against that of its fast ones (F test), so that no error in the assumed
 noise level can raise a false alarm. The load is also tested for serial correlation, and each
-image against all others: what is wrong in one of them alone is neither slow nor serial. Last, all
-causes of the library are tested together: what none of them describes alone, some may together.
+image against all others: what is wrong in one of them alone is neither slow nor serial. All causes
+of the library are tested together: what none of them describes alone, some may together. Last come
+the smooth motions that grow with the stretch, which need be like no cause.
 """
 
 from __future__ import annotations
@@ -39,8 +40,9 @@ class Omnibus:
         image_slow: slow against fast modes of the images.
         image_outlier: the image that stands out most against the others, times their number.
         together: all causes of the library at once.
-        left: misfit above that of noise, as the slow modes or the causes together show it, the
-            most of them [σ²].
+        smooth: smooth motions of the face in proportion to its stretch.
+        left: misfit above that of noise, as the slow modes, the causes together or the smooth
+            motions show it, the most of them [σ²].
     """
 
     load_slow: float
@@ -48,6 +50,7 @@ class Omnibus:
     image_slow: float
     image_outlier: float
     together: float
+    smooth: float
     left: float
 
     @property
@@ -55,12 +58,17 @@ class Omnibus:
         """Whether nothing is left at a family-wise level of 1 %."""
         tests = (
             self.load_slow, self.load_serial, self.image_slow, self.image_outlier, self.together,
+            self.smooth,
         )  # fmt: skip
         return len(tests) * min(tests) > FAMILY_LEVEL
 
 
 def omnibus(
-    fitted: Evaluation, data: Data, effects: Sequence[FloatArray] = (), variance: float = 1.0
+    fitted: Evaluation,
+    data: Data,
+    effects: Sequence[FloatArray],
+    fields: FloatArray,
+    variance: float = 1.0,
 ) -> Omnibus:
     """Test a fitted residual; what the fit has taken from it is counted exactly.
 
@@ -70,7 +78,8 @@ def omnibus(
         fitted: the fit.
         data: the data.
         effects: whitened sensitivities of the causes that could be added, shapes (k_c, n).
-        variance: of whitened numbers along the causes, 1 for noise alone.
+        fields: whitened effects of smooth motions, shape (k_s, n).
+        variance: of whitened numbers along either, 1 for noise alone.
     """
     k = len(fitted.free)
     taken = np.linalg.solve(np.linalg.cholesky(fitted.hessian), fitted.jacobian)
@@ -80,13 +89,16 @@ def omnibus(
     load_slow, in_loads = _slow_against_fast(loads[:, None], of_loads[..., None])
     image_slow, in_images = _slow_against_fast(images, of_images)
     together = score_together(effects, fitted, data.load_degrees, variance)
+    smooth = score_together([fields], fitted, data.load_degrees, variance)
+    beyond = (t.statistic - t.degrees for t in (together, smooth))
     return Omnibus(
         load_slow=load_slow,
         load_serial=_serial(loads, np.eye(loads.size) - of_loads.T @ of_loads),
         image_slow=image_slow,
         image_outlier=_outlier(images, of_images),
         together=together.p,
-        left=max(in_loads, in_images, together.statistic - together.degrees, 0.0),
+        smooth=smooth.p,
+        left=max(in_loads, in_images, *beyond, 0.0),
     )
 
 

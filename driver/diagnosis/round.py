@@ -23,6 +23,7 @@ from driver.diagnosis.own_correction import with_own_corrections
 from driver.diagnosis.refit import Crew, Refit, refit_causes, refit_from_afar
 from driver.diagnosis.score import NAMING_LEVEL, PARALLEL, Score, effects_of, likeness
 from driver.diagnosis.screening import screen, screened
+from driver.diagnosis.smooth_fields import smooth_fields
 from driver.diagnosis.verdict import MOST_ADDITIONS
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
@@ -182,7 +183,8 @@ def _first_order(
     scores, variance = screen(here, objective, candidates, effects, settings.sizes)
     if variance > 1.0:
         log(f"  the simulation's own error widens scores by {np.sqrt(variance):.2f}")
-    tests = omnibus(here.best, objective.data, effects, variance)
+    fields = smooth_fields(objective.data, here.best.motion)
+    tests = omnibus(here.best, objective.data, effects, fields, variance)
     noise = _noise_of_boundary(here, objective, effects, stops)
     if noise is not None:
         scores = sorted([*scores, noise], key=lambda s: -s.log_evidence)

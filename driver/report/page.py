@@ -280,5 +280,6 @@ def _omnibus(tests: Row) -> str:
         f"its serial correlation p = {probability(tests['load_serial_p'])}, "
         f"slow part of the images p = {probability(tests['image_slow_p'])}, "
         f"single images p = {probability(tests['image_outlier_p'])}, "
-        f"all causes together p = {probability(tests['together_p'])}"
+        f"all causes together p = {probability(tests['together_p'])}, "
+        f"smooth motions that grow with the stretch p = {probability(tests['smooth_p'])}"
     )

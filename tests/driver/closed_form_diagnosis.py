@@ -26,7 +26,9 @@ SETTINGS = Settings(
 
 def finer(b: Bench, by: float = 0.001) -> ForwardModel:
     """The model of a finer simulation, whose answer is another by so much (`ClosedFormSolver`)."""
-    return replace(b.model, adapter=ClosedFormSolver(by))
+    solver = b.model.adapter
+    assert isinstance(solver, ClosedFormSolver)
+    return replace(b.model, adapter=type(solver)(by))
 
 
 def priors(start: Mapping[str, float]) -> dict[str, tuple[float, float]]:

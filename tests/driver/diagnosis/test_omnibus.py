@@ -34,13 +34,15 @@ DATA = Data(cast(Any, SimpleNamespace(n_z=N_Z)), np.zeros(T), 1.0, 0.0, np.arang
 
 
 CAUSES = [np.random.default_rng(7).standard_normal((k, T * (1 + N_Z))) for k in (1, 1, 3, 2, 8)]
+FIELDS = np.random.default_rng(8).standard_normal((9, T * (1 + N_Z)))
+FIELDS[:, :T] = 0.0  # of the images alone
 
 
 def after_a_fit(load: FloatArray, images: FloatArray) -> Omnibus:
     """The tests of what a least-squares fit with J leaves."""
     data = np.concatenate([load, images.ravel()])
     rest = data - J.T @ np.linalg.solve(J @ J.T, J @ data)
-    return omnibus(evaluation(rest, J, n_load=T), DATA, CAUSES)
+    return omnibus(evaluation(rest, J, n_load=T), DATA, CAUSES, FIELDS)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +56,7 @@ def test_noise_is_taken_for_noise_in_99_of_100_cases(noise: list[Omnibus]) -> No
     assert sum(not found.accepted for found in noise) < 25
 
 
-@pytest.mark.parametrize("name", ["load_slow", "image_slow", "together"])
+@pytest.mark.parametrize("name", ["load_slow", "image_slow", "together", "smooth"])
 def test_what_the_fit_has_taken_is_counted(noise: list[Omnibus], name: str) -> None:
     p = np.array([getattr(found, name) for found in noise])
     assert kstest(p, "uniform").pvalue > 1e-3
@@ -117,6 +119,18 @@ def test_what_no_cause_describes_alone_is_seen_where_all_together_do() -> None:
     assert without.accepted and without.left < 20
 
 
+def test_what_is_like_no_cause_is_seen_where_it_is_smooth() -> None:
+    """7 σ along a sum of nine fields, a share of 1 in 80 of the power of noise."""
+    rng = np.random.default_rng(15)
+    along = FIELDS.sum(axis=0)
+    effect = 7.0 * along / np.linalg.norm(along)
+    load, images = rng.standard_normal(T), rng.standard_normal((T, N_Z))
+    found = after_a_fit(load, images + effect[T:].reshape(T, N_Z))
+    assert not found.accepted and found.smooth < 1e-3
+    assert min(found.image_slow, found.together) > 0.01
+    assert 20 < found.left < 80
+
+
 def test_an_image_that_is_wrong_alone_is_seen_and_no_slow_error_is() -> None:
     rng = np.random.default_rng(13)
     load, images = rng.standard_normal(T), rng.standard_normal((T, N_Z))
@@ -131,5 +145,6 @@ def test_too_few_images_for_a_serial_test_have_none() -> None:
     data = Data(cast(Any, SimpleNamespace(n_z=N_Z)), np.zeros(few), 1.0, 0.0, np.arange(few))
     rng = np.random.default_rng(4)
     jacobian = rng.standard_normal((5, few * (1 + N_Z)))
-    found = omnibus(evaluation(np.sin(np.arange(few * (1 + N_Z)) / 9), jacobian, n_load=few), data)
+    rest = evaluation(np.sin(np.arange(few * (1 + N_Z)) / 9), jacobian, n_load=few)
+    found = omnibus(rest, data, [], np.zeros((0, few * (1 + N_Z))))
     assert found.load_serial == 1.0

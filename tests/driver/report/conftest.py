@@ -279,7 +279,8 @@ def diagnosis() -> dict[str, Any]:
     """A verdict that names one cause, found in two rounds."""
     added = {"tau0_grain2": {"value": 1.1493, "sigma": 0.0041, "unit": ""}}
     omnibus = {"load_slow_p": 0.4, "load_serial_p": 0.2, "image_slow_p": 0.6,
-               "image_outlier_p": 0.9, "together_p": 0.5, "accepted": True}  # fmt: skip
+               "image_outlier_p": 0.9, "together_p": 0.5, "smooth_p": 0.4,
+               "accepted": True}  # fmt: skip
     found = omnibus | {"load_slow_p": 3e-7, "accepted": False}
     return {
         "verdict": "named",

@@ -213,7 +213,7 @@ def test_results_of_another_version_are_refused_with_what_to_do(
         run_report(results.context(tmp_path / "work"))
 
 
-@pytest.mark.parametrize("missing", ["together_p", "left_something", "off_by_mesh"])
+@pytest.mark.parametrize("missing", ["together_p", "smooth_p", "left_something", "off_by_mesh"])
 def test_a_verdict_of_an_earlier_version_is_refused_with_what_to_do(
     missing: str, results: Results, tmp_path: Path
 ) -> None:

@@ -1,0 +1,40 @@
+"""Smooth motions of the face that grow with its stretch, whatever makes them.
+
+What bends the images (a lens, a scan that is not straight) and most of what deforms a specimen
+otherwise than its model moves the face smoothly, and the more the further it is stretched. No
+cause of the library need be like it, and over all slow modes of all images it is lost in noise:
+along these few directions it is not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.identification.data import Data
+
+FloatArray = NDArray[np.float64]
+
+DEGREE = 3
+
+
+def smooth_fields(data: Data, motion: FloatArray) -> FloatArray:
+    """Whitened effects of motions cubic in X and Y, each in proportion to the stretch.
+
+    Args:
+        data: the data.
+        motion: of the face as simulated [µm], shape (T_all, n_pix, 3).
+
+    Returns:
+        u, v, w of ten monomials each, on a scale of their own, shape (30, n).
+    """
+    xy = data.image.images.xy
+    middle = xy.mean(axis=0)
+    x, y = ((xy - middle) / np.abs(xy - middle).max(axis=0)).T
+    powers = [(a, b) for a in range(DEGREE + 1) for b in range(DEGREE + 1 - a)]
+    unit = np.stack([x**a * y**b for a, b in powers])
+    fields = np.einsum("mp,cd->cmpd", unit, np.eye(3)).reshape(-1, len(xy), 3)
+    stretch = motion[..., 1] @ (y - y.mean()) / len(y)
+    z = data.image.pixel_sensitivity(fields)
+    seen = data.index[data.with_image]
+    return data.image_changes(np.einsum("t,kz->ktz", stretch[seen], z))
