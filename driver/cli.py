@@ -15,7 +15,7 @@ from rich.markup import escape
 
 from driver.case import CaseError, default_case, schema_text, write_case
 from driver.errors import InputError, sentence
-from driver.log import Log, seldom
+from driver.log import LiveLog, seldom
 from driver.stages import write_whole
 from meshes.system_libraries import SystemLibraryError
 from solver_adapters.interface import PreparedError, SolverError
@@ -209,7 +209,7 @@ def _told_in_one_line() -> Iterator[None]:
 
 
 @contextmanager
-def _progress(case: Path, alone: bool) -> Iterator[Log]:
+def _progress(case: Path, alone: bool) -> Iterator[LiveLog]:
     """A log of lines; on a terminal with the running step and its time below them."""
     from solver_adapters.bundled.compilation import compiled_before
 
@@ -226,7 +226,7 @@ def _progress(case: Path, alone: bool) -> Iterator[Log]:
     if not compiled_before():
         log("first use of this version: its kernels are compiled on the way, a minute or two more")
     if status is None:
-        yield Log(log, seldom(lambda words: log(f"    {words}")))
+        yield LiveLog(log, seldom(lambda words: log(f"    {words}")))
     else:
         with status:
-            yield Log(log, lambda words: status.update(escape(prefix + words)))
+            yield LiveLog(log, lambda words: status.update(escape(prefix + words)))

@@ -15,7 +15,7 @@ from driver.diagnosis.diagnose import diagnose
 from driver.diagnosis.ebsd_flips import FLIPS
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.noise_causes import COVARIANCE_PARAMETERS, NOISE_RATIO
-from driver.diagnosis.outcome import Diagnosis, Log, Settings
+from driver.diagnosis.outcome import Diagnosis, Settings
 from driver.diagnosis.own_causes import own_causes
 from driver.diagnosis.screening import screened
 from driver.diagnosis_record import DIAGNOSIS, DIAGNOSIS_H5, diagnosis_record
@@ -37,6 +37,7 @@ from driver.identify_stage import (
     load_workbench,
     saved_objective,
 )
+from driver.log import Log
 from driver.measure_stage import MEASURE
 from driver.results import read_hdf5, write_hdf5
 from driver.stages import StageContext

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from driver.finished_results import ExportError as ExportError
 from driver.finished_results import FinishedResults, read_finished
 from driver.history import History, read_history
 from driver.identify_stage import JOBS
+from driver.log import Log
 from driver.paraview import SERIES, FittedModel, aligned, write_surface
 from driver.results import write_csv
 from driver.stages import RESULTS
@@ -36,7 +37,7 @@ def export_case(
     folder: Path,
     volume: bool = True,
     med: bool = False,
-    log: Callable[[str], None] = print,
+    log: Log = print,
 ) -> None:
     """Write the finished results of a case in the formats of other programs.
 
@@ -95,7 +96,7 @@ def _write_volume(
     found: FinishedResults,
     history: History,
     med: bool,
-    log: Callable[[str], None],
+    log: Log,
     jobs: Path | None,
 ) -> bool:
     """Whether the program of the solver was there to answer the fields of the volume."""

@@ -6,11 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from time import monotonic
 
+Log = Callable[[str], None]
+"""Takes a line of a log."""
 EVERY = 30.0  # s between two lines of a log that tell of one simulation
 
 
 @dataclass(frozen=True)
-class Log:
+class LiveLog:
     """A log of lines that also takes words for the moment.
 
     Attributes:
@@ -26,9 +28,9 @@ class Log:
         self.line(text)
 
 
-def passing_of(log: Callable[[str], None]) -> Callable[[str], None]:
+def passing_of(log: Log) -> Callable[[str], None]:
     """Where words for the moment go; a log of lines alone takes none."""
-    return log.passing if isinstance(log, Log) else _no_word
+    return log.passing if isinstance(log, LiveLog) else _no_word
 
 
 def seldom(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,9 @@ from driver.case import Case
 from driver.dic.readings import Reading
 from driver.dic.series import SurfaceMotion
 from driver.images.outliers import Outlier, told
+from driver.log import Log
 
 BoolArray = NDArray[np.bool_]
-Log = Callable[[str], None]
 
 _TOLD = 5  # frames at most, of which it is told why they stopped
 _STRETCHED = 5.0  # σ of the elongation before loading, beyond which the images are in doubt

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from driver.case import Case, load_case
@@ -15,6 +15,7 @@ from driver.experiment import history_of
 from driver.identified_record import IDENTIFY
 from driver.identify_stage import run_identify
 from driver.loads_stage import SKIPPED, run_identify_loads
+from driver.log import Log
 from driver.measure_stage import run_measure
 from driver.mesh_stage import run_mesh
 from driver.report.loads_page import run_report_loads
@@ -31,8 +32,6 @@ from driver.stages import (
 )
 from driver.workbench import BUNDLED
 from solver_adapters.bundled.compilation import use_threads
-
-Log = Callable[[str], None]
 
 _MESH = ("specimen",)
 _MEASURE = ("specimen", "images", "history", "dic", "sections", "loads")

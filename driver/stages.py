@@ -17,6 +17,7 @@ from typing import TypedDict
 from driver.case import Case, load_case
 from driver.errors import InputError
 from driver.images.files import split_dataset
+from driver.log import Log
 from driver.own_terms import files_of_terms, installed_terms
 from driver.run_lock import sole_run
 
@@ -45,7 +46,7 @@ class StageContext:
     case_path: Path
     results: Path
     workdir: Path
-    log: Callable[[str], None]
+    log: Log
     prepare_only: bool = False
 
     def result(self, name: str) -> Path:
@@ -124,7 +125,7 @@ def run_stages(
     stages: Sequence[Stage],
     until: str | None = None,
     force: bool = False,
-    report: Callable[[str], None] = print,
+    report: Log = print,
     prepare_only: bool = False,
 ) -> None:
     """Run the stages in their order, leaving out those that are done and unchanged.
@@ -187,7 +188,7 @@ def _run_stage(
     case_path: Path,
     results: Path,
     key: str,
-    report: Callable[[str], None],
+    report: Log,
     prepare_only: bool,
 ) -> None:
     workdir = results / f"{stage.name}.partial"

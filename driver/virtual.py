@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from driver.case import Case, load_case
 from driver.errors import InputError, sentence
 from driver.estimate import cost_told, simulation_memory, simulation_seconds
 from driver.history import read_history
+from driver.log import Log
 from driver.specimen import adapter_of, mesh_of
 from driver.virtual_course import knots, pull, stage_program
 from driver.virtual_record import record
 from driver.virtual_tables import Virtual, read_virtual
 from driver.volume_view import tenths
-
-Log = Callable[[str], None]
 
 _FINER = 0.9  # of the finer mesh of a case
 # Seconds of one core for one pixel of one image, with slip steps and without.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,7 +25,6 @@ from driver.virtual_tables import Face as FaceTable
 from driver.virtual_tables import Virtual
 
 FloatArray = NDArray[np.float64]
-Log = Callable[[str], None]
 
 FILES = (
     "case.toml", "case.schema.json", "images.tif", "repeats.tif", "flats.tif", "history.csv",

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from driver.case import Case
 from driver.estimate import cost_told, simulation_memory, simulation_seconds
 from driver.history import History
+from driver.log import Log
 from driver.paraview import FittedModel
 from driver.specimen import adapter_of, build_model, capabilities_of
 from driver.vtkhdf import write_vtkhdf
@@ -114,7 +115,7 @@ def write_volumes(
     history: History,
     models: Sequence[FittedModel],
     med: bool,
-    log: Callable[[str], None],
+    log: Log,
     workspace: Path | None = None,
 ) -> None:
     """Simulate each model once more and write what is inside.
@@ -152,7 +153,7 @@ def write_volumes(
             write_results(for_salome, found.mesh, found.times, found.displacement, found.cells)
 
 
-def tenths(prefix: str, log: Callable[[str], None]) -> Callable[[Progress], None]:
+def tenths(prefix: str, log: Log) -> Callable[[Progress], None]:
     """Progress of a simulation as a line for each tenth of its time."""
     told = 0
 

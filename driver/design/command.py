@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
@@ -31,7 +31,7 @@ from driver.errors import InputError
 from driver.estimate import cost_told, simulation_seconds
 from driver.history import History, HistoryError, read_history
 from driver.identify_stage import JOBS
-from driver.log import passing_of
+from driver.log import Log, passing_of
 from driver.report.style import png
 from driver.side_by_side import side_by_side
 from driver.specimen import capabilities_of, mesh_of
@@ -39,8 +39,6 @@ from driver.stages import RESULTS, write_whole
 from driver.virtual_course import stage_program
 from solver_adapters.bundled.compilation import use_threads
 from solver_adapters.interface import SolverError
-
-Log = Callable[[str], None]
 
 FILES = ("design.json", "design.png")
 _DIRECTIONS = 90  # of boundary, law and all causes, in round numbers

@@ -17,9 +17,9 @@ from driver.design.forecast import Forecast, Plan, forecast, prepare, simulate
 from driver.design.settings import Settings
 from driver.design.surface import expected_surface
 from driver.design.variants import base_variant, usual_changes, variants
-from driver.diagnosis.outcome import Log
 from driver.diagnosis.score import SEEN_AT
 from driver.history import History
+from driver.log import Log
 
 
 @dataclass(frozen=True)

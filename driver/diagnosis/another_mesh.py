@@ -8,7 +8,7 @@ what they differ by is what each may be off.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from driver.diagnosis.score import NAMING_LEVEL, Score, significance
 from driver.diagnosis.screening import whitened_difference
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Correction, Objective
+from driver.log import Log
 
 MOST_ITERATIONS = 8
 
@@ -45,7 +46,7 @@ def held_against_both(
     objective: Objective,
     scores: Sequence[Score],
     widened: float,
-    log: Callable[[str], None],
+    log: Log,
 ) -> OnBoth | None:
     """Hold what is significant against another mesh.
 
@@ -91,9 +92,7 @@ def held_against_both(
     return OnBoth(lost, first, spread)
 
 
-def with_both(
-    objective: Objective, here: Fit, both: OnBoth, log: Callable[[str], None]
-) -> tuple[Objective, Fit]:
+def with_both(objective: Objective, here: Fit, both: OnBoth, log: Log) -> tuple[Objective, Fit]:
     """The objective with the mean of both corrections, fitted.
 
     Args:

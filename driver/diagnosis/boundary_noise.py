@@ -8,7 +8,7 @@ the tangent stiffness: the noise of the loads is estimated with it, never taken 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,7 @@ from driver.identification.boundary_jitter import BoundaryJitter, boundary_jitte
 from driver.identification.data import Data
 from driver.identification.fit import fit
 from driver.identification.objective import Evaluation, Objective
-from driver.log import silent
+from driver.log import Log, silent
 
 FloatArray = NDArray[np.float64]
 Level = tuple[float, float]
@@ -176,7 +176,7 @@ def _complement(rows: FloatArray) -> FloatArray:
 
 
 def refit_boundary_noise(
-    stops: BoundaryJitter, baseline: Evaluation, objective: Objective, log: Callable[[str], None]
+    stops: BoundaryJitter, baseline: Evaluation, objective: Objective, log: Log
 ) -> Refit:
     """Fit under the covariance with σ_e, and σ_e to what the fit leaves, by turns.
 
@@ -226,7 +226,7 @@ def level_again(
     at: Evaluation,
     objective: Objective,
     before: Mapping[str, Level],
-    log: Callable[[str], None],
+    log: Log,
 ) -> tuple[Objective, dict[str, Level]]:
     """σ_e once more after a cause was added; none where it is not needed any more.
 

@@ -18,7 +18,7 @@ from driver.diagnosis.gain import log_evidence, share_described, share_explained
 from driver.diagnosis.gate import gate
 from driver.diagnosis.image_noise import with_uneven_noise
 from driver.diagnosis.noise_causes import COVARIANCE, NOISE_NOT_UNIFORM, NOISE_RATIO
-from driver.diagnosis.outcome import Diagnosis, Log, Settings, Step
+from driver.diagnosis.outcome import Diagnosis, Settings, Step
 from driver.diagnosis.preparation import loads_taken_back, prepared
 from driver.diagnosis.rounds import rounds
 from driver.diagnosis.score import Score
@@ -26,6 +26,7 @@ from driver.diagnosis.screening import honoured, parameters_of_the_specimen, scr
 from driver.diagnosis.verdict import decide
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
+from driver.log import Log
 
 IntArray = NDArray[np.int64]
 

@@ -11,9 +11,9 @@ from scipy.stats import chi2
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.noise_causes import COVARIANCE
 from driver.diagnosis.omnibus import FAMILY_LEVEL
-from driver.diagnosis.outcome import Log
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Objective
+from driver.log import Log
 
 _MOST_ITERATIONS = 5
 

@@ -12,12 +12,13 @@ from driver.diagnosis.final_fits import POLISH
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.loads import bad_loads
 from driver.diagnosis.noise_causes import BOUNDARY_NOISE
-from driver.diagnosis.outcome import Log, Settings
+from driver.diagnosis.outcome import Settings
 from driver.diagnosis.preparation import noise_of_images, with_load_noise
 from driver.diagnosis.refit import Refit
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Objective
 from driver.identification.procedure import with_correction
+from driver.log import Log
 
 
 @dataclass(frozen=True, eq=False)

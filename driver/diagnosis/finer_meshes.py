@@ -10,11 +10,11 @@ import numpy as np
 
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.flip_trial import turned
-from driver.diagnosis.outcome import Log
 from driver.errors import InputError
 from driver.identification.fit import Fit
 from driver.identification.objective import Correction
 from driver.identification.procedure import correction
+from driver.log import Log
 from driver.model import ForwardModel
 from solver_adapters.interface import SolverError
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +18,6 @@ from driver.diagnosis.score import Score
 from driver.diagnosis.verdict import Verdict
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
-
-Log = Callable[[str], None]
 
 IMAGING = 1.2  # χ of free correlation beyond which imaging errors dominate
 

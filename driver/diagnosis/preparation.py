@@ -11,7 +11,7 @@ from driver.diagnosis.examined import NotExamined
 from driver.diagnosis.image_noise import Unevenness, examine_noise
 from driver.diagnosis.loads import BadLoad, bad_loads, load_noise
 from driver.diagnosis.omnibus import FAMILY_LEVEL
-from driver.diagnosis.outcome import Log, Settings
+from driver.diagnosis.outcome import Settings
 from driver.diagnosis.refit import TOLERANCE
 from driver.diagnosis.score import effects_of
 from driver.identification.data import Data
@@ -19,6 +19,7 @@ from driver.identification.fit import Fit, fit
 from driver.identification.image_data import reweighted
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.procedure import noise_factor, with_correction
+from driver.log import Log
 
 MOST_ITERATIONS = 8
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,11 +12,9 @@ from driver.diagnosis.score import Score
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.step import bounded_step
-from driver.log import silent
+from driver.log import Log, silent
 from driver.side_by_side import side_by_side
 from solver_adapters.interface import SolverError
-
-Log = Callable[[str], None]
 
 MOST_ITERATIONS = 5
 MOST_FROM_AFAR = 8

@@ -18,7 +18,7 @@ from driver.diagnosis.gain import is_excess, share_explained
 from driver.diagnosis.gate import Gate
 from driver.diagnosis.noise_causes import BOUNDARY_NOISE, COVARIANCE
 from driver.diagnosis.omnibus import FAMILY_LEVEL, Omnibus, omnibus
-from driver.diagnosis.outcome import Log, Settings, Step
+from driver.diagnosis.outcome import Settings, Step
 from driver.diagnosis.own_correction import with_own_corrections
 from driver.diagnosis.refit import Crew, Refit, refit_causes, refit_from_afar
 from driver.diagnosis.score import NAMING_LEVEL, PARALLEL, Score, effects_of, likeness
@@ -27,6 +27,7 @@ from driver.diagnosis.smooth_fields import smooth_fields
 from driver.diagnosis.verdict import MOST_ADDITIONS
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
+from driver.log import Log
 
 FloatArray = NDArray[np.float64]
 

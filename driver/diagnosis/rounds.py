@@ -8,7 +8,7 @@ from driver.diagnosis.boundary_noise import Stops
 from driver.diagnosis.extension import Extension, extended
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.noise_causes import COVARIANCE
-from driver.diagnosis.outcome import Log, Settings, Step
+from driver.diagnosis.outcome import Settings, Step
 from driver.diagnosis.preparation import Prepared
 from driver.diagnosis.refit import Refit
 from driver.diagnosis.round import (
@@ -21,6 +21,7 @@ from driver.diagnosis.round import (
     set_of,
 )
 from driver.diagnosis.verdict import MOST_ADDITIONS
+from driver.log import Log
 from solver_adapters.interface import SolverError
 
 MOST_STEPS = 5  # rounds, where elimination keeps taking back what was added

@@ -6,7 +6,7 @@ The variable of each parameter is θ (`Parameter.theta`): a logarithm or a scale
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from time import monotonic
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.step import bounded_step, is_at_bound, trial_values
+from driver.log import Log
 from solver_adapters.interface import NotRunError, SolverError
 from solver_adapters.jobs.errors import JobError, is_by_circumstances
 from solver_adapters.jobs.status import Status
@@ -39,7 +40,6 @@ SCORE = 3.0
 NEAR = 10.0
 """Newton decrement [σ] below which the trial points take the time steps of the last one: the cost
 is then smooth, where steps of their own would make it jump by about as much as is to be gained."""
-Log = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)

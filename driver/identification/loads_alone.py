@@ -6,7 +6,7 @@ which is every elastic unloading. The correction of the simulation is that of th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -22,9 +22,8 @@ from driver.identification.procedure import (
     unload_elastically,
 )
 from driver.identification.simulation_error import SimulationError, share_left
+from driver.log import Log
 from driver.model import ForwardModel
-
-Log = Callable[[str], None]
 
 _BEYOND = 4.0  # standard deviations of χ_F from which a misfit is told
 

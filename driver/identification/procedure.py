@@ -10,7 +10,7 @@ In the paper's order knots stay as correlation found them: A fits amplitudes, B 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -26,11 +26,10 @@ from driver.identification.identifiability import refuse_what_is_not_seen
 from driver.identification.objective import Correction, Objective
 from driver.identification.simulation_error import simulation_error
 from driver.identification.starts import Outcome, draw_starts, from_each_start
-from driver.log import silent
+from driver.log import Log, silent
 from driver.model import ForwardModel
 
 FloatArray = NDArray[np.float64]
-Log = Callable[[str], None]
 Stage = Literal["A", "B", "C"]
 
 START = 0.05  # a stage that only starts the next one ends when its misfit falls by less

@@ -9,6 +9,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from driver.identification.fit import Fit
+from driver.log import Log
 from driver.side_by_side import side_by_side
 from solver_adapters.interface import NotRunError, SolverError
 from solver_adapters.jobs.errors import is_by_circumstances
@@ -20,7 +21,6 @@ SAME = 1.0  # difference of the cost within which two starts have found the same
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
-Log = Callable[[str], None]
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -15,6 +15,7 @@ from driver.dic.slope_noise import squared_slopes
 from driver.errors import InputError
 from driver.estimate import cost_told
 from driver.experiment import read_experiment
+from driver.log import Log
 from driver.noise_floor.floor import (
     PAPER_GAMMA_U,
     RULE,
@@ -32,8 +33,6 @@ from driver.report.style import png
 from driver.results import prismid_version, write_csv
 from driver.specimen import surface_images
 from driver.stages import RESULTS, write_whole
-
-Log = Callable[[str], None]
 
 FILES = ("noise_floor.json", "noise_floor.csv", "noise_floor.png")
 _UNITS = {"strain": (1e2, "%")}  # factor and unit of a table; nm for what is not named

@@ -1,12 +1,12 @@
 from __future__ import annotations
 
-from driver.log import Log, passing_of, seldom
+from driver.log import LiveLog, passing_of, seldom
 
 
 def test_lines_stay_and_words_for_the_moment_go_elsewhere() -> None:
     lines: list[str] = []
     words: list[str] = []
-    log = Log(lines.append, words.append)
+    log = LiveLog(lines.append, words.append)
     log("stage A")
     passing_of(log)("at 3 s")
     assert (lines, words) == (["stage A"], ["at 3 s"])

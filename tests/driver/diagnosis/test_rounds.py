@@ -10,12 +10,13 @@ from driver.diagnosis.causes import Cause
 from driver.diagnosis.extension import Extension, extended
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.gate import Gate
-from driver.diagnosis.outcome import Diagnosis, Log, Settings
+from driver.diagnosis.outcome import Diagnosis, Settings
 from driver.diagnosis.refit import Crew, Refit, refit_causes
 from driver.diagnosis.round import Round, at_first_sight, examine
 from driver.diagnosis.screening import screened
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
+from driver.log import Log
 from solver_adapters.interface import SolverError
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
