@@ -129,12 +129,12 @@ def export(
     med: Annotated[bool, typer.Option("--med", help="the volume for Salome, too")] = False,
 ) -> None:
     """Write the results of CASE in the formats of other programs."""
-    from driver import pipeline
+    from driver.export import export_case
 
     path = _case_file(case)
     folder = to if to is not None else path.parent / "results" / "export"
     with _told_in_one_line(), _progress(case, alone=True) as log:
-        pipeline.export(path, folder, volume, med, log)
+        export_case(path, folder, volume, med, log)
 
 
 @app.command("noise-floor")

@@ -25,6 +25,7 @@ from driver.stages import RESULTS
 from driver.volume_view import offers_volume, volume_files, write_volumes
 from driver.workbench import BUNDLED
 from meshes.files import write_vtu
+from solver_adapters.bundled.compilation import use_threads
 from solver_adapters.jobs.errors import CommandMissingError
 
 FloatArray = NDArray[np.float64]
@@ -56,13 +57,18 @@ def export_case(
 
     Raises:
         CaseError: the case cannot be used.
-        ExportError: a stage has no results for the case as it is, or the folder cannot take them.
+        ExportError: the case has no images, a stage has no results for the case as it is, or the
+            folder cannot take them.
         ResultError: a result file cannot be read.
         SolverError: a simulation for the volume could not be finished.
     """
     if med and not volume:
         raise ExportError("--med: found --no-volume, expected --volume: MED holds its fields")
     case = load_case(case_path)
+    if not case.with_images:
+        expected = '"images": the fields that are exported are those of images and models'
+        raise ExportError(sentence(case_path, "boundary.motion", '"stage"', expected))
+    use_threads(case.execution.processes * case.execution.threads)
     found = read_finished(case_path, case)
     history = read_history(case.path(case.history.file))
     _make_folder(folder)

@@ -103,16 +103,3 @@ def report(case_path: Path) -> None:
             sentence(needed, "file", "nothing", f"the results of `prismid run {case_path}`")
         )
     run_stages(case_path, stages(case)[-1:], None, True, print)
-
-
-def export(case_path: Path, folder: Path, volume: bool, med: bool, log: Log) -> None:
-    """Write the results in the formats of other programs, see `export_case`."""
-    from driver.export import export_case
-
-    case = load_case(case_path)
-    if not case.with_images:
-        expected = '"images": the fields that are exported are those of images and models'
-        raise StageError(sentence(case_path, "boundary.motion", '"stage"', expected))
-    execution = case.execution
-    use_threads(execution.processes * execution.threads)
-    export_case(case_path, folder, volume, med, log)

@@ -1,5 +1,4 @@
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,6 +9,7 @@ import driver
 from driver.case import CaseError, load_case
 from driver.cli import app
 from driver.finding import Finding
+from driver.log import Log
 from solver_adapters.bundled import compilation
 from solver_adapters.interface import PreparedError, SolverError
 
@@ -23,7 +23,7 @@ def pipeline(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         case_path: Path,
         until: str | None,
         force: bool,
-        log: Callable[[str], None],
+        log: Log,
         prepare_only: bool,
     ) -> None:
         load_case(case_path)
@@ -32,16 +32,17 @@ def pipeline(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
             raise PreparedError([case_path.parent / "results" / "jobs" / "key"])
         log("mesh: started")
 
+    def export(case_path: Path, folder: Path, volume: bool, med: bool, log: Log) -> None:
+        calls.append(("export", case_path, folder, volume, med))
+
     fake = SimpleNamespace(
         calls=calls,
         run=run,
         report=lambda case_path: calls.append(("report", case_path)),
-        export=lambda case_path, folder, volume, med, log: calls.append(
-            ("export", case_path, folder, volume, med)
-        ),
     )
     monkeypatch.setitem(sys.modules, "driver.pipeline", fake)
     monkeypatch.setattr(driver, "pipeline", fake, raising=False)
+    monkeypatch.setattr("driver.export.export_case", export)
     return fake
 
 

@@ -4,7 +4,6 @@ import meshio
 import numpy as np
 import pytest
 
-from driver import pipeline
 from driver.export import export_case
 from driver.paraview import aligned, pixel_squares
 from tests.driver.exported import (
@@ -21,7 +20,7 @@ from tests.driver.exported import (
 
 
 def test_the_series_holds_every_image_at_its_time_with_all_fields(results: Results) -> None:
-    pipeline.export(results.case_path, results.to, False, False, print)
+    export_case(results.case_path, results.to, volume=False)
     frames = results.frames()
     assert [time for time, _ in frames] == TIME.tolist()
     for t, (_, mesh) in enumerate(frames):

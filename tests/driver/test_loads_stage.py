@@ -17,10 +17,11 @@ from driver.check import check
 from driver.check_loads import stated_motion
 from driver.errors import InputError
 from driver.experiment import ExperimentError, history_of, read_experiment
+from driver.export import ExportError, export_case
 from driver.identification.loads_alone import identify_from_loads
 from driver.loads_stage import SKIPPED, build_loads_bench
 from driver.results import read_hdf5
-from driver.stages import StageContext, StageError
+from driver.stages import StageContext
 from solver_adapters.profile import Profile
 from tests.driver import closed_form
 from tests.driver.closed_form import KNOTS, LAW
@@ -140,8 +141,8 @@ def test_check_tells_that_no_images_are_used(
 
 def test_what_needs_images_is_refused_in_a_sentence(finished: tuple[Path, str]) -> None:
     path, _ = finished
-    with pytest.raises(StageError, match='boundary.motion: found "stage", expected "images"'):
-        pipeline.export(path, path.parent / "export", True, False, print)
+    with pytest.raises(ExportError, match='boundary.motion: found "stage", expected "images"'):
+        export_case(path, path.parent / "export")
     with pytest.raises(ExperimentError, match="images.frames: found nothing"):
         read_experiment(load_case(path))
 
