@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from driver.case_errors import refusal
-from driver.case_tables.values import Count, NonNegative, Number, Positive, Table
+from driver.case_tables.values import Count, FileName, NonNegative, Number, Positive, Table
 
 Axis = Literal["+X", "-X", "+Y", "-Y"]
 _AXES = {f"{sign}{name}": (1.0 if sign == "+" else -1.0) * np.eye(3)[axis]
@@ -18,13 +18,13 @@ _AXES = {f"{sign}{name}": (1.0 if sign == "+" else -1.0) * np.eye(3)[axis]
 class Images(Table):
     """Where the height maps are, and how they lie on the specimen."""
 
-    frames: str | None = Field(
+    frames: FileName | None = Field(
         default=None,
         description="a text in quotes, the stack, pattern, folder or FILE.h5:/DATASET of the "
         'images; needed with boundary.motion = "images"',
     )
-    flats: str | None = Field(default=None, description="images of a flat reference surface")
-    repeats: str | None = Field(default=None, description="repeated images before loading")
+    flats: FileName | None = Field(default=None, description="images of a flat reference surface")
+    repeats: FileName | None = Field(default=None, description="repeated images before loading")
     pixel_size_nm: Positive = Field(default=110.0, description="side of a pixel")
     height_per_level_nm: Positive = Field(default=6.5, description="height of one digital level")
     height_offset_nm: Number = Field(default=0.0, description="height of level 0")
@@ -41,10 +41,10 @@ class Images(Table):
     rows_along: Axis = Field(default="+X", description="specimen axis along which row numbers grow")
     columns_along: Axis = Field(default="+Y", description="specimen axis along which columns grow")
     heights: Literal["+Z", "-Z"] = Field(default="+Z", description="axis along which levels grow")
-    mask: str | None = Field(
+    mask: FileName | None = Field(
         default=None, description="an image that is 0 where pixels are not used"
     )
-    noise_map: str | None = Field(
+    noise_map: FileName | None = Field(
         default=None, description="an image of the noise of each pixel, on any scale above 0"
     )
     rim_px: NonNegative = Field(
@@ -97,11 +97,11 @@ class Dic(Table):
 
     element_px: Count = Field(default=16, description="element of the in-plane motion, pixels")
     height_element_px: Count = Field(default=8, description="element of the height change, pixels")
-    mesh: str | None = Field(
+    mesh: FileName | None = Field(
         default=None,
         description='a text in quotes, a plane mesh file (.msh, .med, .vtu; µm) or "trace"',
     )
-    height_mesh: str | None = Field(
+    height_mesh: FileName | None = Field(
         default=None,
         description='a text in quotes, a plane mesh file (.msh, .med, .vtu; µm) or "trace"',
     )

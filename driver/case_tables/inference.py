@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from driver.case_errors import refusal
-from driver.case_tables.values import Count, Positive, Table
+from driver.case_tables.values import Count, FileName, Positive, Table
 from driver.diagnosis.all_causes import NAMES
 from solver_adapters.material import MATERIAL_DECLARATIONS
 
@@ -100,7 +100,7 @@ class DiagnosisTable(Table):
     held_out_cycle: Literal["last", "none"] | Count = Field(
         default="last", description='"last", "none" or the number of a cycle'
     )
-    cause_files: tuple[str, ...] = Field(
+    cause_files: tuple[FileName, ...] = Field(
         default=(), description="a list of files with causes of your own"
     )
     refit: Count = Field(default=5, description="number of causes refitted nonlinearly")

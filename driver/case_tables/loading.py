@@ -7,14 +7,14 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from driver.case_errors import refusal
-from driver.case_tables.values import NonNegative, Number, Positive, Table
+from driver.case_tables.values import FileName, NonNegative, Number, Positive, Table
 from driver.load_clock import LARGEST_LAG
 
 
 class HistoryTable(Table):
     """Where the loading history is."""
 
-    file: str = Field(
+    file: FileName = Field(
         default="history.csv",
         description="a text in quotes, CSV of time_s, stage_um, image, force_N",
     )

@@ -13,6 +13,7 @@ Number = Annotated[float, Field(strict=True)]
 Positive = Annotated[float, Field(strict=True, gt=0)]
 NonNegative = Annotated[float, Field(strict=True, ge=0)]
 Count = Annotated[int, Field(strict=True, ge=1)]
+FileName = Annotated[str, Field(min_length=1)]
 Vector = tuple[Number, Number, Number]
 
 

@@ -41,6 +41,7 @@ def refused(tmp_path: Path, *changes: tuple[str, str]) -> list[str]:
         ("length_um = 12.0", "lenght_um = 12.0", "specimen.lenght_um", "an unknown key",
          "one of length_um, width_um"),
         ('frames = "images.tif"', "", "images.frames", "nothing", "a text in quotes"),
+        ('flats = "flats.tif"', 'flats = ""', "images.flats", '""', "images of a flat reference"),
         ("euler_deg = [30.0, 0.0, 0.0]", "euler_deg = [30.0, 0.0]", "grains.2.euler_deg",
          "[30.0, 0.0]", "a list of three numbers"),
         ('strain_measure = "finite"', 'strain_measure = "large"', "material.strain_measure",
