@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -162,6 +163,8 @@ def tenths(prefix: str, log: Log) -> Callable[[Progress], None]:
         tenths = int(10 * progress.time / progress.end)
         if tenths > told:
             told = tenths
-            log(f"{prefix}{10 * tenths} %, {duration(progress.remaining)} to go")
+            left = progress.remaining
+            to_go = "" if math.isnan(left) else f", {duration(left)} to go"
+            log(f"{prefix}{10 * tenths} %{to_go}")
 
     return tell

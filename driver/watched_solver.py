@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -51,9 +52,10 @@ class WatchedSolver:
 
 def sentence_of(state: Progress) -> str:
     """How far a simulation is: `at 120 of 3840 s: 6 steps, 21 iterations, 0 cut, 12 s left`."""
+    left = "" if math.isnan(state.remaining) else f", {state.remaining:.0f} s left"
     return (
         f"simulation at {state.time:.4g} of {state.end:.4g} s: {state.steps} steps, "
-        f"{state.iterations} iterations, {state.cuts} cut, {state.remaining:.0f} s left"
+        f"{state.iterations} iterations, {state.cuts} cut{left}"
     )
 
 

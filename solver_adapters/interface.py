@@ -162,7 +162,7 @@ class Progress:
         steps: time steps taken.
         iterations: Newton iterations in all.
         cuts: steps that had to be cut, for convergence or for accuracy.
-        remaining: wall-clock time to the end at the speed so far [s].
+        remaining: wall-clock time to the end at the speed so far [s], NaN while it is not known.
     """
 
     time: float

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -83,7 +84,10 @@ class BundledAdapter:
                 now = time.monotonic()
                 if progress is not None:
                     s = run.stepper.statistics
-                    share = (run.index - first) / (last - first)
+                    done, left = run.index - first, last - run.index
+                    if done == 1:
+                        begun = now  # the first interval may have compiled kernels
+                    known = (now - begun) * left / (done - 1) if done > 1 else math.nan
                     progress(
                         Progress(
                             float(simulation.times[run.index]),
@@ -91,7 +95,7 @@ class BundledAdapter:
                             s.steps,
                             s.iterations,
                             s.cuts + s.refinements,
-                            (now - begun) * (1 / share - 1),
+                            known if left else 0.0,
                         )
                     )
                 if workspace and now - written > _BETWEEN_CHECKPOINTS:
