@@ -16,13 +16,12 @@ import numpy as np
 from driver.diagnosis.causes import NUMERICS
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.gate import GATE, Gate
+from driver.diagnosis.refit import POLISH
 from driver.diagnosis.score import NAMING_LEVEL, Score, significance
 from driver.diagnosis.screening import whitened_difference
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Correction, Objective
 from driver.log import Log
-
-MOST_ITERATIONS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,4 +103,4 @@ def with_both(objective: Objective, here: Fit, both: OnBoth, log: Log) -> tuple[
     mean = both.first.mean_with(both.spread)
     objective = replace(objective, correction=mean, spread=both.spread)
     start = objective.compare(here.best.prediction, here.values, here.best.free)
-    return objective, fit(objective, here.values, here.best.free, MOST_ITERATIONS, log, start=start)
+    return objective, fit(objective, here.values, here.best.free, POLISH, log, start=start)

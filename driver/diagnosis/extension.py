@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 from driver.diagnosis.boundary_noise import Level, level_again
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.elimination import eliminate
-from driver.diagnosis.final_fits import POLISH
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.loads import bad_loads
 from driver.diagnosis.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.outcome import Settings
 from driver.diagnosis.preparation import noise_of_images, with_load_noise
-from driver.diagnosis.refit import Refit
+from driver.diagnosis.refit import POLISH, Refit
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Objective
 from driver.identification.procedure import with_correction

@@ -16,6 +16,7 @@ from driver.diagnosis.causes import Cause
 from driver.diagnosis.held_out import HeldOut, HeldOutTask, knots_of_cycle, predict_held_out
 from driver.diagnosis.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.outcome import Settings
+from driver.diagnosis.refit import POLISH
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Correction, Evaluation, Objective
 from driver.identification.procedure import correction
@@ -24,8 +25,6 @@ from driver.model import ForwardModel
 from driver.side_by_side import side_by_side
 
 IntArray = NDArray[np.int64]
-
-POLISH = 8  # Newton iterations of a fit from near its end
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from driver.diagnosis.image_noise import Unevenness, examine_noise
 from driver.diagnosis.loads import BadLoad, bad_loads, load_noise
 from driver.diagnosis.omnibus import FAMILY_LEVEL
 from driver.diagnosis.outcome import Settings
-from driver.diagnosis.refit import TOLERANCE
+from driver.diagnosis.refit import POLISH, TOLERANCE
 from driver.diagnosis.score import effects_of
 from driver.identification.data import Data
 from driver.identification.fit import Fit, fit
@@ -20,8 +20,6 @@ from driver.identification.image_data import reweighted
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.procedure import noise_factor, with_correction
 from driver.log import Log
-
-MOST_ITERATIONS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +159,4 @@ def _fitted_again(objective: Objective, here: Fit, log: Log) -> Fit:
     begin = objective.compare(here.best.prediction, here.values, here.best.free)
     # Scores and evidence are taken at the optimum to first order: a fit this near to it needs no
     # step, and the sensitivities of all causes, known there already, are not simulated again.
-    return fit(
-        objective, here.values, here.best.free, MOST_ITERATIONS, log, begin, tolerance=TOLERANCE
-    )
+    return fit(objective, here.values, here.best.free, POLISH, log, begin, tolerance=TOLERANCE)
