@@ -27,7 +27,18 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-CaseArgument = Annotated[Path, typer.Argument(metavar="CASE", help="case.toml or its folder")]
+
+
+def _path(text: str) -> Path:
+    """A path that is not empty: an empty one would be the folder of the call."""
+    if not text:
+        raise typer.BadParameter('found "", expected the name of a file or a folder')
+    return Path(text)
+
+
+CaseArgument = Annotated[
+    Path, typer.Argument(metavar="CASE", parser=_path, help="case.toml or its folder")
+]
 
 
 def _show_version(wanted: bool) -> None:
@@ -48,7 +59,9 @@ def main(
 
 @app.command()
 def init(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="folder of the new case")],
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", parser=_path, help="folder of the new case")
+    ],
 ) -> None:
     """Write a commented case.toml, and its schema for editors, into DIR."""
     with _told_in_one_line():
@@ -79,7 +92,9 @@ def check(case: CaseArgument) -> None:
 
 @app.command()
 def run(
-    cases: Annotated[list[Path], typer.Argument(metavar="CASE...", help="cases or folders")],
+    cases: Annotated[
+        list[Path], typer.Argument(metavar="CASE...", parser=_path, help="cases or folders")
+    ],
     until: Annotated[str | None, typer.Option(help="last stage to run")] = None,
     force: Annotated[bool, typer.Option("--force", help="run finished stages again")] = False,
     prepare_only: Annotated[
@@ -120,7 +135,8 @@ def report(case: CaseArgument) -> None:
 def export(
     case: CaseArgument,
     to: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="folder, default results/export")
+        Path | None,
+        typer.Option(metavar="DIR", parser=_path, help="folder, default results/export"),
     ] = None,
     volume: Annotated[
         bool,
@@ -149,10 +165,14 @@ def noise_floor(case: CaseArgument) -> None:
 @app.command()
 def virtual(
     case: CaseArgument,
-    to: Annotated[Path, typer.Option("--to", metavar="DIR", help="folder of the new case")],
+    to: Annotated[
+        Path, typer.Option("--to", metavar="DIR", parser=_path, help="folder of the new case")
+    ],
     settings: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="settings of face, microscope, test and truth"),
+        typer.Option(
+            metavar="FILE", parser=_path, help="settings of face, microscope, test and truth"
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="of relief, stage and noise")] = 0,
 ) -> None:
@@ -172,7 +192,7 @@ def design(
     case: CaseArgument,
     settings: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="what is assumed of face, test and truth"),
+        typer.Option(metavar="FILE", parser=_path, help="what is assumed of face, test and truth"),
     ] = None,
     change: Annotated[
         list[str] | None,

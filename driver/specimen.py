@@ -59,10 +59,11 @@ def mesh_of(case: Case, size: float) -> PrismMesh:
         raise InputError(f"specimen: {error}") from None
 
 
-def unlike(case: Case, size: float, points: FloatArray) -> PrismMesh:
+def another_mesh_of(case: Case, size: float, points: FloatArray) -> PrismMesh:
     """A mesh of somewhat smaller elements with few nodes in common with one of a size.
 
     Numbers of elements along an edge are whole: meshes of nearly the same size may be the same.
+    It is the largest of six with at most a fifth in common, or the smallest where none has.
 
     Args:
         case: the case.

@@ -22,7 +22,13 @@ from driver.identification.objective import Objective
 from driver.identification.priors import Prior, prior_of, widths
 from driver.identification.procedure import Plan, start_values
 from driver.model import ForwardModel
-from driver.specimen import adapter_of, build_model, correlation_meshes, surface_images, unlike
+from driver.specimen import (
+    adapter_of,
+    another_mesh_of,
+    build_model,
+    correlation_meshes,
+    surface_images,
+)
 from driver.surface_view import POSE_DECLARATIONS
 from driver.watched_solver import WatchedSolver
 from meshes.prism_mesh import PrismMesh
@@ -129,7 +135,7 @@ def on_another_mesh(case: Case, bench: Workbench) -> ForwardModel:
         InputError: the prism cannot be meshed with such elements.
     """
     finer, history = bench.finer, bench.experiment.history
-    mesh = unlike(case, case.specimen.fine_mesh_size, finer.microstructure.mesh.points)
+    mesh = another_mesh_of(case, case.specimen.fine_mesh_size, finer.microstructure.mesh.points)
     other = build_model(
         case, mesh, history, bench.images.xy, finer.adapter, finer.steps_per_interval,
         finer.workspace,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -170,7 +171,7 @@ class Progress:
     steps: int
     iterations: int
     cuts: int
-    remaining: float = 0.0
+    remaining: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)

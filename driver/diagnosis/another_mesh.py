@@ -16,10 +16,9 @@ import numpy as np
 from driver.diagnosis.causes import NUMERICS
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.gate import GATE, Gate
-from driver.diagnosis.refit import POLISH
 from driver.diagnosis.score import NAMING_LEVEL, Score, significance
 from driver.diagnosis.screening import whitened_difference
-from driver.identification.fit import Fit, fit
+from driver.identification.fit import POLISH, Fit, fit
 from driver.identification.objective import Correction, Objective
 from driver.log import Log
 

@@ -92,7 +92,7 @@ def diagnose(
     every = (*EVERY, *settings.own)
     verdict = decide(
         list(sets.values()),
-        steps[-1].omnibus.accepted,
+        steps[-1].omnibus.seen,
         settings.imaging_limited,
         passed.words,
         {cause.name: cause.sentence for cause in every},

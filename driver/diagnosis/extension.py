@@ -13,8 +13,8 @@ from driver.diagnosis.loads import bad_loads
 from driver.diagnosis.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.outcome import Settings
 from driver.diagnosis.preparation import noise_of_images, with_load_noise
-from driver.diagnosis.refit import POLISH, Refit
-from driver.identification.fit import Fit, fit
+from driver.diagnosis.refit import Refit
+from driver.identification.fit import POLISH, Fit, fit
 from driver.identification.objective import Objective
 from driver.identification.procedure import with_correction
 from driver.log import Log

@@ -16,8 +16,7 @@ from driver.diagnosis.causes import Cause
 from driver.diagnosis.held_out import HeldOut, HeldOutTask, knots_of_cycle, predict_held_out
 from driver.diagnosis.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.outcome import Settings
-from driver.diagnosis.refit import POLISH
-from driver.identification.fit import Fit, fit
+from driver.identification.fit import POLISH, Fit, fit
 from driver.identification.objective import Correction, Evaluation, Objective
 from driver.identification.procedure import correction
 from driver.log import silent

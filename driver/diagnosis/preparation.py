@@ -12,10 +12,10 @@ from driver.diagnosis.image_noise import Unevenness, examine_noise
 from driver.diagnosis.loads import BadLoad, bad_loads, load_noise
 from driver.diagnosis.omnibus import FAMILY_LEVEL
 from driver.diagnosis.outcome import Settings
-from driver.diagnosis.refit import POLISH, TOLERANCE
+from driver.diagnosis.refit import TOLERANCE
 from driver.diagnosis.score import effects_of
 from driver.identification.data import Data
-from driver.identification.fit import Fit, fit
+from driver.identification.fit import POLISH, Fit, fit
 from driver.identification.image_data import reweighted
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.procedure import noise_factor, with_correction

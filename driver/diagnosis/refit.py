@@ -17,7 +17,6 @@ from driver.side_by_side import side_by_side
 from solver_adapters.interface import SolverError
 
 MOST_ITERATIONS = 5
-POLISH = 8  # iterations of a fit from near its end
 MOST_FROM_AFAR = 8
 FAR = (1.0, 3.0)  # prior scales
 TOLERANCE = 0.3  # Newton decrement [σ]: a log evidence is then right to 0.05

@@ -22,7 +22,7 @@ from driver.diagnosis.outcome import Settings, Step
 from driver.diagnosis.own_correction import with_own_corrections
 from driver.diagnosis.refit import Crew, Refit, refit_causes, refit_from_afar
 from driver.diagnosis.score import NAMING_LEVEL, PARALLEL, Score, effects_of, likeness
-from driver.diagnosis.screening import screen, screened
+from driver.diagnosis.screening import own_error_shapes, screen, screened
 from driver.diagnosis.smooth_fields import smooth_fields
 from driver.diagnosis.verdict import MOST_ADDITIONS
 from driver.identification.fit import Fit
@@ -185,7 +185,8 @@ def _first_order(
     if variance > 1.0:
         log(f"  the simulation's own error widens scores by {np.sqrt(variance):.2f}")
     fields = smooth_fields(objective.data, here.best.motion)
-    tests = omnibus(here.best, objective.data, effects, fields, variance)
+    own = own_error_shapes(objective)
+    tests = omnibus(here.best, objective.data, effects, fields, own, variance)
     noise = _noise_of_boundary(here, objective, effects, stops)
     if noise is not None:
         scores = sorted([*scores, noise], key=lambda s: -s.log_evidence)

@@ -14,7 +14,7 @@ that shows by the share s of its effect in the loads has the tail of F(k, ν/s²
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -196,6 +196,25 @@ def score_together(
     basis = vector[:, kept].T @ projected / np.sqrt(eigenvalue[kept])[:, None]
     known = 1.0 / (_in_loads(basis, baseline) ** 2 / load_degrees + 1.0 / others)
     return Together(statistic, degrees, float(f.sf(statistic / degrees, degrees, known)))
+
+
+def beside(fitted: Evaluation, shapes: FloatArray) -> Evaluation:
+    """The fit with shapes of the data, each of any size, beside its parameters, to first order.
+
+    Args:
+        fitted: the fit.
+        shapes: whitened, shape (m, n); such as vanish are left out.
+    """
+    lengths = np.linalg.norm(shapes, axis=1)
+    rows = shapes[lengths > 0] / lengths[lengths > 0, None]
+    none = np.zeros(len(rows))
+    return replace(
+        fitted,
+        free=(*fitted.free, *(f"shape {k}" for k in range(len(rows)))),
+        jacobian=np.concatenate([fitted.jacobian, rows.reshape(-1, fitted.residual.size)]),
+        prior_gap=np.concatenate([fitted.prior_gap, none]),
+        prior_weight=np.concatenate([fitted.prior_weight, none]),
+    )
 
 
 def _projected(

@@ -93,6 +93,21 @@ def screen(
     return sorted(scored(variance), key=lambda s: -s.log_evidence), variance
 
 
+def own_error_shapes(objective: Objective) -> FloatArray:
+    """What the simulation's own error looks like, whitened, shape (m, n).
+
+    The correction itself, of which a share may be left, and half of what two finer meshes differ
+    by; none without a correction.
+    """
+    known = [objective.correction, objective.spread]
+    shapes = [
+        whitened_difference(objective, one, Correction())
+        for one in known
+        if one is not None and isinstance(one.load, np.ndarray)
+    ]
+    return np.stack(shapes) if shapes else np.zeros((0, 0))
+
+
 def whitened_difference(objective: Objective, one: Correction, other: Correction) -> FloatArray:
     """Change of the whitened prediction between two corrections, to first order, shape (n,)."""
     motion = np.asarray(one.motion) - np.asarray(other.motion)

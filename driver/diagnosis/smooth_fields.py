@@ -26,15 +26,18 @@ def smooth_fields(data: Data, motion: FloatArray) -> FloatArray:
         motion: of the face as simulated [µm], shape (T_all, n_pix, 3).
 
     Returns:
-        u, v, w of ten monomials each, on a scale of their own, shape (30, n).
+        u, v, w of nine monomials each (a constant is a rigid motion), on a scale of their own,
+        shape (27, n).
     """
     xy = data.image.images.xy
     middle = xy.mean(axis=0)
     x, y = ((xy - middle) / np.abs(xy - middle).max(axis=0)).T
-    powers = [(a, b) for a in range(DEGREE + 1) for b in range(DEGREE + 1 - a)]
-    unit = np.stack([x**a * y**b for a, b in powers])
-    fields = np.einsum("mp,cd->cmpd", unit, np.eye(3)).reshape(-1, len(xy), 3)
     stretch = motion[..., 1] @ (y - y.mean()) / len(y)
-    z = data.image.pixel_sensitivity(fields)
-    seen = data.index[data.with_image]
-    return data.image_changes(np.einsum("t,kz->ktz", stretch[seen], z))
+    powers = [(m, n) for m in range(DEGREE + 1) for n in range(DEGREE + 1 - m) if m + n]
+    no_load, rows = np.zeros(len(motion)), []
+    for m, n in powers:
+        for component in range(3):
+            moved = np.zeros_like(motion)
+            moved[..., component] = np.outer(stretch, x**m * y**n)
+            rows.append(data.change(moved, no_load))
+    return np.stack(rows)

@@ -41,7 +41,7 @@ class Verdict:
 
 def decide(
     added: Sequence[Sequence[str]],
-    accepted: bool,
+    left: Sequence[str],
     imaging_limited: bool,
     numerics: str | None,
     sentences: dict[str, str],
@@ -52,7 +52,7 @@ def decide(
 
     Args:
         added: for each addition the set of causes that cannot be told apart, the best first.
-        accepted: whether the omnibus tests accept what is left.
+        left: what the tests see in what is left, in words; nothing where it is noise.
         imaging_limited: whether the images carry errors that no motion explains.
         numerics: the refinement that the simulation needs, or None if it is fine enough.
         sentences: what a person would say of each cause.
@@ -67,7 +67,7 @@ def decide(
             "Refine as said, then run again.",
         )  # fmt: skip
     if not added:
-        return _without_a_name(accepted, imaging_limited)
+        return _without_a_name(left, imaging_limited)
     names = tuple(group[0] for group in added)
     said = "; and ".join(_said(group, sentences) for group in added)
     sets = [group for group in added if len(group) > 1]
@@ -80,18 +80,19 @@ def decide(
             "data, but so many at once are more likely the shadow of one that was not tried.",
             "Look at the maps of what is left, and think of a cause of your own.",
         )  # fmt: skip
-    if not accepted and explained < _MOST:
+    if left and explained < _MOST:
         return Verdict(
             "unexplained", names,
             f"The best that was tried ({', '.join(names)}) explains {explained:.0%} of the "
-            "misfit that is no noise, and what is left is structured as well.",
+            f"misfit that is no noise, and what is left is structured as well: {_list(left)}.",
             "Look at the maps of what is left: where and when it stands tells what to think of.",
         )  # fmt: skip
     do_next = " ".join(f"Confirm {name}: {checks[name]}." for name in names)
-    if not accepted:
+    if left:
         return Verdict(
             "named, but something is left", names,
-            f"{_capital(said)}. This explains a part; what is left is still not noise.",
+            f"{_capital(said)}. This explains a part; what is left is still not noise: "
+            f"{_list(left)}.",
             do_next + " Then look at the maps of what is left.",
         )  # fmt: skip
     if sets:
@@ -106,7 +107,7 @@ def decide(
     return Verdict("named", names, f"{_capital(said)}.", do_next)
 
 
-def _without_a_name(accepted: bool, imaging_limited: bool) -> Verdict:
+def _without_a_name(left: Sequence[str], imaging_limited: bool) -> Verdict:
     if imaging_limited:
         return Verdict(
             "imaging-limited", (),
@@ -114,7 +115,7 @@ def _without_a_name(accepted: bool, imaging_limited: bool) -> Verdict:
             "dominate, and with them counted no cause stands out.",
             "Look at the residual maps of the free correlation: focus, dust, scan lines, drift.",
         )  # fmt: skip
-    if accepted:
+    if not left:
         return Verdict(
             "nothing wrong", (),
             "What is left is noise: no cause that was tried is needed, and no structure remains "
@@ -124,7 +125,7 @@ def _without_a_name(accepted: bool, imaging_limited: bool) -> Verdict:
         )  # fmt: skip
     return Verdict(
         "unexplained", (),
-        "The residual is not noise, yet no cause that was tried explains it.",
+        f"The residual is not noise, yet no cause that was tried explains it: {_list(left)}.",
         "Look at the maps of what is left: where and when it stands tells what to think of.",
     )  # fmt: skip
 
@@ -135,6 +136,10 @@ def _said(group: Sequence[str], sentences: dict[str, str]) -> str:
         return first
     others = ", or ".join(sentences[name] for name in group[1:])
     return f"{first}, or {others}"
+
+
+def _list(texts: Sequence[str]) -> str:
+    return ", and ".join(texts)
 
 
 def _capital(text: str) -> str:

@@ -122,16 +122,6 @@ class Data:
         parts = [self._whiten_loads(changes), np.zeros((len(changes), images))]
         return self._whiten_jitter(np.concatenate(parts, axis=1))
 
-    def image_changes(self, z: FloatArray) -> FloatArray:
-        """Whitened effect of changes of the images that are fitted, (m, T, n_z) → (m, n).
-
-        Args:
-            z: the changes, each image whitened by itself.
-        """
-        images = self._whiten_images(z).reshape(len(z), -1)
-        parts = [np.zeros((len(z), self.n_load)), images]
-        return self._whiten_jitter(np.concatenate(parts, axis=1))
-
     def change(self, motion: FloatArray, load: FloatArray) -> FloatArray:
         """Whitened effect of a change of the measurements, to first order, shape (n,).
 

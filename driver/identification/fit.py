@@ -30,6 +30,7 @@ DECREMENT = 0.1  # Newton decrement at convergence: a tenth of a standard deviat
 NEGLIGIBLE = math.sqrt(1e-2)
 SCATTER = 3.0  # standard deviations of ‖r‖²
 MOST_HALVINGS = 5
+POLISH = 8  # iterations of a fit that begins near its end
 # Step control and iteration of a solver scatter the cost by hundredths. A step that promises less
 # than a tenth and does not lower it, nor do two shorter ones, has met that scatter.
 FLAT = 0.3

@@ -39,7 +39,9 @@ def priors(start: Mapping[str, float]) -> dict[str, tuple[float, float]]:
     return prior | {p.name: (0.0, 1.0) for p in POSE_DECLARATIONS}
 
 
-def identified(b: Bench, made_with: Objective) -> tuple[Objective, Fit]:
+def identified(
+    b: Bench, made_with: Objective, sizes: tuple[float, float] = SIZES
+) -> tuple[Objective, Fit]:
     """The baseline of a diagnosis: all but the extensions fitted, with the correction."""
     n = len(KNOTS) + 1
     pose = tuple(p.name for p in POSE_DECLARATIONS)
@@ -47,7 +49,7 @@ def identified(b: Bench, made_with: Objective) -> tuple[Objective, Fit]:
     start = replace(made_with, prior=priors(b.truth))
     first = fit(start, b.truth, free, 12, silent)
     change = correction(b.model, finer(b), first, silent)
-    corrected = with_correction(start, 1.0, change, SIZES)
+    corrected = with_correction(start, 1.0, change, sizes)
     return corrected, fit(corrected, first.values, free, 12, silent)
 
 

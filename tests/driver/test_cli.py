@@ -6,6 +6,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import driver
+import driver.export
 from driver.case import CaseError, load_case
 from driver.cli import app
 from driver.finding import Finding
@@ -197,3 +198,17 @@ def test_a_report_without_results_is_refused_and_simulates_nothing(tmp_path: Pat
     found = CliRunner().invoke(app, ["report", str(tmp_path / "new")])
     assert found.exit_code == 1 and "diagnosis.json" in found.output
     assert not (tmp_path / "new" / "results").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("init", ""), ("check", ""), ("run", "a", ""), ("export", "a", "--to", ""),
+     ("virtual", "a", "--to", "b", "--settings", "")],
+)  # fmt: skip
+def test_an_empty_path_is_not_the_folder_of_the_call(
+    arguments: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = invoke(*arguments)
+    assert found.exit_code == 2 and 'found "", expected the name of' in found.output
+    assert not list(tmp_path.iterdir())

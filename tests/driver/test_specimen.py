@@ -13,12 +13,12 @@ from driver.errors import InputError
 from driver.experiment import read_experiment
 from driver.specimen import (
     adapter_of,
+    another_mesh_of,
     build_model,
     geometry_of,
     integration_of,
     mesh_of,
     surface_images,
-    unlike,
 )
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.bundled.adapter import BundledAdapter
@@ -165,12 +165,12 @@ def test_another_mesh_has_few_nodes_in_common_where_a_little_smaller_elements_gi
     def common(other: PrismMesh) -> float:
         return float(np.mean(nodes.query(other.points)[0] < 0.02 * size))
 
-    other = unlike(case, size, mesh.points)
+    other = another_mesh_of(case, size, mesh.points)
     assert common(mesh_of(case, 0.93 * size)) > 0.5 and common(other) <= 0.2
     assert 1.0 < len(other.cells) / len(mesh.cells) < 2.4
 
 
 def test_the_largest_of_the_meshes_with_few_nodes_in_common_is_taken() -> None:
     case = closed_form.small_case()
-    other = unlike(case, 1.0, mesh_of(case, 1.0).points)
+    other = another_mesh_of(case, 1.0, mesh_of(case, 1.0).points)
     np.testing.assert_array_equal(other.points, mesh_of(case, 0.93).points)

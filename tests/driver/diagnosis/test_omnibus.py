@@ -36,13 +36,14 @@ DATA = Data(cast(Any, SimpleNamespace(n_z=N_Z)), np.zeros(T), 1.0, 0.0, np.arang
 CAUSES = [np.random.default_rng(7).standard_normal((k, T * (1 + N_Z))) for k in (1, 1, 3, 2, 8)]
 FIELDS = np.random.default_rng(8).standard_normal((9, T * (1 + N_Z)))
 FIELDS[:, :T] = 0.0  # of the images alone
+NO_SHAPES = np.zeros((0, 0))
 
 
 def after_a_fit(load: FloatArray, images: FloatArray) -> Omnibus:
     """The tests of what a least-squares fit with J leaves."""
     data = np.concatenate([load, images.ravel()])
     rest = data - J.T @ np.linalg.solve(J @ J.T, J @ data)
-    return omnibus(evaluation(rest, J, n_load=T), DATA, CAUSES, FIELDS)
+    return omnibus(evaluation(rest, J, n_load=T), DATA, CAUSES, FIELDS, NO_SHAPES)
 
 
 @pytest.fixture(scope="module")
@@ -146,5 +147,5 @@ def test_too_few_images_for_a_serial_test_have_none() -> None:
     rng = np.random.default_rng(4)
     jacobian = rng.standard_normal((5, few * (1 + N_Z)))
     rest = evaluation(np.sin(np.arange(few * (1 + N_Z)) / 9), jacobian, n_load=few)
-    found = omnibus(rest, data, [], np.zeros((0, few * (1 + N_Z))))
+    found = omnibus(rest, data, [], np.zeros((0, few * (1 + N_Z))), NO_SHAPES)
     assert found.load_serial == 1.0

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.diagnosis.causes import NUMERICS
 from driver.diagnosis.outcome import Diagnosis
 from driver.diagnosis.smooth_fields import smooth_fields
 from driver.dic.basis import grid_basis
@@ -13,7 +14,7 @@ from driver.identification.image_data import build_image_data
 from solver_adapters.interface import Simulation
 from tests.driver import closed_form
 from tests.driver.closed_form import LENGTH, PIXEL
-from tests.driver.closed_form_diagnosis import diagnosis_of, identified
+from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
 FloatArray = NDArray[np.float64]
 
@@ -83,8 +84,19 @@ class Little(Warped):
     warp = 0.05
 
 
-def diagnosed(solver: Warped) -> Diagnosis:
-    """The diagnosis of a test that the solver simulates as it was, but for the warp."""
+class Converging(closed_form.ClosedFormSolver):
+    """A mesh that errs smoothly in proportion to its size, and a finer one half as large."""
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        motion, load = super().answer(simulation)
+        x = simulation.mesh.points[simulation.output_nodes, 0]
+        stretch = np.ptp(motion[..., 1], axis=1)
+        motion[..., 1] += (0.25 if self.finer else 0.5) * stretch[:, None] * x**2
+        return motion, load
+
+
+def diagnosed(solver: closed_form.ClosedFormSolver) -> Diagnosis:
+    """The diagnosis of a test that the solver simulates as it was, but for what it gets wrong."""
     bench = replace(BENCH, model=replace(BENCH.model, adapter=solver))
     made = replace(closed_form.objective(BENCH, BENCH.truth), model=bench.model)
     return diagnosis_of(bench, identified(bench, made))
@@ -96,3 +108,16 @@ def test_what_moves_the_face_smoothly_and_is_like_no_cause_is_unexplained() -> N
     tests = found.steps[-1].omnibus
     assert tests.smooth < 1e-4 and min(tests.image_slow, tests.together) > 0.01
     assert diagnosed(Warped()).verdict.kind == "nothing wrong"
+
+
+def test_what_looks_like_the_error_of_the_mesh_is_no_smooth_motion() -> None:
+    """The fit has half of the error of the mesh, 0.8 nm, and the correction the other half."""
+    sizes = (1.2, 0.6)
+    bench = replace(BENCH, model=replace(BENCH.model, adapter=Converging()))
+    made = replace(closed_form.objective(BENCH, BENCH.truth), model=bench.model)
+    settings = replace(SETTINGS, sizes=sizes)
+    found = diagnosis_of(bench, identified(bench, made, sizes), settings)
+    (step,) = found.steps
+    assert found.verdict.kind == "nothing wrong" and step.omnibus.smooth > 0.05
+    # It is there, and is told as what it is.
+    assert next(s.p for s in step.scores if s.cause == NUMERICS) < 1e-6

@@ -9,6 +9,7 @@ from driver.diagnosis.verdict import MOST_ADDITIONS, Verdict, decide
 
 SENTENCES = {cause.name: cause.sentence for cause in LIBRARY}
 CHECKS = {cause.name: cause.check for cause in LIBRARY}
+SLOW, SMOOTH = "a slow part of the loads", "a smooth motion"
 CONTRAST, GAIN, DRIFT = ("grain_contrast",), ("load_gain", "section_depth"), ("tilt_drift",)
 
 
@@ -19,7 +20,8 @@ def of(
     numerics: str | None = None,
     explained: float = 0.95,
 ) -> Verdict:
-    return decide(added, accepted, imaging, numerics, SENTENCES, CHECKS, explained)
+    left = () if accepted else (SLOW, SMOOTH)
+    return decide(added, left, imaging, numerics, SENTENCES, CHECKS, explained)
 
 
 @pytest.mark.parametrize(
@@ -67,7 +69,10 @@ def test_what_cannot_be_told_apart_is_said_with_the_check_of_each() -> None:
 
 
 def test_what_is_left_is_said() -> None:
-    assert "still not noise" in of(GAIN, accepted=False).text
+    told = f"{SLOW}, and {SMOOTH}."
+    assert of(GAIN, accepted=False).text.endswith(f"still not noise: {told}")
+    assert of(GAIN, accepted=False, explained=0.5).text.endswith(f"structured as well: {told}")
+    assert of(accepted=False).text.endswith(f"no cause that was tried explains it: {told}")
     assert "maps of what is left" in of(accepted=False).next
 
 
