@@ -65,7 +65,7 @@ def test_what_is_written_as_the_files_lie_is_read_as_it_was(
     axes: Arrangement,
 ) -> None:
     rows, columns, up = axes
-    images = Images(frames="", rows_along=rows, columns_along=columns, heights=up)
+    images = Images(frames="images.tif", rows_along=rows, columns_along=columns, heights=up)
     stack = np.arange(60).reshape(1, 6, 10)
     np.testing.assert_array_equal(arrange(images, as_in_files(images, stack)), stack)
 
@@ -86,7 +86,7 @@ def test_every_right_handed_arrangement_is_turned_into_the_specimen_frame(
         stored, column = stored[:, ::-1], stored.shape[1] - 1 - column
     stored = stored if up == "+Z" else -stored
     images = Images(
-        frames="", height_per_level_nm=1000.0, origin_pixel=(row, column),
+        frames="images.tif", height_per_level_nm=1000.0, origin_pixel=(row, column),
         rows_along=rows, columns_along=columns, heights=up,
     )  # fmt: skip
     np.testing.assert_array_equal(heights(images, stored[None])[0], z)
@@ -98,7 +98,7 @@ def test_arranging_never_mirrors() -> None:
     picture = np.arange(9.0).reshape(1, 3, 3)
     turns = {np.rot90(picture[0], k).tobytes() for k in range(4)}
     arranged = {
-        arrange(Images(frames="", rows_along=rows, columns_along=columns), picture).tobytes()
+        arrange(Images(frames="images.tif", rows_along=rows, columns_along=columns), picture).tobytes()
         for rows, columns, up in RIGHT_HANDED
         if up == "+Z"
     }
@@ -168,7 +168,7 @@ def test_heights_are_scale_and_offset_of_the_levels_without_any_loss(
 
 def test_pixels_without_a_height_are_no_numbers_whatever_the_offset() -> None:
     levels = np.array([[[0.0, 5.0, np.nan, np.inf, 7.0]]])
-    one = Images(frames="", height_per_level_nm=1000.0, height_offset_nm=-5000.0)
+    one = Images(frames="images.tif", height_per_level_nm=1000.0, height_offset_nm=-5000.0)
     np.testing.assert_array_equal(heights(one, levels), [[[np.nan, 0, np.nan, np.nan, 2]]])
     two = one.model_copy(update={"off_surface_level": 7.0})
     np.testing.assert_array_equal(heights(two, levels), [[[-5, 0, np.nan, np.nan, np.nan]]])
