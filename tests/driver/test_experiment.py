@@ -98,7 +98,9 @@ def test_arranging_never_mirrors() -> None:
     picture = np.arange(9.0).reshape(1, 3, 3)
     turns = {np.rot90(picture[0], k).tobytes() for k in range(4)}
     arranged = {
-        arrange(Images(frames="images.tif", rows_along=rows, columns_along=columns), picture).tobytes()
+        arrange(
+            Images(frames="images.tif", rows_along=rows, columns_along=columns), picture
+        ).tobytes()
         for rows, columns, up in RIGHT_HANDED
         if up == "+Z"
     }
