@@ -70,9 +70,9 @@ _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS
 class ExternalAdapter(ABC):
     """An adapter whose solver is a program of its own.
 
-    A subclass says what it can honour and has three functions, each of which can be tested alone:
-    `write` renders the files of a job, `read` understands the files that the program leaves, and
-    `diagnose` understands its log. Where the capabilities do not say all, `judge` refuses the rest.
+    A subclass says what it can honour, by its capabilities and, where they do not say all, by
+    `judge`, and has three functions, each of which can be tested alone: `write` renders the files
+    of a job, `read` understands the files that the program leaves, and `diagnose` its log.
 
     Attributes:
         name: word of the case file.
@@ -105,8 +105,9 @@ class ExternalAdapter(ABC):
         self.judge(simulation)
         return self.write(simulation)
 
-    def judge(self, simulation: Simulation) -> None:  # noqa: B027
-        """Refuse values that the capabilities leave open; by default none.
+    @abstractmethod
+    def judge(self, simulation: Simulation) -> None:
+        """Refuse values that the capabilities leave open; nothing where they say all.
 
         Raises:
             UnsupportedError: what the solver cannot do, in one sentence.
