@@ -36,7 +36,7 @@ def displacement_gradients(
 def direction_gradients(
     du: FloatArray, cells: IntArray, gradients: FloatArray, dH: FloatArray
 ) -> None:
-    """Add to dH[n_gauss·e+q, k, 3i+j] the gradient of du (n_nodes, 3, k)."""
+    """Set dH[n_gauss·e+q, 3i+j, k] to the gradient of du (n_nodes, 3, k)."""
     _direction_gradients(*gradients.shape[1:3])(du, cells, gradients, dH)
 
 
@@ -50,7 +50,7 @@ def element_forces(
 def direction_forces(
     dP: FloatArray, gradients: FloatArray, weights: FloatArray, forces: FloatArray
 ) -> None:
-    """forces[e, 3a+i, k] = Σ_q w dP[k, i, :]·G[a, :]; forces (n_cells, N, k)."""
+    """forces[e, 3a+i, k] = Σ_q w dP[i, :, k]·G[a, :]; forces (n_cells, N, k)."""
     _direction_forces(*gradients.shape[1:3])(dP, gradients, weights, forces)
 
 
@@ -97,23 +97,19 @@ def _direction_gradients(n_gauss: int, n: int) -> Any:
     ) -> None:
         for e in prange(cells.shape[0]):
             width = du.shape[2]
-            motion, total = np.empty((n, 3, width)), np.empty((9, width))
+            motion = np.empty((n, 3, width))
             for a in range(n):
                 motion[a] = du[cells[e, a]]
             for q in range(n_gauss):
                 g = gradients[e, q]
                 for i in range(3):
                     for j in range(3):
-                        row = total[3 * i + j]
+                        row = dH[n_gauss * e + q, 3 * i + j]
                         for k in range(width):
                             value = 0.0
                             for a in range(n):
                                 value += motion[a, i, k] * g[a, j]
                             row[k] = value
-                out = dH[n_gauss * e + q]
-                for k in range(width):
-                    for m in range(9):
-                        out[k, m] += total[m, k]
 
     return direction_gradients
 
@@ -147,13 +143,13 @@ def _direction_forces(n_gauss: int, n: int) -> Any:
         dP: FloatArray, gradients: FloatArray, weights: FloatArray, forces: FloatArray
     ) -> None:
         for e in prange(weights.shape[0]):
-            width = dP.shape[1]
+            width = dP.shape[2]
             stress = np.empty((n_gauss, 9, width))
             for q in range(n_gauss):
                 given = dP[n_gauss * e + q]
                 for m in range(9):
                     for k in range(width):
-                        stress[q, m, k] = weights[e, q] * given[k, m]
+                        stress[q, m, k] = weights[e, q] * given[m, k]
             g = gradients[e]
             for a in range(n):
                 for i in range(3):

@@ -33,6 +33,7 @@ KERNEL_SOURCES = (
             "elementary",
             "finite_derivative",
             "finite_strain",
+            "lanes",
             "law",
             "law_terms",
             "point_kernels",

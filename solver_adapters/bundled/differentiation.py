@@ -29,9 +29,10 @@ class Differentiation:
         self.tangents = tangents
         self._equilibrium = equilibrium
         # Memory that is used again, since fresh memory has to be cleared.
-        n_derived = tangents.state.shape[2]
+        n_derived = tangents.state.shape[1]
         self._memory = self.problem.points.memory(tangents.count, n_derived)
         self._states = [self._memory.state]
+        self._gradients = np.empty_like(self._memory.stress)
         self._kept = tangents.state
         self._ones = np.ones_like(self.problem.weights)
 
@@ -54,12 +55,12 @@ class Differentiation:
         du = np.zeros((p.n_nodes, 3, t.count))
         flat = du.reshape(3 * p.n_nodes, t.count)
         flat[p.prescribed] = motion_tangent
-        dH = np.zeros((trial.H.shape[0], t.count, 9))
+        dH = self._gradients
         direction_gradients(du, p.cells, p.gradients, dH)
         for slot, index in enumerate(t.geometric):
             part = np.empty_like(trial.H)
             displacement_gradients(trial.u, p.cells, t.gradients[slot], part)
-            dH[:, index] += part
+            dH[:, :, index] += part
         out = replace(self._memory, state=self._spare_state(instant))
         p.points.derive(trial.H, instant.state, trial.slips, dt, dH, t.law, instant.dstate, out)
         change = self._force_change(trial, out.stress)
@@ -68,13 +69,12 @@ class Differentiation:
         clock = time.perf_counter()
         flat[p.prescribed] = 0.0
         flat[p.pattern.free] = follows
-        dH[:] = 0.0
         direction_gradients(du, p.cells, p.gradients, dH)
         out.follow(dH)
         # Virtual work of the pulled force: a unit motion of the pulled face against the stress.
         near = p.near_pulled
         pulled = p.pull[near, None] @ trial.C[near]
-        added = (dH[near] @ pulled.swapaxes(1, 2))[..., 0].sum(axis=0)
+        added = (pulled @ dH[near])[:, 0].sum(axis=0)
         dforce = change[p.pulled].sum(axis=0) + added
         flat[p.prescribed] = motion_tangent
         self._equilibrium.statistics.clock("derivatives", clock)

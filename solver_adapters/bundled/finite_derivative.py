@@ -9,18 +9,20 @@ constants and history make at fixed H; and dFp⁰⁻¹ itself where it enters ou
 import numpy as np
 from numpy.typing import NDArray
 
+from solver_adapters.bundled import lanes, tensors
 from solver_adapters.bundled.compilation import kernel
+from solver_adapters.bundled.dense import solve
 from solver_adapters.bundled.finite_strain import (
+    CONDENSED,
     CONJUGATE_SCHMID,
     CONJUGATE_STRESS,
     D_A,
     D_FE,
-    D_FP0,
     D_FP1,
     D_MODES,
-    D_PIOLA,
-    D_STATE,
     DILATION,
+    DRIVING,
+    FACTOR,
     FE,
     FES,
     FORCE,
@@ -34,10 +36,10 @@ from solver_adapters.bundled.finite_strain import (
     PIOLA,
     PULLED,
     SCALE,
+    SCHMID,
     SCRATCH_MODES,
     SLIP_BY_H,
     SOFTENING,
-    SPIN,
     STATE_BY_A,
     STATE_BY_H,
     STRAIN,
@@ -45,35 +47,61 @@ from solver_adapters.bundled.finite_strain import (
     TWO,
     UNDONE,
     UNLOADED,
-    condensed_change,
     drive,
     modes_along_gradient,
     resolve,
     stress_change,
 )
+from solver_adapters.bundled.lanes import (
+    B_EXPLICIT,
+    B_SLIP_END,
+    B_STEP,
+    LANES,
+    add,
+    clear,
+    fetch,
+    store,
+    sum8,
+    sum9,
+)
 from solver_adapters.bundled.law import NS, P_A1, P_C11, P_C12, P_C44
 from solver_adapters.bundled.law_terms import non_schmid_derivative
-from solver_adapters.bundled.slip import weigh_residual
 from solver_adapters.bundled.slip_derivatives import (
     explicit_derivative,
-    finish_derivative,
+    history_derivatives,
+    moving_systems,
+    project_rows,
+    put_constants,
     slip_change,
-    total_slip_change,
+    store_constants,
+    store_states,
+    weigh_rows,
 )
 from solver_adapters.bundled.slip_rows import D_TAU, EXPLICIT, OTHER, SIGN, STEP
 from solver_adapters.bundled.tensors import (
     NM,
-    add,
     cofactor,
     cubic,
     determinant_of,
-    left,
     over_modes,
-    right,
     to_modes,
 )
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+B_FP0 = B_SLIP_END  # derivative of Fp⁰⁻¹, 9
+B_GRADIENT = B_FP0 + 9 * LANES  # of H, with what dFp⁰⁻¹ and a turn of the crystal count as, 9
+B_SPIN = B_GRADIENT + 9 * LANES  # the part of it, times F⁻¹, that turns the point as it is, 9
+B_PIOLA = B_SPIN + 9 * LANES  # of P, 9
+B_STATE = B_PIOLA + 9 * LANES  # of Fp⁻¹ at unit determinant, 9
+B_LOAD = B_STATE + 9 * LANES  # Σ S STEP m⊗n, 8
+B_MODES = B_LOAD + NM * LANES  # change of A at fixed H, 8
+B_FORCE = B_MODES + NM * LANES  # change of the modes of T that it makes, 8
+B_SCRATCH = B_FORCE + NM * LANES  # 9
+B_DILATION = B_SCRATCH + 9 * LANES  # change of ln det(Fp⁰⁻¹·(I − A))/3, 1
+LANES_SIZE = B_DILATION + LANES
 
 
 @kernel
@@ -112,6 +140,11 @@ def response(
     for k in range(NM):
         w[D_MODES + (NM + 1) * k] = 1.0
     _stress_and_state(w, p, NM, P_BY_A, STATE_BY_A)
+    for i in range(NM * NM):
+        w[CONDENSED + i] = 0.0
+    for k in range(NM):
+        w[CONDENSED + (NM + 1) * k] = 1.0
+    solve(w, FACTOR, NM, CONDENSED, NM)
 
 
 @kernel
@@ -119,9 +152,9 @@ def _fixed_tensors(w: FloatArray) -> None:
     """UNDONE, UNLOADED, PULLED, PIOLA, FP1, DILATION and SCALE."""
     _invert(w, UNDONE, FP0)
     _invert(w, UNLOADED, FT)
-    left(w, PULLED, FES, False, GAIN, True, 1)
-    left(w, PIOLA, PULLED, False, FP0, True, 1)
-    left(w, FP1, FP0, False, GAIN, False, 1)
+    tensors.left(w, PULLED, FES, False, GAIN, True, 1)
+    tensors.left(w, PIOLA, PULLED, False, FP0, True, 1)
+    tensors.left(w, FP1, FP0, False, GAIN, False, 1)
     determinant = determinant_of(w, FP1)
     cofactor(w, DILATION, FP1)
     for i in range(9):
@@ -139,27 +172,11 @@ def _invert(w: FloatArray, target: int, source: int) -> None:
 
 
 @kernel
-def _split_off_spin(w: FloatArray) -> None:
-    """Take the spin SPIN·F out of the change of F at ONE.
-
-    A turn of the crystal is nearly all spin, which must not make slip: taken with the rest, its
-    rounding would.
-    """
-    right(w, TWO, ONE, False, UNLOADED, False, 1)
-    for i in range(3):
-        for j in range(3):
-            w[SPIN + 3 * i + j] = 0.5 * (w[TWO + 3 * i + j] - w[TWO + 3 * j + i])
-    for i in range(9):
-        w[TWO + i] -= w[SPIN + i]
-    left(w, ONE, TWO, False, FT, False, 1)
-
-
-@kernel
 def _stress_and_state(w: FloatArray, p: FloatArray, width: int, stress: int, state: int) -> None:
     """Changes of P and Fp⁻¹, direction first, that D_FE and D_MODES make along `width` of them."""
     stress_change(w, p, width)
-    right(w, ONE, TWO, False, FP0, True, width)
-    left(w, TWO, FP0, False, D_A, False, width)
+    tensors.right(w, ONE, TWO, False, FP0, True, width)
+    tensors.left(w, TWO, FP0, False, D_A, False, width)
     for m in range(width):
         for i in range(9):
             w[stress + 9 * m + i] = w[ONE + width * i + m]
@@ -168,106 +185,144 @@ def _stress_and_state(w: FloatArray, p: FloatArray, width: int, stress: int, sta
 
 
 @kernel
-def derivative(
+def _split_off_spin(b: FloatArray, w: FloatArray, width: int) -> None:
+    """Take the spin SPIN·F out of the change of F at B_GRADIENT.
+
+    A turn of the crystal is nearly all spin, which must not make slip: taken with the rest, its
+    rounding would.
+    """
+    lanes.right(b, B_SCRATCH, B_GRADIENT, w, UNLOADED, False, width)
+    for i in range(3):
+        for j in range(3):
+            t = B_SPIN + LANES * (3 * i + j)
+            one, other = B_SCRATCH + LANES * (3 * i + j), B_SCRATCH + LANES * (3 * j + i)
+            for m in range(width):
+                b[t + m] = 0.5 * (b[one + m] - b[other + m])
+    add(b, B_SCRATCH, B_SPIN, -1.0, 9, width)
+    lanes.right(b, B_GRADIENT, B_SCRATCH, w, FT, False, width)
+
+
+@kernel
+def derivatives(
     w: FloatArray,
+    b: FloatArray,
+    moving: IntArray,
+    point: int,
+    frame: int,
     p: FloatArray,
     skin: float,
     dt: float,
     exponential: bool,
     coupled: bool,
-    constant: bool,
+    first: int,
+    width: int,
     dH: FloatArray,
-    dR: FloatArray,
+    turn: IntArray,
+    dframe: FloatArray,
     dp: FloatArray,
-    dskin: float,
+    constant: BoolArray,
+    skinned: IntArray,
+    dskin: FloatArray,
     dstate0: FloatArray,
     gains: FloatArray,
     dP: FloatArray,
     dstate1: FloatArray,
 ) -> None:
-    """Directional derivative of stress and state of the step that is in the workspace.
+    """As `small_derivative.derivatives`."""
+    count = moving_systems(w, moving)
+    fetch(b, B_FP0, 9, dstate0, first, width)
+    lanes.left(b, B_SCRATCH, w, FT, B_FP0, False, width)
+    lanes.right(b, B_GRADIENT, B_SCRATCH, w, UNDONE, False, width)
+    for i in range(9):
+        t = B_GRADIENT + LANES * i
+        for m in range(width):
+            b[t + m] += dH[i, first + m]
+    for m in range(width):
+        turned = turn[first + m]
+        if turned > 0:
+            for i in range(9):
+                b[B_GRADIENT + LANES * i + m] += dframe[turned, frame, i]
+    _split_off_spin(b, w, width)
+    # Of P: dFp⁰⁻¹ outside the trial and the spin; constants, H and A are added.
+    lanes.left(b, B_PIOLA, w, PULLED, B_FP0, True, width)
+    lanes.right(b, B_SCRATCH, B_SPIN, w, PIOLA, False, width)
+    add(b, B_PIOLA, B_SCRATCH, 1.0, 9, width)
+    history_derivatives(w, b, p, exponential, coupled, moving, count, dstate0, first, width)
+    for m in range(width):
+        k = first + m
+        if not constant[k]:
+            shift = dskin[skinned[k], point]
+            _constants(w, b, moving, count, m, dt, p, skin, exponential, coupled, dp[k], shift)
+    weigh_rows(w, b, coupled, moving, count, width)
+    project_rows(w, b, SCHMID, B_LOAD, NM, moving, count, width)
+    clear(b, B_MODES, 2 * NM, width)
+    for i in range(NM):
+        sum8(b, B_MODES + LANES * i, B_LOAD, w, CONDENSED + NM * i, 1, 1.0, width)
+    for i in range(NM):
+        sum8(b, B_FORCE + LANES * i, B_MODES, w, SOFTENING + NM * i, 1, -1.0, width)
+    driving = DRIVING if p[P_A1] != 0.0 else SCHMID
+    for a in range(count):
+        s = moving[a]
+        sum8(b, B_EXPLICIT + LANES * a, B_FORCE, w, driving + s, NS, w[SIGN + s], width)
+    weigh_rows(w, b, coupled, moving, count, width)
+    for a in range(count):
+        sum9(b, B_STEP + LANES * a, B_GRADIENT, w, SLIP_BY_H + moving[a], NS, width)
+    store_states(w, b, gains, moving, count, dstate0, dstate1, first, width)
+    # Fp⁻¹ likewise: dFp⁰⁻¹ outside the trial at unit determinant, then H, then A
+    lanes.right(b, B_SCRATCH, B_FP0, w, GAIN, False, width)
+    clear(b, B_DILATION, 1, width)
+    sum9(b, B_DILATION, B_SCRATCH, w, DILATION, 1, width)
+    for i in range(9):
+        scratch, state, fp1 = B_SCRATCH + LANES * i, B_STATE + LANES * i, w[FP1 + i]
+        for m in range(width):
+            b[state + m] = w[SCALE] * (b[scratch + m] - fp1 * b[B_DILATION + m])
+    for i in range(9):
+        sum9(b, B_PIOLA + LANES * i, B_GRADIENT, w, P_BY_H + i, 9, width)
+        sum8(b, B_PIOLA + LANES * i, B_MODES, w, P_BY_A + i, 9, 1.0, width)
+        sum9(b, B_STATE + LANES * i, B_GRADIENT, w, STATE_BY_H + i, 9, width)
+        sum8(b, B_STATE + LANES * i, B_MODES, w, STATE_BY_A + i, 9, 1.0, width)
+    store(b, B_PIOLA, 9, dP, first, width)
+    store(b, B_STATE, 9, dstate1, first, width)
+    for m in range(width):
+        k = first + m
+        if not constant[k]:
+            store_constants(w, p, exponential, dp[k], moving, count, dstate1, k)
 
-    constant: whether dp and dskin are null; gains: of `slip_derivatives.slip_gains`.
-    """
-    for i in range(9):
-        w[D_FP0 + i] = dstate0[i]
-    left(w, TWO, FT, False, D_FP0, False, 1)
-    right(w, ONE, TWO, False, UNDONE, False, 1)
-    for i in range(9):
-        w[ONE + i] += dH[i] + dR[i]
-    _split_off_spin(w)
+
+@kernel
+def _constants(
+    w: FloatArray,
+    b: FloatArray,
+    moving: IntArray,
+    count: int,
+    lane: int,
+    dt: float,
+    p: FloatArray,
+    skin: float,
+    exponential: bool,
+    coupled: bool,
+    dp: FloatArray,
+    dskin: float,
+) -> None:
+    """Add what a change of the constants makes at fixed slips to one lane."""
     for s in range(NS):
         w[EXPLICIT + s] = 0.0
-    elastic = dp[P_C11] != 0.0 or dp[P_C12] != 0.0 or dp[P_C44] != 0.0
-    if elastic:
-        # Change of Fe·S owed to the constants, and its resolved shear stresses.
+    if dp[P_C11] != 0.0 or dp[P_C12] != 0.0 or dp[P_C44] != 0.0:
+        # Change of Fe·S owed to the constants, its resolved shear stresses, its part of P.
         cubic(w, TWO, STRAIN, dp, 1)
-        left(w, D_FE, FE, False, TWO, False, 1)
-        left(w, TWO, TRIAL, True, D_FE, False, 1)
+        tensors.left(w, D_FE, FE, False, TWO, False, 1)
+        tensors.left(w, TWO, TRIAL, True, D_FE, False, 1)
         to_modes(w, SCRATCH_MODES, TWO, 1)
         drive(w, p, SCRATCH_MODES, EXPLICIT)
         for s in range(NS):
             w[EXPLICIT + s] *= w[SIGN + s]
+        tensors.left(w, TWO, D_FE, False, GAIN, True, 1)
+        tensors.left(w, D_FE, TWO, False, FP0, True, 1)
+        for i in range(9):
+            b[B_PIOLA + LANES * i + lane] += w[D_FE + i]
     if dp[P_A1] != 0.0:
         to_modes(w, SCRATCH_MODES, CONJUGATE_STRESS, 1)
         resolve(w, CONJUGATE_SCHMID, SCRATCH_MODES, OTHER)
         non_schmid_derivative(w, p, dp)
-    explicit_derivative(w, dt, p, skin, exponential, coupled, constant, dp, dskin, dstate0)
-    weigh_residual(w, EXPLICIT, coupled)
-    condensed_change(w, p)
-    total_slip_change(w, coupled)
-    h0, h1, h2 = w[ONE], w[ONE + 1], w[ONE + 2]
-    h3, h4, h5 = w[ONE + 3], w[ONE + 4], w[ONE + 5]
-    h6, h7, h8 = w[ONE + 6], w[ONE + 7], w[ONE + 8]
-    b = SLIP_BY_H
-    for s in range(NS):
-        w[STEP + s] += (
-            w[b + s] * h0
-            + w[b + NS + s] * h1
-            + w[b + 2 * NS + s] * h2
-            + w[b + 3 * NS + s] * h3
-            + w[b + 4 * NS + s] * h4
-            + w[b + 5 * NS + s] * h5
-            + w[b + 6 * NS + s] * h6
-            + w[b + 7 * NS + s] * h7
-            + w[b + 8 * NS + s] * h8
-        )
-    finish_derivative(w, p, exponential, dp, gains, dstate0, dstate1)
-    # dFp⁰⁻¹ outside the trial, then H, then A
-    right(w, D_FP1, D_FP0, False, GAIN, False, 1)
-    _normalised(w, D_STATE, D_FP1)
-    left(w, D_PIOLA, PULLED, False, D_FP0, True, 1)
-    left(w, TWO, SPIN, False, PIOLA, False, 1)
-    add(w, D_PIOLA, TWO, 1.0, 1)
-    if elastic:
-        left(w, TWO, D_FE, False, GAIN, True, 1)
-        left(w, D_FE, TWO, False, FP0, True, 1)
-        add(w, D_PIOLA, D_FE, 1.0, 1)
-    _add_products(w, D_PIOLA, P_BY_H, ONE, 9)
-    _add_products(w, D_PIOLA, P_BY_A, D_MODES, NM)
-    _add_products(w, D_STATE, STATE_BY_H, ONE, 9)
-    _add_products(w, D_STATE, STATE_BY_A, D_MODES, NM)
-    for i in range(9):
-        dP[i] = w[D_PIOLA + i]
-        dstate1[i] = w[D_STATE + i]
-
-
-@kernel
-def _add_products(w: FloatArray, target: int, matrix: int, source: int, count: int) -> None:
-    """Add Σ_j matrix_j source_j to the nine numbers at target, for matrix (count, 9)."""
-    t0 = t1 = t2 = t3 = t4 = t5 = t6 = t7 = t8 = 0.0
-    for j in range(count):
-        x, r = w[source + j], matrix + 9 * j
-        t0 += w[r] * x
-        t1 += w[r + 1] * x
-        t2 += w[r + 2] * x
-        t3 += w[r + 3] * x
-        t4 += w[r + 4] * x
-        t5 += w[r + 5] * x
-        t6 += w[r + 6] * x
-        t7 += w[r + 7] * x
-        t8 += w[r + 8] * x
-    w[target], w[target + 1], w[target + 2] = w[target] + t0, w[target + 1] + t1, w[target + 2] + t2
-    w[target + 3], w[target + 4] = w[target + 3] + t3, w[target + 4] + t4
-    w[target + 5], w[target + 6] = w[target + 5] + t5, w[target + 6] + t6
-    w[target + 7], w[target + 8] = w[target + 7] + t7, w[target + 8] + t8
+    explicit_derivative(w, dt, p, skin, exponential, coupled, dp, dskin)
+    put_constants(w, b, moving, count, lane)

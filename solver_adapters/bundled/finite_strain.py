@@ -69,8 +69,7 @@ FES = STRESS + 9  # Fe·S
 CONJUGATE_STRESS = FES + 9  # T
 GAIN = CONJUGATE_STRESS + 9  # I − A
 FP1 = GAIN + 9  # Fp⁰⁻¹·(I − A)
-D_FP0 = FP1 + 9  # as the next along one direction
-D_FP1 = D_FP0 + 9
+D_FP1 = FP1 + 9  # its change along one direction
 SCRATCH_MODES = D_FP1 + 9  # scratch: eight modes of a tensor
 FORCE = SCRATCH_MODES + NM  # change of the modes of T
 UNIT = FORCE + NM  # the eight modes themselves as tensors, 9 × 8
@@ -90,17 +89,15 @@ UNDONE = TWO + 81  # Fp⁰, the inverse of FP0
 PULLED = UNDONE + 9  # Fe·S·(I − A)ᵀ
 PIOLA = PULLED + 9  # P
 UNLOADED = PIOLA + 9  # F⁻¹
-SPIN = UNLOADED + 9  # of one direction, the part of D_H·F⁻¹ that turns the point as it is
-P_BY_A = SPIN + 9  # ∂P/∂A for the modes of A, 8 × 9
+P_BY_A = UNLOADED + 9  # ∂P/∂A for the modes of A, 8 × 9
 STATE_BY_A = P_BY_A + 9 * NM  # derivative of Fp⁻¹ likewise, 8 × 9
 P_BY_H = STATE_BY_A + 9 * NM  # ∂P/∂H, the component of H first, 9 × 9
 STATE_BY_H = P_BY_H + 81  # derivative of Fp⁻¹ likewise, 9 × 9
 SLIP_BY_H = STATE_BY_H + 81  # ∂Δp/∂H likewise, 9 × 24
-DILATION = SLIP_BY_H + 9 * NS  # derivative of ln det(Fp⁰⁻¹·(I − A))/3, 9
+CONDENSED = SLIP_BY_H + 9 * NS  # (I + H·Y)⁻¹, 8 × 8
+DILATION = CONDENSED + NM * NM  # derivative of ln det(Fp⁰⁻¹·(I − A))/3, 9
 SCALE = DILATION + 9  # factor that gives Fp⁻¹ unit determinant, 1
-D_PIOLA = SCALE + 1  # derivative of P, 9
-D_STATE = D_PIOLA + 9  # derivative of Fp⁻¹ at unit determinant, 9
-WORKSPACE = D_STATE + 9
+WORKSPACE = SCALE + 1
 
 
 @kernel

@@ -19,8 +19,6 @@ from solver_adapters.bundled.law import (
     P_D2,
     P_LATENT,
     P_Q,
-    S_ACC,
-    S_X2,
     SLIP_AT_REST,
 )
 from solver_adapters.bundled.slip_rows import (
@@ -28,6 +26,7 @@ from solver_adapters.bundled.slip_rows import (
     COUPLED,
     EXPLICIT,
     INTERACTION,
+    LEFT2,
     OTHER,
     RISE,
     SHIFT,
@@ -124,19 +123,15 @@ def non_schmid(w: FloatArray, p: FloatArray) -> None:
 
 
 @kernel
-def hardening_derivative(
-    w: FloatArray, p: FloatArray, coupled: bool, dp: FloatArray, dstate: FloatArray
-) -> None:
-    """Add to EXPLICIT what isotropic hardening owes to its constants and the slips so far."""
+def hardening_derivative(w: FloatArray, p: FloatArray, coupled: bool, dp: FloatArray) -> None:
+    """Add to EXPLICIT what isotropic hardening owes to its constants."""
     hard = hardens(p)
     # Without hardening, or without latent hardening, the points count as uncoupled, but the
     # derivative may be coupled.
     whole = coupled or not hard or dp[P_LATENT] != 0.0
     for r in range(NS):
         total, rest = w[ACC0 + r] + w[SLIP + r], w[UNHARDENED + r]
-        rise, change = 1.0 - rest, 0.0
-        if hard:
-            change = rest * (dp[P_B] * total + p[P_B] * dstate[S_ACC + r])
+        rise, change = 1.0 - rest, rest * dp[P_B] * total
         if whole:
             for s in range(NS):
                 w[EXPLICIT + s] -= modulus_of(w, p, s, r) * change + modulus_of(w, dp, s, r) * rise
@@ -146,18 +141,15 @@ def hardening_derivative(
 
 @kernel
 def second_back_stress_derivative(
-    w: FloatArray, p: FloatArray, exponential: bool, dp: FloatArray, dstate: FloatArray
+    w: FloatArray, p: FloatArray, exponential: bool, dp: FloatArray
 ) -> None:
-    """Add to EXPLICIT what the second back stress owes to its constants and its history."""
+    """Add to EXPLICIT what the second back stress owes to its constants."""
     c, d = p[P_C2], p[P_D2]
     for s in range(NS):
-        g = w[SLIP + s]
-        left = share_left(d * g, exponential)
-        sign = w[SIGN + s]
-        start = sign * w[X20 + s]
+        g, left = w[SLIP + s], w[LEFT2 + s]
+        start = w[SIGN + s] * w[X20 + s]
         end = start * left + gained(left, g, d, exponential)
         change = recall_slope(left, g, d, start, exponential) * dp[P_D2]
-        change += sign * dstate[S_X2 + s] * left
         w[EXPLICIT + s] -= dp[P_C2] * end + c * change
 
 

@@ -11,7 +11,8 @@ from solver_adapters.bundled import (
     small_derivative,
     small_strain,
 )
-from solver_adapters.bundled.compilation import batch_kernel
+from solver_adapters.bundled.compilation import batch_kernel, kernel
+from solver_adapters.bundled.lanes import LANES
 from solver_adapters.bundled.law import CONJUGATE_MODES, NS, S_X, SCHMID_MODES, TWINNING_SENSE
 
 FloatArray = NDArray[np.float64]
@@ -24,13 +25,14 @@ MOST_ITERATIONS = 60
 _CHUNKS = 16
 _small_update, _small_store = small_strain.update, small_strain.store
 _small_tangent, _small_prepare = small_strain.tangent, small_strain.prepare
-_small_response, _small_derivative = small_derivative.response, small_derivative.derivative
+_small_response, _small_derivatives = small_derivative.response, small_derivative.derivatives
 _finite_update, _finite_store = finite_strain.update, finite_strain.store
 _finite_tangent, _finite_prepare = finite_strain.tangent, finite_strain.prepare
-_finite_response, _finite_derivative = finite_derivative.response, finite_derivative.derivative
+_finite_response, _finite_derivatives = finite_derivative.response, finite_derivative.derivatives
 _prepare_derivatives = slip_derivatives.prepare_derivatives
 _slip_gains = slip_derivatives.slip_gains
 _SMALL_SIZE, _FINITE_SIZE = small_strain.WORKSPACE, finite_strain.WORKSPACE
+_SMALL_LANES, _FINITE_LANES = small_derivative.LANES_SIZE, finite_derivative.LANES_SIZE
 
 
 @batch_kernel
@@ -153,9 +155,10 @@ def derive_small(
     gains: FloatArray,
 ) -> None:
     """Derivatives of a solved step, small strain: see `Points.derive`."""
-    n = H.shape[0]
+    n, n_directions = H.shape[0], dH.shape[2]
+    blocks = (n_directions + LANES - 1) // LANES
     for chunk in prange(_CHUNKS):
-        w = np.zeros(_SMALL_SIZE)
+        w, b, moving = np.zeros(_SMALL_SIZE), np.zeros(_SMALL_LANES), np.zeros(NS, dtype=np.int64)
         _small_prepare(w, SCHMID_MODES, CONJUGATE_MODES, interaction, TWINNING_SENSE)
         for i in range(chunk * n // _CHUNKS, (chunk + 1) * n // _CHUNKS):
             g, f = grain[i], frame_of[i]
@@ -176,26 +179,34 @@ def derive_small(
             _prepare_derivatives(w, local[g], exponential)
             _small_response(w, frame[f], local[g], coupled, by_slip[i], by_state[i])
             _slip_gains(w, local[g], exponential, gains[i])
-            for k in range(dH.shape[1]):
-                _small_derivative(
+            for block in range(blocks):
+                first = block * n_directions // blocks
+                _small_derivatives(
                     w,
+                    b,
+                    moving,
+                    i,
                     H[i],
+                    f,
                     frame[f],
                     local[g],
                     skin[i],
                     dt,
                     exponential,
                     coupled,
-                    constant[k],
-                    dH[i, k],
-                    turn[k] > 0,
-                    dframe[turn[k], f],
-                    dlocal[g, k],
-                    dskin[skinned[k], i],
-                    dstate0[i, k],
+                    first,
+                    (block + 1) * n_directions // blocks - first,
+                    dH[i],
+                    turn,
+                    dframe,
+                    dlocal[g],
+                    constant,
+                    skinned,
+                    dskin,
+                    dstate0[i],
                     gains[i],
-                    dP[i, k],
-                    dstate1[i, k],
+                    dP[i],
+                    dstate1[i],
                 )
 
 
@@ -228,9 +239,10 @@ def derive_finite(
     gains: FloatArray,
 ) -> None:
     """Derivatives of a solved step, finite strain: see `Points.derive`."""
-    n = H.shape[0]
+    n, n_directions = H.shape[0], dH.shape[2]
+    blocks = (n_directions + LANES - 1) // LANES
     for chunk in prange(_CHUNKS):
-        w = np.zeros(_FINITE_SIZE)
+        w, b, moving = np.zeros(_FINITE_SIZE), np.zeros(_FINITE_LANES), np.zeros(NS, dtype=np.int64)
         _finite_prepare(w, SCHMID_MODES, CONJUGATE_MODES, interaction, TWINNING_SENSE)
         for i in range(chunk * n // _CHUNKS, (chunk + 1) * n // _CHUNKS):
             g, f = grain[i], frame_of[i]
@@ -251,24 +263,46 @@ def derive_finite(
             _prepare_derivatives(w, local[g], exponential)
             _finite_response(w, local[g], coupled, by_slip[i], by_state[i])
             _slip_gains(w, local[g], exponential, gains[i])
-            for k in range(dH.shape[1]):
-                _finite_derivative(
+            for block in range(blocks):
+                first = block * n_directions // blocks
+                _finite_derivatives(
                     w,
+                    b,
+                    moving,
+                    i,
+                    f,
                     local[g],
                     skin[i],
                     dt,
                     exponential,
                     coupled,
-                    constant[k],
-                    dH[i, k],
-                    dframe[turn[k], f],
-                    dlocal[g, k],
-                    dskin[skinned[k], i],
-                    dstate0[i, k],
+                    first,
+                    (block + 1) * n_directions // blocks - first,
+                    dH[i],
+                    turn,
+                    dframe,
+                    dlocal[g],
+                    constant,
+                    skinned,
+                    dskin,
+                    dstate0[i],
                     gains[i],
-                    dP[i, k],
-                    dstate1[i, k],
+                    dP[i],
+                    dstate1[i],
                 )
+
+
+@kernel
+def _combine(matrix: FloatArray, column: int, h: FloatArray, total: FloatArray) -> None:
+    """Set total to the column of a matrix (9, n) times h (9, k)."""
+    c0, c1, c2 = matrix[0, column], matrix[1, column], matrix[2, column]
+    c3, c4, c5 = matrix[3, column], matrix[4, column], matrix[5, column]
+    c6, c7, c8 = matrix[6, column], matrix[7, column], matrix[8, column]
+    for k in range(total.size):
+        total[k] = (
+            c0 * h[0, k] + c1 * h[1, k] + c2 * h[2, k] + c3 * h[3, k] + c4 * h[4, k]
+            + c5 * h[5, k] + c6 * h[6, k] + c7 * h[7, k] + c8 * h[8, k]
+        )  # fmt: skip
 
 
 @batch_kernel
@@ -284,31 +318,24 @@ def follow(
     Args:
         by_slip: ∂Δp/∂H, (n_points, 9, 24).
         by_state: derivative of the nine kinematic numbers, (n_points, 9, 9).
-        gains: derivative of x, S v, p and x2 of a system by its slip, (n_points, 4, 24).
-        dH: (n_points, k, 9).
-        dstate: (n_points, k, n), added to.
+        gains: derivative of x, S v, p and x2 of a system by its slip, (n_points, 4, 24), 0 at rest.
+        dH: (n_points, 9, k).
+        dstate: (n_points, n, k), added to.
     """
-    fields = (dstate.shape[2] - S_X) // NS
+    fields, width = (dstate.shape[1] - S_X) // NS, dH.shape[2]
     for chunk in prange(_CHUNKS):
         n = dH.shape[0]
-        moved = np.empty(NS)
+        moved = np.empty(width)
         for i in range(chunk * n // _CHUNKS, (chunk + 1) * n // _CHUNKS):
-            for k in range(dH.shape[1]):
-                h0, h1, h2 = dH[i, k, 0], dH[i, k, 1], dH[i, k, 2]
-                h3, h4, h5 = dH[i, k, 3], dH[i, k, 4], dH[i, k, 5]
-                h6, h7, h8 = dH[i, k, 6], dH[i, k, 7], dH[i, k, 8]
-                b = by_state[i]
-                for m in range(9):
-                    dstate[i, k, m] += (
-                        b[0, m] * h0 + b[1, m] * h1 + b[2, m] * h2 + b[3, m] * h3 + b[4, m] * h4
-                        + b[5, m] * h5 + b[6, m] * h6 + b[7, m] * h7 + b[8, m] * h8
-                    )  # fmt: skip
-                b = by_slip[i]
-                for s in range(NS):
-                    moved[s] = (
-                        b[0, s] * h0 + b[1, s] * h1 + b[2, s] * h2 + b[3, s] * h3 + b[4, s] * h4
-                        + b[5, s] * h5 + b[6, s] * h6 + b[7, s] * h7 + b[8, s] * h8
-                    )  # fmt: skip
-                for field in range(fields):
-                    for s in range(NS):
-                        dstate[i, k, S_X + NS * field + s] += gains[i, field, s] * moved[s]
+            h = dH[i]
+            for m in range(9):
+                _combine(by_state[i], m, h, moved)
+                for k in range(width):
+                    dstate[i, m, k] += moved[k]
+            for s in range(NS):
+                if gains[i, 2, s] != 0.0:
+                    _combine(by_slip[i], s, h, moved)
+                    for field in range(fields):
+                        gain, row = gains[i, field, s], S_X + NS * field + s
+                        for k in range(width):
+                            dstate[i, row, k] += gain * moved[k]

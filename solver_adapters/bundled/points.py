@@ -60,11 +60,11 @@ class PointDerivatives:
     """Derivatives of a solved step along k directions, in memory that is used again.
 
     Attributes:
-        stress: derivative of P [MPa], (n_points, k, 9).
-        state: derivative of the state, (n_points, k, `Points.n_derived`).
+        stress: derivative of P [MPa], (n_points, 9, k).
+        state: derivative of the state, (n_points, `Points.n_derived`, k).
         by_slip: ∂Δp/∂H, (n_points, 9, 24).
         by_state: ∂/∂H of the nine kinematic numbers, (n_points, 9, 9).
-        gains: derivative of x, S v, p and x2 of a system by its slip, (n_points, 4, 24).
+        gains: derivative of x, S v, p and x2 of a system by its slip, (n_points, 4, 24), 0 at rest.
     """
 
     stress: FloatArray
@@ -74,7 +74,7 @@ class PointDerivatives:
     gains: FloatArray
 
     def follow(self, dH: FloatArray) -> None:
-        """Add what a further dH (n_points, k, 9) changes to the state."""
+        """Add what a further dH (n_points, 9, k) changes to the state."""
         point_kernels.follow(self.by_slip, self.by_state, self.gains, dH, self.state)
 
 
@@ -232,8 +232,8 @@ class Points:
         """Memory for derivatives along k directions."""
         n = self.grain.size
         return PointDerivatives(
-            np.empty((n, k, 9)),
-            np.empty((n, k, n_derived)),
+            np.empty((n, 9, k)),
+            np.empty((n, n_derived, k)),
             np.empty((n, 9, NS)),
             np.empty((n, 9, 9)),
             np.empty((n, 4, NS)),
@@ -257,9 +257,9 @@ class Points:
             state0: as in `update`.
             dt: as in `update`.
             slips: converged slips of the step, (n_points, 24).
-            dH: derivative of H, (n_points, k, 9).
+            dH: derivative of H, (n_points, 9, k).
             tangents: derivative of the law.
-            dstate0: derivative of the state at the start, (n_points, k, `n_derived`).
+            dstate0: derivative of the state at the start, (n_points, `n_derived`, k).
             out: filled; its state must not be dstate0.
         """
         finite = self.strain_measure == "finite"

@@ -76,7 +76,7 @@ class Tangents:
 
     Attributes:
         law: derivative of the law at the Gauss points.
-        state: derivative of the state at rest, (n_points, k, n_derived).
+        state: derivative of the state at rest, (n_points, n_derived, k).
         motion: derivative of the prescribed motion, (n_times, n_prescribed, k).
         geometric: the directions that move nodes or turn crystals.
         gradients: derivative of the turned shape gradients for those, (g, n_cells, n_gauss, n, 3).
@@ -163,7 +163,7 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
     rotations, skins = [np.zeros_like(points.rotation)], [np.zeros_like(points.skin)]
     turn, skinned = np.zeros(k, dtype=np.int64), np.zeros(k, dtype=np.int64)
     geometric, gradients, weighted = [], [], []
-    starts = np.zeros((points.grain.size, k, problem.state.shape[1]))
+    starts = np.zeros((*problem.state.shape, k))
     plain, _ = shape_gradients(mesh.points, mesh.cells, problem.element)
     for index, direction in enumerate(simulation.directions):
         for name, rate in direction.material.items():
@@ -183,7 +183,7 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
             simulation, problem.element, direction, frames, rotations[turn[index]]
         )
         if change is not None:
-            starts[:, index] = change.state
+            starts[:, :, index] = change.state
             skinned[index] = len(skins)
             skins.append(change.skin)
         if turn[index] or moves:
@@ -199,7 +199,7 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
     shape = problem.gradients.shape
     return Tangents(
         law=law,
-        state=np.ascontiguousarray(starts[:, :, : points.n_derived(problem.state.shape[1])]),
+        state=np.ascontiguousarray(starts[:, : points.n_derived(problem.state.shape[1])]),
         motion=motion,
         geometric=np.array(geometric, dtype=np.int64),
         gradients=np.array(gradients).reshape(len(geometric), *shape),

@@ -1,7 +1,8 @@
 """Derivatives of a solved step at the level of the slip systems.
 
-What all directions share is prepared once for a point, so that a direction that leaves the
-constants alone costs two products for each system.
+What all directions share is prepared once for a point. What motion and history make is computed
+for many directions at once (`lanes`), over the systems that move; what constants make, for each
+direction that changes one.
 """
 
 import numpy as np
@@ -10,12 +11,14 @@ from numpy.typing import NDArray
 from solver_adapters.bundled.back_strain import growth, recall_slope, share_left
 from solver_adapters.bundled.compilation import kernel
 from solver_adapters.bundled.elementary import decay, fast_log
+from solver_adapters.bundled.lanes import B_EXPLICIT, B_OVER, B_STEP, LANES, clear
 from solver_adapters.bundled.law import (
     FIRST_112,
     NS,
     P_ASYMMETRY,
     P_B,
     P_C,
+    P_C2,
     P_D,
     P_D2,
     P_K,
@@ -30,6 +33,7 @@ from solver_adapters.bundled.law import (
 from solver_adapters.bundled.law_terms import (
     hardening_derivative,
     hardens,
+    modulus_of,
     second_back_stress_derivative,
 )
 from solver_adapters.bundled.relaxation import rate_change
@@ -45,6 +49,7 @@ from solver_adapters.bundled.slip_rows import (
     HAS_SECOND,
     HISTORY,
     LEFT,
+    LEFT2,
     OVER0,
     OVER_CHANGE,
     OVER_GAIN,
@@ -52,17 +57,18 @@ from solver_adapters.bundled.slip_rows import (
     SENSE,
     SIGN,
     SLIP,
-    STEP,
     UNHARDENED,
     VISCOUS,
     VISCOUS_SLOPE,
     WEIGHT,
+    WEIGHTS,
     X0,
     X20,
     XHAT,
 )
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 
 @kernel
@@ -78,11 +84,23 @@ def prepare_derivatives(w: FloatArray, p: FloatArray, exponential: bool) -> None
         w[GROWTH + s] = growth(left, x0, d, exponential)
         w[HISTORY + s] = w[SIGN + s] * c * left
         w[UNHARDENED + s] = decay(p[P_B] * (w[ACC0 + s] + g))
+        w[LEFT2 + s] = share_left(p[P_D2] * g, exponential)
         falls = exponential and w[FALL + s] > 0.0
         # ln(Δp/Δt) = n ln(v⁰/K) + ln ρ(r; n); its derivative at fixed Δp gives −dr.
         v0 = w[OVER0 + s] if falls else 1.0
         gain = w[VISCOUS + s] / v0 * (1.0 - n / w[FALL_SLOPE + s]) if falls else 0.0
         w[OVER_GAIN + s] = gain
+
+
+@kernel
+def moving_systems(w: FloatArray, moving: IntArray) -> int:
+    """List the systems that are not at rest; returns how many."""
+    count = 0
+    for s in range(NS):
+        if w[WEIGHT + s] != 0.0:
+            moving[count] = s
+            count += 1
+    return count
 
 
 @kernel
@@ -93,24 +111,104 @@ def explicit_derivative(
     skin: float,
     exponential: bool,
     coupled: bool,
-    constant: bool,
     dp: FloatArray,
     dskin: float,
-    dstate: FloatArray,
 ) -> None:
-    """Add to EXPLICIT what the residual owes to parameters and history at fixed Δp and τ.
+    """Add to EXPLICIT what the residual owes to a change of the constants at fixed Δp and τ.
 
-    constant: whether dp and dskin are null.
+    D_OVER is set to the part of it that the overstress makes.
     """
     for s in range(NS):
-        w[D_OVER + s] = w[OVER_GAIN + s] * dstate[S_OVER + s]
-        w[EXPLICIT + s] -= w[HISTORY + s] * dstate[S_X + s] + w[D_OVER + s]
-    if not constant:
-        _constants_derivative(w, dt, p, skin, exponential, dp, dskin)
+        w[D_OVER + s] = 0.0
+    _constants_derivative(w, dt, p, skin, exponential, dp, dskin)
     if hardens(p) or hardens(dp):
-        hardening_derivative(w, p, coupled, dp, dstate)
+        hardening_derivative(w, p, coupled, dp)
     if w[HAS_SECOND] != 0.0:
-        second_back_stress_derivative(w, p, exponential, dp, dstate)
+        second_back_stress_derivative(w, p, exponential, dp)
+
+
+@kernel
+def history_derivatives(
+    w: FloatArray,
+    b: FloatArray,
+    p: FloatArray,
+    exponential: bool,
+    coupled: bool,
+    moving: IntArray,
+    count: int,
+    dstate: FloatArray,
+    first: int,
+    width: int,
+) -> None:
+    """Set the rows of EXPLICIT and D_OVER to what the moving systems owe to their history."""
+    for a in range(count):
+        s = moving[a]
+        history, gain = w[HISTORY + s], w[OVER_GAIN + s]
+        e, o = B_EXPLICIT + LANES * a, B_OVER + LANES * a
+        for m in range(width):
+            over = gain * dstate[S_OVER + s, first + m]
+            b[o + m] = over
+            b[e + m] = -history * dstate[S_X + s, first + m] - over
+    if hardens(p):
+        for a in range(count):
+            s, e = moving[a], B_EXPLICIT + LANES * a
+            for r in range(NS):
+                if r == s or coupled:
+                    slope = modulus_of(w, p, s, r) * p[P_B] * w[UNHARDENED + r]
+                    for m in range(width):
+                        b[e + m] -= slope * dstate[S_ACC + r, first + m]
+    if w[HAS_SECOND] != 0.0:
+        for a in range(count):
+            s, e = moving[a], B_EXPLICIT + LANES * a
+            slope = p[P_C2] * w[SIGN + s] * share_left(p[P_D2] * w[SLIP + s], exponential)
+            for m in range(width):
+                b[e + m] -= slope * dstate[S_X2 + s, first + m]
+
+
+@kernel
+def put_constants(w: FloatArray, b: FloatArray, moving: IntArray, count: int, lane: int) -> None:
+    """Add EXPLICIT and D_OVER of one direction to its lane."""
+    for a in range(count):
+        s = moving[a]
+        b[B_EXPLICIT + LANES * a + lane] += w[EXPLICIT + s]
+        b[B_OVER + LANES * a + lane] += w[D_OVER + s]
+
+
+@kernel
+def weigh_rows(
+    w: FloatArray, b: FloatArray, coupled: bool, moving: IntArray, count: int, width: int
+) -> None:
+    """Set the rows of STEP to the weights times those of EXPLICIT."""
+    if coupled:
+        clear(b, B_STEP, count, width)
+        for a in range(count):
+            for other in range(count):
+                factor = w[WEIGHTS + NS * moving[a] + moving[other]]
+                t, e = B_STEP + LANES * a, B_EXPLICIT + LANES * other
+                for m in range(width):
+                    b[t + m] += factor * b[e + m]
+        return
+    for a in range(count):
+        weight = w[WEIGHT + moving[a]]
+        t, e = B_STEP + LANES * a, B_EXPLICIT + LANES * a
+        for m in range(width):
+            b[t + m] = weight * b[e + m]
+
+
+@kernel
+def project_rows(
+    w: FloatArray, b: FloatArray, schmid: int, target: int, modes: int, moving: IntArray,
+    count: int, width: int,
+) -> None:  # fmt: skip
+    """Set rows of modes to Σ S STEP P, with the modes (modes, 24) of the Schmid tensors."""
+    clear(b, target, modes, width)
+    for a in range(count):
+        s, source = moving[a], B_STEP + LANES * a
+        sign = w[SIGN + s]
+        for k in range(modes):
+            factor, t = sign * w[schmid + NS * k + s], target + LANES * k
+            for m in range(width):
+                b[t + m] += factor * b[source + m]
 
 
 @kernel
@@ -162,62 +260,77 @@ def slip_change(w: FloatArray, coupled: bool) -> None:
 
 @kernel
 def slip_gains(w: FloatArray, p: FloatArray, exponential: bool, gains: FloatArray) -> None:
-    """How the state of each system follows its slip (4, 24): x, S v, p, x2."""
+    """How the state of each system follows its slip (4, 24): x, S v, p, x2; 0 at rest."""
+    second = w[HAS_SECOND] != 0.0
     for s in range(NS):
-        sign = w[SIGN + s]
+        moves = 1.0 if w[WEIGHT + s] != 0.0 else 0.0
+        sign = moves * w[SIGN + s]
         gains[0, s] = sign * w[GROWTH + s]
-        gains[1, s] = sign * w[VISCOUS_SLOPE + s] if w[WEIGHT + s] > 0.0 else 0.0
-        gains[2, s] = 1.0
-    if w[HAS_SECOND] != 0.0:
-        for s in range(NS):
-            left = share_left(p[P_D2] * w[SLIP + s], exponential)
-            sign = w[SIGN + s]
-            gains[3, s] = sign * growth(left, sign * w[X20 + s], p[P_D2], exponential)
+        gains[1, s] = sign * w[VISCOUS_SLOPE + s]
+        gains[2, s] = moves
+        start = w[SIGN + s] * w[X20 + s]
+        slope = growth(w[LEFT2 + s], start, p[P_D2], exponential) if second else 0.0
+        gains[3, s] = sign * slope
 
 
 @kernel
-def total_slip_change(w: FloatArray, coupled: bool) -> None:
-    """STEP = change of the slips for EXPLICIT and the change D_TAU of the driving stresses."""
-    if coupled:
-        for s in range(NS):
-            w[EXPLICIT + s] += w[SIGN + s] * w[D_TAU + s]
-        weigh_residual(w, EXPLICIT, coupled)
-    else:
-        for s in range(NS):
-            w[STEP + s] += w[WEIGHT + s] * w[SIGN + s] * w[D_TAU + s]
+def store_states(
+    w: FloatArray,
+    b: FloatArray,
+    gains: FloatArray,
+    moving: IntArray,
+    count: int,
+    dstate0: FloatArray,
+    dstate1: FloatArray,
+    first: int,
+    width: int,
+) -> None:
+    """Derivatives of the state of the systems from the rows of STEP, the change of their slips.
+
+    What constants change at fixed slips is left to `store_constants`. The number of rows of
+    dstate0 and dstate1 says what of the state is wanted, see `Points.n_derived`.
+    """
+    fields = (dstate1.shape[0] - S_X) // NS
+    a = 0
+    for s in range(NS):
+        x, over = S_X + s, S_OVER + s
+        if a == count or moving[a] != s:
+            for m in range(width):
+                dstate1[x, first + m] = dstate0[x, first + m]
+                dstate1[over, first + m] = 0.0
+            for field in range(2, fields):
+                for m in range(width):
+                    dstate1[x + NS * field, first + m] = dstate0[x + NS * field, first + m]
+            continue
+        t, o = B_STEP + LANES * a, B_OVER + LANES * a
+        left, sign, grows, speeds = w[LEFT + s], w[SIGN + s], gains[0, s], gains[1, s]
+        for m in range(width):
+            dstate1[x, first + m] = left * dstate0[x, first + m] + grows * b[t + m]
+        for m in range(width):
+            dstate1[over, first + m] = sign * b[o + m] + speeds * b[t + m]
+        for field in range(2, fields):
+            left, grows, row = w[LEFT2 + s] if field == 3 else 1.0, gains[field, s], x + NS * field
+            for m in range(width):
+                dstate1[row, first + m] = left * dstate0[row, first + m] + grows * b[t + m]
+        a += 1
 
 
 @kernel
-def finish_derivative(
+def store_constants(
     w: FloatArray,
     p: FloatArray,
     exponential: bool,
     dp: FloatArray,
-    gains: FloatArray,
-    dstate0: FloatArray,
+    moving: IntArray,
+    count: int,
     dstate1: FloatArray,
+    column: int,
 ) -> None:
-    """Derivatives of the state of the systems from STEP, the change of their slips.
-
-    The lengths of dstate0 and dstate1 say what of the state is wanted, see `Points.n_derived`.
-    """
-    d_d = dp[P_D]
-    for s in range(NS):
-        sign = w[SIGN + s]
-        slip = w[STEP + s]
-        x = dstate0[S_X + s] * w[LEFT + s] + gains[0, s] * slip
-        dstate1[S_X + s] = x + sign * w[RECALL + s] * d_d
-        over = sign * w[D_OVER + s] if w[WEIGHT + s] > 0.0 else 0.0
-        dstate1[S_OVER + s] = over + gains[1, s] * slip
-    if dstate1.shape[0] > S_ACC:
-        for s in range(NS):
-            dstate1[S_ACC + s] = dstate0[S_ACC + s] + w[STEP + s]
-    if dstate1.shape[0] > S_X2:
-        d = p[P_D2]
-        for s in range(NS):
-            g = w[SLIP + s]
-            left = share_left(d * g, exponential)
-            sign = w[SIGN + s]
-            recall = recall_slope(left, g, d, sign * w[X20 + s], exponential) * dp[P_D2]
-            x2 = dstate0[S_X2 + s] * left + gains[3, s] * w[STEP + s]
-            dstate1[S_X2 + s] = x2 + sign * recall
+    """Add what constants change of the back strains at fixed slips, along one direction."""
+    for a in range(count):
+        s = moving[a]
+        sign, g = w[SIGN + s], w[SLIP + s]
+        dstate1[S_X + s, column] += sign * w[RECALL + s] * dp[P_D]
+        if dstate1.shape[0] > S_X2:
+            recall = recall_slope(w[LEFT2 + s], g, p[P_D2], sign * w[X20 + s], exponential)
+            dstate1[S_X2 + s, column] += sign * recall * dp[P_D2]

@@ -1,6 +1,6 @@
 """Directional derivatives of a solved step at a Gauss point in small strain.
 
-A direction changes the trial modes by V·dH + dV·H − dep⁰ and puts a load Σ LOAD P on the
+A direction changes the trial modes by V·dH + dV·H − dep⁰ and puts a load Σ S STEP P on the
 condensed system; `response` prepares its inverse.
 """
 
@@ -9,36 +9,58 @@ from numpy.typing import NDArray
 
 from solver_adapters.bundled.compilation import kernel
 from solver_adapters.bundled.dense import solve
+from solver_adapters.bundled.lanes import (
+    B_EXPLICIT,
+    B_SLIP_END,
+    LANES,
+    add,
+    clear,
+    fetch,
+    sum5,
+    sum9,
+)
 from solver_adapters.bundled.law import NS, P_A1, P_C11, P_C12, P_C44
 from solver_adapters.bundled.law_terms import non_schmid_derivative
-from solver_adapters.bundled.slip import weigh_residual
 from solver_adapters.bundled.slip_derivatives import (
     explicit_derivative,
-    finish_derivative,
+    history_derivatives,
+    moving_systems,
+    project_rows,
+    put_constants,
     slip_change,
-    total_slip_change,
+    store_constants,
+    store_states,
+    weigh_rows,
 )
-from solver_adapters.bundled.slip_rows import D_TAU, EXPLICIT, LOAD, OTHER, SIGN, STEP
+from solver_adapters.bundled.slip_rows import D_TAU, EXPLICIT, OTHER, SIGN, STEP
 from solver_adapters.bundled.small_strain import (
     CHANGE,
     CONJUGATE_SCHMID,
-    D_STRESS,
-    D_TRIAL,
+    DRIVING,
     ELASTIC,
     FACTOR,
     INVERSE,
     ROWS,
+    SCHMID,
     SCRATCH_MODES,
     STRESS,
     VOLUME,
     add_stress,
     drive,
-    project,
     resolve,
     strain_modes,
 )
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+B_H = B_SLIP_END  # derivative of H, 9
+B_TRIAL = B_H + 9 * LANES  # of e* and the trace mode, 6
+B_STRESS = B_TRIAL + 6 * LANES  # of the stress modes: at fixed slips, then in all, 6
+B_LOAD = B_STRESS + 6 * LANES  # Σ S STEP P, 5
+B_CHANGE = B_LOAD + 5 * LANES  # change of the stress modes that the slips make, 5
+LANES_SIZE = B_CHANGE + 5 * LANES
 
 
 @kernel
@@ -89,74 +111,144 @@ def _invert(w: FloatArray, source: int, target: int) -> None:
 
 
 @kernel
-def derivative(
+def derivatives(
     w: FloatArray,
+    b: FloatArray,
+    moving: IntArray,
+    point: int,
     H: FloatArray,
+    frame: int,
     V: FloatArray,
     p: FloatArray,
     skin: float,
     dt: float,
     exponential: bool,
     coupled: bool,
-    constant: bool,
+    first: int,
+    width: int,
     dH: FloatArray,
-    turned: bool,
-    dV: FloatArray,
+    turn: IntArray,
+    dframe: FloatArray,
     dp: FloatArray,
-    dskin: float,
+    constant: BoolArray,
+    skinned: IntArray,
+    dskin: FloatArray,
     dstate0: FloatArray,
     gains: FloatArray,
     dP: FloatArray,
     dstate1: FloatArray,
 ) -> None:
-    """Directional derivative of stress and state of the step that is in the workspace.
+    """Derivatives of stress and state of the step in the workspace, `width` from `first` on.
 
-    constant: whether dp and dskin are null; turned: whether the crystal turns along the direction,
-    that is, whether dV is not null; gains: of `slip_derivatives.slip_gains`.
+    b: lanes of the directions; moving: room for the systems that move; point and frame: rows of
+    dskin and dframe; constant: whether a direction leaves the constants alone; turn: whether, and
+    how, it turns the crystal; gains: of `slip_derivatives.slip_gains`. The others are those of
+    `Points.derive` at this point.
     """
-    mu0 = p[P_C11] - p[P_C12]
-    mu1 = 2.0 * p[P_C44]
-    dmu0 = dp[P_C11] - dp[P_C12]
-    dmu1 = 2.0 * dp[P_C44]
-    strain_modes(w, D_TRIAL, V, dH)
-    if turned:
-        strain_modes(w, SCRATCH_MODES, dV, H)
-        for k in range(6):
-            w[D_TRIAL + k] += w[SCRATCH_MODES + k]
-    dvolume = w[D_TRIAL + 5]
+    mu0, mu1 = p[P_C11] - p[P_C12], 2.0 * p[P_C44]
+    count = moving_systems(w, moving)
+    fetch(b, B_H, 9, dH, first, width)
+    clear(b, B_TRIAL, 6, width)
+    for k in range(6):
+        for i in range(9):
+            w[ROWS + i] = V[k, i]
+        sum9(b, B_TRIAL + LANES * k, B_H, w, ROWS, 1, width)
+    for m in range(width):
+        turned = turn[first + m]
+        if turned > 0:
+            strain_modes(w, SCRATCH_MODES, dframe[turned, frame], H)
+            for k in range(6):
+                b[B_TRIAL + LANES * k + m] += w[SCRATCH_MODES + k]
     for k in range(5):
-        de = w[D_TRIAL + k]
-        w[D_STRESS + k] = (mu0 if k < 2 else mu1) * (de - dstate0[k]) + (
-            dmu0 if k < 2 else dmu1
-        ) * w[ELASTIC + k]
-    drive(w, p, D_STRESS, EXPLICIT)
+        mu, t, stress = mu0 if k < 2 else mu1, B_TRIAL + LANES * k, B_STRESS + LANES * k
+        for m in range(width):
+            b[stress + m] = mu * (b[t + m] - dstate0[k, first + m])
+    history_derivatives(
+        w, b, p, exponential, coupled, moving, count, dstate0, first, width
+    )  # fmt: skip
+    for m in range(width):
+        if not constant[first + m]:
+            _constants(w, b, moving, count, m, dt, p, skin, exponential, coupled, dp[first + m],
+                       dskin[skinned[first + m], point])  # fmt: skip
+    driving = DRIVING if p[P_A1] != 0.0 else SCHMID
+    for a in range(count):
+        s = moving[a]
+        sum5(b, B_EXPLICIT + LANES * a, B_STRESS, w, driving + s, NS, w[SIGN + s], width)
+    weigh_rows(w, b, coupled, moving, count, width)
+    project_rows(w, b, SCHMID, B_LOAD, 5, moving, count, width)
+    clear(b, B_CHANGE, 5, width)
+    for k in range(5):
+        sum5(b, B_CHANGE + LANES * k, B_LOAD, w, INVERSE + k, 5, -1.0, width)
+    for a in range(count):
+        s = moving[a]
+        sum5(b, B_EXPLICIT + LANES * a, B_CHANGE, w, driving + s, NS, w[SIGN + s], width)
+    weigh_rows(w, b, coupled, moving, count, width)
+    store_states(w, b, gains, moving, count, dstate0, dstate1, first, width)
+    add(b, B_STRESS, B_CHANGE, 1.0, 5, width)
+    for k in range(5):
+        mu, t, stress = mu0 if k < 2 else mu1, B_TRIAL + LANES * k, B_STRESS + LANES * k
+        for m in range(width):
+            dstate1[k, first + m] = b[t + m] - b[stress + m] / mu
+    for k in range(5, 9):
+        for m in range(width):
+            dstate1[k, first + m] = 0.0
+    bulk = p[P_C11] + 2.0 * p[P_C12]
+    for m in range(width):
+        b[B_STRESS + 5 * LANES + m] = bulk * b[B_TRIAL + 5 * LANES + m]
+    for m in range(width):
+        if not constant[first + m]:
+            d = dp[first + m]
+            store_constants(w, p, exponential, d, moving, count, dstate1, first + m)
+            for k in range(5):
+                mu, dmu = (mu0, d[P_C11] - d[P_C12]) if k < 2 else (mu1, 2.0 * d[P_C44])
+                t, stress = B_TRIAL + LANES * k + m, B_STRESS + LANES * k + m
+                dstate1[k, first + m] = b[t] - (b[stress] - dmu * w[ELASTIC + k]) / mu
+            b[B_STRESS + 5 * LANES + m] += (d[P_C11] + 2.0 * d[P_C12]) * w[VOLUME]
+    for i in range(9):
+        for k in range(6):
+            w[ROWS + k] = V[k, i]
+        for m in range(width):
+            dP[i, first + m] = (
+                w[ROWS] * b[B_STRESS + m]
+                + w[ROWS + 1] * b[B_STRESS + LANES + m]
+                + w[ROWS + 2] * b[B_STRESS + 2 * LANES + m]
+                + w[ROWS + 3] * b[B_STRESS + 3 * LANES + m]
+                + w[ROWS + 4] * b[B_STRESS + 4 * LANES + m]
+                + w[ROWS + 5] * b[B_STRESS + 5 * LANES + m]
+            )
+    for m in range(width):
+        turned = turn[first + m]
+        if turned > 0:
+            for i in range(9):
+                w[ROWS + i] = 0.0
+            add_stress(w[ROWS : ROWS + 9], dframe[turned, frame], w, STRESS, bulk * w[VOLUME])
+            for i in range(9):
+                dP[i, first + m] += w[ROWS + i]
+
+
+@kernel
+def _constants(
+    w: FloatArray,
+    b: FloatArray,
+    moving: IntArray,
+    count: int,
+    lane: int,
+    dt: float,
+    p: FloatArray,
+    skin: float,
+    exponential: bool,
+    coupled: bool,
+    dp: FloatArray,
+    dskin: float,
+) -> None:
+    """Add what a change of the constants makes at fixed slips to one lane."""
+    dmu0, dmu1 = dp[P_C11] - dp[P_C12], 2.0 * dp[P_C44]
+    for k in range(5):
+        b[B_STRESS + LANES * k + lane] += (dmu0 if k < 2 else dmu1) * w[ELASTIC + k]
     for s in range(NS):
-        w[EXPLICIT + s] *= w[SIGN + s]
+        w[EXPLICIT + s] = 0.0
     if dp[P_A1] != 0.0:
         resolve(w, CONJUGATE_SCHMID, STRESS, OTHER)
         non_schmid_derivative(w, p, dp)
-    explicit_derivative(w, dt, p, skin, exponential, coupled, constant, dp, dskin, dstate0)
-    weigh_residual(w, EXPLICIT, coupled)
-    project(w, SCRATCH_MODES, LOAD)
-    _invert(w, SCRATCH_MODES, CHANGE)
-    for k in range(5):
-        w[CHANGE + k] = -w[CHANGE + k]
-    drive(w, p, CHANGE, D_TAU)
-    total_slip_change(w, coupled)
-    finish_derivative(w, p, exponential, dp, gains, dstate0, dstate1)
-    bulk = p[P_C11] + 2.0 * p[P_C12]
-    dbulk = dp[P_C11] + 2.0 * dp[P_C12]
-    dsigma_volume = bulk * dvolume + dbulk * w[VOLUME]
-    for k in range(5):
-        mu = mu0 if k < 2 else mu1
-        dmu = dmu0 if k < 2 else dmu1
-        dsigma = w[D_STRESS + k] + w[CHANGE + k]
-        dstate1[k] = w[D_TRIAL + k] - (dsigma - dmu * w[ELASTIC + k]) / mu
-        w[D_STRESS + k] = dsigma
-    for k in range(5, 9):
-        dstate1[k] = 0.0
-    for i in range(9):
-        dP[i] = 0.0
-    add_stress(dP, V, w, D_STRESS, dsigma_volume)
-    if turned:
-        add_stress(dP, dV, w, STRESS, bulk * w[VOLUME])
+    explicit_derivative(w, dt, p, skin, exponential, coupled, dp, dskin)
+    put_constants(w, b, moving, count, lane)

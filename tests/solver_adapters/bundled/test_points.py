@@ -224,15 +224,15 @@ def test_directional_derivatives_are_the_complex_step_of_the_equations(solved: S
         ]
     )
     count = N_LOCAL + N_STATE + 9 + 3 + 1
-    local, state = np.zeros((2, count, N_LOCAL)), np.zeros((N_POINTS, count, N_STATE))
-    H, rotation = np.zeros((N_POINTS, count, 9)), np.zeros((2, count, 3, 3))
+    local, state = np.zeros((2, count, N_LOCAL)), np.zeros((N_POINTS, N_STATE, count))
+    H, rotation = np.zeros((N_POINTS, 9, count)), np.zeros((2, count, 3, 3))
     local[:, np.arange(N_LOCAL), np.arange(N_LOCAL)] = 1.0
-    state[:, N_LOCAL + np.arange(N_STATE), np.arange(N_STATE)] = 1.0
-    H[:, N_LOCAL + N_STATE + np.arange(9), np.arange(9)] = 1.0
+    state[:, np.arange(N_STATE), N_LOCAL + np.arange(N_STATE)] = 1.0
+    H[:, np.arange(9), N_LOCAL + N_STATE + np.arange(9)] = 1.0
     for row, spin in enumerate(spins, start=N_LOCAL + N_STATE + 9):
         rotation[:, row] = spin @ ROTATIONS
         gradient = solved.H.reshape(-1, 3, 3) @ ROTATIONS[GRAIN].transpose(0, 2, 1)
-        H[:, row] = (gradient @ rotation[GRAIN, row]).reshape(-1, 9)
+        H[:, :, row] = (gradient @ rotation[GRAIN, row]).reshape(-1, 9)
     skin = np.zeros((2, N_POINTS))
     skin[1] = 1.0
     skinned = np.zeros(count, dtype=np.int64)
@@ -254,21 +254,21 @@ def test_directional_derivatives_are_the_complex_step_of_the_equations(solved: S
         matrix = reference.jacobian(step, slips)
         for k in range(count):
             turn = rotation[GRAIN[i], k]
-            gradient = H[i, k].reshape(3, 3) - step.H @ turn
+            gradient = H[i, :, k].reshape(3, 3) - step.H @ turn
             stress, end = reference.derivative(
                 step,
                 slips,
                 matrix,
                 constants=local[GRAIN[i], k],
-                state=state[i, k],
+                state=state[i, :, k],
                 H=gradient @ step.R.T,
                 R=turn,
                 skin=np.array(float(k == count - 1)),
             )
-            for found, expected in ((dP[i, k], stress), (dstate[i, k], end)):
+            for found, expected in ((dP[i, :, k], stress), (dstate[i, :, k], end)):
                 # In an elastic step two changes of size dH cancel in the state, in a relaxation
                 # two of the size of that of the overstress.
-                size = max(abs(H[i, k]).max(), abs(state[i, k, S_OVER:S_ACC]).max())
+                size = max(abs(H[i, :, k]).max(), abs(state[i, S_OVER:S_ACC, k]).max())
                 tolerance = 20 * TIGHT * abs(expected).max() + 1e-15 * size
                 np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance)
 
@@ -277,9 +277,9 @@ def test_what_follows_a_later_motion_completes_the_derivative(solved: Solved) ->
     """Derivatives along a motion, at once, or without it and then with what it adds."""
     rng = np.random.default_rng(4)
     k = 3
-    dH = 1e-3 * rng.normal(size=(N_POINTS, k, 9))
+    dH = 1e-3 * rng.normal(size=(N_POINTS, 9, k))
     local = rng.normal(size=(2, k, N_LOCAL))
-    start = 1e-4 * rng.normal(size=(N_POINTS, k, N_STATE))
+    start = 1e-4 * rng.normal(size=(N_POINTS, N_STATE, k))
     none = np.zeros(k, dtype=np.int64)
     still = solved.points.frame(np.zeros((1, 2, 3, 3)))
     tangents = PointTangents(local, none, still, none, np.zeros((1, N_POINTS)))
@@ -294,5 +294,5 @@ def test_what_follows_a_later_motion_completes_the_derivative(solved: Solved) ->
     assert (abs(whole - parts).max() > 1e-6) == solved.slips.any()
     following.follow(dH)
     for rows in (np.r_[0:S_OVER, S_ACC:N_STATE], np.r_[S_OVER:S_ACC]):
-        scale = abs(whole[:, :, rows]).max()
-        np.testing.assert_allclose(parts[:, :, rows], whole[:, :, rows], atol=1e-11 * scale)
+        scale = abs(whole[:, rows]).max()
+        np.testing.assert_allclose(parts[:, rows], whole[:, rows], atol=1e-11 * scale)
