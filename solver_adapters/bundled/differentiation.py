@@ -31,13 +31,17 @@ class Differentiation:
         # Memory that is used again, since fresh memory has to be cleared.
         n_derived = tangents.state.shape[1]
         self._memory = self.problem.points.memory(tangents.count, n_derived)
-        self._states = [self._memory.state]
+        self._states = (self._memory.state, np.empty_like(self._memory.state))
         self._gradients = np.empty_like(self._memory.stress)
         self._kept = tangents.state
         self._ones = np.ones_like(self.problem.weights)
 
     def keep(self, instant: Instant) -> None:
-        """Leave the derivatives of this instant, and no longer those of another, untouched."""
+        """Leave the derivatives of this instant, and no longer those of another, untouched.
+
+        Those of other instants become what they are at the end of the next step: of a state most
+        does not change over a step, and what does not is not copied.
+        """
         self._kept = instant.dstate
 
     def derive(
@@ -61,8 +65,8 @@ class Differentiation:
             part = np.empty_like(trial.H)
             displacement_gradients(trial.u, p.cells, t.gradients[slot], part)
             dH[:, :, index] += part
-        out = replace(self._memory, state=self._spare_state(instant))
-        p.points.derive(trial.H, instant.state, trial.slips, dt, dH, t.law, instant.dstate, out)
+        out = replace(self._memory, state=self._changeable(instant.dstate))
+        p.points.derive(trial.H, instant.state, trial.slips, dt, dH, t.law, out)
         change = self._force_change(trial, out.stress)
         clock = self._equilibrium.statistics.clock("derivatives", clock)
         follows = self._equilibrium.solve(trial, -change[p.pattern.free])
@@ -80,13 +84,12 @@ class Differentiation:
         self._equilibrium.statistics.clock("derivatives", clock)
         return du, out.state, dforce
 
-    def _spare_state(self, instant: Instant) -> FloatArray:
-        """Memory that neither this instant nor the kept one holds."""
-        for state in self._states:
-            if state is not instant.dstate and state is not self._kept:
-                return state
-        self._states.append(np.empty_like(instant.dstate))
-        return self._states[-1]
+    def _changeable(self, dstate: FloatArray) -> FloatArray:
+        """These derivatives where they may be changed: in their place, or a copy of kept ones."""
+        free = next(state for state in self._states if state is not self._kept)
+        if dstate is not free:
+            np.copyto(free, dstate)
+        return free
 
     def _force_change(self, trial: Trial, dP: FloatArray) -> FloatArray:
         p, t = self.problem, self.tangents

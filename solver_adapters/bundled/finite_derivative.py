@@ -67,14 +67,14 @@ from solver_adapters.bundled.lanes import (
 from solver_adapters.bundled.law import NS, P_A1, P_C11, P_C12, P_C44
 from solver_adapters.bundled.law_terms import non_schmid_derivative
 from solver_adapters.bundled.slip_derivatives import (
+    advance_constants,
+    advance_states,
     explicit_derivative,
     history_derivatives,
     moving_systems,
     project_rows,
     put_constants,
     slip_change,
-    store_constants,
-    store_states,
     weigh_rows,
 )
 from solver_adapters.bundled.slip_rows import D_TAU, EXPLICIT, OTHER, SIGN, STEP
@@ -223,14 +223,13 @@ def derivatives(
     constant: BoolArray,
     skinned: IntArray,
     dskin: FloatArray,
-    dstate0: FloatArray,
+    dstate: FloatArray,
     gains: FloatArray,
     dP: FloatArray,
-    dstate1: FloatArray,
 ) -> None:
     """As `small_derivative.derivatives`."""
     count = moving_systems(w, moving)
-    fetch(b, B_FP0, 9, dstate0, first, width)
+    fetch(b, B_FP0, 9, dstate, first, width)
     lanes.left(b, B_SCRATCH, w, FT, B_FP0, False, width)
     lanes.right(b, B_GRADIENT, B_SCRATCH, w, UNDONE, False, width)
     for i in range(9):
@@ -247,7 +246,7 @@ def derivatives(
     lanes.left(b, B_PIOLA, w, PULLED, B_FP0, True, width)
     lanes.right(b, B_SCRATCH, B_SPIN, w, PIOLA, False, width)
     add(b, B_PIOLA, B_SCRATCH, 1.0, 9, width)
-    history_derivatives(w, b, p, exponential, coupled, moving, count, dstate0, first, width)
+    history_derivatives(w, b, p, exponential, coupled, moving, count, dstate, first, width)
     for m in range(width):
         k = first + m
         if not constant[k]:
@@ -267,7 +266,7 @@ def derivatives(
     weigh_rows(w, b, coupled, moving, count, width)
     for a in range(count):
         sum9(b, B_STEP + LANES * a, B_GRADIENT, w, SLIP_BY_H + moving[a], NS, width)
-    store_states(w, b, gains, moving, count, dstate0, dstate1, first, width)
+    advance_states(w, b, gains, moving, count, dstate, first, width)
     # Fp⁻¹ likewise: dFp⁰⁻¹ outside the trial at unit determinant, then H, then A
     lanes.right(b, B_SCRATCH, B_FP0, w, GAIN, False, width)
     clear(b, B_DILATION, 1, width)
@@ -282,11 +281,11 @@ def derivatives(
         sum9(b, B_STATE + LANES * i, B_GRADIENT, w, STATE_BY_H + i, 9, width)
         sum8(b, B_STATE + LANES * i, B_MODES, w, STATE_BY_A + i, 9, 1.0, width)
     store(b, B_PIOLA, 9, dP, first, width)
-    store(b, B_STATE, 9, dstate1, first, width)
+    store(b, B_STATE, 9, dstate, first, width)
     for m in range(width):
         k = first + m
         if not constant[k]:
-            store_constants(w, p, exponential, dp[k], moving, count, dstate1, k)
+            advance_constants(w, p, exponential, dp[k], moving, count, dstate, k)
 
 
 @kernel
@@ -324,5 +323,6 @@ def _constants(
         to_modes(w, SCRATCH_MODES, CONJUGATE_STRESS, 1)
         resolve(w, CONJUGATE_SCHMID, SCRATCH_MODES, OTHER)
         non_schmid_derivative(w, p, dp)
-    explicit_derivative(w, dt, p, skin, exponential, coupled, dp, dskin)
-    put_constants(w, b, moving, count, lane)
+    if count > 0:
+        explicit_derivative(w, dt, p, skin, exponential, coupled, dp, dskin)
+        put_constants(w, b, moving, count, lane)

@@ -147,9 +147,8 @@ def derive_small(
     constant: BoolArray,
     skinned: IntArray,
     dskin: FloatArray,
-    dstate0: FloatArray,
+    dstate: FloatArray,
     dP: FloatArray,
-    dstate1: FloatArray,
     by_slip: FloatArray,
     by_state: FloatArray,
     gains: FloatArray,
@@ -203,10 +202,9 @@ def derive_small(
                     constant,
                     skinned,
                     dskin,
-                    dstate0[i],
+                    dstate[i],
                     gains[i],
                     dP[i],
-                    dstate1[i],
                 )
 
 
@@ -231,9 +229,8 @@ def derive_finite(
     constant: BoolArray,
     skinned: IntArray,
     dskin: FloatArray,
-    dstate0: FloatArray,
+    dstate: FloatArray,
     dP: FloatArray,
-    dstate1: FloatArray,
     by_slip: FloatArray,
     by_state: FloatArray,
     gains: FloatArray,
@@ -285,10 +282,9 @@ def derive_finite(
                     constant,
                     skinned,
                     dskin,
-                    dstate0[i],
+                    dstate[i],
                     gains[i],
                     dP[i],
-                    dstate1[i],
                 )
 
 

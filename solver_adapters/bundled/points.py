@@ -12,10 +12,10 @@ from solver_adapters.bundled import point_kernels
 from solver_adapters.bundled.law import (
     NS,
     P_A1,
+    P_C2,
     P_LATENT,
     P_Q,
     S_ACC,
-    S_X2,
     STRAIN_MODES,
     local_parameters,
 )
@@ -142,8 +142,8 @@ class Points:
 
     def n_derived(self, n_state: int) -> int:
         """How many numbers of a state of `n_state` have derivatives that matter."""
-        hardens = bool(np.any(self.local[:, [P_Q, P_LATENT]]))
-        return n_state if hardens or n_state > S_X2 else S_ACC
+        follows = bool(np.any(self.local[:, [P_Q, P_LATENT, P_C2]]))
+        return n_state if follows else S_ACC
 
     def frame(self, rotation: FloatArray) -> FloatArray:
         """What a kernel needs of rotations or their derivatives (..., 3, 3).
@@ -247,7 +247,6 @@ class Points:
         dt: float,
         dH: FloatArray,
         tangents: PointTangents,
-        dstate0: FloatArray,
         out: PointDerivatives,
     ) -> None:
         """Derivatives of a solved step along k directions.
@@ -259,8 +258,7 @@ class Points:
             slips: converged slips of the step, (n_points, 24).
             dH: derivative of H, (n_points, 9, k).
             tangents: derivative of the law.
-            dstate0: derivative of the state at the start, (n_points, `n_derived`, k).
-            out: filled; its state must not be dstate0.
+            out: filled; its state is that at the start, and becomes that at the end.
         """
         finite = self.strain_measure == "finite"
         run = point_kernels.derive_finite if finite else point_kernels.derive_small
@@ -284,9 +282,8 @@ class Points:
             tangents.constant,
             tangents.skinned,
             tangents.skin,
-            dstate0,
-            out.stress,
             out.state,
+            out.stress,
             out.by_slip,
             out.by_state,
             out.gains,

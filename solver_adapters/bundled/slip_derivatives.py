@@ -157,7 +157,7 @@ def history_derivatives(
                     slope = modulus_of(w, p, s, r) * p[P_B] * w[UNHARDENED + r]
                     for m in range(width):
                         b[e + m] -= slope * dstate[S_ACC + r, first + m]
-    if w[HAS_SECOND] != 0.0:
+    if dstate.shape[0] > S_X2:
         for a in range(count):
             s, e = moving[a], B_EXPLICIT + LANES * a
             slope = p[P_C2] * w[SIGN + s] * share_left(p[P_D2] * w[SLIP + s], exponential)
@@ -274,63 +274,61 @@ def slip_gains(w: FloatArray, p: FloatArray, exponential: bool, gains: FloatArra
 
 
 @kernel
-def store_states(
+def advance_states(
     w: FloatArray,
     b: FloatArray,
     gains: FloatArray,
     moving: IntArray,
     count: int,
-    dstate0: FloatArray,
-    dstate1: FloatArray,
+    dstate: FloatArray,
     first: int,
     width: int,
 ) -> None:
-    """Derivatives of the state of the systems from the rows of STEP, the change of their slips.
+    """Carry derivatives of the state over the step, from the rows of STEP.
 
-    What constants change at fixed slips is left to `store_constants`. The number of rows of
-    dstate0 and dstate1 says what of the state is wanted, see `Points.n_derived`.
+    Of a system at rest nothing changes but an overstress that it had. What constants change at
+    fixed slips is left to `advance_constants`. The number of rows of dstate says what of the state
+    is wanted, see `Points.n_derived`.
     """
-    fields = (dstate1.shape[0] - S_X) // NS
-    a = 0
-    for s in range(NS):
+    for a in range(count):
+        s = moving[a]
         x, over = S_X + s, S_OVER + s
-        if a == count or moving[a] != s:
-            for m in range(width):
-                dstate1[x, first + m] = dstate0[x, first + m]
-                dstate1[over, first + m] = 0.0
-            for field in range(2, fields):
-                for m in range(width):
-                    dstate1[x + NS * field, first + m] = dstate0[x + NS * field, first + m]
-            continue
         t, o = B_STEP + LANES * a, B_OVER + LANES * a
         left, sign, grows, speeds = w[LEFT + s], w[SIGN + s], gains[0, s], gains[1, s]
         for m in range(width):
-            dstate1[x, first + m] = left * dstate0[x, first + m] + grows * b[t + m]
+            dstate[x, first + m] = left * dstate[x, first + m] + grows * b[t + m]
         for m in range(width):
-            dstate1[over, first + m] = sign * b[o + m] + speeds * b[t + m]
-        for field in range(2, fields):
-            left, grows, row = w[LEFT2 + s] if field == 3 else 1.0, gains[field, s], x + NS * field
+            dstate[over, first + m] = sign * b[o + m] + speeds * b[t + m]
+        if dstate.shape[0] > S_ACC:
+            row = S_ACC + s
             for m in range(width):
-                dstate1[row, first + m] = left * dstate0[row, first + m] + grows * b[t + m]
-        a += 1
+                dstate[row, first + m] += b[t + m]
+        if dstate.shape[0] > S_X2:
+            row, left, grows = S_X2 + s, w[LEFT2 + s], gains[3, s]
+            for m in range(width):
+                dstate[row, first + m] = left * dstate[row, first + m] + grows * b[t + m]
+    for s in range(NS):
+        if w[WEIGHT + s] == 0.0 and w[OVER0 + s] != 0.0:
+            for m in range(width):
+                dstate[S_OVER + s, first + m] = 0.0
 
 
 @kernel
-def store_constants(
+def advance_constants(
     w: FloatArray,
     p: FloatArray,
     exponential: bool,
     dp: FloatArray,
     moving: IntArray,
     count: int,
-    dstate1: FloatArray,
+    dstate: FloatArray,
     column: int,
 ) -> None:
     """Add what constants change of the back strains at fixed slips, along one direction."""
     for a in range(count):
         s = moving[a]
         sign, g = w[SIGN + s], w[SLIP + s]
-        dstate1[S_X + s, column] += sign * w[RECALL + s] * dp[P_D]
-        if dstate1.shape[0] > S_X2:
+        dstate[S_X + s, column] += sign * w[RECALL + s] * dp[P_D]
+        if dstate.shape[0] > S_X2:
             recall = recall_slope(w[LEFT2 + s], g, p[P_D2], sign * w[X20 + s], exponential)
-            dstate1[S_X2 + s, column] += sign * recall * dp[P_D2]
+            dstate[S_X2 + s, column] += sign * recall * dp[P_D2]

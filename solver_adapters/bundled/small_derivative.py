@@ -22,14 +22,14 @@ from solver_adapters.bundled.lanes import (
 from solver_adapters.bundled.law import NS, P_A1, P_C11, P_C12, P_C44
 from solver_adapters.bundled.law_terms import non_schmid_derivative
 from solver_adapters.bundled.slip_derivatives import (
+    advance_constants,
+    advance_states,
     explicit_derivative,
     history_derivatives,
     moving_systems,
     project_rows,
     put_constants,
     slip_change,
-    store_constants,
-    store_states,
     weigh_rows,
 )
 from solver_adapters.bundled.slip_rows import D_TAU, EXPLICIT, OTHER, SIGN, STEP
@@ -133,10 +133,9 @@ def derivatives(
     constant: BoolArray,
     skinned: IntArray,
     dskin: FloatArray,
-    dstate0: FloatArray,
+    dstate: FloatArray,
     gains: FloatArray,
     dP: FloatArray,
-    dstate1: FloatArray,
 ) -> None:
     """Derivatives of stress and state of the step in the workspace, `width` from `first` on.
 
@@ -162,9 +161,9 @@ def derivatives(
     for k in range(5):
         mu, t, stress = mu0 if k < 2 else mu1, B_TRIAL + LANES * k, B_STRESS + LANES * k
         for m in range(width):
-            b[stress + m] = mu * (b[t + m] - dstate0[k, first + m])
+            b[stress + m] = mu * (b[t + m] - dstate[k, first + m])
     history_derivatives(
-        w, b, p, exponential, coupled, moving, count, dstate0, first, width
+        w, b, p, exponential, coupled, moving, count, dstate, first, width
     )  # fmt: skip
     for m in range(width):
         if not constant[first + m]:
@@ -183,26 +182,23 @@ def derivatives(
         s = moving[a]
         sum5(b, B_EXPLICIT + LANES * a, B_CHANGE, w, driving + s, NS, w[SIGN + s], width)
     weigh_rows(w, b, coupled, moving, count, width)
-    store_states(w, b, gains, moving, count, dstate0, dstate1, first, width)
+    advance_states(w, b, gains, moving, count, dstate, first, width)
     add(b, B_STRESS, B_CHANGE, 1.0, 5, width)
     for k in range(5):
         mu, t, stress = mu0 if k < 2 else mu1, B_TRIAL + LANES * k, B_STRESS + LANES * k
         for m in range(width):
-            dstate1[k, first + m] = b[t + m] - b[stress + m] / mu
-    for k in range(5, 9):
-        for m in range(width):
-            dstate1[k, first + m] = 0.0
+            dstate[k, first + m] = b[t + m] - b[stress + m] / mu
     bulk = p[P_C11] + 2.0 * p[P_C12]
     for m in range(width):
         b[B_STRESS + 5 * LANES + m] = bulk * b[B_TRIAL + 5 * LANES + m]
     for m in range(width):
         if not constant[first + m]:
             d = dp[first + m]
-            store_constants(w, p, exponential, d, moving, count, dstate1, first + m)
+            advance_constants(w, p, exponential, d, moving, count, dstate, first + m)
             for k in range(5):
                 mu, dmu = (mu0, d[P_C11] - d[P_C12]) if k < 2 else (mu1, 2.0 * d[P_C44])
                 t, stress = B_TRIAL + LANES * k + m, B_STRESS + LANES * k + m
-                dstate1[k, first + m] = b[t] - (b[stress] - dmu * w[ELASTIC + k]) / mu
+                dstate[k, first + m] = b[t] - (b[stress] - dmu * w[ELASTIC + k]) / mu
             b[B_STRESS + 5 * LANES + m] += (d[P_C11] + 2.0 * d[P_C12]) * w[VOLUME]
     for i in range(9):
         for k in range(6):
@@ -245,6 +241,8 @@ def _constants(
     dmu0, dmu1 = dp[P_C11] - dp[P_C12], 2.0 * dp[P_C44]
     for k in range(5):
         b[B_STRESS + LANES * k + lane] += (dmu0 if k < 2 else dmu1) * w[ELASTIC + k]
+    if count == 0:
+        return
     for s in range(NS):
         w[EXPLICIT + s] = 0.0
     if dp[P_A1] != 0.0:
