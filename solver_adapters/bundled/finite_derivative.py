@@ -58,6 +58,7 @@ from solver_adapters.bundled.lanes import (
     B_STEP,
     LANES,
     add,
+    bounded,
     clear,
     fetch,
     store,
@@ -228,7 +229,8 @@ def derivatives(
     dP: FloatArray,
 ) -> None:
     """As `small_derivative.derivatives`."""
-    count = moving_systems(w, moving)
+    first, width = bounded(first), bounded(width)
+    count = bounded(moving_systems(w, moving))
     fetch(b, B_FP0, 9, dstate, first, width)
     lanes.left(b, B_SCRATCH, w, FT, B_FP0, False, width)
     lanes.right(b, B_GRADIENT, B_SCRATCH, w, UNDONE, False, width)

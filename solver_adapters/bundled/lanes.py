@@ -24,8 +24,19 @@ B_SLIP_END = B_OVER + NS * LANES
 
 
 @kernel
+def bounded(number: int) -> int:
+    """A number from 0 to 65535, as it is, in a form that tells LLVM so.
+
+    An index that may be negative could count from the end, which keeps a loop from vectorising.
+    """
+    seen: int = number & 0xFFFF
+    return seen
+
+
+@kernel
 def clear(b: FloatArray, target: int, rows: int, width: int) -> None:
     """Set rows to 0."""
+    target, width = bounded(target), bounded(width)
     for i in range(rows):
         t = target + LANES * i
         for m in range(width):
@@ -37,6 +48,7 @@ def fetch(
     b: FloatArray, target: int, rows: int, source: FloatArray, first: int, width: int
 ) -> None:
     """Copy the first rows of an array (n, k) from column `first` on."""
+    target, first, width = bounded(target), bounded(first), bounded(width)
     for i in range(rows):
         t = target + LANES * i
         for m in range(width):
@@ -48,6 +60,7 @@ def store(
     b: FloatArray, source: int, rows: int, target: FloatArray, first: int, width: int
 ) -> None:
     """Copy rows to the first rows of an array (n, k) from column `first` on."""
+    source, first, width = bounded(source), bounded(first), bounded(width)
     for i in range(rows):
         s = source + LANES * i
         for m in range(width):
@@ -60,6 +73,7 @@ def sum5(
     width: int,
 ) -> None:  # fmt: skip
     """Add factor · Σ_j w[c + step·j] source_j over five rows to one row."""
+    target, source, width = bounded(target), bounded(source), bounded(width)
     c0, c1, c2 = factor * w[c], factor * w[c + step], factor * w[c + 2 * step]
     c3, c4 = factor * w[c + 3 * step], factor * w[c + 4 * step]
     for m in range(width):
@@ -78,6 +92,7 @@ def sum8(
     width: int,
 ) -> None:  # fmt: skip
     """The same over eight rows."""
+    target, source, width = bounded(target), bounded(source), bounded(width)
     c0, c1, c2 = factor * w[c], factor * w[c + step], factor * w[c + 2 * step]
     c3, c4, c5 = factor * w[c + 3 * step], factor * w[c + 4 * step], factor * w[c + 5 * step]
     c6, c7 = factor * w[c + 6 * step], factor * w[c + 7 * step]
@@ -99,6 +114,7 @@ def sum9(
     b: FloatArray, target: int, source: int, w: FloatArray, c: int, step: int, width: int
 ) -> None:
     """The same over nine rows, with factor 1."""
+    target, source, width = bounded(target), bounded(source), bounded(width)
     sum8(b, target, source, w, c, step, 1.0, width)
     c8, s = w[c + 8 * step], source + 8 * LANES
     for m in range(width):
@@ -110,6 +126,7 @@ def left(
     b: FloatArray, c: int, w: FloatArray, a: int, source: int, turned: bool, width: int
 ) -> None:
     """Set the tensors c = a·source, a one tensor of the point, source transposed where asked."""
+    c, source, width = bounded(c), bounded(source), bounded(width)
     row, column = (LANES, 3 * LANES) if turned else (3 * LANES, LANES)
     for i in range(3):
         a0, a1, a2 = w[a + 3 * i], w[a + 3 * i + 1], w[a + 3 * i + 2]
@@ -124,6 +141,7 @@ def right(
     b: FloatArray, c: int, source: int, w: FloatArray, a: int, turn_a: bool, width: int
 ) -> None:
     """Set the tensors c = source·a, a one tensor of the point, transposed where asked."""
+    c, source, width = bounded(c), bounded(source), bounded(width)
     row, column = (1, 3) if turn_a else (3, 1)
     for j in range(3):
         at = a + column * j
@@ -137,6 +155,7 @@ def right(
 @kernel
 def add(b: FloatArray, target: int, source: int, factor: float, rows: int, width: int) -> None:
     """Add rows, times a factor, to others."""
+    target, source, width = bounded(target), bounded(source), bounded(width)
     for i in range(rows):
         t, s = target + LANES * i, source + LANES * i
         for m in range(width):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from solver_adapters.bundled.back_strain import growth, recall_slope, share_left
 from solver_adapters.bundled.compilation import kernel
 from solver_adapters.bundled.elementary import decay, fast_log
-from solver_adapters.bundled.lanes import B_EXPLICIT, B_OVER, B_STEP, LANES, clear
+from solver_adapters.bundled.lanes import B_EXPLICIT, B_OVER, B_STEP, LANES, bounded, clear
 from solver_adapters.bundled.law import (
     FIRST_112,
     NS,
@@ -121,9 +121,9 @@ def explicit_derivative(
     for s in range(NS):
         w[D_OVER + s] = 0.0
     _constants_derivative(w, dt, p, skin, exponential, dp, dskin)
-    if hardens(p) or hardens(dp):
+    if hardens(dp) or (hardens(p) and dp[P_B] != 0.0):
         hardening_derivative(w, p, coupled, dp)
-    if w[HAS_SECOND] != 0.0:
+    if w[HAS_SECOND] != 0.0 and (dp[P_C2] != 0.0 or dp[P_D2] != 0.0):
         second_back_stress_derivative(w, p, exponential, dp)
 
 
@@ -141,8 +141,9 @@ def history_derivatives(
     width: int,
 ) -> None:
     """Set the rows of EXPLICIT and D_OVER to what the moving systems owe to their history."""
+    count, first, width = bounded(count), bounded(first), bounded(width)
     for a in range(count):
-        s = moving[a]
+        s = bounded(moving[a])
         history, gain = w[HISTORY + s], w[OVER_GAIN + s]
         e, o = B_EXPLICIT + LANES * a, B_OVER + LANES * a
         for m in range(width):
@@ -151,7 +152,7 @@ def history_derivatives(
             b[e + m] = -history * dstate[S_X + s, first + m] - over
     if hardens(p):
         for a in range(count):
-            s, e = moving[a], B_EXPLICIT + LANES * a
+            s, e = bounded(moving[a]), B_EXPLICIT + LANES * a
             for r in range(NS):
                 if r == s or coupled:
                     slope = modulus_of(w, p, s, r) * p[P_B] * w[UNHARDENED + r]
@@ -159,7 +160,7 @@ def history_derivatives(
                         b[e + m] -= slope * dstate[S_ACC + r, first + m]
     if dstate.shape[0] > S_X2:
         for a in range(count):
-            s, e = moving[a], B_EXPLICIT + LANES * a
+            s, e = bounded(moving[a]), B_EXPLICIT + LANES * a
             slope = p[P_C2] * w[SIGN + s] * share_left(p[P_D2] * w[SLIP + s], exponential)
             for m in range(width):
                 b[e + m] -= slope * dstate[S_X2 + s, first + m]
@@ -179,6 +180,7 @@ def weigh_rows(
     w: FloatArray, b: FloatArray, coupled: bool, moving: IntArray, count: int, width: int
 ) -> None:
     """Set the rows of STEP to the weights times those of EXPLICIT."""
+    count, width = bounded(count), bounded(width)
     if coupled:
         clear(b, B_STEP, count, width)
         for a in range(count):
@@ -201,6 +203,7 @@ def project_rows(
     count: int, width: int,
 ) -> None:  # fmt: skip
     """Set rows of modes to Σ S STEP P, with the modes (modes, 24) of the Schmid tensors."""
+    target, count, width = bounded(target), bounded(count), bounded(width)
     clear(b, target, modes, width)
     for a in range(count):
         s, source = moving[a], B_STEP + LANES * a
@@ -290,8 +293,9 @@ def advance_states(
     fixed slips is left to `advance_constants`. The number of rows of dstate says what of the state
     is wanted, see `Points.n_derived`.
     """
+    count, first, width = bounded(count), bounded(first), bounded(width)
     for a in range(count):
-        s = moving[a]
+        s = bounded(moving[a])
         x, over = S_X + s, S_OVER + s
         t, o = B_STEP + LANES * a, B_OVER + LANES * a
         left, sign, grows, speeds = w[LEFT + s], w[SIGN + s], gains[0, s], gains[1, s]
@@ -325,10 +329,13 @@ def advance_constants(
     column: int,
 ) -> None:
     """Add what constants change of the back strains at fixed slips, along one direction."""
-    for a in range(count):
-        s = moving[a]
-        sign, g = w[SIGN + s], w[SLIP + s]
-        dstate[S_X + s, column] += sign * w[RECALL + s] * dp[P_D]
-        if dstate.shape[0] > S_X2:
-            recall = recall_slope(w[LEFT2 + s], g, p[P_D2], sign * w[X20 + s], exponential)
+    if dp[P_D] != 0.0:
+        for a in range(count):
+            s = moving[a]
+            dstate[S_X + s, column] += w[SIGN + s] * w[RECALL + s] * dp[P_D]
+    if dp[P_D2] != 0.0 and dstate.shape[0] > S_X2:
+        for a in range(count):
+            s = moving[a]
+            sign, left = w[SIGN + s], w[LEFT2 + s]
+            recall = recall_slope(left, w[SLIP + s], p[P_D2], sign * w[X20 + s], exponential)
             dstate[S_X2 + s, column] += sign * recall * dp[P_D2]

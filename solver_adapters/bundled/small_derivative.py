@@ -14,6 +14,7 @@ from solver_adapters.bundled.lanes import (
     B_SLIP_END,
     LANES,
     add,
+    bounded,
     clear,
     fetch,
     sum5,
@@ -144,8 +145,9 @@ def derivatives(
     how, it turns the crystal; gains: of `slip_derivatives.slip_gains`. The others are those of
     `Points.derive` at this point.
     """
+    first, width = bounded(first), bounded(width)
     mu0, mu1 = p[P_C11] - p[P_C12], 2.0 * p[P_C44]
-    count = moving_systems(w, moving)
+    count = bounded(moving_systems(w, moving))
     fetch(b, B_H, 9, dH, first, width)
     clear(b, B_TRIAL, 6, width)
     for k in range(6):
