@@ -1,8 +1,7 @@
 """Holds that last longer or shorter than stamped: the clock of the history with another length.
 
 Every hold of the stage lasts by the same error longer, and what follows comes later; within a
-hold its instants keep their share of it. Solvers have no tangent in the times: the derivative is
-the difference of two simulations.
+hold its instants keep their share of it.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ BoolArray = NDArray[np.bool_]
 HOLD = "hold_time_error"
 HOLD_DECLARATIONS: tuple[Parameter, ...] = (Parameter(HOLD, "s", 0.0, 5.0, -600.0, 600.0),)
 
-STEP = 0.5  # of the difference [s]: a tenth of the scale
 _SHORTEST = 0.05  # share of its stamped length that a hold keeps at least
 _STILL = 1e-9  # change of the knot weights below which the stage stands
 
@@ -42,10 +40,29 @@ def with_holds(times: FloatArray, still: BoolArray, error: float) -> FloatArray:
     """
     if error == 0.0:
         return times
-    lengths = np.diff(times)
-    number = np.cumsum(np.diff(still, prepend=False) & still)
-    for hold in range(1, int(number.max(initial=0)) + 1):
-        own = still & (number == hold)
-        stamped = float(lengths[own].sum())
-        lengths[own] *= max(1.0 + error / stamped, _SHORTEST)
+    share = np.maximum(1.0 + error / _stamped(times, still), _SHORTEST)
+    lengths = np.diff(times) * share
     return np.asarray(times[0] + np.concatenate([[0.0], np.cumsum(lengths)]))
+
+
+def holds_tangent(times: FloatArray, still: BoolArray, error: float) -> FloatArray:
+    """Derivative of `with_holds` by the error, shape (n_times,).
+
+    A hold of which only a twentieth is left does not follow the error.
+
+    Args:
+        times: instants as stamped [s], shape (n_times,).
+        still: intervals over which the stage stands, shape (n_times − 1,).
+        error: by how much each hold is longer [s].
+    """
+    stamped = _stamped(times, still)
+    follows = 1.0 + error / stamped > _SHORTEST
+    rates = np.where(follows, np.diff(times) / stamped, 0.0)
+    return np.concatenate([[0.0], np.cumsum(rates)])
+
+
+def _stamped(times: FloatArray, still: BoolArray) -> FloatArray:
+    """Length of the hold of each interval [s], ∞ outside of holds, shape (n_times − 1,)."""
+    number = np.cumsum(np.diff(still, prepend=False) & still)
+    lengths = np.bincount(number[still], np.diff(times)[still], minlength=number.max(initial=0) + 1)
+    return np.where(still, lengths[number], np.inf)

@@ -15,7 +15,7 @@ from driver.boundary import (
     knot_declarations,
 )
 from driver.fixed_pattern import PATTERN_DECLARATIONS
-from driver.hold_time import HOLD, HOLD_DECLARATIONS, STEP, holds, with_holds
+from driver.hold_time import HOLD, HOLD_DECLARATIONS, holds, holds_tangent, with_holds
 from driver.instrument import IMAGE_DECLARATIONS, LOAD_DECLARATIONS, Instrument
 from driver.load_clock import load_at
 from driver.microstructure import (
@@ -137,9 +137,7 @@ class ForwardModel:
             output=self._rows(values, free),
             output_nodes=self.surface_nodes,
             lattice_gradient=self.microstructure.lattice_gradient(values),
-            directions=tuple(
-                self._direction(values, n) for n in free if self.simulated(n) and n != HOLD
-            ),
+            directions=tuple(self._direction(values, n) for n in free if self.simulated(n)),
             integration=self.integration,
             steps_per_interval=self.steps_per_interval,
             accuracy=self.accuracy if steps is None else None,
@@ -166,7 +164,7 @@ class ForwardModel:
         free: Sequence[str] = (),
         progress: Callable[[Progress], None] | None = None,
     ) -> Prediction:
-        """Simulate and observe; with the length of the holds free a second simulation is made.
+        """Simulate and observe.
 
         Raises:
             SolverError: the simulation could not be finished.
@@ -174,37 +172,11 @@ class ForwardModel:
         """
         simulation = self.simulation(values, free)
         response = self.adapter.solve(simulation, self.workspace, progress)
-        if HOLD in free:
-            response = self._with_longer_holds(simulation, response, values, free)
         return self.observe(response, values, free)
 
     def clock(self, values: Values) -> FloatArray:
         """The instants of the history [s], shape (n_times,)."""
         return with_holds(self.times, holds(self.boundary.weights), values[HOLD])
-
-    def _with_longer_holds(
-        self, simulation: Simulation, response: Response, values: Values, free: Sequence[str]
-    ) -> Response:
-        """The response with the derivative for the length of the holds in its place.
-
-        The second simulation takes the steps of the first one: other steps have other errors.
-        """
-        times = self.clock({**values, HOLD: values[HOLD] + STEP})
-        later = replace(simulation, times=times, directions=())
-        if response.ends.size:
-            ends = np.interp(response.ends, simulation.times, times)
-            later = replace(later, steps=ends, accuracy=None)
-        longer = self.adapter.solve(later, self.workspace)
-        row = [name for name in free if self.simulated(name)].index(HOLD)
-        slopes = (longer.displacement - response.displacement, longer.force - response.force)
-        before = (response.d_displacement, response.d_force)
-        if not simulation.directions:
-            before = (np.empty((0, *slopes[0].shape)), np.empty((0, *slopes[1].shape)))
-        d_displacement, d_force = (
-            np.insert(known, row, slope / STEP, axis=0)
-            for known, slope in zip(before, slopes, strict=True)
-        )
-        return replace(response, d_displacement=d_displacement, d_force=d_force)
 
     def observe(self, response: Response, values: Values, free: Sequence[str]) -> Prediction:
         """What the instruments make of the response to `simulation(values, free)`."""
@@ -296,6 +268,9 @@ class ForwardModel:
 
     def _direction(self, values: Values, name: str) -> Direction:
         scale = self.parameters[name].change(values[name])
+        if name == HOLD:
+            times = holds_tangent(self.times, holds(self.boundary.weights), values[HOLD])
+            return Direction(name, times=times, scale=scale)
         if name in MATERIAL_PARAMETERS:
             return Direction(name, material={name: 1.0}, scale=scale)
         if name in self.microstructure.velocities:

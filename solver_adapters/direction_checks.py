@@ -25,6 +25,7 @@ def refuse_bad_directions(simulation: Simulation) -> None:
         "lattice_gradient": grains,
         "motion": simulation.motion.shape,
         "points": simulation.mesh.points.shape,
+        "times": simulation.times.shape,
     }
     for direction in simulation.directions:
         if not isinstance(direction.name, str):

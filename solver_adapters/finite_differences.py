@@ -203,7 +203,7 @@ class FiniteDifferences:
         def outcome(run: _Run) -> Response | SolverError:
             moved = shifted(simulation, run.direction, run.amount)
             try:
-                return self.adapter.solve(moved, workspace, heed)
+                answer = self.adapter.solve(moved, workspace, heed)
             except PreparedError as error:
                 return error
             except NotRunError:
@@ -214,6 +214,8 @@ class FiniteDifferences:
                 if is_by_circumstances(error):
                     raise
                 return error
+            # The ends of its steps on the clock of the asked run, whose steps they should be.
+            return replace(answer, ends=np.interp(answer.ends, moved.times, simulation.times))
 
         workers = min(len(runs), 1 if parent_process() else self.processes)
         if workers <= 1:
@@ -248,6 +250,7 @@ def shifted(simulation: Simulation, direction: Direction, amount: float) -> Simu
     s, m = simulation, simulation.material
     changes = {name: getattr(m, name) + amount * rate for name, rate in direction.material.items()}
     mesh, orientations, motion, gradient = s.mesh, s.orientations, s.motion, s.lattice_gradient
+    times, steps = s.times, s.steps
     if direction.rotation is not None:
         turns = [rotation_vector_matrix(amount * rate) for rate in direction.rotation]
         orientations = np.stack(turns) @ orientations
@@ -257,13 +260,19 @@ def shifted(simulation: Simulation, direction: Direction, amount: float) -> Simu
         motion = motion + amount * direction.motion
     if direction.points is not None:
         mesh = replace(mesh, points=mesh.points + amount * direction.points)
+    if direction.times is not None:
+        times = s.times + amount * direction.times
+        # Each step keeps its share of its interval.
+        steps = None if steps is None else np.interp(steps, s.times, times)
     return replace(
         s,
         mesh=mesh,
         material=replace(m, **changes),
         orientations=orientations,
-        lattice_gradient=gradient,
+        times=times,
         motion=motion,
+        lattice_gradient=gradient,
+        steps=steps,
         directions=(),
         cell_fields=False,
     )

@@ -87,6 +87,8 @@ class Direction:
             shape (n_grains, 3), or None.
         motion: derivative of the prescribed motion [µm], shape of `Simulation.motion`, or None.
         points: derivative of the node coordinates [µm], shape (n_nodes, 3), or None.
+        times: derivative of `Simulation.times` [s], shape (n_times,), or None; the ends of time
+            steps between two instants keep their share of the interval.
         scale: an amount along the direction that is a typical change; finite differences step
             by a small share of it.
     """
@@ -97,6 +99,7 @@ class Direction:
     lattice_gradient: FloatArray | None = None
     motion: FloatArray | None = None
     points: FloatArray | None = None
+    times: FloatArray | None = None
     scale: float = 1.0
 
 

@@ -168,7 +168,11 @@ class Run:
         begin, end = s.times[self.index], s.times[self.index + 1]
         ends = self._ends[(self._ends > begin) & (self._ends <= end)]
         self._instant = self.stepper.advance(
-            self._instant, ends, self._motion, self._motion_tangent
+            self._instant,
+            ends,
+            self._motion,
+            self._motion_tangent,
+            self.tangents.law_over(self.index),
         )
         self.index += 1
         self._book()

@@ -16,6 +16,7 @@ from solver_adapters.bundled.assembly import (
 )
 from solver_adapters.bundled.equilibrium import Equilibrium, Trial
 from solver_adapters.bundled.instants import Instant
+from solver_adapters.bundled.points import PointTangents
 from solver_adapters.bundled.problem import Tangents
 
 FloatArray = NDArray[np.float64]
@@ -45,7 +46,12 @@ class Differentiation:
         self._kept = instant.dstate
 
     def derive(
-        self, instant: Instant, trial: Trial, dt: float, motion_tangent: FloatArray
+        self,
+        instant: Instant,
+        trial: Trial,
+        dt: float,
+        motion_tangent: FloatArray,
+        law: PointTangents,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Derivatives of displacement, states and force at the end of a converged step.
 
@@ -66,7 +72,7 @@ class Differentiation:
             displacement_gradients(trial.u, p.cells, t.gradients[slot], part)
             dH[:, :, index] += part
         out = replace(self._memory, state=self._changeable(instant.dstate))
-        p.points.derive(trial.H, instant.state, trial.slips, dt, dH, t.law, out)
+        p.points.derive(trial.H, instant.state, trial.slips, dt, dH, law, out)
         change = self._force_change(trial, out.stress)
         clock = self._equilibrium.statistics.clock("derivatives", clock)
         follows = self._equilibrium.solve(trial, -change[p.pattern.free])

@@ -16,6 +16,8 @@ Back stress and overstress v follow from the slip of the step by one of two sche
                      falls, Δp/Δt = (v⁰ − v) / ∫_v^v⁰ (K/y)ⁿ dy, which is exact for the relaxation
                      dv/dt ∝ −(v/K)ⁿ of a hold (else v as above)
 
+The length of the step enters as Δt K⁻ⁿ only.
+
 In stress form Newton's method needs a few iterations where the rate form, whose slope changes
 by ten orders of magnitude, needs tens.
 """
@@ -184,4 +186,17 @@ def local_tangent(material: Material, n_grains: int, name: str) -> FloatArray:
         tangent[:, P_TAU110] = d_tau0
         tangent[:, P_TAU112] = 0.5 * (d_tau112 * (1.0 + anti) + tau0 * family * d_anti)
         tangent[:, P_ASYMMETRY] = 0.5 * (d_tau112 * (anti - 1.0) + tau0 * family * d_anti)
+    return tangent
+
+
+def longer_step_tangent(local: FloatArray) -> FloatArray:
+    """Change of the constants that does to a step what a change of ln Δt does, (n_grains, 16).
+
+    Δt K⁻ⁿ is all that a step knows of its length: d ln K = −d ln Δt / n.
+
+    Args:
+        local: constants of each grain, (n_grains, 16).
+    """
+    tangent = np.zeros_like(local)
+    tangent[:, P_K] = -local[:, P_K] / local[:, P_N]
     return tangent

@@ -22,7 +22,7 @@ from solver_adapters.bundled.fields import (
     crystal_frames,
     frame_change,
 )
-from solver_adapters.bundled.law import local_tangent
+from solver_adapters.bundled.law import local_tangent, longer_step_tangent
 from solver_adapters.bundled.points import Points, PointTangents, points_of_grains
 from solver_adapters.interface import Direction, Simulation
 
@@ -81,6 +81,9 @@ class Tangents:
         geometric: the directions that move nodes or turn crystals.
         gradients: derivative of the turned shape gradients for those, (g, n_cells, n_gauss, n, 3).
         weighted: derivative of their products with the weights, same shape.
+        lengthening: relative change of the length of each interval, (n_times - 1, k).
+        longer_step: change of the constants of each grain that does what a relatively longer
+            step does, (n_grains, 16).
     """
 
     law: PointTangents
@@ -89,11 +92,21 @@ class Tangents:
     geometric: IntArray
     gradients: FloatArray
     weighted: FloatArray
+    lengthening: FloatArray
+    longer_step: FloatArray
 
     @property
     def count(self) -> int:
         """Number of directions."""
         return int(self.law.local.shape[1])
+
+    def law_over(self, interval: int) -> PointTangents:
+        """Derivative of the law in the steps of an interval, each of which keeps its share."""
+        longer = self.lengthening[interval]
+        if not longer.any():
+            return self.law
+        change = longer[:, None] * self.longer_step[:, None]
+        return replace(self.law, local=self.law.local + change)
 
 
 def build_problem(simulation: Simulation, element: Element | None = None) -> Problem:
@@ -163,6 +176,7 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
     rotations, skins = [np.zeros_like(points.rotation)], [np.zeros_like(points.skin)]
     turn, skinned = np.zeros(k, dtype=np.int64), np.zeros(k, dtype=np.int64)
     geometric, gradients, weighted = [], [], []
+    lengthening = np.zeros((len(simulation.times) - 1, k))
     starts = np.zeros((*problem.state.shape, k))
     plain, _ = shape_gradients(mesh.points, mesh.cells, problem.element)
     for index, direction in enumerate(simulation.directions):
@@ -171,6 +185,8 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
                 local[:, index] += rate * local_tangent(simulation.material, mesh.n_grains, name)
         if direction.motion is not None:
             motion[:, :, index] = direction.motion[:, simulation.motion_mask]
+        if direction.times is not None:
+            lengthening[:, index] = np.diff(direction.times) / np.diff(simulation.times)
         moves = direction.points is not None
         if (
             direction.rotation is not None
@@ -204,6 +220,8 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
         geometric=np.array(geometric, dtype=np.int64),
         gradients=np.array(gradients).reshape(len(geometric), *shape),
         weighted=np.array(weighted).reshape(len(geometric), *shape),
+        lengthening=lengthening,
+        longer_step=longer_step_tangent(points.local),
     )
 
 

@@ -12,6 +12,7 @@ from solver_adapters.bundled.equilibrium import Equilibrium, NotConvergedError, 
 from solver_adapters.bundled.instants import Increment, Instant
 from solver_adapters.bundled.integration_error import stress_error
 from solver_adapters.bundled.law import NS
+from solver_adapters.bundled.points import PointTangents
 from solver_adapters.bundled.problem import Problem, Tangents
 from solver_adapters.bundled.statistics import Statistics
 from solver_adapters.interface import SolverError
@@ -72,7 +73,7 @@ class Stepper:
             trial = self._equilibrium.solve_step(
                 instant, np.zeros(p.prescribed.size), _NO_TIME, self._last
             )
-            return self._accept(instant, trial, begin, _NO_TIME, lambda _: still)
+            return self._accept(instant, trial, begin, _NO_TIME, lambda _: still, self.tangents.law)
         except NotConvergedError as failure:
             raise SolverError(
                 f"no equilibrium with the eigenstrain before loading: {failure}"
@@ -101,10 +102,18 @@ class Stepper:
         ends: FloatArray,
         motion: Callable[[float], FloatArray],
         motion_tangent: Callable[[float], FloatArray],
+        law: PointTangents,
     ) -> Instant:
         """Go through the ends of the asked steps; cut where needed, regrow afterwards.
 
         A step is cut where it does not converge, and where its error is above `accuracy`.
+
+        Args:
+            instant: where to begin.
+            ends: ends of the asked steps [s].
+            motion: prescribed motion at a time [s], (n_prescribed,).
+            motion_tangent: its derivative, (n_prescribed, k).
+            law: derivative of the law in these steps.
 
         Raises:
             SolverError: a step of 1/1024 of the asked size does not converge; the message names
@@ -112,7 +121,7 @@ class Stepper:
         """
         self._differentiation.keep(instant)
         for end in ends:
-            instant = self._reach(instant, float(end), motion, motion_tangent)
+            instant = self._reach(instant, float(end), motion, motion_tangent, law)
         return instant
 
     def _reach(
@@ -121,6 +130,7 @@ class Stepper:
         end: float,
         motion: Callable[[float], FloatArray],
         motion_tangent: Callable[[float], FloatArray],
+        law: PointTangents,
     ) -> Instant:
         whole = end - instant.time
         size = whole
@@ -147,7 +157,7 @@ class Stepper:
                 self.statistics.refinements += 1
                 size *= 0.5
                 continue
-            instant = self._accept(instant, trial, target, dt, motion_tangent)
+            instant = self._accept(instant, trial, target, dt, motion_tangent, law)
             self.statistics.steps += 1
             self.statistics.ends.append(target)
             if self.accuracy is None or error < 0.5 * self.accuracy:
@@ -161,6 +171,7 @@ class Stepper:
         end: float,
         dt: float,
         motion_tangent: Callable[[float], FloatArray],
+        law: PointTangents,
     ) -> Instant:
         """The instant at the end of a converged step, with its derivatives."""
         p = self.problem
@@ -169,7 +180,7 @@ class Stepper:
         du, dstate, dforce = instant.du, instant.dstate, instant.dforce
         if self.tangents.count:
             du, dstate, dforce = self._differentiation.derive(
-                instant, trial, dt, motion_tangent(end)
+                instant, trial, dt, motion_tangent(end), law
             )
         force = float(trial.forces[p.pulled].sum())
         slip, P = instant.slip, instant.P

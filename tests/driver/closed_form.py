@@ -114,6 +114,8 @@ def stepped(simulation: Simulation, direction: Direction, step: float) -> Simula
     if direction.points is not None:
         moved = replace(mesh, points=mesh.points + step * direction.points)
         simulation = replace(simulation, mesh=moved)
+    if direction.times is not None:
+        simulation = replace(simulation, times=simulation.times + step * direction.times)
     return simulation
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from driver.boundary import elongation_names, tilt_names
 from driver.history import History, turning_points
+from driver.hold_time import HOLD
 from driver.model import ForwardModel, declared_parameters
 from driver.prediction import Prediction
 from driver.specimen import build_model, geometry_of
@@ -120,6 +121,26 @@ def test_every_direction_acts_on_the_data(prediction: Prediction) -> None:
     for row, name in enumerate(STEPS):
         acts = np.abs(prediction.d_load[row]).max() + np.abs(prediction.d_surface[row]).max()
         assert acts > 0 or name in CARRIED, name
+
+
+def test_the_derivative_for_the_length_of_the_holds_is_that_of_two_simulations(
+    model: ForwardModel, values: dict[str, float]
+) -> None:
+    """One hold of 10 s before the third image; what follows it comes later and keeps its speed."""
+    prompt = values | {"load_lag": 0.0}
+    found = model.predict(prompt, ("tau0", HOLD))
+    (direction,) = model.simulation(prompt, (HOLD,)).directions
+    assert direction.times is not None and direction.scale == 5.0
+    np.testing.assert_allclose(direction.times, [0, 0, 0, 1, 1, 1])
+    high, low = (model.predict(prompt | {HOLD: error}) for error in (0.01, -0.01))
+    for derivative, above, below in (
+        (found.d_load[1], high.load, low.load),
+        (found.d_surface[1], high.surface, low.surface),
+    ):
+        slope = (above - below) / 0.02
+        assert np.abs(slope).max() > 0
+        np.testing.assert_allclose(derivative, slope, rtol=0, atol=1e-6 * np.abs(slope).max())
+    assert not found.d_load[1, :2].any() and found.d_load[1, 2:].all()
 
 
 def test_free_parameters_do_not_change_the_prediction(

@@ -70,6 +70,14 @@ BROKEN: list[tuple[Simulation, str]] = [
         f"points of direction 'a' has shape (1, 3); expected ({N}, 3)",
     ),
     (
+        along(times=np.zeros(2)),
+        "times of direction 'a' has shape (2,); expected (3,)",
+    ),
+    (
+        along(times=np.array([0.0, NAN, 1.0])),
+        "times of direction 'a' holds 1 values that are not finite; expected finite",
+    ),
+    (
         along(points=np.full((N, 3), NAN)),
         f"points of direction 'a' holds {3 * N} values that are not finite; expected finite",
     ),

@@ -15,7 +15,7 @@ import pytest
 from solver_adapters import finite_differences
 from solver_adapters.bundled import equilibrium
 from solver_adapters.bundled.adapter import BundledAdapter
-from solver_adapters.finite_differences import FiniteDifferences
+from solver_adapters.finite_differences import FiniteDifferences, shifted
 from solver_adapters.interface import (
     Adapter,
     BadSimulationError,
@@ -65,6 +65,9 @@ def _specimen() -> Simulation:
     return pulled(box(), material, (0.001, 0.004, 0.0075, 0.0065, 0.004, 0.01), tolerance=1e-10)
 
 
+CLOCK = Direction("clock", times=np.array([0.0, 0.0, 0.3, 0.8, 0.8, 0.9, 1.4]), scale=0.3)
+
+
 def _directions(simulation: Simulation) -> tuple[Direction, ...]:
     """One of each kind; scales as the driver declares them."""
     x, y, z = simulation.mesh.points.T
@@ -82,6 +85,7 @@ def _directions(simulation: Simulation) -> tuple[Direction, ...]:
         Direction("gradient", lattice_gradient=turns, scale=0.02),
         Direction("knot", motion=knot, scale=0.01),
         Direction("nodes", points=bump, scale=0.1),
+        CLOCK,
         Direction("mixed", material={"c": 40e3}, rotation=turns, motion=0.01 * knot, scale=0.03),
     )
 
@@ -141,6 +145,34 @@ def test_the_runs_beside_repeat_the_steps_of_the_asked_one(
     direct = BundledAdapter().solve(replace(adaptive, steps=response.ends, accuracy=None))
     for k in range(2):
         assert _worst(response.d_force[k], direct.d_force[k]) < 0.01
+
+
+def test_time_steps_keep_their_share_of_an_interval_that_becomes_longer(
+    specimen: Simulation,
+) -> None:
+    assert shifted(specimen, CLOCK, 0.5).steps is None
+    steps = np.array([0.25, 1.0, 1.5, 2.0, 2.2, 3.0, 4.0, 5.0, 6.0])
+    longer = shifted(replace(specimen, steps=steps), CLOCK, 0.5)
+    np.testing.assert_allclose(longer.times, [0, 1, 2.15, 3.4, 4.4, 5.45, 6.7])
+    assert longer.steps is not None
+    expected = [0.25, 1, 1.575, 2.15, 2.4, 3.4, 4.4, 5.45, 6.7]
+    np.testing.assert_allclose(longer.steps, expected)
+
+
+def test_along_the_clock_the_runs_beside_take_the_steps_of_the_asked_one_on_their_own(
+    specimen: Simulation,
+) -> None:
+    adaptive = replace(specimen, accuracy=2.0, directions=(CLOCK,))
+    solver = Underived()
+    response = FiniteDifferences(solver).solve(adaptive)
+    assert response.refinements > 0 and response.notes == ()
+    for simulation, answer in zip(solver.asked[1:], solver.answers[1:], strict=True):
+        assert not np.array_equal(simulation.times, specimen.times)
+        ends = np.interp(response.ends, specimen.times, simulation.times)
+        np.testing.assert_allclose(answer.ends, ends, rtol=1e-12)
+    direct = BundledAdapter().solve(adaptive)
+    assert _worst(response.d_force[0], direct.d_force[0]) < 0.01
+    assert _worst(response.d_displacement[0], direct.d_displacement[0]) < 0.01
 
 
 @dataclass(eq=False)

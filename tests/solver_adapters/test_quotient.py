@@ -88,3 +88,8 @@ def test_runs_with_other_time_steps_are_doubted() -> None:
     assert not found.same_steps
     doubt = found.doubts(DIRECTION)[-1]
     assert "took other time steps than the asked one" in doubt
+
+
+def test_the_digits_of_a_file_make_no_other_time_steps() -> None:
+    base, other = (response(0.0, ends=ends) for ends in ((1.2345678, 2.0), (1.234568, 2.0)))
+    assert slope_through(base, ((0.1, base), (-0.1, other)), 1e-9).same_steps

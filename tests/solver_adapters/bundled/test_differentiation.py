@@ -43,7 +43,7 @@ class Run:
         """The instant at the end of a step, with its derivatives."""
         trial = self.trials[step]
         du, dstate, dforce = differentiation.derive(
-            instant, trial, 1.0, self.motion_tangents[step + 1]
+            instant, trial, 1.0, self.motion_tangents[step + 1], self.tangents.law
         )
         return Instant(step + 1.0, trial.u, trial.H, trial.state, 0.0, du, dstate, dforce)
 

@@ -9,6 +9,8 @@ from solver_adapters.bundled.fields import AT_REST
 from solver_adapters.bundled.law import (
     CONJUGATE_MODES,
     P_ASYMMETRY,
+    P_K,
+    P_N,
     P_TAU110,
     P_TAU112,
     SCHMID_MODES,
@@ -16,6 +18,7 @@ from solver_adapters.bundled.law import (
     TWINNING_SENSE,
     local_parameters,
     local_tangent,
+    longer_step_tangent,
 )
 from solver_adapters.crystal import schmid_tensors, slip_systems
 from solver_adapters.material import MATERIAL_PARAMETERS, Material
@@ -88,3 +91,16 @@ def test_the_tangent_of_the_local_constants_is_their_difference_quotient(name: s
     expected = (high - low) / (2 * step)
     assert abs(expected).max() > 0
     np.testing.assert_allclose(local_tangent(MATERIAL, 3, name), expected, rtol=1e-9, atol=1e-9)
+
+
+def test_a_longer_step_keeps_its_product_with_the_power_of_K() -> None:
+    """Δt K⁻ⁿ of a step that is longer by 1e-6 is that of K changed by the tangent."""
+    table = local_parameters(MATERIAL, 3)
+    tangent = longer_step_tangent(table)
+    K, n = table[:, P_K], table[:, P_N]
+    step = 1e-6
+    longer = np.log1p(step) - n * np.log(K)
+    softer = -n * np.log(K + step * tangent[:, P_K])
+    np.testing.assert_allclose(longer, softer, rtol=0, atol=n.max() * step**2)
+    tangent[:, P_K] = 0.0
+    assert not tangent.any()

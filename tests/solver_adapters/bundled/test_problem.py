@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from solver_adapters.bundled.assembly import displacement_gradients, element_forces
-from solver_adapters.bundled.law import S_ACC, S_X2, local_parameters
+from solver_adapters.bundled.law import S_ACC, S_X2, local_parameters, longer_step_tangent
 from solver_adapters.bundled.problem import Problem, build_problem, build_tangents
 from solver_adapters.interface import Direction, Simulation
 from solver_adapters.material import Material
@@ -144,6 +144,27 @@ def test_tangents_are_difference_quotients_of_the_problem(simulation: Simulation
     stiffer = local_parameters(replace(material, K=material.K + 1.0), 2)
     np.testing.assert_allclose(
         tangents.law.local[:, 0], stiffer - local_parameters(material, 2), atol=1e-10
+    )
+
+
+def test_the_law_follows_times_over_the_intervals_that_change_their_length() -> None:
+    """The second of three intervals grows by a tenth for each unit; the first only shifts."""
+    simulation = pulled(BOXES["tet10"](), Material(), (0.001, 0.002, 0.003), interval=5.0)
+    shifted = Direction("shifted", times=np.array([2.0, 2.0, 2.5, 2.5]))
+    simulation = replace(simulation, directions=(Direction("K", material={"K": 1.0}), shifted))
+    problem = build_problem(simulation)
+    tangents = build_tangents(simulation, problem)
+    np.testing.assert_allclose(
+        tangents.lengthening, [[0.0, 0.0], [0.0, 0.1], [0.0, 0.0]], atol=1e-15
+    )
+    for interval in (0, 2):
+        assert tangents.law_over(interval) is tangents.law
+    assert tangents.law.constant.tolist() == [False, True]
+    longer = tangents.law_over(1)
+    assert not longer.constant.any()
+    np.testing.assert_array_equal(longer.local[:, 0], tangents.law.local[:, 0])
+    np.testing.assert_allclose(
+        longer.local[:, 1], 0.1 * longer_step_tangent(problem.points.local), rtol=1e-14
     )
 
 

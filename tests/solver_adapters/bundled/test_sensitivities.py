@@ -34,7 +34,14 @@ MATERIAL_STEP = 2e-5
 # Parameters that cannot be below their null.
 NOT_NEGATIVE = ("h_latent", "Q_latent", "c2")
 SCHEMES = pytest.mark.parametrize("integration", ["exponential", "backward_euler"])
-STEP = {"rotation": 1e-5, "gradient": 1e-5, "points": 1e-5, "motion": 2e-8, "mixed": 3e-7}
+STEP = {
+    "rotation": 1e-5,
+    "gradient": 1e-5,
+    "points": 1e-5,
+    "motion": 2e-8,
+    "mixed": 3e-7,
+    "times": 1e-4,
+}
 
 
 BASELINE = Material(Q=10.0, tau0_112=1.05, tau0_grain2=0.95, C44_scale=0.97)
@@ -85,6 +92,7 @@ def _directions(simulation: Simulation) -> tuple[Direction, ...]:
         lattice_gradient=np.array([[0.2, 0.1, 0.0], [0.1, 0.0, -0.3]]),
         motion=0.1 * motion,
         points=0.5 * bump * [0.2, 0.0, 1.0],
+        times=0.3 * _times(simulation),
     )
     return (
         *(_material(name) for name in MATERIAL_PARAMETERS),
@@ -92,8 +100,14 @@ def _directions(simulation: Simulation) -> tuple[Direction, ...]:
         Direction("gradient", lattice_gradient=np.array([[0.3, -0.2, 0.5], [-0.1, 0.4, 0.2]])),
         Direction("motion", motion=motion),
         Direction("points", points=bump * [1.0, -0.5, 0.7]),
+        Direction("times", times=_times(simulation)),
         mixed,
     )
+
+
+def _times(simulation: Simulation) -> FloatArray:
+    """A change of the instants: another one of each interval."""
+    return np.asarray(np.sin(0.7 + 1.3 * simulation.times))
 
 
 def _moved(simulation: Simulation, direction: Direction, step: float) -> Simulation:
@@ -115,12 +129,18 @@ def _moved(simulation: Simulation, direction: Direction, step: float) -> Simulat
         motion = motion + step * direction.motion
     if direction.points is not None:
         mesh = replace(mesh, points=mesh.points + step * direction.points)
+    times, steps = simulation.times, simulation.steps
+    if direction.times is not None:
+        times = times + step * direction.times
+        steps = None if steps is None else np.interp(steps, simulation.times, times)
     return replace(
         simulation,
         mesh=mesh,
         material=material,
         orientations=orientations,
         lattice_gradient=gradient,
+        times=times,
+        steps=steps,
         motion=motion,
         directions=(),
     )
@@ -165,7 +185,13 @@ def _central(
     )
 
 
-def _compare(response: Response, k: int, name: str, slope: tuple[FloatArray, ...]) -> None:
+def _compare(
+    response: Response,
+    k: int,
+    name: str,
+    slope: tuple[FloatArray, ...],
+    tolerance: float = TOLERANCE,
+) -> None:
     for found, expected in zip(
         (response.d_force[k], response.d_displacement[k]), slope, strict=True
     ):
@@ -176,7 +202,7 @@ def _compare(response: Response, k: int, name: str, slope: tuple[FloatArray, ...
             continue
         assert scale > 0
         np.testing.assert_allclose(
-            found, expected, rtol=0, atol=TOLERANCE * scale, err_msg=f"along {name}"
+            found, expected, rtol=0, atol=tolerance * scale, err_msg=f"along {name}"
         )
 
 
@@ -237,6 +263,54 @@ def test_derivatives_with_latent_hardening_alone_are_difference_quotients(
     for k, direction in enumerate(directions):
         step = MATERIAL_STEP * getattr(simulation.material, direction.name)
         _compare(response, k, direction.name, _central(simulation, direction, step, response))
+
+
+def _held(measure: StrainMeasure, integration: Integration) -> Simulation:
+    """Pulled beyond yield and held, unloaded into compression and held, two steps each."""
+    simulation = _simulation(measure, (0.004, 0.008, 0.008, 0.008, -0.001, -0.001), GENERAL)
+    times = np.array([0.0, 4.0, 8.0, 12.0, 38.0, 42.0, 72.0])
+    return replace(simulation, times=times, integration=integration, steps_per_interval=2)
+
+
+HOLDS = Direction("holds", times=np.array([0.0, 0.0, 0.0, 2 / 15, 1.0, 1.0, 2.0]))
+
+
+@SCHEMES
+def test_derivatives_along_the_lengths_of_holds_are_difference_quotients(
+    measure: StrainMeasure, integration: Integration
+) -> None:
+    simulation = _held(measure, integration)
+    response = BundledAdapter().solve(replace(simulation, directions=(HOLDS,)))
+    assert not response.d_force[0, :3].any() and response.d_force[0, 3:].all()
+    slope = _central(simulation, HOLDS, 0.01, response)
+    _compare(response, 0, "holds", slope, 1e-6)
+
+
+def test_derivatives_along_the_times_keep_the_share_of_given_steps(
+    measure: StrainMeasure,
+) -> None:
+    """Steps that refined themselves, as the difference quotient takes them too."""
+    asked = replace(_held(measure, "exponential"), accuracy=2.0, directions=(HOLDS,))
+    refined = BundledAdapter().solve(asked)
+    assert refined.refinements > 0
+    given = replace(asked, accuracy=None, steps=refined.ends)
+    response = BundledAdapter().solve(given)
+    for found, expected in ((response, refined), (refined, response)):
+        _compare(found, 0, "holds", (expected.d_force[0], expected.d_displacement[0]), 1e-7)
+    _compare(response, 0, "holds", _central(given, HOLDS, 0.01, response), 1e-6)
+
+
+@SCHEMES
+def test_a_longer_test_is_one_of_less_viscosity(
+    measure: StrainMeasure, integration: Integration
+) -> None:
+    """Times enter with K alone, as Δt K⁻ⁿ."""
+    simulation = _held(measure, integration)
+    K, n = simulation.material.K, simulation.material.n
+    directions = (Direction("times", times=simulation.times), _material("K"))
+    response = BundledAdapter().solve(replace(simulation, directions=directions))
+    expected = -K / n * response.d_force[1], -K / n * response.d_displacement[1]
+    _compare(response, 0, "times", expected, 1e-12)
 
 
 def test_asking_for_derivatives_does_not_change_the_answer() -> None:

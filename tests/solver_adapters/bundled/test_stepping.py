@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,7 +36,13 @@ class Pulled:
 
     def advance(self, *ends: float, instant: Instant | None = None) -> Instant:
         start = self.stepper.start(0.0) if instant is None else instant
-        return self.stepper.advance(start, np.array(ends), self.motion, _no_tangent)
+        return self.course(start, ends, self.motion)
+
+    def course(
+        self, start: Instant, ends: Sequence[float], motion: Callable[[float], FloatArray]
+    ) -> Instant:
+        law = self.stepper.tangents.law
+        return self.stepper.advance(start, np.array(ends), motion, _no_tangent, law)
 
 
 def _no_tangent(time: float) -> FloatArray:
@@ -115,7 +122,7 @@ def test_moves_and_holds_are_remembered_apart() -> None:
     def hold(time: float) -> FloatArray:
         return 0.5 * case.speed
 
-    held = case.stepper.advance(instant, np.array([0.9]), hold, _no_tangent)
+    held = case.course(instant, [0.9], hold)
     last = case.stepper.last
     assert set(last) == {True, False}
     np.testing.assert_array_equal(last[True].du, instant.u)
@@ -128,7 +135,7 @@ def test_moves_and_holds_are_remembered_apart() -> None:
 def test_a_hold_relaxes_the_force() -> None:
     case = _pulled(PLASTIC)
     instant = case.advance(0.5, 1.0)
-    held = case.stepper.advance(instant, np.array([2.0, 20.0]), lambda _: case.speed, _no_tangent)
+    held = case.course(instant, [2.0, 20.0], lambda _: case.speed)
     assert 0.5 * instant.force < held.force < instant.force
 
 
