@@ -14,6 +14,7 @@ from solver_adapters.bundled import restart
 from solver_adapters.bundled.cell_fields import WIDTHS, cell_fields
 from solver_adapters.bundled.identity import solver_hash
 from solver_adapters.bundled.problem import Problem, build_problem, build_tangents
+from solver_adapters.bundled.spanned import spanned
 from solver_adapters.bundled.stepping import Stepper
 from solver_adapters.interface import (
     Capabilities,
@@ -32,6 +33,7 @@ from solver_adapters.validation import refuse_bad_simulation
 FloatArray = NDArray[np.float64]
 
 _BETWEEN_CHECKPOINTS = 60.0  # s
+_BETWEEN_KEPT = 1.0  # s; what an interruption within an interval may lose
 
 
 class BundledAdapter:
@@ -117,7 +119,6 @@ class Run:
 
     Attributes:
         index: the last instant reached.
-        checkpoint: what is needed to go on from there.
     """
 
     def __init__(
@@ -126,7 +127,8 @@ class Run:
         problem: Problem,
         checkpoint: restart.Checkpoint | None = None,
     ) -> None:
-        self.simulation = simulation
+        self._spanned = spanned(simulation)
+        self.simulation = simulation = self._spanned.simulation
         self.problem = problem
         self.tangents = build_tangents(simulation, problem)
         self.stepper = Stepper(
@@ -160,10 +162,20 @@ class Run:
         else:
             self.index, self._instant = 0, self._start
             self._book()
-        self.checkpoint = self._at_instant()
+        self._kept, self._kept_at, self._under_way = self._at_instant(), -math.inf, False
+
+    @property
+    def checkpoint(self) -> restart.Checkpoint:
+        """What is needed to go on: from the last instant, within an interval from one before it."""
+        return self._kept if self._under_way else self._at_instant()
 
     def advance(self) -> None:
         """Go to the next instant."""
+        if time.monotonic() - self._kept_at > _BETWEEN_KEPT:
+            # Not more often: derivatives that are kept have to be copied before they are changed.
+            self._kept, self._kept_at = self._at_instant(), time.monotonic()
+            self.stepper.keep(self._instant)
+        self._under_way = True
         s = self.simulation
         begin, end = s.times[self.index], s.times[self.index + 1]
         ends = self._ends[(self._ends > begin) & (self._ends <= end)]
@@ -176,7 +188,7 @@ class Run:
         )
         self.index += 1
         self._book()
-        self.checkpoint = self._at_instant()
+        self._under_way = False
 
     def _at_instant(self) -> restart.Checkpoint:
         """What is needed to go on from the last instant."""
@@ -198,7 +210,7 @@ class Run:
         cells = None
         if self.simulation.cell_fields:
             cells = CellFields(**{name: rows[name][:done] for name in WIDTHS})
-        return Response(
+        response = Response(
             rows["displacement"][:done],
             rows["force"][:done],
             rows["d_displacement"][:, :done],
@@ -211,6 +223,7 @@ class Run:
             s.seconds,
             cells,
         )
+        return self._spanned.whole(response)
 
     def _book(self) -> None:
         """Keep what is wanted at this instant; displacements count from the first instant."""

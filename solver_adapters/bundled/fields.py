@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from meshes.cells import outer_triangles
 from solver_adapters.bundled.element import (
@@ -90,7 +89,7 @@ def frame_change(simulation: Simulation, element: Element, direction: Direction)
     spins = np.zeros((mesh.n_grains, 3), dtype=np.complex128)
     if direction.rotation is not None:
         spins += 1j * _STEP * direction.rotation
-    orientations = expm(_spin(spins)) @ simulation.orientations
+    orientations = _turns(spins) @ simulation.orientations
     if not _varies(simulation):
         return np.ascontiguousarray(orientations.imag / _STEP)
     gradient = _gradient(simulation).astype(np.complex128)
@@ -190,11 +189,15 @@ def _rotations(
     np.add.at(moment, grain, volume * y)
     np.add.at(whole, grain, volume)
     spins = gradient[grain] * (y - (moment / whole)[grain])[:, None]
-    return np.asarray(expm(_spin(spins)) @ orientations[grain])
+    return np.asarray(_turns(spins) @ orientations[grain])
 
 
-def _spin(vectors: AnyArray) -> AnyArray:
-    """Cross-product matrices of vectors (n, 3) → (n, 3, 3)."""
+def _turns(vectors: AnyArray) -> AnyArray:
+    """Matrices (n, 3, 3) of rotation vectors (n, 3) by Rodrigues' formula, complex as those."""
     x, y, z = vectors.T
     null = np.zeros_like(x)
-    return np.stack([null, -z, y, z, null, -x, -y, x, null], axis=1).reshape(-1, 3, 3)
+    spin = np.stack([null, -z, y, z, null, -x, -y, x, null], axis=1).reshape(-1, 3, 3)
+    angle = np.sqrt(x * x + y * y + z * z)[:, None, None]
+    half = np.sinc(angle / (2.0 * np.pi))
+    turned = np.sinc(angle / np.pi) * spin + 0.5 * half**2 * (spin @ spin)
+    return np.asarray(np.eye(3) + turned)

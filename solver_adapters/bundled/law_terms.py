@@ -131,6 +131,8 @@ def hardening_derivative(w: FloatArray, p: FloatArray, coupled: bool, dp: FloatA
     whole = coupled or not hard or dp[P_LATENT] != 0.0
     for r in range(NS):
         total, rest = w[ACC0 + r] + w[SLIP + r], w[UNHARDENED + r]
+        if total == 0.0:
+            continue
         rise, change = 1.0 - rest, rest * dp[P_B] * total
         if whole:
             for s in range(NS):

@@ -323,6 +323,8 @@ def follow(
         n = dH.shape[0]
         moved = np.empty(width)
         for i in range(chunk * n // _CHUNKS, (chunk + 1) * n // _CHUNKS):
+            if not np.any(gains[i, 2]):
+                continue  # at rest
             h = dH[i]
             for m in range(9):
                 _combine(by_state[i], m, h, moved)

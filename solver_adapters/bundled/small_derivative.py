@@ -186,10 +186,12 @@ def derivatives(
     weigh_rows(w, b, coupled, moving, count, width)
     advance_states(w, b, gains, moving, count, dstate, first, width)
     add(b, B_STRESS, B_CHANGE, 1.0, 5, width)
-    for k in range(5):
-        mu, t, stress = mu0 if k < 2 else mu1, B_TRIAL + LANES * k, B_STRESS + LANES * k
-        for m in range(width):
-            dstate[k, first + m] = b[t + m] - b[stress + m] / mu
+    if count > 0:
+        # What has not slipped keeps its plastic strain.
+        for k in range(5):
+            mu, t, stress = mu0 if k < 2 else mu1, B_TRIAL + LANES * k, B_STRESS + LANES * k
+            for m in range(width):
+                dstate[k, first + m] = b[t + m] - b[stress + m] / mu
     bulk = p[P_C11] + 2.0 * p[P_C12]
     for m in range(width):
         b[B_STRESS + 5 * LANES + m] = bulk * b[B_TRIAL + 5 * LANES + m]
@@ -197,10 +199,11 @@ def derivatives(
         if not constant[first + m]:
             d = dp[first + m]
             advance_constants(w, p, exponential, d, moving, count, dstate, first + m)
-            for k in range(5):
-                mu, dmu = (mu0, d[P_C11] - d[P_C12]) if k < 2 else (mu1, 2.0 * d[P_C44])
-                t, stress = B_TRIAL + LANES * k + m, B_STRESS + LANES * k + m
-                dstate[k, first + m] = b[t] - (b[stress] - dmu * w[ELASTIC + k]) / mu
+            if count > 0:
+                for k in range(5):
+                    mu, dmu = (mu0, d[P_C11] - d[P_C12]) if k < 2 else (mu1, 2.0 * d[P_C44])
+                    t, stress = B_TRIAL + LANES * k + m, B_STRESS + LANES * k + m
+                    dstate[k, first + m] = b[t] - (b[stress] - dmu * w[ELASTIC + k]) / mu
             b[B_STRESS + 5 * LANES + m] += (d[P_C11] + 2.0 * d[P_C12]) * w[VOLUME]
     for i in range(9):
         for k in range(6):

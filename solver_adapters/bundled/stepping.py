@@ -96,6 +96,10 @@ class Stepper:
         """The last increments, by whether the boundary moved."""
         return self._last
 
+    def keep(self, instant: Instant) -> None:
+        """Leave this instant, and no longer another one, as it is in the steps that follow."""
+        self._differentiation.keep(instant)
+
     def advance(
         self,
         instant: Instant,
@@ -119,7 +123,6 @@ class Stepper:
             SolverError: a step of 1/1024 of the asked size does not converge; the message names
                 time, element and grain.
         """
-        self._differentiation.keep(instant)
         for end in ends:
             instant = self._reach(instant, float(end), motion, motion_tangent, law)
         return instant

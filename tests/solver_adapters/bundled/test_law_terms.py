@@ -11,7 +11,6 @@ from solver_adapters.bundled.law import (
     CONJUGATE_MODES,
     FIRST_112,
     N_LOCAL,
-    N_STATE,
     NS,
     P_A1,
     P_B,
@@ -19,65 +18,27 @@ from solver_adapters.bundled.law import (
     P_D2,
     P_LATENT,
     P_Q,
-    S_ACC,
-    S_X2,
     SCHMID_MODES,
 )
-from solver_adapters.interface import FloatArray
-
-STEP = 1e-30
-RNG = np.random.default_rng(7)
-SIGN = RNG.choice([-1.0, 1.0], NS)
-SLIP = np.where(RNG.random(NS) < 0.6, 10.0 ** RNG.uniform(-6.0, -2.0, NS), 0.0)
-ACCUMULATED = RNG.uniform(0.0, 2e-2, NS)
-SECOND = RNG.uniform(-2e-3, 2e-3, NS)
-TAU, OTHER = RNG.uniform(-90.0, 90.0, NS), RNG.uniform(-40.0, 40.0, NS)
-H = RNG.uniform(0.2, 1.8, (NS, NS))
-
-COUPLED = pytest.mark.parametrize("coupled", [True, False])
-SCHEMES = pytest.mark.parametrize("exponential", [True, False], ids=["exponential", "Euler"])
-
-
-def row(w: FloatArray, offset: int) -> FloatArray:
-    return w[offset : offset + NS]
-
-
-def workspace(coupled: bool = True) -> FloatArray:
-    w = np.zeros(rows.N_SLIP_ROWS + 3 * 5 * NS)
-    given = {
-        rows.SIGN: SIGN, rows.SLIP: SLIP, rows.ACC0: ACCUMULATED, rows.X20: SECOND,
-        rows.TAU: TAU, rows.OTHER: OTHER,
-    }  # fmt: skip
-    for offset, values in given.items():
-        row(w, offset)[:] = values
-    w[rows.INTERACTION : rows.INTERACTION + NS * NS] = (H if coupled else np.eye(NS)).ravel()
-    return w
-
-
-def constants(coupled: bool = True) -> FloatArray:
-    p = np.zeros(N_LOCAL)
-    p[[P_Q, P_B, P_C2, P_D2, P_A1]] = 15.0, 40.0, 4000.0, 120.0, 0.3
-    p[P_LATENT] = 6.0 if coupled else 0.0
-    return p
-
-
-def moduli(p: FloatArray, coupled: bool) -> FloatArray:
-    """Q h and the latent hardening beside its diagonal; alone systems have the identity for h."""
-    h = H if coupled else np.eye(NS)
-    return np.asarray(p[P_Q] * h + p[P_LATENT] * (1.0 - np.eye(NS)))
-
-
-def hardening(p: FloatArray, total: FloatArray, coupled: bool) -> FloatArray:
-    """Σ_r M_sr (1 − exp(−b p_r)), complex numbers included."""
-    return np.asarray(moduli(p, coupled) @ (1.0 - np.exp(-p[P_B] * total)))
-
-
-def second(p: FloatArray, start: FloatArray, exponential: bool) -> FloatArray:
-    """S x2 at the end of the step from S x2 at its start."""
-    d, g = p[P_D2], SLIP
-    if not exponential:
-        return np.asarray((start + g) / (1.0 + d * g))
-    return np.asarray(1.0 / d + (start - 1.0 / d) * np.exp(-d * g))
+from tests.solver_adapters.bundled.slip_workspace import (
+    ACCUMULATED,
+    COUPLED,
+    OTHER,
+    RNG,
+    SCHEMES,
+    SECOND,
+    SIGN,
+    SLIP,
+    STEP,
+    TAU,
+    constants,
+    hardening,
+    moduli,
+    row,
+    second,
+    second_left,
+    workspace,
+)
 
 
 @COUPLED
@@ -94,22 +55,16 @@ def test_hardening_and_its_slopes(coupled: bool) -> None:
 
 
 @COUPLED
-@pytest.mark.parametrize("name", ["Q", "b", "latent", "history"])
+@pytest.mark.parametrize("name", ["Q", "b", "latent"])
 def test_the_derivative_of_hardening_is_that_of_the_complex_step(name: str, coupled: bool) -> None:
     w, p = workspace(coupled), constants(coupled)
-    dp, dstate = np.zeros(N_LOCAL), np.zeros(N_STATE)
+    dp, turned = np.zeros(N_LOCAL), p.astype(complex)
     row(w, rows.UNHARDENED)[:] = np.exp(-p[P_B] * (ACCUMULATED + SLIP))
-    rate = RNG.normal(size=NS)
-    total, turned = (ACCUMULATED + SLIP).astype(complex), p.astype(complex)
-    if name == "history":
-        dstate[S_ACC : S_ACC + NS] = rate
-        total += 1j * STEP * rate
-    else:
-        index = {"Q": P_Q, "b": P_B, "latent": P_LATENT}[name]
-        dp[index] = 0.7
-        turned[index] += 1j * STEP * 0.7
-    law_terms.hardening_derivative(w, p, coupled, dp, dstate)
-    expected = -hardening(turned, total, coupled).imag / STEP
+    index = {"Q": P_Q, "b": P_B, "latent": P_LATENT}[name]
+    dp[index] = 0.7
+    turned[index] += 1j * STEP * 0.7
+    law_terms.hardening_derivative(w, p, coupled, dp)
+    expected = -hardening(turned, ACCUMULATED + SLIP, coupled).imag / STEP
     np.testing.assert_allclose(row(w, rows.EXPLICIT), expected, rtol=1e-12, atol=1e-12)
 
 
@@ -119,7 +74,7 @@ def test_the_first_hardening_of_a_law_without_any_is_felt_by_all_systems(index: 
     w, p, dp = workspace(), constants(), np.zeros(N_LOCAL)
     p[[P_Q, P_LATENT]], dp[index] = 0.0, 1.0
     row(w, rows.UNHARDENED)[:] = np.exp(-p[P_B] * (ACCUMULATED + SLIP))
-    law_terms.hardening_derivative(w, p, False, dp, np.zeros(N_STATE))
+    law_terms.hardening_derivative(w, p, False, dp)
     p[index] = 1.0
     expected = -hardening(p, ACCUMULATED + SLIP, True)
     np.testing.assert_allclose(row(w, rows.EXPLICIT), expected, rtol=1e-13)
@@ -144,22 +99,18 @@ def test_the_second_back_stress_resists_moving_systems_and_shifts_those_at_rest(
 
 
 @SCHEMES
-@pytest.mark.parametrize("name", ["c2", "d2", "history"])
+@pytest.mark.parametrize("name", ["c2", "d2"])
 def test_the_derivative_of_the_second_back_stress_is_that_of_the_complex_step(
     name: str, exponential: bool
 ) -> None:
-    w, p, dp, dstate = workspace(), constants(), np.zeros(N_LOCAL), np.zeros(N_STATE)
-    rate = RNG.normal(size=NS)
-    start, turned = (SIGN * SECOND).astype(complex), p.astype(complex)
-    if name == "history":
-        dstate[S_X2 : S_X2 + NS] = rate
-        start += 1j * STEP * SIGN * rate
-    else:
-        index = {"c2": P_C2, "d2": P_D2}[name]
-        dp[index] = 0.7
-        turned[index] += 1j * STEP * 0.7
-    law_terms.second_back_stress_derivative(w, p, exponential, dp, dstate)
-    expected = -(turned[P_C2] * second(turned, start, exponential)).imag / STEP
+    w, p, dp = workspace(), constants(), np.zeros(N_LOCAL)
+    turned = p.astype(complex)
+    index = {"c2": P_C2, "d2": P_D2}[name]
+    dp[index] = 0.7
+    turned[index] += 1j * STEP * 0.7
+    row(w, rows.LEFT2)[:] = second_left(p, exponential)
+    law_terms.second_back_stress_derivative(w, p, exponential, dp)
+    expected = -(turned[P_C2] * second(turned, SIGN * SECOND, exponential)).imag / STEP
     found = row(w, rows.EXPLICIT)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * abs(expected).max())
 
