@@ -148,29 +148,17 @@ def derivatives(
     first, width = bounded(first), bounded(width)
     mu0, mu1 = p[P_C11] - p[P_C12], 2.0 * p[P_C44]
     count = bounded(moving_systems(w, moving))
-    fetch(b, B_H, 9, dH, first, width)
-    clear(b, B_TRIAL, 6, width)
-    for k in range(6):
-        for i in range(9):
-            w[ROWS + i] = V[k, i]
-        sum9(b, B_TRIAL + LANES * k, B_H, w, ROWS, 1, width)
-    for m in range(width):
-        turned = turn[first + m]
-        if turned > 0:
-            strain_modes(w, SCRATCH_MODES, dframe[turned, frame], H)
-            for k in range(6):
-                b[B_TRIAL + LANES * k + m] += w[SCRATCH_MODES + k]
+    _trial_rows(w, b, H, frame, V, first, width, dH, turn, dframe)
     for k in range(5):
         mu, t, stress = mu0 if k < 2 else mu1, B_TRIAL + LANES * k, B_STRESS + LANES * k
         for m in range(width):
             b[stress + m] = mu * (b[t + m] - dstate[k, first + m])
-    history_derivatives(
-        w, b, p, exponential, coupled, moving, count, dstate, first, width
-    )  # fmt: skip
+    history_derivatives(w, b, p, exponential, coupled, moving, count, dstate, first, width)
     for m in range(width):
-        if not constant[first + m]:
-            _constants(w, b, moving, count, m, dt, p, skin, exponential, coupled, dp[first + m],
-                       dskin[skinned[first + m], point])  # fmt: skip
+        k = first + m
+        if not constant[k]:
+            shift = dskin[skinned[k], point]
+            _constants(w, b, moving, count, m, dt, p, skin, exponential, coupled, dp[k], shift)
     driving = DRIVING if p[P_A1] != 0.0 else SCHMID
     for a in range(count):
         s = moving[a]
@@ -186,36 +174,74 @@ def derivatives(
     weigh_rows(w, b, coupled, moving, count, width)
     advance_states(w, b, gains, moving, count, dstate, first, width)
     add(b, B_STRESS, B_CHANGE, 1.0, 5, width)
+    bulk = p[P_C11] + 2.0 * p[P_C12]
+    for m in range(width):
+        b[B_STRESS + 5 * LANES + m] = bulk * b[B_TRIAL + 5 * LANES + m]
     if count > 0:
         # What has not slipped keeps its plastic strain.
         for k in range(5):
             mu, t, stress = mu0 if k < 2 else mu1, B_TRIAL + LANES * k, B_STRESS + LANES * k
             for m in range(width):
                 dstate[k, first + m] = b[t + m] - b[stress + m] / mu
-    bulk = p[P_C11] + 2.0 * p[P_C12]
-    for m in range(width):
-        b[B_STRESS + 5 * LANES + m] = bulk * b[B_TRIAL + 5 * LANES + m]
     for m in range(width):
         if not constant[first + m]:
-            d = dp[first + m]
-            advance_constants(w, p, exponential, d, moving, count, dstate, first + m)
-            if count > 0:
-                for k in range(5):
-                    mu, dmu = (mu0, d[P_C11] - d[P_C12]) if k < 2 else (mu1, 2.0 * d[P_C44])
-                    t, stress = B_TRIAL + LANES * k + m, B_STRESS + LANES * k + m
-                    dstate[k, first + m] = b[t] - (b[stress] - dmu * w[ELASTIC + k]) / mu
-            b[B_STRESS + 5 * LANES + m] += (d[P_C11] + 2.0 * d[P_C12]) * w[VOLUME]
+            _finish_constants(w, b, moving, count, m, p, exponential, dp[first + m], dstate, first)
+    _stress_rows(w, b, frame, V, bulk, first, width, turn, dframe, dP)
+
+
+@kernel
+def _trial_rows(
+    w: FloatArray,
+    b: FloatArray,
+    H: FloatArray,
+    frame: int,
+    V: FloatArray,
+    first: int,
+    width: int,
+    dH: FloatArray,
+    turn: IntArray,
+    dframe: FloatArray,
+) -> None:
+    """Set B_TRIAL to V·dH + dV·H."""
+    fetch(b, B_H, 9, dH, first, width)
+    clear(b, B_TRIAL, 6, width)
+    for k in range(6):
+        for i in range(9):
+            w[ROWS + i] = V[k, i]
+        sum9(b, B_TRIAL + LANES * k, B_H, w, ROWS, 1, width)
+    for m in range(width):
+        turned = turn[first + m]
+        if turned > 0:
+            strain_modes(w, SCRATCH_MODES, dframe[turned, frame], H)
+            for k in range(6):
+                b[B_TRIAL + LANES * k + m] += w[SCRATCH_MODES + k]
+
+
+@kernel
+def _stress_rows(
+    w: FloatArray,
+    b: FloatArray,
+    frame: int,
+    V: FloatArray,
+    bulk: float,
+    first: int,
+    width: int,
+    turn: IntArray,
+    dframe: FloatArray,
+    dP: FloatArray,
+) -> None:
+    """Set dP to the tensors of the modes at B_STRESS, and to what turns make of the stress."""
+    first, width = bounded(first), bounded(width)
     for i in range(9):
-        for k in range(6):
-            w[ROWS + k] = V[k, i]
+        v0, v1, v2, v3, v4, v5 = V[0, i], V[1, i], V[2, i], V[3, i], V[4, i], V[5, i]
         for m in range(width):
             dP[i, first + m] = (
-                w[ROWS] * b[B_STRESS + m]
-                + w[ROWS + 1] * b[B_STRESS + LANES + m]
-                + w[ROWS + 2] * b[B_STRESS + 2 * LANES + m]
-                + w[ROWS + 3] * b[B_STRESS + 3 * LANES + m]
-                + w[ROWS + 4] * b[B_STRESS + 4 * LANES + m]
-                + w[ROWS + 5] * b[B_STRESS + 5 * LANES + m]
+                v0 * b[B_STRESS + m]
+                + v1 * b[B_STRESS + LANES + m]
+                + v2 * b[B_STRESS + 2 * LANES + m]
+                + v3 * b[B_STRESS + 3 * LANES + m]
+                + v4 * b[B_STRESS + 4 * LANES + m]
+                + v5 * b[B_STRESS + 5 * LANES + m]
             )
     for m in range(width):
         turned = turn[first + m]
@@ -255,3 +281,29 @@ def _constants(
         non_schmid_derivative(w, p, dp)
     explicit_derivative(w, dt, p, skin, exponential, coupled, dp, dskin)
     put_constants(w, b, moving, count, lane)
+
+
+@kernel
+def _finish_constants(
+    w: FloatArray,
+    b: FloatArray,
+    moving: IntArray,
+    count: int,
+    lane: int,
+    p: FloatArray,
+    exponential: bool,
+    dp: FloatArray,
+    dstate: FloatArray,
+    first: int,
+) -> None:
+    """What the same change makes of the state and of the pressure."""
+    b[B_STRESS + 5 * LANES + lane] += (dp[P_C11] + 2.0 * dp[P_C12]) * w[VOLUME]
+    if count == 0:
+        return
+    advance_constants(w, p, exponential, dp, moving, count, dstate, first + lane)
+    mu0, mu1 = p[P_C11] - p[P_C12], 2.0 * p[P_C44]
+    dmu0, dmu1 = dp[P_C11] - dp[P_C12], 2.0 * dp[P_C44]
+    for k in range(5):
+        mu, dmu = (mu0, dmu0) if k < 2 else (mu1, dmu1)
+        stress = b[B_STRESS + LANES * k + lane] - dmu * w[ELASTIC + k]
+        dstate[k, first + lane] = b[B_TRIAL + LANES * k + lane] - stress / mu
