@@ -49,6 +49,7 @@ IntArray = NDArray[np.int64]
 
 Values = Mapping[str, float]
 
+_SHIFT = 0.01  # s, by which the rows of a reading are moved for a difference
 _OF_THE_PAPER = Material()
 
 
@@ -238,7 +239,17 @@ class ForwardModel:
         times = self.clock(values)
         at = times[self.image_row] + values["load_lag"]
         force, rate = load_at(times, response.force, at)
-        return force, rate, load_at(times, response.d_force, at)[0]
+        d_force = load_at(times, response.d_force, at)[0]
+        if HOLD in free:
+            # The rows themselves come later, and with them the readings.
+            moved = _SHIFT * holds_tangent(self.times, holds(self.boundary.weights), values[HOLD])
+            later, earlier = (
+                load_at(times + sense * moved, response.force, at + sense * moved[self.image_row])
+                for sense in (1.0, -1.0)
+            )
+            row = [name for name in free if self.simulated(name)].index(HOLD)
+            d_force[row] += (later[0] - earlier[0]) / (2.0 * _SHIFT)
+        return force, rate, d_force
 
     def _carried(
         self, surface: FloatArray, look: Look, free: Sequence[str]
