@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from solver_adapters.bundled.assembly import displacement_gradients, element_forces
-from solver_adapters.bundled.law import S_ACC, S_X2, local_parameters, longer_step_tangent
+from solver_adapters.bundled.law import N_STATE, S_ACC, local_parameters, longer_step_tangent
 from solver_adapters.bundled.problem import Problem, build_problem, build_tangents
 from solver_adapters.interface import Direction, Simulation
 from solver_adapters.material import Material
@@ -135,7 +135,7 @@ def test_tangents_are_difference_quotients_of_the_problem(simulation: Simulation
             low.points.frame(low.points.rotation),
         ),
         (tangents.motion[:, :, 1], high.motion, low.motion),
-        (tangents.state[:, 1], high.state, low.state),
+        (tangents.state[:, :, 1], high.state, low.state),
     ):
         expected = (above - below) / (2 * step)
         assert abs(expected).max() > 0
@@ -169,9 +169,10 @@ def test_the_law_follows_times_over_the_intervals_that_change_their_length() -> 
 
 
 def test_derivatives_carry_of_the_state_no_more_than_has_an_effect(kind: str) -> None:
-    """Accumulated slip matters with hardening alone."""
-    directions = (Direction("tau0", material={"tau0": 1.0}),)
-    for material, size in ((Material(), S_ACC), (Material(Q=10.0), S_X2)):
+    """Accumulated slip matters with hardening alone, a second back strain where it is weighed."""
+    directions = (Direction("c2", material={"c2": 1.0}),)
+    laws = ((Material(), S_ACC), (Material(Q=10.0), N_STATE), (Material(c2=10.0), N_STATE))
+    for material, size in laws:
         simulation = replace(pulled(BOXES[kind](), material, (0.0,)), directions=directions)
         tangents = build_tangents(simulation, build_problem(simulation))
-        assert tangents.state.shape[1:] == (1, size)
+        assert tangents.state.shape[1:] == (size, 1)
