@@ -31,6 +31,8 @@ _PIXEL_SECONDS = 8e-6
 # Libraries of one process [bytes]; copies of the images held at a time.
 _PROCESS_BYTES = 330e6
 _IMAGE_COPIES = 3
+# Numbers that a Gauss point keeps for a direction: two states, what changes its H and its stress.
+_POINT_NUMBERS = 2 * 81 + 18
 # Copies of a response with its derivatives: of the surface, projected, whitened.
 _RESPONSE_COPIES = 4
 # Parameters of all causes, which are differentiated together.
@@ -112,7 +114,8 @@ def simulation_memory(n_cells: int, n_images: int, directions: int = 0) -> float
         directions: of differentiation.
     """
     response = 24.0 * n_images * n_cells * _NODES_PER_CELL * (directions + 1)
-    return _PROCESS_BYTES + _RESPONSE_COPIES * response
+    points = 8.0 * n_cells * _POINTS_PER_CELL * _POINT_NUMBERS * directions
+    return _PROCESS_BYTES + points + _RESPONSE_COPIES * response
 
 
 def cost_told(seconds: float, memory: float) -> str:

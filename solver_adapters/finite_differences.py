@@ -65,9 +65,8 @@ class FiniteDifferences:
 
     def capabilities(self) -> Capabilities:
         """Those of the solver, and derivatives at the price of runs."""
-        return replace(
-            self.adapter.capabilities(), derivatives=True, runs_per_direction=RUNS_PER_DIRECTION
-        )
+        own = self.adapter.capabilities()
+        return replace(own, derivatives=True, times=True, runs_per_direction=RUNS_PER_DIRECTION)
 
     def version(self) -> str:
         """That of the solver, which keeps its jobs by it."""

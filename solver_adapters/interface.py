@@ -248,6 +248,7 @@ class Capabilities:
             are honoured; the adapter judges the value, and they cannot be identified.
         cautions: a sentence for the user who chooses a strain measure, by its name.
         lattice_gradient: whether lattices with a gradient are honoured.
+        times: whether directions along the instants are answered.
         accuracy: whether steps are refined to a stated error of the force.
         cells: the kinds of cells on offer, by their number of nodes.
         runs_per_direction: simulations that a direction costs beside the asked one: none for a
@@ -264,6 +265,7 @@ class Capabilities:
     conditional: frozenset[str] = frozenset()
     cautions: Mapping[str, str] = field(default_factory=dict)
     lattice_gradient: bool = False
+    times: bool = False
     accuracy: bool = False
     cells: frozenset[int] = frozenset((10,))
     runs_per_direction: int = 0

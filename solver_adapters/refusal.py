@@ -88,6 +88,10 @@ def _wishes(simulation: Simulation) -> Iterator[_Wish]:
     if simulation.directions:
         named = ", ".join(direction.name for direction in simulation.directions)
         yield _Wish(f"derivatives along {named}", "no directions", lambda c: c.derivatives)
+    for direction in simulation.directions:
+        if direction.times is not None:
+            what = f"the derivative along {direction.name}, which moves the instants"
+            yield _Wish(what, "directions without times", lambda c: c.times)
 
 
 def _material(name: str) -> Callable[[Capabilities], bool]:

@@ -56,6 +56,8 @@ def honoured(model: ForwardModel) -> frozenset[str]:
     refused = frozenset(MATERIAL_PARAMETERS) - offered.material
     if not offered.lattice_gradient:
         refused |= {parameter.name for parameter in LATTICE_DECLARATIONS}
+    if not offered.times:
+        refused |= {HOLD}
     return frozenset(model.parameters) - refused
 
 

@@ -33,7 +33,7 @@ from solver_adapters.validation import refuse_bad_simulation
 FloatArray = NDArray[np.float64]
 
 _BETWEEN_CHECKPOINTS = 60.0  # s
-_BETWEEN_KEPT = 1.0  # s; what an interruption within an interval may lose
+_BETWEEN_KEPT = 1.0  # s; beside its interval an interruption may lose so much
 
 
 class BundledAdapter:
@@ -49,6 +49,7 @@ class BundledAdapter:
             derivatives=True,
             cell_fields=True,
             lattice_gradient=True,
+            times=True,
             accuracy=True,
             cells=frozenset((10, 15)),
             integrations=frozenset(("exponential", "backward_euler")),
@@ -77,7 +78,8 @@ class BundledAdapter:
         refuse_bad_simulation(simulation)
         key = simulation_key(simulation, self.version()) if workspace else ""
         checkpoint = restart.read(workspace, key) if workspace else None
-        run = Run(simulation, build_problem(simulation), checkpoint)
+        fewer = spanned(simulation)
+        run = Run(fewer.simulation, build_problem(fewer.simulation), checkpoint)
         begun = written = time.monotonic()
         first, last = run.index, len(simulation.times) - 1
         try:
@@ -104,14 +106,15 @@ class BundledAdapter:
                     restart.write(workspace, key, run.checkpoint)
                     written = time.monotonic()
         except SolverError as error:
-            raise UnfinishedError(str(error), run.response(), run.index) from None
+            reached = fewer.whole(run.response())
+            raise UnfinishedError(str(error), reached, run.index) from None
         except KeyboardInterrupt:
             if workspace:
                 restart.write(workspace, key, run.checkpoint)
             raise
         if workspace:
             (workspace / restart.FILE).unlink(missing_ok=True)
-        return run.response()
+        return fewer.whole(run.response())
 
 
 class Run:
@@ -127,8 +130,7 @@ class Run:
         problem: Problem,
         checkpoint: restart.Checkpoint | None = None,
     ) -> None:
-        self._spanned = spanned(simulation)
-        self.simulation = simulation = self._spanned.simulation
+        self.simulation = simulation
         self.problem = problem
         self.tangents = build_tangents(simulation, problem)
         self.stepper = Stepper(
@@ -210,7 +212,7 @@ class Run:
         cells = None
         if self.simulation.cell_fields:
             cells = CellFields(**{name: rows[name][:done] for name in WIDTHS})
-        response = Response(
+        return Response(
             rows["displacement"][:done],
             rows["force"][:done],
             rows["d_displacement"][:, :done],
@@ -223,7 +225,6 @@ class Run:
             s.seconds,
             cells,
         )
-        return self._spanned.whole(response)
 
     def _book(self) -> None:
         """Keep what is wanted at this instant; displacements count from the first instant."""

@@ -34,14 +34,14 @@ class Differentiation:
         self._memory = self.problem.points.memory(tangents.count, n_derived)
         self._states = (self._memory.state, np.empty_like(self._memory.state))
         self._gradients = np.empty_like(self._memory.stress)
-        self._kept = tangents.state
+        self._kept = self._latest = tangents.state
         self._ones = np.ones_like(self.problem.weights)
 
     def keep(self, instant: Instant) -> None:
         """Leave the derivatives of this instant, and no longer those of another, untouched.
 
-        Those of other instants become what they are at the end of the next step: of a state most
-        does not change over a step, and what does not is not copied.
+        Those of another instant are gone with the next step, which carries them on in their place:
+        most of a state does not change over a step, and what does not is not copied.
         """
         self._kept = instant.dstate
 
@@ -54,6 +54,8 @@ class Differentiation:
         law: PointTangents,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Derivatives of displacement, states and force at the end of a converged step.
+
+        Those of the states at its start are gone with it unless they are kept.
 
         1. explicit change of the forces at fixed free displacements;
         2. K du = −change on the free degrees of freedom;
@@ -91,11 +93,24 @@ class Differentiation:
         return du, out.state, dforce
 
     def _changeable(self, dstate: FloatArray) -> FloatArray:
-        """These derivatives where they may be changed: in their place, or a copy of kept ones."""
-        free = next(state for state in self._states if state is not self._kept)
-        if dstate is not free:
+        """These derivatives where they may be changed: in their place, or a copy of kept ones.
+
+        Raises:
+            ValueError: they were not kept, and later steps have changed them.
+        """
+        kept = dstate is self._kept
+        if not kept and dstate is not self._latest and self._is_own(dstate):
+            raise ValueError("derivatives of an instant that was not kept and has been overtaken")
+        if kept or not self._is_own(dstate):
+            free = next(s for s in self._states if not np.may_share_memory(s, self._kept))
             np.copyto(free, dstate)
-        return free
+            dstate = free
+        # Another view for each step, so that those of an earlier one are known.
+        self._latest = dstate.view()
+        return self._latest
+
+    def _is_own(self, dstate: FloatArray) -> bool:
+        return any(np.may_share_memory(dstate, state) for state in self._states)
 
     def _force_change(self, trial: Trial, dP: FloatArray) -> FloatArray:
         p, t = self.problem, self.tangents

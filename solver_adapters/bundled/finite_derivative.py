@@ -228,7 +228,7 @@ def derivatives(
     gains: FloatArray,
     dP: FloatArray,
 ) -> None:
-    """As `small_derivative.derivatives`."""
+    """As `small_derivative.derivatives`, in finite strain."""
     first, width = bounded(first), bounded(width)
     count = bounded(moving_systems(w, moving))
     fetch(b, B_FP0, 9, dstate, first, width)
@@ -248,7 +248,7 @@ def derivatives(
     lanes.left(b, B_PIOLA, w, PULLED, B_FP0, True, width)
     lanes.right(b, B_SCRATCH, B_SPIN, w, PIOLA, False, width)
     add(b, B_PIOLA, B_SCRATCH, 1.0, 9, width)
-    history_derivatives(w, b, p, exponential, coupled, moving, count, dstate, first, width)
+    history_derivatives(w, b, p, coupled, moving, count, dstate, first, width)
     for m in range(width):
         k = first + m
         if not constant[k]:

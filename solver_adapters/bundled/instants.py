@@ -40,7 +40,8 @@ class Instant:
         state: states of the Gauss points, (n_points, n_state).
         force: force on the pulled face [µN].
         du: derivative of the displacement, (n_nodes, 3, k).
-        dstate: derivative of the states, (n_points, n_derived, k).
+        dstate: derivative of the states, (n_points, n_derived, k); gone with the next step
+            unless the instant is kept (`Stepper.keep`).
         dforce: derivative of the force, (k,).
         slip: signed slip since the start, (n_points, 24), or (0, 24) where no cell fields are
             wanted.

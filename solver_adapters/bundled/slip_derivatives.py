@@ -73,7 +73,7 @@ IntArray = NDArray[np.int64]
 
 @kernel
 def prepare_derivatives(w: FloatArray, p: FloatArray, exponential: bool) -> None:
-    """What the derivatives of the step in the workspace share: the rows LEFT to UNHARDENED."""
+    """What the derivatives of the step in the workspace share: LEFT to UNHARDENED, and LEFT2."""
     c, d, n = p[P_C], p[P_D], p[P_N]
     for s in range(NS):
         g = w[SLIP + s]
@@ -132,7 +132,6 @@ def history_derivatives(
     w: FloatArray,
     b: FloatArray,
     p: FloatArray,
-    exponential: bool,
     coupled: bool,
     moving: IntArray,
     count: int,
@@ -140,7 +139,7 @@ def history_derivatives(
     first: int,
     width: int,
 ) -> None:
-    """Set the rows of EXPLICIT and D_OVER to what the moving systems owe to their history."""
+    """Set the rows of B_EXPLICIT and B_OVER to what the moving systems owe to their history."""
     count, first, width = bounded(count), bounded(first), bounded(width)
     for a in range(count):
         s = bounded(moving[a])
@@ -161,7 +160,7 @@ def history_derivatives(
     if dstate.shape[0] > S_X2:
         for a in range(count):
             s, e = bounded(moving[a]), B_EXPLICIT + LANES * a
-            slope = p[P_C2] * w[SIGN + s] * share_left(p[P_D2] * w[SLIP + s], exponential)
+            slope = p[P_C2] * w[SIGN + s] * w[LEFT2 + s]
             for m in range(width):
                 b[e + m] -= slope * dstate[S_X2 + s, first + m]
 
@@ -179,7 +178,7 @@ def put_constants(w: FloatArray, b: FloatArray, moving: IntArray, count: int, la
 def weigh_rows(
     w: FloatArray, b: FloatArray, coupled: bool, moving: IntArray, count: int, width: int
 ) -> None:
-    """Set the rows of STEP to the weights times those of EXPLICIT."""
+    """Set the rows of B_STEP to the weights times those of B_EXPLICIT."""
     count, width = bounded(count), bounded(width)
     if coupled:
         clear(b, B_STEP, count, width)
@@ -202,7 +201,7 @@ def project_rows(
     w: FloatArray, b: FloatArray, schmid: int, target: int, modes: int, moving: IntArray,
     count: int, width: int,
 ) -> None:  # fmt: skip
-    """Set rows of modes to Σ S STEP P, with the modes (modes, 24) of the Schmid tensors."""
+    """Set rows of modes to Σ S B_STEP P, with the modes (modes, 24) of the Schmid tensors."""
     target, count, width = bounded(target), bounded(count), bounded(width)
     clear(b, target, modes, width)
     for a in range(count):
@@ -287,7 +286,7 @@ def advance_states(
     first: int,
     width: int,
 ) -> None:
-    """Carry derivatives of the state over the step, from the rows of STEP.
+    """Carry derivatives of the state over the step, from the rows of B_STEP.
 
     Of a system at rest nothing changes but an overstress that it had. What constants change at
     fixed slips is left to `advance_constants`. The number of rows of dstate says what of the state

@@ -140,6 +140,8 @@ def derivatives(
 ) -> None:
     """Derivatives of stress and state of the step in the workspace, `width` from `first` on.
 
+    dstate is that at the start of the step and becomes that at its end, with H as dH has it.
+
     b: lanes of the directions; moving: room for the systems that move; point and frame: rows of
     dskin and dframe; constant: whether a direction leaves the constants alone; turn: whether, and
     how, it turns the crystal; gains: of `slip_derivatives.slip_gains`. The others are those of
@@ -153,7 +155,7 @@ def derivatives(
         mu, t, stress = mu0 if k < 2 else mu1, B_TRIAL + LANES * k, B_STRESS + LANES * k
         for m in range(width):
             b[stress + m] = mu * (b[t + m] - dstate[k, first + m])
-    history_derivatives(w, b, p, exponential, coupled, moving, count, dstate, first, width)
+    history_derivatives(w, b, p, coupled, moving, count, dstate, first, width)
     for m in range(width):
         k = first + m
         if not constant[k]:
@@ -178,14 +180,15 @@ def derivatives(
     for m in range(width):
         b[B_STRESS + 5 * LANES + m] = bulk * b[B_TRIAL + 5 * LANES + m]
     if count > 0:
-        # What has not slipped keeps its plastic strain.
+        # (A point that does not slip keeps its plastic strain.)
         for k in range(5):
             mu, t, stress = mu0 if k < 2 else mu1, B_TRIAL + LANES * k, B_STRESS + LANES * k
             for m in range(width):
                 dstate[k, first + m] = b[t + m] - b[stress + m] / mu
     for m in range(width):
-        if not constant[first + m]:
-            _finish_constants(w, b, moving, count, m, p, exponential, dp[first + m], dstate, first)
+        k = first + m
+        if not constant[k]:
+            _constants_after_slip(w, b, moving, count, m, p, exponential, dp[k], dstate, k)
     _stress_rows(w, b, frame, V, bulk, first, width, turn, dframe, dP)
 
 
@@ -206,9 +209,7 @@ def _trial_rows(
     fetch(b, B_H, 9, dH, first, width)
     clear(b, B_TRIAL, 6, width)
     for k in range(6):
-        for i in range(9):
-            w[ROWS + i] = V[k, i]
-        sum9(b, B_TRIAL + LANES * k, B_H, w, ROWS, 1, width)
+        sum9(b, B_TRIAL + LANES * k, B_H, V[k], 0, 1, width)
     for m in range(width):
         turned = turn[first + m]
         if turned > 0:
@@ -284,7 +285,7 @@ def _constants(
 
 
 @kernel
-def _finish_constants(
+def _constants_after_slip(
     w: FloatArray,
     b: FloatArray,
     moving: IntArray,
@@ -294,16 +295,16 @@ def _finish_constants(
     exponential: bool,
     dp: FloatArray,
     dstate: FloatArray,
-    first: int,
+    column: int,
 ) -> None:
     """What the same change makes of the state and of the pressure."""
     b[B_STRESS + 5 * LANES + lane] += (dp[P_C11] + 2.0 * dp[P_C12]) * w[VOLUME]
     if count == 0:
         return
-    advance_constants(w, p, exponential, dp, moving, count, dstate, first + lane)
+    advance_constants(w, p, exponential, dp, moving, count, dstate, column)
     mu0, mu1 = p[P_C11] - p[P_C12], 2.0 * p[P_C44]
     dmu0, dmu1 = dp[P_C11] - dp[P_C12], 2.0 * dp[P_C44]
     for k in range(5):
         mu, dmu = (mu0, dmu0) if k < 2 else (mu1, dmu1)
         stress = b[B_STRESS + LANES * k + lane] - dmu * w[ELASTIC + k]
-        dstate[k, first + lane] = b[B_TRIAL + LANES * k + lane] - stress / mu
+        dstate[k, column] = b[B_TRIAL + LANES * k + lane] - stress / mu

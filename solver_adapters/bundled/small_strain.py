@@ -49,7 +49,7 @@ FACTOR = STRESS + 5  # LU of 1/μ + Σ w P Pᵀ, 5 × 5
 CHANGE = FACTOR + 25  # change of the stress modes, 5
 VOLUME = CHANGE + 5  # trace mode of the strain, 1
 SCRATCH_MODES = VOLUME + 1  # scratch: modes of a tensor, 6
-ROWS = SCRATCH_MODES + 6  # modes of nine tensors times FACTOR's inverse, 5 × 9
+ROWS = SCRATCH_MODES + 6  # scratch: modes of nine tensors times FACTOR's inverse, 5 × 9
 INVERSE = ROWS + 45  # (1/μ + Σ w P Pᵀ)⁻¹, 5 × 5, the second index first
 WORKSPACE = INVERSE + 25
 

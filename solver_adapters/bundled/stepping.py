@@ -113,7 +113,7 @@ class Stepper:
         A step is cut where it does not converge, and where its error is above `accuracy`.
 
         Args:
-            instant: where to begin.
+            instant: where to begin; its derivatives are gone unless it is kept.
             ends: ends of the asked steps [s].
             motion: prescribed motion at a time [s], (n_prescribed,).
             motion_tangent: its derivative, (n_prescribed, k).
@@ -182,9 +182,13 @@ class Stepper:
         self._last[trial.moves] = Increment(trial.u - instant.u, trial.slips, held, dt)
         du, dstate, dforce = instant.du, instant.dstate, instant.dforce
         if self.tangents.count:
-            du, dstate, dforce = self._differentiation.derive(
-                instant, trial, dt, motion_tangent(end), law
-            )
+            try:
+                du, dstate, dforce = self._differentiation.derive(
+                    instant, trial, dt, motion_tangent(end), law
+                )
+            except NotConvergedError as failure:
+                # The step cannot be cut any more: its derivatives are half changed.
+                raise SolverError(f"no derivatives at t = {end:.6g} s: {failure}") from None
         force = float(trial.forces[p.pulled].sum())
         slip, P = instant.slip, instant.P
         if self.cell_fields:

@@ -63,9 +63,8 @@ class ClosedFormSolver:
         self.finer = finer
 
     def capabilities(self) -> Capabilities:
-        return Capabilities(
-            frozenset(MATERIAL_PARAMETERS), frozenset({"small", "finite"}), derivatives=True
-        )
+        law, measures = frozenset(MATERIAL_PARAMETERS), frozenset({"small", "finite"})
+        return Capabilities(law, measures, derivatives=True, times=True)
 
     def version(self) -> str:
         return "1"

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -8,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.diagnosis.outcome import Diagnosis
-from driver.diagnosis.screening import parameters_of_the_specimen
+from driver.diagnosis.screening import honoured, parameters_of_the_specimen
 from driver.hold_time import HOLD, holds, holds_tangent, with_holds
-from solver_adapters.interface import Simulation
+from solver_adapters.interface import Capabilities, Simulation
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import diagnosis_of, identified
 
@@ -73,6 +74,16 @@ def test_a_hold_is_where_no_knot_gains_weight() -> None:
     still = holds(BENCH.model.boundary.weights)
     assert np.count_nonzero(still) == 4  # two at each peak
     assert HOLD in parameters_of_the_specimen(BENCH.model)
+
+
+def test_a_solver_that_does_not_answer_along_the_instants_is_not_asked_for_the_holds() -> None:
+    class Timeless(closed_form.ClosedFormSolver):
+        def capabilities(self) -> Capabilities:
+            return replace(super().capabilities(), times=False)
+
+    model = BENCH.model
+    assert HOLD in honoured(model)
+    assert HOLD not in honoured(replace(model, adapter=Timeless()))
 
 
 def test_the_derivative_is_that_of_two_simulations_and_others_stay_in_place() -> None:

@@ -256,7 +256,7 @@ def test_without_directions_the_solver_is_asked_once() -> None:
     response = wrapped.solve(along(), Path("here"))
     assert solver.folders == [Path("here")] and response.d_force.shape == (0, 3)
     assert wrapped.capabilities() == replace(
-        solver.capabilities(), derivatives=True, runs_per_direction=2
+        solver.capabilities(), derivatives=True, times=True, runs_per_direction=2
     )
     assert (wrapped.name, wrapped.version()) == ("toy", "7")
 

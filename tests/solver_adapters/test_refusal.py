@@ -24,6 +24,7 @@ ALL = Capabilities(
     cell_fields=True,
     integrations=frozenset({"exponential", "backward_euler"}),
     lattice_gradient=True,
+    times=True,
     accuracy=True,
     cells=frozenset({10, 15}),
 )
@@ -76,6 +77,14 @@ def test_a_wish_that_no_solver_can_grant_says_so() -> None:
     asked = replace(PLAIN, material=replace(PLAIN.material, x0=1e-5))
     with pytest.raises(UnsupportedError, match="solvers that can: none is installed"):
         refuse(asked)
+
+
+def test_a_solver_with_derivatives_is_asked_along_the_instants_only_where_it_says_so() -> None:
+    asked = replace(PLAIN, directions=(Direction("holds", times=np.zeros(len(PLAIN.times))),))
+    able = replace(SMALL, derivatives=True)
+    with pytest.raises(UnsupportedError, match="the derivative along holds, which moves the inst"):
+        refuse_unsupported(asked, "able", able, lambda: {"other": ALL})
+    refuse_unsupported(asked, "able", replace(able, times=True), dict)
 
 
 def test_a_conditional_parameter_is_left_to_the_adapter_that_is_no_solver_to_name_for_it() -> None:

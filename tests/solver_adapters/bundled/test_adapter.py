@@ -9,7 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from solver_adapters.bundled import adapter
 from solver_adapters.bundled.adapter import BundledAdapter
+from solver_adapters.bundled.differentiation import Differentiation
+from solver_adapters.bundled.equilibrium import NotConvergedError
 from solver_adapters.bundled.instants import Instant
 from solver_adapters.bundled.restart import FILE
 from solver_adapters.bundled.stepping import Stepper
@@ -165,12 +168,16 @@ def test_a_run_that_is_interrupted_goes_on_from_its_last_instant(tmp_path: Path)
     assert not list(tmp_path.iterdir())
 
 
-def test_an_interruption_within_an_interval_goes_back_to_its_beginning(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("between", "index"), [(0.0, 1), (np.inf, 0)])
+def test_an_interruption_within_an_interval_goes_back_to_the_kept_instant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, between: float, index: int
 ) -> None:
-    simulation = pulled(box(), Material(), HISTORY, steps=4)
+    """The second interval is interrupted; the derivatives are those of the kept instant, too."""
+    direction = Direction("tau0", material={"tau0": 1.0})
+    simulation = replace(pulled(box(), Material(), HISTORY, steps=4), directions=(direction,))
     whole = solve(simulation)
     accept, calls = Stepper._accept, []
+    monkeypatch.setattr(adapter, "_BETWEEN_KEPT", between)
 
     def interrupted(self: Stepper, *arguments: Any) -> Instant:
         calls.append(1)
@@ -181,10 +188,43 @@ def test_an_interruption_within_an_interval_goes_back_to_its_beginning(
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(Stepper, "_accept", interrupted)
         BundledAdapter().solve(simulation, tmp_path)
+    with np.load(tmp_path / FILE) as stored:
+        assert stored["index"] == index
     resumed = BundledAdapter().solve(simulation, tmp_path)
     np.testing.assert_array_equal(resumed.ends, whole.ends)
     assert resumed.steps == whole.steps == 16
-    np.testing.assert_allclose(resumed.force, whole.force, rtol=1e-8)
+    for name in ("force", "d_force", "d_displacement"):
+        expected = getattr(whole, name)
+        np.testing.assert_allclose(
+            getattr(resumed, name), expected, rtol=0, atol=1e-8 * abs(expected).max()
+        )
+
+
+def test_a_run_that_fails_answers_all_directions_of_what_it_had_reached() -> None:
+    axes = np.eye(6).reshape(-1, 2, 3)
+    turns = [Direction(f"turn {k}", rotation=axis) for k, axis in enumerate(axes)]
+    again = Direction("again", rotation=np.ones((2, 3)))
+    idle = Direction("b", material={"b": 1.0})
+    simulation = pulled(box(), Material(strain_measure="finite"), (0.002, -150.0))
+    with pytest.raises(UnfinishedError) as failure:
+        solve(replace(simulation, directions=(*turns, idle, again)))
+    found = failure.value.response.d_force
+    assert found.shape == (8, failure.value.reached + 1)
+    assert not found[6].any()
+    np.testing.assert_allclose(found[7], found[:6].sum(axis=0), rtol=1e-12)
+
+
+def test_derivatives_that_cannot_be_solved_for_end_the_run_with_their_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fails(self: Differentiation, *arguments: Any) -> None:
+        raise NotConvergedError("the matrix is singular")
+
+    monkeypatch.setattr(Differentiation, "derive", fails)
+    direction = Direction("tau0", material={"tau0": 1.0})
+    simulation = replace(pulled(box(), Material(), HISTORY), directions=(direction,))
+    with pytest.raises(UnfinishedError, match="no derivatives at t = 1 s: the matrix is singular"):
+        solve(simulation)
 
 
 @pytest.mark.parametrize("index", [99, -1])

@@ -20,7 +20,7 @@ def checkpoint() -> Checkpoint:
     rng = np.random.default_rng(3)
     instant = Instant(
         1.5, rng.random((4, 3)), rng.random((8, 9)), rng.random((8, S_X2)), 7.5,
-        rng.random((4, 3, 2)), rng.random((8, 2, S_ACC)), rng.random(2),
+        rng.random((4, 3, 2)), rng.random((8, S_ACC, 2)), rng.random(2),
     )  # fmt: skip
     last = {False: Increment(rng.random((4, 3)), rng.random((8, NS)), rng.random(6), 0.5)}
     return Checkpoint(3, instant, last, {"force": rng.random(5)}, [0.5, 1.0, 1.5], (3, 9, 1, 0))

@@ -60,9 +60,7 @@ def test_history_acts_through_hardening_both_back_stresses_and_overstress(
     row(w, rows.UNHARDENED)[:] = np.exp(-p[P_B] * (ACCUMULATED + SLIP))
     row(w, rows.LEFT2)[:] = second_left(p, exponential)
     row(w, rows.HISTORY)[:], row(w, rows.OVER_GAIN)[:] = RNG.normal(size=(2, NS))
-    slip_derivatives.history_derivatives(
-        w, b, p, exponential, coupled, systems, count, dstate, FIRST, WIDTH
-    )
+    slip_derivatives.history_derivatives(w, b, p, coupled, systems, count, dstate, FIRST, WIDTH)
     s, chosen = systems[:count], dstate[:, FIRST : FIRST + WIDTH]
     over = row(w, rows.OVER_GAIN)[s, None] * chosen[S_OVER + s]
     expected = -row(w, rows.HISTORY)[s, None] * chosen[S_X + s] - over
