@@ -105,13 +105,13 @@ class ExternalAdapter(ABC):
         self.judge(simulation)
         return self.write(simulation)
 
-    @abstractmethod
     def judge(self, simulation: Simulation) -> None:
-        """Refuse values that the capabilities leave open; nothing where they say all.
+        """Refuse values that the capabilities leave open; by default none.
 
         Raises:
             UnsupportedError: what the solver cannot do, in one sentence.
         """
+        return  # the capabilities say all
 
     @abstractmethod
     def write(self, simulation: Simulation) -> Mapping[str, bytes]:

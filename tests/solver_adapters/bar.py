@@ -47,9 +47,6 @@ class BarAdapter(ExternalAdapter):
     def capabilities(self) -> Capabilities:
         return Capabilities(frozenset({"Q", "b"}), frozenset({"small"}), derivatives=False)
 
-    def judge(self, simulation: Simulation) -> None:
-        """The capabilities say all."""
-
     def write(self, simulation: Simulation) -> Mapping[str, bytes]:
         side = simulation.mesh.nodes["S_PLUS"]
         moved = np.isin(simulation.motion_nodes, side)
