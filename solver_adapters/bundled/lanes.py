@@ -114,21 +114,8 @@ def sum9(
     b: FloatArray, target: int, source: int, w: FloatArray, c: int, step: int, width: int
 ) -> None:
     """The same over nine rows, with factor 1."""
-    target, source, width = bounded(target), bounded(source), bounded(width)
-    c0, c1, c2, c3, c4 = w[c], w[c + step], w[c + 2 * step], w[c + 3 * step], w[c + 4 * step]
-    c5, c6, c7, c8 = w[c + 5 * step], w[c + 6 * step], w[c + 7 * step], w[c + 8 * step]
-    for m in range(width):
-        b[target + m] += (
-            c0 * b[source + m]
-            + c1 * b[source + LANES + m]
-            + c2 * b[source + 2 * LANES + m]
-            + c3 * b[source + 3 * LANES + m]
-            + c4 * b[source + 4 * LANES + m]
-            + c5 * b[source + 5 * LANES + m]
-            + c6 * b[source + 6 * LANES + m]
-            + c7 * b[source + 7 * LANES + m]
-            + c8 * b[source + 8 * LANES + m]
-        )
+    sum8(b, target, source, w, c, step, 1.0, width)
+    add(b, target, source + 8 * LANES, w[c + 8 * step], 1, width)
 
 
 @kernel
