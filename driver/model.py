@@ -179,6 +179,10 @@ class ForwardModel:
         """The instants of the history [s], shape (n_times,)."""
         return with_holds(self.times, holds(self.boundary.weights), values[HOLD])
 
+    def _clock_rate(self, values: Values) -> FloatArray:
+        """Derivative of the instants by the length of the holds, shape (n_times,)."""
+        return holds_tangent(self.times, holds(self.boundary.weights), values[HOLD])
+
     def observe(self, response: Response, values: Values, free: Sequence[str]) -> Prediction:
         """What the instruments make of the response to `simulation(values, free)`."""
         seen = np.searchsorted(self._rows(values, free), self.image_row)
@@ -242,7 +246,7 @@ class ForwardModel:
         d_force = load_at(times, response.d_force, at)[0]
         if HOLD in free:
             # The rows themselves come later, and with them the readings.
-            moved = _SHIFT * holds_tangent(self.times, holds(self.boundary.weights), values[HOLD])
+            moved = _SHIFT * self._clock_rate(values)
             later, earlier = (
                 load_at(times + sense * moved, response.force, at + sense * moved[self.image_row])
                 for sense in (1.0, -1.0)
@@ -280,8 +284,7 @@ class ForwardModel:
     def _direction(self, values: Values, name: str) -> Direction:
         scale = self.parameters[name].change(values[name])
         if name == HOLD:
-            times = holds_tangent(self.times, holds(self.boundary.weights), values[HOLD])
-            return Direction(name, times=times, scale=scale)
+            return Direction(name, times=self._clock_rate(values), scale=scale)
         if name in MATERIAL_PARAMETERS:
             return Direction(name, material={name: 1.0}, scale=scale)
         if name in self.microstructure.velocities:
