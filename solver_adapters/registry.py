@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from importlib.metadata import entry_points
+from contextlib import suppress
+from importlib.metadata import EntryPoint, entry_points
 
-from solver_adapters.interface import Adapter, Capabilities, UnsupportedError
+from solver_adapters.interface import Adapter, Capabilities, SolverError, UnsupportedError
 from solver_adapters.profile import Profile
 
 GROUP = "prismid.solvers"
@@ -25,14 +26,27 @@ def find_adapter(name: str, profile: Profile | None = None) -> Adapter:
         profile: how its program is called; a solver without a program of its own takes none.
 
     Raises:
-        UnsupportedError: no installed package registers it.
+        UnsupportedError: no installed package registers it, or its package cannot be used.
     """
     for point in entry_points(group=GROUP):
         if point.name == name:
-            make: Callable[..., Adapter] = point.load()
-            return make(profile) if takes_profile(make) else make()
+            return _made(point, profile)
     known = ", ".join(adapter_names()) or "none: is prismid installed?"
     raise UnsupportedError(f'solver.name: found "{name}", expected one of {known}')
+
+
+def _made(point: EntryPoint, profile: Profile | None) -> Adapter:
+    try:
+        make: Callable[..., Adapter] = point.load()
+        return make(profile) if takes_profile(make) else make()
+    except SolverError:
+        raise
+    except Exception as fault:
+        # Whatever it is, it is a fault of a package that others have written.
+        raise UnsupportedError(
+            f"the solver {point.name}: found no usable {point.value} "
+            f"({type(fault).__name__}: {fault}), expected a class of the interface of this prismid"
+        ) from fault
 
 
 def takes_profile(make: Callable[..., Adapter]) -> bool:
@@ -41,5 +55,9 @@ def takes_profile(make: Callable[..., Adapter]) -> bool:
 
 
 def installed_capabilities() -> dict[str, Capabilities]:
-    """What each installed solver can honour, by name."""
-    return {name: find_adapter(name).capabilities() for name in adapter_names()}
+    """What each installed solver that can be used can honour, by name."""
+    usable = {}
+    for name in adapter_names():
+        with suppress(UnsupportedError):
+            usable[name] = find_adapter(name).capabilities()
+    return usable

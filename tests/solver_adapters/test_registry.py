@@ -6,7 +6,7 @@ import pytest
 
 from solver_adapters import registry
 from solver_adapters.interface import UnsupportedError
-from solver_adapters.registry import GROUP, adapter_names, find_adapter
+from solver_adapters.registry import GROUP, adapter_names, find_adapter, installed_capabilities
 
 POINTS = (
     EntryPoint("second", "solver_adapters.bundled.adapter:BundledAdapter", GROUP),
@@ -25,6 +25,23 @@ def test_a_solver_is_found_by_the_name_of_its_entry_point() -> None:
     assert adapter_names() == ("bundled", "second")
     assert find_adapter("bundled").name == "bundled"
     assert find_adapter("second").capabilities().derivatives
+
+
+@pytest.mark.parametrize(
+    ("value", "fault"),
+    [
+        ("no_such_package:Solver", "ModuleNotFoundError"),
+        ("solver_adapters.external:ExternalAdapter", "TypeError"),
+    ],
+)
+def test_a_solver_that_cannot_be_used_is_told_and_stands_in_the_way_of_no_other(
+    monkeypatch: pytest.MonkeyPatch, value: str, fault: str
+) -> None:
+    points = (*POINTS, EntryPoint("broken", value, GROUP))
+    monkeypatch.setattr(registry, "entry_points", lambda group: points)
+    with pytest.raises(UnsupportedError, match=f"solver broken: found no usable {value} .{fault}:"):
+        find_adapter("broken")
+    assert set(installed_capabilities()) == {"bundled", "second"}
 
 
 @pytest.mark.usefixtures("installed")
