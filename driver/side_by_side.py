@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -34,8 +35,10 @@ def side_by_side(
         threads: threads of each.
         done: called with index and result as each task ends.
 
+    Ctrl-C is heard by this process alone, which then ends the others.
+
     Raises:
-        Whatever the first failing task raised; the others are cancelled.
+        Whatever the first failing task raised; the others are ended.
     """
     if min(processes, len(tasks)) <= 1:
         results = []
@@ -53,7 +56,9 @@ def side_by_side(
             initargs=(threads,),
         ) as pool,
     ):
-        futures = {pool.submit(work, task): index for index, task in enumerate(tasks)}
+        others = multiprocessing.active_children()
+        with _deaf_to_interrupts():
+            futures = {pool.submit(work, task): index for index, task in enumerate(tasks)}
         found: dict[int, Result] = {}
         try:
             for future in as_completed(futures):
@@ -62,8 +67,24 @@ def side_by_side(
                     done(futures[future], found[futures[future]])
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
+            for process in multiprocessing.active_children():
+                if process not in others:
+                    process.terminate()
             raise
     return [found[index] for index in range(len(tasks))]
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Processes that start inside never hear Ctrl-C, which a terminal sends to all of them.
+
+    This one hears afterwards what came meanwhile.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

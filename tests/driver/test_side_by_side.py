@@ -2,10 +2,16 @@ from __future__ import annotations
 
 import math
 import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import pytest
 
 from driver.side_by_side import side_by_side
+from solver_adapters.bundled.compilation import PACKAGES
 
 
 @pytest.mark.parametrize("processes", [1, 2])
@@ -36,6 +42,43 @@ def test_each_process_has_its_threads_and_this_one_keeps_its_own(
 
 def test_more_threads_than_the_machine_has_are_as_many_as_it_has() -> None:
     assert side_by_side(math.sqrt, [4.0, 9.0], 2, threads=4096) == [2.0, 3.0]
+
+
+def test_ctrl_c_in_a_terminal_ends_all_processes_without_a_word_of_theirs(tmp_path: Path) -> None:
+    """The terminal interrupts the whole group: two tasks of a minute, a process that has none."""
+    tasks = [tmp_path / name for name in ("first", "second", "short")]
+    call = f"side_by_side(mark_and_work, [Path(t) for t in {[str(t) for t in tasks]}], 3)"
+    head = "from tests.driver.test_side_by_side import *\nif __name__ == '__main__':\n"
+    script = tmp_path / "script.py"
+    script.write_text(
+        f"{head}    try:\n        {call}\n    except KeyboardInterrupt:\n        print('stopped')\n"
+    )
+    group = subprocess.Popen(
+        [sys.executable, script],
+        env={**os.environ, "PYTHONPATH": str(PACKAGES)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        text=True,
+    )
+    while not all(task.exists() for task in tasks) and group.poll() is None:
+        time.sleep(0.05)
+    pids = [int(task.read_text()) for task in tasks]
+    time.sleep(0.5)  # the process of the short task waits for another one
+    os.killpg(group.pid, signal.SIGINT)
+    said, complaints = group.communicate(timeout=30)
+    assert (said, complaints, group.returncode) == ("stopped\n", "", 0)
+    for pid in pids:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+
+
+def mark_and_work(task: Path) -> None:
+    """Say which process is at work, and be at work."""
+    aside = task.with_suffix(".part")
+    aside.write_text(str(os.getpid()))
+    aside.rename(task)
+    time.sleep(0.0 if task.name == "short" else 60.0)
 
 
 def test_no_tasks_have_no_results() -> None:
