@@ -119,6 +119,23 @@ def test_a_run_of_the_folder_measures_the_true_elongation(made: tuple[Path, list
     assert np.sqrt(np.mean(measured["chi"] ** 2)) == pytest.approx(1.0, abs=0.1)
 
 
+def test_an_experiment_that_is_interrupted_leaves_nothing(
+    made: tuple[Path, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the same command would refuse its own folder."""
+
+    def interrupted(folder: Path, *_: object) -> None:
+        (folder / "repeats.tif").touch()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(specimen, "find_adapter", solver)
+    monkeypatch.setattr("driver.virtual.record", interrupted)
+    case, settings = made[0] / "case.toml", made[0] / "settings.toml"
+    with pytest.raises(KeyboardInterrupt):
+        virtual(case, settings, tmp_path / "new" / "out", 3, lambda line: None)
+    assert not list((tmp_path / "new").iterdir())
+
+
 def test_a_folder_with_files_is_not_written_to(tmp_path: Path) -> None:
     write_case(closed_form.small_case(), tmp_path / "case.toml")
     with pytest.raises(InputError, match="--to: found something there, expected an empty or a new"):
