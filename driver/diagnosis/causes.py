@@ -22,6 +22,8 @@ class Cause:
         sentence: what a person would say.
         check: the physical check that would confirm it.
         odds: prior odds against the baseline, over those of the other causes.
+        bends: whether the (single) parameter does something else to the data far from its null
+            than near it, so that it is looked at from afar as well (`far_looks`).
     """
 
     name: str
@@ -33,6 +35,7 @@ class Cause:
     one_sided: bool = False
     unseen: str = "it does nothing to the data that the fitted parameters do not do"
     odds: float = 1.0
+    bends: bool = False
 
 
 def _axes(what: str) -> tuple[str, ...]:
@@ -77,6 +80,7 @@ LIBRARY: tuple[Cause, ...] = (
         "non_schmid", "material", ("a1",),
         "stresses other than the resolved shear stress move the dislocations",
         "specimens of two orientations with the same Schmid factor",
+        bends=True,
     ),
     Cause(
         "damaged_skin", "material", ("skin_tau0",),

@@ -12,6 +12,7 @@ from driver.diagnosis.another_mesh import held_against_both, with_both
 from driver.diagnosis.boundary_noise import Stops, refit_boundary_noise, score_boundary_noise
 from driver.diagnosis.causes import NUMERICS, Cause
 from driver.diagnosis.ebsd_flips import FLIPS, flips_of
+from driver.diagnosis.far_looks import look_from_afar
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.flip_trial import FlipTrial, not_warranted, try_flips
 from driver.diagnosis.gain import is_excess, share_explained
@@ -109,7 +110,7 @@ def examine(
                 log("  with the mean of both meshes:")
                 seen = _first_order(here, objective, candidates, screening, settings, stops, log)
         if lost is None:
-            refits = _refits(seen.scores, screening, here, objective, settings.refit, crew)
+            refits = _refits(seen, screening, here, objective, settings.refit, crew)
             trial = _flips(refits, seen.tests, here.best, objective, added, settings.wanted, crew)
             refits = _best_of_each([*refits, *trial.refits])
             refits = with_own_corrections(refits, here.best, finer, crew)
@@ -159,12 +160,14 @@ class _Seen:
 
     Attributes:
         scores: of all causes, best log evidence first.
+        afar: refits of causes that show from afar only.
         widened: by how much the simulation's own error widens them.
         tests: of the residual against no particular cause.
         noise: the score of the noise of the boundary, None where it was not looked for.
     """
 
     scores: list[Score]
+    afar: list[Refit]
     widened: float
     tests: Omnibus
     noise: Score | None
@@ -184,6 +187,8 @@ def _first_order(
     scores, variance = screen(here, objective, candidates, effects, settings.sizes)
     if variance > 1.0:
         log(f"  the simulation's own error widens scores by {np.sqrt(variance):.2f}")
+    looked = look_from_afar(scores, here, objective, variance, log)
+    scores = looked.scores
     fields = smooth_fields(objective.data, here.best.motion)
     own = own_error_shapes(objective)
     tests = omnibus(here.best, objective.data, effects, fields, own, variance)
@@ -192,7 +197,7 @@ def _first_order(
         scores = sorted([*scores, noise], key=lambda s: -s.log_evidence)
     for s in scores[:5]:
         log(f"  {s.cause.name}: log evidence {s.log_evidence:+.1f}, p {s.p:.2g}")
-    return _Seen(scores, float(np.sqrt(variance)), tests, noise)
+    return _Seen(scores, looked.refits, float(np.sqrt(variance)), tests, noise)
 
 
 def _flips(
@@ -243,7 +248,7 @@ def _noise_of_boundary(
 
 
 def _refits(
-    scores: Sequence[Score],
+    seen: _Seen,
     screening: Evaluation,
     here: Fit,
     objective: Objective,
@@ -251,14 +256,15 @@ def _refits(
     crew: Crew,
 ) -> list[Refit]:
     """Refits of the causes that may have done it, the best of each, best evidence first."""
-    baseline = here.best
+    baseline, scores = here.best, seen.scores
     tried = [s for s in scores if s.cause not in (NUMERICS, *COVARIANCE) and s.degrees]
     chosen = to_refit(tried, most)
     if not chosen:
         return []
     crew.log(f"refitting {_listed(chosen)}")
     refits = refit_causes(chosen, screening, baseline, objective, crew)
-    best = _best_of_each(refits)
+    names = {s.cause.name for s in chosen}
+    best = _best_of_each([*refits, *(r for r in seen.afar if r.cause.name in names)])
     large = baseline.chi_load > LARGE or _unexplained(baseline, best[0])
     if large:
         others = [s for s in tried if s not in chosen]
