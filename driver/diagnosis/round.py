@@ -187,7 +187,8 @@ def _first_order(
     scores, variance = screen(here, objective, candidates, effects, settings.sizes)
     if variance > 1.0:
         log(f"  the simulation's own error widens scores by {np.sqrt(variance):.2f}")
-    looked = look_from_afar(scores, here, objective, variance, log)
+    crew = Crew(settings.processes, settings.threads, log)
+    looked = look_from_afar(scores, here, objective, variance, crew)
     scores = looked.scores
     fields = smooth_fields(objective.data, here.best.motion)
     own = own_error_shapes(objective)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from driver.diagnosis.far_looks import look_from_afar
+from driver.diagnosis.refit import Crew
 from driver.diagnosis.score import NAMING_LEVEL, Score, effects_of
 from driver.diagnosis.screening import screen, screened
 from driver.identification.fit import Fit
@@ -18,6 +19,7 @@ from tests.driver import closed_form
 from tests.driver.closed_form import ClosedFormSolver
 from tests.driver.closed_form_diagnosis import SETTINGS, identified
 
+ALONE = Crew(1, 1, silent)
 TRUTH = 0.4  # four prior scales
 WANTED = ("non_schmid", "residual_stress", "cold_work")
 
@@ -74,7 +76,7 @@ def test_an_effect_that_its_derivative_does_not_show_is_found_from_afar(
     scores, fitted, objective = hidden
     near = _of(scores, "non_schmid")
     assert near.p > 0.1
-    found = look_from_afar(scores, fitted, objective, 1.0, silent)
+    found = look_from_afar(scores, fitted, objective, 1.0, ALONE)
     far = found.scores[0]
     assert far.cause.name == "non_schmid" and far.p < NAMING_LEVEL
     (refit,) = found.refits
@@ -87,7 +89,7 @@ def test_causes_that_do_not_bend_keep_their_scores(
     hidden: tuple[list[Score], Fit, Objective],
 ) -> None:
     scores, fitted, objective = hidden
-    found = look_from_afar(scores, fitted, objective, 1.0, silent).scores
+    found = look_from_afar(scores, fitted, objective, 1.0, ALONE).scores
     assert {s.cause.name for s in found} == {s.cause.name for s in scores}
     for score in scores:
         if not score.cause.bends:
@@ -96,13 +98,13 @@ def test_causes_that_do_not_bend_keep_their_scores(
 
 def test_a_model_that_is_right_gets_nothing_from_afar() -> None:
     scores, fitted, objective = examined(0.0)
-    found = look_from_afar(scores, fitted, objective, 1.0, silent)
+    found = look_from_afar(scores, fitted, objective, 1.0, ALONE)
     assert all(s.p >= NAMING_LEVEL for s in found.scores)
 
 
 def test_a_side_that_cannot_be_simulated_is_told_and_the_other_is_looked_at() -> None:
     scores, fitted, objective = examined(-TRUTH, Brittle)
     told: list[str] = []
-    found = look_from_afar(scores, fitted, objective, 1.0, told.append)
+    found = look_from_afar(scores, fitted, objective, 1.0, Crew(1, 1, told.append))
     assert told[0] == "  a1 = 0.3 cannot be simulated (no solution)"
     assert _of(found.scores, "non_schmid").p < NAMING_LEVEL
