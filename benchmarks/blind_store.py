@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -85,12 +85,12 @@ def read(results: Path) -> list[Record]:
     return lines
 
 
-def of_program(lines: list[Record], wanted: str) -> list[Record]:
-    """The lines of one program; those of others are counted and told."""
+def of_programs(lines: list[Record], wanted: Collection[str]) -> list[Record]:
+    """The lines of some programs; those of others are counted and told."""
     others: dict[str, int] = {}
     for line in lines:
-        if line["program"] != wanted:
+        if line["program"] not in wanted:
             others[line["program"]] = others.get(line["program"], 0) + 1
     for other, number in others.items():
         print(f"{number} trial(s) of another program, {other}, are left out")
-    return [line for line in lines if line["program"] == wanted]
+    return [line for line in lines if line["program"] in wanted]

@@ -37,7 +37,7 @@ from benchmarks.blind_ruler import (
     truth_outside,
 )
 from benchmarks.blind_specimen import flipped, jittered, known_case, pulled, true_case
-from benchmarks.blind_store import Record, cache_folder, kept, of_program, program, read
+from benchmarks.blind_store import Record, cache_folder, kept, of_programs, program, read
 from driver.case import Case, load_case, write_case
 from driver.diagnosis.all_causes import EVERY
 from driver.diagnosis.causes import LIBRARY
@@ -81,7 +81,14 @@ def main() -> None:
     parser.add_argument("--cache", type=Path, default=user_cache_path("prismid") / "blind_trial")
     parser.add_argument("--results", type=Path, help="default: results.jsonl in the cache")
     parser.add_argument("--figures", action="store_true", help="no new trials")
-    parser.add_argument("--program", help="whose figures; default: that of these sources")
+    parser.add_argument(
+        "--programs",
+        nargs="+",
+        default=[program()],
+        metavar="HASH",
+        help="whose trials count; default: that of these sources. Name another one beside it only "
+        "where no answer hangs on what they differ by",
+    )
     parser.add_argument("--quick", action="store_true", help="end within 45 s")
     asked = parser.parse_args()
     if asked.quick:
@@ -93,23 +100,25 @@ def main() -> None:
     results: Path = asked.results or cache / f"results_{asked.seed}.jsonl"
     if not asked.figures:
         try:
-            carry_out(asked.seed, asked.only, asked.most, asked.processes, cache, results)
+            carry_out(
+                asked.seed, asked.only, asked.most, asked.processes, cache, results, asked.programs
+            )
         except InputError as error:
             raise SystemExit(str(error)) from None  # another run makes the ruler, or holds it
         except KeyboardInterrupt:
             print(f"stopped; the same command goes on with what {results} lacks")
-    print_figures(of_program(read(results), asked.program or program()))
+    print_figures(of_programs(read(results), asked.programs))
 
 
 def carry_out(
     seed: int, only: Sequence[str] | None, most: int | None, processes: int, cache: Path,
-    results: Path,
+    results: Path, programs: Sequence[str],
 ) -> None:  # fmt: skip
     """Run the trials of a plan that are not in the results file yet."""
     print("an experiment without an effect, by which effects are measured: about 30 CPU-s once")
     trials = planned(seed, cache)
     print(f"program {program()} (hash of its sources); truths in {cache}")
-    known = of_program(read(results), program())
+    known = of_programs(read(results), programs)
     done = {line["trial"]["name"] for line in known}
     left = [t for t in trials if t.name not in done and (only is None or t.kind in only)][:most]
     times = spent(known)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.blind_store import TRUTHS, cache_folder, kept, of_program, read
+from benchmarks.blind_store import TRUTHS, cache_folder, kept, of_programs, read
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -23,7 +23,7 @@ def test_lines_of_another_program_are_counted_and_left_out(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     lines = [{"program": name, "trial": k} for k, name in enumerate("aba")]
-    assert of_program(lines, "a") == [lines[0], lines[2]]
+    assert of_programs(lines, ["a"]) == [lines[0], lines[2]]
     assert "1 trial(s) of another program, b," in capsys.readouterr().out
 
 
