@@ -117,6 +117,8 @@ def _follow(
     named = False
     for part in location:
         if current is None:
+            if named:  # the name of one of several numbers, as in [extensions]
+                path.append(part)
             break
         if named:
             # The name of one of several tables, as in [solver.profiles.NAME].

@@ -66,6 +66,8 @@ def refused(tmp_path: Path, *changes: tuple[str, str]) -> list[str]:
          "identification.parameters", '"C11"', "one of tau0, c, d, K"),
         ("[extensions]", "[extensions]\ntau0_gr2 = 1.0", "extensions", 'the name "tau0_gr2"',
          "one of K, n, Q, b, tau0_112, tau0_grain2"),
+        ("[extensions]", '[extensions]\ntau0_grain2 = "1"', "extensions.tau0_grain2", '"1"',
+         "a number (starts of parameters"),
         ("# interaction = [1, 1, 1, 1]", "interaction = [1, 1.4, 1]", "material.interaction",
          "[1, 1.4, 1]", "24 rows of 24 numbers, or the four numbers [H1, H2, H3, H4]"),
         ("# interaction = [1, 1, 1, 1]", 'interaction = "BCC24"', "material.interaction",
