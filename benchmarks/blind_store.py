@@ -53,7 +53,7 @@ def cache_folder(root: Path) -> Path:
 
 @cache
 def program() -> str:
-    """Hash of all that a diagnosis runs: results of two programs are never mixed."""
+    """Hash of all that a diagnosis runs: results of two programs are not mixed unasked."""
     parts = (PACKAGES / name for name in ("driver", "meshes", "solver_adapters"))
     sources = sorted(path for part in parts for path in part.rglob("*.py"))
     return hash_of(sources, {"prismid": prismid_version(), "solver": solver_hash()})[:12]
@@ -86,11 +86,12 @@ def read(results: Path) -> list[Record]:
 
 
 def of_programs(lines: list[Record], wanted: Collection[str]) -> list[Record]:
-    """The lines of some programs; those of others are counted and told."""
+    """The lines of some programs, the last of each trial; those of others are counted and told."""
     others: dict[str, int] = {}
     for line in lines:
         if line["program"] not in wanted:
             others[line["program"]] = others.get(line["program"], 0) + 1
     for other, number in others.items():
         print(f"{number} trial(s) of another program, {other}, are left out")
-    return [line for line in lines if line["program"] in wanted]
+    kept = {line["trial"]["name"]: line for line in lines if line["program"] in wanted}
+    return list(kept.values())

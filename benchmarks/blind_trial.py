@@ -82,12 +82,12 @@ def main() -> None:
     parser.add_argument("--results", type=Path, help="default: results.jsonl in the cache")
     parser.add_argument("--figures", action="store_true", help="no new trials")
     parser.add_argument(
-        "--programs",
+        "--also",
         nargs="+",
-        default=[program()],
+        default=[],
         metavar="HASH",
-        help="whose trials count; default: that of these sources. Name another one beside it only "
-        "where no answer hangs on what they differ by",
+        help="programs whose trials count beside those of these sources, where no answer hangs on "
+        "what they differ by",
     )
     parser.add_argument("--quick", action="store_true", help="end within 45 s")
     asked = parser.parse_args()
@@ -98,16 +98,15 @@ def main() -> None:
         return
     cache = cache_folder(asked.cache)
     results: Path = asked.results or cache / f"results_{asked.seed}.jsonl"
+    counted = (program(), *asked.also)
     if not asked.figures:
         try:
-            carry_out(
-                asked.seed, asked.only, asked.most, asked.processes, cache, results, asked.programs
-            )
+            carry_out(asked.seed, asked.only, asked.most, asked.processes, cache, results, counted)
         except InputError as error:
             raise SystemExit(str(error)) from None  # another run makes the ruler, or holds it
         except KeyboardInterrupt:
             print(f"stopped; the same command goes on with what {results} lacks")
-    print_figures(of_programs(read(results), asked.programs))
+    print_figures(of_programs(read(results), counted))
 
 
 def carry_out(

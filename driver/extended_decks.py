@@ -10,7 +10,7 @@ from driver.case import Case
 from driver.model import ForwardModel
 from driver.profiles import profile_of
 from solver_adapters.external import ExternalAdapter
-from solver_adapters.interface import Capabilities, Simulation, SolverError, UnsupportedError
+from solver_adapters.interface import Capabilities, Simulation, SolverError
 from solver_adapters.registry import adapter_names, find_adapter
 
 DECKS = "extended_decks"
@@ -37,7 +37,7 @@ def write_decks(
         own = case.model_copy(update={"solver": case.solver.model_copy(update={"name": name})})
         try:
             adapter = find_adapter(name, profile_of(own))
-        except UnsupportedError as unusable:
+        except SolverError as unusable:
             found[name] = str(unusable)
             continue
         if not isinstance(adapter, ExternalAdapter):

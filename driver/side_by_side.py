@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -35,10 +36,9 @@ def side_by_side(
         threads: threads of each.
         done: called with index and result as each task ends.
 
-    Ctrl-C is heard by this process alone, which then ends the others.
-
     Raises:
-        Whatever the first failing task raised; the others are ended.
+        Whatever the first failing task raised; the others are ended. So they are after Ctrl-C,
+        which this process alone hears.
     """
     if min(processes, len(tasks)) <= 1:
         results = []
@@ -52,15 +52,15 @@ def side_by_side(
         ProcessPoolExecutor(
             max_workers=min(processes, len(tasks)),
             mp_context=multiprocessing.get_context("spawn"),
-            initializer=use_threads,
+            initializer=_begin,
             initargs=(threads,),
         ) as pool,
     ):
         others = multiprocessing.active_children()
-        with _deaf_to_interrupts():
-            futures = {pool.submit(work, task): index for index, task in enumerate(tasks)}
         found: dict[int, Result] = {}
         try:
+            with _deaf_to_interrupts():
+                futures = {pool.submit(work, task): index for index, task in enumerate(tasks)}
             for future in as_completed(futures):
                 found[futures[future]] = future.result()
                 if done is not None:
@@ -74,12 +74,16 @@ def side_by_side(
     return [found[index] for index in range(len(tasks))]
 
 
+def _begin(threads: int) -> None:
+    """What a process does first."""
+    use_threads(threads)
+    # A task that is ended tidies up, as after Ctrl-C.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+
+
 @contextmanager
 def _deaf_to_interrupts() -> Iterator[None]:
-    """Processes that start inside never hear Ctrl-C, which a terminal sends to all of them.
-
-    This one hears afterwards what came meanwhile.
-    """
+    """Processes that start inside never hear Ctrl-C, which a terminal sends to all of them."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -63,11 +63,10 @@ def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int
         f"{history.n_images} images, {cost_told(seconds, memory)}"
     )
     course = pull(truth, history, hidden, steps, tenths("  truth: ", log))
-    folder.parent.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     # A folder holds a whole experiment or none: one that was begun would be refused next time.
-    with TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent) as aside:
+    with TemporaryDirectory(prefix=".", dir=folder) as aside:
         record(Path(aside), case, course, seed, settings)
-        folder.mkdir(exist_ok=True)
         for file in Path(aside).iterdir():
             file.replace(folder / file.name)
     log(f"{folder / 'case.toml'} written, its truth in truth.json: `prismid run {folder}`")

@@ -38,7 +38,9 @@ def find_adapter(name: str, profile: Profile | None = None) -> Adapter:
 def _made(point: EntryPoint, profile: Profile | None) -> Adapter:
     try:
         make: Callable[..., Adapter] = point.load()
-        return make(profile) if takes_profile(make) else make()
+        adapter = make(profile) if takes_profile(make) else make()
+        adapter.capabilities()  # in the words of another version of the interface it fails
+        return adapter
     except SolverError:
         raise
     except Exception as fault:
@@ -58,6 +60,6 @@ def installed_capabilities() -> dict[str, Capabilities]:
     """What each installed solver that can be used can honour, by name."""
     usable = {}
     for name in adapter_names():
-        with suppress(UnsupportedError):
+        with suppress(SolverError):
             usable[name] = find_adapter(name).capabilities()
     return usable

@@ -3,18 +3,19 @@
 A score is of first order. Far from its null such a cause does something else than near it: of the
 effect of a few prior scales hardly anything lies along the derivative at the null, and the data
 do not show it there. It is scored as well by the change of the prediction from the fit to where it
-stands three prior scales off its null, on either side; where that promises something, by the
-change to where a refit from there ends.
+stands three prior scales off its null, on either side; where that promises something, by what a
+refit from there gains.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
+from driver.diagnosis.causes import Cause
 from driver.diagnosis.refit import (
     FAR,
     MOST_FROM_AFAR,
@@ -24,13 +25,15 @@ from driver.diagnosis.refit import (
     refit_from,
     with_prior,
 )
-from driver.diagnosis.score import NAMING_LEVEL, Score, score
+from driver.diagnosis.score import NAMING_LEVEL, WORTH, Score, score, significance
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from driver.log import Log
 from solver_adapters.interface import NotRunError, SolverError
+from solver_adapters.jobs.errors import is_by_circumstances
 
 PROMISING = 0.02  # probability of one look under the null, below which a refit follows
+_LOOKS = 3  # either side, and where a refit ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +41,8 @@ class FarLooks:
     """What is seen from afar.
 
     Attributes:
-        scores: of all causes, that of a bent one from where it shows best.
+        scores: of all causes, that of a bent one from where it shows best; the magnitude from
+            which on it is seen is that of a look.
         refits: of the bent causes that showed from afar.
     """
 
@@ -46,78 +50,130 @@ class FarLooks:
     refits: list[Refit]
 
 
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """The fit with a cause off its null by an amount, in prior scales, and its score."""
+
+    amount: float
+    at: Evaluation
+    score: Score
+
+
 def look_from_afar(
     scores: Sequence[Score], here: Fit, objective: Objective, variance: float, crew: Crew
 ) -> FarLooks:
-    """Score causes that bend from afar as well; two simulations each, and a refit where it pays.
+    """Score causes that bend, and that their derivative does not show, from afar.
+
+    Each costs two simulations, and a refit where they promise something.
 
     Args:
         scores: of all causes, to first order.
         here: the fit that is examined.
         objective: its objective.
         variance: of whitened numbers along the causes, 1 for noise alone.
-        crew: who refits; its log takes a line for each cause that shows from afar, and for a side
-            that fails.
+        crew: who refits; its log takes a line for each cause, and for a side that fails.
 
     Raises:
         NotRunError: a simulation was not run.
+        JobError, ResultFileError: one was killed, ran out of memory or left no result.
     """
-    bent = [s for s in scores if s.cause.bends and s.degrees]
-    family = len(scores) + 2 * len(bent)
+    bent = [s for s in scores if s.cause.bends and not _shows(s)]
+    family = len(scores) + _LOOKS * len(bent)
     seen, refits = list(scores), []
 
-    def along(near: Score, there: Evaluation, amount: float) -> Score:
-        """The score of the change from the fit, `amount` prior scales of the cause."""
-        change = (here.best.residual - there.residual)[None] / amount
+    def look(near: Score, at: Evaluation, amount: float) -> _Look:
+        change = (here.best.residual - at.residual)[None] / amount
         degrees = objective.data.load_degrees
-        return score(near.cause, change, here.best, family, degrees, variance)
+        return _Look(amount, at, score(near.cause, change, here.best, family, degrees, variance))
 
     for near in bent:
+        crew.log(f"  looking at {near.cause.name} from afar")
         extended = with_prior(objective, near.cause)
-        known: list[tuple[Score, Evaluation]] = []
-        for amount in (FAR[-1], -FAR[-1]):
-            there = _at(near, here, extended, amount, crew.log)
-            far = None if there is None else along(near, there, amount)
-            if there is not None and far is not None and far.estimate[0] * amount > 0:
-                known.append((far, there))
-        if not known:
-            continue
-        far, there = max(known, key=lambda pair: pair[0].statistic)
-        found = [near, far]
-        if near.p >= NAMING_LEVEL and chi2.sf(far.statistic, far.degrees) < PROMISING:
-            crew.log(f"{near.cause.name} shows from afar: refitting it")
+        sides = [
+            look(near, at, amount)
+            for at, amount in _sides(near, here, extended, crew.log)
+            if amount != 0.0
+        ]
+        promising = [
+            one
+            for one in sides
+            if one.score.estimate[0] * one.amount > 0
+            and chi2.sf(one.score.statistic, one.score.degrees) < PROMISING
+        ]
+        found = [near, *(one.score for one in promising)]
+        if promising:
+            begin = max(promising, key=lambda one: one.score.statistic)
             start = Start(
-                near.cause, extended, there.values, None, here.best, np.inf, MOST_FROM_AFAR
+                near.cause, extended, begin.at.values, None, here.best, np.inf, MOST_FROM_AFAR
             )
             for refit in refit_from([start], crew):
-                amount = _amount(near, extended, refit.fit.values)
-                if abs(amount) > FAR[0]:
+                end = _gained(refit, begin.score, here, objective, family, variance)
+                if abs(end.estimate[0]) > FAR[0]:
                     refits.append(refit)
-                    found.append(along(near, refit.fit.best, amount))
-        seen[seen.index(near)] = max(found, key=lambda s: s.log_evidence)
+                    found.append(end)
+        best = max(found, key=lambda s: s.log_evidence)
+        limits = [one.score.visible for one in sides]
+        # Near the null the derivative holds, beyond it what the weaker side shows.
+        if limits and near.visible[0] > FAR[0]:
+            best = replace(best, visible=np.max(limits, axis=0))
+        seen[seen.index(near)] = best
     return FarLooks(sorted(seen, key=lambda s: -s.log_evidence), refits)
 
 
-def _at(near: Score, here: Fit, extended: Objective, amount: float, log: Log) -> Evaluation | None:
-    """The fit with a cause so many prior scales off its null, None where that has no answer."""
+def _gained(
+    refit: Refit, side: Score, here: Fit, objective: Objective, family: int, variance: float
+) -> Score:
+    """The score that a refit is: its statistic is the likelihood ratio, one parameter more."""
+    at, extended = refit.fit.best, with_prior(objective, refit.cause)
+    amount = _amount(refit.cause, extended, at.values)
+    # The cost of a refit has the prior of its cause.
+    gained = max(here.best.cost - (at.cost - amount**2), 0.0) / variance
+    components = np.array([np.copysign(np.sqrt(gained), amount)])
+    p = significance(
+        refit.cause, components, side.directions, here.best, family, objective.data.load_degrees
+    )
+    (name,) = refit.cause.parameters
+    k, width = at.free.index(name), extended.prior[name][1]
+    return replace(
+        side,
+        statistic=gained,
+        p=p,
+        log_evidence=refit.log_evidence,
+        estimate=np.array([amount]),
+        sigma=np.sqrt(refit.fit.covariance[[k], [k]]) / width,
+        components=components,
+    )
+
+
+def _shows(near: Score) -> bool:
+    """Whether the derivative shows a cause, in a size that is not absurd."""
+    return near.p < NAMING_LEVEL and near.log_evidence > WORTH
+
+
+def _sides(near: Score, here: Fit, extended: Objective, log: Log) -> list[tuple[Evaluation, float]]:
+    """The fit with a cause far off its null, and how far, where that can be simulated."""
     (name,) = near.cause.parameters
     null, width = extended.prior[name]
-    parameter = extended.parameters[name]
-    value = parameter.value(amount * width, null)
-    if not parameter.lower <= value <= parameter.upper:
-        return None
-    values = here.values | {name: value}
-    try:
-        return extended.compare(extended.model.predict(values, ()), values, ())
-    except NotRunError:
-        raise
-    except (SolverError, ValueError) as error:
-        log(f"  {name} = {value:.3g} cannot be simulated ({str(error).partition(chr(10))[0]})")
-        return None
+    found = []
+    for amount in (FAR[-1], -FAR[-1]):
+        values = here.values | {name: extended.parameters[name].value(amount * width, null)}
+        try:
+            prediction = extended.model.predict(values, ())
+        except NotRunError:
+            raise
+        except (SolverError, ValueError) as error:
+            if is_by_circumstances(error):
+                raise
+            why = str(error).partition("\n")[0]
+            log(f"  {name} = {values[name]:.3g} cannot be simulated ({why})")
+            continue
+        at = extended.compare(prediction, values, ())
+        found.append((at, _amount(near.cause, extended, values)))
+    return found
 
 
-def _amount(near: Score, extended: Objective, values: Mapping[str, float]) -> float:
+def _amount(cause: Cause, extended: Objective, values: Mapping[str, float]) -> float:
     """How many prior scales a cause is off its null."""
-    (name,) = near.cause.parameters
+    (name,) = cause.parameters
     null, width = extended.prior[name]
     return float(extended.parameters[name].theta(values[name], null)) / width

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from driver.diagnosis.omnibus import FAMILY_LEVEL, Omnibus, omnibus
 from driver.diagnosis.outcome import Settings, Step
 from driver.diagnosis.own_correction import with_own_corrections
 from driver.diagnosis.refit import Crew, Refit, refit_causes, refit_from_afar
-from driver.diagnosis.score import NAMING_LEVEL, PARALLEL, Score, effects_of, likeness
+from driver.diagnosis.score import NAMING_LEVEL, PARALLEL, WORTH, Score, effects_of, likeness
 from driver.diagnosis.screening import own_error_shapes, screen, screened
 from driver.diagnosis.smooth_fields import smooth_fields
 from driver.diagnosis.verdict import MOST_ADDITIONS
@@ -33,7 +33,6 @@ from driver.log import Log
 FloatArray = NDArray[np.float64]
 
 WITHIN = 3.0  # log evidence within which causes are not told apart
-WORTH = 1.0  # log evidence without which nothing is added: less is no evidence (Jeffreys)
 LARGE = 3.0  # χ_F beyond which a score names a cause no better than chance
 ENOUGH = 0.9  # share of the excess that the best cause has to explain
 _AKIN = 0.5  # likeness of causes that may do for each other
@@ -98,6 +97,7 @@ def examine(
         refits = [refit_boundary_noise(stops.effect, here.best, objective, log)]
     elif len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS:
         crew = Crew(settings.processes, settings.threads, log)
+        seen = _looked(seen, here, objective, crew)
         both = held_against_both(finer, here, objective, seen.scores, seen.widened, log)
         if both is not None:
             lost = both.lost
@@ -109,6 +109,7 @@ def examine(
                 )
                 log("  with the mean of both meshes:")
                 seen = _first_order(here, objective, candidates, screening, settings, stops, log)
+                seen = _looked(seen, here, objective, crew)
         if lost is None:
             refits = _refits(seen, screening, here, objective, settings.refit, crew)
             trial = _flips(refits, seen.tests, here.best, objective, added, settings.wanted, crew)
@@ -156,18 +157,18 @@ def level_of(cause: Cause) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """What is seen to first order.
+    """What is seen before anything is refitted, but for causes that show from afar.
 
     Attributes:
         scores: of all causes, best log evidence first.
-        afar: refits of causes that show from afar only.
+        afar: refits of causes that show from afar only, none to first order.
         widened: by how much the simulation's own error widens them.
         tests: of the residual against no particular cause.
         noise: the score of the noise of the boundary, None where it was not looked for.
     """
 
     scores: list[Score]
-    afar: list[Refit]
+    afar: tuple[Refit, ...]
     widened: float
     tests: Omnibus
     noise: Score | None
@@ -187,9 +188,6 @@ def _first_order(
     scores, variance = screen(here, objective, candidates, effects, settings.sizes)
     if variance > 1.0:
         log(f"  the simulation's own error widens scores by {np.sqrt(variance):.2f}")
-    crew = Crew(settings.processes, settings.threads, log)
-    looked = look_from_afar(scores, here, objective, variance, crew)
-    scores = looked.scores
     fields = smooth_fields(objective.data, here.best.motion)
     own = own_error_shapes(objective)
     tests = omnibus(here.best, objective.data, effects, fields, own, variance)
@@ -198,7 +196,13 @@ def _first_order(
         scores = sorted([*scores, noise], key=lambda s: -s.log_evidence)
     for s in scores[:5]:
         log(f"  {s.cause.name}: log evidence {s.log_evidence:+.1f}, p {s.p:.2g}")
-    return _Seen(scores, looked.refits, float(np.sqrt(variance)), tests, noise)
+    return _Seen(scores, (), float(np.sqrt(variance)), tests, noise)
+
+
+def _looked(seen: _Seen, here: Fit, objective: Objective, crew: Crew) -> _Seen:
+    """What is seen, from afar as well."""
+    found = look_from_afar(seen.scores, here, objective, seen.widened**2, crew)
+    return replace(seen, scores=found.scores, afar=tuple(found.refits))
 
 
 def _flips(
@@ -271,9 +275,8 @@ def _refits(
         others = [s for s in tried if s not in chosen]
         crew.log(f"a large effect, or one half explained: refitting {_listed(others)}")
         bar = _bar(best, baseline)
-        best = _best_of_each(
-            [*best, *refit_causes(others, screening, baseline, objective, crew, bar)]
-        )
+        more = refit_causes(others, screening, baseline, objective, crew, bar)
+        best = _best_of_each([*best, *seen.afar, *more])
     stalled = {r.cause.name for r in best if not r.fit.converged}
     far = baseline.chi_load > LARGE or _bent(best[0], scores)
     leading = {r.cause.name for r in best[:most]} if far else set()

@@ -13,13 +13,13 @@ from driver.diagnosis.preparation import Prepared
 from driver.diagnosis.refit import Refit
 from driver.diagnosis.round import (
     WITHIN,
-    WORTH,
     Round,
     at_first_sight,
     examine,
     is_settled,
     set_of,
 )
+from driver.diagnosis.score import WORTH
 from driver.diagnosis.verdict import MOST_ADDITIONS
 from driver.log import Log
 from solver_adapters.interface import SolverError

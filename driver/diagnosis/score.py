@@ -30,6 +30,7 @@ NAMING_LEVEL = 0.005
 """Of the family of all causes: less than one model in a hundred that is right gets a cause."""
 # This level over tens of causes is near 3.7 σ; most of one more σ for power.
 SEEN_AT = 4.5
+WORTH = 1.0  # log evidence without which nothing is added: less is no evidence (Jeffreys)
 PARALLEL = 0.95  # likeness beyond which causes cannot be told apart
 _RANK = 1e-9
 _OWN = 1e-4  # variance of a direction that several causes have together, over the largest

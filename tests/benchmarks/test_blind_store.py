@@ -22,9 +22,15 @@ def test_a_line_that_a_kill_cut_short_is_left_out(tmp_path: Path) -> None:
 def test_lines_of_another_program_are_counted_and_left_out(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    lines = [{"program": name, "trial": k} for k, name in enumerate("aba")]
+    lines = [{"program": name, "trial": {"name": str(k)}} for k, name in enumerate("abac")]
     assert of_programs(lines, ["a"]) == [lines[0], lines[2]]
     assert "1 trial(s) of another program, b," in capsys.readouterr().out
+    assert of_programs(lines, ["c", "a"]) == [lines[0], lines[2], lines[3]]
+
+
+def test_a_trial_of_two_programs_counts_once() -> None:
+    lines = [{"program": name, "trial": {"name": "null 1"}} for name in "ab"]
+    assert of_programs(lines, ["a", "b"]) == [lines[1]]
 
 
 def test_what_is_kept_is_made_once(tmp_path: Path) -> None:

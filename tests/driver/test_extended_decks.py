@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from benchmarks.short_specimen import small_case
 from driver.extended_decks import DECKS, write_decks
 from driver.model import ForwardModel
 from driver.specimen import adapter_of, build_model, mesh_of
 from driver.virtual_course import stage_program
+from solver_adapters import registry
 
 CASE = small_case()
 
@@ -44,6 +47,17 @@ def test_a_cause_that_a_solver_does_not_know_is_refused_with_its_name(tmp_path: 
     told = write_decks(tmp_path, CASE, MODEL, NULL | {"x0": 1e-4})
     assert not (tmp_path / DECKS).exists()
     assert all("x0" in (told[name] or "") for name in ("calculix", "code_aster"))
+
+
+def test_a_solver_that_cannot_be_loaded_is_told_beside_the_decks_of_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points = entry_points(group=registry.GROUP)
+    broken = EntryPoint("broken", "no_such_package:Solver", registry.GROUP)
+    monkeypatch.setattr(registry, "entry_points", lambda group: (*points, broken))
+    told = write_decks(tmp_path, CASE, MODEL, NULL)
+    assert "the solver broken: found no usable no_such_package:Solver" in (told["broken"] or "")
+    assert told["calculix"] is None and told["code_aster"] is None
 
 
 def test_a_cause_of_the_instrument_changes_no_deck(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -47,11 +48,17 @@ def test_more_threads_than_the_machine_has_are_as_many_as_it_has() -> None:
 def test_ctrl_c_in_a_terminal_ends_all_processes_without_a_word_of_theirs(tmp_path: Path) -> None:
     """The terminal interrupts the whole group: two tasks of a minute, a process that has none."""
     tasks = [tmp_path / name for name in ("first", "second", "short")]
-    call = f"side_by_side(mark_and_work, [Path(t) for t in {[str(t) for t in tasks]}], 3)"
-    head = "from tests.driver.test_side_by_side import *\nif __name__ == '__main__':\n"
     script = tmp_path / "script.py"
     script.write_text(
-        f"{head}    try:\n        {call}\n    except KeyboardInterrupt:\n        print('stopped')\n"
+        "import signal\n"
+        "from tests.driver.test_side_by_side import *\n"
+        "if __name__ == '__main__':\n"
+        # What runs in the background of a shell ignores Ctrl-C unless it says otherwise.
+        "    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "    try:\n"
+        f"        side_by_side(mark_and_work, [Path(t) for t in {[str(t) for t in tasks]}], 3)\n"
+        "    except KeyboardInterrupt:\n"
+        "        print('stopped')\n"
     )
     group = subprocess.Popen(
         [sys.executable, script],
@@ -61,14 +68,20 @@ def test_ctrl_c_in_a_terminal_ends_all_processes_without_a_word_of_theirs(tmp_pa
         start_new_session=True,
         text=True,
     )
-    while not all(task.exists() for task in tasks) and group.poll() is None:
-        time.sleep(0.05)
-    pids = [int(task.read_text()) for task in tasks]
-    time.sleep(0.5)  # the process of the short task waits for another one
-    os.killpg(group.pid, signal.SIGINT)
-    said, complaints = group.communicate(timeout=30)
+    try:
+        late = time.monotonic() + 60.0
+        while not all(task.exists() for task in tasks) and time.monotonic() < late:
+            time.sleep(0.05)
+        time.sleep(0.5)  # the process of the short task waits for another one
+        os.killpg(group.pid, signal.SIGINT)
+        said, complaints = group.communicate(timeout=30)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(group.pid, signal.SIGKILL)
+        group.communicate()
     assert (said, complaints, group.returncode) == ("stopped\n", "", 0)
-    for pid in pids:
+    assert all(task.with_suffix(".tidy").exists() for task in tasks)
+    for pid in [int(task.read_text()) for task in tasks]:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
 
@@ -78,7 +91,10 @@ def mark_and_work(task: Path) -> None:
     aside = task.with_suffix(".part")
     aside.write_text(str(os.getpid()))
     aside.rename(task)
-    time.sleep(0.0 if task.name == "short" else 60.0)
+    try:
+        time.sleep(0.0 if task.name == "short" else 60.0)
+    finally:
+        task.with_suffix(".tidy").touch()
 
 
 def test_no_tasks_have_no_results() -> None:

@@ -5,13 +5,21 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from solver_adapters import registry
-from solver_adapters.interface import UnsupportedError
+from solver_adapters.bundled.adapter import BundledAdapter
+from solver_adapters.interface import Capabilities, UnsupportedError
 from solver_adapters.registry import GROUP, adapter_names, find_adapter, installed_capabilities
 
 POINTS = (
     EntryPoint("second", "solver_adapters.bundled.adapter:BundledAdapter", GROUP),
     EntryPoint("bundled", "solver_adapters.bundled.adapter:BundledAdapter", GROUP),
 )
+
+
+class Outdated(BundledAdapter):
+    """A solver in the words of another interface."""
+
+    def capabilities(self) -> Capabilities:
+        return Capabilities(materials=frozenset())  # type: ignore[call-arg]
 
 
 @pytest.fixture
@@ -32,6 +40,7 @@ def test_a_solver_is_found_by_the_name_of_its_entry_point() -> None:
     [
         ("no_such_package:Solver", "ModuleNotFoundError"),
         ("solver_adapters.external:ExternalAdapter", "TypeError"),
+        ("tests.solver_adapters.test_registry:Outdated", "TypeError"),
     ],
 )
 def test_a_solver_that_cannot_be_used_is_told_and_stands_in_the_way_of_no_other(

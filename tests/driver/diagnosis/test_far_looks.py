@@ -2,31 +2,38 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
-from driver.diagnosis.far_looks import look_from_afar
+from driver.diagnosis import far_looks
+from driver.diagnosis.boundary_noise import Stops
+from driver.diagnosis.far_looks import FarLooks, look_from_afar
+from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.refit import Crew
+from driver.diagnosis.round import examine
 from driver.diagnosis.score import NAMING_LEVEL, Score, effects_of
 from driver.diagnosis.screening import screen, screened
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
-from driver.log import silent
+from driver.log import Log, silent
 from solver_adapters.interface import FloatArray, Simulation, SolverError
 from tests.driver import closed_form
 from tests.driver.closed_form import ClosedFormSolver
-from tests.driver.closed_form_diagnosis import SETTINGS, identified
+from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
 
-ALONE = Crew(1, 1, silent)
 TRUTH = 0.4  # four prior scales
 WANTED = ("non_schmid", "residual_stress", "cold_work")
 
 
 def as_others(a1: float) -> dict[str, float]:
-    """What a non-Schmid stress does here: one thing near its null, another far from it."""
-    return {"tau0_112": float(np.exp(0.002 * a1)), "tau0_grain2": float(np.exp(8.0 * a1**3))}
+    """What a non-Schmid stress does here: one thing near its null, others far from it."""
+    return {
+        "tau0_112": float(np.exp(0.002 * a1)),
+        "tau0_grain2": float(np.exp(8.0 * a1**3)),
+        "elastic_scale": float(np.exp(40.0 * a1**6)),
+    }
 
 
 class Bent(ClosedFormSolver):
@@ -34,8 +41,13 @@ class Bent(ClosedFormSolver):
 
     def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
         m = simulation.material
-        others = as_others(m.a1)
-        m = replace(m, tau0_112=others["tau0_112"], tau0_grain2=others["tau0_grain2"])
+        o = as_others(m.a1)
+        m = replace(
+            m,
+            tau0_112=o["tau0_112"],
+            tau0_grain2=o["tau0_grain2"],
+            elastic_scale=o["elastic_scale"],
+        )
         return super().answer(replace(simulation, material=m))
 
 
@@ -48,17 +60,30 @@ class Brittle(Bent):
         return super().answer(simulation)
 
 
-def examined(truth: float, solver: type[Bent] = Bent) -> tuple[list[Score], Fit, Objective]:
-    """First-order scores of causes of the law, with a non-Schmid stress hidden in the data."""
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """First-order scores of causes of the law at a fit."""
+
+    scores: list[Score]
+    fit: Fit
+    objective: Objective
+
+
+def examined(truth: float, solver: type[Bent] = Bent, seed: int = 0) -> Examined:
+    """A fit to data in which a non-Schmid stress is hidden, and its scores."""
     bench = closed_form.bench()
-    objective = closed_form.objective(bench, bench.truth | as_others(truth))
+    objective = closed_form.objective(bench, bench.truth | as_others(truth), seed)
     objective, fitted = identified(bench, objective)
     objective = replace(objective, model=replace(objective.model, adapter=solver()))
     candidates, names = screened(objective.model, fitted.best.free, WANTED)
     wide = objective.evaluate(fitted.values, names)
     effects = effects_of(candidates, wide, objective.parameters)
     scores, _ = screen(fitted, objective, candidates, effects, SETTINGS.sizes)
-    return scores, fitted, objective
+    return Examined(scores, fitted, objective)
+
+
+def look(at: Examined, log: Log = silent) -> FarLooks:
+    return look_from_afar(at.scores, at.fit, at.objective, 1.0, Crew(1, 1, log))
 
 
 def _of(scores: list[Score], name: str) -> Score:
@@ -66,45 +91,66 @@ def _of(scores: list[Score], name: str) -> Score:
 
 
 @pytest.fixture(scope="module")
-def hidden() -> tuple[list[Score], Fit, Objective]:
+def hidden() -> Examined:
     return examined(TRUTH)
 
 
-def test_an_effect_that_its_derivative_does_not_show_is_found_from_afar(
-    hidden: tuple[list[Score], Fit, Objective],
-) -> None:
-    scores, fitted, objective = hidden
-    near = _of(scores, "non_schmid")
+def test_an_effect_that_its_derivative_does_not_show_is_found_from_afar(hidden: Examined) -> None:
+    near = _of(hidden.scores, "non_schmid")
     assert near.p > 0.1
-    found = look_from_afar(scores, fitted, objective, 1.0, ALONE)
-    far = found.scores[0]
-    assert far.cause.name == "non_schmid" and far.p < NAMING_LEVEL
+    found = look(hidden)
+    far = _of(found.scores, "non_schmid")
+    assert far is found.scores[0] and far.p < NAMING_LEVEL
     (refit,) = found.refits
-    value, sigma = refit.fit.values["a1"], refit.fit.sigma("a1", objective.parameters)
-    assert abs(value - TRUTH) < 3 * sigma + 0.05 and sigma < 0.1
-    assert refit.log_evidence > 5.0
+    assert abs(refit.fit.values["a1"] - TRUTH) < 3 * refit.fit.sigma(
+        "a1", hidden.objective.parameters
+    )
+    assert refit.log_evidence == far.log_evidence > 5.0
 
 
-def test_causes_that_do_not_bend_keep_their_scores(
-    hidden: tuple[list[Score], Fit, Objective],
+def test_the_end_of_a_refit_gains_more_than_the_sides_show(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scores, fitted, objective = hidden
-    found = look_from_afar(scores, fitted, objective, 1.0, ALONE).scores
-    assert {s.cause.name for s in found} == {s.cause.name for s in scores}
-    for score in scores:
+    """The effect goes on bending beyond three prior scales."""
+    end = _of(look(hidden).scores, "non_schmid")
+    monkeypatch.setattr(far_looks, "refit_from", lambda tasks, crew: [])
+    side = _of(look(hidden).scores, "non_schmid")
+    assert end.statistic > side.statistic + 5.0
+    assert side.estimate[0] == pytest.approx(3.0, abs=1.0)
+    assert end.estimate[0] == pytest.approx(10 * TRUTH, rel=0.1)
+
+
+def test_from_where_on_a_bent_effect_is_seen_is_told_by_a_look() -> None:
+    right = examined(0.0)
+    near, far = (_of(s, "non_schmid") for s in (right.scores, look(right).scores))
+    assert near.visible[0] > 100.0 and 2.0 < far.visible[0] < 10.0
+
+
+def test_causes_that_do_not_bend_keep_their_scores(hidden: Examined) -> None:
+    found = look(hidden).scores
+    assert {s.cause.name for s in found} == {s.cause.name for s in hidden.scores}
+    for score in hidden.scores:
         if not score.cause.bends:
             assert _of(found, score.cause.name) is score
 
 
-def test_a_model_that_is_right_gets_nothing_from_afar() -> None:
-    scores, fitted, objective = examined(0.0)
-    found = look_from_afar(scores, fitted, objective, 1.0, ALONE)
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_model_that_is_right_gets_nothing_from_afar(seed: int) -> None:
+    found = look(examined(0.0, seed=seed))
     assert all(s.p >= NAMING_LEVEL for s in found.scores)
+    assert not found.refits
 
 
 def test_a_side_that_cannot_be_simulated_is_told_and_the_other_is_looked_at() -> None:
-    scores, fitted, objective = examined(-TRUTH, Brittle)
     told: list[str] = []
-    found = look_from_afar(scores, fitted, objective, 1.0, Crew(1, 1, told.append))
-    assert told[0] == "  a1 = 0.3 cannot be simulated (no solution)"
+    found = look(examined(-TRUTH, Brittle), told.append)
+    assert "  a1 = 0.3 cannot be simulated (no solution)" in told
     assert _of(found.scores, "non_schmid").p < NAMING_LEVEL
+
+
+def test_a_round_names_what_only_a_look_from_afar_shows(hidden: Examined) -> None:
+    settings = replace(SETTINGS, wanted=("non_schmid",))
+    meshes = FinerMeshes(replace(finer(closed_form.bench()), adapter=Bent(0.001)))
+    found = examine(hidden.fit, hidden.objective, (), settings, Stops(None), None, meshes, silent)
+    assert found.winner is not None and found.winner.cause.name == "non_schmid"
+    assert found.winner.fit.values["a1"] == pytest.approx(TRUTH, abs=0.04)

@@ -8,8 +8,8 @@ import numpy as np
 
 from driver.diagnosis.boundary_noise import Stops
 from driver.diagnosis.finer_meshes import FinerMeshes
-from driver.diagnosis.round import WORTH, examine, to_refit
-from driver.diagnosis.score import NAMING_LEVEL, Score
+from driver.diagnosis.round import examine, to_refit
+from driver.diagnosis.score import NAMING_LEVEL, WORTH, Score
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
 from driver.log import silent
