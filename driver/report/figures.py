@@ -61,7 +61,10 @@ def budget(free: float, sides: Mapping[str, Mapping[str, float]]) -> Figure:
         ]
         for place, (_, height, colour) in enumerate(bars):
             axis.bar(place, height, width=0.65, color=colour)
-            axis.text(place, height, chi(height), ha="center", va="bottom", weight="bold")
+            # On white, or the line of noise would strike out a number just below it.
+            axis.annotate(chi(height), (place, height), (0, 2.5), textcoords="offset points",
+                          ha="center", va="bottom", weight="bold",
+                          bbox={"facecolor": "white", "lw": 0, "pad": 0.6})  # fmt: skip
         axis.axhline(1.0, color=GREY, lw=1.0, ls="--", zorder=0)
         axis.set_xticks(range(len(bars)), [name for name, _, _ in bars])
         axis.set_ylim(0.0, 1.18 * max(height for _, height, _ in bars))

@@ -24,6 +24,10 @@ def test_the_budget_writes_every_chi_above_its_bar() -> None:
     assert texts(mesh) == ["1.00", "1.60", "1.03"]
     assert texts(loads) == ["1.00", "58.0", "0.98"]
     assert all(axes.get_ylim()[0] == 0.0 for axes in (pixels, mesh, loads))
+    # The line of noise does not strike out what stands just below it.
+    for text in loads.texts:
+        box = text.get_bbox_patch()
+        assert box is not None and box.get_facecolor() == (1.0, 1.0, 1.0, 1.0)
     assert (pixels.get_ylabel(), loads.get_ylabel()) == ("χ [1]", r"$\mathregular{χ_F}$ [1]")
 
 
