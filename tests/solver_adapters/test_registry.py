@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from importlib.metadata import EntryPoint
+from typing import Any
 
 import pytest
 
@@ -19,7 +20,8 @@ class Outdated(BundledAdapter):
     """A solver in the words of another interface."""
 
     def capabilities(self) -> Capabilities:
-        return Capabilities(materials=frozenset())  # type: ignore[call-arg]
+        words: dict[str, Any] = {"materials": frozenset()}
+        return Capabilities(**words)
 
 
 @pytest.fixture
