@@ -35,6 +35,7 @@ from driver.identify_stage import (
     error_budget,
     fit_arrays,
     load_workbench,
+    same_simulation,
     saved_objective,
 )
 from driver.log import Log
@@ -64,8 +65,10 @@ def run_diagnose(context: StageContext) -> None:
     if not converged:
         context.log(f"  the baseline has not converged ({reason}): read the verdict with care")
     objective = saved_objective(bench, identified)
-    # One simulation gives the baseline and the sensitivities of every cause.
-    wide = objective.evaluate(values, screened(objective.model, free, wanted, own)[1])
+    # One simulation gives the baseline and the sensitivities of every cause: that of the
+    # identification, once more.
+    again = same_simulation(objective, identified, values)
+    wide = again.evaluate(values, screened(objective.model, free, wanted, own)[1])
     objective, wide = objective.reading_pattern_along(wide)
     bench = replace(bench, finer=replace(bench.finer, pattern=objective.model.pattern))
     baseline = Fit(objective.restrict(wide, free), converged, reason, ())

@@ -26,6 +26,7 @@ from driver.results import read_hdf5
 from driver.stages import StageContext
 from driver.workbench import Workbench, build_workbench, seen_by_correlation
 from meshes.files import read_med
+from solver_adapters.interface import Way
 
 JOBS = "jobs"
 FloatArray = NDArray[np.float64]
@@ -122,6 +123,23 @@ def saved_objective(bench: Workbench, results: dict[str, FloatArray]) -> Objecti
     return with_correction(objective, float(results["noise_factor"]), correction, bench.plan.sizes)
 
 
+def same_simulation(
+    objective: Objective, results: dict[str, FloatArray], values: Mapping[str, float]
+) -> Objective:
+    """The objective that simulates in the steps of a finished identification, and by its way.
+
+    Args:
+        objective: that of its last stage.
+        results: what was written of it.
+        values: every parameter as it was identified.
+    """
+    if "way/times" not in results:  # the solver does not tell it
+        return objective
+    way = Way(results["way/times"], results["way/displacement"])
+    model = objective.model.in_steps_of(way.times[1:], values).near(way, values)
+    return replace(objective, model=model)
+
+
 def fit_arrays(fit: Fit, bench: Workbench, prefix: str) -> Arrays:
     """Predictions and residuals of a fit for the results file."""
     best, data = fit.best, bench.objective.data
@@ -148,6 +166,7 @@ def _write(
             **_as_in_the_paper(found),
             **_starts(found),
             **_jitter(found.objective.data.jitter),
+            **_way(found.final.best.prediction.response.way),
             **fit_arrays(found.final, bench, "final"),
         },
     )
@@ -184,6 +203,13 @@ def _starts(found: Identification) -> Arrays:
             for name in found.law
         },
     }
+
+
+def _way(way: Way | None) -> Arrays:
+    """By which the simulation can be repeated without its iterations."""
+    if way is None:
+        return {}
+    return {"way/times": (way.times, "s"), "way/displacement": (way.displacement, "µm")}
 
 
 def _jitter(jitter: BoundaryJitter | None) -> Arrays:

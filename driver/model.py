@@ -34,6 +34,7 @@ from solver_adapters.interface import (
     Progress,
     Response,
     Simulation,
+    Way,
 )
 from solver_adapters.material import (
     MATERIAL_DECLARATIONS,
@@ -95,6 +96,8 @@ class ForwardModel:
             them, or None for steps of its own.
         pattern: by how much the pattern of the flats would make the surface rise at the pixels
             were it left in the images [µm], shape (T, n_pix), or None where it is not known.
+        way: the way of a nearby simulation on the clock of the history, by which simulations may
+            begin their iterations, or None.
     """
 
     material: Material
@@ -112,6 +115,7 @@ class ForwardModel:
     workspace: Path | None = None
     steps: FloatArray | None = None
     pattern: FloatArray | None = None
+    way: Way | None = None
 
     @property
     def parameters(self) -> dict[str, Parameter]:
@@ -143,21 +147,33 @@ class ForwardModel:
             steps_per_interval=self.steps_per_interval,
             accuracy=self.accuracy if steps is None else None,
             steps=steps,
+            near=None if self.way is None else _on_clock(self.way, self.times, times),
         )
 
-    def in_steps_of(self, response: Response, values: Values) -> ForwardModel:
+    def in_steps_of(self, ends: FloatArray, values: Values) -> ForwardModel:
         """The model that takes the time steps of a response of its own.
 
         Steps that refine themselves jump from one to the next parameters, and with them the
         error of the steps; two simulations in the same steps differ by their parameters alone.
 
         Args:
-            response: the response.
+            ends: where they end [s], `Response.ends`.
             values: the parameters that it was made with.
         """
-        if self.accuracy is None or not response.ends.size:
+        if self.accuracy is None or not ends.size:
             return self
-        return replace(self, steps=np.interp(response.ends, self.clock(values), self.times))
+        return replace(self, steps=np.interp(ends, self.clock(values), self.times))
+
+    def near(self, way: Way | None, values: Values) -> ForwardModel:
+        """The model whose simulations begin their iterations by one of its own.
+
+        Args:
+            way: the way of that one, None of a solver that does not tell it.
+            values: the parameters that it was made with.
+        """
+        if way is None:
+            return self
+        return replace(self, way=_on_clock(way, self.clock(values), self.times))
 
     def predict(
         self,
@@ -303,6 +319,11 @@ def _as_motion(rise: FloatArray) -> FloatArray:
     motion = np.zeros((*rise.shape, 3))
     motion[..., 2] = rise
     return motion
+
+
+def _on_clock(way: Way, of_way: FloatArray, wanted: FloatArray) -> Way:
+    """A way on another clock: instants of the one (n_times,) become those of the other."""
+    return replace(way, times=np.interp(way.times, of_way, wanted))
 
 
 def _lagging(values: Values, free: Sequence[str]) -> bool:

@@ -53,7 +53,7 @@ def stages(case: Case) -> Sequence[Stage]:
     return (
         Stage("mesh", "1", _MESH, run_mesh),
         Stage("measure", "6", _MEASURE, run_measure, measured_files),
-        Stage("identify", "5", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
+        Stage("identify", "6", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
         Stage("diagnose", "4", ("diagnosis",), run_diagnose, diagnosed_files),
         Stage("report", "6", _REPORT, run_report, measured_files),
     )

@@ -104,6 +104,20 @@ class Direction:
 
 
 @dataclass(frozen=True, eq=False)
+class Way:
+    """The way that a simulation took.
+
+    Attributes:
+        times: the first instant and the ends of its time steps [s], increasing, shape (n,).
+        displacement: of all nodes there [µm], shape (n, n_nodes, 3); at the first instant that of
+            an eigenstrain.
+    """
+
+    times: FloatArray
+    displacement: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Simulation:
     """Everything that a solver needs, as one value.
 
@@ -135,6 +149,8 @@ class Simulation:
             solvers take those of `time_steps.step_ends`.
         tolerance: largest ratio of the residual to the reaction at convergence.
         cell_fields: whether stress, slips and lattice rotation of the cells are wanted.
+        near: the way of a simulation of this mesh with other parameters, by which a solver may
+            begin its iterations; no result depends on it by more than `tolerance`.
     """
 
     mesh: PrismMesh
@@ -154,6 +170,7 @@ class Simulation:
     steps: FloatArray | None = None
     tolerance: float = 1e-7
     cell_fields: bool = False
+    near: Way | None = None
 
 
 @dataclass(frozen=True)
@@ -214,6 +231,7 @@ class Response:
         seconds: wall-clock time by component [s], of the last part of a run that was resumed.
         cells: fields of the cells where `Simulation.cell_fields` asks for them, else None.
         notes: sentences on what the user should know of this answer.
+        way: the way that the simulation took, None of a solver that does not tell it.
     """
 
     displacement: FloatArray
@@ -228,6 +246,7 @@ class Response:
     seconds: Mapping[str, float] = field(default_factory=dict)
     cells: CellFields | None = None
     notes: tuple[str, ...] = ()
+    way: Way | None = None
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,9 @@ import numpy as np
 
 from solver_adapters.interface import Simulation
 
+_COURSE = frozenset(("near",))
+"""What of a simulation changes the course of a run, and not what it answers."""
+
 
 def simulation_key(simulation: Simulation, version: str) -> str:
     """SHA-256 of a simulation, little-endian, and of the solver that runs it."""
@@ -22,6 +25,8 @@ def simulation_key(simulation: Simulation, version: str) -> str:
 def _feed(digest: Any, value: Any) -> None:
     if is_dataclass(value):
         for item in fields(value):
+            if item.name in _COURSE:
+                continue
             digest.update(item.name.encode())
             _feed(digest, getattr(value, item.name))
     elif isinstance(value, np.ndarray):

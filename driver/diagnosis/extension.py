@@ -85,8 +85,9 @@ def _fitted(
 
     A load that was left out and that the extended model explains is taken back.
     """
-    objective, free = winner.objective, winner.fit.best.free
-    here = fit(objective, winner.fit.values, free, POLISH, log)
+    objective, best = winner.objective, winner.fit.best
+    free, start = best.free, objective.compare(best.prediction, best.values, best.free)
+    here = fit(objective, best.values, free, POLISH, log, start=start)
     data = objective.data
     if data.bad_loads:
         whole = replace(objective, data=replace(data, bad_loads=()))

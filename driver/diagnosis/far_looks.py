@@ -154,11 +154,11 @@ def _sides(near: Score, here: Fit, extended: Objective, log: Log) -> list[tuple[
     """The fit with a cause far off its null, and how far, where that can be simulated."""
     (name,) = near.cause.parameters
     null, width = extended.prior[name]
-    found = []
+    model, found = extended.near(here.best).model, []
     for amount in (FAR[-1], -FAR[-1]):
         values = here.values | {name: extended.parameters[name].value(amount * width, null)}
         try:
-            prediction = extended.model.predict(values, ())
+            prediction = model.predict(values, ())
         except NotRunError:
             raise
         except (SolverError, ValueError) as error:

@@ -118,7 +118,7 @@ def loads_taken_back(
     here = _fitted_again(whole, here, log)
     whole = replace(whole, data=with_load_noise(whole.data, here.best, log))
     here = _fitted_again(whole, here, log)
-    wide = whole.evaluate(here.values, names)
+    wide = whole.complete(here.best, names)
     effects = effects_of(candidates, wide, whole.parameters)
     noise = score_boundary_noise(stops.effect, here.best, whole.data, effects, len(effects) + 2)
     if noise.p >= FAMILY_LEVEL:

@@ -258,7 +258,8 @@ def _refit(task: Start) -> Refit | str:
     objective, here = task.objective, task.start
     if here is None:
         try:
-            here = objective.evaluate(task.values, _free(task.baseline, task.cause))
+            beside = objective.near(task.baseline)
+            here = beside.evaluate(task.values, _free(task.baseline, task.cause))
         except (SolverError, ValueError) as error:
             return f"for it cannot be simulated ({str(error).partition(chr(10))[0]})"
         if promised(objective, here) > task.bar:

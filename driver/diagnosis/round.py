@@ -87,7 +87,7 @@ def examine(
         SolverError: the simulation could not be finished.
     """
     candidates, names = screened(objective.model, here.best.free, settings.wanted, settings.own)
-    screening = wide if wide is not None else objective.evaluate(here.values, names)
+    screening = wide if wide is not None else objective.complete(here.best, names)
     seen = _first_order(here, objective, candidates, screening, settings, stops, log)
     refits: list[Refit] = []
     trial = FlipTrial()
@@ -138,7 +138,7 @@ def at_first_sight(
         log: takes one line of progress.
     """
     candidates, names = screened(objective.model, here.best.free, settings.wanted, settings.own)
-    screening = objective.evaluate(here.values, names)
+    screening = objective.complete(here.best, names)
     seen = _first_order(here, objective, candidates, screening, settings, stops, log)
     chi = here.best.chi_load, here.best.chi_image
     return Step(tuple(seen.scores), (), (), seen.tests, *chi, seen.widened)

@@ -77,6 +77,7 @@ def boundary_jitter(
     for first in range(0, len(stops), _TOGETHER):
         asked = replace(simulation, directions=tuple(directions[first : first + _TOGETHER]))
         response = model.adapter.solve(asked, model.workspace)
+        simulation = replace(simulation, near=response.way)
         look = model.observe(response, values, ()).look.value
         moved = response.d_displacement * [1.0, 1.0, 1.0 + values["height_scale"]]
         images.append(sigma * bare.sensitivity(moved, look, np.arange(moved.shape[1])))

@@ -133,7 +133,7 @@ def fit(
             reason = f"the limit of {most} iterations, decrement {decrement:.2g} σ"
             return ended(False, reason)
         flat = decrement < FLAT
-        tried = objective.in_steps_of(here) if decrement < NEAR else objective
+        tried = (objective.in_steps_of(here) if decrement < NEAR else objective).near(here)
         ahead = _descend(tried, here, step, decrement, log, 3 if flat else MOST_HALVINGS)
         if ahead is None and flat:
             return ended(True, f"a step of {decrement:.2g} σ does not lower the cost")

@@ -94,8 +94,12 @@ class Objective:
 
     def in_steps_of(self, here: Evaluation) -> Objective:
         """The objective whose simulations take the time steps of an evaluation."""
-        model = self.model.in_steps_of(here.prediction.response, here.values)
+        model = self.model.in_steps_of(here.prediction.response.ends, here.values)
         return replace(self, model=model)
+
+    def near(self, here: Evaluation) -> Objective:
+        """The objective whose simulations begin their iterations by that of an evaluation."""
+        return replace(self, model=self.model.near(here.prediction.response.way, here.values))
 
     def compare(
         self, prediction: Prediction, values: Mapping[str, float], free: Sequence[str]
@@ -153,7 +157,8 @@ class Objective:
         missing = tuple(name for name in free if name not in evaluation.free)
         prediction, names = evaluation.prediction, evaluation.free + missing
         if missing:
-            prediction = prediction.joined(self.model.predict(evaluation.values, missing))
+            same = self.in_steps_of(evaluation).near(evaluation).model
+            prediction = prediction.joined(same.predict(evaluation.values, missing))
         rows = [names.index(name) for name in free]
         return self.compare(prediction.restrict(rows), evaluation.values, free)
 

@@ -16,6 +16,7 @@ term every cause that resembles a mesh error would be found significant.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,10 +44,16 @@ class SimulationError:
     field: FloatArray
     load: FloatArray
 
+    @cached_property
+    def _modes(self) -> tuple[FloatArray, FloatArray]:
+        """Eigenvalues (n_z,) and eigenvectors (n_z, n_z) of the field."""
+        strength, modes = np.linalg.eigh(self.field)
+        return strength, modes
+
     def whiten_images(self, z: FloatArray, shapes: FloatArray) -> FloatArray:
         """Σ^(−1/2) on (..., T, n_z), with the shapes of these frames (T, m) whitened alike."""
         left, amplitude, _ = np.linalg.svd(shapes, full_matrices=False)
-        strength, modes = np.linalg.eigh(self.field)
+        strength, modes = self._modes
         gain = 1.0 / np.sqrt(1.0 + np.outer(amplitude**2, np.maximum(strength, 0.0))) - 1.0
         inside = np.einsum("tm,...tz->...mz", left, z) @ modes
         return np.asarray(z + np.einsum("tm,...mz->...tz", left, (inside * gain) @ modes.T))

@@ -24,6 +24,7 @@ from solver_adapters.interface import (
     Simulation,
     SolverError,
     UnfinishedError,
+    Way,
 )
 from solver_adapters.material import MATERIAL_PARAMETERS
 from solver_adapters.simulation_key import simulation_key
@@ -139,6 +140,7 @@ class Run:
             simulation.tolerance,
             simulation.accuracy,
             simulation.cell_fields,
+            simulation.near,
         )
         self._ends = step_ends(simulation, simulation.steps_per_interval)
         self._row = {int(index): row for row, index in enumerate(simulation.output)}
@@ -160,7 +162,9 @@ class Run:
         ):
             self.index, self._instant = checkpoint.index, checkpoint.instant
             self._rows = checkpoint.rows
-            self.stepper.resume(checkpoint.last, checkpoint.ends, checkpoint.counts)
+            self.stepper.resume(
+                checkpoint.last, checkpoint.ends, checkpoint.course, checkpoint.counts
+            )
         else:
             self.index, self._instant = 0, self._start
             self._book()
@@ -201,6 +205,7 @@ class Run:
             dict(self.stepper.last),
             self._rows,
             list(s.ends),
+            list(self.stepper.course),
             (s.steps, s.iterations, s.cuts, s.refinements),
         )
 
@@ -224,6 +229,10 @@ class Run:
             np.array(s.ends),
             s.seconds,
             cells,
+            way=Way(
+                np.array([self._start.time, *s.ends]),
+                np.stack([self._start.u, *self.stepper.course]),
+            ),
         )
 
     def _book(self) -> None:

@@ -100,23 +100,35 @@ class Equilibrium:
             raise NotConvergedError(self._where(trial, str(error))) from None
 
     def _predict(
-        self, instant: Instant, motion: FloatArray, dt: float, last: dict[bool, Increment]
+        self,
+        instant: Instant,
+        motion: FloatArray,
+        dt: float,
+        last: dict[bool, Increment],
+        near: FloatArray | None,
     ) -> Trial:
-        """Start of a step: the last step of its kind scaled, or one tangent step."""
+        """Start of a step: the last of its kind scaled, or one tangent step.
+
+        Where a nearby simulation is known, only what the step differs by from that one is scaled.
+        """
         p = self.problem
         moved = motion - instant.u.ravel()[p.prescribed]
         moves = bool(np.any(moved))
         alike = last.get(moves)
+        slips = rest = np.zeros((p.points.grain.size, NS))
+        du = near
         if alike is not None:
             if moves:
                 ratio = float(moved @ alike.motion / (alike.motion @ alike.motion))
             else:
                 ratio = dt / alike.dt
             if 0.0 < ratio < 4.0:
-                u = instant.u + ratio * alike.du
-                u.ravel()[p.prescribed] = motion
-                return self._evaluate(instant, u, ratio * alike.slips, dt, moves)
-        rest = np.zeros((p.points.grain.size, NS))
+                slips = ratio * alike.slips
+                du = ratio * alike.du if near is None else near + ratio * (alike.du - alike.near)
+        if du is not None:
+            u = instant.u + du
+            u.ravel()[p.prescribed] = motion
+            return self._evaluate(instant, u, slips, dt, moves)
         trial = self._evaluate(instant, instant.u, rest, dt, moves)
         self.assemble(trial)
         lifted = np.zeros((p.n_nodes, 3))
@@ -131,7 +143,12 @@ class Equilibrium:
         return self._evaluate(instant, instant.u + lifted, rest, dt, moves)
 
     def solve_step(
-        self, instant: Instant, motion: FloatArray, dt: float, last: dict[bool, Increment]
+        self,
+        instant: Instant,
+        motion: FloatArray,
+        dt: float,
+        last: dict[bool, Increment],
+        near: FloatArray | None = None,
     ) -> Trial:
         """Solve a step by Newton's method.
 
@@ -140,12 +157,21 @@ class Equilibrium:
             motion: the prescribed motion at its end [µm], (n_prescribed,).
             dt: its length [s].
             last: increments to start from, by whether the boundary moved.
+            near: the displacement increment of a nearby simulation over the step [µm],
+                (n_nodes, 3), to start from where it is known.
 
         Raises:
             NotConvergedError: it has to be cut.
         """
+        if near is not None:
+            try:
+                return self._iterate(instant, self._predict(instant, motion, dt, last, near), dt)
+            except NotConvergedError:
+                pass  # It went too far from here: no step is cut for that.
+        return self._iterate(instant, self._predict(instant, motion, dt, last, None), dt)
+
+    def _iterate(self, instant: Instant, trial: Trial, dt: float) -> Trial:
         free, prescribed = self.problem.pattern.free, self.problem.prescribed
-        trial = self._predict(instant, motion, dt, last)
         norm = _norm(trial.forces[free])
         for _ in range(MOST_NEWTON):
             reaction = _norm(trial.forces[prescribed])

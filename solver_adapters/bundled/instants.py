@@ -21,12 +21,14 @@ class Increment:
         slips: slips of the step, (n_points, 24).
         motion: increment of the prescribed motion, (n_prescribed,).
         dt: length [s].
+        near: what a nearby simulation did over that time [µm], (n_nodes, 3), null without one.
     """
 
     du: FloatArray
     slips: FloatArray
     motion: FloatArray
     dt: float
+    near: FloatArray
 
 
 @dataclass(frozen=True, eq=False)

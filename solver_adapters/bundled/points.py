@@ -84,7 +84,8 @@ class PointTangents:
 
     Attributes:
         local: derivative of the local constants, shape (n_grains, k, 16).
-        turn: for each direction the row of `frame` that holds its part, 0 for none, (k,).
+        turn: for each direction the row of `frame` that holds its part of the points of a grain,
+            0 for none, (n_grains, k).
         frame: `Points.frame` of the derivative of the rotations, the first row null,
             (1 + n, n_frames, ...).
         skinned: for each direction the row of `skin`, 0 for none, (k,).

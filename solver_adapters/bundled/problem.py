@@ -174,7 +174,9 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
     local = np.zeros((mesh.n_grains, k, points.local.shape[1]))
     motion = np.zeros((*problem.motion.shape, k))
     rotations, skins = [np.zeros_like(points.rotation)], [np.zeros_like(points.skin)]
-    turn, skinned = np.zeros(k, dtype=np.int64), np.zeros(k, dtype=np.int64)
+    turn, skinned = np.zeros((mesh.n_grains, k), dtype=np.int64), np.zeros(k, dtype=np.int64)
+    grain_of = np.zeros(len(points.rotation), dtype=np.int64)
+    grain_of[points.frame_of] = points.grain
     geometric, gradients, weighted = [], [], []
     lengthening = np.zeros((len(simulation.times) - 1, k))
     starts = np.zeros((*problem.state.shape, k))
@@ -193,25 +195,24 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
             or direction.lattice_gradient is not None
             or (moves and len(points.rotation) > mesh.n_grains)
         ):
-            turn[index] = len(rotations)
-            rotations.append(frame_change(simulation, problem.element, direction))
-        change = at_rest_change(
-            simulation, problem.element, direction, frames, rotations[turn[index]]
-        )
+            turned = frame_change(simulation, problem.element, direction)
+            turn[np.unique(grain_of[turned.any(axis=(1, 2))]), index] = len(rotations)
+            rotations.append(turned)
+        rotation = rotations[turn[:, index].max()]
+        change = at_rest_change(simulation, problem.element, direction, frames, rotation)
         if change is not None:
             starts[:, :, index] = change.state
             skinned[index] = len(skins)
             skins.append(change.skin)
-        if turn[index] or moves:
+        if turn[:, index].any() or moves:
             geometric.append(index)
             change_of_gradients, weight_change = _geometric_change(
-                direction, plain, problem, mesh.cells, rotations[turn[index]]
+                direction, plain, problem, mesh.cells, rotation
             )
             gradients.append(change_of_gradients)
             of_weights = weight_change[..., None, None] * problem.gradients
             weighted.append(problem.weights[..., None, None] * change_of_gradients + of_weights)
-    turned = points.frame(np.array(rotations))
-    law = PointTangents(local, turn, turned, skinned, np.array(skins))
+    law = PointTangents(local, turn, points.frame(np.array(rotations)), skinned, np.array(skins))
     shape = problem.gradients.shape
     return Tangents(
         law=law,

@@ -32,6 +32,7 @@ class Checkpoint:
         last: increments from which later steps start, by whether the boundary moved.
         rows: results so far, by name.
         ends: ends of the time steps taken [s].
+        course: the displacement there [µm], (n_nodes, 3).
         counts: steps, iterations, cuts, refinements.
     """
 
@@ -40,6 +41,7 @@ class Checkpoint:
     last: dict[bool, Increment]
     rows: dict[str, FloatArray]
     ends: list[float]
+    course: list[FloatArray]
     counts: tuple[int, int, int, int]
 
 
@@ -49,6 +51,7 @@ def write(workspace: Path, key: str, checkpoint: Checkpoint) -> None:
         "key": np.array(key),
         "index": np.array(checkpoint.index),
         "ends": np.array(checkpoint.ends),
+        "course": np.array(checkpoint.course),
         "counts": np.array(checkpoint.counts),
     }
     arrays |= {f"row_{name}": value for name, value in checkpoint.rows.items()}
@@ -94,6 +97,7 @@ def read(workspace: Path, key: str) -> Checkpoint | None:
                 last,
                 rows,
                 [float(end) for end in stored["ends"]],
+                list(stored["course"]),
                 (steps, iterations, cuts, refinements),
             )
     except (OSError, EOFError, BadZipFile, ValueError, KeyError, TypeError):
@@ -122,12 +126,16 @@ def fits(
         return False
     away = abs(instant.time - times[checkpoint.index])
     points = len(start.H)
-    increment = {"du": start.u.shape, "slips": (points, NS), "motion": (n_prescribed,), "dt": ()}
+    increment = {
+        "du": start.u.shape, "slips": (points, NS), "motion": (n_prescribed,), "dt": (),
+        "near": start.u.shape,
+    }  # fmt: skip
     return (
         bool(away <= _ROUNDING * (times[-1] - times[0]))
         and all(_shapes(vars(last)) == increment for last in checkpoint.last.values())
         and _shapes(checkpoint.rows) == _shapes(rows)
-        and len(checkpoint.ends) == checkpoint.counts[0]
+        and len(checkpoint.ends) == len(checkpoint.course) == checkpoint.counts[0]
+        and all(np.shape(u) == start.u.shape for u in checkpoint.course)
     )
 
 

@@ -15,7 +15,8 @@ from solver_adapters.bundled.law import NS
 from solver_adapters.bundled.points import PointTangents
 from solver_adapters.bundled.problem import Problem, Tangents
 from solver_adapters.bundled.statistics import Statistics
-from solver_adapters.interface import SolverError
+from solver_adapters.interface import SolverError, Way
+from solver_adapters.time_steps import between_instants
 
 FloatArray = NDArray[np.float64]
 
@@ -34,15 +35,18 @@ class Stepper:
         tolerance: float,
         accuracy: float | None = None,
         cell_fields: bool = False,
+        near: Way | None = None,
     ) -> None:
         self.problem = problem
         self.tangents = tangents
         self.accuracy = accuracy
         self.cell_fields = cell_fields
+        self.near = near
         self.statistics = Statistics()
         self._equilibrium = Equilibrium(problem, tolerance, self.statistics)
         self._differentiation = Differentiation(self._equilibrium, tangents)
         self._last: dict[bool, Increment] = {}
+        self._course: list[FloatArray] = []
 
     def start(self, begin: float) -> Instant:
         """The state at time `begin`: at rest, or in elastic equilibrium with its eigenstrain.
@@ -83,10 +87,12 @@ class Stepper:
         self,
         last: dict[bool, Increment],
         ends: list[float],
+        course: list[FloatArray],
         counts: tuple[int, int, int, int],
     ) -> None:
         """Take over what an earlier run has learnt and counted."""
         self._last = dict(last)
+        self._course = list(course)
         s = self.statistics
         s.ends = list(ends)
         s.steps, s.iterations, s.cuts, s.refinements = counts
@@ -95,6 +101,11 @@ class Stepper:
     def last(self) -> dict[bool, Increment]:
         """The last increments, by whether the boundary moved."""
         return self._last
+
+    @property
+    def course(self) -> list[FloatArray]:
+        """The displacement at the end of each step [µm], (n_nodes, 3)."""
+        return self._course
 
     def keep(self, instant: Instant) -> None:
         """Leave this instant, and no longer another one, as it is in the steps that follow."""
@@ -145,7 +156,9 @@ class Stepper:
             dt = target - instant.time
             divisible = 0.5 * size >= whole / 2**MOST_HALVINGS
             try:
-                trial = self._equilibrium.solve_step(instant, motion(target), dt, self._last)
+                trial = self._equilibrium.solve_step(
+                    instant, motion(target), dt, self._last, self._step_of_near(instant, target)
+                )
             except NotConvergedError as failure:
                 if not divisible:
                     raise SolverError(
@@ -163,6 +176,7 @@ class Stepper:
             instant = self._accept(instant, trial, target, dt, motion_tangent, law)
             self.statistics.steps += 1
             self.statistics.ends.append(target)
+            self._course.append(instant.u)
             if self.accuracy is None or error < 0.5 * self.accuracy:
                 size = min(2 * size, whole)
         return instant
@@ -179,7 +193,9 @@ class Stepper:
         """The instant at the end of a converged step, with its derivatives."""
         p = self.problem
         held = trial.u.ravel()[p.prescribed] - instant.u.ravel()[p.prescribed]
-        self._last[trial.moves] = Increment(trial.u - instant.u, trial.slips, held, dt)
+        near = self._step_of_near(instant, end)
+        near = np.zeros_like(trial.u) if near is None else near
+        self._last[trial.moves] = Increment(trial.u - instant.u, trial.slips, held, dt, near)
         du, dstate, dforce = instant.du, instant.dstate, instant.dforce
         if self.tangents.count:
             try:
@@ -194,6 +210,13 @@ class Stepper:
         if self.cell_fields:
             slip, P = instant.slip + trial.slips, trial.P
         return Instant(end, trial.u, trial.H, trial.state, force, du, dstate, dforce, slip, P)
+
+    def _step_of_near(self, instant: Instant, target: float) -> FloatArray | None:
+        """What the nearby simulation did from an instant to a time [µm], (n_nodes, 3)."""
+        if self.near is None:
+            return None
+        times, u = self.near.times, self.near.displacement
+        return between_instants(target, times, u) - between_instants(instant.time, times, u)
 
     def _force_error(self, instant: Instant, trial: Trial, dt: float) -> float:
         """Error of the force that the step may have made [µN]."""

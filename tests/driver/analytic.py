@@ -79,6 +79,10 @@ class Formula(Objective):
         """A formula takes no time steps."""
         return self
 
+    def near(self, here: Evaluation) -> Formula:
+        """Nor has it iterations to begin."""
+        return self
+
     def evaluate(self, values: Mapping[str, float], free: Sequence[str]) -> Evaluation:
         """Residual and Jacobian with respect to θ of the free parameters."""
         self.tried.append(dict(values))

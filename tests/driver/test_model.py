@@ -199,13 +199,29 @@ def test_in_the_steps_of_a_response_other_parameters_take_the_same_steps(
     refined = replace(model, accuracy=1.0)
     response = refined.predict(values).response
     other = values | {"tau0": 1.1 * values["tau0"], HOLD: 3.0}
-    held = refined.in_steps_of(response, values)
+    held = refined.in_steps_of(response.ends, values)
     simulation = held.simulation(other)
     assert simulation.accuracy is None and simulation.steps is not None
     ends = np.interp(response.ends, refined.clock(values), refined.clock(other))
     np.testing.assert_allclose(simulation.steps, ends, rtol=1e-12)
     assert held.predict(other).response.steps == response.steps > len(model.times) - 1
-    assert model.in_steps_of(response, values) is model  # its steps are as given
+    assert model.in_steps_of(response.ends, values) is model  # its steps are as given
+
+
+def test_near_a_response_simulations_begin_by_it_on_their_own_clock(
+    model: ForwardModel, values: dict[str, float]
+) -> None:
+    known = model.predict(values)
+    beside = model.near(known.response.way, values)
+    assert beside.predict(values).response.iterations < 0.1 * known.response.iterations
+    other = values | {"tau0": 1.01 * values["tau0"], HOLD: 3.0}
+    near, cold = beside.predict(other), model.predict(other)
+    assert near.response.iterations < cold.response.iterations
+    np.testing.assert_allclose(near.load, cold.load, atol=1e-5 * abs(cold.load).max())
+    way = beside.simulation(other).near
+    assert way is not None
+    np.testing.assert_allclose(way.times, model.simulation(other).times)  # a step an interval
+    assert model.near(None, values) is model  # of a solver that does not tell it
 
 
 def test_nulls_are_those_of_the_declarations_but_for_the_constants_of_the_case(

@@ -160,6 +160,9 @@ def test_a_run_that_is_interrupted_goes_on_from_its_last_instant(tmp_path: Path)
     assert [p.time for p in told] == [4.0]
     assert resumed.steps == whole.steps
     np.testing.assert_array_equal(resumed.ends, whole.ends)
+    assert resumed.way is not None and whole.way is not None
+    np.testing.assert_array_equal(resumed.way.times, whole.way.times)
+    np.testing.assert_allclose(resumed.way.displacement, whole.way.displacement, atol=1e-9)
     for name in ("force", "displacement", "d_force", "d_displacement"):
         expected = getattr(whole, name)
         np.testing.assert_allclose(
@@ -279,6 +282,40 @@ def test_recorded_steps_are_taken_again_as_they_were() -> None:
     again = solve(replace(refined, accuracy=None, steps=first.ends))
     np.testing.assert_array_equal(again.ends, first.ends)
     np.testing.assert_allclose(again.force, first.force, rtol=1e-9)
+
+
+def test_the_way_of_a_run_holds_every_node_at_the_end_of_every_step() -> None:
+    refined = replace(pulled(box(), Material(), HISTORY), accuracy=5.0)
+    found = solve(refined)
+    assert found.way is not None
+    np.testing.assert_array_equal(found.way.times, [refined.times[0], *found.ends])
+    assert found.way.displacement.shape == (1 + found.steps, len(refined.mesh.points), 3)
+    rows = np.searchsorted(found.way.times, refined.times[refined.output])
+    np.testing.assert_array_equal(
+        found.way.displacement[rows][:, refined.output_nodes], found.displacement
+    )
+
+
+def test_a_run_beside_a_known_one_answers_the_same_in_fewer_iterations(
+    measure: StrainMeasure,
+) -> None:
+    """The way of a motion twice as large saves none, and changes no answer either."""
+    direction = Direction("tau0", material={"tau0": 1.0})
+    simulation = replace(
+        pulled(box(), Material(strain_measure=measure), HISTORY), directions=(direction,)
+    )
+    cold = solve(simulation)
+    assert solve(replace(simulation, near=cold.way)).iterations == 0
+    weaker = replace(simulation, material=Material(tau0=39.5, strain_measure=measure))
+    faster = replace(simulation, motion=2.0 * simulation.motion)
+    beside, far = (solve(replace(simulation, near=solve(s).way)) for s in (weaker, faster))
+    assert beside.iterations < 0.7 * cold.iterations
+    for near in (beside, far):
+        for name in ("force", "displacement", "d_force", "d_displacement"):
+            expected = getattr(cold, name)
+            np.testing.assert_allclose(
+                getattr(near, name), expected, rtol=0, atol=1e-5 * abs(expected).max()
+            )
 
 
 NULLS = Material(

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from solver_adapters.bundled.equilibrium import Equilibrium, NotConvergedError, Trial
 from solver_adapters.bundled.instants import Increment, Instant
@@ -16,6 +17,8 @@ from solver_adapters.bundled.statistics import Statistics
 from solver_adapters.material import Material
 from tests.solver_adapters.boxes import box, pulled
 from tests.solver_adapters.bundled.troubled_law import calls, troubled_problem
+
+FloatArray = NDArray[np.float64]
 
 ELASTIC, PLASTIC = 1e-4, 4e-3
 
@@ -33,10 +36,11 @@ class Case:
         share: float = 1.0,
         start: Instant | None = None,
         last: dict[bool, Increment] | None = None,
+        near: FloatArray | None = None,
     ) -> Trial:
         """A step to a share of the motion."""
         motion = share * self.problem.motion[1]
-        return self.equilibrium.solve_step(start or self.start, motion, 1.0, last or {})
+        return self.equilibrium.solve_step(start or self.start, motion, 1.0, last or {}, near)
 
     @property
     def iterations(self) -> int:
@@ -45,7 +49,7 @@ class Case:
     def from_rest(self) -> dict[bool, Increment]:
         """An increment that has a step begin with the ends moved and all else at rest."""
         still, slips = np.zeros_like(self.start.u), np.zeros((len(self.start.H), 24))
-        return {True: Increment(still, slips, self.problem.motion[1], 1.0)}
+        return {True: Increment(still, slips, self.problem.motion[1], 1.0, still)}
 
 
 def _case(strain: float, tolerance: float = 1e-9, **law: Any) -> Case:
@@ -89,11 +93,41 @@ def test_an_elastic_step_like_the_last_needs_no_iteration() -> None:
     case = _case(ELASTIC)
     first = case.solve(0.4)
     before = len(calls(case.problem))
-    increment = Increment(first.u, first.slips, 0.4 * case.problem.motion[1], 1.0)
+    held, none = 0.4 * case.problem.motion[1], np.zeros_like(first.u)
+    increment = Increment(first.u, first.slips, held, 1.0, none)
     second = case.solve(1.0, _end_of(case, first), {True: increment})
     assert case.iterations == 0
     assert len(calls(case.problem)) == before + 1
     np.testing.assert_allclose(second.u, 2.5 * first.u, atol=1e-9 * abs(first.u).max())
+
+
+def test_a_step_that_a_nearby_simulation_took_needs_no_iteration() -> None:
+    solved = _case(PLASTIC).solve()
+    case = _case(PLASTIC)
+    again = case.solve(near=solved.u)
+    assert case.iterations == 0
+    assert len(calls(case.problem)) == 1
+    np.testing.assert_allclose(again.slips, solved.slips, atol=1e-6 * abs(solved.slips).max())
+
+
+def test_of_a_step_beside_a_nearby_one_the_difference_is_scaled() -> None:
+    """A body that is pulled twice as far as the nearby one, in steps of 0.4 and 0.6."""
+    whole = _case(ELASTIC).solve().u
+    case = _case(ELASTIC)
+    first = case.solve(0.4, near=0.2 * whole)
+    before = len(calls(case.problem))
+    held = 0.4 * case.problem.motion[1]
+    increment = Increment(first.u, first.slips, held, 1.0, 0.2 * whole)
+    second = case.solve(1.0, _end_of(case, first), {True: increment}, near=0.3 * whole)
+    assert len(calls(case.problem)) == before + 1
+    np.testing.assert_allclose(second.u, whole, atol=1e-9 * abs(whole).max())
+
+
+def test_a_nearby_simulation_that_leads_nowhere_costs_time_and_no_cut() -> None:
+    solved = _case(PLASTIC).solve()
+    case = _case(PLASTIC)
+    found = case.solve(near=1e3 * np.random.default_rng(2).standard_normal(solved.u.shape))
+    np.testing.assert_allclose(found.u, solved.u, atol=1e-7 * abs(solved.u).max())
 
 
 def test_a_step_is_a_move_where_its_boundary_moves_and_a_hold_elsewhere() -> None:

@@ -239,7 +239,7 @@ def test_directional_derivatives_are_the_complex_step_of_the_equations(solved: S
     skinned[-1] = 1
     tangents = PointTangents(
         local,
-        np.arange(1, count + 1),
+        np.tile(np.arange(1, count + 1), (2, 1)),
         solved.points.frame(
             np.concatenate([np.zeros((1, 2, 3, 3)), rotation.transpose(1, 0, 2, 3)])
         ),
@@ -289,7 +289,7 @@ def test_what_follows_a_later_motion_completes_the_derivative(solved: Solved) ->
     start[:, S_OVER:S_ACC] *= (solved.state[:, S_OVER:S_ACC] != 0.0)[:, :, None]
     none = np.zeros(k, dtype=np.int64)
     still = solved.points.frame(np.zeros((1, 2, 3, 3)))
-    tangents = PointTangents(local, none, still, none, np.zeros((1, N_POINTS)))
+    tangents = PointTangents(local, np.tile(none, (2, 1)), still, none, np.zeros((1, N_POINTS)))
 
     def derive(along: AnyArray) -> PointDerivatives:
         s, out = solved, solved.points.memory(k, N_STATE)

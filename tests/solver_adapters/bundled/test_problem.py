@@ -13,7 +13,7 @@ from solver_adapters.bundled.law import N_STATE, S_ACC, local_parameters, longer
 from solver_adapters.bundled.problem import Problem, build_problem, build_tangents
 from solver_adapters.interface import Direction, Simulation
 from solver_adapters.material import Material
-from tests.solver_adapters.boxes import BOXES, ORIENTATIONS, pulled
+from tests.solver_adapters.boxes import BOXES, ORIENTATIONS, box, pulled
 
 SIZE = (2.0, 4.0, 3.0)
 
@@ -120,7 +120,7 @@ def test_tangents_are_difference_quotients_of_the_problem(simulation: Simulation
     high, low = along(step), along(-step)
     assert tangents.count == 2
     np.testing.assert_array_equal(tangents.geometric, [1])
-    turn = tangents.law.turn[1]
+    turn = tangents.law.turn[0, 1]
     for found, above, below in (
         (tangents.gradients[0], high.gradients, low.gradients),
         (
@@ -140,11 +140,29 @@ def test_tangents_are_difference_quotients_of_the_problem(simulation: Simulation
         expected = (above - below) / (2 * step)
         assert abs(expected).max() > 0
         np.testing.assert_allclose(found, expected, atol=1e-8 * abs(expected).max())
-    assert not tangents.law.turn[0] and not tangents.motion[:, :, 0].any()
+    assert (tangents.law.turn == [[0, 1], [0, 1]]).all() and not tangents.motion[:, :, 0].any()
     stiffer = local_parameters(replace(material, K=material.K + 1.0), 2)
     np.testing.assert_allclose(
         tangents.law.local[:, 0], stiffer - local_parameters(material, 2), atol=1e-10
     )
+
+
+@pytest.mark.parametrize("bent", [False, True])
+def test_a_turn_of_one_grain_leaves_the_points_of_the_other_alone(bent: bool) -> None:
+    simulation = pulled(box(), Material(), (0.002,))
+    gradient = np.array([[0.0, 1e-3, 0.0], [0.0, 0.0, 1e-3]]) if bent else None
+    directions = tuple(
+        Direction(f"turn {grain}", rotation=np.eye(2)[grain][:, None] * np.ones(3))
+        for grain in (0, 1)
+    )
+    simulation = replace(simulation, lattice_gradient=gradient, directions=directions)
+    problem = build_problem(simulation)
+    law = build_tangents(simulation, problem).law
+    np.testing.assert_array_equal(law.turn, [[1, 0], [0, 2]])
+    for grain in (0, 1):
+        turned = law.frame[1 + grain].reshape(len(problem.points.rotation), -1).any(axis=1)
+        of_point = turned[problem.points.frame_of]
+        np.testing.assert_array_equal(of_point, problem.points.grain == grain)
 
 
 def test_the_law_follows_times_over_the_intervals_that_change_their_length() -> None:

@@ -22,8 +22,10 @@ def checkpoint() -> Checkpoint:
         1.5, rng.random((4, 3)), rng.random((8, 9)), rng.random((8, S_X2)), 7.5,
         rng.random((4, 3, 2)), rng.random((8, S_ACC, 2)), rng.random(2),
     )  # fmt: skip
-    last = {False: Increment(rng.random((4, 3)), rng.random((8, NS)), rng.random(6), 0.5)}
-    return Checkpoint(3, instant, last, {"force": rng.random(5)}, [0.5, 1.0, 1.5], (3, 9, 1, 0))
+    u, slips = rng.random((4, 3)), rng.random((8, NS))
+    last = {False: Increment(u, slips, rng.random(6), 0.5, rng.random((4, 3)))}
+    ends, course = [0.5, 1.0, 1.5], [rng.random((4, 3)) for _ in range(3)]
+    return Checkpoint(3, instant, last, {"force": rng.random(5)}, ends, course, (3, 9, 1, 0))
 
 
 def test_a_checkpoint_is_read_as_it_was_written(tmp_path: Path) -> None:
@@ -41,6 +43,7 @@ def test_a_checkpoint_is_read_as_it_was_written(tmp_path: Path) -> None:
             getattr(found.last[False], item.name), getattr(written.last[False], item.name)
         )
     assert list(found.last) == [False]
+    np.testing.assert_array_equal(found.course, written.course)
     np.testing.assert_array_equal(found.rows["force"], written.rows["force"])
 
 
@@ -109,9 +112,12 @@ def instant(**changes: Any) -> Instant:
         {"rows": {"force": np.full(5, np.nan)}},
         {"rows": {"force": np.array(["a"] * 5)}},
         {"ends": [0.5]},
+        {"course": [np.zeros((4, 3))] * 2},
+        {"course": [np.zeros((3, 3))] * 3},
         {"instant": instant(u=np.zeros((3, 3)))},
         {"instant": instant(time=np.zeros(2))},
         {"last": {False: replace(checkpoint().last[False], motion=np.zeros(5))}},
+        {"last": {False: replace(checkpoint().last[False], near=np.zeros((3, 3)))}},
         {"last": {True: replace(checkpoint().last[False], slips=np.zeros((1, NS)))}},
     ],
 )

@@ -106,10 +106,12 @@ def test_a_stepper_that_resumes_goes_on_as_the_one_before() -> None:
     s = first.stepper.statistics
     second = _pulled(PLASTIC)
     counts = (s.steps, s.iterations, s.cuts, s.refinements)
-    second.stepper.resume(first.stepper.last, s.ends, counts)
+    second.stepper.resume(first.stepper.last, s.ends, first.stepper.course, counts)
     found = second.advance(*ends[3:], instant=instant)
     np.testing.assert_allclose(found.u, last.u, atol=1e-9 * abs(last.u).max())
     np.testing.assert_allclose(found.force, last.force, rtol=1e-9)
+    np.testing.assert_allclose(second.stepper.course, whole.stepper.course, rtol=1e-6, atol=1e-12)
+    assert len(second.stepper.course) == 5
     for name in ("steps", "iterations", "cuts", "refinements", "ends"):
         expected = getattr(whole.stepper.statistics, name)
         assert getattr(second.stepper.statistics, name) == expected
