@@ -54,6 +54,37 @@ def direction_forces(
     _direction_forces(*gradients.shape[1:3])(dP, gradients, weights, forces)
 
 
+def add_gradient_changes(
+    u: FloatArray,
+    cells: IntArray,
+    changes: FloatArray,
+    changed: BoolArray,
+    where: IntArray,
+    dH: FloatArray,
+) -> None:
+    """Add to dH what changes of the shape gradients along some directions make of it.
+
+    Args:
+        u: displacement, (n_nodes, 3).
+        cells: connectivity, (n_cells, n).
+        changes: of the gradients, (g, n_cells, n_gauss, n, 3).
+        changed: the cells where they are not null, (g, n_cells).
+        where: the directions, (g,).
+        dH: (n_points, 9, k), added to.
+    """
+    _add_gradient_changes(*changes.shape[2:4])(u, cells, changes, changed, where, dH)
+
+
+def add_force_changes(
+    P: FloatArray, changes: FloatArray, changed: BoolArray, where: IntArray, forces: FloatArray
+) -> None:
+    """Add to forces (n_cells, N, k) what changes of the weighted gradients make at stress P.
+
+    `changes`, `changed` and `where` as in `add_gradient_changes`; P (n_points, 9).
+    """
+    _add_force_changes(*changes.shape[2:4])(P, changes, changed, where, forces)
+
+
 def element_stiffness(
     C: FloatArray, gradients: FloatArray, weights: FloatArray, K: FloatArray, part: int = 0
 ) -> None:
@@ -165,6 +196,57 @@ def _direction_forces(n_gauss: int, n: int) -> Any:
                         force[k] = total
 
     return direction_forces
+
+
+@cache
+def _add_gradient_changes(n_gauss: int, n: int) -> Any:
+    @batch_kernel
+    def add_gradient_changes(
+        u: FloatArray,
+        cells: IntArray,
+        changes: FloatArray,
+        changed: BoolArray,
+        where: IntArray,
+        dH: FloatArray,
+    ) -> None:
+        for e in prange(cells.shape[0]):
+            for g in range(changes.shape[0]):
+                if not changed[g, e]:
+                    continue
+                for q in range(n_gauss):
+                    for i in range(3):
+                        for j in range(3):
+                            total = 0.0
+                            for a in range(n):
+                                total += u[cells[e, a], i] * changes[g, e, q, a, j]
+                            dH[n_gauss * e + q, 3 * i + j, where[g]] += total
+
+    return add_gradient_changes
+
+
+@cache
+def _add_force_changes(n_gauss: int, n: int) -> Any:
+    @batch_kernel
+    def add_force_changes(
+        P: FloatArray,
+        changes: FloatArray,
+        changed: BoolArray,
+        where: IntArray,
+        forces: FloatArray,
+    ) -> None:
+        for e in prange(forces.shape[0]):
+            for g in range(changes.shape[0]):
+                if not changed[g, e]:
+                    continue
+                for a in range(n):
+                    for i in range(3):
+                        total = 0.0
+                        for q in range(n_gauss):
+                            for j in range(3):
+                                total += P[n_gauss * e + q, 3 * i + j] * changes[g, e, q, a, j]
+                        forces[e, 3 * a + i, where[g]] += total
+
+    return add_force_changes
 
 
 @cache

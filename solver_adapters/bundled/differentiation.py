@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver_adapters.bundled.assembly import (
+    add_force_changes,
+    add_gradient_changes,
     direction_forces,
     direction_gradients,
-    displacement_gradients,
-    element_forces,
 )
 from solver_adapters.bundled.equilibrium import Equilibrium, Trial
 from solver_adapters.bundled.instants import Instant
@@ -35,7 +35,9 @@ class Differentiation:
         self._states = (self._memory.state, np.empty_like(self._memory.state))
         self._gradients = np.empty_like(self._memory.stress)
         self._kept = self._latest = tangents.state
-        self._ones = np.ones_like(self.problem.weights)
+        # A grain that turns leaves the cells of the other one alone.
+        changes = np.abs(tangents.gradients) + np.abs(tangents.weighted)
+        self._changed = changes.max(axis=(2, 3, 4), initial=0.0) > 0.0
 
     def keep(self, instant: Instant) -> None:
         """Leave the derivatives of this instant, and no longer those of another, untouched.
@@ -69,10 +71,7 @@ class Differentiation:
         flat[p.prescribed] = motion_tangent
         dH = self._gradients
         direction_gradients(du, p.cells, p.gradients, dH)
-        for slot, index in enumerate(t.geometric):
-            part = np.empty_like(trial.H)
-            displacement_gradients(trial.u, p.cells, t.gradients[slot], part)
-            dH[:, :, index] += part
+        add_gradient_changes(trial.u, p.cells, t.gradients, self._changed, t.geometric, dH)
         out = replace(self._memory, state=self._changeable(instant.dstate))
         p.points.derive(trial.H, instant.state, trial.slips, dt, dH, law, out)
         change = self._force_change(trial, out.stress)
@@ -116,8 +115,5 @@ class Differentiation:
         p, t = self.problem, self.tangents
         forces = np.empty((*p.pattern.dofs.shape, t.count))
         direction_forces(dP, p.gradients, p.weights, forces)
-        for slot, index in enumerate(t.geometric):
-            part = np.empty(p.pattern.dofs.shape)
-            element_forces(trial.P, t.weighted[slot], self._ones, part)
-            forces[:, :, index] += part
+        add_force_changes(trial.P, t.weighted, self._changed, t.geometric, forces)
         return p.pattern.node_sums(forces, p.n_nodes)

@@ -105,6 +105,29 @@ def test_gradients_and_forces_are_transposes_of_each_other(discrete: Discrete) -
     np.testing.assert_allclose(H, expected.reshape(-1, 9), atol=1e-13)
 
 
+def test_changes_of_the_gradients_are_added_to_their_directions_where_they_are_not_null(
+    discrete: Discrete,
+) -> None:
+    """Three directions of which two change the gradients, one of them in one half alone."""
+    cells, n_points = discrete.mesh.cells, discrete.weights.size
+    u, P = RNG.normal(size=(discrete.n_nodes, 3)), RNG.normal(size=(n_points, 9))
+    changes = RNG.normal(size=(2, *discrete.gradients.shape))
+    changes[1, : len(cells) // 2] = 0.0
+    changed, where = abs(changes).max(axis=(2, 3, 4)) > 0.0, np.array([2, 0])
+    assert 0 < np.count_nonzero(changed[1]) < len(cells)
+    H, forces = RNG.normal(size=(n_points, 9, 3)), RNG.normal(size=(*discrete.dofs.shape, 3))
+    before, at_rest = H.copy(), forces.copy()
+    assembly.add_gradient_changes(u, cells, changes, changed, where, H)
+    assembly.add_force_changes(P, changes, changed, where, forces)
+    stress = P.reshape(*discrete.weights.shape, 3, 3)
+    for change, k in zip(changes, where, strict=True):
+        before[:, :, k] += np.einsum("eai,eqaj->eqij", u[cells], change).reshape(-1, 9)
+        added = np.einsum("eqij,eqaj->eai", stress, change)
+        at_rest[:, :, k] += added.reshape(len(cells), -1)
+    np.testing.assert_allclose(H, before, atol=1e-12)
+    np.testing.assert_allclose(forces, at_rest, atol=1e-11)
+
+
 def test_several_directions_are_the_single_ones_side_by_side(discrete: Discrete) -> None:
     cells, n_nodes, n_points = discrete.mesh.cells, discrete.n_nodes, discrete.weights.size
     u, P = RNG.normal(size=(n_nodes, 3, 4)), RNG.normal(size=(n_points, 9, 4))
