@@ -95,6 +95,7 @@ def refuse_bad_simulation(simulation: Simulation) -> None:
     _refuse_bad_times(simulation)
     refuse_bad_motion(simulation)
     _refuse_bad_outputs(simulation)
+    _refuse_bad_way(simulation)
     refuse_bad_directions(simulation)
 
 
@@ -246,3 +247,20 @@ def _refuse_bad_outputs(simulation: Simulation) -> None:
     expect_increasing("output", simulation.output)
     expect_shape("output_nodes", simulation.output_nodes, (None,))
     expect_indices("output_nodes", simulation.output_nodes, len(simulation.mesh.points), "nodes")
+
+
+def _refuse_bad_way(simulation: Simulation) -> None:
+    near = simulation.near
+    if near is None:
+        return
+    expect_shape("near.times", near.times, (None,))
+    expect_finite("near.times", near.times)
+    expect_increasing("near.times", near.times)
+    if len(near.times) < 2:
+        raise BadSimulationError(
+            f"near.times holds {len(near.times)} instants; expected the first one and an end of a "
+            "step or more"
+        )
+    nodes = len(simulation.mesh.points)
+    expect_shape("near.displacement", near.displacement, (len(near.times), nodes, 3))
+    expect_finite("near.displacement", near.displacement)

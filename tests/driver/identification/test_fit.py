@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.identification.fit import DECREMENT, MOST_HALVINGS, Fit, fit
+from driver.identification.objective import Evaluation
 from driver.identification.step import LARGEST_STEP, LARGEST_STEP_LOG
 from solver_adapters.interface import NotRunError, PreparedError, SolverError
 from solver_adapters.jobs.errors import CommandMissingError, JobError
@@ -44,6 +45,23 @@ def exponential(p: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def costs(found: Fit) -> list[float]:
     return [record["cost"] for record in found.history]
+
+
+def test_each_trial_point_begins_by_the_simulation_of_the_point_before_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begun: list[dict[str, float]] = []
+
+    def near(self: Formula, here: Evaluation) -> Formula:
+        begun.append(here.values)
+        return self
+
+    monkeypatch.setattr(Formula, "near", near)
+    plain = formula(exponential, exponential(np.array([1.2, 2.0]))[0], PLAIN[:2])
+    found = fit(plain, {"a": 1.0, "b": 1.0}, "ab", 10, silent)
+    points = [{name: record[name] for name in "ab"} for record in found.history]
+    assert found.converged and len(points) > 3
+    assert begun == points[:-1]
 
 
 def test_a_linear_gaussian_problem_is_solved_in_one_step_with_its_prior() -> None:
