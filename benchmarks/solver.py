@@ -18,6 +18,7 @@ from benchmarks.beside_code_aster import beside_code_aster
 from benchmarks.derivatives import sensitivities
 from benchmarks.kernels import kernels
 from benchmarks.measuring import MEASURES, in_child, show, warm
+from benchmarks.nearby import nearby
 from benchmarks.sizes import scaling, threads, whole_test
 
 
@@ -37,6 +38,7 @@ FIGURES = (
     beside_code_aster,
     beside_calculix,
     sensitivities,
+    nearby,
     whole_test,
     threads,
     scaling,
