@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 
 from solver_adapters.crystal import N_SYSTEMS
-from solver_adapters.interface import CellFields, Response
+from solver_adapters.interface import CellFields, Response, Way
 from solver_adapters.result_files import ResultFileError
 
 _FORMAT, _REVISION = "prismid response", 2
@@ -40,6 +40,10 @@ _CELLS = {
     "slip": ("1", "signed slip since the start (output instant, cell, slip system)"),
     "accumulated_slip": ("1", "slip without signs (output instant, cell, slip system)"),
     "rotation": ("rad", "rotation vector of the lattice (output instant, cell, X Y Z)"),
+}
+_WAY = {
+    "times": ("s", "the first instant and the ends of the time steps"),
+    "displacement": ("µm", "displacement of all nodes there (instant, node, X Y Z)"),
 }
 _CELLS_WIDTH = {"stress": 6, "slip": N_SYSTEMS, "accumulated_slip": N_SYSTEMS, "rotation": 3}
 _COUNTS = ("steps", "iterations", "cuts", "refinements")
@@ -87,6 +91,10 @@ def write_response(path: Path, response: Response, provenance: Provenance) -> No
             cells = file.create_group("cells")
             for name, (unit, description) in _CELLS.items():
                 _put(cells, name, getattr(response.cells, name), unit, description)
+        if response.way is not None:
+            way = file.create_group("way")
+            for name, (unit, description) in _WAY.items():
+                _put(way, name, getattr(response.way, name), unit, description)
     os.replace(aside, path)
 
 
@@ -106,6 +114,8 @@ def read_response(path: Path) -> Response:
         if "cells" in file:
             taken = {name: _take(path, file, f"cells/{name}") for name in _CELLS}
             values["cells"] = CellFields(**taken)
+        if "way" in file:
+            values["way"] = Way(**{name: _take(path, file, f"way/{name}") for name in _WAY})
     response = Response(**values)
     _refuse_unfit(path, response)
     return response
@@ -153,6 +163,13 @@ def _refuse_unfit(path: Path, response: Response) -> None:
         for name, width in _CELLS_WIDTH.items():
             shapes[f"cells/{name}"] = (instants, cells, width)
             arrays[f"cells/{name}"] = getattr(response.cells, name)
+    if response.way is not None:
+        way = response.way
+        everywhere = way.displacement.shape[1] if way.displacement.ndim == 3 else 0
+        shapes |= {
+            "way/times": (way.times.size,), "way/displacement": (way.times.size, everywhere, 3)
+        }  # fmt: skip
+        arrays |= {"way/times": way.times, "way/displacement": way.displacement}
     for name, array in arrays.items():
         if array.shape != shapes[name]:
             raise ResultFileError(
