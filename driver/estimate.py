@@ -35,6 +35,8 @@ _IMAGE_COPIES = 3
 _POINT_NUMBERS = 2 * 81 + 18
 # Copies of a response with its derivatives: of the surface, projected, whitened.
 _RESPONSE_COPIES = 4
+# Ways of all nodes over the steps of a simulation: that before it, its own, and that handed over.
+_WAYS = 3
 # Parameters of all causes, which are differentiated together.
 _CAUSE_DIRECTIONS = 50
 # Directions of the boundary motion: 4 λ's and the knots of three cycles (6 for each of 4 motions).
@@ -113,9 +115,10 @@ def simulation_memory(n_cells: int, n_images: int, directions: int = 0) -> float
         n_images: images of the history.
         directions: of differentiation.
     """
-    response = 24.0 * n_images * n_cells * _NODES_PER_CELL * (directions + 1)
+    of_image = 24.0 * n_images * n_cells * _NODES_PER_CELL
+    response, way = of_image * (directions + 1), 2 * of_image  # a move and a hold for each image
     points = 8.0 * n_cells * _POINTS_PER_CELL * _POINT_NUMBERS * directions
-    return _PROCESS_BYTES + points + _RESPONSE_COPIES * response
+    return _PROCESS_BYTES + points + _RESPONSE_COPIES * response + _WAYS * way
 
 
 def cost_told(seconds: float, memory: float) -> str:
