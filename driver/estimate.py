@@ -92,9 +92,11 @@ def estimate(
     face = case.specimen.length * case.specimen.width / case.images.pixel_um**2
     correlation = _PIXEL_SECONDS * face * n_images if case.with_images else 0.0
     causes = _CAUSE_DIRECTIONS if case.with_images else 0
-    memory = simulation_memory(n_cells, n_images, directions + causes)
+    steps = case.solver.steps_per_interval
+    memory = simulation_memory(n_cells, n_images, directions + causes, steps)
     if case.execution.processes > 1:
-        memory += case.execution.processes * simulation_memory(n_cells, n_images, directions)
+        each = simulation_memory(n_cells, n_images, directions, steps)
+        memory += case.execution.processes * each
     memory += _IMAGE_COPIES * 8.0 * n_pixels
     runs = 1 if solver.derivatives else 1 + RUNS_PER_DIRECTION * directions
     evaluations = fits * case.identification.starts + refits
@@ -107,16 +109,20 @@ def _causes(case: Case) -> int:
     return len(NAMES) + len(case.diagnosis.cause_files) if asked == "all" else len(asked)
 
 
-def simulation_memory(n_cells: int, n_images: int, directions: int = 0) -> float:
+def simulation_memory(
+    n_cells: int, n_images: int, directions: int = 0, steps_per_interval: int = 1
+) -> float:
     """Resident memory of a process that simulates once [bytes].
 
     Args:
         n_cells: tet10 cells of the mesh.
         n_images: images of the history.
         directions: of differentiation.
+        steps_per_interval: time steps of a move or a hold.
     """
     of_image = 24.0 * n_images * n_cells * _NODES_PER_CELL
-    response, way = of_image * (directions + 1), 2 * of_image  # a move and a hold for each image
+    # A move and a hold for each image.
+    response, way = of_image * (directions + 1), 2 * steps_per_interval * of_image
     points = 8.0 * n_cells * _POINTS_PER_CELL * _POINT_NUMBERS * directions
     return _PROCESS_BYTES + points + _RESPONSE_COPIES * response + _WAYS * way
 

@@ -133,7 +133,7 @@ def same_simulation(
         results: what was written of it.
         values: every parameter as it was identified.
     """
-    if "way/times" not in results:  # the solver does not tell it
+    if "way/times" not in results:  # of a solver that does not tell it
         return objective
     way = Way(results["way/times"], results["way/displacement"])
     model = objective.model.in_steps_of(way.times[1:], values).near(way, values)

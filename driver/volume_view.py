@@ -139,7 +139,8 @@ def write_volumes(
     n_cells = len(mesh.cells)
     cost = cost_told(
         simulation_seconds(case, solver, n_cells, history.n_images),
-        simulation_memory(n_cells, history.n_images) + _FIELD_BYTES * n_cells * history.n_images,
+        simulation_memory(n_cells, history.n_images, 0, case.solver.steps_per_interval)
+        + _FIELD_BYTES * n_cells * history.n_images,
     )
     log(
         f"fields of the volume: {len(models)} simulation{'s' if len(models) > 1 else ''}, "

@@ -41,6 +41,7 @@ from solver_adapters.interface import (
 )
 from solver_adapters.jobs.errors import is_by_circumstances
 from solver_adapters.quotient import Pair, slope_through
+from solver_adapters.time_steps import once_more
 
 RUNS_PER_DIRECTION = 2  # one on each side; twice as many where the first step does not do
 
@@ -111,8 +112,7 @@ class FiniteDifferences:
             except PreparedError as others:
                 raise _together([error, others]) from None
             raise
-        # Other time steps have other errors, which would be taken for an effect of the direction.
-        repeated = _with_steps_of(plain, base)
+        repeated = once_more(plain, base)
         pairs = self._pairs(repeated, first, workspace)
         slopes = [slope_through(base, pair, noise) for pair in pairs]
         second = {
@@ -249,7 +249,7 @@ def shifted(simulation: Simulation, direction: Direction, amount: float) -> Simu
     s, m = simulation, simulation.material
     changes = {name: getattr(m, name) + amount * rate for name, rate in direction.material.items()}
     mesh, orientations, motion, gradient = s.mesh, s.orientations, s.motion, s.lattice_gradient
-    times, steps = s.times, s.steps
+    times, steps, near = s.times, s.steps, s.near
     if direction.rotation is not None:
         turns = [rotation_vector_matrix(amount * rate) for rate in direction.rotation]
         orientations = np.stack(turns) @ orientations
@@ -263,6 +263,7 @@ def shifted(simulation: Simulation, direction: Direction, amount: float) -> Simu
         times = s.times + amount * direction.times
         # Each step keeps its share of its interval.
         steps = None if steps is None else np.interp(steps, s.times, times)
+        near = None if near is None else replace(near, times=np.interp(near.times, s.times, times))
     return replace(
         s,
         mesh=mesh,
@@ -272,16 +273,10 @@ def shifted(simulation: Simulation, direction: Direction, amount: float) -> Simu
         motion=motion,
         lattice_gradient=gradient,
         steps=steps,
+        near=near,
         directions=(),
         cell_fields=False,
     )
-
-
-def _with_steps_of(simulation: Simulation, base: Response) -> Simulation:
-    """The simulation with the time steps that the asked run has chosen for itself."""
-    if base.ends.size and (base.cuts or simulation.accuracy is not None):
-        return replace(simulation, steps=base.ends, accuracy=None)
-    return simulation
 
 
 def _failed(outcome: Response | SolverError) -> bool:

@@ -150,7 +150,8 @@ class Simulation:
         tolerance: largest ratio of the residual to the reaction at convergence.
         cell_fields: whether stress, slips and lattice rotation of the cells are wanted.
         near: the way of a simulation of this mesh with other parameters, by which a solver may
-            begin its iterations; no result depends on it by more than `tolerance`.
+            begin its iterations; in the same time steps no result depends on it by more than
+            `tolerance`.
     """
 
     mesh: PrismMesh

@@ -11,24 +11,23 @@ import numpy as np
 
 from solver_adapters.interface import Simulation
 
-_COURSE = frozenset(("near",))
-"""What of a simulation changes the course of a run, and not what it answers."""
-
 
 def simulation_key(simulation: Simulation, version: str) -> str:
-    """SHA-256 of a simulation, little-endian, and of the solver that runs it."""
+    """SHA-256 of a simulation, little-endian, and of the solver that runs it.
+
+    How the iterations begin is no part of it.
+    """
     digest = hashlib.sha256(version.encode())
-    _feed(digest, simulation)
+    for item in fields(simulation):
+        if item.name != "near":
+            _feed_field(digest, simulation, item.name)
     return digest.hexdigest()
 
 
 def _feed(digest: Any, value: Any) -> None:
     if is_dataclass(value):
         for item in fields(value):
-            if item.name in _COURSE:
-                continue
-            digest.update(item.name.encode())
-            _feed(digest, getattr(value, item.name))
+            _feed_field(digest, value, item.name)
     elif isinstance(value, np.ndarray):
         little = np.ascontiguousarray(value, dtype=value.dtype.newbyteorder("<"))
         digest.update(f"{little.dtype.str}{little.shape}".encode())
@@ -44,3 +43,8 @@ def _feed(digest: Any, value: Any) -> None:
     else:
         plain = value.item() if isinstance(value, np.generic) else value
         digest.update(repr(plain).encode())
+
+
+def _feed_field(digest: Any, value: Any, name: str) -> None:
+    digest.update(name.encode())
+    _feed(digest, getattr(value, name))

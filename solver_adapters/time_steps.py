@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from solver_adapters.interface import FloatArray, Simulation
+from solver_adapters.interface import FloatArray, Response, Simulation
 
 SAME_INSTANT = 1e-9
 """Instants that differ by less than this share of the whole time are the same."""
@@ -30,6 +32,19 @@ def step_ends(simulation: Simulation, parts: int = 1) -> FloatArray:
     gap = abs(steps[:, None] - times).min(axis=1)
     between = steps[gap > SAME_INSTANT * (times[-1] - times[0])]
     return np.sort(np.concatenate([times, between]))
+
+
+def once_more(simulation: Simulation, response: Response) -> Simulation:
+    """The simulation as it is to be run again, for other directions or beside it.
+
+    It begins its iterations by the way of its response, and takes the steps that this one chose for
+    itself: other steps have other errors, which would be taken for an effect of a parameter.
+    """
+    if response.way is not None:
+        simulation = replace(simulation, near=response.way)
+    if response.ends.size and (response.cuts or simulation.accuracy is not None):
+        simulation = replace(simulation, steps=response.ends, accuracy=None)
+    return simulation
 
 
 def between_instants(instant: float, times: FloatArray, values: FloatArray) -> FloatArray:

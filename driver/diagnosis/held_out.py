@@ -64,10 +64,14 @@ def predict_held_out(task: HeldOutTask) -> HeldOut:
     best = task.fit.best
     without = replace(task.objective, data=data.frames(others))
     shared = tuple(name for name in best.free if name not in task.knots)
-    trained = fit(without, best.values, shared, MOST_ITERATIONS, silent, tolerance=TOLERANCE)
+    trained = fit(
+        without, best.values, shared, MOST_ITERATIONS, silent, without.complete(best, shared),
+        TOLERANCE,
+    )  # fmt: skip
     only = replace(task.objective, data=data.frames(inside))
+    begin = only.complete(trained.best, task.knots)
     predicted = fit(
-        only, trained.values, task.knots, MOST_ITERATIONS, silent, tolerance=TOLERANCE
+        only, trained.values, task.knots, MOST_ITERATIONS, silent, begin, TOLERANCE
     ).best
     loads = predicted.residual[: predicted.n_load]
     # The elongation knots are seen by the loads, the tilt knots by the images.

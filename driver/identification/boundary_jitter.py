@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from driver.boundary import elongation_names, knot_declarations
 from driver.model import ForwardModel
 from solver_adapters.interface import Direction
+from solver_adapters.time_steps import once_more
 
 if TYPE_CHECKING:
     from driver.identification.image_data import ImageData
@@ -77,7 +78,7 @@ def boundary_jitter(
     for first in range(0, len(stops), _TOGETHER):
         asked = replace(simulation, directions=tuple(directions[first : first + _TOGETHER]))
         response = model.adapter.solve(asked, model.workspace)
-        simulation = replace(simulation, near=response.way)
+        simulation = once_more(simulation, response)
         look = model.observe(response, values, ()).look.value
         moved = response.d_displacement * [1.0, 1.0, 1.0 + values["height_scale"]]
         images.append(sigma * bare.sensitivity(moved, look, np.arange(moved.shape[1])))

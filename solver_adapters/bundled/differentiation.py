@@ -36,8 +36,8 @@ class Differentiation:
         self._gradients = np.empty_like(self._memory.stress)
         self._kept = self._latest = tangents.state
         # A grain that turns leaves the cells of the other one alone.
-        changes = np.abs(tangents.gradients) + np.abs(tangents.weighted)
-        self._changed = changes.max(axis=(2, 3, 4), initial=0.0) > 0.0
+        moved, weighted = tangents.gradients, tangents.weighted
+        self._changed = np.asarray(moved.any(axis=(2, 3, 4)) | weighted.any(axis=(2, 3, 4)))
 
     def keep(self, instant: Instant) -> None:
         """Leave the derivatives of this instant, and no longer those of another, untouched.

@@ -24,6 +24,8 @@ MOST_NEWTON = 14
 ROUNDING = 1e-12
 # Strain that rounding leaves behind: of its force nothing better can be asked.
 ROUNDED_STRAIN = 1e-15
+# Beyond so many times its length a step says little of another one.
+_MOST_SCALED = 4.0
 # Accuracies between which the linear systems of the Newton iteration are solved.
 ROUGH, FINE = 1e-3, 1e-8
 
@@ -109,22 +111,24 @@ class Equilibrium:
     ) -> Trial:
         """Start of a step: the last of its kind scaled, or one tangent step.
 
-        Where a nearby simulation is known, only what the step differs by from that one is scaled.
+        Where a nearby simulation is known, only what the last step differed by from that one is
+        scaled; without a last one, the nearby step itself.
         """
         p = self.problem
         moved = motion - instant.u.ravel()[p.prescribed]
         moves = bool(np.any(moved))
         alike = last.get(moves)
         slips = rest = np.zeros((p.points.grain.size, NS))
-        du = near
+        ratio = 0.0
         if alike is not None:
-            if moves:
-                ratio = float(moved @ alike.motion / (alike.motion @ alike.motion))
-            else:
-                ratio = dt / alike.dt
-            if 0.0 < ratio < 4.0:
-                slips = ratio * alike.slips
-                du = ratio * alike.du if near is None else near + ratio * (alike.du - alike.near)
+            ratio = _ratio(moved, alike.motion) if moves else dt / alike.dt
+        du = None
+        if alike is not None and 0.0 < ratio < _MOST_SCALED:
+            slips = ratio * alike.slips
+            du = ratio * alike.du if near is None else near + ratio * (alike.du - alike.near)
+        elif near is not None:
+            share = _ratio(moved, near.ravel()[p.prescribed]) if moves else 1.0
+            du = share * near if 0.0 < share < _MOST_SCALED else None
         if du is not None:
             u = instant.u + du
             u.ravel()[p.prescribed] = motion
@@ -220,6 +224,12 @@ class Equilibrium:
             cell = int(np.flatnonzero((p.cells == node).any(axis=1))[0])
         grain = int(p.points.grain[p.weights.shape[1] * cell]) + 1
         return f"{what} (element {cell}, grain {grain})"
+
+
+def _ratio(moved: FloatArray, before: FloatArray) -> float:
+    """By how much one motion is another one, to least squares; 0 of none."""
+    size = float(before @ before)
+    return float(moved @ before) / size if size else 0.0
 
 
 def _norm(forces: FloatArray) -> float:

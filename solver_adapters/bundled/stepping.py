@@ -155,10 +155,9 @@ class Stepper:
                 target = end
             dt = target - instant.time
             divisible = 0.5 * size >= whole / 2**MOST_HALVINGS
+            near = self._step_of_near(instant, target)
             try:
-                trial = self._equilibrium.solve_step(
-                    instant, motion(target), dt, self._last, self._step_of_near(instant, target)
-                )
+                trial = self._equilibrium.solve_step(instant, motion(target), dt, self._last, near)
             except NotConvergedError as failure:
                 if not divisible:
                     raise SolverError(
@@ -173,7 +172,7 @@ class Stepper:
                 self.statistics.refinements += 1
                 size *= 0.5
                 continue
-            instant = self._accept(instant, trial, target, dt, motion_tangent, law)
+            instant = self._accept(instant, trial, target, dt, motion_tangent, law, near)
             self.statistics.steps += 1
             self.statistics.ends.append(target)
             self._course.append(instant.u)
@@ -189,11 +188,11 @@ class Stepper:
         dt: float,
         motion_tangent: Callable[[float], FloatArray],
         law: PointTangents,
+        near: FloatArray | None = None,
     ) -> Instant:
         """The instant at the end of a converged step, with its derivatives."""
         p = self.problem
         held = trial.u.ravel()[p.prescribed] - instant.u.ravel()[p.prescribed]
-        near = self._step_of_near(instant, end)
         near = np.zeros_like(trial.u) if near is None else near
         self._last[trial.moves] = Increment(trial.u - instant.u, trial.slips, held, dt, near)
         du, dstate, dforce = instant.du, instant.dstate, instant.dforce

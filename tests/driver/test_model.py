@@ -205,7 +205,10 @@ def test_in_the_steps_of_a_response_other_parameters_take_the_same_steps(
     ends = np.interp(response.ends, refined.clock(values), refined.clock(other))
     np.testing.assert_allclose(simulation.steps, ends, rtol=1e-12)
     assert held.predict(other).response.steps == response.steps > len(model.times) - 1
-    assert model.in_steps_of(response.ends, values) is model  # its steps are as given
+    as_given = model.predict(values).response.ends
+    assert model.in_steps_of(as_given, values) is model
+    cut = model.in_steps_of(np.append(as_given[:1] / 2, as_given), values)
+    assert cut.steps is not None and cut.steps.size == as_given.size + 1
 
 
 def test_near_a_response_simulations_begin_by_it_on_their_own_clock(
@@ -221,6 +224,9 @@ def test_near_a_response_simulations_begin_by_it_on_their_own_clock(
     way = beside.simulation(other).near
     assert way is not None
     np.testing.assert_allclose(way.times, model.simulation(other).times)  # a step an interval
+    longer = model.near(model.predict(other).response.way, other).way
+    assert longer is not None
+    np.testing.assert_allclose(longer.times, model.times)
     assert model.near(None, values) is model  # of a solver that does not tell it
 
 

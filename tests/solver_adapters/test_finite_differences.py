@@ -29,6 +29,7 @@ from solver_adapters.interface import (
     Simulation,
     SolverError,
     UnsupportedError,
+    Way,
 )
 from solver_adapters.jobs.errors import JobError
 from solver_adapters.jobs.status import CACHED, Status
@@ -248,6 +249,27 @@ def test_a_step_that_does_costs_two_runs_for_each_direction() -> None:
     np.testing.assert_allclose(response.d_force[1], 1 / 40e3, rtol=1e-9)
     np.testing.assert_allclose(response.d_displacement[1], 0.0, atol=1e-12)
     assert response.notes == ()
+
+
+def test_runs_beside_begin_by_the_way_of_the_asked_one_on_their_own_clock() -> None:
+    class Telling(Toy):
+        def solve(
+            self, simulation: Simulation, workspace: Path | None = None,
+            progress: Report | None = None,
+        ) -> Response:  # fmt: skip
+            still = np.zeros((len(simulation.times), len(simulation.mesh.points), 3))
+            found = super().solve(simulation, workspace, progress)
+            return replace(found, way=Way(simulation.times, still))
+
+    solver, later = Telling(), np.array([0.0, 0.5, 1.5])
+    longer = Direction("hold", times=later, scale=1.0)
+    FiniteDifferences(solver).solve(along(ALONG_TAU0, longer))
+    assert solver.asked[0].near is None
+    assert len(solver.asked) > 4
+    for simulation in solver.asked[1:]:
+        assert simulation.near is not None
+        np.testing.assert_allclose(simulation.near.times, simulation.times)
+    assert any(not np.array_equal(s.times, solver.asked[0].times) for s in solver.asked)
 
 
 def test_without_directions_the_solver_is_asked_once() -> None:

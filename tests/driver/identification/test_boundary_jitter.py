@@ -1,9 +1,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from driver.identification.data import Data
 from driver.identification.fit import fit
 from driver.identification.objective import Objective
 from driver.model import ForwardModel
-from solver_adapters.interface import Simulation
+from solver_adapters.interface import Progress, Response, Simulation, Way
 from tests.driver import closed_form
 from tests.driver.closed_form import KNOTS, LAW, Bench
 
@@ -96,6 +97,32 @@ def test_the_answer_to_a_stop_is_the_derivative_of_the_simulation(stop: int) -> 
     look = BENCH.model.predict(BENCH.truth).look
     z = plain().data.image.sensitivity(motion[None], look.value, np.arange(len(motion)))[0]
     np.testing.assert_allclose(jitter().image[stop] / SIGMA_E, z, atol=2e-3 * np.abs(z).max())
+
+
+def test_stops_beyond_the_first_ones_begin_by_the_simulation_of_those(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begun: list[Way | None] = []
+
+    class Telling(closed_form.ClosedFormSolver):
+        """It tells a way, and remembers by which it was asked to begin."""
+
+        def solve(
+            self,
+            simulation: Simulation,
+            workspace: Path | None = None,
+            progress: Callable[[Progress], None] | None = None,
+        ) -> Response:
+            begun.append(simulation.near)
+            still = np.zeros((len(simulation.times), len(simulation.mesh.points), 3))
+            return replace(super().solve(simulation), way=Way(simulation.times, still))
+
+    monkeypatch.setattr("driver.identification.boundary_jitter._TOGETHER", 20)
+    model = replace(BENCH.model, adapter=Telling())
+    found = boundary_jitter(model, plain().data.image, BENCH.truth, SIGMA_E)
+    assert begun[0] is None and len(begun) == -(-T // 20) > 1
+    assert all(way is not None for way in begun[1:])
+    np.testing.assert_allclose(found.load, jitter().load, rtol=1e-9)
 
 
 def test_a_yielding_specimen_answers_with_less_than_its_elastic_stiffness() -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -52,9 +53,17 @@ def test_each_trial_point_begins_by_the_simulation_of_the_point_before_it(
 ) -> None:
     begun: list[dict[str, float]] = []
 
+    class Beside(Formula):
+        """A formula beside a point, which is noted when it is evaluated."""
+
+        def evaluate(self, values: Mapping[str, float], free: Sequence[str]) -> Evaluation:
+            begun.append(vars(self)["beside"])
+            return super().evaluate(values, free)
+
     def near(self: Formula, here: Evaluation) -> Formula:
-        begun.append(here.values)
-        return self
+        beside = Beside(**vars(self))
+        vars(beside)["beside"] = here.values
+        return beside
 
     monkeypatch.setattr(Formula, "near", near)
     plain = formula(exponential, exponential(np.array([1.2, 2.0]))[0], PLAIN[:2])
