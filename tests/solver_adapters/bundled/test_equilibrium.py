@@ -110,6 +110,15 @@ def test_a_step_that_a_nearby_simulation_took_needs_no_iteration() -> None:
     np.testing.assert_allclose(again.slips, solved.slips, atol=1e-6 * abs(solved.slips).max())
 
 
+def test_the_first_step_of_its_kind_is_a_nearby_one_scaled_by_the_motion() -> None:
+    whole = _case(ELASTIC).solve().u
+    case = _case(ELASTIC)
+    found = case.solve(near=0.5 * whole)
+    assert case.iterations == 0
+    assert len(calls(case.problem)) == 1
+    np.testing.assert_allclose(found.u, whole, atol=1e-9 * abs(whole).max())
+
+
 def test_of_a_step_beside_a_nearby_one_the_difference_is_scaled() -> None:
     """A body that is pulled twice as far as the nearby one, in steps of 0.4 and 0.6."""
     whole = _case(ELASTIC).solve().u
