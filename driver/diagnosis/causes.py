@@ -75,6 +75,7 @@ LIBRARY: tuple[Cause, ...] = (
         "twinning_asymmetry", "material", ("tau0_antitwinning",),
         "the {112} systems slip more easily in the twinning sense than against it",
         "a test in compression: the flow stresses differ",
+        bends=True,
     ),
     Cause(
         "non_schmid", "material", ("a1",),
@@ -92,6 +93,7 @@ LIBRARY: tuple[Cause, ...] = (
         "family_112", "material", ("tau0_112",),
         "the {112} systems have another critical resolved shear stress than the {110} systems",
         "slip traces on the deformed face: which planes carry the steps",
+        bends=True,
     ),
     Cause(
         "grain_contrast", "material", ("tau0_grain2",),

@@ -15,6 +15,7 @@ def test_a_cause_names_parameters_of_the_general_model(cause: Cause) -> None:
     assert cause.parameters and set(named) <= set(DECLARED)
     assert len(set(named)) == len(named)
     assert cause.sentence and cause.check and not cause.sentence.endswith(".")
+    assert not cause.bends or len(cause.parameters) == 1
     if cause.one_sided:
         (name,) = cause.parameters
         assert DECLARED[name].lower == DECLARED[name].null
