@@ -23,7 +23,10 @@ class Cause:
         check: the physical check that would confirm it.
         odds: prior odds against the baseline, over those of the other causes.
         bends: whether the (single) parameter does something else to the data far from its null
-            than near it, so that it is looked at from afar as well (`far_looks`).
+            than near it, so that it is looked at from afar as well where something is wrong
+            (`far_looks`).
+        hides: whether it is looked at from afar also where nothing seems wrong: of a few prior
+            scales neither the tests nor the scores of other causes see anything.
     """
 
     name: str
@@ -36,6 +39,7 @@ class Cause:
     unseen: str = "it does nothing to the data that the fitted parameters do not do"
     odds: float = 1.0
     bends: bool = False
+    hides: bool = False
 
 
 def _axes(what: str) -> tuple[str, ...]:
@@ -75,13 +79,13 @@ LIBRARY: tuple[Cause, ...] = (
         "twinning_asymmetry", "material", ("tau0_antitwinning",),
         "the {112} systems slip more easily in the twinning sense than against it",
         "a test in compression: the flow stresses differ",
-        bends=True,
+        bends=True, hides=True,
     ),
     Cause(
         "non_schmid", "material", ("a1",),
         "stresses other than the resolved shear stress move the dislocations",
         "specimens of two orientations with the same Schmid factor",
-        bends=True,
+        bends=True, hides=True,
     ),
     Cause(
         "damaged_skin", "material", ("skin_tau0",),
@@ -93,12 +97,13 @@ LIBRARY: tuple[Cause, ...] = (
         "family_112", "material", ("tau0_112",),
         "the {112} systems have another critical resolved shear stress than the {110} systems",
         "slip traces on the deformed face: which planes carry the steps",
-        bends=True,
+        bends=True, hides=True,
     ),
     Cause(
         "grain_contrast", "material", ("tau0_grain2",),
         "the two grains have different critical resolved shear stresses",
         "nano-indentation of both grains, or their chemistry (interstitials) by atom probe",
+        bends=True,
     ),
     Cause(
         "rate_sensitivity", "material", ("n", "K"),
@@ -149,6 +154,7 @@ LIBRARY: tuple[Cause, ...] = (
         "boundary_position", "microstructure", ("boundary_shift",),
         "the grain boundary lies elsewhere along the specimen",
         "EBSD of the face and of both sides of the prism",
+        bends=True,
     ),
     Cause(
         "boundary_tilt", "microstructure", ("boundary_tilt_x", "boundary_tilt_z"),
@@ -159,6 +165,7 @@ LIBRARY: tuple[Cause, ...] = (
         "boundary_bow", "microstructure", ("boundary_bow",),
         "the grain boundary is curved",
         "the trace of the boundary on the sides of the prism",
+        bends=True,
     ),
     Cause(
         "section_depth", "microstructure", ("depth_scale",),
@@ -209,6 +216,7 @@ LIBRARY: tuple[Cause, ...] = (
         "load_lag", "instrument", ("load_lag",),
         "the clocks of the load cell and of the images differ",
         "a jerk of the stage that both record, or one clock for both",
+        bends=True,
     ),
     Cause(
         "height_scale", "instrument", ("height_scale",),

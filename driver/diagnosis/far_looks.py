@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from driver.diagnosis.causes import Cause
+from driver.diagnosis.causes import NUMERICS, Cause
 from driver.diagnosis.refit import (
     FAR,
     MOST_FROM_AFAR,
@@ -60,24 +60,34 @@ class _Look:
 
 
 def look_from_afar(
-    scores: Sequence[Score], here: Fit, objective: Objective, variance: float, crew: Crew
+    scores: Sequence[Score],
+    here: Fit,
+    objective: Objective,
+    variance: float,
+    accepted: bool,
+    crew: Crew,
 ) -> FarLooks:
-    """Score causes that bend, and that their derivative does not show, from afar.
+    """Score causes that bend from afar.
 
-    Each costs two simulations, and a refit where they promise something.
+    Those that hide come first, where their derivative does not show them; the others where
+    something is wrong (the tests reject, or a cause is seen by its derivative or from afar) and
+    they do not lead already. Each costs two simulations, and a refit where they promise something.
 
     Args:
         scores: of all causes, to first order.
         here: the fit that is examined.
         objective: its objective.
         variance: of whitened numbers along the causes, 1 for noise alone.
+        accepted: whether the tests of the residual against no particular cause accept.
         crew: who refits; its log takes a line for each cause, and for a side that fails.
 
     Raises:
         NotRunError: a simulation was not run.
         JobError, ResultFileError: one was killed, ran out of memory or left no result.
     """
-    bent = [s for s in scores if s.cause.bends and not _shows(s)]
+    leader = next((s for s in scores if s.cause != NUMERICS), None)
+    bent = [s for s in scores if s.cause.hides and not _shows(s)]
+    bent += [s for s in scores if s.cause.bends and not s.cause.hides and s is not leader]
     family = len(scores) + _LOOKS * len(bent)
     seen, refits = list(scores), []
 
@@ -87,6 +97,9 @@ def look_from_afar(
         return _Look(amount, at, score(near.cause, change, here.best, family, degrees, variance))
 
     for near in bent:
+        right = accepted and all(s.p >= NAMING_LEVEL for s in seen if s.cause != NUMERICS)
+        if right and not near.cause.hides:
+            break
         crew.log(f"  looking at {near.cause.name} from afar")
         extended = with_prior(objective, near.cause)
         sides = [

@@ -201,7 +201,7 @@ def _first_order(
 
 def _looked(seen: _Seen, here: Fit, objective: Objective, crew: Crew) -> _Seen:
     """What is seen, from afar as well."""
-    found = look_from_afar(seen.scores, here, objective, seen.widened**2, crew)
+    found = look_from_afar(seen.scores, here, objective, seen.widened**2, seen.tests.accepted, crew)
     return replace(seen, scores=found.scores, afar=tuple(found.refits))
 
 
@@ -218,13 +218,17 @@ def _flips(
     if set(added) & set(FLIPS):  # two half turns make the third
         return FlipTrial()
     flips, _ = flips_of(objective.model.microstructure.orientations, wanted)
-    nothing = not refits or refits[0].log_evidence <= WORTH
+    nothing = _adds_nothing(refits)
     unexplained = not tests.accepted if nothing else _unexplained(baseline, refits[0])
     turns = not nothing and _turns_a_lattice(refits[0])
     if not (baseline.chi_load > LARGE or unexplained or turns):
         return not_warranted(flips)
-    bar = _bar(refits, baseline) if refits else baseline.cost
-    return try_flips(flips, baseline, objective, crew, bar)
+    return try_flips(flips, baseline, objective, crew, _bar(refits, baseline))
+
+
+def _adds_nothing(refits: Sequence[Refit]) -> bool:
+    """Whether no refit is worth an addition; the best comes first."""
+    return not refits or refits[0].log_evidence <= WORTH
 
 
 def _turns_a_lattice(best: Refit) -> bool:
@@ -264,19 +268,26 @@ def _refits(
     baseline, scores = here.best, seen.scores
     tried = [s for s in scores if s.cause not in (NUMERICS, *COVARIANCE) and s.degrees]
     chosen = to_refit(tried, most)
-    if not chosen:
-        return []
-    crew.log(f"refitting {_listed(chosen)}")
-    refits = refit_causes(chosen, screening, baseline, objective, crew)
-    names = {s.cause.name for s in chosen}
-    best = _best_of_each([*refits, *(r for r in seen.afar if r.cause.name in names)])
-    large = baseline.chi_load > LARGE or _unexplained(baseline, best[0])
-    if large:
-        others = [s for s in tried if s not in chosen]
-        crew.log(f"a large effect, or one half explained: refitting {_listed(others)}")
-        bar = _bar(best, baseline)
+    best: list[Refit] = []
+    if chosen:
+        crew.log(f"refitting {_listed(chosen)}")
+        refits = refit_causes(chosen, screening, baseline, objective, crew)
+        names = {s.cause.name for s in chosen}
+        best = _best_of_each([*refits, *(r for r in seen.afar if r.cause.name in names)])
+    others, bar = [s for s in tried if s not in chosen], _bar(best, baseline)
+    nothing = _adds_nothing(best)
+    if baseline.chi_load <= LARGE and nothing:
+        # None is significant among so many; what promises something may still be the reason.
+        hopeful = [s for s in others if s.log_evidence > WORTH]
+        others, bar = [] if seen.tests.accepted else hopeful[:most], np.inf
+    elif baseline.chi_load <= LARGE and not _unexplained(baseline, best[0]):
+        others = []
+    if others:
+        crew.log(f"a large effect, or one that is not explained: refitting {_listed(others)}")
         more = refit_causes(others, screening, baseline, objective, crew, bar)
         best = _best_of_each([*best, *seen.afar, *more])
+    if not best:
+        return []
     stalled = {r.cause.name for r in best if not r.fit.converged}
     far = baseline.chi_load > LARGE or _bent(best[0], scores)
     leading = {r.cause.name for r in best[:most]} if far else set()
@@ -326,7 +337,8 @@ def _listed(scores: Sequence[Score]) -> str:
 
 
 def _bar(best: Sequence[Refit], baseline: Evaluation) -> float:
-    lowest = min(refit.fit.best.cost for refit in best)
+    """Cost that a first step has to promise: half of what the best refit gains."""
+    lowest = min((refit.fit.best.cost for refit in best), default=baseline.cost)
     return lowest + (1.0 - _HOPEFUL) * max(baseline.cost - lowest, 0.0)
 
 

@@ -82,8 +82,19 @@ def examined(truth: float, solver: type[Bent] = Bent, seed: int = 0) -> Examined
     return Examined(scores, fitted, objective)
 
 
-def look(at: Examined, log: Log = silent) -> FarLooks:
-    return look_from_afar(at.scores, at.fit, at.objective, 1.0, Crew(1, 1, log))
+def look(at: Examined, log: Log = silent, accepted: bool = True) -> FarLooks:
+    return look_from_afar(at.scores, at.fit, at.objective, 1.0, accepted, Crew(1, 1, log))
+
+
+def with_scores(at: Examined, *changed: Score) -> Examined:
+    """The same with other scores of some causes, best log evidence first."""
+    by_name = {s.cause.name: s for s in (*at.scores, *changed)}
+    return replace(at, scores=sorted(by_name.values(), key=lambda s: -s.log_evidence))
+
+
+def not_hiding(score: Score) -> Score:
+    """Of a cause that bends, and that does not hide from all others."""
+    return replace(score, cause=replace(score.cause, hides=False))
 
 
 def _of(scores: list[Score], name: str) -> Score:
@@ -118,6 +129,29 @@ def test_the_end_of_a_refit_gains_more_than_the_sides_show(
     assert end.statistic > side.statistic + 5.0
     assert side.estimate[0] == pytest.approx(3.0, abs=1.0)
     assert end.estimate[0] == pytest.approx(10 * TRUTH, rel=0.1)
+
+
+def test_a_cause_that_does_not_hide_is_looked_at_where_something_is_wrong_alone(
+    hidden: Examined,
+) -> None:
+    near = not_hiding(_of(hidden.scores, "non_schmid"))
+    at = with_scores(hidden, near)
+    assert _of(look(at).scores, "non_schmid") is near
+    assert look(at, accepted=False).scores[0].cause == near.cause
+    seen = replace(_of(hidden.scores, "cold_work"), p=0.9 * NAMING_LEVEL)
+    assert _of(look(with_scores(at, seen)).scores, "non_schmid").p < NAMING_LEVEL
+
+
+def test_a_bent_cause_that_its_derivative_shows_is_looked_at_unless_it_leads(
+    hidden: Examined,
+) -> None:
+    """Its derivative shows a part of it, by which another cause may come first."""
+    near = not_hiding(_of(hidden.scores, "non_schmid"))
+    near = replace(near, p=1e-4, log_evidence=5.0)
+    first = replace(_of(hidden.scores, "cold_work"), p=1e-6, log_evidence=9.0)
+    found = look(with_scores(hidden, near, first))
+    assert found.scores[0].cause == near.cause and found.scores[0].log_evidence > 9.0
+    assert _of(look(with_scores(hidden, near)).scores, "non_schmid") is near
 
 
 def test_from_where_on_a_bent_effect_is_seen_is_told_by_a_look() -> None:
