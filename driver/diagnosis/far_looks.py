@@ -29,6 +29,7 @@ from driver.diagnosis.score import NAMING_LEVEL, WORTH, Score, score, significan
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from driver.log import Log
+from driver.side_by_side import side_by_side
 from solver_adapters.interface import NotRunError, SolverError
 from solver_adapters.jobs.errors import is_by_circumstances
 
@@ -51,7 +52,41 @@ class FarLooks:
 
 
 @dataclass(frozen=True, eq=False)
+class _Task:
+    """A cause to look at.
+
+    Attributes:
+        near: its score, to first order.
+        here: the fit that is examined.
+        objective: its objective.
+        family: number of tries.
+        variance: of whitened numbers along the causes.
+    """
+
+    near: Score
+    here: Fit
+    objective: Objective
+    family: int
+    variance: float
+
+
+@dataclass(frozen=True, eq=False)
 class _Look:
+    """What a look at one cause shows.
+
+    Attributes:
+        score: of the cause, from where it shows best.
+        refits: of the cause, if it promised something.
+        told: lines of the log.
+    """
+
+    score: Score
+    refits: tuple[Refit, ...]
+    told: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
     """The fit with a cause off its null by an amount, in prior scales, and its score."""
 
     amount: float
@@ -79,72 +114,84 @@ def look_from_afar(
         objective: its objective.
         variance: of whitened numbers along the causes, 1 for noise alone.
         accepted: whether the tests of the residual against no particular cause accept.
-        crew: who refits; its log takes a line for each cause, and for a side that fails.
+        crew: who looks, cause by cause; its log takes a line for each, and for a side that fails.
 
     Raises:
         NotRunError: a simulation was not run.
         JobError, ResultFileError: one was killed, ran out of memory or left no result.
     """
     leader = next((s for s in scores if s.cause != NUMERICS), None)
-    bent = [s for s in scores if s.cause.hides and not _shows(s)]
-    bent += [s for s in scores if s.cause.bends and not s.cause.hides and s is not leader]
-    family = len(scores) + _LOOKS * len(bent)
-    seen, refits = list(scores), []
+    hiding = [s for s in scores if s.cause.hides and not _shows(s)]
+    others = [s for s in scores if s.cause.bends and not s.cause.hides and s is not leader]
+    family = len(scores) + _LOOKS * (len(hiding) + len(others))
 
-    def look(near: Score, at: Evaluation, amount: float) -> _Look:
-        change = (here.best.residual - at.residual)[None] / amount
-        degrees = objective.data.load_degrees
-        return _Look(amount, at, score(near.cause, change, here.best, family, degrees, variance))
+    def looked(bent: Sequence[Score]) -> list[_Look]:
+        tasks = [_Task(near, here, objective, family, variance) for near in bent]
 
-    for near in bent:
-        right = accepted and all(s.p >= NAMING_LEVEL for s in seen if s.cause != NUMERICS)
-        if right and not near.cause.hides:
-            break
-        crew.log(f"  looking at {near.cause.name} from afar")
-        extended = with_prior(objective, near.cause)
-        sides = [
-            look(near, at, amount)
-            for at, amount in _sides(near, here, extended, crew.log)
-            if amount != 0.0
-        ]
-        promising = [
-            one
-            for one in sides
-            if one.score.estimate[0] * one.amount > 0
-            and chi2.sf(one.score.statistic, one.score.degrees) < PROMISING
-        ]
-        found = [near, *(one.score for one in promising)]
-        if promising:
-            begin = max(promising, key=lambda one: one.score.statistic)
-            start = Start(
-                near.cause, extended, begin.at.values, None, here.best, np.inf, MOST_FROM_AFAR
-            )
-            for refit in refit_from([start], crew):
-                end = _gained(refit, begin.score, here, objective, family, variance)
-                if abs(end.estimate[0]) > FAR[0]:
-                    refits.append(refit)
-                    found.append(end)
-        best = max(found, key=lambda s: s.log_evidence)
-        limits = [one.score.visible for one in sides]
-        # Near the null the derivative holds, beyond it what the weaker side shows.
-        if limits and near.visible[0] > FAR[0]:
-            best = replace(best, visible=np.max(limits, axis=0))
-        seen[seen.index(near)] = best
-    return FarLooks(sorted(seen, key=lambda s: -s.log_evidence), refits)
+        def done(index: int, result: _Look) -> None:
+            crew.log(f"  looked at {bent[index].cause.name} from afar")
+            for line in result.told:
+                crew.log(line)
+
+        return side_by_side(_look, tasks, crew.processes, crew.threads, done)
+
+    looks = looked(hiding)
+    seen = [*scores, *(look.score for look in looks)]
+    if not accepted or any(s.p < NAMING_LEVEL for s in seen if s.cause != NUMERICS):
+        looks += looked(others)
+    best = {s.cause.name: s for s in (*scores, *(look.score for look in looks))}
+    refits = [refit for look in looks for refit in look.refits]
+    return FarLooks(sorted(best.values(), key=lambda s: -s.log_evidence), refits)
 
 
-def _gained(
-    refit: Refit, side: Score, here: Fit, objective: Objective, family: int, variance: float
-) -> Score:
+def _look(task: _Task) -> _Look:
+    """Both sides of a cause, and a refit from the one that promises more."""
+    near, here = task.near, task.here
+    extended = with_prior(task.objective, near.cause)
+    told: list[str] = []
+    sides = [_scored(task, at, n) for at, n in _sides(near, here, extended, told.append) if n]
+    promising = [
+        one
+        for one in sides
+        if one.score.estimate[0] * one.amount > 0
+        and chi2.sf(one.score.statistic, one.score.degrees) < PROMISING
+    ]
+    found = [near, *(one.score for one in promising)]
+    refits = []
+    if promising:
+        begin = max(promising, key=lambda one: one.score.statistic)
+        start = Start(
+            near.cause, extended, begin.at.values, None, here.best, np.inf, MOST_FROM_AFAR
+        )
+        for refit in refit_from([start], Crew(1, 1, told.append)):
+            end = _gained(refit, begin.score, task)
+            if abs(end.estimate[0]) > FAR[0]:
+                refits.append(refit)
+                found.append(end)
+    best = max(found, key=lambda s: s.log_evidence)
+    limits = [one.score.visible for one in sides]
+    # Near the null the derivative holds, beyond it what the weaker side shows.
+    if limits and near.visible[0] > FAR[0]:
+        best = replace(best, visible=np.max(limits, axis=0))
+    return _Look(best, tuple(refits), tuple(told))
+
+
+def _scored(task: _Task, at: Evaluation, amount: float) -> _Side:
+    here, degrees = task.here.best, task.objective.data.load_degrees
+    change = (here.residual - at.residual)[None] / amount
+    found = score(task.near.cause, change, here, task.family, degrees, task.variance)
+    return _Side(amount, at, found)
+
+
+def _gained(refit: Refit, side: Score, task: _Task) -> Score:
     """The score that a refit is: its statistic is the likelihood ratio, one parameter more."""
-    at, extended = refit.fit.best, with_prior(objective, refit.cause)
+    here, degrees = task.here.best, task.objective.data.load_degrees
+    at, extended = refit.fit.best, with_prior(task.objective, refit.cause)
     amount = _amount(refit.cause, extended, at.values)
     # The cost of a refit has the prior of its cause.
-    gained = max(here.best.cost - (at.cost - amount**2), 0.0) / variance
+    gained = max(here.cost - (at.cost - amount**2), 0.0) / task.variance
     components = np.array([np.copysign(np.sqrt(gained), amount)])
-    p = significance(
-        refit.cause, components, side.directions, here.best, family, objective.data.load_degrees
-    )
+    p = significance(refit.cause, components, side.directions, here, task.family, degrees)
     (name,) = refit.cause.parameters
     k, width = at.free.index(name), extended.prior[name][1]
     return replace(
