@@ -38,6 +38,7 @@ ENOUGH = 0.9  # share of the excess that the best cause has to explain
 _AKIN = 0.5  # likeness of causes that may do for each other
 _STRAIGHT = 0.5  # of a log evidence, by which score and refit may differ
 _RIVAL = 0.75  # of the log evidence of the best score, with which a cause is refitted in any case
+_SURE = -float(np.log(NAMING_LEVEL))  # log evidence that needs no score beside it
 _HOPEFUL = 0.5  # of what the best gains, that a score or a first step has to promise
 
 
@@ -274,18 +275,17 @@ def _refits(
         refits = refit_causes(chosen, screening, baseline, objective, crew)
         names = {s.cause.name for s in chosen}
         best = _best_of_each([*refits, *(r for r in seen.afar if r.cause.name in names)])
-    others, bar = [s for s in tried if s not in chosen], _bar(best, baseline)
-    nothing = _adds_nothing(best)
-    if baseline.chi_load <= LARGE and nothing:
-        # None is significant among so many; what promises something may still be the reason.
+    others, bar, least = [s for s in tried if s not in chosen], _bar(best, baseline), -np.inf
+    if baseline.chi_load <= LARGE and _adds_nothing(best):
+        # None is significant among so many; where the way bends one may be at its end.
         hopeful = [s for s in others if s.log_evidence > WORTH]
-        others, bar = [] if seen.tests.accepted else hopeful[:most], np.inf
+        others, bar, least = [] if seen.tests.accepted else hopeful[:most], np.inf, _SURE
     elif baseline.chi_load <= LARGE and not _unexplained(baseline, best[0]):
         others = []
     if others:
         crew.log(f"a large effect, or one that is not explained: refitting {_listed(others)}")
         more = refit_causes(others, screening, baseline, objective, crew, bar)
-        best = _best_of_each([*best, *seen.afar, *more])
+        best = _best_of_each([*best, *(r for r in [*seen.afar, *more] if r.log_evidence > least)])
     if not best:
         return []
     stalled = {r.cause.name for r in best if not r.fit.converged}
