@@ -15,13 +15,20 @@ from driver.diagnosis.ebsd_flips import FLIPS, flips_of
 from driver.diagnosis.far_looks import look_from_afar
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.flip_trial import FlipTrial, not_warranted, try_flips
-from driver.diagnosis.gain import is_excess, share_explained
 from driver.diagnosis.gate import Gate
 from driver.diagnosis.noise_causes import BOUNDARY_NOISE, COVARIANCE
 from driver.diagnosis.omnibus import FAMILY_LEVEL, Omnibus, omnibus
 from driver.diagnosis.outcome import Settings, Step
 from driver.diagnosis.own_correction import with_own_corrections
-from driver.diagnosis.refit import Crew, Refit, refit_causes, refit_from_afar
+from driver.diagnosis.refit import Crew, Refit
+from driver.diagnosis.refit_choice import (
+    LARGE,
+    adds_nothing,
+    best_of_each,
+    cost_to_promise,
+    leaves_unexplained,
+    refits_of_likely,
+)
 from driver.diagnosis.score import NAMING_LEVEL, PARALLEL, WORTH, Score, effects_of, likeness
 from driver.diagnosis.screening import own_error_shapes, screen, screened
 from driver.diagnosis.smooth_fields import smooth_fields
@@ -33,13 +40,6 @@ from driver.log import Log
 FloatArray = NDArray[np.float64]
 
 WITHIN = 3.0  # log evidence within which causes are not told apart
-LARGE = 3.0  # χ_F beyond which a score names a cause no better than chance
-ENOUGH = 0.9  # share of the excess that the best cause has to explain
-_AKIN = 0.5  # likeness of causes that may do for each other
-_STRAIGHT = 0.5  # of a log evidence, by which score and refit may differ
-_RIVAL = 0.75  # of the log evidence of the best score, with which a cause is refitted in any case
-_SURE = -float(np.log(NAMING_LEVEL))  # log evidence that needs no score beside it
-_HOPEFUL = 0.5  # of what the best gains, that a score or a first step has to promise
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,9 +112,12 @@ def examine(
                 seen = _first_order(here, objective, candidates, screening, settings, stops, log)
                 seen = _looked(seen, here, objective, crew)
         if lost is None:
-            refits = _refits(seen, screening, here, objective, settings.refit, crew)
+            refits = refits_of_likely(
+                seen.scores, seen.afar, seen.tests.accepted, screening, here.best, objective,
+                settings.refit, crew,
+            )  # fmt: skip
             trial = _flips(refits, seen.tests, here.best, objective, added, settings.wanted, crew)
-            refits = _best_of_each([*refits, *trial.refits])
+            refits = best_of_each([*refits, *trial.refits])
             refits = with_own_corrections(refits, here.best, finer, crew)
     scores = sorted([*seen.scores, *trial.scores], key=lambda s: -s.log_evidence)
     winner = refits[0] if refits and refits[0].log_evidence > WORTH else None
@@ -219,17 +222,12 @@ def _flips(
     if set(added) & set(FLIPS):  # two half turns make the third
         return FlipTrial()
     flips, _ = flips_of(objective.model.microstructure.orientations, wanted)
-    nothing = _adds_nothing(refits)
-    unexplained = not tests.accepted if nothing else _unexplained(baseline, refits[0])
+    nothing = adds_nothing(refits)
+    unexplained = not tests.accepted if nothing else leaves_unexplained(baseline, refits[0])
     turns = not nothing and _turns_a_lattice(refits[0])
     if not (baseline.chi_load > LARGE or unexplained or turns):
         return not_warranted(flips)
-    return try_flips(flips, baseline, objective, crew, _bar(refits, baseline))
-
-
-def _adds_nothing(refits: Sequence[Refit]) -> bool:
-    """Whether no refit is worth an addition; the best comes first."""
-    return not refits or refits[0].log_evidence <= WORTH
+    return try_flips(flips, baseline, objective, crew, cost_to_promise(refits, baseline))
 
 
 def _turns_a_lattice(best: Refit) -> bool:
@@ -241,12 +239,6 @@ def _turns_a_lattice(best: Refit) -> bool:
     return any(name.startswith("rotation_") for name in best.cause.parameters)
 
 
-def _unexplained(baseline: Evaluation, best: Refit) -> bool:
-    """Whether the best cause explains too little of the excess, and leaves more than noise."""
-    # Of a small excess noise alone leaves more than a tenth.
-    return share_explained(baseline, best.fit.best) < ENOUGH and is_excess(best.fit.best)
-
-
 def _noise_of_boundary(
     here: Fit, objective: Objective, effects: Sequence[FloatArray], stops: Stops
 ) -> Score | None:
@@ -255,101 +247,6 @@ def _noise_of_boundary(
         return None
     family = len(effects) + 2
     return score_boundary_noise(stops.effect, here.best, objective.data, effects, family)
-
-
-def _refits(
-    seen: _Seen,
-    screening: Evaluation,
-    here: Fit,
-    objective: Objective,
-    most: int,
-    crew: Crew,
-) -> list[Refit]:
-    """Refits of the causes that may have done it, the best of each, best evidence first."""
-    baseline, scores = here.best, seen.scores
-    tried = [s for s in scores if s.cause not in (NUMERICS, *COVARIANCE) and s.degrees]
-    chosen = to_refit(tried, most)
-    best: list[Refit] = []
-    if chosen:
-        crew.log(f"refitting {_listed(chosen)}")
-        refits = refit_causes(chosen, screening, baseline, objective, crew)
-        names = {s.cause.name for s in chosen}
-        best = _best_of_each([*refits, *(r for r in seen.afar if r.cause.name in names)])
-    others, bar, least = [s for s in tried if s not in chosen], _bar(best, baseline), -np.inf
-    if baseline.chi_load <= LARGE and _adds_nothing(best):
-        # None is significant among so many; where the way bends one may be at its end.
-        hopeful = [s for s in others if s.log_evidence > WORTH]
-        others, bar, least = [] if seen.tests.accepted else hopeful[:most], np.inf, _SURE
-    elif baseline.chi_load <= LARGE and not _unexplained(baseline, best[0]):
-        others = []
-    if others:
-        crew.log(f"a large effect, or one that is not explained: refitting {_listed(others)}")
-        more = refit_causes(others, screening, baseline, objective, crew, bar)
-        best = _best_of_each([*best, *(r for r in [*seen.afar, *more] if r.log_evidence > least)])
-    if not best:
-        return []
-    stalled = {r.cause.name for r in best if not r.fit.converged}
-    far = baseline.chi_load > LARGE or _bent(best[0], scores)
-    leading = {r.cause.name for r in best[:most]} if far else set()
-    afar = [s for s in tried if s.cause.name in stalled | leading]
-    if afar:
-        crew.log(f"from other starts: {_listed(afar)}")
-        bar = _bar(best, baseline)
-        best = _best_of_each([*best, *refit_from_afar(afar, baseline, objective, crew, bar)])
-    return best
-
-
-def _bent(leader: Refit, scores: Sequence[Score]) -> bool:
-    """Whether the model bends so much on the way to a refit that another start may end elsewhere.
-
-    Along a straight way the refit has the log evidence of the score.
-    """
-    foreseen = next(s.log_evidence for s in scores if s.cause.name == leader.cause.name)
-    return abs(leader.log_evidence - foreseen) > _STRAIGHT * max(foreseen, leader.log_evidence)
-
-
-def to_refit(tried: Sequence[Score], most: int) -> list[Score]:
-    """The causes that are seen, and those akin to one that promise about as much.
-
-    Of likely causes that do nearly the same, noise makes one or the other significant. What a
-    cause promises that has nothing to do with those that are seen is noise.
-
-    Args:
-        tried: scores, best log evidence first.
-        most: largest number of either, close rivals of the best aside.
-    """
-    seen = [s for s in tried if s.p < NAMING_LEVEL]
-    if not seen:
-        return []
-    best = tried[0].log_evidence
-    # Refits come in another order than scores that differ by less than refit and score do.
-    seen = [s for k, s in enumerate(seen) if k < most or s.log_evidence > _RIVAL * best]
-    bar = _HOPEFUL * best
-    if all(s.log_evidence <= bar for s in seen):
-        return seen  # they are of no size that anyone expects, and vouch for no other
-    hopeful = [s for s in tried[:most] if s not in seen and s.log_evidence > bar]
-    akin = [s for s in hopeful if any(likeness(s, one) > _AKIN for one in seen)]
-    return [s for s in tried if s in seen or s in akin]
-
-
-def _listed(scores: Sequence[Score]) -> str:
-    return ", ".join(s.cause.name for s in scores)
-
-
-def _bar(best: Sequence[Refit], baseline: Evaluation) -> float:
-    """Cost that a first step has to promise: half of what the best refit gains."""
-    lowest = min((refit.fit.best.cost for refit in best), default=baseline.cost)
-    return lowest + (1.0 - _HOPEFUL) * max(baseline.cost - lowest, 0.0)
-
-
-def _best_of_each(refits: Sequence[Refit]) -> list[Refit]:
-    """The refit of least cost of each cause, best evidence first."""
-    by_name: dict[str, Refit] = {}
-    for one in refits:
-        before = by_name.get(one.cause.name)
-        if before is None or one.fit.best.cost < before.fit.best.cost:
-            by_name[one.cause.name] = one
-    return sorted(by_name.values(), key=lambda refit: -refit.log_evidence)
 
 
 def set_of(winner: Refit, refits: Sequence[Refit], scores: Sequence[Score]) -> tuple[str, ...]:
