@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from driver.case import Case
-from driver.diagnosis.all_causes import NAMES
+from driver.diagnosis.all_causes import EVERY, NAMES
 from driver.wording import duration
 from solver_adapters.finite_differences import RUNS_PER_DIRECTION
 from solver_adapters.interface import Capabilities
@@ -22,9 +22,11 @@ _FACTOR_SECONDS, _FACTOR_UNKNOWNS, _FACTOR_POWER = 0.039, 7000.0, 1.5
 _ITERATIONS = 4
 _DIRECTION_SHARE = 0.05
 # Simulations of a run: Gauss–Newton iterations use this share of their limit, each refit of a
-# cause needs this many, and a finer mesh is run this often where something is found.
+# cause needs this many, a cause that is looked at from afar this many without derivatives (both
+# sides in two rounds), and a finer mesh is run this often where something is found.
 _ITERATION_SHARE = 0.7
 _PER_REFIT = 6
+_PER_LOOK = 4
 _FINE_RUNS = 8
 # Seconds of one core of the correlation for one pixel of one image, all iterations.
 _PIXEL_SECONDS = 8e-6
@@ -72,8 +74,9 @@ def estimate(
     """
     directions = len(case.identification.parameters) + _BOUNDARY_DIRECTIONS
     intervals = 2 * n_images
-    working = _simulation(
-        case, solver, n_cells, intervals * case.solver.steps_per_interval, directions
+    working, plain = (
+        _simulation(case, solver, n_cells, intervals * case.solver.steps_per_interval, n)
+        for n in (directions, 0)
     )
     finer = n_cells * (case.specimen.mesh_size / case.specimen.fine_mesh_size) ** 2
     fine = _simulation(
@@ -81,9 +84,10 @@ def estimate(
     )
     fits = round(_ITERATION_SHARE * case.identification.max_iterations)
     refits = min(case.diagnosis.refit, _causes(case)) * _PER_REFIT if case.with_images else 0
-    # Only further starts and the refits are independent of each other and run side by side.
-    beside = (fits * (case.identification.starts - 1) + refits) / case.execution.processes
-    solving = working * (fits + beside) + _FINE_RUNS * fine
+    looks = _bent_causes(case) * _PER_LOOK if case.with_images else 0
+    # Only further starts, refits and looks are independent of each other and run side by side.
+    beside = working * (fits * (case.identification.starts - 1) + refits) + plain * looks
+    solving = working * fits + beside / case.execution.processes + _FINE_RUNS * fine
     if case.boundary.jitter_nm:
         # A direction for the stop of each image, before stage B and at its result.
         solving += 2 * _simulation(
@@ -100,13 +104,19 @@ def estimate(
     memory += _IMAGE_COPIES * 8.0 * n_pixels
     runs = 1 if solver.derivatives else 1 + RUNS_PER_DIRECTION * directions
     evaluations = fits * case.identification.starts + refits
-    return Cost(solving + correlation, memory, runs * evaluations)
+    return Cost(solving + correlation, memory, runs * evaluations + looks)
 
 
 def _causes(case: Case) -> int:
     """How many causes a case asks for, of its own files one each."""
     asked = case.diagnosis.causes
     return len(NAMES) + len(case.diagnosis.cause_files) if asked == "all" else len(asked)
+
+
+def _bent_causes(case: Case) -> int:
+    """How many of them may be looked at from afar."""
+    asked = NAMES if case.diagnosis.causes == "all" else case.diagnosis.causes
+    return sum(cause.bends for cause in EVERY if cause.name in asked)
 
 
 def simulation_memory(
