@@ -22,8 +22,8 @@ _FACTOR_SECONDS, _FACTOR_UNKNOWNS, _FACTOR_POWER = 0.039, 7000.0, 1.5
 _ITERATIONS = 4
 _DIRECTION_SHARE = 0.05
 # Simulations of a run: Gauss–Newton iterations use this share of their limit, each refit of a
-# cause needs this many, a cause that is looked at from afar this many without derivatives (both
-# sides in two rounds), and a finer mesh is run this often where something is found.
+# cause needs this many, one that is looked at from afar about this many without derivatives
+# (both sides in two rounds), and a finer mesh is run this often where something is found.
 _ITERATION_SHARE = 0.7
 _PER_REFIT = 6
 _PER_LOOK = 4

@@ -106,7 +106,8 @@ def look_from_afar(
 
     Those that hide come first, where their derivative does not show them; the others where
     something is wrong (the tests reject, or a cause is seen by its derivative or from afar) and
-    they do not lead already. Each costs two simulations, and a refit where they promise something.
+    their derivative does not make them lead. Each costs two simulations, and a refit where they
+    promise something.
 
     Args:
         scores: of all causes, to first order.
@@ -114,31 +115,33 @@ def look_from_afar(
         objective: its objective.
         variance: of whitened numbers along the causes, 1 for noise alone.
         accepted: whether the tests of the residual against no particular cause accept.
-        crew: who looks, cause by cause; its log takes a line for each, and for a side that fails.
+        crew: who looks, cause by cause; its log takes their names, refits, and sides that fail.
 
     Raises:
         NotRunError: a simulation was not run.
         JobError, ResultFileError: one was killed, ran out of memory or left no result.
     """
-    leader = next((s for s in scores if s.cause != NUMERICS), None)
     hiding = [s for s in scores if s.cause.hides and not _shows(s)]
-    others = [s for s in scores if s.cause.bends and not s.cause.hides and s is not leader]
+    others = [s for s in scores if s.cause.bends and not s.cause.hides]
     family = len(scores) + _LOOKS * (len(hiding) + len(others))
 
     def looked(bent: Sequence[Score]) -> list[_Look]:
         tasks = [_Task(near, here, objective, family, variance) for near in bent]
+        if tasks:
+            crew.log(f"looking from afar at {', '.join(near.cause.name for near in bent)}")
 
         def done(index: int, result: _Look) -> None:
-            crew.log(f"  looked at {bent[index].cause.name} from afar")
             for line in result.told:
                 crew.log(line)
 
         return side_by_side(_look, tasks, crew.processes, crew.threads, done)
 
     looks = looked(hiding)
-    seen = [*scores, *(look.score for look in looks)]
-    if not accepted or any(s.p < NAMING_LEVEL for s in seen if s.cause != NUMERICS):
-        looks += looked(others)
+    seen = [s for s in scores if s.cause != NUMERICS and s not in hiding]
+    seen += [look.score for look in looks]
+    if not accepted or any(s.p < NAMING_LEVEL for s in seen):
+        leader = max(seen, key=lambda s: s.log_evidence, default=None)
+        looks += looked([s for s in others if not (s is leader and _shows(s))])
     best = {s.cause.name: s for s in (*scores, *(look.score for look in looks))}
     refits = [refit for look in looks for refit in look.refits]
     return FarLooks(sorted(best.values(), key=lambda s: -s.log_evidence), refits)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from driver.diagnosis.causes import NUMERICS
 from driver.diagnosis.gain import is_excess, share_explained
 from driver.diagnosis.noise_causes import COVARIANCE
 from driver.diagnosis.refit import Crew, Refit, refit_causes, refit_from_afar
-from driver.diagnosis.score import NAMING_LEVEL, WORTH, Score, likeness
+from driver.diagnosis.score import NAMING_LEVEL, Score, likeness
 from driver.identification.objective import Evaluation, Objective
 
 LARGE = 3.0  # χ_F beyond which a score names a cause no better than chance
@@ -18,14 +16,12 @@ ENOUGH = 0.9  # share of the excess that the best cause has to explain
 _AKIN = 0.5  # likeness of causes that may do for each other
 _STRAIGHT = 0.5  # of a log evidence, by which score and refit may differ
 _RIVAL = 0.75  # of the log evidence of the best score, with which a cause is refitted in any case
-_SURE = -float(np.log(NAMING_LEVEL))  # log evidence that needs no score beside it
 _HOPEFUL = 0.5  # of what the best gains, that a score or a first step has to promise
 
 
 def refits_of_likely(
     scores: Sequence[Score],
     afar: Sequence[Refit],
-    accepted: bool,
     screening: Evaluation,
     baseline: Evaluation,
     objective: Objective,
@@ -37,7 +33,6 @@ def refits_of_likely(
     Args:
         scores: of all causes, best log evidence first.
         afar: refits of causes that show from afar.
-        accepted: whether the tests of the residual against no particular cause accept.
         screening: evaluation at the baseline with the parameters of every cause free.
         baseline: the baseline at its optimum.
         objective: its objective.
@@ -49,27 +44,17 @@ def refits_of_likely(
     """
     tried = [s for s in scores if s.cause not in (NUMERICS, *COVARIANCE) and s.degrees]
     chosen = to_refit(tried, most)
-
-    def refitted(why: str, which: Sequence[Score], bar: float = np.inf) -> list[Refit]:
-        if which:
-            crew.log(f"{why}refitting {_listed(which)}")
-        return refit_causes(which, screening, baseline, objective, crew, bar)
-
-    refits = refitted("", chosen)
-    best = best_of_each([*refits, *(r for r in afar if r.cause in [s.cause for s in chosen])])
-    others = [s for s in tried if s not in chosen]
-    if baseline.chi_load > LARGE or not adds_nothing(best):
-        if baseline.chi_load > LARGE or leaves_unexplained(baseline, best[0]):
-            bar = cost_to_promise(best, baseline)
-            more = refitted("a large effect, or one half explained: ", others, bar)
-            best = best_of_each([*best, *afar, *more])
-    elif not accepted:
-        # None is significant among so many; where the way bends one may be at its end.
-        hopeful = [s for s in others if s.log_evidence > WORTH][:most]
-        more = [*afar, *refitted("the tests reject: ", hopeful)]
-        best = best_of_each([*best, *(r for r in more if r.log_evidence > _SURE)])
-    if not best:
+    if not chosen:
         return []
+    crew.log(f"refitting {_listed(chosen)}")
+    refits = refit_causes(chosen, screening, baseline, objective, crew)
+    best = best_of_each([*refits, *(r for r in afar if r.cause in [s.cause for s in chosen])])
+    if baseline.chi_load > LARGE or leaves_unexplained(baseline, best[0]):
+        others = [s for s in tried if s not in chosen]
+        crew.log(f"a large effect, or one half explained: refitting {_listed(others)}")
+        bar = cost_to_promise(best, baseline)
+        more = refit_causes(others, screening, baseline, objective, crew, bar)
+        best = best_of_each([*best, *afar, *more])
     stalled = {r.cause.name for r in best if not r.fit.converged}
     far = baseline.chi_load > LARGE or _bent(best[0], scores)
     leading = {r.cause.name for r in best[:most]} if far else set()
@@ -103,11 +88,6 @@ def to_refit(tried: Sequence[Score], most: int) -> list[Score]:
     hopeful = [s for s in tried[:most] if s not in seen and s.log_evidence > bar]
     akin = [s for s in hopeful if any(likeness(s, one) > _AKIN for one in seen)]
     return [s for s in tried if s in seen or s in akin]
-
-
-def adds_nothing(refits: Sequence[Refit]) -> bool:
-    """Whether no refit is worth an addition; the best comes first."""
-    return not refits or refits[0].log_evidence <= WORTH
 
 
 def leaves_unexplained(baseline: Evaluation, best: Refit) -> bool:

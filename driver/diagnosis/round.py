@@ -23,7 +23,6 @@ from driver.diagnosis.own_correction import with_own_corrections
 from driver.diagnosis.refit import Crew, Refit
 from driver.diagnosis.refit_choice import (
     LARGE,
-    adds_nothing,
     best_of_each,
     cost_to_promise,
     leaves_unexplained,
@@ -113,8 +112,7 @@ def examine(
                 seen = _looked(seen, here, objective, crew)
         if lost is None:
             refits = refits_of_likely(
-                seen.scores, seen.afar, seen.tests.accepted, screening, here.best, objective,
-                settings.refit, crew,
+                seen.scores, seen.afar, screening, here.best, objective, settings.refit, crew
             )  # fmt: skip
             trial = _flips(refits, seen.tests, here.best, objective, added, settings.wanted, crew)
             refits = best_of_each([*refits, *trial.refits])
@@ -165,7 +163,7 @@ class _Seen:
 
     Attributes:
         scores: of all causes, best log evidence first.
-        afar: refits of causes that show from afar only, none to first order.
+        afar: refits from afar of causes that bend, none to first order.
         widened: by how much the simulation's own error widens them.
         tests: of the residual against no particular cause.
         noise: the score of the noise of the boundary, None where it was not looked for.
@@ -222,7 +220,7 @@ def _flips(
     if set(added) & set(FLIPS):  # two half turns make the third
         return FlipTrial()
     flips, _ = flips_of(objective.model.microstructure.orientations, wanted)
-    nothing = adds_nothing(refits)
+    nothing = not refits or refits[0].log_evidence <= WORTH
     unexplained = not tests.accepted if nothing else leaves_unexplained(baseline, refits[0])
     turns = not nothing and _turns_a_lattice(refits[0])
     if not (baseline.chi_load > LARGE or unexplained or turns):

@@ -9,6 +9,7 @@ import pytest
 
 from driver.diagnosis import far_looks
 from driver.diagnosis.boundary_noise import Stops
+from driver.diagnosis.causes import LIBRARY
 from driver.diagnosis.far_looks import FarLooks, look_from_afar
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.refit import Crew
@@ -152,6 +153,33 @@ def test_a_bent_cause_that_its_derivative_shows_is_looked_at_unless_it_leads(
     found = look(with_scores(hidden, near, first))
     assert found.scores[0].cause == near.cause and found.scores[0].log_evidence > 9.0
     assert _of(look(with_scores(hidden, near)).scores, "non_schmid") is near
+    chance = replace(near, p=0.9, log_evidence=5.0)
+    assert look(with_scores(hidden, chance), accepted=False).refits
+
+
+def test_a_cause_that_hides_and_is_seen_from_afar_has_the_others_looked_at(
+    hidden: Examined,
+) -> None:
+    bowed = next(cause for cause in LIBRARY if cause.name == "boundary_bow")
+    other = replace(_of(hidden.scores, "cold_work"), cause=replace(bowed, parameters=("x0",)))
+    told: list[str] = []
+    look(with_scores(hidden, other), told.append)
+    assert [line for line in told if line.startswith("looking")] == [
+        "looking from afar at non_schmid", "looking from afar at boundary_bow",
+    ]  # fmt: skip
+
+
+def test_looks_side_by_side_see_what_looks_one_after_the_other_see(hidden: Examined) -> None:
+    near = _of(hidden.scores, "non_schmid")
+    twin = replace(near, cause=replace(near.cause, name="twin"))
+    at = with_scores(hidden, twin)
+    one, two = (
+        look_from_afar(at.scores, at.fit, at.objective, 1.0, True, Crew(n, 1, silent))
+        for n in (1, 2)
+    )
+    assert [s.log_evidence for s in two.scores] == [s.log_evidence for s in one.scores]
+    assert [r.fit.values for r in two.refits] == [r.fit.values for r in one.refits]
+    assert len(two.refits) == 2
 
 
 def test_from_where_on_a_bent_effect_is_seen_is_told_by_a_look() -> None:

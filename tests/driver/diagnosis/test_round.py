@@ -1,18 +1,11 @@
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
-import pytest
-
-from driver.diagnosis import round as round_module
 from driver.diagnosis.boundary_noise import Stops
-from driver.diagnosis.causes import Cause
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.round import examine
-from driver.diagnosis.score import NAMING_LEVEL, WORTH, Score
-from driver.diagnosis.screening import screen
+from driver.diagnosis.score import NAMING_LEVEL, WORTH
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
 from driver.log import silent
@@ -35,35 +28,6 @@ def test_of_a_small_effect_that_its_cause_explains_no_other_cause_is_refitted() 
     found = examine(baseline, objective, (), EVERY, NO_STOPS, None, FINER, silent)
     assert found.winner is not None and found.winner.cause.name == "tilt_drift"
     assert len(found.step.refits) == 1
-
-
-def unlikely(
-    here: Fit, objective: Objective, candidates: Sequence[Cause], *others: Any
-) -> tuple[list[Score], float]:
-    """Scores of which none is significant."""
-    scores, variance = screen(here, objective, candidates, *others)
-    return [replace(s, p=1.5 * NAMING_LEVEL) for s in scores], variance
-
-
-def test_where_the_tests_reject_what_promises_most_is_refitted_though_none_is_significant(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    objective, baseline = tilting()
-    monkeypatch.setattr(round_module, "screen", unlikely)
-    found = examine(baseline, objective, (), EVERY, NO_STOPS, None, FINER, silent)
-    assert not found.step.omnibus.accepted
-    assert found.winner is not None and found.winner.cause.name == "tilt_drift"
-    hopeful = [s.cause for s in found.step.scores if s.log_evidence > WORTH and s.degrees]
-    assert {r.cause for r in found.step.refits} == set(hopeful[: EVERY.refit])
-
-
-def test_where_the_tests_accept_and_none_is_significant_nothing_is_refitted(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(round_module, "screen", unlikely)
-    objective, baseline = identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
-    found = examine(baseline, objective, (), EVERY, NO_STOPS, None, FINER, silent)
-    assert found.step.omnibus.accepted and found.step.refits == ()
 
 
 def test_an_effect_far_beyond_its_prior_is_significant_and_still_not_added() -> None:
