@@ -8,6 +8,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import TypeVar
 
@@ -18,6 +19,12 @@ Result = TypeVar("Result")
 
 # Numerical libraries that would each start as many threads as there are cores.
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+_ENDED = (
+    "execution.processes: one of {} processes side by side was ended by the system, most likely "
+    "for want of memory; expected fewer, each needs its own"
+)
 
 
 def side_by_side(
@@ -37,6 +44,7 @@ def side_by_side(
         done: called with index and result as each task ends.
 
     Raises:
+        ChildProcessError: the system ended a process.
         Whatever the first failing task raised; the others are ended. So they are after Ctrl-C,
         which this process alone hears.
     """
@@ -65,11 +73,13 @@ def side_by_side(
                 found[futures[future]] = future.result()
                 if done is not None:
                     done(futures[future], found[futures[future]])
-        except BaseException:
+        except BaseException as error:
             pool.shutdown(wait=False, cancel_futures=True)
             for process in multiprocessing.active_children():
                 if process not in others:
                     process.terminate()
+            if isinstance(error, BrokenProcessPool):
+                raise ChildProcessError(_ENDED.format(min(processes, len(tasks)))) from None
             raise
     return [found[index] for index in range(len(tasks))]
 

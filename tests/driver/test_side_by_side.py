@@ -31,6 +31,13 @@ def test_a_failing_task_fails_the_whole(processes: int) -> None:
         side_by_side(math.sqrt, [4.0, -1.0, 9.0], processes)
 
 
+def test_a_process_that_the_system_ends_is_told_with_what_helps() -> None:
+    with pytest.raises(
+        ChildProcessError, match="^execution.processes: one of 2 processes .* fewer"
+    ):
+        side_by_side(os._exit, [9, 9, 9], 2)
+
+
 def test_each_process_has_its_threads_and_this_one_keeps_its_own(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
