@@ -123,9 +123,9 @@ def look_from_afar(
     """
     hiding = [s for s in scores if s.cause.hides and not _shows(s)]
     others = [s for s in scores if s.cause.bends and not s.cause.hides]
-    family = len(scores) + _LOOKS * (len(hiding) + len(others))
 
-    def looked(bent: Sequence[Score]) -> list[_Look]:
+    def looked(bent: Sequence[Score], before: int) -> list[_Look]:
+        family = len(scores) + _LOOKS * (before + len(bent))
         tasks = [_Task(near, here, objective, family, variance) for near in bent]
         if tasks:
             crew.log(f"looking from afar at {', '.join(near.cause.name for near in bent)}")
@@ -136,12 +136,13 @@ def look_from_afar(
 
         return side_by_side(_look, tasks, crew.processes, crew.threads, done)
 
-    looks = looked(hiding)
+    looks = looked(hiding, 0)
     seen = [s for s in scores if s.cause != NUMERICS and s not in hiding]
     seen += [look.score for look in looks]
     if not accepted or any(s.p < NAMING_LEVEL for s in seen):
         leader = max(seen, key=lambda s: s.log_evidence, default=None)
-        looks += looked([s for s in others if not (s is leader and _shows(s))])
+        rest = [s for s in others if not (s is leader and _shows(s))]
+        looks += looked(rest, len(hiding))
     best = {s.cause.name: s for s in (*scores, *(look.score for look in looks))}
     refits = [refit for look in looks for refit in look.refits]
     return FarLooks(sorted(best.values(), key=lambda s: -s.log_evidence), refits)

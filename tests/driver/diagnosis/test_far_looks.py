@@ -169,6 +169,16 @@ def test_a_cause_that_hides_and_is_seen_from_afar_has_the_others_looked_at(
     ]  # fmt: skip
 
 
+def test_what_hides_is_not_less_significant_for_looks_that_may_follow(hidden: Examined) -> None:
+    bowed = next(cause for cause in LIBRARY if cause.name == "boundary_bow")
+    spare = replace(_of(hidden.scores, "cold_work"), cause=replace(bowed, parameters=("x0",)))
+    followed = replace(
+        hidden, scores=[spare if s.cause.name == "cold_work" else s for s in hidden.scores]
+    )
+    p, again = (_of(look(at).scores, "non_schmid").p for at in (hidden, followed))
+    assert again == p
+
+
 def test_looks_side_by_side_see_what_looks_one_after_the_other_see(hidden: Examined) -> None:
     near = _of(hidden.scores, "non_schmid")
     twin = replace(near, cause=replace(near.cause, name="twin"))
