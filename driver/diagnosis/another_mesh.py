@@ -79,7 +79,7 @@ def held_against_both(
     for one in seen:
         p = significance(
             one.cause, one.components - one.directions @ both / widened, one.directions, here.best,
-            len(scores), objective.data.load_degrees,
+            one.family, objective.data.load_degrees,
         )  # fmt: skip
         moved = 2.0 * one.directions @ half / widened
         effects.append(float(np.linalg.norm(moved) / np.sqrt(moved.size)))

@@ -119,6 +119,7 @@ def score_boundary_noise(
         statistic=found.ratio,
         degrees=1,
         p=min(1.0, worst * family),
+        family=family,
         log_evidence=found.log_evidence,
         estimate=np.array([found.level]),
         sigma=np.array([found.spread]),

@@ -3,8 +3,8 @@
 A score is of first order. Far from its null such a cause does something else than near it: of the
 effect of a few prior scales hardly anything lies along the derivative at the null, and the data
 do not show it there. It is scored as well by the change of the prediction from the fit to where it
-stands three prior scales off its null, on either side; where that promises something, by what a
-refit from there gains.
+stands three prior scales off its null, on either side; where that promises something beside the
+best cause that is known, by what a refit from there gains.
 """
 
 from __future__ import annotations
@@ -30,10 +30,11 @@ from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from driver.log import Log
 from driver.side_by_side import side_by_side
-from solver_adapters.interface import NotRunError, SolverError
-from solver_adapters.jobs.errors import is_by_circumstances
+from solver_adapters.interface import SolverError
+from solver_adapters.jobs.errors import ends_all
 
 PROMISING = 0.02  # probability of one look under the null, below which a refit follows
+HOPEFUL = 0.5  # of the best log evidence that is known, which a side has to promise as well
 _LOOKS = 3  # either side, and where a refit ends
 
 
@@ -61,6 +62,7 @@ class _Task:
         objective: its objective.
         family: number of tries.
         variance: of whitened numbers along the causes.
+        least: log evidence that a side has to promise for a refit.
     """
 
     near: Score
@@ -68,6 +70,7 @@ class _Task:
     objective: Objective
     family: int
     variance: float
+    least: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +110,7 @@ def look_from_afar(
     Those that hide come first, where their derivative does not show them; the others where
     something is wrong (the tests reject, or a cause is seen by its derivative or from afar) and
     their derivative does not make them lead. Each costs two simulations, and a refit where they
-    promise something.
+    promise half as much as the best cause that is known before.
 
     Args:
         scores: of all causes, to first order.
@@ -124,9 +127,10 @@ def look_from_afar(
     hiding = [s for s in scores if s.cause.hides and not _shows(s)]
     others = [s for s in scores if s.cause.bends and not s.cause.hides]
 
-    def looked(bent: Sequence[Score], before: int) -> list[_Look]:
+    def looked(bent: Sequence[Score], before: int, seen: Sequence[Score]) -> list[_Look]:
         family = len(scores) + _LOOKS * (before + len(bent))
-        tasks = [_Task(near, here, objective, family, variance) for near in bent]
+        least = HOPEFUL * max([0.0, *(s.log_evidence for s in seen)])
+        tasks = [_Task(near, here, objective, family, variance, least) for near in bent]
         if tasks:
             crew.log(f"looking from afar at {', '.join(near.cause.name for near in bent)}")
 
@@ -136,13 +140,13 @@ def look_from_afar(
 
         return side_by_side(_look, tasks, crew.processes, crew.threads, done)
 
-    looks = looked(hiding, 0)
-    seen = [s for s in scores if s.cause != NUMERICS and s not in hiding]
-    seen += [look.score for look in looks]
+    causes = [s for s in scores if s.cause != NUMERICS]
+    looks = looked(hiding, 0, causes)
+    seen = [s for s in causes if s not in hiding] + [look.score for look in looks]
     if not accepted or any(s.p < NAMING_LEVEL for s in seen):
         leader = max(seen, key=lambda s: s.log_evidence, default=None)
         rest = [s for s in others if not (s is leader and _shows(s))]
-        looks += looked(rest, len(hiding))
+        looks += looked(rest, len(hiding), seen)
     best = {s.cause.name: s for s in (*scores, *(look.score for look in looks))}
     refits = [refit for look in looks for refit in look.refits]
     return FarLooks(sorted(best.values(), key=lambda s: -s.log_evidence), refits)
@@ -162,8 +166,9 @@ def _look(task: _Task) -> _Look:
     ]
     found = [near, *(one.score for one in promising)]
     refits = []
-    if promising:
-        begin = max(promising, key=lambda one: one.score.statistic)
+    worth = [one for one in promising if one.score.log_evidence > task.least]
+    if worth:
+        begin = max(worth, key=lambda one: one.score.statistic)
         start = Start(
             near.cause, extended, begin.at.values, None, here.best, np.inf, MOST_FROM_AFAR
         )
@@ -223,10 +228,8 @@ def _sides(near: Score, here: Fit, extended: Objective, log: Log) -> list[tuple[
         values = here.values | {name: extended.parameters[name].value(amount * width, null)}
         try:
             prediction = model.predict(values, ())
-        except NotRunError:
-            raise
         except (SolverError, ValueError) as error:
-            if is_by_circumstances(error):
+            if ends_all(error):
                 raise
             why = str(error).partition("\n")[0]
             log(f"  {name} = {values[name]:.3g} cannot be simulated ({why})")

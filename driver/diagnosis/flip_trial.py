@@ -24,6 +24,7 @@ from driver.identification.objective import Evaluation, Objective
 from driver.model import ForwardModel
 from driver.side_by_side import side_by_side
 from solver_adapters.interface import SolverError
+from solver_adapters.jobs.errors import ends_all
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +115,8 @@ def _first_look(start: Start) -> Evaluation | str:
     try:
         return start.objective.evaluate(start.values, start.baseline.free)
     except (SolverError, ValueError) as error:
+        if ends_all(error):
+            raise
         return str(error).partition("\n")[0]
 
 
@@ -130,6 +133,7 @@ def _score(flip: Cause, gain: float) -> Score:
         statistic=max(gain, 0.0),
         degrees=0,
         p=float("nan"),
+        family=0,
         log_evidence=0.5 * gain + float(np.log(flip.odds)),
         estimate=none,
         sigma=none,

@@ -117,6 +117,7 @@ def unevenness(at: Evaluation, data: Data, family: int) -> Unevenness | None:
         statistic=square,
         degrees=q,
         p=min(1.0, p * family),
+        family=family,
         log_evidence=float(evidence),
         estimate=np.array([estimate]),
         sigma=np.array([sigma]),

@@ -15,6 +15,7 @@ from driver.identification.step import bounded_step
 from driver.log import Log, silent
 from driver.side_by_side import side_by_side
 from solver_adapters.interface import SolverError
+from solver_adapters.jobs.errors import ends_all
 
 MOST_ITERATIONS = 5
 MOST_FROM_AFAR = 8
@@ -236,7 +237,12 @@ def _free(baseline: Evaluation, cause: Cause) -> tuple[str, ...]:
 
 
 def refit_from(tasks: Sequence[Start], crew: Crew) -> list[Refit]:
-    """Refits side by side; starts that are given up are told and left out."""
+    """Refits side by side; starts that are given up are told and left out.
+
+    Raises:
+        NotRunError: a simulation was not run.
+        JobError, ResultFileError: one was killed, ran out of memory or left no result.
+    """
 
     def done(index: int, result: Refit | str) -> None:
         name = tasks[index].cause.name
@@ -261,6 +267,8 @@ def _refit(task: Start) -> Refit | str:
             beside = objective.near(task.baseline)
             here = beside.evaluate(task.values, _free(task.baseline, task.cause))
         except (SolverError, ValueError) as error:
+            if ends_all(error):
+                raise
             return f"for it cannot be simulated ({str(error).partition(chr(10))[0]})"
         if promised(objective, here) > task.bar:
             return "for its first step promises too little"

@@ -46,6 +46,7 @@ class Score:
         statistic: decrease of ‖r‖² [-].
         degrees: its degrees of freedom.
         p: probability under the null, for the whole family of causes.
+        family: number of tries that p counts.
         log_evidence: natural log of the Bayes factor against the baseline.
         estimate: parameters in prior scales, shape (k,).
         sigma: their standard deviations in prior scales, shape (k,).
@@ -61,6 +62,7 @@ class Score:
     statistic: float
     degrees: int
     p: float
+    family: int
     log_evidence: float
     estimate: FloatArray
     sigma: FloatArray
@@ -114,6 +116,7 @@ def score(
         statistic=statistic,
         degrees=degrees,
         p=p,
+        family=family,
         log_evidence=evidence,
         estimate=estimate,
         sigma=np.sqrt(uncertainty),

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.step import bounded_step, is_at_bound, trial_values
 from driver.log import Log
-from solver_adapters.interface import NotRunError, SolverError
-from solver_adapters.jobs.errors import JobError, is_by_circumstances
-from solver_adapters.jobs.status import Status
+from solver_adapters.interface import SolverError
+from solver_adapters.jobs.errors import ends_all
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
@@ -166,11 +165,9 @@ def _descend(
         values = trial_values(here.values, here.free, length * step, objective.parameters)
         try:
             ahead = objective.evaluate(values, here.free)
-        except NotRunError:
-            raise  # a shorter step would not be run either
         except (SolverError, ValueError) as error:
-            if is_by_circumstances(error) and not _ran_out_of_time(error):
-                raise  # a shorter step might be killed as well, and would prove nothing
+            if ends_all(error):
+                raise  # a shorter step might not be run or be killed as well, and prove nothing
             first = str(error).partition("\n")[0].removesuffix("; its log ends:")
             log(f"    a trial point failed, so that the step is shortened: {first}")
             ahead = None
@@ -187,10 +184,6 @@ def _newton(objective: Objective, at: Evaluation) -> tuple[FloatArray, float]:
     """The step that would end a linear fit, and its decrement [σ]."""
     known = [objective.parameters[name] for name in at.free]
     return bounded_step(at.hessian, at.gradient, known, [at.values[name] for name in at.free])
-
-
-def _ran_out_of_time(error: Exception) -> bool:
-    return isinstance(error, JobError) and error.status is Status.OUT_OF_TIME
 
 
 def _record(here: Evaluation) -> dict[str, float]:

@@ -52,3 +52,15 @@ def is_by_circumstances(error: Exception) -> bool:
     if isinstance(error, JobError):
         return error.status not in CACHED
     return isinstance(error, ResultFileError)
+
+
+def ends_all(error: Exception) -> bool:
+    """Whether a failure ends what is under way, and not only a simulation that may be spared.
+
+    One that was not run, that was killed or that left no result says nothing of the parameters.
+    One that ran out of time might, with others, not have done so.
+    """
+    if isinstance(error, NotRunError):
+        return True
+    out_of_time = isinstance(error, JobError) and error.status is Status.OUT_OF_TIME
+    return is_by_circumstances(error) and not out_of_time

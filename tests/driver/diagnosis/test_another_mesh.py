@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from driver.diagnosis.another_mesh import held_against_both
 from driver.diagnosis.diagnose import diagnose
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.outcome import Diagnosis
+from driver.diagnosis.score import effects_of
+from driver.diagnosis.screening import screen, screened
 from driver.log import silent
 from driver.model import ForwardModel
 from solver_adapters.interface import Simulation, SolverError
@@ -106,6 +109,24 @@ def test_without_a_finding_no_other_mesh_is_tried() -> None:
     found, lines = diagnosed(0.0, ERRING)
     assert found.verdict.kind == "nothing wrong"
     assert not any("another mesh" in line for line in lines)
+
+
+def test_what_no_mesh_moves_is_as_significant_as_before() -> None:
+    """By the number of tries that its own p counts: looks from afar have more than causes."""
+    made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": DRIFT})
+    objective, here = identified(BENCH, made)
+    candidates, names = screened(objective.model, here.best.free, WANTED.wanted)
+    wide = objective.evaluate(here.values, names)
+    effects = effects_of(candidates, wide, objective.parameters)
+    (one, *rest), widened = screen(here, objective, candidates, effects, SETTINGS.sizes)
+    looked = replace(one, family=4 * one.family, p=4 * one.p)
+    lines: list[str] = []
+    found = held_against_both(
+        FinerMeshes(FINE, lambda: FINE), here, objective, [looked, *rest], widened, lines.append
+    )
+    assert found is not None and found.lost is None
+    (told,) = (line for line in lines if "moved by" in line)
+    assert told.endswith(f"moved by 0.0 σ, p {looked.p:.2g} → {looked.p:.2g}")
 
 
 def test_what_no_mesh_takes_away_is_named_with_the_mean_of_both_as_well() -> None:

@@ -169,6 +169,19 @@ def test_a_cause_that_hides_and_is_seen_from_afar_has_the_others_looked_at(
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize(("times", "refits"), [(1.9, 1), (2.1, 0)])
+def test_a_side_that_promises_less_than_half_of_what_is_known_is_scored_and_not_refitted(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch, times: float, refits: int
+) -> None:
+    with monkeypatch.context() as without:
+        without.setattr(far_looks, "refit_from", lambda starts, crew: [])
+        side = _of(look(hidden).scores, "non_schmid")
+    known = replace(_of(hidden.scores, "cold_work"), log_evidence=times * side.log_evidence)
+    found = look(with_scores(hidden, known))
+    assert len(found.refits) == refits
+    assert _of(found.scores, "non_schmid").log_evidence >= side.log_evidence > 3.0
+
+
 def test_what_hides_is_not_less_significant_for_looks_that_may_follow(hidden: Examined) -> None:
     bowed = next(cause for cause in LIBRARY if cause.name == "boundary_bow")
     spare = replace(_of(hidden.scores, "cold_work"), cause=replace(bowed, parameters=("x0",)))

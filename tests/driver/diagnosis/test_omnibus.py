@@ -7,9 +7,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.stats import kstest
+from scipy.stats import f, kstest
 
-from driver.diagnosis.omnibus import Omnibus, omnibus
+from driver.diagnosis.omnibus import Omnibus, _outlier, omnibus
 from driver.identification.data import Data
 from tests.driver.analytic import evaluation
 
@@ -104,6 +104,39 @@ def test_the_test_of_single_images_keeps_its_level(noise: list[Omnibus]) -> None
     p = np.array([found.image_outlier for found in noise])
     # 50 of 1000, with a standard deviation of 7
     assert 25 < np.sum(p < 0.05) < 71
+
+
+def f_test(images: FloatArray) -> float:
+    """Of the power of the image that stands out most, times their number."""
+    power, T, n = np.sum(images**2, axis=1), *images.shape
+    others = (power.sum() - power) / (T - 1)
+    return float(T * f.sf(power / others, n, (T - 1) * n).min())
+
+
+def test_images_whose_levels_differ_a_little_stand_out_far_more_seldom_than_by_an_f_test() -> None:
+    """Each has noise of a level of its own, by a tenth."""
+    rng = np.random.default_rng(16)
+    found = []
+    for _ in range(300):
+        levels = np.exp(0.1 * rng.standard_normal((T, 1)))
+        images = levels * rng.standard_normal((T, 4 * N_Z))
+        found.append((_outlier(images, np.zeros((1, *images.shape))), f_test(images)))
+    ours, others = np.mean(np.array(found) < 0.01, axis=0)
+    # Quantiles of 60 images have an error of their own, by which it is not 1 %.
+    assert others > 0.3 and ours < 0.06
+
+
+def test_three_images_that_are_wrong_do_not_hide_one_another() -> None:
+    rng = np.random.default_rng(17)
+    images = rng.standard_normal((T, N_Z))
+    images[[5, 20, 40]] *= 4
+    assert _outlier(images, np.zeros((1, *images.shape))) < 1e-6
+
+
+def test_an_image_stands_out_as_by_an_f_test_where_images_spread_as_they_should() -> None:
+    images = np.random.default_rng(18).standard_normal((T, N_Z))
+    found = _outlier(images, np.zeros((1, *images.shape)))
+    assert found == pytest.approx(f_test(images), rel=0.05)
 
 
 def test_what_no_cause_describes_alone_is_seen_where_all_together_do() -> None:

@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.refit import (
     Crew,
+    Start,
     as_wide_as_found,
     log_bayes_factor,
     nominal_starts,
     refit_causes,
+    refit_from,
     refit_from_afar,
     with_prior,
 )
@@ -22,6 +24,9 @@ from driver.diagnosis.score import Score, score
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Evaluation, Objective
 from driver.log import silent
+from solver_adapters.interface import NotRunError, SolverError
+from solver_adapters.jobs.errors import JobError
+from solver_adapters.jobs.status import Status
 from solver_adapters.parameter import Parameter
 from tests.driver import closed_form
 from tests.driver.analytic import formula
@@ -139,6 +144,33 @@ def test_a_start_whose_first_step_promises_too_little_is_given_up() -> None:
     lines: list[str] = []
     assert refit_from_afar([scored], baseline, objective, Crew(1, 1, lines.append), -1.0) == []
     assert len(lines) == 4 and all("promises too little" in line for line in lines)
+
+
+def where_nothing_answers(error: Exception) -> list[Start]:
+    """A start whose first simulation fails."""
+
+    def never(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        raise error
+
+    objective, scored = two_valleys()
+    baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5, silent).best
+    beyond = formula(never, np.zeros(2), list(objective.parameters.values()))
+    return [Start(scored.cause, beyond, {"a": 0.0, "x": 0.3}, None, baseline, np.inf, 5)]
+
+
+@pytest.mark.parametrize("error", [NotRunError("absent"), JobError("bar", Status.KILLED)], ids=str)
+def test_a_start_that_was_not_run_ends_the_refits(error: SolverError) -> None:
+    """It was told as given up, and the answer was made without it."""
+    with pytest.raises(type(error)):
+        refit_from(where_nothing_answers(error), Crew(1, 1, silent))
+
+
+def test_a_start_that_cannot_be_simulated_is_given_up_and_told() -> None:
+    lines: list[str] = []
+    starts = where_nothing_answers(SolverError("no step is short enough\nat t = 1 s"))
+    assert refit_from(starts, Crew(1, 1, lines.append)) == []
+    told = "a start is given up, for it cannot be simulated (no step is short enough)"
+    assert lines == [f"  x: {told}"]
 
 
 def test_a_companion_that_is_free_already_is_freed_once() -> None:
