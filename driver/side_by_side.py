@@ -10,9 +10,11 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from functools import partial
 from typing import TypeVar
 
 from solver_adapters.bundled.compilation import use_threads
+from solver_adapters.interface import PreparedError
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -44,44 +46,64 @@ def side_by_side(
         done: called with index and result as each task ends.
 
     Raises:
+        PreparedError: jobs were prepared instead of being run, those of all tasks.
         ChildProcessError: the system ended a process.
         Whatever the first failing task raised; the others are ended. So they are after Ctrl-C,
         which this process alone hears.
     """
-    if min(processes, len(tasks)) <= 1:
-        results = []
-        for index, task in enumerate(tasks):
-            results.append(work(task))
+    found: dict[int, Result] = {}
+    prepared: list[PreparedError] = []
+
+    def take(index: int, result: Callable[[], Result]) -> None:
+        try:
+            found[index] = result()
+        except PreparedError as error:
+            prepared.append(error)
+        else:
             if done is not None:
-                done(index, results[-1])
-        return results
+                done(index, found[index])
+
+    if min(processes, len(tasks)) <= 1:
+        for index, task in enumerate(tasks):
+            take(index, partial(work, task))
+    else:
+        _in_processes(work, tasks, min(processes, len(tasks)), threads, take)
+    if prepared:
+        raise PreparedError.together(prepared)
+    return [found[index] for index in range(len(tasks))]
+
+
+def _in_processes(
+    work: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    processes: int,
+    threads: int,
+    take: Callable[[int, Callable[[], Result]], None],
+) -> None:
+    """Hand over index and result of each task as it ends."""
     with (
         _few_threads(threads),
         ProcessPoolExecutor(
-            max_workers=min(processes, len(tasks)),
+            max_workers=processes,
             mp_context=multiprocessing.get_context("spawn"),
             initializer=_begin,
             initargs=(threads,),
         ) as pool,
     ):
         others = multiprocessing.active_children()
-        found: dict[int, Result] = {}
         try:
             with _deaf_to_interrupts():
                 futures = {pool.submit(work, task): index for index, task in enumerate(tasks)}
             for future in as_completed(futures):
-                found[futures[future]] = future.result()
-                if done is not None:
-                    done(futures[future], found[futures[future]])
+                take(futures[future], future.result)
         except BaseException as error:
             pool.shutdown(wait=False, cancel_futures=True)
             for process in multiprocessing.active_children():
                 if process not in others:
                     process.terminate()
             if isinstance(error, BrokenProcessPool):
-                raise ChildProcessError(_ENDED.format(min(processes, len(tasks)))) from None
+                raise ChildProcessError(_ENDED.format(processes)) from None
             raise
-    return [found[index] for index in range(len(tasks))]
 
 
 def _begin(threads: int) -> None:

@@ -110,7 +110,7 @@ class FiniteDifferences:
             try:
                 self._pairs(plain, first, workspace)
             except PreparedError as others:
-                raise _together([error, others]) from None
+                raise PreparedError.together([error, others]) from None
             raise
         repeated = once_more(plain, base)
         pairs = self._pairs(repeated, first, workspace)
@@ -181,7 +181,7 @@ class FiniteDifferences:
             asked[i], found[i] = run, outcome
         prepared = [outcome for outcome in found if isinstance(outcome, PreparedError)]
         if prepared:
-            raise _together(prepared)
+            raise PreparedError.together(prepared)
         points = [
             (run.amount, outcome)
             for run, outcome in zip(asked, found, strict=True)
@@ -281,7 +281,3 @@ def shifted(simulation: Simulation, direction: Direction, amount: float) -> Simu
 
 def _failed(outcome: Response | SolverError) -> bool:
     return isinstance(outcome, SolverError) and not isinstance(outcome, PreparedError)
-
-
-def _together(errors: Sequence[PreparedError]) -> PreparedError:
-    return PreparedError(list(dict.fromkeys(f for error in errors for f in error.folders)))

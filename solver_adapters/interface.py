@@ -66,6 +66,11 @@ class PreparedError(NotRunError):
         super().__init__(tuple(folders))
         self.folders = tuple(folders)
 
+    @classmethod
+    def together(cls, errors: Sequence[PreparedError]) -> PreparedError:
+        """Of the folders of all, each once."""
+        return cls(list(dict.fromkeys(folder for error in errors for folder in error.folders)))
+
     def __str__(self) -> str:
         listed = "".join(f"\n  {folder}" for folder in self.folders)
         return (

@@ -175,6 +175,11 @@ class Equilibrium:
         return self._iterate(instant, self._predict(instant, motion, dt, last, None), dt)
 
     def _iterate(self, instant: Instant, trial: Trial, dt: float) -> Trial:
+        """Newton iterations from a trial to the end of its step, each with a line search.
+
+        Raises:
+            NotConvergedError: they do not end there.
+        """
         free, prescribed = self.problem.pattern.free, self.problem.prescribed
         norm = _norm(trial.forces[free])
         for _ in range(MOST_NEWTON):

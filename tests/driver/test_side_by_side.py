@@ -13,6 +13,7 @@ import pytest
 
 from driver.side_by_side import side_by_side
 from solver_adapters.bundled.compilation import PACKAGES
+from solver_adapters.interface import PreparedError
 
 
 @pytest.mark.parametrize("processes", [1, 2])
@@ -29,6 +30,22 @@ def test_results_come_in_the_order_of_the_tasks(processes: int) -> None:
 def test_a_failing_task_fails_the_whole(processes: int) -> None:
     with pytest.raises(ValueError):
         side_by_side(math.sqrt, [4.0, -1.0, 9.0], processes)
+
+
+def prepared_unless_even(number: int) -> int:
+    if number % 2:
+        raise PreparedError([Path("jobs/common"), Path(f"jobs/{number}")])
+    return number
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_jobs_that_are_prepared_are_those_of_all_tasks(processes: int) -> None:
+    """Else each run would prepare those of one task, and wait for another machine."""
+    ended = []
+    with pytest.raises(PreparedError) as error:
+        side_by_side(prepared_unless_even, [1, 2, 3], processes, done=lambda i, n: ended.append(n))
+    assert sorted(error.value.folders) == [Path(f"jobs/{name}") for name in ("1", "3", "common")]
+    assert len(error.value.folders) == 3 and ended == [2]
 
 
 def test_a_process_that_the_system_ends_is_told_with_what_helps() -> None:
