@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import ModuleType
 
 from meshes.system_libraries import SystemLibraryError, preload, private_folder
@@ -23,3 +27,26 @@ def load_gmsh() -> ModuleType:
     except OSError as error:
         # The loader says "libX.so.1: cannot open shared object file: …".
         raise SystemLibraryError([str(error).partition(":")[0]]) from error
+
+
+@contextmanager
+def running_gmsh() -> Iterator[ModuleType]:
+    """The module `gmsh`, initialised inside, in whatever thread; SIGINT and SIGPIPE stay as set.
+
+    Raises:
+        SystemLibraryError: as `load_gmsh`.
+    """
+    gmsh = load_gmsh()
+    # Without interruptible=False gmsh takes over SIGINT, and only the main thread may do that.
+    # SIGPIPE it gives its default in any case: a child that ends would end this process, too.
+    change = ctypes.CDLL(None).signal
+    change.argtypes, change.restype = (ctypes.c_int, ctypes.c_void_p), ctypes.c_void_p
+    before = change(signal.SIGPIPE, int(signal.SIG_IGN))
+    try:
+        gmsh.initialize(readConfigFiles=False, interruptible=False)
+    finally:
+        change(signal.SIGPIPE, before)
+    try:
+        yield gmsh
+    finally:
+        gmsh.finalize()

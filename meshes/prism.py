@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshes.cells import inverted_cells
-from meshes.gmsh_library import load_gmsh
+from meshes.gmsh_library import running_gmsh
 from meshes.prism_mesh import PrismMesh
 from meshes.tet10 import node_groups, outer_faces
 from meshes.wedge15 import swept
@@ -202,29 +202,25 @@ def _require_two_grains(geometry: PrismGeometry) -> None:
 
 def _tet10_by_gmsh(geometry: PrismGeometry, size: float) -> tuple[FloatArray, IntArray]:
     """Points (n, 3) and tet10 cells (m, 10) in VTK order."""
-    gmsh = load_gmsh()
-    # Without interruptible=False gmsh takes over SIGINT, and only the main thread may do that.
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        for option, value in {
-            "General.Terminal": 0,
-            "General.NumThreads": 1,
-            "Mesh.RandomSeed": 1,
-            "Mesh.MeshSizeMin": size,
-            "Mesh.MeshSizeMax": size,
-            "Mesh.ElementOrder": 2,
-            # Improve most cells, not only slivers; gmsh's other optimiser (Netgen) would double
-            # the number of cells and leave worse ones.
-            "Mesh.OptimizeThreshold": 0.6,
-        }.items():
-            gmsh.option.setNumber(option, value)
-        _build(gmsh, geometry)
-        gmsh.model.mesh.generate(3)
-        return _tet10(gmsh)
-    except Exception as error:  # gmsh raises bare Exception
-        raise RuntimeError(f"gmsh could not mesh the prism: {error}") from error
-    finally:
-        gmsh.finalize()
+    with running_gmsh() as gmsh:
+        try:
+            for option, value in {
+                "General.Terminal": 0,
+                "General.NumThreads": 1,
+                "Mesh.RandomSeed": 1,
+                "Mesh.MeshSizeMin": size,
+                "Mesh.MeshSizeMax": size,
+                "Mesh.ElementOrder": 2,
+                # Improve most cells, not only slivers; gmsh's other optimiser (Netgen) would
+                # double the number of cells and leave worse ones.
+                "Mesh.OptimizeThreshold": 0.6,
+            }.items():
+                gmsh.option.setNumber(option, value)
+            _build(gmsh, geometry)
+            gmsh.model.mesh.generate(3)
+            return _tet10(gmsh)
+        except Exception as error:  # gmsh raises bare Exception
+            raise RuntimeError(f"gmsh could not mesh the prism: {error}") from error
 
 
 def _build(gmsh: ModuleType, geometry: PrismGeometry) -> None:

@@ -8,7 +8,7 @@ import meshio
 import numpy as np
 import pytest
 
-from meshes.gmsh_library import load_gmsh
+from meshes.gmsh_library import running_gmsh
 from meshes.plane_cells import CellKind
 from meshes.plane_files import read_plane_mesh
 from tests.meshes.plane_examples import distorted
@@ -46,9 +46,7 @@ def test_every_kind_is_read_from_every_format(kind: CellKind, ending: str, tmp_p
 def test_a_face_that_gmsh_itself_has_meshed_is_read(
     order: int, quads: bool, kind: str, tmp_path: Path
 ) -> None:
-    gmsh = load_gmsh()
-    gmsh.initialize(interruptible=False)
-    try:
+    with running_gmsh() as gmsh:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 1)
         gmsh.option.setNumber("Mesh.RecombineAll", float(quads))
@@ -58,8 +56,6 @@ def test_a_face_that_gmsh_itself_has_meshed_is_read(
         gmsh.model.mesh.generate(2)
         gmsh.model.mesh.setOrder(order)
         gmsh.write(str(tmp_path / "face.msh"))
-    finally:
-        gmsh.finalize()
     assert read_plane_mesh(tmp_path / "face.msh").kind == kind
     assert area(tmp_path / "face.msh") == pytest.approx(48.0)
 

@@ -47,30 +47,6 @@ def test_every_library_that_gmsh_maps_has_its_package_and_stands_after_what_it_n
             assert order.index(needed) < order.index(name)
 
 
-def test_load_gmsh_gives_a_module_that_meshes() -> None:
-    gmsh = load_gmsh()
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.model.occ.addBox(0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
-        gmsh.model.occ.synchronize()
-        gmsh.model.mesh.generate(3)
-        assert gmsh.model.mesh.getNodes()[0].size >= 8
-    finally:
-        gmsh.finalize()
-
-
-def test_a_library_that_gmsh_lacks_is_named_with_the_remedy(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def fail(_: str) -> None:
-        raise OSError("libGLU.so.1: cannot open shared object file: No such file or directory")
-
-    monkeypatch.setattr("meshes.gmsh_library.importlib.import_module", fail)
-    with pytest.raises(SystemLibraryError, match=r"library libGLU\.so\.1, .*apt-get install"):
-        load_gmsh()
-
-
 @linux_only
 def test_without_apt_the_missing_libraries_and_the_administrators_command_are_named(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
