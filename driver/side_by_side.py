@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
-from typing import TypeVar
+from itertools import islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, TypeVar, cast
 
 from solver_adapters.bundled.compilation import use_threads
 from solver_adapters.interface import PreparedError
@@ -80,8 +84,15 @@ def _in_processes(
     threads: int,
     take: Callable[[int, Callable[[], Result]], None],
 ) -> None:
-    """Hand over index and result of each task as it ends."""
+    """Hand over index and result of each task as it ends.
+
+    Tasks and results go through files: the pipes of the pool carry a path each and are never full,
+    else a process that is ended would leave this one waiting for it.
+    """
+    waiting = iter(enumerate(tasks))
+    at_work: dict[Future[None], int] = {}
     with (
+        TemporaryDirectory(prefix="prismid-") as name,
         _few_threads(threads),
         ProcessPoolExecutor(
             max_workers=processes,
@@ -90,20 +101,63 @@ def _in_processes(
             initargs=(threads,),
         ) as pool,
     ):
+        folder = Path(name)
+
+        def give(amount: int) -> None:
+            for index, task in islice(waiting, amount):
+                _write(_task_file(folder, index), task)
+                at_work[pool.submit(_carry_out, work, folder, index)] = index
+
+        def fetch(index: int, future: Future[None]) -> Result:
+            future.result()
+            return cast(Result, _taken(_result_file(folder, index)))
+
         others = multiprocessing.active_children()
         try:
             with _deaf_to_interrupts():
-                futures = {pool.submit(work, task): index for index, task in enumerate(tasks)}
-            for future in as_completed(futures):
-                take(futures[future], future.result)
+                give(processes)
+            while at_work:
+                ended = wait(at_work, return_when=FIRST_COMPLETED).done
+                give(len(ended))
+                for future in ended:
+                    index = at_work.pop(future)
+                    take(index, partial(fetch, index, future))
         except BaseException as error:
-            pool.shutdown(wait=False, cancel_futures=True)
             for process in multiprocessing.active_children():
                 if process not in others:
                     process.terminate()
             if isinstance(error, BrokenProcessPool):
                 raise ChildProcessError(_ENDED.format(processes)) from None
             raise
+
+
+def _carry_out(work: Callable[[Any], Any], folder: Path, index: int) -> None:
+    """What a process does with the task of a number."""
+    try:
+        _write(_result_file(folder, index), work(_taken(_task_file(folder, index))))
+    except SystemExit:  # by SIGTERM; the pool would take it for the task's, and go on
+        os._exit(1)
+
+
+def _task_file(folder: Path, index: int) -> Path:
+    return folder / f"{index}.task"
+
+
+def _result_file(folder: Path, index: int) -> Path:
+    return folder / f"{index}.result"
+
+
+def _write(path: Path, what: object) -> None:
+    with path.open("wb") as file:
+        pickle.dump(what, file, pickle.HIGHEST_PROTOCOL)
+
+
+def _taken(path: Path) -> Any:
+    """What stands in the file, which has served then."""
+    with path.open("rb") as file:
+        what = pickle.load(file)
+    path.unlink()
+    return what
 
 
 def _begin(threads: int) -> None:

@@ -69,6 +69,49 @@ def test_more_threads_than_the_machine_has_are_as_many_as_it_has() -> None:
     assert side_by_side(math.sqrt, [4.0, 9.0], 2, threads=4096) == [2.0, 3.0]
 
 
+def fail_or_work(task: tuple[int, bytes]) -> None:
+    number, _ = task
+    if number == 0:
+        raise ValueError("the first")
+    time.sleep(60.0)
+
+
+FAIL = """
+from tests.driver.test_side_by_side import *
+if __name__ == "__main__":
+    try:
+        side_by_side(fail_or_work, [(i, bytes(10**6)) for i in range(5)], 2)
+    except ValueError as error:
+        print(error)
+"""
+
+
+def test_what_fails_ends_the_others_whose_tasks_are_larger_than_a_pipe(tmp_path: Path) -> None:
+    """Tasks of which no process takes any more stood in the way of the end, for ever."""
+    script = tmp_path / "script.py"
+    script.write_text(FAIL)
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    ended = subprocess.run(
+        [sys.executable, script],
+        env={**os.environ, "PYTHONPATH": str(PACKAGES), "TMPDIR": str(folder)},
+        capture_output=True,
+        text=True,
+        timeout=45,
+    )
+    assert (ended.stdout, ended.stderr, ended.returncode) == ("the first\n", "", 0)
+    assert not list(folder.iterdir())
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_results_larger_than_a_pipe_come_back(processes: int) -> None:
+    assert side_by_side(bytes, [10**6, 3, 2 * 10**6], processes) == [
+        bytes(10**6),
+        bytes(3),
+        bytes(2 * 10**6),
+    ]
+
+
 def test_ctrl_c_in_a_terminal_ends_all_processes_without_a_word_of_theirs(tmp_path: Path) -> None:
     """The terminal interrupts the whole group: two tasks of a minute, a process that has none."""
     tasks = [tmp_path / name for name in ("first", "second", "short")]
