@@ -44,6 +44,7 @@ from driver.results import read_hdf5, write_hdf5
 from driver.stages import StageContext
 from driver.workbench import Workbench, on_another_mesh
 from solver_adapters.interface import SolverError
+from solver_adapters.jobs.errors import is_by_circumstances
 
 SCHEMA = "case.schema.json"  # the name by which every case file knows its schema
 
@@ -155,6 +156,8 @@ def _telling(found: Diagnosis, context: StageContext, bench: Workbench) -> tuple
         case = with_flips(context.case, found)
         return most_telling(case, bench.experiment.history, sizes, law, context.log)
     except (InputError, SolverError, ValueError) as error:
+        if is_by_circumstances(error):
+            raise
         context.log(f"  not found out: {str(error).partition(chr(10))[0]}")
         return ()
 

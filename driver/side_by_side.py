@@ -43,9 +43,9 @@ def side_by_side(
     """Results of `work` on each task, in the order of the tasks.
 
     Args:
-        work: a function of a module (it is sent to the processes by name).
+        work: a function of a module (it is sent to the processes by name); any, for one process.
         tasks: what it is called with.
-        processes: how many run at a time.
+        processes: how many run at a time; one is this one.
         threads: threads of each.
         done: called with index and result as each task ends.
 
@@ -106,7 +106,10 @@ def _in_processes(
         def give(amount: int) -> None:
             for index, task in islice(waiting, amount):
                 _write(_task_file(folder, index), task)
-                at_work[pool.submit(_carry_out, work, folder, index)] = index
+                # Any of them may start a process.
+                with _deaf_to_interrupts():
+                    future = pool.submit(_carry_out, work, folder, index)
+                at_work[future] = index
 
         def fetch(index: int, future: Future[None]) -> Result:
             future.result()
@@ -114,8 +117,7 @@ def _in_processes(
 
         others = multiprocessing.active_children()
         try:
-            with _deaf_to_interrupts():
-                give(processes)
+            give(processes)
             while at_work:
                 ended = wait(at_work, return_when=FIRST_COMPLETED).done
                 give(len(ended))

@@ -31,7 +31,6 @@ from solver_adapters.interface import (
     Adapter,
     Capabilities,
     Direction,
-    NotRunError,
     PreparedError,
     Progress,
     Response,
@@ -205,9 +204,6 @@ class FiniteDifferences:
                 answer = self.adapter.solve(moved, workspace, heed)
             except PreparedError as error:
                 return error
-            except NotRunError:
-                # No other step would mend it.
-                raise
             except SolverError as error:
                 # A constant at its bound fails; a run that was killed or truncated is no bound.
                 if is_by_circumstances(error):

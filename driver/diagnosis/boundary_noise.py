@@ -105,7 +105,7 @@ def score_boundary_noise(
         baseline: the fit, under a covariance without it.
         data: the data.
         causes: whitened sensitivities per prior scale of each cause, shapes (k_c, n).
-        family: number of causes that are tried.
+        family: number of tries, of which a cause is one.
     """
     fast = fast_loads(baseline)
     shown, y = fast.of(data.effect_of_stops(stops)), fast.residual

@@ -17,6 +17,7 @@ from driver.identification.procedure import correction
 from driver.log import Log
 from driver.model import ForwardModel
 from solver_adapters.interface import SolverError
+from solver_adapters.jobs.errors import is_by_circumstances
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,8 @@ class FinerMeshes:
             log: takes one line of progress.
 
         Raises:
-            SolverError: the finer simulation could not be finished.
+            SolverError: the finer simulation could not be finished, or was not run on the other
+                mesh.
         """
         first = correction(working, self.one, here, log)
         if self.another is None or not both:
@@ -60,6 +62,8 @@ class FinerMeshes:
         try:
             second = correction(working, self.another(), here, log)
         except (SolverError, InputError) as error:
+            if is_by_circumstances(error):
+                raise
             log(f"  one mesh has to do: {str(error).partition(chr(10))[0]}")
             return first, None
         return first, Correction(

@@ -24,7 +24,7 @@ from driver.identification.objective import Evaluation, Objective
 from driver.model import ForwardModel
 from driver.side_by_side import side_by_side
 from solver_adapters.interface import SolverError
-from solver_adapters.jobs.errors import ends_all
+from solver_adapters.jobs.errors import is_by_circumstances
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +74,10 @@ def try_flips(
         objective: the objective of the baseline.
         crew: who tries them.
         bar: cost which the first step has to promise.
+
+    Raises:
+        NotRunError: a simulation was not run.
+        JobError, ResultFileError: one was killed, ran out of time or left no result.
     """
     if not flips:
         return FlipTrial()
@@ -115,7 +119,7 @@ def _first_look(start: Start) -> Evaluation | str:
     try:
         return start.objective.evaluate(start.values, start.baseline.free)
     except (SolverError, ValueError) as error:
-        if ends_all(error):
+        if is_by_circumstances(error):
             raise
         return str(error).partition("\n")[0]
 

@@ -88,7 +88,7 @@ def unevenness(at: Evaluation, data: Data, family: int) -> Unevenness | None:
     Args:
         at: a fit.
         data: the measurements.
-        family: number of causes that are tried.
+        family: number of tries, of which a cause is one.
     """
     rho = at.rho[data.with_image]
     modes = fast_modes(len(rho))

@@ -27,7 +27,7 @@ FloatArray = NDArray[np.float64]
 LAGS = 10
 SLOW_SHARE = 8  # the slowest eighth of the modes against the fastest half
 FAMILY_LEVEL = 0.01
-_MOST = 0.1, 0.9  # quantiles between which images tell how much images spread
+_MIDDLE = 0.25, 0.75  # quantiles between which images tell how much images spread
 _LEFT = 0.1  # share of the variance below which the fit has taken a direction
 
 
@@ -133,8 +133,8 @@ def _slow_against_fast(signal: FloatArray, taken: FloatArray) -> tuple[float, fl
 def _outlier(signal: FloatArray, taken: FloatArray) -> float:
     """F tests of the power of each image against that of the others, on a signal (T, n).
 
-    Levels of measured images differ by a few per cent: where the powers of most images spread more
-    than that distribution has it, it is taken that much wider.
+    Levels of measured images differ by a few per cent: where the powers of the middle half of the
+    images spread more than that distribution has it, it is taken that much wider.
     """
     power = np.sum(signal**2, axis=1)
     degrees = signal.shape[1] - np.sum(taken**2, axis=(0, 2))
@@ -142,8 +142,8 @@ def _outlier(signal: FloatArray, taken: FloatArray) -> float:
     # Standard normal numbers for the ratios (Paulson 1942), finite for those that are absurd.
     root, own, rest = np.cbrt((power / degrees) / (others / left)), 2 / 9 / degrees, 2 / 9 / left
     deviates = (root * (1 - rest) - (1 - own)) / np.sqrt(root**2 * rest + own)
-    low, high = np.quantile(deviates, _MOST)
-    spread = (high - low) / np.diff(norm.ppf(_MOST))[0]
+    low, high = np.quantile(deviates, _MIDDLE)
+    spread = (high - low) / np.diff(norm.ppf(_MIDDLE))[0]
     return float(min(1.0, len(signal) * norm.sf(deviates.max() / max(spread, 1.0))))
 
 

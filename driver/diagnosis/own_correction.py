@@ -19,6 +19,7 @@ from driver.log import silent
 from driver.model import ForwardModel
 from driver.side_by_side import side_by_side
 from solver_adapters.interface import SolverError
+from solver_adapters.jobs.errors import is_by_circumstances
 
 REACH = 10.0
 """Log evidence below the best within which a correction may change the order."""
@@ -83,6 +84,8 @@ def _under_its_own(task: _Task) -> Refit | str:
     try:
         change = correction(objective.model, task.finer, refit.fit, silent)
     except SolverError as error:
+        if is_by_circumstances(error):
+            raise
         return f"for it cannot be simulated ({str(error).partition(chr(10))[0]})"
     # What the other mesh adds is that at the baseline: small beside what this changes.
     objective = replace(objective, correction=change.mean_with(objective.spread))

@@ -15,7 +15,7 @@ from driver.identification.step import bounded_step
 from driver.log import Log, silent
 from driver.side_by_side import side_by_side
 from solver_adapters.interface import SolverError
-from solver_adapters.jobs.errors import ends_all
+from solver_adapters.jobs.errors import is_by_circumstances
 
 MOST_ITERATIONS = 5
 MOST_FROM_AFAR = 8
@@ -241,7 +241,7 @@ def refit_from(tasks: Sequence[Start], crew: Crew) -> list[Refit]:
 
     Raises:
         NotRunError: a simulation was not run.
-        JobError, ResultFileError: one was killed, ran out of memory or left no result.
+        JobError, ResultFileError: one was killed, ran out of time or left no result.
     """
 
     def done(index: int, result: Refit | str) -> None:
@@ -267,7 +267,7 @@ def _refit(task: Start) -> Refit | str:
             beside = objective.near(task.baseline)
             here = beside.evaluate(task.values, _free(task.baseline, task.cause))
         except (SolverError, ValueError) as error:
-            if ends_all(error):
+            if is_by_circumstances(error):
                 raise
             return f"for it cannot be simulated ({str(error).partition(chr(10))[0]})"
         if promised(objective, here) > task.bar:

@@ -23,6 +23,7 @@ from driver.diagnosis.score import WORTH
 from driver.diagnosis.verdict import MOST_ADDITIONS
 from driver.log import Log
 from solver_adapters.interface import SolverError
+from solver_adapters.jobs.errors import is_by_circumstances
 
 MOST_STEPS = 5  # rounds, where elimination keeps taking back what was added
 
@@ -121,6 +122,8 @@ def _by_a_rival(
             tried = extended(before, rival, settings, log)
             seen = at_first_sight(tried.fit, tried.objective, settings, stops, log)
         except SolverError as error:
+            if is_by_circumstances(error):
+                raise
             log(f"  it cannot be simulated ({str(error).partition(chr(10))[0]})")
             continue
         if is_settled(seen):

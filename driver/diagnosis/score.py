@@ -86,7 +86,7 @@ def score(
         cause: the cause.
         sensitivity: whitened, per prior scale, shape (k, n).
         baseline: evaluation at the optimum of the baseline.
-        family: number of causes that are tried.
+        family: number of tries, of which a cause is one.
         load_degrees: degrees of freedom of the noise level of the loads.
         variance: of whitened numbers along the cause, 1 for noise alone.
     """
@@ -142,7 +142,7 @@ def significance(
         components: independent numbers of variance 1 under the null, shape (degrees,).
         sensitivity: projected sensitivities of the cause on any scale, shape (k, n).
         baseline: evaluation at the optimum of the baseline.
-        family: number of causes that are tried.
+        family: number of tries, of which a cause is one.
         load_degrees: degrees of freedom of the noise level of the loads.
     """
     share = _in_loads(sensitivity, baseline)

@@ -17,7 +17,7 @@ from driver.identification.objective import Evaluation, Objective
 from driver.identification.step import bounded_step, is_at_bound, trial_values
 from driver.log import Log
 from solver_adapters.interface import SolverError
-from solver_adapters.jobs.errors import ends_all
+from solver_adapters.jobs.errors import is_by_circumstances, is_out_of_time
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
@@ -166,7 +166,7 @@ def _descend(
         try:
             ahead = objective.evaluate(values, here.free)
         except (SolverError, ValueError) as error:
-            if ends_all(error):
+            if is_by_circumstances(error) and not is_out_of_time(error):
                 raise  # a shorter step might not be run or be killed as well, and prove nothing
             first = str(error).partition("\n")[0].removesuffix("; its log ends:")
             log(f"    a trial point failed, so that the step is shortened: {first}")

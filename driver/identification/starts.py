@@ -11,7 +11,7 @@ import numpy as np
 from driver.identification.fit import Fit
 from driver.log import Log
 from driver.side_by_side import side_by_side
-from solver_adapters.interface import NotRunError, SolverError
+from solver_adapters.interface import SolverError
 from solver_adapters.jobs.errors import is_by_circumstances
 from solver_adapters.parameter import Parameter
 
@@ -127,8 +127,6 @@ class _Job(Generic[Task, Result]):
 def _attempt(job: _Job[Task, Result]) -> Result | SolverError | ValueError:
     try:
         return job.work(job.task)
-    except NotRunError:
-        raise
     except (SolverError, ValueError) as error:
         if job.must or is_by_circumstances(error):
             raise

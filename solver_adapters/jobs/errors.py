@@ -48,19 +48,15 @@ class CommandMissingError(JobError, NotRunError):
 
 
 def is_by_circumstances(error: Exception) -> bool:
-    """Whether a failure says nothing of the parameters: other ones might fail the same way."""
+    """Whether a failure says nothing of the parameters: not run, killed, out of time, no result.
+
+    What was computed without it would hang on the machine and on its load that day.
+    """
     if isinstance(error, JobError):
         return error.status not in CACHED
-    return isinstance(error, ResultFileError)
+    return isinstance(error, NotRunError | ResultFileError)
 
 
-def ends_all(error: Exception) -> bool:
-    """Whether a failure ends what is under way, and not only a simulation that may be spared.
-
-    One that was not run, that was killed or that left no result says nothing of the parameters.
-    One that ran out of time might, with others, not have done so.
-    """
-    if isinstance(error, NotRunError):
-        return True
-    out_of_time = isinstance(error, JobError) and error.status is Status.OUT_OF_TIME
-    return is_by_circumstances(error) and not out_of_time
+def is_out_of_time(error: Exception) -> bool:
+    """Whether a run had too little time, which with other parameters might have been enough."""
+    return isinstance(error, JobError) and error.status is Status.OUT_OF_TIME

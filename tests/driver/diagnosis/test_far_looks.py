@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from driver.diagnosis.screening import screen, screened
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
 from driver.log import Log, silent
-from solver_adapters.interface import FloatArray, Simulation, SolverError
+from solver_adapters.interface import FloatArray, PreparedError, Simulation, SolverError
 from tests.driver import closed_form
 from tests.driver.closed_form import ClosedFormSolver
 from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
@@ -169,8 +170,8 @@ def test_a_cause_that_hides_and_is_seen_from_afar_has_the_others_looked_at(
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("times", "refits"), [(1.9, 1), (2.1, 0)])
-def test_a_side_that_promises_less_than_half_of_what_is_known_is_scored_and_not_refitted(
+@pytest.mark.parametrize(("times", "refits"), [(3.2, 1), (3.5, 0)])
+def test_a_side_that_promises_little_beside_what_is_known_is_scored_and_not_refitted(
     hidden: Examined, monkeypatch: pytest.MonkeyPatch, times: float, refits: int
 ) -> None:
     with monkeypatch.context() as without:
@@ -231,6 +232,21 @@ def test_a_side_that_cannot_be_simulated_is_told_and_the_other_is_looked_at() ->
     found = look(examined(-TRUTH, Brittle), told.append)
     assert "  a1 = 0.3 cannot be simulated (no solution)" in told
     assert _of(found.scores, "non_schmid").p < NAMING_LEVEL
+
+
+class Elsewhere(Bent):
+    """A solver on another machine, where a non-Schmid stress is large."""
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        if abs(simulation.material.a1) > 0.1:
+            raise PreparedError([Path(f"jobs/{simulation.material.a1:+.1f}")])
+        return super().answer(simulation)
+
+
+def test_both_sides_are_prepared_at_once() -> None:
+    with pytest.raises(PreparedError) as error:
+        look(examined(TRUTH, Elsewhere))
+    assert sorted(error.value.folders) == [Path("jobs/+0.3"), Path("jobs/-0.3")]
 
 
 def test_a_round_names_what_only_a_look_from_afar_shows(hidden: Examined) -> None:

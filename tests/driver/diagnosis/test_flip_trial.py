@@ -35,7 +35,15 @@ class AsMeasured(ClosedFormSolver):
         return super().answer(simulation)
 
 
-@pytest.mark.parametrize("error", [NotRunError("absent"), JobError("bar", Status.KILLED)], ids=str)
+@pytest.mark.parametrize(
+    "error",
+    [
+        NotRunError("absent"),
+        JobError("bar", Status.KILLED),
+        JobError("bar", Status.OUT_OF_TIME),
+    ],
+    ids=str,
+)
 def test_a_flip_that_was_not_run_ends_the_trial(error: SolverError) -> None:
     objective, baseline = identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
     there = replace(objective, model=replace(objective.model, adapter=AsMeasured(error)))

@@ -14,7 +14,9 @@ from driver.diagnosis.score import score
 from driver.diagnosis.screening import screened
 from driver.identification.fit import Fit
 from driver.log import silent
-from solver_adapters.interface import Simulation, SolverError
+from solver_adapters.interface import NotRunError, Simulation, SolverError
+from solver_adapters.jobs.errors import JobError
+from solver_adapters.jobs.status import Status
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import finer, identified
 
@@ -36,8 +38,16 @@ class ErringWithContrast(closed_form.ClosedFormSolver):
 
 
 class Failing(closed_form.ClosedFormSolver):
+    def __init__(self, error: Exception) -> None:
+        super().__init__()
+        self.error = error
+
     def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
-        raise SolverError("no step is short enough\nstep 3")
+        raise self.error
+
+
+def failing(error: Exception) -> FinerMeshes:
+    return FinerMeshes(replace(BENCH.model, adapter=Failing(error)))
 
 
 @cache
@@ -75,8 +85,8 @@ def test_what_the_working_mesh_gets_wrong_at_a_cause_no_longer_speaks_against_it
 def test_a_refit_that_cannot_be_simulated_finer_stays_and_the_log_says_so() -> None:
     baseline, before = refitted()
     lines: list[str] = []
-    failing = FinerMeshes(replace(BENCH.model, adapter=Failing()))
-    after = with_own_corrections(before, baseline.best, failing, Crew(1, 1, lines.append))
+    never = failing(SolverError("no step is short enough\nstep 3"))
+    after = with_own_corrections(before, baseline.best, never, Crew(1, 1, lines.append))
     assert after == before
     assert lines[1:] == [
         f"  {refit.cause.name}: log evidence {refit.log_evidence:+.1f} as it was, for it cannot be "
@@ -85,11 +95,34 @@ def test_a_refit_that_cannot_be_simulated_finer_stays_and_the_log_says_so() -> N
     ]
 
 
+@pytest.mark.parametrize("error", [NotRunError("absent"), JobError("bar", Status.KILLED)], ids=str)
+def test_a_finer_simulation_that_was_not_run_is_not_done_without(error: SolverError) -> None:
+    baseline, before = refitted()
+    with pytest.raises(type(error)):
+        with_own_corrections(before, baseline.best, failing(error), Crew(1, 1, silent))
+
+
+@pytest.mark.parametrize("error", [NotRunError("absent"), JobError("bar", Status.KILLED)], ids=str)
+def test_another_mesh_that_was_not_run_is_not_done_without(error: SolverError) -> None:
+    baseline, _ = refitted()
+    meshes = FinerMeshes(finer(BENCH), lambda: failing(error).one)
+    with pytest.raises(type(error)):
+        meshes.corrections(BENCH.model, baseline, True, silent)
+
+
+def test_another_mesh_that_cannot_be_simulated_is_done_without_and_the_log_says_so() -> None:
+    baseline, _ = refitted()
+    lines: list[str] = []
+    meshes = FinerMeshes(finer(BENCH), lambda: failing(SolverError("no step")).one)
+    _, between = meshes.corrections(BENCH.model, baseline, True, lines.append)
+    assert between is None and "  one mesh has to do: no step" in lines
+
+
 def test_one_that_leads_alone_is_not_simulated() -> None:
     baseline, (first, second) = refitted()
     far = replace(second, log_evidence=first.log_evidence - REACH - 0.1)
     lines: list[str] = []
-    failing = FinerMeshes(replace(BENCH.model, adapter=Failing()))
+    never = failing(AssertionError())
     crew = Crew(1, 1, lines.append)
-    assert with_own_corrections([first, far], baseline.best, failing, crew) == [first, far]
-    assert with_own_corrections([], baseline.best, failing, crew) == [] and not lines
+    assert with_own_corrections([first, far], baseline.best, never, crew) == [first, far]
+    assert with_own_corrections([], baseline.best, never, crew) == [] and not lines

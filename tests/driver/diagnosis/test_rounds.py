@@ -4,6 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from unittest.mock import patch
 
+import pytest
+
 from driver.diagnosis import rounds
 from driver.diagnosis.boundary_noise import Stops
 from driver.diagnosis.causes import Cause
@@ -17,7 +19,7 @@ from driver.diagnosis.screening import screened
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from driver.log import Log
-from solver_adapters.interface import SolverError
+from solver_adapters.interface import NotRunError, SolverError
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
@@ -89,12 +91,21 @@ def test_what_another_mesh_takes_away_asks_for_no_other_cause() -> None:
     assert found.steps[0].named == (WRONG, TRUE) and not found.steps[0].left_something
 
 
-def test_a_rival_that_cannot_be_simulated_takes_nothing_away() -> None:
+def without_the_rival(error: SolverError) -> Diagnosis:
     def failing(before: Extension, winner: Refit, settings: Settings, log: Log) -> Extension:
         if winner.cause.name == OTHER:
-            raise SolverError("no step is short enough")
+            raise error
         return extended(before, winner, settings, log)
 
     with patch.object(rounds, "extended", failing):
-        found = diagnosed((WRONG, OTHER), (WRONG, OTHER))
+        return diagnosed((WRONG, OTHER), (WRONG, OTHER))
+
+
+def test_a_rival_that_was_not_run_is_not_done_without() -> None:
+    with pytest.raises(NotRunError):
+        without_the_rival(NotRunError("absent"))
+
+
+def test_a_rival_that_cannot_be_simulated_takes_nothing_away() -> None:
+    found = without_the_rival(SolverError("no step is short enough"))
     assert found.steps[0].named == (WRONG, OTHER)
