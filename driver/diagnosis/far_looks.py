@@ -35,8 +35,8 @@ from solver_adapters.interface import SolverError
 from solver_adapters.jobs.errors import is_by_circumstances
 
 PROMISING = 0.02  # probability of one look under the null, below which a refit follows
-# Of the best log evidence of any cause so far, which a side has to promise as well. Refits gain
-# more than sides promise: of 26 σ² of a non-Schmid stress of four prior scales a side promised 11.
+# Of the best log evidence of any cause so far, and of what is worth a name, which a side has to
+# promise as well. Refits gain more: of 26 σ² of four prior scales of a1 a side promised 11.
 HOPEFUL = 0.3
 _LOOKS = 3  # either side, and where a refit ends
 
@@ -132,7 +132,7 @@ def look_from_afar(
 
     def looked(bent: Sequence[Score], before: int, rivals: Sequence[Score]) -> list[_Look]:
         family = len(scores) + _LOOKS * (before + len(bent))
-        least = HOPEFUL * max([0.0, *(s.log_evidence for s in rivals)])
+        least = HOPEFUL * max([WORTH, *(s.log_evidence for s in rivals)])
         tasks = [_Task(near, here, objective, family, variance, least) for near in bent]
         if tasks:
             crew.log(f"looking from afar at {', '.join(near.cause.name for near in bent)}")
