@@ -15,6 +15,7 @@ from driver.case_errors import sentences
 from driver.case_tables.solver import ProfileTable
 from driver.case_tables.values import Table
 from driver.errors import InputError, sentence
+from driver.toml_files import no_toml
 from solver_adapters.profile import CONFIG_VARIABLE, Profile, config_path
 
 
@@ -54,7 +55,7 @@ def load_config(path: Path, stated: bool) -> Config:
             sentence(path, "file", f"“{error.strerror}”", "a TOML file that can be read")
         ) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(sentence(path, "file", f"“{error}”", "a TOML file in UTF-8")) from None
+        raise ConfigError(no_toml(path, error)) from None
     try:
         return Config.model_validate(data)
     except ValidationError as error:

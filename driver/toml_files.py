@@ -13,6 +13,8 @@ from driver.errors import InputError, sentence, why
 
 Tables = TypeVar("Tables", bound=BaseModel)
 
+_TWICE = "Cannot overwrite a value"  # as tomllib has it, before the place
+
 
 def read_toml(path: Path, expected: str, refuse: type[InputError] = InputError) -> dict[str, Any]:
     """The content of a TOML file.
@@ -30,9 +32,17 @@ def read_toml(path: Path, expected: str, refuse: type[InputError] = InputError) 
     except FileNotFoundError:
         raise refuse(sentence(path, "file", "nothing", expected)) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise refuse(sentence(path, "file", f"“{error}”", "a TOML file in UTF-8")) from None
+        raise refuse(no_toml(path, error)) from None
     except (OSError, ValueError) as error:
         raise refuse(sentence(path, "file", why(error), "a TOML file that can be read")) from None
+
+
+def no_toml(path: Path, error: tomllib.TOMLDecodeError | UnicodeDecodeError) -> str:
+    """The sentence for a file whose text is no TOML."""
+    said = str(error)
+    if said.startswith(_TWICE):
+        return sentence(path, "file", f"a key twice{said.removeprefix(_TWICE)}", "each key once")
+    return sentence(path, "file", f"“{said}”", "a TOML file in UTF-8")
 
 
 def read_tables(path: Path, model: type[Tables], expected: str) -> Tables:

@@ -18,6 +18,7 @@ from driver.diagnosis.causes import LIBRARY, Cause
 from driver.errors import InputError, sentence, why
 from driver.model import declared_parameters
 from driver.surface_view import POSE_DECLARATIONS
+from driver.toml_files import no_toml
 
 _ALWAYS_FITTED = {*LAMBDAS, *(parameter.name for parameter in POSE_DECLARATIONS)}
 
@@ -110,7 +111,7 @@ def read_causes(path: Path) -> tuple[Cause, ...]:
             sentence(path, "diagnosis.cause_files", "nothing", "a file of tables [[causes]]")
         ) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(sentence(path, "file", f"“{error}”", "a TOML file in UTF-8")) from None
+        raise InputError(no_toml(path, error)) from None
     except OSError as error:
         raise InputError(
             sentence(path, "diagnosis.cause_files", why(error), "a file that can be read")

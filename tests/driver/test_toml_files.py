@@ -26,6 +26,9 @@ def test_a_file_that_cannot_be_read_is_one_sentence(
     cases: dict[str, Callable[[], object]] = {
         "found nothing, expected": lambda: None,
         "expected a TOML file in UTF-8": lambda: path.write_bytes(b"\xff = 1"),
+        "found a key twice (at line 3, column 6), expected each key once": lambda: path.write_bytes(
+            b"[a]\nb = 1\nb = 2\n"
+        ),
         "found “Is a directory”, expected a TOML file that can be read": be_a_folder,
     }
     for message, prepare in cases.items():
