@@ -35,9 +35,7 @@ from solver_adapters.interface import SolverError
 from solver_adapters.jobs.errors import is_by_circumstances
 
 PROMISING = 0.02  # probability of one look under the null, below which a refit follows
-# Of the best log evidence of any cause so far, and of what is worth a name, which a side has to
-# promise as well. Refits gain more: of 26 σ² of four prior scales of a1 a side promised 11.
-HOPEFUL = 0.3
+HOPEFUL = 0.5  # of the best log evidence of any cause so far, which a side has to promise as well
 _LOOKS = 3  # either side, and where a refit ends
 
 
@@ -132,7 +130,7 @@ def look_from_afar(
 
     def looked(bent: Sequence[Score], before: int, rivals: Sequence[Score]) -> list[_Look]:
         family = len(scores) + _LOOKS * (before + len(bent))
-        least = HOPEFUL * max([WORTH, *(s.log_evidence for s in rivals)])
+        least = max([WORTH, *(HOPEFUL * s.log_evidence for s in rivals)])
         tasks = [_Task(near, here, objective, family, variance, least) for near in bent]
         if tasks:
             crew.log(f"looking from afar at {', '.join(near.cause.name for near in bent)}")
@@ -182,6 +180,8 @@ def _look(task: _Task) -> _Look:
         )
         for refit in refit_from([start], Crew(1, 1, told.append)):
             end = _gained(refit, begin.score, task)
+            # What the sides promise the refit has tried.
+            found = [near]
             if abs(end.estimate[0]) > FAR[0]:
                 refits.append(refit)
                 found.append(end)

@@ -13,7 +13,7 @@ from driver.diagnosis.boundary_noise import Stops
 from driver.diagnosis.causes import LIBRARY
 from driver.diagnosis.far_looks import FarLooks, look_from_afar
 from driver.diagnosis.finer_meshes import FinerMeshes
-from driver.diagnosis.refit import Crew
+from driver.diagnosis.refit import Crew, Refit
 from driver.diagnosis.round import examine
 from driver.diagnosis.score import NAMING_LEVEL, Score, effects_of
 from driver.diagnosis.screening import screen, screened
@@ -133,6 +133,18 @@ def test_the_end_of_a_refit_gains_more_than_the_sides_show(
     assert end.estimate[0] == pytest.approx(10 * TRUTH, rel=0.1)
 
 
+def test_what_a_side_promises_and_a_refit_does_not_keep_does_not_count(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def gone(refit: Refit, side: Score, task: object) -> Score:
+        return replace(side, estimate=np.zeros(1), log_evidence=-1.0)
+
+    monkeypatch.setattr(far_looks, "_gained", gone)
+    found, near = look(hidden), _of(hidden.scores, "non_schmid")
+    assert not found.refits
+    assert _of(found.scores, "non_schmid").log_evidence == near.log_evidence
+
+
 def test_a_cause_that_does_not_hide_is_looked_at_where_something_is_wrong_alone(
     hidden: Examined,
 ) -> None:
@@ -170,7 +182,7 @@ def test_a_cause_that_hides_and_is_seen_from_afar_has_the_others_looked_at(
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("times", "refits"), [(3.2, 1), (3.5, 0)])
+@pytest.mark.parametrize(("times", "refits"), [(1.9, 1), (2.1, 0)])
 def test_a_side_that_promises_little_beside_what_is_known_is_scored_and_not_refitted(
     hidden: Examined, monkeypatch: pytest.MonkeyPatch, times: float, refits: int
 ) -> None:
