@@ -176,13 +176,13 @@ def _look(task: _Task) -> _Look:
     if worth:
         begin = max(worth, key=lambda one: one.score.statistic)
         start = Start(
-            near.cause, extended, begin.at.values, None, here.best, np.inf, MOST_FROM_AFAR
+            near.cause, extended, begin.at.values, None, here.best, np.inf, MOST_FROM_AFAR, WORTH
         )
         for refit in refit_from([start], Crew(1, 1, told.append)):
             end = _gained(refit, begin.score, task)
             # What the sides promise the refit has tried.
             found = [near]
-            if abs(end.estimate[0]) > FAR[0]:
+            if abs(end.estimate[0]) > FAR[0] and refit.log_evidence > WORTH:
                 refits.append(refit)
                 found.append(end)
     best = max(found, key=lambda s: s.log_evidence)

@@ -97,8 +97,12 @@ def examine(
         refits = [refit_boundary_noise(stops.effect, here.best, objective, log)]
     elif len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS:
         crew = Crew(settings.processes, settings.threads, log)
-        seen = _looked(seen, here, objective, crew)
         both = held_against_both(finer, here, objective, seen.scores, seen.widened, log)
+        if both is None or both.lost is not None:
+            near = _significant(seen.scores)
+            seen = _looked(seen, here, objective, crew)
+            if _significant(seen.scores) - near:
+                both = held_against_both(finer, here, objective, seen.scores, seen.widened, log)
         if both is not None:
             lost = both.lost
             if lost is None:
@@ -205,6 +209,10 @@ def _looked(seen: _Seen, here: Fit, objective: Objective, crew: Crew) -> _Seen:
     """What is seen, from afar as well."""
     found = look_from_afar(seen.scores, here, objective, seen.widened**2, seen.tests.accepted, crew)
     return replace(seen, scores=found.scores, afar=tuple(found.refits))
+
+
+def _significant(scores: Sequence[Score]) -> set[str]:
+    return {s.cause.name for s in scores if s.p < NAMING_LEVEL}
 
 
 def _flips(

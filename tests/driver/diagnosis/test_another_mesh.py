@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from driver.diagnosis.another_mesh import held_against_both
 from driver.diagnosis.diagnose import diagnose
 from driver.diagnosis.finer_meshes import FinerMeshes
-from driver.diagnosis.outcome import Diagnosis
+from driver.diagnosis.outcome import Diagnosis, Settings
 from driver.diagnosis.score import effects_of
 from driver.diagnosis.screening import screen, screened
 from driver.log import silent
@@ -42,13 +42,15 @@ class ErringMesh(closed_form.ClosedFormSolver):
 ERRING = replace(BENCH.model, adapter=ErringMesh(0.001))
 
 
-def diagnosed(drift: float, another: ForwardModel) -> tuple[Diagnosis, list[str]]:
+def diagnosed(
+    drift: float, another: ForwardModel, settings: Settings = WANTED
+) -> tuple[Diagnosis, list[str]]:
     """The diagnosis of a test with so much drift."""
     made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": drift})
     objective, baseline = identified(BENCH, made)
     lines: list[str] = []
     found = diagnose(
-        baseline, objective, FinerMeshes(FINE, lambda: another), BENCH.history.cycle, WANTED,
+        baseline, objective, FinerMeshes(FINE, lambda: another), BENCH.history.cycle, settings,
         lines.append,
     )  # fmt: skip
     return found, lines
@@ -109,6 +111,17 @@ def test_without_a_finding_no_other_mesh_is_tried() -> None:
     found, lines = diagnosed(0.0, ERRING)
     assert found.verdict.kind == "nothing wrong"
     assert not any("another mesh" in line for line in lines)
+
+
+def test_what_the_derivatives_show_is_held_against_another_mesh_before_looks_from_afar() -> None:
+    """Looks at a fit that the other mesh changes would be made twice."""
+    wanted = replace(WANTED, wanted=("tilt_drift", "non_schmid"))
+    look, other = "looking from afar", "the same on another mesh"
+    for drift, expected in ((DRIFT, [other, look]), (0.0, [look])):
+        _, lines = diagnosed(drift, FINE, wanted)
+        added = [k for k, line in enumerate(lines) if line.startswith("added")]
+        first = lines[: added[0]] if added else lines
+        assert [t for line in first for t in (look, other) if line.startswith(t)] == expected
 
 
 def test_what_no_mesh_moves_is_as_significant_as_before() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,9 +14,9 @@ from driver.diagnosis.boundary_noise import Stops
 from driver.diagnosis.causes import LIBRARY
 from driver.diagnosis.far_looks import FarLooks, look_from_afar
 from driver.diagnosis.finer_meshes import FinerMeshes
-from driver.diagnosis.refit import Crew, Refit
+from driver.diagnosis.refit import Crew, Refit, Start, refit_from
 from driver.diagnosis.round import examine
-from driver.diagnosis.score import NAMING_LEVEL, Score, effects_of
+from driver.diagnosis.score import NAMING_LEVEL, WORTH, Score, effects_of
 from driver.diagnosis.screening import screen, screened
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
@@ -143,6 +144,20 @@ def test_what_a_side_promises_and_a_refit_does_not_keep_does_not_count(
     found, near = look(hidden), _of(hidden.scores, "non_schmid")
     assert not found.refits
     assert _of(found.scores, "non_schmid").log_evidence == near.log_evidence
+
+
+def test_a_refit_that_is_worth_nothing_does_not_join_the_others(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def little(tasks: Sequence[Start], crew: Crew) -> list[Refit]:
+        (task,) = tasks
+        assert task.least == WORTH
+        return [replace(refit, log_evidence=0.9 * WORTH) for refit in refit_from(tasks, crew)]
+
+    monkeypatch.setattr(far_looks, "refit_from", little)
+    found, near = look(hidden), _of(hidden.scores, "non_schmid")
+    assert not found.refits
+    assert _of(found.scores, "non_schmid").statistic == near.statistic
 
 
 def test_a_cause_that_does_not_hide_is_looked_at_where_something_is_wrong_alone(
