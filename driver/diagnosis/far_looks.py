@@ -4,7 +4,8 @@ A score is of first order. Far from its null such a cause does something else th
 effect of a few prior scales hardly anything lies along the derivative at the null, and the data
 do not show it there. It is scored as well by the change of the prediction from the fit to where it
 stands three prior scales off its null, on either side; where that promises something beside the
-best cause that is known, by what a refit from there gains.
+best cause that is known, by what a refit from there gains. What puts a cause so near to its null
+that the derivative holds has nothing to say beside it.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from solver_adapters.jobs.errors import is_by_circumstances
 
 PROMISING = 0.02  # probability of one look under the null, below which a refit follows
 HOPEFUL = 0.5  # of the best log evidence of any cause so far, which a side has to promise as well
+_SURE = 2.0  # standard deviations by which an amount is known
 _LOOKS = 3  # either side, and where a refit ends
 
 
@@ -168,6 +170,7 @@ def _look(task: _Task) -> _Look:
         one
         for one in sides
         if one.score.estimate[0] * one.amount > 0
+        and _may_be_far(one.score)
         and chi2.sf(one.score.statistic, one.score.degrees) < PROMISING
     ]
     found = [near, *(one.score for one in promising)]
@@ -176,7 +179,7 @@ def _look(task: _Task) -> _Look:
     if worth:
         begin = max(worth, key=lambda one: one.score.statistic)
         start = Start(
-            near.cause, extended, begin.at.values, None, here.best, np.inf, MOST_FROM_AFAR, WORTH
+            near.cause, extended, begin.at.values, None, here.best, np.inf, MOST_FROM_AFAR
         )
         for refit in refit_from([start], Crew(1, 1, told.append)):
             end = _gained(refit, begin.score, task)
@@ -191,6 +194,11 @@ def _look(task: _Task) -> _Look:
     if limits and near.visible[0] > FAR[0]:
         best = replace(best, visible=np.max(limits, axis=0))
     return _Look(best, tuple(refits), tuple(told))
+
+
+def _may_be_far(side: Score) -> bool:
+    """Whether it leaves the cause where its derivative does not hold."""
+    return bool(np.abs(side.estimate[0]) + _SURE * side.sigma[0] > FAR[0])
 
 
 def _scored(task: _Task, at: Evaluation, amount: float) -> _Side:

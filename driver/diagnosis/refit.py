@@ -20,7 +20,6 @@ from solver_adapters.jobs.errors import is_by_circumstances
 MOST_ITERATIONS = 5
 MOST_FROM_AFAR = 8
 FAR = (1.0, 3.0)  # prior scales
-OF_PROMISE = 4.0  # times the gain of its next step that a fit which bends may still gain
 TOLERANCE = 0.3  # Newton decrement [σ]: a log evidence is then right to 0.05
 
 
@@ -78,7 +77,6 @@ class Start:
         baseline: the baseline at its optimum.
         bar: cost which the first step has to promise.
         most: largest number of iterations.
-        least: log evidence which the refit is given up without hope of.
     """
 
     cause: Cause
@@ -88,7 +86,6 @@ class Start:
     baseline: Evaluation
     bar: float
     most: int
-    least: float = -np.inf
 
 
 def with_prior(objective: Objective, cause: Cause) -> Objective:
@@ -275,13 +272,8 @@ def _refit(task: Start) -> Refit | str:
             return f"for it cannot be simulated ({str(error).partition(chr(10))[0]})"
         if promised(objective, here) > task.bar:
             return "for its first step promises too little"
-
-    def hopeless(at: Evaluation, decrement: float) -> bool:
-        evidence = _log_evidence(task.cause, task.baseline, at, objective)
-        return evidence + OF_PROMISE * decrement**2 / 2 < task.least
-
     result = fit(
-        objective, here.values, here.free, task.most, silent, here, TOLERANCE, hopeless=hopeless
+        objective, here.values, here.free, task.most, silent, start=here, tolerance=TOLERANCE
     )
     return refit_of(task.cause, objective, result, task.baseline)
 
@@ -295,16 +287,9 @@ def refit_of(cause: Cause, objective: Objective, result: Fit, baseline: Evaluati
         result: the fit.
         baseline: the baseline at its optimum.
     """
-    evidence = _log_evidence(cause, baseline, result.best, objective)
+    evidence = log_bayes_factor(baseline, result.best, objective, added_by(cause, baseline))
+    evidence += float(np.log(cause.odds))
     return Refit(cause, as_wide_as_found(objective, cause, result.values), result, evidence)
-
-
-def _log_evidence(
-    cause: Cause, baseline: Evaluation, extended: Evaluation, objective: Objective
-) -> float:
-    """Of the cause, prior odds and all."""
-    evidence = log_bayes_factor(baseline, extended, objective, added_by(cause, baseline))
-    return evidence + float(np.log(cause.odds))
 
 
 def promised(objective: Objective, here: Evaluation) -> float:

@@ -6,7 +6,7 @@ The variable of each parameter is θ (`Parameter.theta`): a logarithm or a scale
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from time import monotonic
 
@@ -93,7 +93,6 @@ def fit(
     start: Evaluation | None = None,
     tolerance: float = DECREMENT,
     share: float = 0.0,
-    hopeless: Callable[[Evaluation, float], bool] = lambda at, decrement: False,
 ) -> Fit:
     """Minimise the cost; a step that fails, runs out of time or climbs is shortened.
 
@@ -107,7 +106,6 @@ def fit(
         tolerance: Newton decrement at which the fit has converged [σ].
         share: the fit also ends when a step lowers the cost, or would, by less than this share
             of it: enough for a fit that only starts another one.
-        hopeless: whether the fit is to be given up at an evaluation, by its Newton decrement [σ].
 
     Raises:
         SolverError, ValueError: the model cannot be evaluated at the start.
@@ -130,8 +128,6 @@ def fit(
         enough = max(tolerance, math.sqrt(share * here.cost), math.sqrt(excess) * NEGLIGIBLE)
         if decrement < enough:
             return ended(True, f"the Newton decrement is {decrement:.2g} σ")
-        if hopeless(here, decrement):
-            return ended(False, f"given up, decrement {decrement:.2g} σ")
         if iteration == most:
             reason = f"the limit of {most} iterations, decrement {decrement:.2g} σ"
             return ended(False, reason)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.refit import (
-    OF_PROMISE,
     Crew,
     Start,
     as_wide_as_found,
@@ -145,26 +144,6 @@ def test_a_start_whose_first_step_promises_too_little_is_given_up() -> None:
     lines: list[str] = []
     assert refit_from_afar([scored], baseline, objective, Crew(1, 1, lines.append), -1.0) == []
     assert len(lines) == 4 and all("promises too little" in line for line in lines)
-
-
-@pytest.mark.parametrize(("short", "given_up"), [(1.0, False), (-1.0, True)])
-def test_a_refit_is_given_up_where_its_gain_cannot_reach_what_is_asked_for(
-    short: float, given_up: bool
-) -> None:
-    """The model is linear: log evidence, and what the one step that is left gains, are known."""
-    measured = A.T @ [0.5, 0.1, 0.6, 0.0] + RNG.standard_normal(50)
-    baseline = fitted(measured, ("a", "b")).best
-    objective = formula(lambda p: (p @ A, A), measured, PARAMETERS, {"Q": (0.0, 1.0)})
-    cause = Cause("x", "material", ("Q",), "", "")
-    start = Start(cause, objective, baseline.values, None, baseline, np.inf, 5)
-    (end,) = refit_from([start], Crew(1, 1, silent))
-    begin = objective.evaluate(baseline.values, end.fit.best.free)
-    gain = (begin.cost - end.fit.best.cost) / 2
-    assert gain > 5.0
-    bound = end.log_evidence + (OF_PROMISE - 1.0) * gain
-    (refit,) = refit_from([replace(start, least=bound - short)], Crew(1, 1, silent))
-    assert (len(refit.fit.history) == 1) == given_up
-    assert refit.fit.reason.startswith("given up") == given_up != refit.fit.converged
 
 
 def where_nothing_answers(error: Exception) -> list[Start]:
