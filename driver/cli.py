@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
@@ -55,6 +56,10 @@ def main(
     ] = False,
 ) -> None:
     """Identify crystal plasticity from a micro-prism in tension, and name what the model lacks."""
+    # A batch system at its time limit, or a terminal that is closed, stops a run as Ctrl-C does.
+    for end in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(end) == signal.SIG_DFL:  # nohup ignores the latter
+            signal.signal(end, signal.default_int_handler)
 
 
 @app.command()

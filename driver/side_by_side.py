@@ -5,14 +5,17 @@ from __future__ import annotations
 import multiprocessing
 import os
 import pickle
+import shutil
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
 from itertools import islice
+from multiprocessing import connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar, cast
@@ -53,7 +56,7 @@ def side_by_side(
         PreparedError: jobs were prepared instead of being run, those of all tasks.
         ChildProcessError: the system ended a process.
         Whatever the first failing task raised; the others are ended. So they are after Ctrl-C,
-        which this process alone hears.
+        which this process alone hears, and where this process dies.
     """
     found: dict[int, Result] = {}
     prepared: list[PreparedError] = []
@@ -98,7 +101,7 @@ def _in_processes(
             max_workers=processes,
             mp_context=multiprocessing.get_context("spawn"),
             initializer=_begin,
-            initargs=(threads,),
+            initargs=(threads, Path(name)),
         ) as pool,
     ):
         folder = Path(name)
@@ -136,8 +139,13 @@ def _in_processes(
 def _carry_out(work: Callable[[Any], Any], folder: Path, index: int) -> None:
     """What a process does with the task of a number."""
     try:
-        _write(_result_file(folder, index), work(_taken(_task_file(folder, index))))
-    except SystemExit:  # by SIGTERM; the pool would take it for the task's, and go on
+        # A task that is ended tidies up, as after Ctrl-C; between tasks there is nothing to tidy.
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+        try:
+            _write(_result_file(folder, index), work(_taken(_task_file(folder, index))))
+        finally:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    except SystemExit:  # the pool would take it for the task's, and go on
         os._exit(1)
 
 
@@ -162,11 +170,19 @@ def _taken(path: Path) -> Any:
     return what
 
 
-def _begin(threads: int) -> None:
+def _begin(threads: int, folder: Path) -> None:
     """What a process does first."""
     use_threads(threads)
-    # A task that is ended tidies up, as after Ctrl-C.
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    threading.Thread(target=_end_with_asker, args=(folder,), daemon=True).start()
+
+
+def _end_with_asker(folder: Path) -> None:
+    """Where the process that gives the tasks dies, the pool alone would wait for ever."""
+    asker = multiprocessing.parent_process()
+    assert asker is not None
+    connection.wait([asker.sentinel])
+    shutil.rmtree(folder, ignore_errors=True)
+    signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)
 
 
 @contextmanager

@@ -1,3 +1,4 @@
+import signal
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -108,6 +109,27 @@ def test_prepared_jobs_are_listed_and_are_no_failure_and_the_other_cases_are_run
     for path in (case_path, other):
         assert f"{path}: 1 job(s) are ready to be computed elsewhere" in result.stdout
         assert f"\n  {path.parent / 'results' / 'jobs' / 'key'}\n" in result.stdout
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("ignored", [True, False])
+def test_the_end_of_a_terminal_or_of_a_batch_job_stops_a_run_as_ctrl_c_does(
+    pipeline: SimpleNamespace,
+    case_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    how: signal.Signals,
+    ignored: bool,
+) -> None:
+    """What ignores the end of its terminal (nohup) goes on."""
+    monkeypatch.setattr(pipeline, "run", lambda *arguments: signal.raise_signal(how))
+    usual = signal.default_int_handler if how == signal.SIGINT else signal.SIG_DFL
+    before = signal.signal(how, signal.SIG_IGN if ignored else usual)
+    try:
+        found = invoke("run", case_path)
+    finally:
+        signal.signal(how, before)
+    told = "prismid: stopped; finished stages are kept, run again to go on\n"
+    assert (found.exit_code, found.stderr) == ((0, "") if ignored else (130, told))
 
 
 @pytest.mark.parametrize("error", [SolverError, CaseError, FileNotFoundError])

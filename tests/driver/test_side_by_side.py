@@ -6,9 +6,11 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import psutil
 import pytest
 
 from driver.side_by_side import side_by_side
@@ -113,9 +115,49 @@ def test_results_larger_than_a_pipe_come_back(processes: int) -> None:
 
 
 def test_ctrl_c_in_a_terminal_ends_all_processes_without_a_word_of_theirs(tmp_path: Path) -> None:
-    """The terminal interrupts the whole group: two tasks of a minute, a process that has none."""
-    tasks = [tmp_path / name for name in ("first", "second", "short")]
-    script = tmp_path / "script.py"
+    """The terminal interrupts the whole group."""
+    with at_work(tmp_path) as (group, pids):
+        os.killpg(group.pid, signal.SIGINT)
+        said, complaints = group.communicate(timeout=30)
+        assert (said, complaints, group.returncode) == ("stopped\n", "", 0)
+        assert all(task.with_suffix(".tidy").exists() for task in marks(tmp_path))
+        for pid in pids:
+            with pytest.raises(ProcessLookupError):
+                os.kill(pid, 0)
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_processes_end_with_the_one_that_gives_the_tasks(
+    tmp_path: Path, how: signal.Signals
+) -> None:
+    """They waited for another task for ever, each with its memory."""
+    with at_work(tmp_path) as (group, pids):
+        group.send_signal(how)
+        group.wait(timeout=30)
+        _, living = psutil.wait_procs(pids_alive(pids), timeout=30)
+        assert not living
+    assert all(task.with_suffix(".tidy").exists() for task in marks(tmp_path))
+    assert not list(tmp_path.glob("prismid-*"))
+
+
+def pids_alive(pids: list[int]) -> list[psutil.Process]:
+    found = []
+    for pid in pids:
+        with suppress(psutil.NoSuchProcess):
+            found.append(psutil.Process(pid))
+    return found
+
+
+def marks(folder: Path) -> list[Path]:
+    """What tasks write: two of a minute, and one whose process waits for another."""
+    return [folder / name for name in ("first", "second", "short")]
+
+
+@contextmanager
+def at_work(folder: Path) -> Iterator[tuple[subprocess.Popen[str], list[int]]]:
+    """Three tasks side by side in a process group of their own, and the processes that do them."""
+    tasks = marks(folder)
+    script = folder / "script.py"
     script.write_text(
         "import signal\n"
         "from tests.driver.test_side_by_side import *\n"
@@ -129,7 +171,7 @@ def test_ctrl_c_in_a_terminal_ends_all_processes_without_a_word_of_theirs(tmp_pa
     )
     group = subprocess.Popen(
         [sys.executable, script],
-        env={**os.environ, "PYTHONPATH": str(PACKAGES)},
+        env={**os.environ, "PYTHONPATH": str(PACKAGES), "TMPDIR": str(folder)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         start_new_session=True,
@@ -140,17 +182,11 @@ def test_ctrl_c_in_a_terminal_ends_all_processes_without_a_word_of_theirs(tmp_pa
         while not all(task.exists() for task in tasks) and time.monotonic() < late:
             time.sleep(0.05)
         time.sleep(0.5)  # the process of the short task waits for another one
-        os.killpg(group.pid, signal.SIGINT)
-        said, complaints = group.communicate(timeout=30)
+        yield group, [int(task.read_text()) for task in tasks]
     finally:
         with suppress(ProcessLookupError):
             os.killpg(group.pid, signal.SIGKILL)
         group.communicate()
-    assert (said, complaints, group.returncode) == ("stopped\n", "", 0)
-    assert all(task.with_suffix(".tidy").exists() for task in tasks)
-    for pid in [int(task.read_text()) for task in tasks]:
-        with pytest.raises(ProcessLookupError):
-            os.kill(pid, 0)
 
 
 def mark_and_work(task: Path) -> None:
