@@ -31,21 +31,24 @@ def load_gmsh() -> ModuleType:
 
 @contextmanager
 def running_gmsh() -> Iterator[ModuleType]:
-    """The module `gmsh`, initialised inside, in whatever thread; SIGINT and SIGPIPE stay as set.
+    """The module `gmsh`, initialised inside, in whatever thread; signals stay as set.
 
     Raises:
         SystemLibraryError: as `load_gmsh`.
     """
     gmsh = load_gmsh()
     # Without interruptible=False gmsh takes over SIGINT, and only the main thread may do that.
-    # SIGPIPE it gives its default in any case: a child that ends would end this process, too.
+    # These it gives their default in any case: a child that ends, or the end of a terminal that is
+    # to be ignored, would end this process, too.
     change = ctypes.CDLL(None).signal
     change.argtypes, change.restype = (ctypes.c_int, ctypes.c_void_p), ctypes.c_void_p
-    before = change(signal.SIGPIPE, int(signal.SIG_IGN))
+    defaulted = (signal.SIGPIPE, signal.SIGTERM, signal.SIGHUP)
+    before = [change(each, int(signal.SIG_IGN)) for each in defaulted]
     try:
         gmsh.initialize(readConfigFiles=False, interruptible=False)
     finally:
-        change(signal.SIGPIPE, before)
+        for each, usual in zip(defaulted, before, strict=True):
+            change(each, usual)
     try:
         yield gmsh
     finally:
