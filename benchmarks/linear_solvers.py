@@ -17,12 +17,12 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, Protocol
 
-import gmsh
 import numpy as np
 import scipy.sparse as sp
 from cvxopt import cholmod, matrix, spmatrix
 from scipy.sparse.linalg import splu
 
+from meshes.gmsh_library import running_gmsh
 from solver_adapters.bundled.symmetric import SymmetricSolver
 from solver_adapters.interface import FloatArray, IntArray
 
@@ -42,21 +42,20 @@ N_RHS = 24
 
 def prism(size: float) -> tuple[FloatArray, IntArray]:
     """Nodes (n, 3) [µm] and tet10 cells (m, 10), in the order of gmsh, of a 12 µm prism."""
-    gmsh.initialize(interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.option.setNumber("Mesh.MeshSizeMin", size)
-    gmsh.option.setNumber("Mesh.MeshSizeMax", size)
-    geometry = gmsh.model.occ
-    corners = [geometry.addPoint(x, 0, z) for x, z in ((-2, 0), (2, 0), (0, -2 * np.sqrt(3)))]
-    edges = [geometry.addLine(corners[i], corners[(i + 1) % 3]) for i in range(3)]
-    face = geometry.addPlaneSurface([geometry.addCurveLoop(edges)])
-    geometry.extrude([(2, face)], 0, 12, 0)
-    geometry.synchronize()
-    gmsh.model.mesh.generate(3)
-    gmsh.model.mesh.setOrder(2)
-    tags, coordinates, _ = gmsh.model.mesh.getNodes()
-    _, connectivity = gmsh.model.mesh.getElementsByType(11)
-    gmsh.finalize()
+    with running_gmsh() as gmsh:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("Mesh.MeshSizeMin", size)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", size)
+        geometry = gmsh.model.occ
+        corners = [geometry.addPoint(x, 0, z) for x, z in ((-2, 0), (2, 0), (0, -2 * np.sqrt(3)))]
+        edges = [geometry.addLine(corners[i], corners[(i + 1) % 3]) for i in range(3)]
+        face = geometry.addPlaneSurface([geometry.addCurveLoop(edges)])
+        geometry.extrude([(2, face)], 0, 12, 0)
+        geometry.synchronize()
+        gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.setOrder(2)
+        tags, coordinates, _ = gmsh.model.mesh.getNodes()
+        _, connectivity = gmsh.model.mesh.getElementsByType(11)
     points = np.zeros((int(tags.max()) + 1, 3))
     points[tags] = coordinates.reshape(-1, 3)
     used, cells = np.unique(connectivity, return_inverse=True)

@@ -16,6 +16,7 @@ from driver.identification.objective import Correction
 from driver.identification.procedure import correction
 from driver.log import Log
 from driver.model import ForwardModel
+from driver.side_by_side import side_by_side
 from solver_adapters.interface import SolverError
 from solver_adapters.jobs.errors import is_by_circumstances
 
@@ -55,16 +56,27 @@ class FinerMeshes:
             SolverError: the finer simulation could not be finished, or was not run on the other
                 mesh.
         """
-        first = correction(working, self.one, here, log)
-        if self.another is None or not both:
-            return first, None
-        log("the same on another mesh")
-        try:
-            second = correction(working, self.another(), here, log)
-        except (SolverError, InputError) as error:
-            if is_by_circumstances(error):
-                raise
-            log(f"  one mesh has to do: {str(error).partition(chr(10))[0]}")
+
+        def on_one() -> Correction | None:
+            return correction(working, self.one, here, log)
+
+        def on_another() -> Correction | None:
+            assert self.another is not None
+            log("the same on another mesh")
+            try:
+                return correction(working, self.another(), here, log)
+            except (SolverError, InputError) as error:
+                if is_by_circumstances(error):
+                    raise
+                log(f"  one mesh has to do: {str(error).partition(chr(10))[0]}")
+                return None
+
+        asked = [on_one, on_another] if both and self.another is not None else [on_one]
+        # One after the other; jobs for another machine are prepared all at once.
+        first, *others = side_by_side(lambda take: take(), asked, 1)
+        assert first is not None
+        second = others[0] if others else None
+        if second is None:
             return first, None
         return first, Correction(
             0.5 * (np.asarray(second.motion) - first.motion),

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from driver.diagnosis.score import effects_of
 from driver.diagnosis.screening import screen, screened
 from driver.log import silent
 from driver.model import ForwardModel
-from solver_adapters.interface import Simulation, SolverError
+from solver_adapters.interface import PreparedError, Simulation, SolverError
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
 
@@ -105,6 +106,29 @@ def test_where_the_other_mesh_cannot_be_simulated_one_has_to_do() -> None:
     found, lines = diagnosed(DRIFT, replace(BENCH.model, adapter=BrokenMesh()))
     assert found.verdict.kind == "named" and found.off_by_mesh("tilt_drift") is None
     assert any("no step is short enough" in line for line in lines)
+
+
+class Elsewhere(closed_form.ClosedFormSolver):
+    """A solver on another machine."""
+
+    folder = Path("jobs/one")
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        raise PreparedError([self.folder])
+
+
+class ElsewhereToo(Elsewhere):
+    folder = Path("jobs/another")
+
+
+def test_the_jobs_of_both_meshes_are_prepared_at_once() -> None:
+    one, another = (
+        replace(BENCH.model, adapter=solver(0.001)) for solver in (Elsewhere, ElsewhereToo)
+    )
+    objective, baseline = identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
+    with pytest.raises(PreparedError) as error:
+        FinerMeshes(one, lambda: another).corrections(objective.model, baseline, True, silent)
+    assert error.value.folders == (Elsewhere.folder, ElsewhereToo.folder)
 
 
 def test_without_a_finding_no_other_mesh_is_tried() -> None:
