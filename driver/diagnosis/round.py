@@ -98,6 +98,7 @@ def examine(
     elif len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS:
         crew = Crew(settings.processes, settings.threads, log)
         both = held_against_both(finer, here, objective, seen.scores, seen.widened, log)
+        # Where both meshes agree on a finding, looks follow at the fit with both alone.
         if both is None or both.lost is not None:
             near = _significant(seen.scores)
             seen = _looked(seen, here, objective, crew)
