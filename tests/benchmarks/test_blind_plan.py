@@ -4,7 +4,19 @@ import numpy as np
 import pytest
 
 from benchmarks.blind_figures import has_both, has_class, miss_of, wilson
-from benchmarks.blind_plan import ENOUGH, HIGH, KINDS, NULLS, PAIRS, REPEATS, aims, magnitudes, plan
+from benchmarks.blind_plan import (
+    ENOUGH,
+    HIGH,
+    KINDS,
+    NULLS,
+    PAIRS,
+    Q_LEVEL,
+    Q_LIKE_BACK_STRESS_LEVEL,
+    REPEATS,
+    aims,
+    magnitudes,
+    plan,
+)
 
 CAUSES = {"isotropic_hardening": (1, True), "load_gain": (1, False), "boundary_tilt": (2, False)}
 ALIKE = {name: (name,) for name in CAUSES}
@@ -38,6 +50,12 @@ def test_a_cause_is_hidden_no_larger_than_it_may_be_and_more_often_where_it_can_
     assert max(gains) == 12.0 and len(gains) == 4 * REPEATS
     tilts = [t.level for t in TRIALS if t.kind == "cause" and t.truths == ("boundary_tilt",)]
     assert sum(level < ENOUGH for level in tilts) == 2
+
+
+def test_a_hardening_like_the_back_stress_is_hidden_no_larger_than_it_shows() -> None:
+    by_b = {dict(t.companions)["b"]: t.level for t in TRIALS if t.companions}
+    assert by_b == {1140.0: Q_LIKE_BACK_STRESS_LEVEL, 30.0: Q_LEVEL}
+    assert Q_LIKE_BACK_STRESS_LEVEL < Q_LEVEL
 
 
 def test_every_beginning_of_a_plan_holds_every_kind_in_its_share() -> None:
