@@ -57,7 +57,7 @@ SECONDS = {"silent": 10.0, "loud": 70.0}
 """CPU-s of a trial without and with an effect, its truth included, until some are done."""
 DENSE = 3  # times as many images where the noise itself is to be found
 HELD_OUT = 3  # one cause in so many has a cycle held out
-MEMORY = 1e9  # bytes of a process; it grows by 0.3e9 in 80 trials
+MEMORY = 0.9e9  # bytes of a process
 BY_NAME = {cause.name: cause for cause in LIBRARY}
 
 
