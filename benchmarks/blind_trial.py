@@ -27,7 +27,7 @@ from platformdirs import user_cache_path
 
 from benchmarks.blind_figures import SILENT, print_figures
 from benchmarks.blind_misfit import left_of
-from benchmarks.blind_plan import KINDS, Trial, aims, plan
+from benchmarks.blind_plan import ELASTIC, ELASTIC_NOISE_RATIO, KINDS, Trial, aims, plan
 from benchmarks.blind_ruler import (
     MOST_SCALES,
     TooSmallError,
@@ -199,7 +199,7 @@ def truth_of(trial: Trial, cache: Path) -> Truth:
     if trial.kind == "outside":
         return truth_outside(cache, trial.truths[0], trial.level)
     alongside = dict(trial.companions)
-    most = np.inf if trial.kind == "known" else MOST_SCALES
+    most = np.inf if trial.companions else MOST_SCALES
     each = [
         truth_of_cause(cache, BY_NAME[name], np.array(aim), trial.level, alongside, most)
         for name, aim in zip(trial.truths, trial.directions, strict=True)
@@ -254,11 +254,13 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
 def stated_by(trial: Trial, recorded: Case) -> Case:
     """The case as its user states it: the noise of the loads as in every case, the jitter known.
 
-    A held-out cycle is predicted only where the trial has a figure of it: no answer hangs on it.
+    A quieter load cell and the b that is tried are told, too. A held-out cycle is predicted only
+    where the trial has a figure of it: no answer hangs on it.
     """
-    known = known_case()
+    noise = measured_with(trial) if trial.kind == "known" else known_case()
     told: dict[str, object] = {
-        "loads": recorded.loads.model_copy(update={"noise_uN": known.loads.noise_uN})
+        "loads": recorded.loads.model_copy(update={"noise_uN": noise.loads.noise_uN}),
+        "material": recorded.material.model_copy(update=dict(trial.companions)),
     }
     if trial.kind == "jitter":
         told["boundary"] = recorded.boundary.model_copy(update={"jitter_nm": trial.level})
@@ -280,6 +282,8 @@ def measured_with(trial: Trial) -> Case:
     case, change = known_case(), {}
     if trial.kind == "noise level":
         change = {"noise_uN": trial.level * case.loads.noise_uN}
+    elif trial.truths and trial.truths[0] in ELASTIC and trial.kind == "known":
+        change = {"noise_uN": ELASTIC_NOISE_RATIO * case.loads.noise_uN}
     elif trial.kind == "AR(1)":
         change = {"autocorrelation": trial.level}
     return case.model_copy(update={"loads": case.loads.model_copy(update=change)})

@@ -5,6 +5,7 @@ import pytest
 
 from benchmarks.blind_figures import has_both, has_class, miss_of, wilson
 from benchmarks.blind_plan import (
+    ELASTIC_NOISE_RATIO,
     ENOUGH,
     HIGH,
     KINDS,
@@ -17,12 +18,20 @@ from benchmarks.blind_plan import (
     magnitudes,
     plan,
 )
+from benchmarks.blind_specimen import known_case
+from benchmarks.blind_trial import measured_with, stated_by
 
-CAUSES = {"isotropic_hardening": (1, True), "load_gain": (1, False), "boundary_tilt": (2, False)}
+CAUSES = {
+    "isotropic_hardening": (1, True),
+    "load_gain": (1, False),
+    "elastic_stiffness": (1, False),
+    "boundary_tilt": (2, False),
+}
 ALIKE = {name: (name,) for name in CAUSES}
 REACH = {
     "isotropic_hardening": (20.0, 0.0),
     "load_gain": (11.5, 12.0),
+    "elastic_stiffness": (3.0, 2.0),
     "boundary_tilt": (12.0, 4.0),
 }
 FLIPS = ("ebsd_flip_x", "ebsd_flip_z")
@@ -39,14 +48,14 @@ def test_a_plan_is_drawn_from_its_seed_alone() -> None:
 def test_a_plan_has_both_signs_and_magnitudes_of_every_cause() -> None:
     drawn = {(t.truths[0], t.level, t.directions[0][0] > 0) for t in TRIALS if t.kind == "cause"}
     # A one-sided cause has one sign.
-    assert len(drawn) == 2 * (1 + 2 + 2)
+    assert len(drawn) == 2 * (1 + 2 + 2 + 2)
     assert ("isotropic_hardening", HIGH, True) in drawn
 
 
 def test_a_cause_is_hidden_no_larger_than_it_may_be_and_more_often_where_it_can_be_seen() -> None:
     assert magnitudes(20.0) == (10.0, 15.0) and magnitudes(11.5) == (10.0, 11.5)
     assert magnitudes(4.0) == (2.0, 4.0)
-    gains = [t.level for t in TRIALS if t.truths == ("load_gain",)]
+    gains = [t.level for t in TRIALS if t.kind == "cause" and t.truths == ("load_gain",)]
     assert max(gains) == 12.0 and len(gains) == 4 * REPEATS
     tilts = [t.level for t in TRIALS if t.kind == "cause" and t.truths == ("boundary_tilt",)]
     assert sum(level < ENOUGH for level in tilts) == 2
@@ -56,6 +65,20 @@ def test_a_hardening_like_the_back_stress_is_hidden_no_larger_than_it_shows() ->
     by_b = {dict(t.companions)["b"]: t.level for t in TRIALS if t.companions}
     assert by_b == {1140.0: Q_LIKE_BACK_STRESS_LEVEL, 30.0: Q_LEVEL}
     assert Q_LIKE_BACK_STRESS_LEVEL < Q_LEVEL
+
+
+def test_the_case_of_a_known_trial_states_its_b_and_its_quieter_load_cell() -> None:
+    usual = known_case()
+    for trial in (t for t in TRIALS if t.kind == "known"):
+        measured = measured_with(trial)
+        stated = stated_by(trial, measured)
+        assert stated.loads.noise_uN == measured.loads.noise_uN
+        if trial.companions:
+            assert stated.material.b == dict(trial.companions)["b"]
+            assert stated.loads.noise_uN == usual.loads.noise_uN
+        else:
+            assert stated.material == usual.material
+            assert stated.loads.noise_uN == ELASTIC_NOISE_RATIO * usual.loads.noise_uN
 
 
 def test_every_beginning_of_a_plan_holds_every_kind_in_its_share() -> None:
