@@ -22,12 +22,12 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import psutil
 from platformdirs import user_cache_path
 
+from benchmarks.blind_cases import measured_with, stated_by, uneven
 from benchmarks.blind_figures import SILENT, print_figures
 from benchmarks.blind_misfit import left_of
-from benchmarks.blind_plan import ELASTIC, ELASTIC_NOISE_RATIO, KINDS, Trial, aims, plan
+from benchmarks.blind_plan import KINDS, Trial, aims, plan
 from benchmarks.blind_ruler import (
     MOST_SCALES,
     TooSmallError,
@@ -42,7 +42,7 @@ from driver.case import Case, load_case, write_case
 from driver.diagnosis.all_causes import EVERY
 from driver.diagnosis.causes import LIBRARY
 from driver.diagnosis.ebsd_flips import flips_of
-from driver.diagnosis.noise_causes import BOUNDARY_NOISE, NOISE_NOT_UNIFORM
+from driver.diagnosis.noise_causes import BOUNDARY_NOISE
 from driver.errors import InputError
 from driver.log import silent
 from driver.measure_stage import measure_numbers
@@ -56,7 +56,6 @@ from solver_adapters.bundled.compilation import use_threads
 SECONDS = {"silent": 10.0, "loud": 70.0}
 """CPU-s of a trial without and with an effect, its truth included, until some are done."""
 DENSE = 3  # times as many images where the noise itself is to be found
-HELD_OUT = 3  # one cause in so many has a cycle held out
 MEMORY = 0.9e9  # bytes of a process
 BY_NAME = {cause.name: cause for cause in LIBRARY}
 
@@ -99,6 +98,8 @@ def main() -> None:
     cache = cache_folder(asked.cache)
     results: Path = asked.results or cache / f"results_{asked.seed}.jsonl"
     counted = (program(), *asked.also)
+    if asked.figures and not results.is_file():
+        raise SystemExit(f"--figures: found no file {results}, expected results of trials")
     if not asked.figures:
         try:
             carry_out(asked.seed, asked.only, asked.most, asked.processes, cache, results, counted)
@@ -174,8 +175,7 @@ def carried_out(task: Task) -> Record:
         # Whatever it is, it is a fault of the program in this trial, and no reason to stop others.
         line |= {"answer": "failed", "why": f"{type(error).__name__}: {error}"}
     line |= {"alike": {n: ruler(task.cache).alike[n] for n in trial.truths if n in BY_NAME}}
-    # The peak of a process that another one starts is that of its parent: what it holds is told.
-    line |= {"cpu": time.process_time() - began, "memory": psutil.Process().memory_info().rss}
+    line |= {"cpu": time.process_time() - began}
     # One write of one line: those of other processes do not mix with it.
     with task.results.open("a", encoding="utf-8") as file:
         file.write(json.dumps(line, ensure_ascii=False) + "\n")
@@ -251,47 +251,12 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
     }
 
 
-def stated_by(trial: Trial, recorded: Case) -> Case:
-    """The case as its user states it: the noise of the loads as in every case, the jitter known.
-
-    A quieter load cell and the b that is tried are told, too. A held-out cycle is predicted only
-    where the trial has a figure of it: no answer hangs on it.
-    """
-    noise = measured_with(trial) if trial.kind == "known" else known_case()
-    told: dict[str, object] = {
-        "loads": recorded.loads.model_copy(update={"noise_uN": noise.loads.noise_uN}),
-        "material": recorded.material.model_copy(update=dict(trial.companions)),
-    }
-    if trial.kind == "jitter":
-        told["boundary"] = recorded.boundary.model_copy(update={"jitter_nm": trial.level})
-    if trial.kind != "cause" or trial.seed % HELD_OUT:
-        told["diagnosis"] = recorded.diagnosis.model_copy(update={"held_out_cycle": "none"})
-    return recorded.model_copy(update=told)
-
-
 def _chain(case: Case) -> tuple[Stage, ...]:
     """The stages of `prismid run`, without the pictures of the measurement."""
     return tuple(
         replace(stage, run=measure_numbers) if stage.name == "measure" else stage
         for stage in stages(case)
     )
-
-
-def measured_with(trial: Trial) -> Case:
-    """The case with the noise of the loads as it truly is."""
-    case, change = known_case(), {}
-    if trial.kind == "noise level":
-        change = {"noise_uN": trial.level * case.loads.noise_uN}
-    elif trial.truths and trial.truths[0] in ELASTIC and trial.kind == "known":
-        change = {"noise_uN": ELASTIC_NOISE_RATIO * case.loads.noise_uN}
-    elif trial.kind == "AR(1)":
-        change = {"autocorrelation": trial.level}
-    return case.model_copy(update={"loads": case.loads.model_copy(update=change)})
-
-
-def uneven(trial: Trial) -> float:
-    """Noise of the images at the last column over that at the first."""
-    return trial.level if trial.truths == (NOISE_NOT_UNIFORM.name,) else 1.0
 
 
 def spent(lines: Sequence[Record]) -> dict[str, float]:

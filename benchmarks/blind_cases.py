@@ -1,0 +1,45 @@
+"""The case of a blind trial: as its experiment truly is, and as its user states it."""
+
+from __future__ import annotations
+
+from benchmarks.blind_plan import ELASTIC, ELASTIC_NOISE_RATIO, Trial
+from benchmarks.blind_specimen import known_case
+from driver.case import Case
+from driver.diagnosis.noise_causes import NOISE_NOT_UNIFORM
+
+HELD_OUT = 3  # one cause in so many has a cycle held out
+
+
+def measured_with(trial: Trial) -> Case:
+    """The case with the noise of the loads as it truly is."""
+    case, change = known_case(), {}
+    if trial.kind == "noise level":
+        change = {"noise_uN": trial.level * case.loads.noise_uN}
+    elif trial.kind == "known" and trial.truths[0] in ELASTIC:
+        change = {"noise_uN": ELASTIC_NOISE_RATIO * case.loads.noise_uN}
+    elif trial.kind == "AR(1)":
+        change = {"autocorrelation": trial.level}
+    return case.model_copy(update={"loads": case.loads.model_copy(update=change)})
+
+
+def uneven(trial: Trial) -> float:
+    """Noise of the images at the last column over that at the first."""
+    return trial.level if trial.truths == (NOISE_NOT_UNIFORM.name,) else 1.0
+
+
+def stated_by(trial: Trial, recorded: Case) -> Case:
+    """The case as its user states it: the noise of the loads as in every case, the jitter known.
+
+    A quieter load cell and the b that is tried are told, too. A held-out cycle is predicted only
+    where the trial has a figure of it: no answer hangs on it.
+    """
+    noise = measured_with(trial) if trial.kind == "known" else known_case()
+    told: dict[str, object] = {
+        "loads": recorded.loads.model_copy(update={"noise_uN": noise.loads.noise_uN}),
+        "material": recorded.material.model_copy(update=dict(trial.companions)),
+    }
+    if trial.kind == "jitter":
+        told["boundary"] = recorded.boundary.model_copy(update={"jitter_nm": trial.level})
+    if trial.kind != "cause" or trial.seed % HELD_OUT:
+        told["diagnosis"] = recorded.diagnosis.model_copy(update={"held_out_cycle": "none"})
+    return recorded.model_copy(update=told)
