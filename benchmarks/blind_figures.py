@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 from statistics import mean
 
 import numpy as np
+from scipy.stats import binomtest
 
 from benchmarks.blind_store import Record
 from driver.diagnosis.score import SEEN_AT
 
-_Z = 1.959964  # two-sided 95 %
 SILENT = ("null", "noise level", "jitter", "AR(1)")  # kinds of which nothing is to be said
 LOUD = ("cause", "pair", "outside", "known", "noise", "flip")
 NAMING = ("named", "one of this set", "named, but something is left")
@@ -18,12 +18,8 @@ NAMING = ("named", "one of this set", "named, but something is left")
 
 def wilson(hits: int, number: int) -> tuple[float, float]:
     """Bounds of a share at 95 % (Wilson, J. Am. Stat. Assoc. 22 (1927) 209)."""
-    if number == 0:
-        return 0.0, 1.0
-    share, z2 = hits / number, _Z**2
-    centre = (share + z2 / (2 * number)) / (1 + z2 / number)
-    half = _Z / (1 + z2 / number) * np.sqrt(share * (1 - share) / number + z2 / (4 * number**2))
-    return float(max(centre - half, 0.0)), float(min(centre + half, 1.0))
+    bounds = binomtest(hits, number).proportion_ci(method="wilson")
+    return float(bounds.low), float(bounds.high)
 
 
 def show_share(name: str, hits: Sequence[bool], goal: str) -> None:
