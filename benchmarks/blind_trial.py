@@ -234,8 +234,7 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
         "verdict": found["verdict"],
         "said": found["causes"],
         "added": added,
-        # Of a round whose winner was not added, or was taken back, nothing is said.
-        "sets": [s["named"] for s in found["steps"] if s["named"] and s["named"][0] in added],
+        "sets": found["sets"],
         "statistic": {n: scores.get(n) for n in trial.truths},
         "best": [[s["cause"], s["log_evidence"]] for s in first["causes"][:3]],
         "refits": [

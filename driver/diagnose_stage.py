@@ -139,17 +139,19 @@ def _decks(found: Diagnosis, context: StageContext) -> dict[str, str | None]:
 
 
 def _telling(found: Diagnosis, context: StageContext, bench: Workbench) -> tuple[Telling, ...]:
-    """Which change of the experiment would part the causes of a set; empty if there is none.
+    """Which change of the experiment would part the first set; empty if there is none.
 
     Sizes are those of the scores, in the prior scales of each cause.
     """
-    group = next((step.named for step in found.steps if len(step.named) > 1), ())
+    group = next((one for one in found.verdict.sets if len(one) > 1), ())
     if found.verdict.kind != "one of this set" or not group:
         return ()
     if set(group) & {flip.name for flip in FLIPS}:
         return ()  # a flip has no size to be parted by
     context.log(f"which added measurement would part {', '.join(group)}")
-    scores = {s.cause.name: s for s in next(s for s in found.steps if s.named == group).scores}
+    # What was dropped and added again stands in two rounds.
+    last = next(step for step in reversed(found.steps) if step.named[:1] == group[:1])
+    scores = {s.cause.name: s for s in last.scores}
     sizes = {name: float(np.max(np.abs(scores[name].estimate))) for name in group}
     law = {name: found.baseline.values[name] for name in found.baseline.best.free}
     try:

@@ -11,7 +11,7 @@ from driver.diagnosis.noise_causes import COVARIANCE_PARAMETERS
 from driver.diagnosis.omnibus import Omnibus
 from driver.diagnosis.outcome import Diagnosis, Step
 from driver.diagnosis.score import Score
-from driver.diagnosis.visible import not_seen
+from driver.diagnosis.visible import not_found
 from driver.extended_case import added_parameters
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation
@@ -70,6 +70,7 @@ def diagnosis_record(
     record = {
         "verdict": found.verdict.kind,
         "causes": list(found.verdict.causes),
+        "sets": [list(group) for group in found.verdict.sets],
         "text": found.verdict.text,
         "next": found.verdict.next,
         "added": {n: fitted(after)[n] for n in added_parameters(found)} | added,
@@ -131,12 +132,12 @@ def _gain_record(
 
 
 def _not_found(found: Diagnosis, bench: Workbench) -> dict[str, str]:
-    """Each cause that was tried and not found: what the last round would have seen of it."""
+    """Each cause that was tried and is not named: what the last round would have seen of it."""
     parameters = {**bench.objective.parameters, **COVARIANCE_PARAMETERS}
     named = set(found.verdict.causes)
     flips = [s for step in found.steps for s in step.scores if s.cause in FLIPS]
     return {
-        s.cause.name: not_seen(s, parameters)
+        s.cause.name: not_found(s, found.steps[-1], parameters)
         for s in (*flips, *found.steps[-1].scores)
         if s.cause.name not in named and s.cause.category != "numerics"
     }

@@ -44,7 +44,7 @@ def eliminate(
         cause = tested[least]
         left.remove(cause)
         log(f"{cause.name} is not needed any more")
-        needed = {name for other in left for name in other.companions}
+        needed = {name for other in left for name in (*other.parameters, *other.companions)}
         freed = [n for n in (*cause.parameters, *cause.companions) if n not in needed]
         null = objective.model.null_values()
         free = tuple(name for name in here.best.free if name not in freed)

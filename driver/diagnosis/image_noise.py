@@ -76,7 +76,7 @@ def with_uneven_noise(verdict: Verdict) -> Verdict:
     return replace(
         verdict,
         kind="named" if nothing else verdict.kind,
-        causes=(NOISE_NOT_UNIFORM.name, *verdict.causes),
+        sets=((NOISE_NOT_UNIFORM.name,), *verdict.sets),
         text=f"{said}; the images were weighted accordingly. {verdict.text}",
         next=f"{check} {verdict.next}",
     )

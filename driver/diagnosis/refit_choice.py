@@ -43,20 +43,22 @@ def refits_of_likely(
         SolverError: a simulation could not be finished.
     """
     tried = [s for s in scores if s.cause not in (NUMERICS, *COVARIANCE) and s.degrees]
-    chosen = to_refit(tried, most)
-    if not chosen:
-        return []
-    crew.log(f"refitting {_listed(chosen)}")
-    refits = refit_causes(chosen, screening, baseline, objective, crew)
-    best = best_of_each([*refits, *(r for r in afar if r.cause in [s.cause for s in chosen])])
-    if baseline.chi_load > LARGE or leaves_unexplained(baseline, best[0]):
+    chosen, large = to_refit(tried, most), baseline.chi_load > LARGE
+    best: list[Refit] = []
+    if chosen:
+        crew.log(f"refitting {_listed(chosen)}")
+        refits = refit_causes(chosen, screening, baseline, objective, crew)
+        best = best_of_each([*refits, *(r for r in afar if r.cause in [s.cause for s in chosen])])
+    if large or (best and leaves_unexplained(baseline, best[0])):
         others = [s for s in tried if s not in chosen]
         crew.log(f"a large effect, or one half explained: refitting {_listed(others)}")
         bar = cost_to_promise(best, baseline)
         more = refit_causes(others, screening, baseline, objective, crew, bar)
         best = best_of_each([*best, *afar, *more])
+    if not best:
+        return []
     stalled = {r.cause.name for r in best if not r.fit.converged}
-    far = baseline.chi_load > LARGE or _bent(best[0], scores)
+    far = large or _bent(best[0], scores)
     leading = {r.cause.name for r in best[:most]} if far else set()
     again = [s for s in tried if s.cause.name in stalled | leading]
     if again:

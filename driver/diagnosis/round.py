@@ -70,8 +70,8 @@ def examine(
 ) -> Round:
     """Screen all causes, refit the best, and pick the one to add.
 
-    Noise of the boundary is the first suspect: where it stands, no other cause is refitted
-    before it is counted.
+    Noise of the boundary is the first suspect: where it is worth adding, no other cause is
+    refitted before it is counted.
 
     Args:
         here: the fit that is examined.
@@ -95,7 +95,9 @@ def examine(
     noise = seen.noise
     if noise is not None and noise.p < level_of(BOUNDARY_NOISE) and stops.effect is not None:
         refits = [refit_boundary_noise(stops.effect, here.best, objective, log)]
-    elif len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS:
+    counted_first = bool(refits) and refits[0].log_evidence > WORTH
+    room = len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS
+    if room and not counted_first:
         crew = Crew(settings.processes, settings.threads, log)
         both = held_against_both(finer, here, objective, seen.scores, seen.widened, log)
         # Where both meshes agree on a finding, looks follow at the fit with both alone.
@@ -116,12 +118,12 @@ def examine(
                 seen = _first_order(here, objective, candidates, screening, settings, stops, log)
                 seen = _looked(seen, here, objective, crew)
         if lost is None:
-            refits = refits_of_likely(
+            likely = refits_of_likely(
                 seen.scores, seen.afar, screening, here.best, objective, settings.refit, crew
             )  # fmt: skip
-            trial = _flips(refits, seen.tests, here.best, objective, added, settings.wanted, crew)
-            refits = best_of_each([*refits, *trial.refits])
-            refits = with_own_corrections(refits, here.best, finer, crew)
+            trial = _flips(likely, seen.tests, here.best, objective, added, settings.wanted, crew)
+            likely = best_of_each([*likely, *trial.refits])
+            refits = with_own_corrections(likely, here.best, finer, crew) or refits
     scores = sorted([*seen.scores, *trial.scores], key=lambda s: -s.log_evidence)
     winner = refits[0] if refits and refits[0].log_evidence > WORTH else None
     named = set_of(winner, refits, scores) if winner is not None else ()

@@ -28,15 +28,20 @@ class Verdict:
 
     Attributes:
         kind: the answer.
-        causes: the causes that it names; of a set, the best first.
+        sets: for each effect that it names the causes that cannot be told apart, the best first.
         text: a paragraph for a person.
         next: what to do next.
     """
 
     kind: Kind
-    causes: tuple[str, ...]
+    sets: tuple[tuple[str, ...], ...]
     text: str
     next: str
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """All causes of the sets, each once."""
+        return tuple(dict.fromkeys(name for group in self.sets for name in group))
 
 
 def decide(
@@ -62,49 +67,48 @@ def decide(
     """
     if numerics is not None:
         return Verdict(
-            "numerics", ("discretisation",),
+            "numerics", (("discretisation",),),
             f"The simulation itself is not exact enough to judge: {numerics}.",
             "Refine as said, then run again.",
         )  # fmt: skip
     if not added:
         return _without_a_name(left, imaging_limited)
-    names = tuple(group[0] for group in added)
-    said = "; and ".join(_said(group, sentences) for group in added)
-    sets = [group for group in added if len(group) > 1]
+    sets = _beside_each_other(added)
+    names = [group[0] for group in sets]
+    said = _capital("; and ".join(_said(group, sentences) for group in sets))
     # A noise is no effect that others could be the shadow of.
     effects = [name for name in names if name != BOUNDARY_NOISE.name]
     if len(effects) >= MOST_ADDITIONS:
         return Verdict(
-            "unexplained", names,
+            "unexplained", sets,
             f"Three or more causes were needed ({', '.join(effects)}): their sum describes the "
             "data, but so many at once are more likely the shadow of one that was not tried.",
             "Look at the maps of what is left, and think of a cause of your own.",
         )  # fmt: skip
     if left and explained < _MOST:
         return Verdict(
-            "unexplained", names,
+            "unexplained", sets,
             f"The best that was tried ({', '.join(names)}) explains {explained:.0%} of the "
             f"misfit that is no noise, and what is left is structured as well: {_list(left)}.",
             "Look at the maps of what is left: where and when it stands tells what to think of.",
         )  # fmt: skip
-    do_next = " ".join(f"Confirm {name}: {checks[name]}." for name in names)
+    do_next = " ".join(_to_do(group, checks) for group in sets)
     if left:
         return Verdict(
-            "named, but something is left", names,
-            f"{_capital(said)}. This explains a part; what is left is still not noise: "
-            f"{_list(left)}.",
+            "named, but something is left", sets,
+            f"{said}. This explains a part; what is left is still not noise: {_list(left)}.",
             do_next + " Then look at the maps of what is left.",
         )  # fmt: skip
-    if sets:
-        every = tuple(name for group in added for name in group)
-        apart = " or ".join(sets[0])
-        return Verdict(
-            "one of this set", every, f"{_capital(said)}.",
-            f"These data cannot tell {apart}. " + " ".join(
-                f"Check {name}: {checks[name]}." for name in sets[0]
-            ),
-        )  # fmt: skip
-    return Verdict("named", names, f"{_capital(said)}.", do_next)
+    several = any(len(group) > 1 for group in sets)
+    return Verdict("one of this set" if several else "named", sets, f"{said}.", do_next)
+
+
+def _beside_each_other(added: Sequence[Sequence[str]]) -> tuple[tuple[str, ...], ...]:
+    """The sets without what was added beside them: a cause that is needed as well is no rival."""
+    winners = {group[0] for group in added}
+    return tuple(
+        (group[0], *(name for name in group[1:] if name not in winners)) for group in added
+    )
 
 
 def _without_a_name(left: Sequence[str], imaging_limited: bool) -> Verdict:
@@ -131,11 +135,16 @@ def _without_a_name(left: Sequence[str], imaging_limited: bool) -> Verdict:
 
 
 def _said(group: Sequence[str], sentences: dict[str, str]) -> str:
-    first = sentences[group[0]]
     if len(group) == 1:
-        return first
-    others = ", or ".join(sentences[name] for name in group[1:])
-    return f"{first}, or {others}"
+        return sentences[group[0]]
+    return f"either {', or '.join(sentences[name] for name in group)}"
+
+
+def _to_do(group: Sequence[str], checks: dict[str, str]) -> str:
+    if len(group) == 1:
+        return f"Confirm {group[0]}: {checks[group[0]]}."
+    each = " ".join(f"Check {name}: {checks[name]}." for name in group)
+    return f"These data cannot tell {' or '.join(group)}. {each}"
 
 
 def _list(texts: Sequence[str]) -> str:

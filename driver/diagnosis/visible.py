@@ -1,4 +1,7 @@
-"""What is said of a cause that was not found: how large it would have to be to be seen."""
+"""What is said of a cause that was not found: how large it would have to be to be seen.
+
+Of one that was seen in the last round and yet not added it is said why.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,38 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from driver.diagnosis.score import Score
+from driver.diagnosis.noise_causes import NOISE_NOT_UNIFORM
+from driver.diagnosis.outcome import Step
+from driver.diagnosis.round import level_of
+from driver.diagnosis.score import WORTH, Score
 from solver_adapters.parameter import Parameter
 
 UNDETECTABLE = 3.0
 """Prior scales beyond which an effect is larger than anyone expects: then it cannot be seen."""
+
+
+def not_found(scored: Score, last: Step, parameters: Mapping[str, Parameter]) -> str:
+    """One sentence on a cause that the verdict does not name.
+
+    Args:
+        scored: its score.
+        last: the last round.
+        parameters: declarations by name.
+    """
+    if scored.cause.parameters and scored.p < level_of(scored.cause):
+        return f"seen here (p {scored.p:.2g}) and not added: {_why_not(scored, last)}"
+    return not_seen(scored, parameters)
+
+
+def _why_not(scored: Score, last: Step) -> str:
+    refit = next((r for r in last.refits if r.cause == scored.cause), None)
+    if last.lost is not None:
+        return "the other finer mesh takes it away"
+    if scored.cause == NOISE_NOT_UNIFORM:
+        return "it is too small for other weights of the pixels to change an answer"
+    if refit is not None and refit.log_evidence <= WORTH:
+        return f"its refit has a log evidence of {refit.log_evidence:+.1f}, and {WORTH:g} is wanted"
+    return "no more causes were added" if refit or not last.refits else "others were more likely"
 
 
 def not_seen(scored: Score, parameters: Mapping[str, Parameter]) -> str:

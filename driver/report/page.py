@@ -101,7 +101,7 @@ def report_page(
 
 def verdict_texts(diagnosis: Row) -> list[str]:
     """The verdict in one sentence, and the paragraph below it."""
-    summary = headline(diagnosis["verdict"], diagnosis["causes"])
+    summary = headline(diagnosis["verdict"], diagnosis["sets"])
     if diagnosis["verdict"] == "named":
         return [diagnosis["text"], summary]
     return [summary, diagnosis["text"]]
@@ -132,16 +132,23 @@ def gain_text(diagnosis: Row) -> str:
     return text
 
 
-def headline(kind: str, causes: Sequence[str]) -> str:
-    """The kind of a verdict as a sentence."""
-    names = joined([cause_label(name) for name in causes]) if causes else ""
-    several = len(causes) > 1
+def headline(kind: str, sets: Sequence[Sequence[str]]) -> str:
+    """The kind of a verdict as a sentence.
+
+    Args:
+        kind: the answer.
+        sets: for each effect that it names the causes that cannot be told apart.
+    """
+    names = ", and ".join(_one_of(group) for group in sets)
+    several = len(sets) > 1
+    either = joined([cause_label(name) for name in sets[0]]) if sets else ""
     sentences = {
         "nothing wrong": "Nothing wrong: the model leaves only noise.",
         "named": f"{'Together these causes explain' if several else 'One cause explains'} "
         f"the misfit: {names}.",
-        "one of this set": f"One of these explains the misfit, and these data cannot say which: "
-        f"{names}.",
+        "one of this set": f"Together these explain the misfit: {names}."
+        if several
+        else f"One of these explains the misfit, and these data cannot say which: {either}.",
         "named, but something is left": f"Found: {names}; but something is left that is not noise.",
         "unexplained": "Unexplained: the model misses something that no cause that was tried "
         "accounts for.",
@@ -263,6 +270,11 @@ def facts(findings: Findings) -> list[tuple[str, str]]:
         ("test", f"{int(m['cycle'].max())} cycles, stage travel up to {m['stage'].max():g} µm, "
                  f"load up to {number(float(peaks), 4)} µN"),
     ]  # fmt: skip
+
+
+def _one_of(group: Sequence[str]) -> str:
+    labels = joined([cause_label(name) for name in group])
+    return labels if len(group) == 1 else f"one of {labels} (these data cannot say which)"
 
 
 def _tile(title: str, value: str, note: str) -> Row:

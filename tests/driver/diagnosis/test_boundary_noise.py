@@ -8,6 +8,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
+from driver.diagnosis import round as one_round
 from driver.diagnosis.all_causes import NAMES
 from driver.diagnosis.boundary_noise import (
     explains_better,
@@ -18,16 +19,23 @@ from driver.diagnosis.boundary_noise import (
     stops_where_they_pay,
 )
 from driver.diagnosis.loads import bad_loads
-from driver.diagnosis.noise_causes import SIGMA_E
+from driver.diagnosis.noise_causes import BOUNDARY_NOISE, SIGMA_E
+from driver.diagnosis.omnibus import FAMILY_LEVEL
 from driver.diagnosis.outcome import Diagnosis
 from driver.diagnosis.preparation import with_load_noise
+from driver.diagnosis.refit import Refit
 from driver.diagnosis.score import effects_of
 from driver.diagnosis.screening import screened
 from driver.diagnosis.variance_component import Component
-from driver.identification.boundary_jitter import boundary_jitter, stops_of, unit_elongation
+from driver.identification.boundary_jitter import (
+    BoundaryJitter,
+    boundary_jitter,
+    stops_of,
+    unit_elongation,
+)
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
-from driver.log import silent
+from driver.log import Log, silent
 from driver.model import ForwardModel, Values
 from driver.watched_solver import WatchedSolver
 from solver_adapters.finite_differences import FiniteDifferences
@@ -225,6 +233,18 @@ def test_noise_and_a_slow_error_come_out_as_two() -> None:
     assert abs(level - NOISE) < 3 * sigma
     off = abs(found.extended.values["tilt_drift"] - 2e-3)
     assert off < 3.5 * found.extended.sigma("tilt_drift", found.objective.parameters)
+
+
+def test_a_suspected_noise_that_is_not_worth_adding_leaves_the_round_to_the_causes() -> None:
+    def worthless(stops: BoundaryJitter, at: Evaluation, objective: Objective, log: Log) -> Refit:
+        return replace(refit_boundary_noise(stops, at, objective, log), log_evidence=0.9)
+
+    with patch.object(one_round, "refit_boundary_noise", worthless):
+        found = diagnosed(NOISE, "tilt_drift", 2e-3)
+    # What the noise leaves in the loads may be taken for something else besides.
+    assert "tilt_drift" in found.verdict.causes and not found.levels
+    noise = next(s for s in found.steps[0].scores if s.cause == BOUNDARY_NOISE)
+    assert noise.p < FAMILY_LEVEL
 
 
 def test_a_noise_that_the_data_do_without_is_taken_back() -> None:

@@ -45,7 +45,14 @@ def test_what_later_causes_make_superfluous_goes_back_to_its_null(
     assert all(after.values[name] == 0.0 for name in "pqr" if name not in left)
 
 
-def test_what_another_cause_needs_stays_free_and_a_flip_is_not_tested() -> None:
+@pytest.mark.parametrize(
+    "needs_r",
+    [
+        Cause("q", "material", ("q",), "", "", companions=("r",)),
+        Cause("q", "material", ("q", "r"), "", ""),
+    ],
+)
+def test_what_another_cause_needs_stays_free_and_a_flip_is_not_tested(needs_r: Cause) -> None:
     measured = np.array([0.5, 0.0, 1.0, 0.3]) @ A + RNG.standard_normal(80)
     objective = replace(
         formula(lambda p: (p @ A, A), measured, PARAMETERS),
@@ -54,7 +61,7 @@ def test_what_another_cause_needs_stays_free_and_a_flip_is_not_tested() -> None:
     causes = [
         Cause("flip", "microstructure", (), "", ""),
         Cause("p", "material", ("p",), "", "", companions=("r",)),
-        Cause("q", "material", ("q",), "", "", companions=("r",)),
+        needs_r,
     ]
     for cause in causes:
         objective = cast(Any, with_prior(objective, cause))

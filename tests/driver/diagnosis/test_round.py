@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from unittest.mock import patch
 
+from driver.diagnosis import refit_choice
 from driver.diagnosis.boundary_noise import Stops
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.round import examine
@@ -28,6 +30,17 @@ def test_of_a_small_effect_that_its_cause_explains_no_other_cause_is_refitted() 
     found = examine(baseline, objective, (), EVERY, NO_STOPS, None, FINER, silent)
     assert found.winner is not None and found.winner.cause.name == "tilt_drift"
     assert len(found.step.refits) == 1
+
+
+def test_where_loads_are_far_off_all_causes_are_refitted_though_none_is_significant() -> None:
+    objective, baseline = tilting()
+    with (
+        patch.object(refit_choice, "LARGE", 0.1),
+        patch.object(refit_choice, "NAMING_LEVEL", 1e-300),
+    ):
+        found = examine(baseline, objective, (), EVERY, NO_STOPS, None, FINER, silent)
+    assert len(found.step.refits) > 1
+    assert found.winner is not None and found.winner.cause.name == "tilt_drift"
 
 
 def test_an_effect_far_beyond_its_prior_is_significant_and_still_not_added() -> None:

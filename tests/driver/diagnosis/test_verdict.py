@@ -37,10 +37,10 @@ def of(
         (of(GAIN), "one of this set", GAIN),
         (of(CONTRAST, GAIN), "one of this set", ("grain_contrast", *GAIN)),
         (of(CONTRAST, accepted=False), "named, but something is left", ("grain_contrast",)),
-        (of(GAIN, accepted=False), "named, but something is left", ("load_gain",)),
+        (of(GAIN, accepted=False), "named, but something is left", GAIN),
         (of(CONTRAST, accepted=False, explained=0.8), "unexplained", ("grain_contrast",)),
         (of(CONTRAST, explained=0.8), "named", ("grain_contrast",)),
-        (of(CONTRAST, DRIFT, GAIN), "unexplained", ("grain_contrast", "tilt_drift", "load_gain")),
+        (of(CONTRAST, DRIFT, GAIN), "unexplained", ("grain_contrast", "tilt_drift", *GAIN)),
         (of(CONTRAST, numerics="a finer mesh is needed"), "numerics", ("discretisation",)),
     ],
 )
@@ -63,9 +63,26 @@ def test_what_is_named_is_said_and_can_be_confirmed() -> None:
 
 def test_what_cannot_be_told_apart_is_said_with_the_check_of_each() -> None:
     found = of(GAIN)
-    assert f", or {SENTENCES['section_depth']}" in found.text
+    assert found.text.startswith(
+        f"Either {SENTENCES['load_gain']}, or {SENTENCES['section_depth']}"
+    )
     assert found.next.startswith("These data cannot tell load_gain or section_depth.")
     assert CHECKS["load_gain"] in found.next and CHECKS["section_depth"] in found.next
+
+
+@pytest.mark.parametrize("added", [(CONTRAST, GAIN), (GAIN, CONTRAST)])
+def test_a_cause_that_is_sure_stays_so_beside_a_set(added: tuple[Sequence[str], ...]) -> None:
+    found = of(*added)
+    assert found.kind == "one of this set" and found.sets == added
+    assert f"either {SENTENCES['load_gain']}, or" in found.text.lower()
+    assert f"either {SENTENCES['grain_contrast']}" not in found.text.lower()
+    assert f"Confirm grain_contrast: {CHECKS['grain_contrast']}." in found.next
+    assert "cannot tell load_gain or section_depth." in found.next
+
+
+def test_a_cause_that_was_added_beside_another_is_no_rival_of_it() -> None:
+    found = of(("load_gain", "tilt_drift"), DRIFT)
+    assert found.kind == "named" and found.sets == (("load_gain",), DRIFT)
 
 
 def test_what_is_left_is_said() -> None:

@@ -6,8 +6,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from driver.diagnosis.outcome import Step
 from driver.diagnosis.score import Score
-from driver.diagnosis.visible import not_seen
+from driver.diagnosis.visible import not_found, not_seen
 from solver_adapters.parameter import Parameter
 
 PARAMETERS = {
@@ -41,3 +42,39 @@ def test_a_cause_that_was_not_found_is_said_with_what_would_have_been_seen(
     scored: Score, said: str
 ) -> None:
     assert not_seen(scored, PARAMETERS).startswith(said)
+
+
+def round_of(lost: object = None, *refits: object) -> Step:
+    return cast(Step, SimpleNamespace(lost=lost, refits=refits))
+
+
+def seen(name: str = "shift") -> Score:
+    cause: Any = SimpleNamespace(name=name, parameters=("shift",), unseen="")
+    return cast(Score, SimpleNamespace(cause=cause, p=1e-3, visible=np.array([0.5])))
+
+
+def test_of_a_cause_that_is_seen_and_was_not_added_it_is_said_why() -> None:
+    one, other = seen(), seen("other")
+    weak, likely = (
+        SimpleNamespace(cause=s.cause, log_evidence=e) for s, e in ((one, 0.4), (other, 5))
+    )
+    begin = "seen here (p 0.001) and not added: "
+    for step, why in (
+        (round_of(object()), "the other finer mesh takes it away"),
+        (round_of(None, weak), "its refit has a log evidence of +0.4, and 1 is wanted"),
+        (round_of(), "no more causes were added"),
+        (round_of(None, likely), "others were more likely"),
+    ):
+        assert not_found(one, step, PARAMETERS) == begin + why
+    assert (
+        not_found(other, round_of(None, likely), PARAMETERS) == begin + "no more causes were added"
+    )
+
+
+def with_p(scored: Score, p: float) -> Score:
+    return cast(Score, SimpleNamespace(cause=scored.cause, visible=scored.visible, p=p))
+
+
+def test_of_a_cause_that_is_not_seen_it_is_said_from_where_on_it_would_be() -> None:
+    quiet = with_p(of(shift=0.5), 0.3)
+    assert not_found(quiet, round_of(), PARAMETERS) == not_seen(quiet, PARAMETERS)

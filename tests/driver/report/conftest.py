@@ -285,6 +285,7 @@ def diagnosis() -> dict[str, Any]:
     return {
         "verdict": "named",
         "causes": ["grain_contrast"],
+        "sets": [["grain_contrast"]],
         "text": "The two grains have different critical resolved shear stresses.",
         "next": "Confirm grain_contrast: nano-indentation of both grains.",
         "added": added,

@@ -173,8 +173,9 @@ def test_without_an_addition_one_model_is_shown(results: Results, tmp_path: Path
     gain = diagnosis["gain"] | {"share_of_excess_explained": None, "log_bayes_factor": 0.0}
     gain.pop("held_out")
     results.edit_diagnosis(
-        verdict="nothing wrong", causes=[], added={}, gain=gain, steps=diagnosis["steps"][1:],
-        extended=diagnosis["baseline"], text="What is left is noise.", next="Read the table.",
+        verdict="nothing wrong", causes=[], sets=[], added={}, gain=gain,
+        steps=diagnosis["steps"][1:], extended=diagnosis["baseline"],
+        text="What is left is noise.", next="Read the table.",
     )  # fmt: skip
     run_report(results.context(tmp_path / "work"))
     text = shown((tmp_path / "work" / "report.html").read_text("utf-8"))
@@ -185,10 +186,18 @@ def test_without_an_addition_one_model_is_shown(results: Results, tmp_path: Path
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_verdict_is_said_in_one_sentence(kind: str) -> None:
-    sentence = headline(kind, ["load_gain", "section_depth"])
+    sentence = headline(kind, [["load_gain", "section_depth"]])
     assert sentence.endswith(".") and "\n" not in sentence
     if kind.startswith(("named", "one of")):
         assert "load gain and depth of the section" in sentence
+
+
+def test_a_cause_that_is_sure_is_not_said_to_be_one_of_a_set_beside_it() -> None:
+    sentence = headline("one of this set", [["load_lag"], ["load_gain", "section_depth"]])
+    assert sentence == (
+        "Together these explain the misfit: load lag, and one of load gain and depth of the "
+        "section (these data cannot say which)."
+    )
 
 
 @pytest.mark.parametrize(
