@@ -107,7 +107,7 @@ def found(case: Path) -> None:
     print(f"verdict = {record['verdict']}: {', '.join(record['causes'])} (goal: grain_contrast)")
     deviations = {}
     for name, truth in TRUTH.items():
-        value, sigma = (record["extended"][name][key] for key in ("value", "sigma"))
+        value, sigma = (record["extended"]["values"][name][key] for key in ("value", "sigma"))
         deviations[name] = (value - truth) / sigma
         print(
             f"{name} = {value:.5g} ± {sigma:.2g} (truth {truth:g}, {deviations[name]:+.1f} sigma)"

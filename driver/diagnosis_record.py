@@ -94,8 +94,8 @@ def diagnosis_record(
         ],
         "not_found": _not_found(found, bench),
         "not_examined": {left.cause: left.why for left in found.not_examined},
-        "baseline": fitted(before) | {"reason": before.reason},
-        "extended": fitted(after) | {"reason": after.reason},
+        "baseline": {"values": fitted(before), **_end(before)},
+        "extended": {"values": fitted(after), **_end(after)},
         "steps": [_step_record(step, bench) for step in found.steps],
     }
     if decks is not None:
@@ -129,6 +129,10 @@ def _gain_record(
             "chi_image_after": found.held_out[1].chi_image,
         }
     return gain
+
+
+def _end(fit_: Fit) -> dict[str, Any]:
+    return {"converged": fit_.converged, "reason": fit_.reason}
 
 
 def _not_found(found: Diagnosis, bench: Workbench) -> dict[str, str]:

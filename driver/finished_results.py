@@ -150,8 +150,7 @@ def _identified(path: Path, sizes: dict[str, int]) -> tuple[FittedModel, dict[st
 def _extended(results: Path, model: FittedModel, sizes: dict[str, int]) -> FittedModel:
     path = results / DIAGNOSIS
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))["extended"]
-        fitted = {name: entry for name, entry in record.items() if name != "reason"}
+        fitted = json.loads(path.read_text(encoding="utf-8"))["extended"]["values"]
         values = {name: float(entry["value"]) for name, entry in fitted.items()}
         sigma = {name: float(entry["sigma"]) for name, entry in fitted.items()}
         units = {name: str(entry["unit"]) for name, entry in fitted.items()}

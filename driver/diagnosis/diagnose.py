@@ -23,7 +23,7 @@ from driver.diagnosis.preparation import loads_taken_back, prepared
 from driver.diagnosis.rounds import rounds
 from driver.diagnosis.score import Score
 from driver.diagnosis.screening import honoured, parameters_of_the_specimen, screened
-from driver.diagnosis.verdict import decide
+from driver.diagnosis.verdict import decide, with_doubts
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from driver.log import Log
@@ -98,6 +98,15 @@ def diagnose(
         {cause.name: cause.sentence for cause in every},
         {cause.name: cause.check for cause in every},
         share_described(final.uncounted, here.best, steps[-1].omnibus.left),
+    )
+    fits = {"identified": first.fit} | ({"extended": here} if causes else {})
+    verdict = with_doubts(
+        verdict,
+        [
+            f"the fit of the {name} model has not converged ({one.reason})"
+            for name, one in fits.items()
+            if not one.converged
+        ],
     )
     if uneven is not None and uneven.named:
         verdict = with_uneven_noise(verdict)

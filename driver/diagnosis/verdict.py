@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from driver.diagnosis.noise_causes import BOUNDARY_NOISE
@@ -101,6 +101,23 @@ def decide(
         )  # fmt: skip
     several = any(len(group) > 1 for group in sets)
     return Verdict("one of this set" if several else "named", sets, f"{said}.", do_next)
+
+
+def with_doubts(verdict: Verdict, unsettled: Sequence[str]) -> Verdict:
+    """A verdict that says which fits behind it have not converged.
+
+    Args:
+        verdict: the answer.
+        unsettled: each fit that has not converged, and why it ended.
+    """
+    if not unsettled:
+        return verdict
+    return replace(
+        verdict,
+        text=f"{verdict.text} Read this with care: {_list(unsettled)}.",
+        next="Let the fit converge: more identification.max_iterations, or better starts. "
+        + verdict.next,
+    )
 
 
 def _beside_each_other(added: Sequence[Sequence[str]]) -> tuple[tuple[str, ...], ...]:

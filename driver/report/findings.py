@@ -126,7 +126,7 @@ class Findings:
     def fitted_values(self, side: str) -> dict[str, float]:
         """Every parameter of the general model before or after."""
         record = self.diagnosis["baseline" if side == "before" else "extended"]
-        return self.values | {n: v["value"] for n, v in record.items() if n != "reason"}
+        return self.values | {n: v["value"] for n, v in record["values"].items()}
 
     def residual(self, side: str) -> FloatArray:
         """ρ in units of the standard deviation that noise alone gives it, shape (T, n_pix).

@@ -96,7 +96,7 @@ def free_chi_f(findings: Findings) -> float:
 
 def law_tiles(findings: Findings) -> list[Row]:
     """The parameters of the law as they came out, with their 95 % intervals."""
-    last = findings.diagnosis["extended" if findings.extended else "baseline"]
+    last = findings.diagnosis["extended" if findings.extended else "baseline"]["values"]
     tiles = []
     for name, found in findings.estimates.items():
         if name not in core((name,)) or name in LAMBDAS:

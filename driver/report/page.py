@@ -218,8 +218,9 @@ def checks(findings: Findings) -> list[Row]:
     ]
     for name, key in (("identified model", "baseline"), ("extended model", "extended")):
         if key == "baseline" or findings.extended:
-            reason = diagnosis[key]["reason"]
-            rows.append({"what": f"fit of the {name}", "passed": None, "text": f"ended: {reason}"})
+            end = diagnosis[key]
+            rows.append({"what": f"fit of the {name}", "passed": end["converged"],
+                         "text": f"ended: {end['reason']}"})  # fmt: skip
     return rows
 
 

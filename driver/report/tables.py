@@ -117,11 +117,9 @@ def added_rows(findings: Findings) -> list[Row]:
 
 def parameter_rows(findings: Findings) -> list[tuple[str, list[Row]]]:
     """Groups of parameters with start, value before and after, and their shift in σ."""
-    before, after = findings.diagnosis["baseline"], findings.diagnosis["extended"]
+    before, after = (findings.diagnosis[fit_]["values"] for fit_ in ("baseline", "extended"))
     groups: dict[str, list[Row]] = {}
     for name in dict.fromkeys((*before, *after)):
-        if name == "reason":
-            continue
         unit = (before.get(name) or after[name])["unit"]
         factor, shown = reading_unit(name, unit)
         start = findings.start_of(name)

@@ -137,9 +137,8 @@ class Results:
             "elongation_2": {"value": 0.057, "sigma": 1e-3, "unit": "µm"},
             "tau0_grain2": {"value": 1.15, "sigma": 0.02, "unit": ""},
             "tilt_drift": {"value": 1e-3, "sigma": 1e-4, "unit": ""},
-            "reason": "the Newton decrement is 0.01 σ",
         }
-        (self.folder / "diagnosis.json").write_text(json.dumps({"extended": extended}))
+        (self.folder / "diagnosis.json").write_text(json.dumps({"extended": {"values": extended}}))
         write_med(coarse_mesh(), self.folder / "mesh.med")
         write_vtu(coarse_mesh(), self.folder / "mesh.vtu")
         self.record("mesh", "measure", "identify", "diagnose")

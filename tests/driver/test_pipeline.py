@@ -231,7 +231,7 @@ def test_boundary_noise_and_the_order_of_the_paper_go_through_to_the_diagnosis(
     assert found["jitter/load"].shape == (44, 44) and len(found["values"]) == 3
     assert len(found["starts/cost"]) == 2 and found["starts/tau0"][0] > 0
     record = json.loads((copied.results / "diagnosis.json").read_text("utf-8"))
-    assert set(record["baseline"]) == {"tau0", "c", "d", "reason"}
+    assert set(record["baseline"]["values"]) == {"tau0", "c", "d"}
 
 
 def test_a_parameter_that_nothing_sees_ends_the_run_in_one_sentence(copied: Run) -> None:
@@ -278,7 +278,9 @@ def test_the_extended_case_stands_by_itself(copied: Run) -> None:
     run_stages(again, pipeline.stages(case), "diagnose", report=lines.append)
     record = json.loads((copied.results / "results" / "diagnosis.json").read_text("utf-8"))
     assert record["verdict"] == "nothing wrong"
-    assert record["baseline"]["stretch_curvature"]["value"] == pytest.approx(CURVATURE, abs=0.01)
+    assert record["baseline"]["values"]["stretch_curvature"]["value"] == pytest.approx(
+        CURVATURE, abs=0.01
+    )
 
 
 def test_a_changed_diagnosis_reruns_nothing_before_it(copied: Run) -> None:

@@ -130,5 +130,5 @@ def test_a_sound_model_gets_nothing_wrong_and_the_true_law(diagnosed: Diagnose) 
         law = {"tau0": truth.material.tau0_MPa, "c": truth.material.c_MPa, "d": truth.material.d}
         law["lambda_plus_Y"] = truth.boundary.lambda_start.plus_Y
         for name, value in law.items():
-            fitted = found["baseline"][name]
+            fitted = found["baseline"]["values"][name]
             assert abs(fitted["value"] - value) < 4 * fitted["sigma"]

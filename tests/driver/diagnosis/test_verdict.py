@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import pytest
 
 from driver.diagnosis.causes import LIBRARY
-from driver.diagnosis.verdict import MOST_ADDITIONS, Verdict, decide
+from driver.diagnosis.verdict import MOST_ADDITIONS, Verdict, decide, with_doubts
 
 SENTENCES = {cause.name: cause.sentence for cause in LIBRARY}
 CHECKS = {cause.name: cause.check for cause in LIBRARY}
@@ -103,3 +103,12 @@ def test_where_nothing_is_named_only_what_was_tried_is_spoken_of() -> None:
 def test_a_coarse_simulation_says_what_it_needs() -> None:
     found = of(CONTRAST, numerics="a mesh half as large is needed")
     assert "a mesh half as large is needed." in found.text
+
+
+def test_a_fit_that_has_not_converged_is_told_with_the_answer() -> None:
+    answer = of(CONTRAST)
+    assert with_doubts(answer, []) == answer
+    told = with_doubts(answer, ["the fit of the extended model has not converged (2 σ)"])
+    assert told.kind == answer.kind and told.sets == answer.sets
+    assert told.text.startswith(answer.text) and told.text.endswith("not converged (2 σ).")
+    assert told.next.startswith("Let the fit converge") and told.next.endswith(answer.next)

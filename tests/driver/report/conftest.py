@@ -193,13 +193,14 @@ def _fitted(extra: Iterable[tuple[str, Any]] = ()) -> dict[str, Any]:
         name: {"value": values[name], "sigma": sigmas[name], "unit": declared[name].unit}
         for name in (*LAMBDAS, *_knot_names(), *LAW)
     }
-    return record | dict(extra) | {"reason": "the Newton decrement is 0.04 σ"}
+    end = {"converged": True, "reason": "the Newton decrement is 0.04 σ"}
+    return {"values": record | dict(extra), **end}
 
 
 def _write_identified(folder: Path) -> None:
     names = [*LAMBDAS, *_knot_names(), *LAW]
     declared = declared_parameters(len(KNOTS) + 1)
-    fitted = _fitted()
+    fitted = _fitted()["values"]
     correlation = np.eye(len(names))
     correlation[-1, -2] = correlation[-2, -1] = -0.93
     sigmas = [fitted[n]["sigma"] / declared[n].slope(fitted[n]["value"]) for n in names]
