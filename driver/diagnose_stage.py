@@ -18,6 +18,7 @@ from driver.diagnosis.noise_causes import COVARIANCE_PARAMETERS, NOISE_RATIO
 from driver.diagnosis.outcome import Diagnosis, Settings
 from driver.diagnosis.own_causes import own_causes
 from driver.diagnosis.screening import screened
+from driver.diagnosis.whereabouts import told, whereabouts
 from driver.diagnosis_record import DIAGNOSIS, DIAGNOSIS_H5, diagnosis_record
 from driver.errors import InputError, sentence
 from driver.extended_case import (
@@ -41,6 +42,7 @@ from driver.identify_stage import (
 from driver.log import Log
 from driver.measure_stage import MEASURE
 from driver.results import read_hdf5, write_hdf5
+from driver.specimen import geometry_of
 from driver.stages import StageContext
 from driver.workbench import Workbench, on_another_mesh
 from solver_adapters.interface import SolverError
@@ -98,7 +100,9 @@ def run_diagnose(context: StageContext) -> None:
         error_budget(bench, found.baseline.best, free_chi),
         error_budget(bench, found.extended.best, free_chi),
     )
-    record = diagnosis_record(found, bench, budgets, decks, telling)
+    where = whereabouts(found, geometry_of(case), bench.experiment.history)
+    context.log(f"  {told(where)}")
+    record = diagnosis_record(found, bench, budgets, decks, telling, where)
     (context.workdir / DIAGNOSIS).write_text(
         json.dumps(record, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
     )

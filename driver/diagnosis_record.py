@@ -12,6 +12,7 @@ from driver.diagnosis.omnibus import Omnibus
 from driver.diagnosis.outcome import Diagnosis, Step
 from driver.diagnosis.score import Score
 from driver.diagnosis.visible import not_found
+from driver.diagnosis.whereabouts import Excess, Whereabouts, told
 from driver.extended_case import added_parameters
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation
@@ -39,6 +40,7 @@ def diagnosis_record(
     budgets: tuple[Budget, Budget],
     decks: Mapping[str, str | None] | None,
     telling: Sequence[Telling],
+    where: Whereabouts,
 ) -> dict[str, Any]:
     """What `diagnosis.json` holds.
 
@@ -49,6 +51,7 @@ def diagnosis_record(
         decks: of the extended model by solver: None where it was written, else why it was not.
             None where nothing was added.
         telling: the changes of the experiment that would part the causes of a set.
+        where: where and when the fits miss the data.
     """
     parameters = bench.objective.parameters
     added = {
@@ -75,6 +78,11 @@ def diagnosis_record(
         "next": found.verdict.next,
         "added": {n: fitted(after)[n] for n in added_parameters(found)} | added,
         "flips": [cause.name for cause in found.causes if cause in FLIPS],
+        "whereabouts": {
+            "text": told(where),
+            "before": [_excess_record(one) for one in where.before],
+            "after": [_excess_record(one) for one in where.after],
+        },
         "gain": _gain_record(found, bench, budgets),
         "numerics": {
             "effect_sigma": found.gate.effect,
@@ -129,6 +137,10 @@ def _gain_record(
             "chi_image_after": found.held_out[1].chi_image,
         }
     return gain
+
+
+def _excess_record(one: Excess) -> dict[str, Any]:
+    return {"place": one.place, "phase": one.phase, "misfit_sigma": one.misfit, "p_family": one.p}
 
 
 def _end(fit_: Fit) -> dict[str, Any]:

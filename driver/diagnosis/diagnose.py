@@ -114,6 +114,7 @@ def diagnose(
         levels |= {NOISE_RATIO.name: (uneven.ratio, uneven.sigma)}
     return Diagnosis(
         baseline=first.fit,
+        baseline_objective=first.objective,
         extended=here,
         objective=current,
         bad_loads=tuple(one for one in begin.bad if one.frame in current.data.bad_loads),

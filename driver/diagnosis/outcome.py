@@ -88,6 +88,7 @@ class Diagnosis:
     Attributes:
         baseline: the fit that was examined: the one given, refitted without the loads that are
             wrong one by one and with the noise that the others have.
+        baseline_objective: its objective.
         extended: the fit with the causes that were added (the baseline where there are none).
         objective: the objective of the extended fit.
         bad_loads: the loads that were left out.
@@ -105,6 +106,7 @@ class Diagnosis:
     """
 
     baseline: Fit
+    baseline_objective: Objective
     extended: Fit
     objective: Objective
     bad_loads: tuple[BadLoad, ...]

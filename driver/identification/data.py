@@ -136,6 +136,20 @@ class Data:
             parts.insert(0, self._whiten_loads(load[self.load_index]))
         return self._whiten_jitter(np.concatenate(parts))
 
+    def shape_changes(self, shapes: FloatArray, course: FloatArray) -> FloatArray:
+        """Whitened effect of motions that keep their shapes, to first order, shape (k, n).
+
+        Args:
+            shapes: motions at the pixels [µm], shape (k, n_pix, 3).
+            course: how large they are in each frame, shape (T_all,).
+        """
+        over_time = course[self.index[self.with_image], None]
+        z = over_time * self.image.pixel_sensitivity(shapes)[:, None, :]
+        parts = [self._whiten_images(z).reshape(len(shapes), -1)]
+        if self.with_loads:
+            parts.insert(0, np.zeros((len(shapes), self.n_load)))
+        return self._whiten_jitter(np.concatenate(parts, axis=1))
+
     def image_part(self, residual: FloatArray) -> FloatArray:
         """The image part of a residual, of the images that are fitted, shape (T, n_z)."""
         return residual[self.n_load :].reshape(-1, self.image.n_z)

@@ -13,7 +13,7 @@ from driver.report.identified_texts import identification, law_tiles
 from driver.report.measured_texts import texts
 from driver.report.references import REFERENCES
 from driver.report.style import INDEXED, data_uri
-from driver.report.tables import added_rows, cause_rows, measure, parameter_rows
+from driver.report.tables import added_rows, cause_rows, measure, parameter_rows, whereabouts_rows
 from driver.wording import cause_label, chi, joined, label, number, probability, readable
 from templates import render
 
@@ -57,6 +57,7 @@ def report_page(
     said = [readable(text, causes) for text in verdict_texts(diagnosis)]
     if findings.extended:
         said.append(gain_text(diagnosis))
+    places, phases = whereabouts_rows(diagnosis["whereabouts"])
     shifts = parameter_rows(findings) if findings.extended else []
     page = render(
         TEMPLATE,
@@ -74,6 +75,9 @@ def report_page(
         tiles=tiles(diagnosis),
         checks=checks(findings),
         facts=facts(findings),
+        whereabouts=diagnosis["whereabouts"]["text"],
+        places=places,
+        phases=phases,
         measured=texts(findings.motion),
         untried=untried(findings),
         rounds=[

@@ -7,6 +7,7 @@ from typing import Any
 
 from driver.boundary import LAMBDAS
 from driver.diagnosis.noise_causes import COVARIANCE_PARAMETERS
+from driver.diagnosis.omnibus import FAMILY_LEVEL
 from driver.report.evidence_figures import signed_evidence
 from driver.report.findings import Findings
 from driver.wording import (
@@ -137,6 +138,31 @@ def parameter_rows(findings: Findings) -> list[tuple[str, list[Row]]]:
     order = ("Law", "Added", "Apex amplitudes", "Elongation knots", "Tilt knots",
              "Instrument and geometry")  # fmt: skip
     return [(group, groups[group]) for group in order if group in groups]
+
+
+def whereabouts_rows(where: Mapping[str, Any]) -> tuple[list[str], list[Row]]:
+    """Places as columns, and a row for each phase: misfit before → after, and whether it is seen.
+
+    Args:
+        where: `whereabouts` of `diagnosis.json`.
+    """
+    before, after = (
+        {(one["place"], one["phase"]): one for one in where[side]} for side in ("before", "after")
+    )
+    places = list(dict.fromkeys(place for place, _ in before))
+
+    def cell(key: tuple[str, str]) -> Row:
+        ends = [side[key] for side in (before, after) if key in side]
+        return {
+            "text": " → ".join(f"{one['misfit_sigma']:.1f}" for one in ends) or "–",
+            "seen": bool(ends) and ends[-1]["p_family"] < FAMILY_LEVEL,
+        }
+
+    phases = list(dict.fromkeys(phase for _, phase in before))
+    rows = [
+        {"phase": phase, "cells": [cell((place, phase)) for place in places]} for phase in phases
+    ]
+    return [place.removeprefix("the ") for place in places], rows
 
 
 def _group(name: str, added: Mapping[str, Any]) -> str:

@@ -290,6 +290,13 @@ def diagnosis() -> dict[str, Any]:
         "text": "The two grains have different critical resolved shear stresses.",
         "next": "Confirm grain_contrast: nano-indentation of both grains.",
         "added": added,
+        "whereabouts": {
+            "text": "The identified model misses what the images show most at grain 2.",
+            "before": [_excess("grain 2", "unloading", 12.3, 1e-9),
+                       _excess("the loads", "unloading", 0.4, 1.0)],
+            "after": [_excess("grain 2", "unloading", 5.1, 1e-4),
+                      _excess("the loads", "unloading", 0.0, 1.0)],
+        },
         "gain": {
             "share_of_excess_explained": 0.987,
             "log_bayes_factor": 312.4,
@@ -328,6 +335,10 @@ def diagnosis() -> dict[str, Any]:
             },
         ],
     }  # fmt: skip
+
+
+def _excess(place: str, phase: str, misfit: float, p: float) -> dict[str, Any]:
+    return {"place": place, "phase": phase, "misfit_sigma": misfit, "p_family": p}
 
 
 def _causes(refitted: Sequence[str], without: Sequence[str]) -> list[dict[str, Any]]:

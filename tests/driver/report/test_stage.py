@@ -168,12 +168,23 @@ def test_only_files_that_are_there_are_listed(page: str) -> None:
     assert "mesh_fine.med" not in page
 
 
+def test_where_and_when_the_models_miss_the_data_is_a_table(
+    results: Results, tmp_path: Path
+) -> None:
+    run_report(results.context(tmp_path / "work"))
+    page = (tmp_path / "work" / "report.html").read_text("utf-8")
+    assert "The identified model misses what the images show most at grain 2." in shown(page)
+    assert "σ beyond noise grain 2 loads unloading 12.3 → 5.1 0.4 → 0.0" in shown(page)
+    assert "<b>12.3 → 5.1</b>" in page and "<b>0.4" not in page
+
+
 def test_without_an_addition_one_model_is_shown(results: Results, tmp_path: Path) -> None:
     diagnosis = json.loads((results.results / "diagnosis.json").read_text("utf-8"))
     gain = diagnosis["gain"] | {"share_of_excess_explained": None, "log_bayes_factor": 0.0}
     gain.pop("held_out")
+    where = diagnosis["whereabouts"] | {"after": []}
     results.edit_diagnosis(
-        verdict="nothing wrong", causes=[], sets=[], added={}, gain=gain,
+        verdict="nothing wrong", causes=[], sets=[], added={}, gain=gain, whereabouts=where,
         steps=diagnosis["steps"][1:], extended=diagnosis["baseline"],
         text="What is left is noise.", next="Read the table.",
     )  # fmt: skip
