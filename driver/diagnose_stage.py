@@ -30,7 +30,8 @@ from driver.extended_case import (
     write_noise_map,
 )
 from driver.extended_decks import DECKS, write_decks
-from driver.identification.fit import Fit
+from driver.identification.fit import Fit, fit
+from driver.identification.objective import Evaluation
 from driver.identified_record import IDENTIFY, value_told
 from driver.identify_stage import (
     error_budget,
@@ -75,6 +76,12 @@ def run_diagnose(context: StageContext) -> None:
     objective, wide = objective.reading_pattern_along(wide)
     bench = replace(bench, finer=replace(bench.finer, pattern=objective.model.pattern))
     baseline = Fit(objective.restrict(wide, free), converged, reason, ())
+    known: Evaluation | None = wide
+    if held := [name for name in bench.plan.every if name not in free]:
+        # An error of a held knot would be found as one of the model.
+        context.log(f"fitted again with what the identification held: {', '.join(held)}")
+        baseline = fit(objective, values, bench.plan.every, bench.plan.most, context.log)
+        known = None
     cycles = bench.experiment.history.cycle
     settings = Settings(
         wanted=wanted,
@@ -88,7 +95,7 @@ def run_diagnose(context: StageContext) -> None:
     )
     found = diagnose(
         baseline, objective, FinerMeshes(bench.finer, lambda: on_another_mesh(case, bench)),
-        cycles, settings, context.log, wide,
+        cycles, settings, context.log, known,
     )  # fmt: skip
     telling = _telling(found, context, bench)
     if telling:

@@ -69,7 +69,12 @@ class Plan:
         """Names of the free parameters of a stage."""
         if self.order == "paper":
             return LAMBDAS if stage == "A" else self.law
-        return (*self.knots, *self.law) if stage == "B" else (*LAMBDAS, *self.knots, *self.law)
+        return (*self.knots, *self.law) if stage == "B" else self.every
+
+    @property
+    def every(self) -> tuple[str, ...]:
+        """Names of all that can be free in a stage, or is where the order is joint."""
+        return (*LAMBDAS, *self.knots, *self.law)
 
 
 @dataclass(frozen=True, eq=False)

@@ -231,7 +231,9 @@ def test_boundary_noise_and_the_order_of_the_paper_go_through_to_the_diagnosis(
     assert found["jitter/load"].shape == (44, 44) and len(found["values"]) == 3
     assert len(found["starts/cost"]) == 2 and found["starts/tau0"][0] > 0
     record = json.loads((copied.results / "diagnosis.json").read_text("utf-8"))
-    assert set(record["baseline"]["values"]) == {"tau0", "c", "d"}
+    # What the identification held is free again: an error of a knot is none of the model.
+    baseline = record["baseline"]["values"]
+    assert {"tau0", "c", "d", "lambda_plus_Y", "elongation_1", "tilt_1"} <= set(baseline)
 
 
 def test_a_parameter_that_nothing_sees_ends_the_run_in_one_sentence(copied: Run) -> None:
