@@ -138,5 +138,5 @@ class BoundaryMotion:
         motion[:, :, 2] = np.outer(half_tilt, shape_Z)
         faces = EndFaces(self.side, self.zeta, self.across, 2 * half_stretch, 2 * half_tilt)
         for term in self.terms:
-            motion = motion + values[term.parameter.name] * term.motion(faces)
+            motion = motion + values[term.parameter.name] * term.displacement(faces)
         return motion

@@ -19,7 +19,7 @@ from driver.case_tables.material import MaterialTable
 from driver.case_tables.solver import Execution, Solver
 from driver.case_tables.specimen import Grain, Orientation, Specimen
 from driver.case_tables.values import Number, Table, Vector
-from driver.errors import InputError
+from driver.errors import InputError, one_of
 from driver.model import declared_parameters
 from driver.surface_view import POSE_DECLARATIONS
 from driver.toml_files import read_toml
@@ -116,7 +116,9 @@ class Case(Table):
         ]
         for name, value in self.extensions.items():
             if name not in known:
-                raise refusal("one of " + ", ".join(known), "extensions", f'the name "{name}"')
+                fitted = "a parameter that is not fitted in any case"
+                expected = fitted if name in taken else one_of(name, known)
+                raise refusal(expected, "extensions", f'the name "{name}"')
             lower, upper = declared[name].lower, declared[name].upper
             if not lower <= value <= upper:
                 raise refusal(

@@ -100,7 +100,10 @@ def run(
     cases: Annotated[
         list[Path], typer.Argument(metavar="CASE...", parser=_path, help="cases or folders")
     ],
-    until: Annotated[str | None, typer.Option(help="last stage to run")] = None,
+    until: Annotated[
+        str | None,
+        typer.Option(help="last stage to run: mesh, measure, identify, diagnose or report"),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="run finished stages again")] = False,
     prepare_only: Annotated[
         bool,
@@ -229,7 +232,8 @@ def _told_in_one_line() -> Iterator[None]:
     except PreparedError:
         raise  # what was asked for, no mistake
     except (InputError, ImageError, SolverError, SystemLibraryError, OSError) as error:
-        typer.echo(f"prismid: {error}", err=True)
+        told = " ".join(str(error).split()) if isinstance(error, OSError) else error
+        typer.echo(f"prismid: {told}", err=True)
         raise typer.Exit(1) from None
 
 

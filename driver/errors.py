@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 
 
@@ -21,7 +23,15 @@ def sentence(path: Path, place: str, found: str, expected: str) -> str:
     return f"{path}: {place}: found {found}, expected {expected}"
 
 
-def why(error: Exception) -> str:
+def one_of(found: str, known: Sequence[str]) -> str:
+    """What is expected in place of a name that is none of those known: like ones, else all."""
+    near = get_close_matches(found, known)
+    if near:
+        return f"{' or '.join(near)}, or another of the {len(known)} names in the documentation"
+    return f"one of {', '.join(known)}"
+
+
+def why(error: BaseException) -> str:
     """What the system or a library said, without the path that the sentence names anyway."""
     said = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return f"“{' '.join(said.split()) or type(error).__name__}”"

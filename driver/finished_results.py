@@ -21,7 +21,7 @@ from driver.mesh_stage import MESH
 from driver.paraview import FittedModel
 from driver.pipeline import stages
 from driver.results import damaged, read_hdf5
-from driver.stages import RESULTS, Record, is_done, read_record, stage_key
+from driver.stages import RESULTS, finished, read_record
 from meshes.files import read_med
 from meshes.prism_mesh import PrismMesh
 
@@ -81,13 +81,13 @@ def read_finished(case_path: Path, case: Case) -> FinishedResults:
     """
     results = case_path.parent / RESULTS
     record = read_record(results)
-    diagnosed = _finished(case_path, case, results, record)
+    done = finished(case_path, case, stages(case), _NEEDED, ExportError)
     sizes = {"2": 2, "3": 3}
     measured = read_hdf5(results / MEASURE)
     _expect(results / MEASURE, measured, _MEASURED, sizes)
     identified, start = _identified(results / IDENTIFY, sizes)
     models = [identified]
-    if diagnosed:
+    if _OPTIONAL in done:
         models.append(_extended(results, identified, sizes))
     mesh = _mesh(results / MESH)
     if read_record(results) != record:
@@ -98,30 +98,6 @@ def read_finished(case_path: Path, case: Case) -> FinishedResults:
             )
         )  # fmt: skip
     return FinishedResults(mesh, measured, tuple(models), start)
-
-
-def _finished(case_path: Path, case: Case, results: Path, record: Record) -> bool:
-    """Whether the diagnosis is finished, too."""
-    key = ""
-    for stage in stages(case):
-        key = stage_key(stage, case, key)
-        done = record.get(stage.name)
-        if is_done(done, key, results):
-            if stage.name == _OPTIONAL:
-                return True
-        elif stage.name in _NEEDED:
-            there = done is not None and is_done(done, done["key"], results)
-            found = "results of another state of the case or its files" if there else "no results"
-            raise ExportError(
-                sentence(
-                    results,
-                    f"stage {stage.name}",
-                    found,
-                    f"those of the case as it is (`prismid run {case_path} --until "
-                    f"{_NEEDED[-1]}` makes them)",
-                )
-            )
-    return False
 
 
 def _identified(path: Path, sizes: dict[str, int]) -> tuple[FittedModel, dict[str, float]]:

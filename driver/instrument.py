@@ -72,7 +72,7 @@ class Instrument:
             + values["load_drift"] * self.progress
         )
         for term in self.terms:
-            read = read + values[term.parameter.name] * term.reading(force, self.progress)
+            read = read + values[term.parameter.name] * term.load(force, self.progress)
         return read
 
     def appearance(self, motion: FloatArray, values: Mapping[str, float]) -> FloatArray:
@@ -101,7 +101,7 @@ class Instrument:
             return self.reading_rate(force, rate, values)
         for term in self.terms:
             if name == term.parameter.name:
-                return np.asarray(term.reading(force, self.progress), dtype=np.float64)
+                return np.asarray(term.load(force, self.progress), dtype=np.float64)
         return np.ones_like(force) if name == "load_offset" else self.progress
 
     def appearance_derivative(self, name: str, motion: FloatArray) -> FloatArray:

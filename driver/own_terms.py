@@ -13,7 +13,7 @@ from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,18 @@ GROUP = "prismid.terms"
 _TINY = 1e-30  # complex step
 _STEP = 1e-5  # of differences
 _ALIKE = 1e-3  # of the largest value, within which both derivatives are the same
+_INSTANTS = 60  # at which a formula is tried
+_TEXTS = (("name", str, "a text"), ("unit", str, "a text"))
+_NUMBERS = tuple((key, int | float, "a number") for key in ("null", "scale", "lower", "upper"))
+
+
+class TermError(InputError):
+    """A formula that cannot be evaluated, named by its parameter."""
+
+    def __init__(self, name: str, found: str, expected: str) -> None:
+        """Say what was found of it, and what was expected."""
+        super().__init__(f"{GROUP}: {name}: found {found}, expected {expected}")
+        self.found, self.expected = found, expected
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +76,14 @@ class BoundaryTerm:
     parameter: Parameter
     motion: Callable[[EndFaces], Field]
 
+    def displacement(self, faces: EndFaces) -> Field:
+        """The motion of these end faces [µm], shape (T, n, 3).
+
+        Raises:
+            TermError: the formula does not give it.
+        """
+        return _checked(self, (faces,), (len(faces.stretch), len(faces.side), 3))
+
 
 @dataclass(frozen=True)
 class ReadingTerm:
@@ -78,6 +98,14 @@ class ReadingTerm:
 
     parameter: Parameter
     reading: Callable[[Field, FloatArray], Field]
+
+    def load(self, force: Field, progress: FloatArray) -> Field:
+        """What is added to the reading of this force [µN], shape (T,).
+
+        Raises:
+            TermError: the formula does not give it.
+        """
+        return _checked(self, (force, progress), progress.shape)
 
 
 @lru_cache(maxsize=1)
@@ -128,7 +156,7 @@ def _name(point: EntryPoint) -> str:
 def _load(point: EntryPoint) -> BoundaryTerm | ReadingTerm:
     try:
         term = point.load()
-    except Exception as error:  # whatever the code of a package raises as it is imported
+    except (Exception, SystemExit) as error:  # whatever code raises as it is imported
         raise _refused(point, why(error), "an entry point that can be loaded") from None
     if not isinstance(term, BoundaryTerm | ReadingTerm):
         raise _refused(point, type(term).__name__, "a BoundaryTerm or a ReadingTerm")
@@ -145,6 +173,9 @@ def _check_parameter(point: EntryPoint, parameter: Parameter) -> None:
     """Refuse a parameter that cannot be freed about a null of 0."""
     if not isinstance(parameter, Parameter):
         raise _refused(point, f"a parameter of the type {type(parameter).__name__}", "a Parameter")
+    for key, kind, what in (*_TEXTS, *_NUMBERS):
+        if not isinstance(value := getattr(parameter, key), kind) or isinstance(value, bool):
+            raise _refused(point, f"the {key} {value!r} of its parameter", what)
     knot = re.fullmatch(r"(elongation|tilt)_\d+", parameter.name)
     if knot or not re.fullmatch(r"[A-Za-z]\w*", parameter.name):
         expected = "letters, digits and _ that name no knot"
@@ -165,33 +196,54 @@ def _check_formula(point: EntryPoint, term: BoundaryTerm | ReadingTerm) -> None:
 
     It is tried on invented ends and loads: a derivative by a complex step against differences.
     """
-    kind = "motion" if isinstance(term, BoundaryTerm) else "reading"
-    shape = (3, 4, 3) if kind == "motion" else (3,)
     values = []
     for step in (0.0, _STEP, -_STEP, 1j * _TINY):
         try:
-            value = np.asarray(_tried(term, 1.0 + step))
-        except Exception as error:  # whatever the formula raises
-            raise _refused(point, f"a {kind} that ends with {why(error)}", "a formula") from None
-        if value.shape != shape:
-            of = "(T, n, 3)" if kind == "motion" else "(T,)"
-            found = f"a {kind} of shape {value.shape} in place of {shape}"
-            raise _refused(point, found, f"one of shape {of}")
-        if value.dtype.kind not in "iufc" or not np.isfinite(value).all():
-            raise _refused(point, f"a {kind} that is not finite", "numbers")
-        values.append(value)
+            values.append(_tried(term, 1.0 + step))
+        except TermError as error:
+            raise _refused(point, error.found, error.expected) from None
     slope = np.real(values[1] - values[2]) / (2 * _STEP)
     exact = np.imag(values[3]) / _TINY
     size = max(float(np.abs(slope).max()), float(np.abs(values[0]).max()))
     if np.abs(exact - slope).max() > _ALIKE * size:
-        found = f"a {kind} whose derivative is lost with complex numbers"
+        found = f"a {_kind(term)} whose derivative is lost with complex numbers"
         raise _refused(point, found, "a formula through which they go (no abs, no real part)")
 
 
 def _tried(term: BoundaryTerm | ReadingTerm, factor: complex) -> Field:
+    """Of ends and loads that are invented, the unloaded instant among them."""
+    progress = np.linspace(0.0, 1.0, _INSTANTS)
     if isinstance(term, ReadingTerm):
-        return term.reading(np.array([110.0, 480.0, 730.0]) * factor, np.array([0.1, 0.5, 0.9]))
+        return term.load(730.0 * np.sqrt(progress) * factor, progress)
     side, zeta = np.array([1.0, 1.0, -1.0, -1.0]), np.array([0.0, 1.0, 0.0, 1.0])
-    stretch, tilt = np.array([0.03, 0.11, 0.07]), np.array([0.004, 0.019, 0.011])
     across = np.array([0.9, 0.0, -0.8, 0.0])
-    return term.motion(EndFaces(side, zeta, across, stretch * factor, tilt * factor))
+    stretch, tilt = 0.11 * np.sin(4.0 * progress), 0.019 * progress
+    faces = EndFaces(side, zeta, across, stretch * factor, tilt * factor)
+    return term.displacement(faces)
+
+
+def _kind(term: BoundaryTerm | ReadingTerm) -> str:
+    return "motion" if isinstance(term, BoundaryTerm) else "reading"
+
+
+def _checked(
+    term: BoundaryTerm | ReadingTerm, of: tuple[Any, ...], shape: tuple[int, ...]
+) -> Field:
+    """What a formula makes of its arguments.
+
+    Raises:
+        TermError: it raises anything, or what it returns is not finite or of another shape.
+    """
+    kind, name = _kind(term), term.parameter.name
+    formula = term.motion if isinstance(term, BoundaryTerm) else term.reading
+    try:
+        value = np.asarray(formula(*of))
+    except (Exception, SystemExit) as error:  # whatever the formula raises
+        raise TermError(name, f"a {kind} that ends with {why(error)}", "a formula") from None
+    if value.shape != shape:
+        named = "(T, n, 3)" if kind == "motion" else "(T,)"
+        found = f"a {kind} of shape {value.shape} in place of {shape}"
+        raise TermError(name, found, f"one of shape {named}")
+    if value.dtype.kind not in "iufc" or not np.isfinite(value).all():
+        raise TermError(name, f"a {kind} that is not finite", "numbers")
+    return value

@@ -26,6 +26,7 @@ from driver.stages import (
     Stage,
     StageError,
     diagnosed_files,
+    finished,
     identified_files,
     measured_files,
     run_stages,
@@ -54,8 +55,8 @@ def stages(case: Case) -> Sequence[Stage]:
         Stage("mesh", "1", _MESH, run_mesh),
         Stage("measure", "6", _MEASURE, run_measure, measured_files),
         Stage("identify", "6", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
-        Stage("diagnose", "4", ("diagnosis",), run_diagnose, diagnosed_files),
-        Stage("report", "6", _REPORT, run_report, measured_files),
+        Stage("diagnose", "5", ("diagnosis",), run_diagnose, diagnosed_files),
+        Stage("report", "7", _REPORT, run_report, measured_files),
     )
 
 
@@ -94,7 +95,7 @@ def report(case_path: Path) -> None:
     """Write the report page anew from the results that are there.
 
     Raises:
-        StageError: there is no diagnosis yet, or no identification where there are no images.
+        StageError: a stage before it has no results, or such as are of another state of the case.
     """
     case = load_case(case_path)
     needed = case_path.parent / RESULTS / (DIAGNOSIS if case.with_images else IDENTIFY)
@@ -102,4 +103,6 @@ def report(case_path: Path) -> None:
         raise StageError(
             sentence(needed, "file", "nothing", f"the results of `prismid run {case_path}`")
         )
-    run_stages(case_path, stages(case)[-1:], None, True, print)
+    *before, last = stages(case)
+    finished(case_path, case, (*before, last), [stage.name for stage in before])
+    run_stages(case_path, [last], None, True, print)

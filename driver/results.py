@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
@@ -43,7 +44,9 @@ def write_hdf5(
         arrays: value and unit by dataset name ("group/name" makes groups).
         texts: text attributes of the file.
     """
-    with h5py.File(path, "w") as file:
+    # Written at once: of a disk that is full HDF5 makes an end without a word.
+    whole = io.BytesIO()
+    with h5py.File(whole, "w") as file:
         file.attrs["prismid"] = prismid_version()
         file.attrs["written"] = datetime.now(UTC).isoformat(timespec="seconds")
         for name, text in (texts or {}).items():
@@ -53,6 +56,7 @@ def write_hdf5(
             compression = "gzip" if array.size > 1000 else None
             dataset = file.create_dataset(name, data=array, compression=compression)
             dataset.attrs["unit"] = unit
+    path.write_bytes(whole.getbuffer())
 
 
 def read_hdf5(path: Path) -> dict[str, Array]:

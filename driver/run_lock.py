@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from driver.errors import InputError
+from driver.errors import InputError, sentence, why
 
 LOCK = "run.lock"
 
@@ -30,8 +30,14 @@ def sole_run(results: Path) -> Iterator[None]:
 
     Raises:
         BusyError: another run holds it.
+        InputError: no file can be written there.
     """
-    with (results / LOCK).open("a+", encoding="utf-8") as file:
+    try:
+        opened = (results / LOCK).open("a+", encoding="utf-8")
+    except OSError as error:
+        expected = "a folder that can be written"
+        raise InputError(sentence(results, "folder", why(error), expected)) from None
+    with opened as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -8,14 +8,14 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TypedDict
+from typing import NotRequired, TypedDict
 
 from driver.case import Case, load_case
-from driver.errors import InputError
+from driver.errors import InputError, sentence, why
 from driver.images.files import split_dataset
 from driver.log import Log
 from driver.own_terms import files_of_terms, installed_terms
@@ -23,6 +23,7 @@ from driver.run_lock import sole_run
 
 RESULTS = "results"
 _RECORD = "stages.json"
+_READ_BACK = (".h5", ".json", ".med")  # results that later stages read; others may be edited
 
 
 class StageError(InputError):
@@ -85,10 +86,14 @@ class Stage:
 
 
 class Done(TypedDict):
-    """What is kept of a finished stage: key, names of its results, when it ended, how long."""
+    """What is kept of a finished stage.
+
+    Its key, names of its results, hashes of those that later stages read, when it ended, how long.
+    """
 
     key: str
     outputs: list[str]
+    digests: NotRequired[dict[str, str]]
     finished: str
     seconds: float
 
@@ -132,7 +137,8 @@ def run_stages(
 
     A stage is left out if its key is that of its last run and its results are there. The key
     is a hash of the version of its code, its tables of the case, the content of its files and
-    the key of the stage before it. Results are written aside and moved into `results/`, beside
+    the key of the stage before it. Results that later stages read and that are damaged since are
+    made anew. Results are written aside and moved into `results/`, beside
     the case, once the stage has ended; a stage that fails leaves the results of its last run.
 
     Args:
@@ -154,16 +160,18 @@ def run_stages(
         raise StageError(f'--until: found "{until}", expected one of {", ".join(names)}')
     case = load_case(case_path)
     results = case_path.parent / RESULTS
-    results.mkdir(exist_ok=True)
+    _make_folder(results)
     last = len(names) if until is None else names.index(until) + 1
     key = ""
     with sole_run(results):
         for stage in stages[:last]:
             key = stage_key(stage, case, key)
             done = read_record(results)
-            if not force and is_done(done.get(stage.name), key, results):
+            entry = done.get(stage.name)
+            if not force and is_done(entry, key, results):
                 report(f"{stage.name}: done and unchanged")
                 continue
+            _refuse_folders(entry, results)
             _run_stage(stage, case, case_path, results, key, report, prepare_only)
 
 
@@ -220,6 +228,9 @@ def _run_stage(
     done[stage.name] = {
         "key": key,
         "outputs": outputs,
+        "digests": {
+            name: _content_hash(results / name) for name in outputs if name.endswith(_READ_BACK)
+        },
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         "seconds": round(seconds, 2),
     }
@@ -229,12 +240,75 @@ def _run_stage(
 
 
 def is_done(entry: Done | None, key: str, results: Path) -> bool:
-    """Whether a stage has run with a key and its results are there."""
+    """Whether a stage has run with a key, and its results are there as they were written."""
     return (
         entry is not None
         and entry["key"] == key
         and all((results / name).is_file() for name in entry["outputs"])
+        and all(
+            _content_hash(results / name) == digest
+            for name, digest in entry.get("digests", {}).items()
+        )
     )
+
+
+def finished(
+    case_path: Path,
+    case: Case,
+    stages: Sequence[Stage],
+    needed: Collection[str],
+    refuse: type[InputError] = StageError,
+) -> frozenset[str]:
+    """Names of the stages that are done for the case as it is.
+
+    Args:
+        case_path: the case file.
+        case: the case.
+        stages: all its stages, in their order.
+        needed: names of those without which nothing can be done.
+        refuse: the error that is raised.
+
+    Raises:
+        InputError: one of them has no results, or such as are of another state or damaged.
+    """
+    results = case_path.parent / RESULTS
+    record, key, found = read_record(results), "", set()
+    for stage in stages:
+        key = stage_key(stage, case, key)
+        entry = record.get(stage.name)
+        if is_done(entry, key, results):
+            found.add(stage.name)
+        elif stage.name in needed:
+            there = entry is not None and is_done(entry, entry["key"], results)
+            state = "no results, or damaged ones"
+            if there:
+                state = "results of another state of the case or its files"
+            last = [one.name for one in stages if one.name in needed][-1]
+            raise refuse(
+                sentence(
+                    results, f"stage {stage.name}", state,
+                    f"those of the case as it is (`prismid run {case_path} --until {last}` makes "
+                    "them)",
+                )
+            )  # fmt: skip
+    return frozenset(found)
+
+
+def _make_folder(results: Path) -> None:
+    try:
+        results.mkdir(exist_ok=True)
+    except OSError as error:
+        expected = "a folder that can be made and written"
+        raise StageError(sentence(results, "folder", why(error), expected)) from None
+
+
+def _refuse_folders(entry: Done | None, results: Path) -> None:
+    """Refuse a folder where a result goes before it is computed, not after."""
+    for name in entry["outputs"] if entry else ():
+        if (results / name).is_dir():
+            raise StageError(
+                sentence(results / name, "result", "a folder", "a file, or nothing: move it away")
+            )
 
 
 def read_record(results: Path) -> Record:

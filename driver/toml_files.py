@@ -27,12 +27,16 @@ def read_toml(path: Path, expected: str, refuse: type[InputError] = InputError) 
     Raises:
         InputError: it is absent, cannot be read, or is no TOML in UTF-8.
     """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise refuse(sentence(path, "file", "no regular file", expected))
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         raise refuse(sentence(path, "file", "nothing", expected)) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise refuse(no_toml(path, error)) from None
+    except RecursionError:
+        raise refuse(sentence(path, "file", "lists nested too deep", "a TOML file")) from None
     except (OSError, ValueError) as error:
         raise refuse(sentence(path, "file", why(error), "a TOML file that can be read")) from None
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from driver.boundary import elongation_names, tilt_names
 from driver.case import Case
-from driver.errors import InputError
+from driver.errors import InputError, one_of
 from driver.history import History, turning_points
 from driver.model import ForwardModel
 from driver.specimen import adapter_of, build_model, mesh_of
@@ -231,8 +231,8 @@ def refuse_unknown(hidden: Mapping[str, float], declared: Mapping[str, Parameter
     """
     for name, value in hidden.items():
         if name not in declared:
-            known = ", ".join(declared)
-            raise InputError(f'truth: found the name "{name}", expected one of {known}')
+            expected = one_of(name, tuple(declared))
+            raise InputError(f'truth: found the name "{name}", expected {expected}')
         lower, upper = declared[name].lower, declared[name].upper
         if not lower <= value <= upper:
             raise InputError(

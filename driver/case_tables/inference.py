@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field, model_validator
 from driver.case_errors import refusal
 from driver.case_tables.values import Count, FileName, Positive, Table
 from driver.diagnosis.all_causes import NAMES
+from driver.errors import one_of
 from solver_adapters.material import MATERIAL_DECLARATIONS
 
 
@@ -16,7 +17,7 @@ def _known_parameters(names: tuple[str, ...]) -> tuple[str, ...]:
     known = [parameter.name for parameter in MATERIAL_DECLARATIONS]
     for name in names:
         if name not in known:
-            raise refusal("one of " + ", ".join(known), found=f'"{name}"')
+            raise refusal(one_of(name, known), found=f'"{name}"')
     if not names:
         raise refusal("at least one name of a material parameter")
     return _each_once(names)
@@ -111,5 +112,5 @@ class DiagnosisTable(Table):
             return self
         for name in self.causes:
             if name not in NAMES:
-                raise refusal("one of " + ", ".join(NAMES), "causes", f'"{name}"')
+                raise refusal(one_of(name, NAMES), "causes", f'"{name}"')
         return self

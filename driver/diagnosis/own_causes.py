@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from driver.boundary import LAMBDAS
 from driver.case import Case, CaseError
-from driver.case_errors import refusal, sentences
+from driver.case_errors import refusal
 from driver.case_tables.values import Table
 from driver.diagnosis.all_causes import EVERY, NAMES
 from driver.diagnosis.causes import LIBRARY, Cause
-from driver.errors import InputError, sentence, why
+from driver.errors import InputError, one_of, sentence
 from driver.model import declared_parameters
 from driver.surface_view import POSE_DECLARATIONS
-from driver.toml_files import no_toml
+from driver.toml_files import read_tables
 
 _ALWAYS_FITTED = {*LAMBDAS, *(parameter.name for parameter in POSE_DECLARATIONS)}
 
@@ -26,8 +25,8 @@ _ALWAYS_FITTED = {*LAMBDAS, *(parameter.name for parameter in POSE_DECLARATIONS)
 def _clause(text: str) -> str:
     """A text as it stands inside a sentence: in one line, without a full stop of its own."""
     clause = " ".join(text.split()).rstrip(".")
-    if not clause:
-        raise refusal("a text in quotes, with at least a word")
+    if not clause or not clause.isprintable():
+        raise refusal("a text in quotes, with at least a word and no control characters")
     return clause
 
 
@@ -51,18 +50,7 @@ class CauseTable(Table):
     companions: tuple[str, ...] = Field(
         default=(), description="a list of names of parameters that exist only with this cause"
     )
-    one_sided: bool = Field(default=False, description="true or false")
-
-    @model_validator(mode="after")
-    def _of_its_own(self) -> Self:
-        if self.name in {cause.name for cause in EVERY}:
-            raise refusal("a name that the library does not have", "name")
-        for cause in LIBRARY:
-            if set(cause.parameters) == set(self.parameters):
-                raise refusal(
-                    f"other parameters than those of {cause.name} of the library", "parameters"
-                )
-        return self
+    one_sided: bool = Field(default=False, strict=True, description="true or false")
 
     @model_validator(mode="after")
     def _parameters_of_the_model(self) -> Self:
@@ -71,13 +59,25 @@ class CauseTable(Table):
         for key in ("parameters", "companions"):
             for name in getattr(self, key):
                 if name not in known:
-                    raise refusal("one of " + ", ".join(known), key, f'the name "{name}"')
+                    raise refusal(one_of(name, known), key, f'the name "{name}"')
                 if name in seen:
                     raise refusal("each name once", key, f'"{name}" twice')
                 seen.add(name)
         if self.one_sided and len(self.parameters) > 1:
             found = f"true with {len(self.parameters)} parameters"
             raise refusal("true for a cause of one parameter alone", "one_sided", found)
+        return self
+
+    @model_validator(mode="after")
+    def _of_its_own(self) -> Self:
+        taken = {"all", *(cause.name for cause in EVERY)}
+        if self.name.lower() in taken:
+            raise refusal('a name that the library does not have, nor "all"', "name")
+        for cause in LIBRARY:
+            if set(cause.parameters) == set(self.parameters):
+                raise refusal(
+                    f"other parameters than those of {cause.name} of the library", "parameters"
+                )
         return self
 
     def cause(self) -> Cause:
@@ -104,22 +104,7 @@ def read_causes(path: Path) -> tuple[Cause, ...]:
         InputError: the file cannot be read, or describes no causes: a sentence a line, with file,
             key, found, expected.
     """
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        raise InputError(
-            sentence(path, "diagnosis.cause_files", "nothing", "a file of tables [[causes]]")
-        ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(no_toml(path, error)) from None
-    except OSError as error:
-        raise InputError(
-            sentence(path, "diagnosis.cause_files", why(error), "a file that can be read")
-        ) from None
-    try:
-        tables = CauseFile.model_validate(data)
-    except ValidationError as error:
-        raise InputError(sentences(path, CauseFile, data, error)) from None
+    tables = read_tables(path, CauseFile, "the tables [[causes]] of diagnosis.cause_files")
     return tuple(table.cause() for table in tables.causes)
 
 
@@ -135,6 +120,11 @@ def own_causes(case: Case) -> tuple[Cause, ...]:
             raise InputError(
                 sentence(path, "causes.name", f'"{cause.name}" again', "a name for each cause")
             )
+        for other in found.values():
+            if set(other.parameters) == set(cause.parameters):
+                expected = f"other parameters than those of {other.name}"
+                said = f"{cause.name} of {', '.join(cause.parameters)}"
+                raise InputError(sentence(path, "causes.parameters", said, expected))
         found[cause.name] = cause
     return tuple(found.values())
 
@@ -153,7 +143,7 @@ def asked_causes(case: Case, path: Path) -> tuple[Cause, ...]:
     known = [*NAMES, *(cause.name for cause in own)]
     for name in case.diagnosis.causes if case.diagnosis.causes != "all" else ():
         if name not in known:
-            expected = "one of " + ", ".join(known)
+            expected = one_of(name, known)
             raise CaseError(sentence(path, "diagnosis.causes", f'"{name}"', expected))
     return own
 

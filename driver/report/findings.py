@@ -232,7 +232,8 @@ def _texts(path: Path, expected: tuple[str, ...]) -> list[Any]:
 
 def _diagnosis(path: Path) -> Record:
     entries = (
-        "verdict", "added", "flips", "gain", "steps", "bad_loads", "not_examined", "numerics",
+        "verdict", "sets", "added", "flips", "whereabouts", "gain", "steps", "bad_loads",
+        "not_examined", "numerics",
     )  # fmt: skip
     record = _record(path, entries)
     if "off_by_mesh" not in record["numerics"]:

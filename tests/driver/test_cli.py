@@ -222,6 +222,15 @@ def test_a_report_without_results_is_refused_and_simulates_nothing(tmp_path: Pat
     assert not (tmp_path / "new" / "results").exists()
 
 
+def test_a_report_of_results_of_another_state_of_the_case_is_refused(tmp_path: Path) -> None:
+    CliRunner().invoke(app, ["init", str(tmp_path)])
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "diagnosis.json").write_text("{}")
+    found = CliRunner().invoke(app, ["report", str(tmp_path)])
+    assert found.exit_code == 1 and "stage mesh: found no results" in found.output
+    assert found.output.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     "arguments",
     [("init", ""), ("check", ""), ("run", "a", ""), ("export", "a", "--to", ""),

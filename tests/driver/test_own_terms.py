@@ -169,7 +169,7 @@ def test_an_effect_of_a_term_is_named_by_a_cause_of_ones_own(documented: Path) -
         ),
         (
             reading("Parameter('mine', '', 0.0, 0.1)", "1.0"),
-            "prismid.terms: mine: found a reading of shape () in place of (3,), expected one of",
+            "prismid.terms: mine: found a reading of shape () in place of (60,), expected one of",
         ),
         (
             reading("Parameter('mine', '', 0.0, 0.1)", "force / 0"),
@@ -179,6 +179,19 @@ def test_an_effect_of_a_term_is_named_by_a_cause_of_ones_own(documented: Path) -
             reading("Parameter('mine', '', 0.0, 0.1)", "force.nothing"),
             "prismid.terms: mine: found a reading that ends with “'numpy.ndarray' object has no",
         ),
+        (
+            reading("Parameter('mine', '', 0.0, 0.1)", "force * 0 + 1 / progress"),
+            "prismid.terms: mine: found a reading that is not finite, expected numbers",
+        ),
+        (
+            reading("Parameter('mine', '', 0.0, '0.1')", "force"),
+            "prismid.terms: mine: found the scale '0.1' of its parameter, expected a number",
+        ),
+        (
+            reading("Parameter('mine', None, 0.0, 0.1)", "force"),
+            "prismid.terms: mine: found the unit None of its parameter, expected a text",
+        ),
+        ("raise SystemExit(0)", "prismid.terms: mine: found “0”, expected an entry point that"),
         (
             reading("Parameter('mine', '', 0.0, 0.1)", "abs(force)"),
             "prismid.terms: mine: found a reading whose derivative is lost with complex numbers",

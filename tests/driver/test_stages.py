@@ -5,9 +5,16 @@ from typing import Any
 
 import pytest
 
-from driver.case import CaseError, default_case, write_case
+from driver.case import CaseError, default_case, load_case, write_case
 from driver.run_lock import BusyError
-from driver.stages import Stage, StageContext, StageError, measured_files, run_stages
+from driver.stages import (
+    Stage,
+    StageContext,
+    StageError,
+    finished,
+    measured_files,
+    run_stages,
+)
 
 
 class Workshop:
@@ -166,6 +173,53 @@ def test_results_that_are_no_longer_made_go_and_those_of_others_are_kept(
     assert not (results / "mesh.txt").exists() and (results / "maps" / "motion.txt").exists()
     record = json.loads((results / "stages.json").read_text())
     assert record["mesh"]["outputs"] == ["prism.txt"]
+
+
+def test_a_result_that_is_damaged_is_made_anew_and_one_for_people_may_be_edited(
+    workshop: Workshop,
+) -> None:
+    def mesh(context: StageContext) -> None:
+        workshop.mesh(context)
+        (context.workdir / "mesh.json").write_text("{}")
+
+    workshop.stages[0] = replace(workshop.stages[0], run=mesh)
+    workshop.run()
+    results = workshop.folder / "results"
+    (results / "maps" / "motion.txt").write_text("edited")
+    assert workshop.run() == []
+    (results / "mesh.json").write_text("")
+    assert workshop.run() == ["mesh"]
+    assert (results / "mesh.json").read_text() == "{}"
+
+
+def test_a_folder_in_the_place_of_a_result_is_refused_before_the_work(workshop: Workshop) -> None:
+    workshop.run()
+    result = workshop.folder / "results" / "mesh.txt"
+    result.unlink()
+    result.mkdir()
+    with pytest.raises(StageError, match=r"mesh.txt: result: found a folder, expected a file"):
+        workshop.run()
+    assert workshop.runs == []
+
+
+def test_results_that_cannot_be_written_are_refused_in_one_sentence(workshop: Workshop) -> None:
+    (workshop.folder / "results").write_text("a file")
+    with pytest.raises(StageError, match="results: folder: found “File exists”, expected a folder"):
+        workshop.run()
+
+
+def test_stages_that_are_done_for_the_case_as_it_is_are_known(workshop: Workshop) -> None:
+    def done(*needed: str) -> frozenset[str]:
+        case = load_case(workshop.case_path)
+        return finished(workshop.case_path, case, workshop.stages, needed)
+
+    assert done() == frozenset()
+    workshop.run()
+    assert done("mesh", "measure") == {"mesh", "measure"}
+    workshop.edit("element_px = 16", "element_px = 20")
+    assert done("mesh") == {"mesh"}
+    with pytest.raises(StageError, match="stage measure: found results of another state of the"):
+        done("mesh", "measure")
 
 
 def test_one_name_for_two_results_is_refused(workshop: Workshop) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,12 +24,20 @@ def test_a_file_that_cannot_be_read_is_one_sentence(
         path.unlink()
         path.mkdir()
 
+    def be_a_pipe() -> None:
+        path.unlink()
+        os.mkfifo(path)
+
     cases: dict[str, Callable[[], object]] = {
         "found nothing, expected": lambda: None,
         "expected a TOML file in UTF-8": lambda: path.write_bytes(b"\xff = 1"),
         "found a key twice (at line 3, column 6), expected each key once": lambda: path.write_bytes(
             b"[a]\nb = 1\nb = 2\n"
         ),
+        "found lists nested too deep, expected a TOML file": lambda: path.write_text(
+            f"a = {'[' * 5000}{']' * 5000}"
+        ),
+        "found no regular file, expected": be_a_pipe,
         "found “Is a directory”, expected a TOML file that can be read": be_a_folder,
     }
     for message, prepare in cases.items():

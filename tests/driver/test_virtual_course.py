@@ -54,7 +54,7 @@ def test_loading_goes_with_the_stage_and_unloading_gives_back_what_is_elastic() 
 
 def test_a_true_parameter_is_checked_against_the_general_model() -> None:
     history = stage_program([(2, 1)])
-    with pytest.raises(InputError, match='truth: found the name "tau", expected one of '):
+    with pytest.raises(InputError, match='truth: found the name "tau", expected tau0'):
         pull(closed_form.small_case(), history, {"tau": 1.0})
     with pytest.raises(InputError, match=r"truth.height_scale: found 2, expected a number from"):
         pull(closed_form.small_case(), history, {"height_scale": 2.0})

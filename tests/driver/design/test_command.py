@@ -199,7 +199,7 @@ def test_an_assumed_parameter_that_is_not_of_the_model_is_refused(tmp_path: Path
     case = write(tmp_path)
     with (tmp_path / "settings.toml").open("a", encoding="utf-8") as file:
         file.write("[truth]\ntau = 3.0\n")
-    with pytest.raises(InputError, match='truth: found the name "tau", expected one of'):
+    with pytest.raises(InputError, match='truth: found the name "tau", expected tau0'):
         design(case, tmp_path / "settings.toml", [], False, lambda line: None)
 
 

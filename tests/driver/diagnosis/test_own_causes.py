@@ -81,14 +81,19 @@ def test_causes_of_all_files_are_read(tmp_path: Path) -> None:
     ("changes", "told"),
     [
         ({"name": "load_gain"}, 'name: found "load_gain", expected a name that the library'),
+        ({"name": "all"}, 'name: found "all", expected a name that the library'),
+        ({"name": "Load_Gain"}, 'name: found "Load_Gain", expected a name that the library'),
         ({"name": "two words"}, 'name: found "two words", expected a name of letters'),
         ({"category": "numerics"}, 'category: found "numerics", expected "material"'),
         ({"parameters": []}, "parameters: found [], expected a list of names of parameters"),
-        ({"parameters": ["tau1"]}, 'parameters: found the name "tau1", expected one of tau0'),
-        ({"parameters": ["lambda_plus_Y"]}, 'found the name "lambda_plus_Y", expected one of'),
+        ({"parameters": ["tau1"]}, 'parameters: found the name "tau1", expected tau0 or'),
+        ({"parameters": ["lambda_plus_Y"]}, 'found the name "lambda_plus_Y", expected'),
         ({"parameters": ["load_gain"]}, "expected other parameters than those of load_gain"),
         ({"parameters": ["K", "K"]}, 'parameters: found "K" twice, expected each name once'),
         ({"companions": ["end_shear"]}, 'companions: found "end_shear" twice, expected each'),
+        ({"parameters": ["x0", "x0"]}, 'parameters: found "x0" twice, expected each name once'),
+        ({"one_sided": "yes"}, 'one_sided: found "yes", expected true or false'),
+        ({"sentence": "a \u0007 bell"}, "expected a text in quotes, with at least a word and no"),
         ({"one_sided": True}, "one_sided: found true with 2 parameters, expected true for"),
         ({"sentence": None}, "sentence: found nothing, expected a text in quotes"),
         ({"check": ""}, 'check: found "", expected a text in quotes'),
@@ -121,7 +126,9 @@ def test_a_file_with_the_mark_of_windows_editors_is_read(tmp_path: Path) -> None
 
 def test_a_bad_file_is_told_in_one_sentence(tmp_path: Path) -> None:
     absent = tmp_path / "absent.toml"
-    with pytest.raises(InputError, match="cause_files: found nothing, expected a file of tables"):
+    with pytest.raises(
+        InputError, match="file: found nothing, expected the tables .* of diagnosis.cause_files"
+    ):
         read_causes(absent)
     absent.write_text("causes = ", encoding="utf-8")
     with pytest.raises(InputError, match="expected a TOML file in UTF-8"):
@@ -135,6 +142,13 @@ def test_one_name_in_two_files_is_refused(tmp_path: Path) -> None:
     written(tmp_path / "a.toml")
     written(tmp_path / "b.toml")
     with pytest.raises(InputError, match='found "twisted_grip" again, expected a name for each'):
+        own_causes(case_with(tmp_path, "a.toml", "b.toml"))
+
+
+def test_two_causes_of_the_same_parameters_are_refused(tmp_path: Path) -> None:
+    written(tmp_path / "a.toml", parameters=["K", "a1"], companions=[])
+    written(tmp_path / "b.toml", name="other", parameters=["a1", "K"], companions=[])
+    with pytest.raises(InputError, match="other of a1, K, expected other parameters than those of"):
         own_causes(case_with(tmp_path, "a.toml", "b.toml"))
 
 
