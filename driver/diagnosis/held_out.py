@@ -56,19 +56,23 @@ class HeldOutTask:
     knots: tuple[str, ...]
 
 
-def predict_held_out(task: HeldOutTask) -> HeldOut:
-    """Fit without the cycle, then only its knots to it."""
+def trained_on_others(task: HeldOutTask) -> Fit:
+    """The fit of all but the knots of the cycle to the other cycles."""
     others = np.flatnonzero(task.frames != task.cycle)
-    inside = np.flatnonzero(task.frames == task.cycle)
-    data = task.objective.data
     best = task.fit.best
-    without = replace(task.objective, data=data.frames(others))
+    without = replace(task.objective, data=task.objective.data.frames(others))
     shared = tuple(name for name in best.free if name not in task.knots)
-    trained = fit(
+    return fit(
         without, best.values, shared, MOST_ITERATIONS, silent, without.complete(best, shared),
         TOLERANCE,
     )  # fmt: skip
-    only = replace(task.objective, data=data.frames(inside))
+
+
+def predict_held_out(task: HeldOutTask) -> HeldOut:
+    """Fit without the cycle, then only its knots to it."""
+    inside = np.flatnonzero(task.frames == task.cycle)
+    trained = trained_on_others(task)
+    only = replace(task.objective, data=task.objective.data.frames(inside))
     begin = only.complete(trained.best, task.knots)
     predicted = fit(
         only, trained.values, task.knots, MOST_ITERATIONS, silent, begin, TOLERANCE

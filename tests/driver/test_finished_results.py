@@ -26,8 +26,8 @@ def test_a_missing_stage_is_named_with_the_command_that_makes_it(
     with pytest.raises(ExportError) as error:
         export_case(results.case_path, results.to)
     assert str(error.value) == (
-        f"{results.folder}: stage {missing}: found no results, or damaged ones, expected those of the case as it "
-        f"is (`prismid run {results.case_path} --until identify` makes them)"
+        f"{results.folder}: stage {missing}: found no results, or damaged ones, expected those of "
+        f"the case as it is (`prismid run {results.case_path} --until identify` makes them)"
     )
     assert not results.to.exists()
 
