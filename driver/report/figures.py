@@ -167,6 +167,40 @@ def loads(
 
 
 @styled
+def residual_over_strain(
+    strain: FloatArray,
+    cycle: IntArray,
+    loads: Mapping[str, FloatArray],
+    images: Mapping[str, FloatArray],
+) -> Figure:
+    """Residual of the load and of the images over the strain of the face.
+
+    Args:
+        strain: measured elongation over the length [1], shape (T,).
+        cycle: cycle of each image, shape (T,).
+        loads: (measured − model)/γ_F of "before" (and "after"), each of shape (T,).
+        images: rms of ρ/σ_ρ of each image, the same.
+    """
+    figure = new_figure(3.4)
+    names = side_labels(tuple(loads))
+    titles = ("Load", "Images")
+    labels = (typeset("(measured − model)/γ_F [1]"), "rms of ρ/σ [1]")
+    for k, axis in enumerate(figure.subplots(1, 2)):
+        for side, values in (loads, images)[k].items():
+            for count, mark in zip(np.unique(cycle), itertools.cycle("os^v*"), strict=False):
+                chosen = cycle == count
+                what = f"{names[side]}, cycle {count}"
+                axis.plot(1e2 * strain[chosen], values[chosen], mark + "-", ms=3.2, lw=0.7,
+                          color=SIDE_COLOURS[side], label=what)  # fmt: skip
+        axis.axhline(float(k), color=GREY, lw=1.0, ls="--")
+        axis.set(xlabel="strain [%]", ylabel=labels[k], title=titles[k])
+        grid(axis)
+    handles, texts = axis.get_legend_handles_labels()
+    figure.legend(handles, texts, loc="outside lower center", ncols=3)
+    return figure
+
+
+@styled
 def residual_history(
     time: FloatArray, free: FloatArray, sides: Mapping[str, FloatArray], peaks: IntArray
 ) -> Figure:

@@ -91,9 +91,17 @@ def draw(findings: Findings) -> Iterator[tuple[str, Figure]]:
         {side: rho[peaks] for side, rho in residual.items()},
         {side: np.sqrt(np.mean(rho**2, axis=0)) for side, rho in residual.items()},
     )  # fmt: skip
+    of_images = {side: np.sqrt(np.mean(rho**2, axis=1)) for side, rho in residual.items()}
+    yield "residual_over_strain", figures.residual_over_strain(
+        m["elongation"] / case.specimen.length, m["cycle"].astype(np.int64),
+        {
+            side: (m["force"] - findings.fitted[f"{side}/load"]) / findings.load_noise
+            for side in sides
+        },
+        of_images,
+    )  # fmt: skip
     yield "residual_history", figures.residual_history(
-        m["time"], m["chi"],
-        {side: np.sqrt(np.mean(rho**2, axis=1)) for side, rho in residual.items()}, peaks,
+        m["time"], m["chi"], of_images, peaks,
     )  # fmt: skip
     for index, step in enumerate(findings.diagnosis["steps"], start=1):
         yield f"evidence_{index}", _evidence(step)

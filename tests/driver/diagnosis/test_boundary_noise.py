@@ -240,7 +240,7 @@ def test_a_suspected_noise_that_is_not_worth_adding_leaves_the_round_to_the_caus
         return replace(refit_boundary_noise(stops, at, objective, log), log_evidence=0.9)
 
     with patch.object(one_round, "refit_boundary_noise", worthless):
-        found = diagnosed(NOISE, "tilt_drift", 2e-3)
+        found = diagnosis_of(BENCH, baseline(NOISE, "tilt_drift", 2e-3), SETTINGS)
     # What the noise leaves in the loads may be taken for something else besides.
     assert "tilt_drift" in found.verdict.causes and not found.levels
     noise = next(s for s in found.steps[0].scores if s.cause == BOUNDARY_NOISE)

@@ -69,6 +69,19 @@ def face() -> maps.Face:
     return maps.Face(rows.ravel(), cols.ravel(), 0.1, (12.5, 4.5), np.array([[-1, 2.0], [1, 3.0]]))
 
 
+def test_residuals_over_strain_are_in_units_of_noise_and_a_curve_for_each_cycle() -> None:
+    strain, cycle = 1e-3 * np.arange(6.0), np.array([1, 1, 1, 2, 2, 2])
+    sides = {"before": np.arange(6.0), "after": np.zeros(6)}
+    load, images = figures.residual_over_strain(strain, cycle, sides, sides).axes
+    assert load.get_xlabel() == "strain [%]" and images.get_ylabel() == "rms of ρ/σ [1]"
+    first, second = load.lines[:2]
+    np.testing.assert_allclose(first.get_xdata(), [0.0, 0.1, 0.2])
+    np.testing.assert_allclose(second.get_ydata(), [3.0, 4.0, 5.0])
+    assert [line.get_label() for line in images.lines[:2]] == [
+        "before extension, cycle 1", "before extension, cycle 2",
+    ]  # fmt: skip
+
+
 def test_maps_are_in_micrometres_with_y_to_the_right_and_x_down() -> None:
     seen = face()
     values = seen.rows.astype(float)

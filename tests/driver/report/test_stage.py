@@ -25,8 +25,8 @@ from .conftest import Results
 
 FIGURES = (
     "budget", "specimen", "motion", "fields", "loads", "residual_maps",
-    "residual_history", "evidence_1", "evidence_2", "sensitivity", "correlation",
-    "convergence",
+    "residual_over_strain", "residual_history", "evidence_1", "evidence_2", "sensitivity",
+    "correlation", "convergence",
 )  # fmt: skip
 MEASURED = (
     "measure_reference", "measure_fields", "measure_travel", "measure_grip",
