@@ -195,7 +195,8 @@ def _most_of(who: str, every: Sequence[Excess]) -> str:
 def _where_and_when(signal: str, seen: Sequence[Excess]) -> str:
     worst = max(seen, key=lambda one: one.misfit)
     where = "" if worst.place == LOADS else f" at {worst.place}"
-    text = f"{signal} show most{where} in {worst.phase} ({worst.misfit:.1f} σ beyond noise"
+    when = "over the whole test" if worst.phase == WHOLE else f"in {worst.phase}"
+    text = f"{signal} show most{where} {when} ({worst.misfit:.1f} σ beyond noise"
     phases = [one for one in seen if one.place == worst.place and one.phase != WHOLE]
     if worst.phase == WHOLE and phases:
         then = max(phases, key=lambda one: one.misfit)

@@ -141,7 +141,7 @@ def parameter_rows(findings: Findings) -> list[tuple[str, list[Row]]]:
 
 
 def whereabouts_rows(where: Mapping[str, Any]) -> tuple[list[str], list[Row]]:
-    """Places as columns, and a row for each phase: misfit before → after, and whether it is seen.
+    """Places as columns, and a row for each phase: misfits before and after, and which are seen.
 
     Args:
         where: `whereabouts` of `diagnosis.json`.
@@ -151,12 +151,12 @@ def whereabouts_rows(where: Mapping[str, Any]) -> tuple[list[str], list[Row]]:
     )
     places = list(dict.fromkeys(place for place, _ in before))
 
-    def cell(key: tuple[str, str]) -> Row:
+    def cell(key: tuple[str, str]) -> list[Row]:
         ends = [side[key] for side in (before, after) if key in side]
-        return {
-            "text": " → ".join(f"{one['misfit_sigma']:.1f}" for one in ends) or "–",
-            "seen": bool(ends) and ends[-1]["p_family"] < FAMILY_LEVEL,
-        }
+        return [
+            {"text": f"{one['misfit_sigma']:.1f}", "seen": one["p_family"] < FAMILY_LEVEL}
+            for one in ends
+        ]
 
     phases = list(dict.fromkeys(phase for _, phase in before))
     rows = [

@@ -75,10 +75,10 @@ def test_residuals_over_strain_are_in_units_of_noise_and_a_curve_for_each_cycle(
     load, images = figures.residual_over_strain(strain, cycle, sides, sides).axes
     assert load.get_xlabel() == "strain [%]" and images.get_ylabel() == "rms of ρ/σ [1]"
     first, second = load.lines[:2]
-    np.testing.assert_allclose(first.get_xdata(), [0.0, 0.1, 0.2])
-    np.testing.assert_allclose(second.get_ydata(), [3.0, 4.0, 5.0])
+    np.testing.assert_allclose(np.asarray(first.get_xdata(), dtype=np.float64), [0.0, 0.1, 0.2])
+    np.testing.assert_allclose(np.asarray(second.get_ydata(), dtype=np.float64), [3.0, 4.0, 5.0])
     assert [line.get_label() for line in images.lines[:2]] == [
-        "before extension, cycle 1", "before extension, cycle 2",
+        "model before, cycle 1", "model before, cycle 2",
     ]  # fmt: skip
 
 

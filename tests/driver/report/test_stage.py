@@ -175,7 +175,7 @@ def test_where_and_when_the_models_miss_the_data_is_a_table(
     page = (tmp_path / "work" / "report.html").read_text("utf-8")
     assert "The identified model misses what the images show most at grain 2." in shown(page)
     assert "σ beyond noise grain 2 loads unloading 12.3 → 5.1 0.4 → 0.0" in shown(page)
-    assert "<b>12.3 → 5.1</b>" in page and "<b>0.4" not in page
+    assert "<b>12.3</b> → <b>5.1</b>" in page and "0.4 → 0.0" in page and "<b>0.4" not in page
 
 
 def test_without_an_addition_one_model_is_shown(results: Results, tmp_path: Path) -> None:
