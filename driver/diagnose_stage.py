@@ -18,7 +18,7 @@ from driver.diagnosis.noise_causes import COVARIANCE_PARAMETERS, NOISE_RATIO
 from driver.diagnosis.outcome import Diagnosis, Settings
 from driver.diagnosis.own_causes import own_causes
 from driver.diagnosis.screening import screened
-from driver.diagnosis.whereabouts import told, whereabouts
+from driver.diagnosis.whereabouts import Whereabouts, told, whereabouts
 from driver.diagnosis_record import DIAGNOSIS, DIAGNOSIS_H5, diagnosis_record
 from driver.errors import InputError, sentence
 from driver.extended_case import (
@@ -101,14 +101,13 @@ def run_diagnose(context: StageContext) -> None:
     if telling:
         advised = f"{found.verdict.next} {advice(telling)}"
         found = replace(found, verdict=replace(found.verdict, next=advised))
-    _tell(found, bench, context.log)
+    where = whereabouts(found, geometry_of(case), bench.experiment.history)
+    _tell(found, where, bench, context.log)
     decks = _decks(found, context) if found.causes else None
     budgets = (
         error_budget(bench, found.baseline.best, free_chi),
         error_budget(bench, found.extended.best, free_chi),
     )
-    where = whereabouts(found, geometry_of(case), bench.experiment.history)
-    context.log(f"  {told(where)}")
     record = diagnosis_record(found, bench, budgets, decks, telling, where)
     (context.workdir / DIAGNOSIS).write_text(
         json.dumps(record, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
@@ -123,15 +122,16 @@ def run_diagnose(context: StageContext) -> None:
     (context.workdir / SCHEMA).write_text(schema_text(), encoding="utf-8")
 
 
-def _tell(found: Diagnosis, bench: Workbench, log: Log) -> None:
-    """The verdict, what was added for it, and what to do next."""
+def _tell(found: Diagnosis, where: Whereabouts, bench: Workbench, log: Log) -> None:
+    """The verdict, where the model misses the data, what was added for it, what to do next."""
     log(f"verdict: {found.verdict.kind}. {found.verdict.text}")
+    log(f"  {told(where)}")
     for name in added_parameters(found):
         log(f"  {value_told(name, found.extended, bench.objective.parameters)}")
         if (off := found.off_by_mesh(name)) is not None:
             unit = bench.objective.parameters[name].unit
-            told = f"{off:.2g} {unit}" if unit else f"{off:.2g}"
-            log(f"    either of two finer meshes alone would put it off by {told}: not in its σ")
+            by = f"{off:.2g} {unit}" if unit else f"{off:.2g}"
+            log(f"    either of two finer meshes alone would put it off by {by}: not in its σ")
     for name, (level, sigma) in found.levels.items():
         log(f"  {name} = {level:.4g} ± {sigma:.2g} {COVARIANCE_PARAMETERS[name].unit}")
     if found.held_out is not None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
+from numbers import Real
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
@@ -32,7 +33,7 @@ _STEP = 1e-5  # of differences
 _ALIKE = 1e-3  # of the largest value, within which both derivatives are the same
 _INSTANTS = 60  # at which a formula is tried
 _TEXTS = (("name", str, "a text"), ("unit", str, "a text"))
-_NUMBERS = tuple((key, int | float, "a number") for key in ("null", "scale", "lower", "upper"))
+_NUMBERS = tuple((key, Real, "a number") for key in ("null", "scale", "lower", "upper"))
 
 
 class TermError(InputError):

@@ -112,7 +112,7 @@ def own_causes(case: Case) -> tuple[Cause, ...]:
     """The causes of all files that a case names.
 
     Raises:
-        InputError: as `read_causes`; or two causes have one name.
+        InputError: as `read_causes`; or two causes have one name, or the same parameters.
     """
     found: dict[str, Cause] = {}
     for path, cause in _of_files([case.path(name) for name in case.diagnosis.cause_files]):

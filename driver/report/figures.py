@@ -176,7 +176,7 @@ def residual_over_strain(
     """Residual of the load and of the images over the strain of the face.
 
     Args:
-        strain: measured elongation over the length [1], shape (T,).
+        strain: identified elongation over the length [1], shape (T,).
         cycle: cycle of each image, shape (T,).
         loads: (measured − model)/γ_F of "before" (and "after"), each of shape (T,).
         images: rms of ρ/σ_ρ of each image, the same.

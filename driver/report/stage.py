@@ -93,7 +93,8 @@ def draw(findings: Findings) -> Iterator[tuple[str, Figure]]:
     )  # fmt: skip
     of_images = {side: np.sqrt(np.mean(rho**2, axis=1)) for side, rho in residual.items()}
     yield "residual_over_strain", figures.residual_over_strain(
-        m["elongation"] / case.specimen.length, m["cycle"].astype(np.int64),
+        findings.edges(last)[history.image_row, 0] / case.specimen.length,
+        m["cycle"].astype(np.int64),
         {
             side: (m["force"] - findings.fitted[f"{side}/load"]) / findings.load_noise
             for side in sides

@@ -35,6 +35,7 @@ def install(folder: Path, module: str, entry_points: str) -> None:
 def reading(parameter: str, formula: str) -> str:
     """A module with a term of the load reading."""
     return (
+        "import numpy as np\n"
         "from driver.own_terms import ReadingTerm\n"
         "from solver_adapters.parameter import Parameter\n"
         f"TERM = ReadingTerm({parameter}, lambda force, progress: {formula})"
@@ -190,6 +191,10 @@ def test_an_effect_of_a_term_is_named_by_a_cause_of_ones_own(documented: Path) -
         (
             reading("Parameter('mine', None, 0.0, 0.1)", "force"),
             "prismid.terms: mine: found the unit None of its parameter, expected a text",
+        ),
+        (
+            reading("Parameter('mine', '', np.float32(1.0), np.float64(0.1))", "force"),
+            "prismid.terms: mine: found the null 1 of its parameter, expected 0",
         ),
         ("raise SystemExit(0)", "prismid.terms: mine: found “0”, expected an entry point that"),
         (

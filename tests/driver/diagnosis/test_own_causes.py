@@ -130,6 +130,8 @@ def test_a_bad_file_is_told_in_one_sentence(tmp_path: Path) -> None:
         InputError, match="file: found nothing, expected the tables .* of diagnosis.cause_files"
     ):
         read_causes(absent)
+    with pytest.raises(InputError, match="file: found “embedded null byte”, expected a TOML file"):
+        read_causes(tmp_path / "a\0b")
     absent.write_text("causes = ", encoding="utf-8")
     with pytest.raises(InputError, match="expected a TOML file in UTF-8"):
         read_causes(absent)
