@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks.blind_plan import ELASTIC, ELASTIC_NOISE_RATIO, Trial
+from benchmarks.blind_plan import ELASTIC, QUIET, Trial
 from benchmarks.blind_specimen import known_case
 from driver.case import Case
 from driver.diagnosis.noise_causes import NOISE_NOT_UNIFORM
@@ -15,8 +15,8 @@ def measured_with(trial: Trial) -> Case:
     case, change = known_case(), {}
     if trial.kind == "noise level":
         change = {"noise_uN": trial.level * case.loads.noise_uN}
-    elif trial.kind == "known" and trial.truths[0] in ELASTIC:
-        change = {"noise_uN": ELASTIC_NOISE_RATIO * case.loads.noise_uN}
+    elif trial.kind == "large" or (trial.kind == "known" and trial.truths[0] in ELASTIC):
+        change = {"noise_uN": QUIET * case.loads.noise_uN}
     elif trial.kind == "AR(1)":
         change = {"autocorrelation": trial.level}
     return case.model_copy(update={"loads": case.loads.model_copy(update=change)})
@@ -33,7 +33,7 @@ def stated_by(trial: Trial, recorded: Case) -> Case:
     A quieter load cell and the b that is tried are told, too. A held-out cycle is predicted only
     where the trial has a figure of it: no answer hangs on it.
     """
-    noise = measured_with(trial) if trial.kind == "known" else known_case()
+    noise = measured_with(trial) if trial.kind in ("known", "large") else known_case()
     told: dict[str, object] = {
         "loads": recorded.loads.model_copy(update={"noise_uN": noise.loads.noise_uN}),
         "material": recorded.material.model_copy(update=dict(trial.companions)),

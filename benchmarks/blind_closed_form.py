@@ -83,7 +83,7 @@ def _effects(null: Diagnosis) -> dict[str, tuple[str, list[float]]]:
         if size > MOST_SCALES:
             continue
         p = parameters[cause.parameters[0]]
-        theta = size * (p.scale if p.logarithmic else 1.0)
+        theta = size * p.width
         sides = [theta] if cause.one_sided else [theta, -theta]
         null_value = BENCH.truth[p.name]
         found[cause.name] = (p.name, [p.value(side, null_value) for side in sides])

@@ -8,11 +8,12 @@ from statistics import mean
 import numpy as np
 from scipy.stats import binomtest
 
+from benchmarks.blind_plan import KINDS
 from benchmarks.blind_store import Record
 from driver.diagnosis.score import SEEN_AT
 
 SILENT = ("null", "noise level", "jitter", "AR(1)")  # kinds of which nothing is to be said
-LOUD = ("cause", "pair", "outside", "known", "noise", "flip")
+LOUD = ("cause", "pair", "outside", "known", "noise", "flip", "large")
 NAMING = ("named", "one of this set", "named, but something is left")
 
 
@@ -37,7 +38,7 @@ def show_share(name: str, hits: Sequence[bool], goal: str) -> None:
 def print_figures(lines: Sequence[Record]) -> None:
     """All figures of the trials that are done, then every miss."""
     ran = [line for line in lines if "verdict" in line]
-    kinds = {kind: _of(ran, kind) for kind in ("null", "cause", "pair", "outside", "known")}
+    kinds = {kind: _of(ran, kind) for kind in KINDS}
     for kind in SILENT:
         of = _of(ran, kind)
         show_share(f"{kind}: something named [%]", [bool(line["said"]) for line in of], "<= 1")
@@ -45,7 +46,7 @@ def print_figures(lines: Sequence[Record]) -> None:
         show_share(f"{kind}: anything said [%]", said, "<= 2.5")
     large = [line for line in kinds["cause"] if line["misfit"] >= 6]
     _of_causes("misfit >= 6 sigma", large, "97")
-    loud = [line for line in kinds["cause"] + kinds["known"] if line["chi_load"][0] >= 10]
+    loud = [line for line in kinds["cause"] + kinds["large"] if line["chi_load"][0] >= 10]
     show_share("chi_F >= 10: class [%]", [has_class(line) for line in loud], ">= 95")
     below = [line for line in kinds["cause"] if line["misfit"] < 6]
     show_share("misfit < 6 sigma: class [%]", [has_class(line) for line in below], "none")
@@ -93,7 +94,8 @@ def print_figures(lines: Sequence[Record]) -> None:
         f"{sum(line['cpu'] for line in ran) / 3600:.2f}"
     )
     print(f"trials = {len(ran)} (goal: >= 1300)")
-    sized = sum(line["misfit"] >= 6 for line in kinds["cause"] + kinds["pair"] + kinds["known"])
+    of_library = [line for kind in ("cause", "pair", "known", "large") for line in kinds[kind]]
+    sized = sum(line["misfit"] >= 6 for line in of_library)
     print(f"trials of causes and pairs with a misfit >= 6 sigma = {sized} (goal: >= 100)")
     tried: dict[str, set[float]] = {}
     for line in kinds["cause"]:

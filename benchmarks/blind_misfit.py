@@ -8,7 +8,8 @@ import numpy as np
 
 from benchmarks.blind_ruler import identified, shown
 from driver.diagnosis.causes import Cause
-from driver.diagnosis.score import prior_scaled, score
+from driver.diagnosis.evidence import prior_scaled
+from driver.diagnosis.score import score
 from driver.virtual_course import Course
 
 OF_THE_MESH = 3.0

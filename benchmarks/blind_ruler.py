@@ -43,8 +43,8 @@ RULER_SEED = 987_654
 CLOSE = 0.14  # relative error of the size of a truth that is good enough
 TRIES = 4
 MOST_SCALES = 4.0
-"""Prior scales beyond which nothing is hidden: a diagnosis that weighs causes by these priors is
-right to think of another one first."""
+"""Prior scales beyond which nothing is hidden where nothing else is said: one effect in sixty is as
+large, and a diagnosis that weighs causes by these priors is right to think of another one first."""
 ALIKE = 0.95  # likeness beyond which two causes do the same to the data
 
 
@@ -93,10 +93,7 @@ class Ruler:
     def length(self, cause: Cause, direction: FloatArray) -> float:
         """Linear misfit for a step of one along a direction in prior scales [σ]."""
         rows = [self.wide.free.index(name) for name in cause.parameters]
-        scales = [
-            p.scale if p.logarithmic else 1.0
-            for p in (self.objective.parameters[name] for name in cause.parameters)
-        ]
+        scales = [self.objective.parameters[name].width for name in cause.parameters]
         step = np.asarray(direction * np.array(scales)) @ self.wide.jacobian[rows]
         return self._left_of(np.asarray(step))
 
@@ -112,7 +109,7 @@ class Ruler:
             p = self.objective.parameters[name]
             bound = p.upper if share > 0 else p.lower
             if np.isfinite(bound) and share and not (p.logarithmic and bound <= 0):
-                per_size = share * (p.scale if p.logarithmic else 1.0)
+                per_size = share * p.width
                 most = min(most, p.theta(bound, nulls[name]) / per_size)
         return float(most)
 
@@ -143,7 +140,7 @@ class Ruler:
         nulls, values = null_values(), {}
         for name, share in zip(cause.parameters, direction, strict=True):
             p = self.objective.parameters[name]
-            theta = size * share * (p.scale if p.logarithmic else 1.0)
+            theta = size * share * p.width
             values[name] = float(p.value(theta, nulls[name]))
         return values
 

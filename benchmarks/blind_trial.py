@@ -199,7 +199,7 @@ def truth_of(trial: Trial, cache: Path) -> Truth:
     if trial.kind == "outside":
         return truth_outside(cache, trial.truths[0], trial.level)
     alongside = dict(trial.companions)
-    most = np.inf if trial.companions else MOST_SCALES
+    most = np.inf if trial.kind in ("known", "large") else MOST_SCALES
     each = [
         truth_of_cause(cache, BY_NAME[name], np.array(aim), trial.level, alongside, most)
         for name, aim in zip(trial.truths, trial.directions, strict=True)

@@ -259,8 +259,7 @@ def stated_prior(
     parameters, null = model.parameters, model.null_values()
     prior = prior_of(case.identification, start, parameters, n_images, n_pixels)
     for name in case.extensions:
-        parameter = parameters[name]
-        prior[name] = (null[name], parameter.scale if parameter.logarithmic else 1.0)
+        prior[name] = (null[name], parameters[name].width)
     stated = load_uncertainties(case)
     return prior | {name: (0.0, u / parameters[name].scale) for name, u in stated.items()}
 

@@ -30,6 +30,11 @@ class Parameter:
     upper: float = inf
     logarithmic: bool = False
 
+    @property
+    def width(self) -> float:
+        """One prior scale in θ."""
+        return self.scale if self.logarithmic else 1.0
+
     def theta(self, value: float, reference: float) -> float:
         """θ of a value."""
         return log(value / reference) if self.logarithmic else (value - reference) / self.scale

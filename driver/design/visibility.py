@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from driver.design.information import groups_of
 from driver.diagnosis.causes import Cause
+from driver.diagnosis.evidence import prior_scaled
 from driver.diagnosis.score import (
     PARALLEL,
     SEEN_AT,
     Score,
     likeness,
-    prior_scaled,
     score,
 )
 from driver.identification.objective import Evaluation

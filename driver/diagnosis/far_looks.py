@@ -10,13 +10,14 @@ that the derivative holds has nothing to say beside it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
-from driver.diagnosis.causes import NUMERICS, Cause
+from driver.diagnosis.causes import NUMERICS
+from driver.diagnosis.evidence import WIDE, amounts_of
 from driver.diagnosis.noise_causes import COVARIANCE
 from driver.diagnosis.refit import (
     FAR,
@@ -211,14 +212,14 @@ def _scored(task: _Task, at: Evaluation, amount: float) -> _Side:
 def _gained(refit: Refit, side: Score, task: _Task) -> Score:
     """The score that a refit is: its statistic is the likelihood ratio, one parameter more."""
     here, degrees = task.here.best, task.objective.data.load_degrees
-    at, extended = refit.fit.best, with_prior(task.objective, refit.cause)
-    amount = _amount(refit.cause, extended, at.values)
+    at = refit.fit.best
+    (amount,) = amounts_of(refit.cause.parameters, at.values, task.objective)
     # The cost of a refit has the prior of its cause.
-    gained = max(here.cost - (at.cost - amount**2), 0.0) / task.variance
+    gained = max(here.cost - (at.cost - (amount / WIDE) ** 2), 0.0) / task.variance
     components = np.array([np.copysign(np.sqrt(gained), amount)])
     p = significance(refit.cause, components, side.directions, here, task.family, degrees)
     (name,) = refit.cause.parameters
-    k, width = at.free.index(name), extended.prior[name][1]
+    k, width = at.free.index(name), task.objective.parameters[name].width
     return replace(
         side,
         statistic=gained,
@@ -238,11 +239,11 @@ def _shows(near: Score) -> bool:
 def _sides(near: Score, here: Fit, extended: Objective, log: Log) -> list[tuple[Evaluation, float]]:
     """The fit with a cause far off its null, and how far, where that can be simulated."""
     (name,) = near.cause.parameters
-    null, width = extended.prior[name]
+    null, parameter = extended.prior[name][0], extended.parameters[name]
     model = extended.near(here.best).model
 
     def side(amount: float) -> tuple[Evaluation, float] | None:
-        values = here.values | {name: extended.parameters[name].value(amount * width, null)}
+        values = here.values | {name: parameter.value(amount * parameter.width, null)}
         try:
             prediction = model.predict(values, ())
         except (SolverError, ValueError) as error:
@@ -252,14 +253,7 @@ def _sides(near: Score, here: Fit, extended: Objective, log: Log) -> list[tuple[
             log(f"  {name} = {values[name]:.3g} cannot be simulated ({why})")
             return None
         at = extended.compare(prediction, values, ())
-        return at, _amount(near.cause, extended, values)
+        return at, float(amounts_of(near.cause.parameters, values, extended)[0])
 
     both = side_by_side(side, (FAR[-1], -FAR[-1]), 1)
     return [found for found in both if found is not None]
-
-
-def _amount(cause: Cause, extended: Objective, values: Mapping[str, float]) -> float:
-    """How many prior scales a cause is off its null."""
-    (name,) = cause.parameters
-    null, width = extended.prior[name]
-    return float(extended.parameters[name].theta(values[name], null)) / width

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.diagnosis.causes import Cause
+from driver.diagnosis.evidence import log_bayes_factor
 from driver.diagnosis.noise_causes import COVARIANCE
-from driver.diagnosis.refit import with_prior
 from driver.identification.objective import Evaluation, Objective
 
 FloatArray = NDArray[np.float64]
@@ -52,11 +52,10 @@ def is_excess(at: Evaluation) -> bool:
 def log_evidence(
     before: Evaluation, after: Evaluation, objective: Objective, causes: Sequence[Cause]
 ) -> float:
-    """Log Bayes factor of an extended model against its baseline, by Laplace.
+    """Log Bayes factor of an extended model against its baseline.
 
     The prior of each added parameter is the one of its cause, stated before the data were seen,
-    and not the one that was widened to the effect. Both are taken to their optimum, the last
-    fraction of a step to first order.
+    and not the one that was widened to the effect.
 
     Args:
         before: the baseline, fitted under the covariance of the extended fit.
@@ -67,18 +66,13 @@ def log_evidence(
     causes = [cause for cause in causes if cause not in COVARIANCE]
     if not causes:
         return 0.0
+    owned: set[str] = set()  # what two causes share counts with the first
+    effects: list[list[str]] = []
     for cause in causes:
-        objective = with_prior(objective, cause)
-    after = objective.restrict(after, after.free)
-    added = {name for cause in causes for name in (*cause.parameters, *cause.companions)}
-    widths = sum(float(np.log(objective.prior[name][1])) for name in added)
-    volume = np.linalg.slogdet(before.hessian)[1] - np.linalg.slogdet(after.hessian)[1]
-    return 0.5 * (_least(before) - _least(after)) + 0.5 * float(volume) - widths
-
-
-def _least(at: Evaluation) -> float:
-    """Cost at the optimum, to first order from where the fit ended."""
-    return at.cost - float(at.gradient @ np.linalg.solve(at.hessian, at.gradient))
+        effects.append([name for name in cause.parameters if name not in owned])
+        owned |= set(cause.parameters)
+    companions = {name for cause in causes for name in cause.companions} - owned
+    return log_bayes_factor(before, after, objective, effects, sorted(companions))
 
 
 def _excess(at: Evaluation) -> tuple[FloatArray, FloatArray]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from driver.diagnosis.causes import Cause
+from driver.diagnosis.evidence import WIDE, log_bayes_factor
 from driver.diagnosis.score import Score
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Evaluation, Objective
@@ -30,7 +31,7 @@ class Refit:
     Attributes:
         cause: the cause.
         objective: the objective with the cause's prior, as wide as the effect was found large.
-        fit: the fit, with a prior of one scale.
+        fit: the fit, with the prior of a refit.
         log_evidence: natural log of the Bayes factor against the baseline (Laplace), and of the
             prior odds of the cause.
         levels: of a covariance cause its level and the standard deviation of it by name.
@@ -89,22 +90,23 @@ class Start:
 
 
 def with_prior(objective: Objective, cause: Cause) -> Objective:
-    """The objective with Gaussian priors of one prior scale about the null of a cause.
+    """The objective with the Gaussian priors under which a cause is refitted, about its null.
 
     The null of a constant of the law (of n, say) is its value in the case.
     """
     prior, nulls = dict(objective.prior), objective.model.null_values()
-    for name in (*cause.parameters, *cause.companions):
-        parameter = objective.parameters[name]
-        prior[name] = (nulls[name], parameter.scale if parameter.logarithmic else 1.0)
+    for name in cause.parameters:
+        prior[name] = (nulls[name], WIDE * objective.parameters[name].width)
+    for name in cause.companions:
+        prior[name] = (nulls[name], objective.parameters[name].width)
     return replace(objective, prior=prior)
 
 
 def as_wide_as_found(objective: Objective, cause: Cause, values: Mapping[str, float]) -> Objective:
     """The objective with the prior of a cause widened to the size of its effect.
 
-    A prior of one scale decides whether there is an effect. It would then draw an effect of
-    many scales towards zero, by the share that its variance has in that of the prior.
+    It would draw an effect of many scales towards zero, by the share that its variance has in
+    that of the prior.
     """
     if not cause.parameters:
         return objective
@@ -119,16 +121,6 @@ def as_wide_as_found(objective: Objective, cause: Cause, values: Mapping[str, fl
         null, width = prior[name]
         prior[name] = (null, factor * width)
     return replace(objective, prior=prior)
-
-
-def log_bayes_factor(
-    baseline: Evaluation, extended: Evaluation, objective: Objective, added: Sequence[str]
-) -> float:
-    """Laplace evidence of an extended fit against its baseline, parameters marginalised."""
-    before = float(np.linalg.slogdet(baseline.hessian)[1])
-    after = float(np.linalg.slogdet(extended.hessian)[1])
-    prior = -2.0 * sum(float(np.log(objective.prior[name][1])) for name in added)
-    return 0.5 * (baseline.cost - extended.cost) + 0.5 * (before - after + prior)
 
 
 def refit_causes(
@@ -212,7 +204,7 @@ def nominal_starts(
     return [
         values
         | {
-            name: known[name].value(float(side * far * part * prior[name][1]), prior[name][0])
+            name: known[name].value(float(side * far * part * known[name].width), prior[name][0])
             for name, part in zip(cause.parameters, along, strict=True)
         }
         for far in FAR
@@ -287,7 +279,9 @@ def refit_of(cause: Cause, objective: Objective, result: Fit, baseline: Evaluati
         result: the fit.
         baseline: the baseline at its optimum.
     """
-    evidence = log_bayes_factor(baseline, result.best, objective, added_by(cause, baseline))
+    effect = [name for name in cause.parameters if name not in baseline.free]
+    companions = [name for name in cause.companions if name not in baseline.free]
+    evidence = log_bayes_factor(baseline, result.best, objective, [effect], companions)
     evidence += float(np.log(cause.odds))
     return Refit(cause, as_wide_as_found(objective, cause, result.values), result, evidence)
 

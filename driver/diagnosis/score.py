@@ -1,11 +1,9 @@
 """Scores of causes at a baseline: what each would explain, fitted parameters projected out.
 
-With r the whitened residual at the optimum, J the fitted and C the candidate's sensitivities per
-prior scale, and H = JJᵀ + prior:
+With score g and information A of the candidate's parameters per prior scale, all fitted ones
+projected out (`evidence`):
 
-    g = C r − C Jᵀ H⁻¹ (J r + prior·gap),    A = C Cᵀ − C Jᵀ H⁻¹ J Cᵀ
-    statistic gᵀA⁻¹g ~ χ²(k),    φ̂ = (A + I)⁻¹ g  in prior scales
-    log Bayes factor = ½ gᵀ(A + I)⁻¹g − ½ log det(I + A)       (Laplace)
+    statistic gᵀA⁻¹g ~ χ²(k),    φ̂ = (A + I/9)⁻¹ g  in prior scales
 
 Where the noise of the loads was estimated from ν degrees of freedom, the statistic of a cause
 that shows by the share s of its effect in the loads has the tail of F(k, ν/s²) (Satterthwaite).
@@ -21,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, f
 
 from driver.diagnosis.causes import Cause
+from driver.diagnosis.evidence import WIDE, log_mean_likelihood, prior_scaled, projected
 from driver.identification.objective import Evaluation
 from solver_adapters.parameter import Parameter
 
@@ -90,24 +89,24 @@ def score(
         load_degrees: degrees of freedom of the noise level of the loads.
         variance: of whitened numbers along the cause, 1 for noise alone.
     """
-    projected, of_noise, information = _projected(sensitivity, baseline)
+    left, of_noise, information = projected(sensitivity, baseline)
     g, A = of_noise / variance, information / variance
     eigenvalue, vector = np.linalg.eigh(A)
     floor = max(_RANK * float(np.sum(sensitivity**2)), _FAINT)
     kept = eigenvalue > floor
     components = vector[:, kept].T @ g / np.sqrt(eigenvalue[kept])
     statistic = float(np.sum(components**2))
-    inflated = A + np.eye(len(g))
+    inflated = A + np.eye(len(g)) / WIDE**2
     estimate: FloatArray = np.asarray(np.linalg.solve(inflated, g), dtype=np.float64)
-    evidence = 0.5 * float(g @ estimate) - 0.5 * float(np.linalg.slogdet(inflated)[1])
+    evidence = log_mean_likelihood(g, A, (len(g),))
     degrees = int(kept.sum())
-    basis = (vector[:, kept] / np.sqrt(eigenvalue[kept])).T @ projected
+    basis = (vector[:, kept] / np.sqrt(eigenvalue[kept])).T @ left
     norms = np.linalg.norm(basis, axis=1, keepdims=True)
     directions = basis / np.where(norms > 0, norms, 1.0)
-    p = significance(cause, components, projected, baseline, family, load_degrees)
+    p = significance(cause, components, left, baseline, family, load_degrees)
     if cause.one_sided and g[0] <= 0:
         statistic, p, estimate = 0.0, 1.0, np.zeros_like(estimate)
-        evidence = -0.5 * float(np.linalg.slogdet(inflated)[1])
+        evidence = log_mean_likelihood(np.zeros_like(g), A, (len(g),))
     uncertainty = np.diag(np.linalg.inv(inflated))
     seen = np.diag(A) > floor
     visible = np.where(seen, SEEN_AT / np.sqrt(np.where(seen, np.diag(A), 1.0)), np.inf)
@@ -188,7 +187,7 @@ def score_together(
     rows = rows[lengths > np.sqrt(_FAINT)] / lengths[lengths > np.sqrt(_FAINT), None]
     if not len(rows):
         return Together(0.0, 0, 1.0)
-    projected, g, A = _projected(rows, baseline)
+    left, g, A = projected(rows, baseline)
     eigenvalue, vector = np.linalg.eigh(A)
     kept = eigenvalue > _OWN * eigenvalue[-1]
     along = vector[:, kept].T @ g
@@ -197,7 +196,7 @@ def score_together(
     power = float(np.sum(along**2 / eigenvalue[kept]))
     rest = float(baseline.residual @ baseline.residual) - power
     statistic = power / (rest / others) / variance
-    basis = vector[:, kept].T @ projected / np.sqrt(eigenvalue[kept])[:, None]
+    basis = vector[:, kept].T @ left / np.sqrt(eigenvalue[kept])[:, None]
     known = 1.0 / (_in_loads(basis, baseline) ** 2 / load_degrees + 1.0 / others)
     return Together(statistic, degrees, float(f.sf(statistic / degrees, degrees, known)))
 
@@ -221,22 +220,10 @@ def beside(fitted: Evaluation, shapes: FloatArray) -> Evaluation:
     )
 
 
-def _projected(
-    sensitivity: FloatArray, baseline: Evaluation
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """C with the fitted parameters projected out, g and A of the head of this module."""
-    J, H = baseline.jacobian, baseline.hessian
-    coupling = np.linalg.solve(H, J @ sensitivity.T)
-    projected = sensitivity - coupling.T @ J
-    g = sensitivity @ baseline.residual - coupling.T @ baseline.gradient
-    A = sensitivity @ projected.T
-    return projected, g, 0.5 * (A + A.T)
-
-
-def _in_loads(projected: FloatArray, baseline: Evaluation) -> float:
+def _in_loads(left: FloatArray, baseline: Evaluation) -> float:
     """Share of some directions that shows in the loads."""
-    in_loads = float(np.sum(projected[:, : baseline.n_load] ** 2))
-    return in_loads / max(float(np.sum(projected**2)), _FAINT)
+    in_loads = float(np.sum(left[:, : baseline.n_load] ** 2))
+    return in_loads / max(float(np.sum(left**2)), _FAINT)
 
 
 def _tail(statistic: float, degrees: int, load_degrees: float, share: float) -> float:
@@ -283,11 +270,3 @@ def effects_of(
         prior_scaled(wide.jacobian[these], cause.parameters, parameters)
         for these, cause in zip(rows, causes, strict=True)
     ]
-
-
-def prior_scaled(
-    jacobian: FloatArray, names: Sequence[str], parameters: Mapping[str, Parameter]
-) -> FloatArray:
-    """∂/∂θ → derivative per prior scale: θ of a logarithm is measured in its scale."""
-    scales = [parameters[n].scale if parameters[n].logarithmic else 1.0 for n in names]
-    return np.asarray(jacobian * np.array(scales)[:, None])

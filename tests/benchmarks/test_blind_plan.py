@@ -8,6 +8,7 @@ from benchmarks.blind_plan import (
     ENOUGH,
     HIGH,
     KINDS,
+    LARGES,
     NULLS,
     PAIRS,
     Q_LEVEL,
@@ -40,6 +41,14 @@ def test_a_plan_is_drawn_from_its_seed_alone() -> None:
     assert plan(8, CAUSES, ALIKE, REACH, 1140.0, FLIPS) != TRIALS
     assert len({trial.name for trial in TRIALS}) == len(TRIALS)
     assert len({trial.seed for trial in TRIALS}) == len(TRIALS)
+
+
+def test_large_effects_come_last_so_that_the_others_keep_their_seeds() -> None:
+    large = [t for t in TRIALS if t.kind == "large"]
+    assert {t.truths for t in large} == {("isotropic_hardening",)} and len(large) == LARGES
+    few = plan(7, {k: v for k, v in CAUSES.items()}, ALIKE, REACH, 1140.0, FLIPS[:1])
+    seeds = {t.name: t.seed for t in TRIALS if t.kind not in ("flip", "large")}
+    assert seeds == {t.name: t.seed for t in few if t.kind not in ("flip", "large")}
 
 
 def test_a_plan_has_both_signs_and_magnitudes_of_every_cause() -> None:

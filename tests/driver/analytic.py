@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -104,7 +105,8 @@ def formula(
     prior: Mapping[str, tuple[float, float]] | None = None,
 ) -> Formula:
     """The objective of a formula."""
+    model: Any = SimpleNamespace(null_values=lambda: {p.name: p.null for p in parameters})
     return Formula(
-        _NOTHING, _NOTHING, {p.name: p for p in parameters}, prior or {},
+        model, _NOTHING, {p.name: p for p in parameters}, prior or {},
         measured=measured, curve=curve,
     )  # fmt: skip
