@@ -56,6 +56,10 @@ def print_figures(lines: Sequence[Record]) -> None:
     ):
         of = [x for x in kinds["pair"] if (min(x["like_itself"]) >= SEEN_AT) == visible]
         show_share(f"{what}: both [%]", [has_both(line) for line in of], wanted)
+    # With the first one in the model the second may leave less than alone.
+    apart = [x for x in kinds["pair"] if min(x.get("beside", (0.0,))) >= SEEN_AT]
+    show_share(f"pairs, each >= {SEEN_AT} sigma beside the other: both [%]",
+               [has_both(line) for line in apart], ">= 88")  # fmt: skip
     strong = [line for line in kinds["outside"] if line["misfit"] >= 8]
     seen = [line["verdict"] != "nothing wrong" for line in strong]
     show_share("outside the library, misfit >= 8 sigma: seen [%]", seen, ">= 97")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,22 @@ OF_THE_MESH = 3.0
 """What the fit of an experiment without an effect leaves of the finer mesh and steps [σ]."""
 
 
-def left_of(path: Path, course: Course, causes: tuple[Cause, ...]) -> tuple[float, list[float]]:
+@dataclass(frozen=True)
+class Left:
+    """What the fit of an experiment leaves of what was hidden [σ].
+
+    Attributes:
+        whole: of the whole effect, without what the finer mesh makes of it.
+        like_itself: of each cause, what looks like it.
+        beside: the same with the other causes in the model, each of any size.
+    """
+
+    whole: float
+    like_itself: tuple[float, ...]
+    beside: tuple[float, ...]
+
+
+def left_of(path: Path, course: Course, causes: tuple[Cause, ...]) -> Left:
     """Projected misfit of an experiment that has been identified, and of each of some causes [σ].
 
     Of the residual of the fit the part that is not noise: of the whole effect that along what
@@ -28,9 +44,6 @@ def left_of(path: Path, course: Course, causes: tuple[Cause, ...]) -> tuple[floa
         path: the case.
         course: what happened.
         causes: the causes.
-
-    Returns:
-        The misfit without what the finer mesh makes of it, and that of each cause.
     """
     objective, values, free = identified(path)
     names = [name for cause in causes for name in cause.parameters]
@@ -45,11 +58,14 @@ def left_of(path: Path, course: Course, causes: tuple[Cause, ...]) -> tuple[floa
     along = missed - J.T @ np.linalg.solve(here.hessian, J @ missed)
     seen = float(along @ excess / np.linalg.norm(along))
     whole = float(np.sqrt(max(seen**2 - OF_THE_MESH**2, 0.0)))
-    each = []
+    like_itself: list[float] = []
+    beside: list[float] = []
     for cause in causes:
         rows = [wide.free.index(name) for name in cause.parameters]
         effect = prior_scaled(wide.jacobian[rows], cause.parameters, known)
-        # Its directions are perpendicular to all that the fit can take, priors aside.
-        directions = score(cause, effect, here, 1).directions
-        each.append(float(np.linalg.norm(directions @ excess)))
-    return whole, each
+        others = [n for n in wide.free if n not in cause.parameters]
+        for at, found in ((here, like_itself), (objective.restrict(wide, others), beside)):
+            # Its directions are perpendicular to all that the fit can take, priors aside.
+            directions = score(cause, effect, at, 1).directions
+            found.append(float(np.linalg.norm(directions @ excess)))
+    return Left(whole, tuple(like_itself), tuple(beside))

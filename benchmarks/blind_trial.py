@@ -26,7 +26,7 @@ from platformdirs import user_cache_path
 
 from benchmarks.blind_cases import measured_with, stated_by, uneven
 from benchmarks.blind_figures import SILENT, print_figures
-from benchmarks.blind_misfit import left_of
+from benchmarks.blind_misfit import Left, left_of
 from benchmarks.blind_plan import KINDS, Trial, aims, plan
 from benchmarks.blind_ruler import (
     MOST_SCALES,
@@ -221,15 +221,16 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
         write_case(stated, path)
         run_stages(path, _chain(stated), "diagnose", report=silent)
         known = tuple(BY_NAME[n] for n in trial.truths if n in BY_NAME)
-        whole, seen = left_of(path, truth.course, known) if trial.truths else (0.0, [])
+        left = left_of(path, truth.course, known) if trial.truths else Left(0.0, (), ())
         found = json.loads((path.parent / "results" / "diagnosis.json").read_text("utf-8"))
     owner = {p: c.name for c in EVERY for p in c.parameters}
     added = list(dict.fromkeys(owner[p] for p in found["added"] if p in owner)) + found["flips"]
     first, last = found["steps"][0], found["steps"][-1]
     scores = {s["cause"]: s["statistic"] for s in first["causes"]}
     return {
-        "misfit": whole,
-        "like_itself": seen,
+        "misfit": left.whole,
+        "like_itself": left.like_itself,
+        "beside": left.beside,
         "answer": " ".join([found["verdict"], *found["causes"]]),
         "verdict": found["verdict"],
         "said": found["causes"],
