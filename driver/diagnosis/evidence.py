@@ -92,12 +92,12 @@ def log_bayes_factor(
     """Log Bayes factor of a fit with causes against one without them.
 
     Parameters that both fits have are marginalised, and so are companions, under their Gaussian
-    prior of one scale. Both fits are taken to their optimum, the last fraction of a step to first
-    order; under which Gaussian prior the effects were fitted does not matter but for that.
+    prior of one scale. The likelihood is a parabola whose top is the end of the fit: what the
+    wide prior held back, or what another step would have promised, it has not shown.
 
     Args:
-        before: the fit without them.
-        after: the fit with them.
+        before: the fit without them, taken to its optimum to first order.
+        after: the fit with them, under the prior of the objective.
         objective: of the latter.
         effects: names of the parameters of each cause.
         companions: names of those that exist only with a cause.
@@ -106,15 +106,14 @@ def log_bayes_factor(
     rows = [after.free.index(name) for name in names]
     others = objective.restrict(after, [name for name in after.free if name not in names])
     effect = prior_scaled(after.jacobian[rows], names, objective.parameters)
-    _, g, A = projected(effect, others)
+    _, _, A = projected(effect, others)
     amounts = amounts_of(names, after.values, objective)
-    # The cost of the others at the null of the causes, on the parabola about the end of the fit.
-    at_null = _least(others) + float(2.0 * g @ amounts + amounts @ A @ amounts)
+    g = A @ amounts
+    cost_at_null = others.cost + float(g @ amounts)
     volume = np.linalg.slogdet(before.hessian)[1] - np.linalg.slogdet(others.hessian)[1]
-    widths = sum(float(np.log(objective.prior[name][1])) for name in companions)
-    sizes = [len(one) for one in effects]
-    of_effects = log_mean_likelihood(g + A @ amounts, A, sizes)
-    return 0.5 * (_least(before) - at_null) + 0.5 * float(volume) - widths + of_effects
+    of_companions = sum(float(np.log(objective.prior[name][1])) for name in companions)
+    of_effects = log_mean_likelihood(g, A, [len(one) for one in effects])
+    return 0.5 * (_least(before) - cost_at_null) + 0.5 * float(volume) - of_companions + of_effects
 
 
 def amounts_of(

@@ -88,7 +88,7 @@ def fitted(objective: Objective, free: tuple[str, ...]) -> Evaluation:
 
 @pytest.mark.parametrize("added", [("Q",), ("Q", "load_drift")])
 @pytest.mark.parametrize("size", [0.0, 5.0, 40.0])
-def test_where_the_model_is_linear_the_refit_has_the_evidence_of_the_score(
+def test_where_the_model_is_linear_the_refit_has_the_evidence_of_the_score_but_for_its_wide_prior(
     added: tuple[str, ...], size: float
 ) -> None:
     measured = A.T @ [0.5, 0.1, 0.1 * size, 0.0, 0.0] + RNG.standard_normal(50)
@@ -98,10 +98,10 @@ def test_where_the_model_is_linear_the_refit_has_the_evidence_of_the_score(
     after = fitted(refit, ("a", "b", *added))
     found = score(cause, bare.evaluate(before.values, added).jacobian, before, 1)
     evidence = log_bayes_factor(before, after, refit, [added], ())
-    assert evidence == pytest.approx(found.log_evidence, rel=1e-6, abs=1e-6)
+    assert evidence == pytest.approx(found.log_evidence, abs=0.02)
 
 
-def test_the_gaussian_under_which_a_cause_was_fitted_does_not_matter() -> None:
+def test_the_gaussian_under_which_a_cause_was_fitted_hardly_matters() -> None:
     measured = A.T @ [0.5, 0.1, 4.0, 0.0, 0.0] + RNG.standard_normal(50)
     cause = Cause("x", "material", ("Q",), "", "")
     bare = objective_of(measured)
@@ -112,11 +112,23 @@ def test_the_gaussian_under_which_a_cause_was_fitted_does_not_matter() -> None:
         log_bayes_factor(before, fitted(o, ("a", "b", "Q")), o, [("Q",)], ())
         for o in (refit, wider)
     )
-    assert refit.prior["Q"] != wider.prior["Q"] and one == pytest.approx(other, rel=1e-9)
+    assert refit.prior["Q"] != wider.prior["Q"] and one == pytest.approx(other, abs=0.05)
+
+
+def test_a_fit_that_has_not_converged_has_the_evidence_of_what_it_has_reached() -> None:
+    """Halfway, a parabola with the slope of its end promises all that is still to be gained."""
+    measured = A.T @ [0.5, 0.1, 4.0, 0.0, 0.0] + RNG.standard_normal(50)
+    bare = objective_of(measured)
+    refit = with_prior(bare, Cause("x", "material", ("Q",), "", ""))
+    before, end = fitted(bare, ("a", "b")), fitted(refit, ("a", "b", "Q"))
+    halfway = {name: 0.5 * (before.values[name] + end.values[name]) for name in ZERO}
+    half = refit.evaluate(halfway, ("a", "b", "Q"))
+    whole, part = (log_bayes_factor(before, at, refit, [("Q",)], ()) for at in (end, half))
+    assert whole - part > 0.4 * (half.cost - end.cost) > 10
 
 
 def test_a_larger_prior_scale_costs_the_evidence_of_a_small_effect() -> None:
-    measured = 100 * A[0] + 0.3 * A[2]
+    measured = 0.5 * A[0] + 0.3 * A[2]
 
     def evidence(scale: float) -> float:
         parameters = [PARAMETERS[0], Parameter("b", "", 0.0, 1.0), Parameter("Q", "", 0.0, scale)]

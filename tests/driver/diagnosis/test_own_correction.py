@@ -32,7 +32,7 @@ class ErringWithContrast(closed_form.ClosedFormSolver):
     def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
         motion, load = super().answer(simulation)
         x = simulation.mesh.points[simulation.output_nodes, 0]
-        grown = np.linspace(0.0, 0.003 * np.log(simulation.material.tau0_grain2), len(motion))
+        grown = np.linspace(0.0, 0.0025 * np.log(simulation.material.tau0_grain2), len(motion))
         motion[..., 2] += grown[:, None] * x**2
         return motion, load
 
