@@ -39,6 +39,7 @@ from benchmarks.blind_ruler import (
 from benchmarks.blind_specimen import flipped, jittered, known_case, pulled, true_case
 from benchmarks.blind_store import Record, cache_folder, kept, of_programs, program, read
 from driver.case import Case, load_case, write_case
+from driver.diagnose_stage import diagnose_unadvised
 from driver.diagnosis.all_causes import EVERY
 from driver.diagnosis.causes import LIBRARY
 from driver.diagnosis.ebsd_flips import flips_of
@@ -252,11 +253,9 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
 
 
 def _chain(case: Case) -> tuple[Stage, ...]:
-    """The stages of `prismid run`, without the pictures of the measurement."""
-    return tuple(
-        replace(stage, run=measure_numbers) if stage.name == "measure" else stage
-        for stage in stages(case)
-    )
+    """The stages of `prismid run`, without pictures of the measurement and further experiments."""
+    short = {"measure": measure_numbers, "diagnose": diagnose_unadvised}
+    return tuple(replace(stage, run=short.get(stage.name, stage.run)) for stage in stages(case))
 
 
 def spent(lines: Sequence[Record]) -> dict[str, float]:

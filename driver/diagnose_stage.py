@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,6 +55,18 @@ SCHEMA = "case.schema.json"  # the name by which every case file knows its schem
 
 def run_diagnose(context: StageContext) -> None:
     """Diagnose the identified model; write `diagnosis.json` and `extended.toml`."""
+    _diagnose(context, _telling)
+
+
+def diagnose_unadvised(context: StageContext) -> None:
+    """The same, but changed experiments that would part the causes of a set are not simulated."""
+    _diagnose(context, lambda found, context, bench: ())
+
+
+def _diagnose(
+    context: StageContext,
+    telling_of: Callable[[Diagnosis, StageContext, Workbench], tuple[Telling, ...]],
+) -> None:
     case = context.case
     own = own_causes(case)
     wanted = None if case.diagnosis.causes == "all" else case.diagnosis.causes
@@ -97,7 +110,7 @@ def run_diagnose(context: StageContext) -> None:
         baseline, objective, FinerMeshes(bench.finer, lambda: on_another_mesh(case, bench)),
         cycles, settings, context.log, known,
     )  # fmt: skip
-    telling = _telling(found, context, bench)
+    telling = telling_of(found, context, bench)
     if telling:
         advised = f"{found.verdict.next} {advice(telling)}"
         found = replace(found, verdict=replace(found.verdict, next=advised))
