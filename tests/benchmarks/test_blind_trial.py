@@ -6,7 +6,8 @@ stage is told the seed, the truth or its size.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
@@ -17,6 +18,7 @@ from benchmarks.blind_figures import has_both, has_class
 from benchmarks.blind_plan import ENOUGH, NOISES, PAIR_LEVEL, Kind, Trial
 from benchmarks.blind_store import Record
 from benchmarks.blind_trial import Task, carried_out, planned
+from driver.side_by_side import side_by_side
 
 pytestmark = pytest.mark.slow
 
@@ -24,6 +26,7 @@ SEED = 20
 KINDS_OF_EFFECTS = 8
 SEEN = 5.0  # σ of what the fit of the experiment itself leaves that looks like the effect
 LARGE = 12.0  # σ that the fit leaves of an effect outside the library
+PROCESSES = os.cpu_count() or 1
 MOST = 16  # effects that may be hidden until so many kinds were large enough
 
 
@@ -37,10 +40,19 @@ def trials(cache: Path) -> tuple[Trial, ...]:
     return planned(SEED, cache)
 
 
-def answered(trial: Trial, cache: Path) -> Record:
-    line = carried_out(Task(trial, cache, cache / "results.jsonl", "test"))
-    assert "verdict" in line, f"{trial}: {line['answer']}, {line['why']}"
-    return line
+def answered(trials: Sequence[Trial], cache: Path) -> list[Record]:
+    """What is answered to some trials, side by side."""
+    tasks = [Task(trial, cache, cache / "results.jsonl", "test") for trial in trials]
+    lines = side_by_side(carried_out, tasks, PROCESSES, 1)
+    for line in lines:
+        assert "verdict" in line, f"{line['trial']}: {line['answer']}, {line['why']}"
+    return lines
+
+
+def in_turn(trials: Iterator[Trial], cache: Path) -> Iterator[Record]:
+    """The same, no more at a time than run side by side, as far as they are asked for."""
+    while few := list(islice(trials, PROCESSES)):
+        yield from answered(few, cache)
 
 
 def one_of_each(trials: tuple[Trial, ...]) -> Iterator[Trial]:
@@ -55,15 +67,11 @@ def one_of_each(trials: tuple[Trial, ...]) -> Iterator[Trial]:
 @pytest.fixture(scope="module")
 def hidden(trials: tuple[Trial, ...], cache: Path) -> list[Record]:
     """What was answered to eight kinds of effects of 5 σ and more."""
-    found: list[Record] = []
-    for number, trial in enumerate(one_of_each(trials)):
-        assert number < MOST, "the draw holds too few effects that can be seen"
-        line = answered(trial, cache)
-        if min(line["like_itself"]) >= SEEN:
-            found.append(line)
-        if len(found) == KINDS_OF_EFFECTS:
-            return found
-    raise AssertionError(f"only {len(found)} kinds of effects can be hidden")
+    lines = in_turn(islice(one_of_each(trials), MOST), cache)
+    seen = (line for line in lines if min(line["like_itself"]) >= SEEN)
+    found = list(islice(seen, KINDS_OF_EFFECTS))
+    assert len(found) == KINDS_OF_EFFECTS, "the draw holds too few effects that can be seen"
+    return found
 
 
 def told(line: Record) -> str:
@@ -83,13 +91,14 @@ def test_effects_of_eight_kinds_are_named_or_what_cannot_be_told_from_them(
 
 def test_without_the_effect_the_finding_is_gone(hidden: list[Record], cache: Path) -> None:
     """The same relief, stage errors and noise; only the effect is taken out."""
-    for line in hidden:
-        drawn = line["trial"]
-        bare = Trial(
+    bare = [
+        Trial(
             name=drawn["name"], kind="null", truths=(), directions=(), level=0.0, companions=(),
             seed=drawn["seed"],
-        )  # fmt: skip
-        without = answered(bare, cache)
+        )
+        for drawn in (line["trial"] for line in hidden)
+    ]  # fmt: skip
+    for line, without in zip(hidden, answered(bare, cache), strict=True):
         named = set(chain.from_iterable(line["sets"]))
         assert not named & set(without["said"]), told(without)
         assert without["verdict"] == "nothing wrong", told(without)
@@ -105,7 +114,7 @@ def test_of_the_two_clearest_effects_at_once_both_are_found(
         directions=tuple(tuple(trial["directions"][0]) for trial in drawn), level=PAIR_LEVEL,
         companions=(), seed=drawn[0]["seed"],
     )  # fmt: skip
-    line = answered(pair, cache)
+    (line,) = answered([pair], cache)
     assert has_both(line), told(line)
 
 
@@ -114,26 +123,25 @@ def test_an_effect_outside_the_library_is_seen_and_not_explained_away(
 ) -> None:
     """The first one of which the fit leaves much: of a smaller one the library may take it all."""
     outside = islice((trial for trial in trials if trial.kind == "outside"), MOST // 2)
-    lines = (answered(trial, cache) for trial in outside)
+    lines = in_turn(outside, cache)
     line = next((line for line in lines if line["misfit"] >= LARGE), None)
     assert line is not None, "the draw holds no large effect outside the library"
     assert line["verdict"] in ("unexplained", "named, but something is left"), told(line)
 
 
-@pytest.mark.parametrize("noise", NOISES)
-def test_a_noise_that_the_case_does_not_state_is_named(
-    noise: str, trials: tuple[Trial, ...], cache: Path
+def test_noises_that_the_case_does_not_state_are_named(
+    trials: tuple[Trial, ...], cache: Path
 ) -> None:
-    of = [trial for trial in trials if trial.truths == (noise,)]
-    line = answered(max(of, key=lambda trial: trial.level), cache)
-    assert noise in line["said"], told(line)
+    of = [[trial for trial in trials if trial.truths == (noise,)] for noise in NOISES]
+    largest = [max(some, key=lambda trial: trial.level) for some in of]
+    for noise, line in zip(NOISES, answered(largest, cache), strict=True):
+        assert noise in line["said"], told(line)
 
 
-def test_a_half_turn_of_the_ebsd_frame_is_named(trials: tuple[Trial, ...], cache: Path) -> None:
-    line = answered(first(trials, "flip"), cache)
-    assert line["trial"]["truths"][0] in line["said"], told(line)
-
-
-def test_loads_noisier_than_stated_name_nothing(trials: tuple[Trial, ...], cache: Path) -> None:
+def test_a_half_turn_of_the_ebsd_frame_is_named_and_loads_noisier_than_stated_name_nothing(
+    trials: tuple[Trial, ...], cache: Path
+) -> None:
     louder = replace(first(trials, "noise level"), level=1.3)
-    assert answered(louder, cache)["verdict"] == "nothing wrong"
+    turned, silent = answered([first(trials, "flip"), louder], cache)
+    assert turned["trial"]["truths"][0] in turned["said"], told(turned)
+    assert silent["verdict"] == "nothing wrong", told(silent)
