@@ -17,8 +17,9 @@ import json
 import os
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,7 @@ from benchmarks.blind_ruler import (
 from benchmarks.blind_specimen import flipped, jittered, known_case, pulled, true_case
 from benchmarks.blind_store import Record, cache_folder, kept, of_programs, program, read
 from driver.case import Case, load_case, write_case
-from driver.diagnose_stage import diagnose_unadvised
+from driver.diagnose_stage import run_diagnose
 from driver.diagnosis.all_causes import EVERY
 from driver.diagnosis.causes import LIBRARY
 from driver.diagnosis.ebsd_flips import flips_of
@@ -49,7 +50,7 @@ from driver.log import silent
 from driver.measure_stage import measure_numbers
 from driver.pipeline import stages
 from driver.side_by_side import side_by_side
-from driver.stages import Stage, run_stages
+from driver.stages import Stage, StageContext, run_stages
 from driver.virtual_record import record
 from driver.virtual_tables import Microscope, Virtual
 from solver_adapters.bundled.compilation import use_threads
@@ -254,7 +255,10 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
 
 def _chain(case: Case) -> tuple[Stage, ...]:
     """The stages of `prismid run`, without pictures of the measurement and further experiments."""
-    short = {"measure": measure_numbers, "diagnose": diagnose_unadvised}
+    short: dict[str, Callable[[StageContext], None]] = {
+        "measure": measure_numbers,
+        "diagnose": partial(run_diagnose, advise=False),
+    }
     return tuple(replace(stage, run=short.get(stage.name, stage.run)) for stage in stages(case))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,20 +52,13 @@ from solver_adapters.jobs.errors import is_by_circumstances
 SCHEMA = "case.schema.json"  # the name by which every case file knows its schema
 
 
-def run_diagnose(context: StageContext) -> None:
-    """Diagnose the identified model; write `diagnosis.json` and `extended.toml`."""
-    _diagnose(context, _telling)
+def run_diagnose(context: StageContext, advise: bool = True) -> None:
+    """Diagnose the identified model; write `diagnosis.json` and `extended.toml`.
 
-
-def diagnose_unadvised(context: StageContext) -> None:
-    """The same, but changed experiments that would part the causes of a set are not simulated."""
-    _diagnose(context, lambda found, context, bench: ())
-
-
-def _diagnose(
-    context: StageContext,
-    telling_of: Callable[[Diagnosis, StageContext, Workbench], tuple[Telling, ...]],
-) -> None:
+    Args:
+        context: case, folders and log.
+        advise: whether changed experiments that would part the causes of a set are simulated.
+    """
     case = context.case
     own = own_causes(case)
     wanted = None if case.diagnosis.causes == "all" else case.diagnosis.causes
@@ -110,7 +102,7 @@ def _diagnose(
         baseline, objective, FinerMeshes(bench.finer, lambda: on_another_mesh(case, bench)),
         cycles, settings, context.log, known,
     )  # fmt: skip
-    telling = telling_of(found, context, bench)
+    telling = _telling(found, context, bench) if advise else ()
     if telling:
         advised = f"{found.verdict.next} {advice(telling)}"
         found = replace(found, verdict=replace(found.verdict, next=advised))

@@ -25,21 +25,22 @@ from scipy.special import logsumexp
 from scipy.stats import gamma
 
 from driver.identification.objective import Evaluation, Objective
+from driver.identification.step import bounded_step
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
 
-WIDE = 3.0
+REFIT_WIDTH = 3.0
 """Prior scales of the Gaussian under which a cause is estimated and refitted.
 
 What it draws an effect of a few scales towards the null by is a fraction of its σ; the evidence
 has the prior of this module instead.
 """
-TAIL = 4.0  # degrees of freedom of the prior
+DEGREES = 4.0  # degrees of freedom of the prior
 _STEP = 0.35
 _LOG_PRECISIONS = np.arange(-14.0, 3.5, _STEP)  # log λ; beyond either end less than 1e-11 is left
 _WEIGHTS = (
-    gamma.logpdf(np.exp(_LOG_PRECISIONS), TAIL / 2, scale=2 / TAIL)
+    gamma.logpdf(np.exp(_LOG_PRECISIONS), DEGREES / 2, scale=2 / DEGREES)
     + _LOG_PRECISIONS
     + np.log(_STEP)
 )
@@ -92,11 +93,13 @@ def log_bayes_factor(
     """Log Bayes factor of a fit with causes against one without them.
 
     Parameters that both fits have are marginalised, and so are companions, under their Gaussian
-    prior of one scale. The likelihood is a parabola whose top is the end of the fit: what the
-    wide prior held back, or what another step would have promised, it has not shown.
+    prior of one scale. The likelihood is the parabola about the end of the fit. Its slope there is
+    what the wide prior holds back; what more it promises where a fit has not converged does not
+    count.
 
     Args:
-        before: the fit without them, taken to its optimum to first order.
+        before: the fit without them. It is taken to its optimum: one with a large excess ends
+            before, and all that follows would seem to be gained by the causes.
         after: the fit with them, under the prior of the objective.
         objective: of the latter.
         effects: names of the parameters of each cause.
@@ -106,14 +109,23 @@ def log_bayes_factor(
     rows = [after.free.index(name) for name in names]
     others = objective.restrict(after, [name for name in after.free if name not in names])
     effect = prior_scaled(after.jacobian[rows], names, objective.parameters)
-    _, _, A = projected(effect, others)
+    _, slope, A = projected(effect, others)
     amounts = amounts_of(names, after.values, objective)
-    g = A @ amounts
-    cost_at_null = others.cost + float(g @ amounts)
+    widths = np.array([objective.prior[n][1] / objective.parameters[n].width for n in names])
+    axes = np.linalg.eigh(A)[1]
+    held_back = axes.T @ (amounts / widths**2)
+    pull = axes @ np.clip(axes.T @ slope, np.minimum(held_back, 0.0), np.maximum(held_back, 0.0))
+    g = A @ amounts + pull
+    cost_at_null = others.cost + float(amounts @ (g + pull))
     volume = np.linalg.slogdet(before.hessian)[1] - np.linalg.slogdet(others.hessian)[1]
     of_companions = sum(float(np.log(objective.prior[name][1])) for name in companions)
     of_effects = log_mean_likelihood(g, A, [len(one) for one in effects])
-    return 0.5 * (_least(before) - cost_at_null) + 0.5 * float(volume) - of_companions + of_effects
+    return (
+        0.5 * (promised(objective, before) - cost_at_null)
+        + 0.5 * float(volume)
+        - of_companions
+        + of_effects
+    )
 
 
 def amounts_of(
@@ -137,6 +149,10 @@ def prior_scaled(
     return np.asarray(jacobian * widths[:, None])
 
 
-def _least(at: Evaluation) -> float:
-    """Cost at the optimum, to first order from where the fit ended."""
-    return at.cost - float(at.gradient @ np.linalg.solve(at.hessian, at.gradient))
+def promised(objective: Objective, here: Evaluation) -> float:
+    """Cost after the first step, were the model linear."""
+    step, _ = bounded_step(
+        here.hessian, here.gradient, [objective.parameters[name] for name in here.free],
+        [here.values[name] for name in here.free],
+    )  # fmt: skip
+    return here.cost - float(2 * here.gradient @ step - step @ here.hessian @ step)

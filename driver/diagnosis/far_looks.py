@@ -17,7 +17,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from driver.diagnosis.causes import NUMERICS
-from driver.diagnosis.evidence import WIDE, amounts_of
+from driver.diagnosis.evidence import REFIT_WIDTH, amounts_of
 from driver.diagnosis.noise_causes import COVARIANCE
 from driver.diagnosis.refit import (
     FAR,
@@ -215,7 +215,7 @@ def _gained(refit: Refit, side: Score, task: _Task) -> Score:
     at = refit.fit.best
     (amount,) = amounts_of(refit.cause.parameters, at.values, task.objective)
     # The cost of a refit has the prior of its cause.
-    gained = max(here.cost - (at.cost - (amount / WIDE) ** 2), 0.0) / task.variance
+    gained = max(here.cost - (at.cost - (amount / REFIT_WIDTH) ** 2), 0.0) / task.variance
     components = np.array([np.copysign(np.sqrt(gained), amount)])
     p = significance(refit.cause, components, side.directions, here, task.family, degrees)
     (name,) = refit.cause.parameters

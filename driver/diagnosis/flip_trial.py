@@ -9,6 +9,7 @@ import numpy as np
 
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.ebsd_flips import half_turn
+from driver.diagnosis.evidence import promised
 from driver.diagnosis.examined import NotExamined
 from driver.diagnosis.refit import (
     MOST_FROM_AFAR,
@@ -16,7 +17,6 @@ from driver.diagnosis.refit import (
     Refit,
     Start,
     nominal,
-    promised,
     refit_from,
 )
 from driver.diagnosis.score import Score

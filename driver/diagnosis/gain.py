@@ -66,12 +66,8 @@ def log_evidence(
     causes = [cause for cause in causes if cause not in COVARIANCE]
     if not causes:
         return 0.0
-    owned: set[str] = set()  # what two causes share counts with the first
-    effects: list[list[str]] = []
-    for cause in causes:
-        effects.append([name for name in cause.parameters if name not in owned])
-        owned |= set(cause.parameters)
-    companions = {name for cause in causes for name in cause.companions} - owned
+    companions = {name for cause in causes for name in cause.companions} - set(before.free)
+    effects = [cause.parameters for cause in causes]
     return log_bayes_factor(before, after, objective, effects, sorted(companions))
 
 

@@ -157,6 +157,6 @@ def with_load_noise(data: Data, fitted: Evaluation, log: Log) -> Data:
 
 def _fitted_again(objective: Objective, here: Fit, log: Log) -> Fit:
     begin = objective.compare(here.best.prediction, here.values, here.best.free)
-    # Scores and evidence are taken at the optimum to first order: a fit this near to it needs no
+    # Scores are taken at the optimum to first order: a fit this near to it needs no
     # step, and the sensitivities of all causes, known there already, are not simulated again.
     return fit(objective, here.values, here.best.free, POLISH, log, begin, tolerance=TOLERANCE)

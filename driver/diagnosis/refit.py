@@ -8,11 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from driver.diagnosis.causes import Cause
-from driver.diagnosis.evidence import WIDE, log_bayes_factor
+from driver.diagnosis.evidence import REFIT_WIDTH, log_bayes_factor, promised
 from driver.diagnosis.score import Score
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Evaluation, Objective
-from driver.identification.step import bounded_step
 from driver.log import Log, silent
 from driver.side_by_side import side_by_side
 from solver_adapters.interface import SolverError
@@ -32,7 +31,7 @@ class Refit:
         cause: the cause.
         objective: the objective with the cause's prior, as wide as the effect was found large.
         fit: the fit, with the prior of a refit.
-        log_evidence: natural log of the Bayes factor against the baseline (Laplace), and of the
+        log_evidence: natural log of the Bayes factor against the baseline (`evidence`), and of the
             prior odds of the cause.
         levels: of a covariance cause its level and the standard deviation of it by name.
     """
@@ -96,7 +95,7 @@ def with_prior(objective: Objective, cause: Cause) -> Objective:
     """
     prior, nulls = dict(objective.prior), objective.model.null_values()
     for name in cause.parameters:
-        prior[name] = (nulls[name], WIDE * objective.parameters[name].width)
+        prior[name] = (nulls[name], REFIT_WIDTH * objective.parameters[name].width)
     for name in cause.companions:
         prior[name] = (nulls[name], objective.parameters[name].width)
     return replace(objective, prior=prior)
@@ -105,8 +104,8 @@ def with_prior(objective: Objective, cause: Cause) -> Objective:
 def as_wide_as_found(objective: Objective, cause: Cause, values: Mapping[str, float]) -> Objective:
     """The objective with the prior of a cause widened to the size of its effect.
 
-    It would draw an effect of many scales towards zero, by the share that its variance has in
-    that of the prior.
+    That of a refit would draw an effect of many scales towards zero, by the share that its
+    variance has in that of the prior.
     """
     if not cause.parameters:
         return objective
@@ -279,17 +278,7 @@ def refit_of(cause: Cause, objective: Objective, result: Fit, baseline: Evaluati
         result: the fit.
         baseline: the baseline at its optimum.
     """
-    effect = [name for name in cause.parameters if name not in baseline.free]
-    companions = [name for name in cause.companions if name not in baseline.free]
-    evidence = log_bayes_factor(baseline, result.best, objective, [effect], companions)
+    companions = [name for name in added_by(cause, baseline) if name in cause.companions]
+    evidence = log_bayes_factor(baseline, result.best, objective, [cause.parameters], companions)
     evidence += float(np.log(cause.odds))
     return Refit(cause, as_wide_as_found(objective, cause, result.values), result, evidence)
-
-
-def promised(objective: Objective, here: Evaluation) -> float:
-    """Cost after the first step, were the model linear."""
-    step, _ = bounded_step(
-        here.hessian, here.gradient, [objective.parameters[name] for name in here.free],
-        [here.values[name] for name in here.free],
-    )  # fmt: skip
-    return here.cost - float(2 * here.gradient @ step - step @ here.hessian @ step)

@@ -3,7 +3,7 @@
 With score g and information A of the candidate's parameters per prior scale, all fitted ones
 projected out (`evidence`):
 
-    statistic gᵀA⁻¹g ~ χ²(k),    φ̂ = (A + I/9)⁻¹ g  in prior scales
+    statistic gᵀA⁻¹g ~ χ²(k),    φ̂ = (A + I/w²)⁻¹ g, w = `REFIT_WIDTH`,  in prior scales
 
 Where the noise of the loads was estimated from ν degrees of freedom, the statistic of a cause
 that shows by the share s of its effect in the loads has the tail of F(k, ν/s²) (Satterthwaite).
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, f
 
 from driver.diagnosis.causes import Cause
-from driver.diagnosis.evidence import WIDE, log_mean_likelihood, prior_scaled, projected
+from driver.diagnosis.evidence import REFIT_WIDTH, log_mean_likelihood, prior_scaled, projected
 from driver.identification.objective import Evaluation
 from solver_adapters.parameter import Parameter
 
@@ -96,7 +96,7 @@ def score(
     kept = eigenvalue > floor
     components = vector[:, kept].T @ g / np.sqrt(eigenvalue[kept])
     statistic = float(np.sum(components**2))
-    inflated = A + np.eye(len(g)) / WIDE**2
+    inflated = A + np.eye(len(g)) / REFIT_WIDTH**2
     estimate: FloatArray = np.asarray(np.linalg.solve(inflated, g), dtype=np.float64)
     evidence = log_mean_likelihood(g, A, (len(g),))
     degrees = int(kept.sum())
@@ -238,10 +238,11 @@ def _tail(statistic: float, degrees: int, load_degrees: float, share: float) -> 
 def likeness(first: Score, second: Score) -> float:
     """How much two causes do alike to the data, from 0 to 1; |cos| for a parameter each.
 
-    A cause with effects N(0, 1) per prior scale is expected to leave the projected misfit
-    Σ λ_i; another one can absorb the share Σ λ_i |Q d_i|² / Σ λ_i of it, Q the projector on its
-    own directions. The likeness is the root of the smaller share of both ways: a cause of three
-    parameters may absorb one of one parameter, and not the other way round.
+    A cause whose effects, in prior scales, are alike in all directions is expected to leave a
+    projected misfit in proportion to Σ λ_i; another one can absorb the share
+    Σ λ_i |Q d_i|² / Σ λ_i of it, Q the projector on its own directions. The likeness is the root
+    of the smaller share of both ways: a cause of three parameters may absorb one of one parameter,
+    and not the other way round.
     """
     if not first.directions.size or not second.directions.size:
         return 0.0

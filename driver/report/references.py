@@ -99,6 +99,16 @@ REFERENCES: tuple[Reference, ...] = (
         ),
     ),
     Reference(
+        "prior of a cause, whose scale says what is usual and not what is possible",
+        _entry(
+            "article", "Lange1989",
+            author="Lange, K. L. and Little, R. J. A. and Taylor, J. M. G.",
+            title="Robust statistical modeling using the t distribution",
+            journal="Journal of the American Statistical Association", volume="84",
+            number="408", pages="881--896", year="1989",
+        ),
+    ),
+    Reference(
         "correction of the working mesh and steps by the difference to finer ones",
         _entry(
             "article", "Stetter1978",

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks import blind_plan
 from benchmarks.blind_figures import has_both, has_class, miss_of, wilson
 from benchmarks.blind_plan import (
     ENOUGH,
@@ -24,6 +25,7 @@ CAUSES = {
     "load_gain": (1, False),
     "elastic_stiffness": (1, False),
     "boundary_tilt": (2, False),
+    "load_lag": (1, False),
 }
 ALIKE = {name: (name,) for name in CAUSES}
 REACH = {
@@ -31,6 +33,7 @@ REACH = {
     "load_gain": (11.5, 12.0),
     "elastic_stiffness": (3.0, 2.0),
     "boundary_tilt": (12.0, 4.0),
+    "load_lag": (8.0, 8.0),
 }
 FLIPS = ("ebsd_flip_x", "ebsd_flip_z")
 TRIALS = plan(7, CAUSES, ALIKE, REACH, 1140.0, FLIPS)
@@ -43,18 +46,21 @@ def test_a_plan_is_drawn_from_its_seed_alone() -> None:
     assert len({trial.seed for trial in TRIALS}) == len(TRIALS)
 
 
-def test_large_effects_come_last_so_that_the_others_keep_their_seeds() -> None:
-    large = [t for t in TRIALS if t.kind == "large"]
-    assert {t.truths for t in large} == {("isotropic_hardening",)} and len(large) == LARGES
-    few = plan(7, {k: v for k, v in CAUSES.items()}, ALIKE, REACH, 1140.0, FLIPS[:1])
-    seeds = {t.name: t.seed for t in TRIALS if t.kind not in ("flip", "large")}
-    assert seeds == {t.name: t.seed for t in few if t.kind not in ("flip", "large")}
+def test_large_effects_come_last_so_that_the_others_keep_their_seeds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    large = [(t.truths[0], t.directions[0][0]) for t in TRIALS if t.kind == "large"]
+    signs = {("isotropic_hardening", 1.0), ("load_lag", 1.0), ("load_lag", -1.0)}
+    assert set(large) == signs and len(large) == len(signs) * LARGES
+    monkeypatch.setattr(blind_plan, "LARGE", {})
+    others = {t.name: t.seed for t in TRIALS if t.kind != "large"}
+    assert others == {t.name: t.seed for t in plan(7, CAUSES, ALIKE, REACH, 1140.0, FLIPS)}
 
 
 def test_a_plan_has_both_signs_and_magnitudes_of_every_cause() -> None:
     drawn = {(t.truths[0], t.level, t.directions[0][0] > 0) for t in TRIALS if t.kind == "cause"}
     # A one-sided cause has one sign.
-    assert len(drawn) == 2 * (1 + 2 + 2 + 2)
+    assert len(drawn) == 2 * (1 + 2 + 2 + 2 + 2)
     assert ("isotropic_hardening", HIGH, True) in drawn
 
 

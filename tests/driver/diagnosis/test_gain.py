@@ -70,7 +70,7 @@ def test_the_evidence_takes_the_prior_that_was_stated_before_the_data_were_seen(
     assert after.values["Q"] > _fit(stated, ("a", "Q")).values["Q"] + 0.1
     effect = bare.evaluate(before.values, ("Q",)).jacobian
     found = log_evidence(before, after, wide, [CAUSE])
-    assert found == pytest.approx(score(CAUSE, effect, before, 1).log_evidence, abs=0.05)
+    assert found == pytest.approx(score(CAUSE, effect, before, 1).log_evidence, rel=1e-6)
 
 
 def test_without_a_cause_there_is_no_evidence() -> None:

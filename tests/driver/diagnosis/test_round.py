@@ -3,6 +3,8 @@ from __future__ import annotations
 from dataclasses import replace
 from unittest.mock import patch
 
+import pytest
+
 from driver.diagnosis import refit_choice
 from driver.diagnosis.boundary_noise import Stops
 from driver.diagnosis.finer_meshes import FinerMeshes
@@ -54,4 +56,5 @@ def test_an_effect_far_beyond_its_prior_is_significant_and_still_not_added() -> 
     found = examine(baseline, objective, (), TILT, NO_STOPS, None, FINER, silent)
     (refit,) = found.step.refits
     assert found.step.scores[0].p < NAMING_LEVEL and refit.log_evidence < WORTH
+    assert refit.log_evidence == pytest.approx(found.step.scores[0].log_evidence, abs=0.3)
     assert found.winner is None and found.step.named == ()
