@@ -24,7 +24,8 @@ class Left:
     Attributes:
         whole: of the whole effect, without what the finer mesh makes of it.
         like_itself: of each cause, what looks like it.
-        beside: the same with the other causes in the model, each of any size.
+        beside: the same with the other causes in the model, each of any size, to first order: of
+            one that bends a part stays.
     """
 
     whole: float

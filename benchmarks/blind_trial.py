@@ -121,8 +121,11 @@ def carry_out(
     trials = planned(seed, cache)
     print(f"program {program()} (hash of its sources); truths in {cache}")
     known = of_programs(read(results), programs)
-    done = {line["trial"]["name"] for line in known}
-    left = [t for t in trials if t.name not in done and (only is None or t.kind in only)][:most]
+    done = [line["trial"] for line in known]
+    # A trial of an earlier plan may have the name of another one.
+    left = [t for t in trials if _as_told(t) not in done and (only is None or t.kind in only)][
+        :most
+    ]
     times = spent(known)
     seconds = sum(times[_loudness(t.kind)] for t in left)
     print(
@@ -164,7 +167,7 @@ def planned(seed: int, cache: Path) -> tuple[Trial, ...]:
 def carried_out(task: Task) -> Record:
     """Run one trial and append its line to the results file."""
     trial, began = task.trial, time.process_time()
-    line: Record = {"program": task.program, "trial": asdict(trial)}
+    line: Record = {"program": task.program, "trial": _as_told(trial)}
     try:
         truth = truth_of(trial, task.cache)
         line |= {"by_ruler": truth.misfit, "hidden": truth.hidden}
@@ -274,6 +277,12 @@ def spent(lines: Sequence[Record]) -> dict[str, float]:
         if times:
             found[key] = sum(times) / len(times)
     return found
+
+
+def _as_told(trial: Trial) -> Record:
+    """A trial as a line of the results has it."""
+    told: Record = json.loads(json.dumps(asdict(trial)))
+    return told
 
 
 def _loudness(kind: str) -> str:

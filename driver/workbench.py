@@ -19,7 +19,7 @@ from driver.identification.data import Data
 from driver.identification.image_data import build_image_data, reweighted
 from driver.identification.lacking import lacking_pixels
 from driver.identification.objective import Objective
-from driver.identification.priors import Prior, prior_of, widths
+from driver.identification.priors import FREED_WIDTH, Prior, prior_of, widths
 from driver.identification.procedure import Plan, start_values
 from driver.model import ForwardModel
 from driver.specimen import (
@@ -259,7 +259,7 @@ def stated_prior(
     parameters, null = model.parameters, model.null_values()
     prior = prior_of(case.identification, start, parameters, n_images, n_pixels)
     for name in case.extensions:
-        prior[name] = (null[name], parameters[name].width)
+        prior[name] = (null[name], FREED_WIDTH * parameters[name].width)
     stated = load_uncertainties(case)
     return prior | {name: (0.0, u / parameters[name].scale) for name, u in stated.items()}
 

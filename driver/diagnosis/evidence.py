@@ -30,15 +30,9 @@ from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
 
-REFIT_WIDTH = 3.0
-"""Prior scales of the Gaussian under which a cause is estimated and refitted.
-
-What it draws an effect of a few scales towards the null by is a fraction of its σ; the evidence
-has the prior of this module instead.
-"""
 DEGREES = 4.0  # degrees of freedom of the prior
 _STEP = 0.35
-_LOG_PRECISIONS = np.arange(-14.0, 3.5, _STEP)  # log λ; beyond either end less than 1e-11 is left
+_LOG_PRECISIONS = np.arange(-14.0, 3.5, _STEP)  # log λ, for effects of up to a thousand scales
 _WEIGHTS = (
     gamma.logpdf(np.exp(_LOG_PRECISIONS), DEGREES / 2, scale=2 / DEGREES)
     + _LOG_PRECISIONS

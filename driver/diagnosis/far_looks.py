@@ -17,7 +17,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from driver.diagnosis.causes import NUMERICS
-from driver.diagnosis.evidence import REFIT_WIDTH, amounts_of
+from driver.diagnosis.evidence import amounts_of
 from driver.diagnosis.noise_causes import COVARIANCE
 from driver.diagnosis.refit import (
     FAR,
@@ -31,6 +31,7 @@ from driver.diagnosis.refit import (
 from driver.diagnosis.score import NAMING_LEVEL, WORTH, Score, score, significance
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
+from driver.identification.priors import FREED_WIDTH
 from driver.log import Log
 from driver.side_by_side import side_by_side
 from solver_adapters.interface import SolverError
@@ -215,7 +216,7 @@ def _gained(refit: Refit, side: Score, task: _Task) -> Score:
     at = refit.fit.best
     (amount,) = amounts_of(refit.cause.parameters, at.values, task.objective)
     # The cost of a refit has the prior of its cause.
-    gained = max(here.cost - (at.cost - (amount / REFIT_WIDTH) ** 2), 0.0) / task.variance
+    gained = max(here.cost - (at.cost - (amount / FREED_WIDTH) ** 2), 0.0) / task.variance
     components = np.array([np.copysign(np.sqrt(gained), amount)])
     p = significance(refit.cause, components, side.directions, here, task.family, degrees)
     (name,) = refit.cause.parameters
@@ -232,7 +233,7 @@ def _gained(refit: Refit, side: Score, task: _Task) -> Score:
 
 
 def _shows(near: Score) -> bool:
-    """Whether the derivative shows a cause, in a size that is not absurd."""
+    """Whether the derivative shows a cause, and the evidence bears its size."""
     return near.p < NAMING_LEVEL and near.log_evidence > WORTH
 
 

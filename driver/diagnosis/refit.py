@@ -8,10 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from driver.diagnosis.causes import Cause
-from driver.diagnosis.evidence import REFIT_WIDTH, log_bayes_factor, promised
+from driver.diagnosis.evidence import log_bayes_factor, promised
 from driver.diagnosis.score import Score
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Evaluation, Objective
+from driver.identification.priors import FREED_WIDTH
 from driver.log import Log, silent
 from driver.side_by_side import side_by_side
 from solver_adapters.interface import SolverError
@@ -29,7 +30,7 @@ class Refit:
 
     Attributes:
         cause: the cause.
-        objective: the objective with the cause's prior, as wide as the effect was found large.
+        objective: the objective with the cause's prior, as wide as its effect or wider.
         fit: the fit, with the prior of a refit.
         log_evidence: natural log of the Bayes factor against the baseline (`evidence`), and of the
             prior odds of the cause.
@@ -95,7 +96,7 @@ def with_prior(objective: Objective, cause: Cause) -> Objective:
     """
     prior, nulls = dict(objective.prior), objective.model.null_values()
     for name in cause.parameters:
-        prior[name] = (nulls[name], REFIT_WIDTH * objective.parameters[name].width)
+        prior[name] = (nulls[name], FREED_WIDTH * objective.parameters[name].width)
     for name in cause.companions:
         prior[name] = (nulls[name], objective.parameters[name].width)
     return replace(objective, prior=prior)

@@ -86,7 +86,7 @@ def to_refit(tried: Sequence[Score], most: int) -> list[Score]:
     seen = [s for k, s in enumerate(seen) if k < most or s.log_evidence > _RIVAL * best]
     bar = _HOPEFUL * best
     if all(s.log_evidence <= bar for s in seen):
-        return seen  # they are of no size that anyone expects, and vouch for no other
+        return seen  # they are of a size beyond all that is usual, and vouch for no other
     hopeful = [s for s in tried[:most] if s not in seen and s.log_evidence > bar]
     akin = [s for s in hopeful if any(likeness(s, one) > _AKIN for one in seen)]
     return [s for s in tried if s in seen or s in akin]

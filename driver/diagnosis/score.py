@@ -3,7 +3,7 @@
 With score g and information A of the candidate's parameters per prior scale, all fitted ones
 projected out (`evidence`):
 
-    statistic gᵀA⁻¹g ~ χ²(k),    φ̂ = (A + I/w²)⁻¹ g, w = `REFIT_WIDTH`,  in prior scales
+    statistic gᵀA⁻¹g ~ χ²(k),    φ̂ = (A + I/w²)⁻¹ g, w = `FREED_WIDTH`,  in prior scales
 
 Where the noise of the loads was estimated from ν degrees of freedom, the statistic of a cause
 that shows by the share s of its effect in the loads has the tail of F(k, ν/s²) (Satterthwaite).
@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, f
 
 from driver.diagnosis.causes import Cause
-from driver.diagnosis.evidence import REFIT_WIDTH, log_mean_likelihood, prior_scaled, projected
+from driver.diagnosis.evidence import log_mean_likelihood, prior_scaled, projected
 from driver.identification.objective import Evaluation
+from driver.identification.priors import FREED_WIDTH
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
@@ -96,7 +97,7 @@ def score(
     kept = eigenvalue > floor
     components = vector[:, kept].T @ g / np.sqrt(eigenvalue[kept])
     statistic = float(np.sum(components**2))
-    inflated = A + np.eye(len(g)) / REFIT_WIDTH**2
+    inflated = A + np.eye(len(g)) / FREED_WIDTH**2
     estimate: FloatArray = np.asarray(np.linalg.solve(inflated, g), dtype=np.float64)
     evidence = log_mean_likelihood(g, A, (len(g),))
     degrees = int(kept.sum())

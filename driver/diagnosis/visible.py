@@ -16,7 +16,7 @@ from driver.diagnosis.score import WORTH, Score
 from solver_adapters.parameter import Parameter
 
 UNDETECTABLE = 3.0
-"""Prior scales beyond which an effect is larger than anyone expects: then it cannot be seen."""
+"""Prior scales that few effects exceed: what is seen only beyond is as good as undetectable."""
 
 
 def not_found(scored: Score, last: Step, parameters: Mapping[str, Parameter]) -> str:

@@ -21,6 +21,12 @@ from driver.case_tables.inference import Identification
 from solver_adapters.parameter import Parameter
 
 LAMBDA_PRIOR = 0.2  # standard deviation about the start: the paper found 0.81, 1.02, 0.98, 1.02
+FREED_WIDTH = 3.0
+"""Prior scales of the Gaussian under which a parameter beside the law is freed.
+
+The scale says what is usual. What this draws an effect of a few scales towards its null by is a
+fraction of its σ, and `extended.toml` finds again what a diagnosis has named.
+"""
 
 Prior = dict[str, tuple[float, float]]
 

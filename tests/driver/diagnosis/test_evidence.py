@@ -9,11 +9,12 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_t, t
 
 from driver.diagnosis.causes import Cause
-from driver.diagnosis.evidence import REFIT_WIDTH, log_bayes_factor, log_mean_likelihood
+from driver.diagnosis.evidence import log_bayes_factor, log_mean_likelihood
 from driver.diagnosis.refit import as_wide_as_found, with_prior
 from driver.diagnosis.score import score
 from driver.identification.fit import fit
 from driver.identification.objective import Evaluation, Objective
+from driver.identification.priors import FREED_WIDTH
 from driver.log import silent
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import formula
@@ -110,7 +111,7 @@ def test_the_gaussian_under_which_a_cause_was_fitted_does_not_matter() -> None:
     bare = objective_of(measured)
     before = fitted(bare, ("a", "b"))
     refit = with_prior(bare, cause)
-    wider = as_wide_as_found(refit, cause, {"Q": 50.0 * REFIT_WIDTH})
+    wider = as_wide_as_found(refit, cause, {"Q": 50.0 * FREED_WIDTH})
     one, other = (
         log_bayes_factor(before, fitted(o, ("a", "b", "Q")), o, [("Q",)], ())
         for o in (refit, wider)
@@ -137,7 +138,7 @@ def test_a_larger_prior_scale_costs_the_evidence_of_a_small_effect() -> None:
         parameters = [PARAMETERS[0], Parameter("b", "", 0.0, 1.0), Parameter("Q", "", 0.0, scale)]
         few = A[:3]
         objective = formula(
-            lambda p: (p @ few, few), measured, parameters, {"Q": (0.0, REFIT_WIDTH)}
+            lambda p: (p @ few, few), measured, parameters, {"Q": (0.0, FREED_WIDTH)}
         )  # fmt: skip
         before, after = fitted(objective, ("a",)), fitted(objective, ("a", "Q"))
         return log_bayes_factor(before, after, objective, [("Q",)], ())
@@ -150,7 +151,7 @@ def test_a_companion_counts_with_its_gaussian_and_with_what_it_is_marginalised_o
     nothing = A.copy()
     nothing[4] = 0.0
     measured = A.T @ [0.5, 0.1, 1.0, 0.0, 0.0] + RNG.standard_normal(50)
-    prior = {"b": (0.2, 0.4), "Q": (0.0, REFIT_WIDTH), "d2": (0.0, 0.4)}
+    prior = {"b": (0.2, 0.4), "Q": (0.0, FREED_WIDTH), "d2": (0.0, 0.4)}
     for curve, least in ((nothing, 0.0), (A, 1.0)):
         objective = formula(partial(along, curve), measured, PARAMETERS, prior)
         before = fitted(objective, ("a", "b"))

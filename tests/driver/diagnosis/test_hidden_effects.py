@@ -13,7 +13,7 @@ import pytest
 
 from benchmarks.short_specimen import small_case, true_case
 from driver.case import Case
-from driver.diagnosis.evidence import REFIT_WIDTH
+from driver.identification.priors import FREED_WIDTH
 from driver.model import declared_parameters
 from driver.pipeline import run
 from driver.virtual_course import Course
@@ -74,7 +74,7 @@ def without_prior(name: str, null: float, value: float, sigma: float) -> float:
     """The value that the data alone ask for: a refit has a Gaussian prior about the null."""
     parameter = declared_parameters(4)[name]
     theta = parameter.theta(value, null)
-    share = (sigma / parameter.slope(value) / (REFIT_WIDTH * parameter.width)) ** 2
+    share = (sigma / parameter.slope(value) / (FREED_WIDTH * parameter.width)) ** 2
     return parameter.value(theta / (1 - share), null)
 
 
