@@ -41,3 +41,9 @@ def test_every_declared_null_lies_inside_its_bounds() -> None:
     for parameter in declared_parameters(5).values():
         assert parameter.lower <= parameter.null <= parameter.upper and parameter.scale > 0
         assert not parameter.logarithmic or parameter.lower > 0
+
+
+def test_a_prior_scale_is_one_in_theta_but_for_a_logarithm() -> None:
+    assert PLAIN.width == 1.0 and PLAIN.theta(PLAIN.null + PLAIN.scale, PLAIN.null) == 1.0
+    ratio = Parameter("tau0_112", "", 1.0, 0.1, 0.3, 3.0, True)
+    assert ratio.width == 0.1 and ratio.value(ratio.width, 1.0) == pytest.approx(1.1, abs=0.01)
