@@ -132,10 +132,12 @@ def test_an_effect_outside_the_library_is_seen_and_not_explained_away(
 def test_noises_that_the_case_does_not_state_are_named(
     trials: tuple[Trial, ...], cache: Path
 ) -> None:
-    of = [[trial for trial in trials if trial.truths == (noise,)] for noise in NOISES]
-    largest = [max(some, key=lambda trial: trial.level) for some in of]
-    for noise, line in zip(NOISES, answered(largest, cache), strict=True):
-        assert noise in line["said"], told(line)
+    """Of the boundary 0.5 nm: 1 nm bends the loads, and is found in half of the trials."""
+    sizes = {"boundary_noise": min, "noise_not_uniform": max}
+    wanted = [((noise,), size(NOISES[noise])) for noise, size in sizes.items()]
+    drawn = [next(t for t in trials if (t.truths, t.level) == one) for one in wanted]
+    for line in answered(drawn, cache):
+        assert line["trial"]["truths"][0] in line["said"], told(line)
 
 
 def test_a_half_turn_of_the_ebsd_frame_is_named_and_loads_noisier_than_stated_name_nothing(
