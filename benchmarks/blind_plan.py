@@ -46,7 +46,8 @@ LARGE = {
     "load_offset": 22.0, "stretch_not_proportional": 55.0,
 }  # fmt: skip
 """Causes that make a χ_F of 10 and more below a quieter load cell, and their misfit by the ruler,
-without a bound of their prior: all others would break the specimen first."""
+without a bound of their prior: others would have to be tens of prior scales larger, or leave
+their bounds (to first order, by the ruler)."""
 Q_LEVEL, Q_LIKE_BACK_STRESS_LEVEL = 12.0, 2.0
 """By the ruler, whose b is 30; where b is d it sees 2 σ of 9 MPa, which leave 6.5 σ."""
 

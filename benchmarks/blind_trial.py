@@ -123,9 +123,8 @@ def carry_out(
     known = of_programs(read(results), programs)
     done = [line["trial"] for line in known]
     # A trial of an earlier plan may have the name of another one.
-    left = [t for t in trials if _as_told(t) not in done and (only is None or t.kind in only)][
-        :most
-    ]
+    wanted = [t for t in trials if only is None or t.kind in only]
+    left = [t for t in wanted if _as_told(t) not in done][:most]
     times = spent(known)
     seconds = sum(times[_loudness(t.kind)] for t in left)
     print(
