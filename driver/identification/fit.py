@@ -30,6 +30,12 @@ NEGLIGIBLE = math.sqrt(1e-2)
 SCATTER = 3.0  # standard deviations of ‖r‖²
 MOST_HALVINGS = 5
 POLISH = 8  # iterations of a fit that begins near its end
+# Precise loads make a narrow valley that bends: a full step along it climbs its side, for the loads
+# answer to second order, and one or two more steps lead down again. Steps short enough never to
+# climb would go on for tens of iterations (watchdog: Chamberlain et al., Math. Prog. Study 16
+# (1982) 1).
+MOST_CORRECTIONS = 2
+KEPT = 0.25  # share of the promised fall of the cost that a point up the side has to promise still
 # Step control and iteration of a solver scatter the cost by hundredths. A step that promises less
 # than a tenth and does not lower it, nor do two shorter ones, has met that scatter.
 FLAT = 0.3
@@ -94,7 +100,7 @@ def fit(
     tolerance: float = DECREMENT,
     share: float = 0.0,
 ) -> Fit:
-    """Minimise the cost; a step that fails, runs out of time or climbs is shortened.
+    """Minimise the cost; a step that fails, runs out of time or leads up only is shortened.
 
     Args:
         objective: model and data.
@@ -163,21 +169,49 @@ def _descend(
     length = 1.0
     for _ in range(trials):
         values = trial_values(here.values, here.free, length * step, objective.parameters)
-        try:
-            ahead = objective.evaluate(values, here.free)
-        except (SolverError, ValueError) as error:
-            if is_by_circumstances(error) and not is_out_of_time(error):
-                raise  # a shorter step might not be run or be killed as well, and prove nothing
-            first = str(error).partition("\n")[0].removesuffix("; its log ends:")
-            log(f"    a trial point failed, so that the step is shortened: {first}")
-            ahead = None
-        if ahead is not None and ahead.cost < here.cost:
-            return ahead
-        if ahead is not None and decrement < SCORE:
-            if _newton(objective, ahead)[1] < decrement / 2:
+        ahead = _tried(objective, values, here, log)
+        if ahead is not None:
+            if ahead.cost < here.cost:
                 return ahead
+            if decrement < SCORE and _newton(objective, ahead)[1] < decrement / 2:
+                return ahead
+            if length == 1.0 and decrement >= FLAT:
+                corrected = _corrected(objective, here, ahead, decrement, log)
+                if corrected is not None:
+                    return corrected
         length *= 0.4
     return None
+
+
+def _corrected(
+    objective: Objective, here: Evaluation, ahead: Evaluation, decrement: float, log: Log
+) -> Evaluation | None:
+    """The first point below `here` to which steps from a higher one lead, None if they do not."""
+    for _ in range(MOST_CORRECTIONS):
+        step, further = _newton(objective, ahead)
+        if ahead.cost - further**2 > here.cost - KEPT * decrement**2:
+            return None
+        values = trial_values(ahead.values, ahead.free, step, objective.parameters)
+        following = _tried(objective.near(ahead), values, here, log)
+        if following is None or following.cost < here.cost:
+            return following
+        if following.cost >= ahead.cost:
+            return None
+        ahead = following
+    return None
+
+
+def _tried(
+    objective: Objective, values: Mapping[str, float], here: Evaluation, log: Log
+) -> Evaluation | None:
+    try:
+        return objective.evaluate(values, here.free)
+    except (SolverError, ValueError) as error:
+        if is_by_circumstances(error) and not is_out_of_time(error):
+            raise  # a shorter step might not be run or be killed as well, and prove nothing
+        first = str(error).partition("\n")[0].removesuffix("; its log ends:")
+        log(f"    a trial point failed, so that the step is shortened: {first}")
+        return None
 
 
 def _newton(objective: Objective, at: Evaluation) -> tuple[FloatArray, float]:
