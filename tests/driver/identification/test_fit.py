@@ -81,7 +81,7 @@ def test_a_linear_gaussian_problem_is_solved_in_one_step_with_its_prior() -> Non
     precision = np.diag([1 / 0.2**2, 0.0, 1 / (0.4 * 2.0) ** 2])
     covariance = np.linalg.inv(A @ A.T + precision)
     mean = covariance @ (A @ measured + precision @ [0.3, 0.0, 1.0])
-    assert found.converged and np.all(np.diff(costs(found)) < 0)
+    assert found.converged and len(found.history) == 2
     np.testing.assert_allclose([found.values[n] for n in "abc"], mean, rtol=1e-9)
     sigma = [found.sigma(n, {p.name: p for p in PLAIN}) for n in "abc"]
     np.testing.assert_allclose(sigma, np.sqrt(np.diag(covariance)), rtol=1e-9)
