@@ -15,7 +15,7 @@ def measured_with(trial: Trial) -> Case:
     case, change = known_case(), {}
     if trial.kind == "noise level":
         change = {"noise_uN": trial.level * case.loads.noise_uN}
-    elif trial.kind == "large" or (trial.kind == "known" and trial.truths[0] in ELASTIC):
+    elif trial.kind == "large" or _is_elastic(trial):
         change = {"noise_uN": QUIET * case.loads.noise_uN}
     elif trial.kind == "AR(1)":
         change = {"autocorrelation": trial.level}
@@ -30,16 +30,26 @@ def uneven(trial: Trial) -> float:
 def stated_by(trial: Trial, recorded: Case) -> Case:
     """The case as its user states it: the noise of the loads as in every case, the jitter known.
 
-    A quieter load cell and the b that is tried are told, too. A held-out cycle is predicted only
-    where the trial has a figure of it: no answer hangs on it.
+    A quieter load cell and the b that is tried are told, too. Who shall not tell a load gain from
+    an elastic scale does not know the viscosity. A held-out cycle is predicted only where the trial
+    has a figure of it: no answer hangs on it.
     """
     noise = measured_with(trial) if trial.kind in ("known", "large") else known_case()
     told: dict[str, object] = {
         "loads": recorded.loads.model_copy(update={"noise_uN": noise.loads.noise_uN}),
         "material": recorded.material.model_copy(update=dict(trial.companions)),
     }
+    if _is_elastic(trial):
+        parameters = (*recorded.identification.parameters, "K")
+        told["identification"] = recorded.identification.model_copy(
+            update={"parameters": parameters}
+        )
     if trial.kind == "jitter":
         told["boundary"] = recorded.boundary.model_copy(update={"jitter_nm": trial.level})
     if trial.kind != "cause" or trial.seed % HELD_OUT:
         told["diagnosis"] = recorded.diagnosis.model_copy(update={"held_out_cycle": "none"})
     return recorded.model_copy(update=told)
+
+
+def _is_elastic(trial: Trial) -> bool:
+    return trial.kind == "known" and trial.truths[0] in ELASTIC

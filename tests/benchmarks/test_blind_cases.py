@@ -26,6 +26,8 @@ def test_the_case_of_an_elastic_or_a_large_effect_states_its_quieter_load_cell()
         stated = stated_by(hidden, measured_with(hidden))
         assert stated.loads.noise_uN == QUIET * usual.loads.noise_uN
         assert stated.material == usual.material
+        unknown = set(stated.identification.parameters) - set(usual.identification.parameters)
+        assert unknown == ({"K"} if kind == "known" else set())
 
 
 def test_loads_noisier_or_more_alike_than_stated_are_not_stated() -> None:
