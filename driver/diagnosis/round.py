@@ -261,23 +261,26 @@ def _noise_of_boundary(
 def set_of(winner: Refit, refits: Sequence[Refit], scores: Sequence[Score]) -> tuple[str, ...]:
     """The winner, and the causes that cannot be told from it, best first.
 
-    A refitted cause belongs to it by its evidence; or, if its linearised effect is parallel, by a
-    misfit that is as low where no prior draws it to its null. Of causes that were not refitted the
-    likeness alone is known.
+    A refitted cause belongs to it by its evidence; or, if its linearised effect is parallel to that
+    of one which does, by a misfit as low as the winner's where no prior draws either to its null.
+    Of causes that were not refitted the likeness alone is known.
+
+    Args:
+        winner: the first of `refits`.
+        refits: the best of each cause, best evidence first.
+        scores: of all causes.
     """
     by_name = {s.cause.name: s for s in scores}
-    best = by_name[winner.cause.name]
-    names = [winner.cause.name]
-    for other in refits[1:]:
-        close = winner.log_evidence - other.log_evidence < WITHIN
-        as_low = other.own_misfit - winner.own_misfit < 2 * WITHIN
-        parallel = likeness(best, by_name[other.cause.name]) > PARALLEL
-        if close or (parallel and as_low):
-            names.append(other.cause.name)
-    refitted = {r.cause.name for r in refits}
-    names += [
-        s.cause.name
-        for s in scores
-        if s.cause.name not in refitted | {NUMERICS.name} and likeness(best, s) > PARALLEL
+    close = [r for r in refits if winner.log_evidence - r.log_evidence < WITHIN]
+
+    def parallel(name: str) -> bool:
+        return any(likeness(by_name[r.cause.name], by_name[name]) > PARALLEL for r in close)
+
+    names = [
+        r.cause.name
+        for r in refits
+        if r in close or (parallel(r.cause.name) and r.own_misfit - winner.own_misfit < 2 * WITHIN)
     ]
-    return tuple(names)
+    known = {r.cause.name for r in refits} | {NUMERICS.name}
+    unknown = [s.cause.name for s in scores if s.cause.name not in known]
+    return (*names, *(name for name in unknown if parallel(name)))

@@ -1,15 +1,20 @@
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 from unittest.mock import patch
 
+import numpy as np
 import pytest
 
 from driver.diagnosis import refit_choice
 from driver.diagnosis.boundary_noise import Stops
 from driver.diagnosis.finer_meshes import FinerMeshes
-from driver.diagnosis.round import examine
-from driver.diagnosis.score import NAMING_LEVEL, WORTH
+from driver.diagnosis.refit import Refit
+from driver.diagnosis.round import WITHIN, examine, set_of
+from driver.diagnosis.score import NAMING_LEVEL, WORTH, Score
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
 from driver.log import silent
@@ -58,3 +63,37 @@ def test_an_effect_far_beyond_its_prior_is_significant_and_still_not_added() -> 
     assert found.step.scores[0].p < NAMING_LEVEL and refit.log_evidence < WORTH
     assert refit.log_evidence == pytest.approx(found.step.scores[0].log_evidence, abs=0.3)
     assert found.winner is None and found.step.named == ()
+
+
+ALONG = {"a": (1.0, 0.0, 0.0), "b": (0.0, 1.0, 0.0), "like b": (0.0, 0.999, 0.04), "c": (0, 0, 1.0)}
+
+
+def named_of(refitted: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
+    """The set, of causes along `ALONG` with a log evidence and a misfit where they are refitted."""
+
+    def cause(name: str) -> Any:
+        return SimpleNamespace(name=name)
+
+    scores = [
+        SimpleNamespace(cause=cause(n), directions=np.array([d]), strengths=np.ones(1))
+        for n, d in ALONG.items()
+    ]
+    refits = [
+        SimpleNamespace(cause=cause(name), log_evidence=evidence, own_misfit=misfit)
+        for name, (evidence, misfit) in refitted.items()
+    ]
+    return set_of(cast(Refit, refits[0]), cast(list[Refit], refits), cast(list[Score], scores))
+
+
+def test_a_set_holds_what_evidence_does_not_part_and_what_does_the_same_as_one_of_these() -> None:
+    apart = WITHIN + 1
+    parted = {"a": (20.0, 50.0), "b": (18.0, 49.0), "like b": (20.0 - apart, 50.0)}
+    assert named_of(parted) == ("a", "b", "like b")
+    # The prior alone spoke against it; here the data do.
+    assert named_of(parted | {"like b": (20.0 - apart, 50.0 + 2 * WITHIN)}) == ("a", "b")
+    # What resembles a cause that evidence has parted does not belong.
+    alone = {"a": (20.0, 50.0), "b": (20.0 - apart, 62.0), "like b": (20.0 - apart, 62.0)}
+    assert named_of(alone) == ("a",)
+    # Of what was not refitted the likeness is all that is known.
+    assert named_of({"a": (20.0, 50.0), "b": (18.0, 54.0)}) == ("a", "b", "like b")
+    assert named_of({"a": (20.0, 50.0)}) == ("a",)
