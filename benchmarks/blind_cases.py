@@ -30,9 +30,9 @@ def uneven(trial: Trial) -> float:
 def stated_by(trial: Trial, recorded: Case) -> Case:
     """The case as its user states it: the noise of the loads as in every case, the jitter known.
 
-    A quieter load cell and the b that is tried are told, too. Who shall not tell a load gain from
-    an elastic scale does not know the viscosity. A held-out cycle is predicted only where the trial
-    has a figure of it: no answer hangs on it.
+    A quieter load cell and the b that is tried are told, too. In the elastic trials K is
+    identified, too: known, it would tell a load gain from an elastic scale. A held-out cycle is
+    predicted only where the trial has a figure of it: no answer hangs on it.
     """
     noise = measured_with(trial) if trial.kind in ("known", "large") else known_case()
     told: dict[str, object] = {

@@ -42,7 +42,7 @@ QUIET = 1 / 3  # noise of a better load cell
 ELASTIC, ELASTIC_LEVEL = ("load_gain", "elastic_stiffness"), 10.0
 """Of both no more than 3 σ within four prior scales: they are larger, below a quieter load cell.
 A viscosity K that is known parts them, for a gain scales it with all other stresses: here it is
-identified, too."""
+identified, too. By the ruler, which knows K; 7 to 10 σ are left."""
 LARGE = {
     "load_lag": 32.0, "isotropic_hardening": 33.0, "second_back_stress": 40.0,
     "load_offset": 22.0, "stretch_not_proportional": 55.0,

@@ -33,9 +33,11 @@ POLISH = 8  # iterations of a fit that begins near its end
 # Precise loads make a narrow valley that bends: a full step along it climbs its side, for the loads
 # answer to second order, and one or two more steps lead down again. Steps short enough never to
 # climb would go on for tens of iterations (watchdog: Chamberlain et al., Math. Prog. Study 16
-# (1982) 1).
+# (1982) 1). From higher than this the way down may end in another valley.
 MOST_CORRECTIONS = 2
-KEPT = 0.25  # share of the promised fall of the cost that a point up the side has to promise still
+HIGHEST = 10.0  # times the cost where the step began
+SUFFICIENT = 0.1  # share of the promised fall that must have come at the end
+KEPT = 0.25  # share of it that the higher point has to promise still, from where the step began
 # Step control and iteration of a solver scatter the cost by hundredths. A step that promises less
 # than a tenth and does not lower it, nor do two shorter ones, has met that scatter.
 FLAT = 0.3
@@ -100,7 +102,7 @@ def fit(
     tolerance: float = DECREMENT,
     share: float = 0.0,
 ) -> Fit:
-    """Minimise the cost; a step that fails, runs out of time or leads up only is shortened.
+    """Minimise the cost; a step that fails, or leads nowhere lower, is shortened.
 
     Args:
         objective: model and data.
@@ -186,17 +188,23 @@ def _descend(
 def _corrected(
     objective: Objective, here: Evaluation, ahead: Evaluation, decrement: float, log: Log
 ) -> Evaluation | None:
-    """The first point below `here` to which steps from a higher one lead, None if they do not."""
-    for _ in range(MOST_CORRECTIONS):
+    """The point well below `here` to which further full steps from `ahead`, above it, lead.
+
+    None if they do not: then the step is to be shortened.
+    """
+    for count in range(1, MOST_CORRECTIONS + 1):
+        if not ahead.cost < HIGHEST * here.cost:
+            return None
         step, further = _newton(objective, ahead)
         if ahead.cost - further**2 > here.cost - KEPT * decrement**2:
             return None
         values = trial_values(ahead.values, ahead.free, step, objective.parameters)
         following = _tried(objective.near(ahead), values, here, log)
-        if following is None or following.cost < here.cost:
-            return following
-        if following.cost >= ahead.cost:
+        if following is None or following.cost >= ahead.cost:
             return None
+        if following.cost < here.cost - SUFFICIENT * decrement**2:
+            log(f"    the full step climbs; {count} more lead below where it began")
+            return following
         ahead = following
     return None
 
