@@ -262,8 +262,8 @@ def set_of(winner: Refit, refits: Sequence[Refit], scores: Sequence[Score]) -> t
     """The winner, and the causes that cannot be told from it, best first.
 
     A refitted cause belongs to it by its evidence; or, if its linearised effect is parallel to that
-    of one which does, by a misfit as low as the winner's where no prior draws either to its null.
-    Of causes that were not refitted the likeness alone is known.
+    of one which does, by a misfit as low as that one's where no prior draws either to its null. Of
+    causes that were not refitted the likeness alone is known.
 
     Args:
         winner: the first of `refits`.
@@ -273,14 +273,16 @@ def set_of(winner: Refit, refits: Sequence[Refit], scores: Sequence[Score]) -> t
     by_name = {s.cause.name: s for s in scores}
     close = [r for r in refits if winner.log_evidence - r.log_evidence < WITHIN]
 
-    def parallel(name: str) -> bool:
-        return any(likeness(by_name[r.cause.name], by_name[name]) > PARALLEL for r in close)
+    def parallel(member: Refit, name: str) -> bool:
+        return likeness(by_name[member.cause.name], by_name[name]) > PARALLEL
 
-    names = [
-        r.cause.name
-        for r in refits
-        if r in close or (parallel(r.cause.name) and r.own_misfit - winner.own_misfit < 2 * WITHIN)
-    ]
+    def does_as_well(other: Refit) -> bool:
+        return any(
+            parallel(member, other.cause.name) and other.own_misfit - member.own_misfit < 2 * WITHIN
+            for member in close
+        )
+
+    names = [r.cause.name for r in refits if r in close or does_as_well(r)]
     known = {r.cause.name for r in refits} | {NUMERICS.name}
     unknown = [s.cause.name for s in scores if s.cause.name not in known]
-    return (*names, *(name for name in unknown if parallel(name)))
+    return (*names, *(name for name in unknown if any(parallel(m, name) for m in close)))

@@ -109,7 +109,8 @@ def fit(
         values: every parameter at the start.
         free: names of the parameters to identify.
         most: largest number of iterations.
-        log: takes one line for each iteration, and for each trial point that fails.
+        log: takes one line for each iteration, for each trial point that fails, and where a step
+            that climbs is kept.
         start: evaluation at `values` with `free`, where it is known already.
         tolerance: Newton decrement at which the fit has converged [σ].
         share: the fit also ends when a step lowers the cost, or would, by less than this share
@@ -203,7 +204,7 @@ def _corrected(
         if following is None or following.cost >= ahead.cost:
             return None
         if following.cost < here.cost - SUFFICIENT * decrement**2:
-            log(f"    the full step climbs; {count} more lead below where it began")
+            log(f"    the step climbs; {count} more brought it well below where it began")
             return following
         ahead = following
     return None

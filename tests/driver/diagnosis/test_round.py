@@ -87,10 +87,12 @@ def named_of(refitted: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
 
 def test_a_set_holds_what_evidence_does_not_part_and_what_does_the_same_as_one_of_these() -> None:
     apart = WITHIN + 1
-    parted = {"a": (20.0, 50.0), "b": (18.0, 49.0), "like b": (20.0 - apart, 50.0)}
-    assert named_of(parted) == ("a", "b", "like b")
-    # The prior alone spoke against it; here the data do.
-    assert named_of(parted | {"like b": (20.0 - apart, 50.0 + 2 * WITHIN)}) == ("a", "b")
+    # The prior alone speaks against what does the same as b, whatever misfit the winner has.
+    for winners in (40.0, 50.0, 70.0):
+        parted = {"a": (20.0, winners), "b": (18.0, 52.0), "like b": (20.0 - apart, 52.0)}
+        assert named_of(parted) == ("a", "b", "like b")
+        # Here the data do.
+        assert named_of(parted | {"like b": (20.0 - apart, 52.0 + 2 * WITHIN)}) == ("a", "b")
     # What resembles a cause that evidence has parted does not belong.
     alone = {"a": (20.0, 50.0), "b": (20.0 - apart, 62.0), "like b": (20.0 - apart, 62.0)}
     assert named_of(alone) == ("a",)

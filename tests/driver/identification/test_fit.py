@@ -112,7 +112,7 @@ def test_a_full_step_up_the_side_of_a_bent_valley_is_taken_where_the_next_leads_
     climbed = objective.evaluate(objective.tried[1], "ab").cost
     assert climbed > 5 * costs(found)[0] and np.all(np.diff(costs(found)) < 0)
     assert [line for line in lines if "climbs" in line] == [
-        "    the full step climbs; 1 more lead below where it began"
+        "    the step climbs; 1 more brought it well below where it began"
     ]
 
 
