@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import gamma
 
+from driver.identification.descent import promised
 from driver.identification.objective import Evaluation, Objective
-from driver.identification.step import bounded_step
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
@@ -141,12 +141,3 @@ def prior_scaled(
     """∂/∂θ → derivative per prior scale, shape (k, n)."""
     widths = np.array([parameters[name].width for name in names])
     return np.asarray(jacobian * widths[:, None])
-
-
-def promised(objective: Objective, here: Evaluation) -> float:
-    """Cost after the first step, were the model linear."""
-    step, _ = bounded_step(
-        here.hessian, here.gradient, [objective.parameters[name] for name in here.free],
-        [here.values[name] for name in here.free],
-    )  # fmt: skip
-    return here.cost - float(2 * here.gradient @ step - step @ here.hessian @ step)

@@ -9,7 +9,6 @@ import numpy as np
 
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.ebsd_flips import half_turn
-from driver.diagnosis.evidence import promised
 from driver.diagnosis.examined import NotExamined
 from driver.diagnosis.refit import (
     MOST_FROM_AFAR,
@@ -20,6 +19,7 @@ from driver.diagnosis.refit import (
     refit_from,
 )
 from driver.diagnosis.score import Score
+from driver.identification.descent import promised
 from driver.identification.objective import Evaluation, Objective
 from driver.model import ForwardModel
 from driver.side_by_side import side_by_side

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from driver.diagnosis.causes import Cause
-from driver.diagnosis.evidence import log_bayes_factor, promised
+from driver.diagnosis.evidence import log_bayes_factor
 from driver.diagnosis.score import Score
+from driver.identification.descent import promised
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.priors import FREED_WIDTH

@@ -126,7 +126,7 @@ def examine(
             refits = with_own_corrections(likely, here.best, finer, crew) or refits
     scores = sorted([*seen.scores, *trial.scores], key=lambda s: -s.log_evidence)
     winner = refits[0] if refits and refits[0].log_evidence > WORTH else None
-    named = set_of(winner, refits, scores) if winner is not None else ()
+    named = set_of(refits, scores) if winner is not None else ()
     chi = here.best.chi_load, here.best.chi_image
     step = Step(
         tuple(scores), tuple(refits), named, seen.tests, *chi, seen.widened, trial.untried, lost
@@ -258,20 +258,19 @@ def _noise_of_boundary(
     return score_boundary_noise(stops.effect, here.best, objective.data, effects, family)
 
 
-def set_of(winner: Refit, refits: Sequence[Refit], scores: Sequence[Score]) -> tuple[str, ...]:
-    """The winner, and the causes that cannot be told from it, best first.
+def set_of(refits: Sequence[Refit], scores: Sequence[Score]) -> tuple[str, ...]:
+    """The best cause, and those that cannot be told from it, best first.
 
     A refitted cause belongs to it by its evidence; or, if its linearised effect is parallel to that
     of one which does, by a misfit as low as that one's where no prior draws either to its null. Of
     causes that were not refitted the likeness alone is known.
 
     Args:
-        winner: the first of `refits`.
         refits: the best of each cause, best evidence first.
         scores: of all causes.
     """
     by_name = {s.cause.name: s for s in scores}
-    close = [r for r in refits if winner.log_evidence - r.log_evidence < WITHIN]
+    close = [r for r in refits if refits[0].log_evidence - r.log_evidence < WITHIN]
 
     def parallel(member: Refit, name: str) -> bool:
         return likeness(by_name[member.cause.name], by_name[name]) > PARALLEL

@@ -116,6 +116,7 @@ def _by_a_rival(
     """
     rivals = [r for r in last.refits if r.cause.name in last.named[1:] and r.log_evidence > WORTH]
     found: list[tuple[Refit, Extension, Step]] = []
+    left_something = [last.named[0]]
     for rival in rivals:
         log(f"{last.named[0]} leaves something: {rival.cause.name} is tried in its place")
         try:
@@ -131,11 +132,11 @@ def _by_a_rival(
             found.append((rival, tried, seen))
         else:
             log("  something is left as well")
+            left_something.append(rival.cause.name)
     if not found:
         return None
     stand = [rival for rival, _, _ in found]
     left = {r.cause.name for r in last.refits} - {r.cause.name for r in stand}
     scores = [score for score in last.scores if score.cause.name not in left]
-    named = set_of(stand[0], stand, scores)
-    passed_over = tuple(name for name in last.named if name in left)
-    return found[0][1], replace(last, named=named, left_something=passed_over), found[0][2]
+    step = replace(last, named=set_of(stand, scores), left_something=tuple(left_something))
+    return found[0][1], step, found[0][2]

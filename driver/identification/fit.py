@@ -13,11 +13,10 @@ from time import monotonic
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.identification.descent import FLAT, descend, newton
 from driver.identification.objective import Evaluation, Objective
-from driver.identification.step import bounded_step, is_at_bound, trial_values
+from driver.identification.step import is_at_bound
 from driver.log import Log
-from solver_adapters.interface import SolverError
-from solver_adapters.jobs.errors import is_by_circumstances, is_out_of_time
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
@@ -28,23 +27,7 @@ DECREMENT = 0.1  # Newton decrement at convergence: a tenth of a standard deviat
 # noise alone scatters by is no excess.
 NEGLIGIBLE = math.sqrt(1e-2)
 SCATTER = 3.0  # standard deviations of ‖r‖²
-MOST_HALVINGS = 5
 POLISH = 8  # iterations of a fit that begins near its end
-# Precise loads make a narrow valley that bends: a full step along it climbs its side, for the loads
-# answer to second order, and one or two more steps lead down again. Steps short enough never to
-# climb would go on for tens of iterations (watchdog: Chamberlain et al., Math. Prog. Study 16
-# (1982) 1). From higher than this the way down may end in another valley.
-MOST_CORRECTIONS = 2
-HIGHEST = 10.0  # times the cost where the step began
-SUFFICIENT = 0.1  # share of the promised fall that must have come at the end
-KEPT = 0.25  # share of it that the higher point has to promise still, from where the step began
-# Step control and iteration of a solver scatter the cost by hundredths. A step that promises less
-# than a tenth and does not lower it, nor do two shorter ones, has met that scatter.
-FLAT = 0.3
-# The derivatives are those of the reference, without the noise of each image; the cost knows that
-# noise and prefers places between pixels, where interpolation lowers it. This near to the optimum a
-# step that takes half of the score away is right even where the cost does not fall.
-SCORE = 3.0
 NEAR = 10.0
 """Newton decrement [σ] below which the trial points take the time steps of the last one: the cost
 is then smooth, where steps of their own would make it jump by about as much as is to be gained."""
@@ -132,7 +115,7 @@ def fit(
     _tell(log, 0, here, None)
     iteration = 0
     while True:
-        step, decrement = _newton(objective, here)
+        step, decrement = newton(objective, here)
         excess = max(here.excess - SCATTER * math.sqrt(2.0 * here.residual.size), 0.0)
         enough = max(tolerance, math.sqrt(share * here.cost), math.sqrt(excess) * NEGLIGIBLE)
         if decrement < enough:
@@ -142,7 +125,7 @@ def fit(
             return ended(False, reason)
         flat = decrement < FLAT
         tried = (objective.in_steps_of(here) if decrement < NEAR else objective).near(here)
-        ahead = _descend(tried, here, step, decrement, log, 3 if flat else MOST_HALVINGS)
+        ahead = descend(tried, here, step, decrement, log)
         if ahead is None and flat:
             return ended(True, f"a step of {decrement:.2g} σ does not lower the cost")
         if ahead is None:
@@ -159,74 +142,6 @@ def fit(
         if 0 <= gained < tolerance**2:
             # Derivatives by differences may promise a gain for ever that never comes.
             return ended(True, f"the last step lowered the cost by {gained:.1g} only")
-
-
-def _descend(
-    objective: Objective,
-    here: Evaluation,
-    step: FloatArray,
-    decrement: float,
-    log: Log,
-    trials: int,
-) -> Evaluation | None:
-    length = 1.0
-    for _ in range(trials):
-        values = trial_values(here.values, here.free, length * step, objective.parameters)
-        ahead = _tried(objective, values, here, log)
-        if ahead is not None:
-            if ahead.cost < here.cost:
-                return ahead
-            if decrement < SCORE and _newton(objective, ahead)[1] < decrement / 2:
-                return ahead
-            if length == 1.0 and decrement >= FLAT:
-                corrected = _corrected(objective, here, ahead, decrement, log)
-                if corrected is not None:
-                    return corrected
-        length *= 0.4
-    return None
-
-
-def _corrected(
-    objective: Objective, here: Evaluation, ahead: Evaluation, decrement: float, log: Log
-) -> Evaluation | None:
-    """The point well below `here` to which further full steps from `ahead`, above it, lead.
-
-    None if they do not: then the step is to be shortened.
-    """
-    for count in range(1, MOST_CORRECTIONS + 1):
-        if not ahead.cost < HIGHEST * here.cost:
-            return None
-        step, further = _newton(objective, ahead)
-        if ahead.cost - further**2 > here.cost - KEPT * decrement**2:
-            return None
-        values = trial_values(ahead.values, ahead.free, step, objective.parameters)
-        following = _tried(objective.near(ahead), values, here, log)
-        if following is None or following.cost >= ahead.cost:
-            return None
-        if following.cost < here.cost - SUFFICIENT * decrement**2:
-            log(f"    the step climbs; {count} more brought it well below where it began")
-            return following
-        ahead = following
-    return None
-
-
-def _tried(
-    objective: Objective, values: Mapping[str, float], here: Evaluation, log: Log
-) -> Evaluation | None:
-    try:
-        return objective.evaluate(values, here.free)
-    except (SolverError, ValueError) as error:
-        if is_by_circumstances(error) and not is_out_of_time(error):
-            raise  # a shorter step might not be run or be killed as well, and prove nothing
-        first = str(error).partition("\n")[0].removesuffix("; its log ends:")
-        log(f"    a trial point failed, so that the step is shortened: {first}")
-        return None
-
-
-def _newton(objective: Objective, at: Evaluation) -> tuple[FloatArray, float]:
-    """The step that would end a linear fit, and its decrement [σ]."""
-    known = [objective.parameters[name] for name in at.free]
-    return bounded_step(at.hessian, at.gradient, known, [at.values[name] for name in at.free])
 
 
 def _record(here: Evaluation) -> dict[str, float]:

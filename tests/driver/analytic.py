@@ -110,3 +110,14 @@ def formula(
         model, _NOTHING, {p.name: p for p in parameters}, prior or {},
         measured=measured, curve=curve,
     )  # fmt: skip
+
+
+def rosenbrock(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A bent valley with steep sides, its end at (1, 1) for data of (0, 1)."""
+    return np.array([10 * (p[1] - p[0] ** 2), p[0]]), np.array([[-20 * p[0], 1.0], [10.0, 0.0]])
+
+
+def bent(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The same valley with lower sides."""
+    predicted, slopes = rosenbrock(p)
+    return np.array([0.2, 1.0]) * predicted, np.array([0.2, 1.0]) * slopes

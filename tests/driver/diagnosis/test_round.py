@@ -82,7 +82,7 @@ def named_of(refitted: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
         SimpleNamespace(cause=cause(name), log_evidence=evidence, own_misfit=misfit)
         for name, (evidence, misfit) in refitted.items()
     ]
-    return set_of(cast(Refit, refits[0]), cast(list[Refit], refits), cast(list[Score], scores))
+    return set_of(cast(list[Refit], refits), cast(list[Score], scores))
 
 
 def test_a_set_holds_what_evidence_does_not_part_and_what_does_the_same_as_one_of_these() -> None:

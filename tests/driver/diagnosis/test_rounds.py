@@ -77,6 +77,12 @@ def test_a_cause_that_was_told_from_the_best_is_not_taken_into_the_set_of_anothe
     assert found.steps[0].named == (TRUE,) and found.steps[0].left_something == (WRONG,)
 
 
+def test_a_cause_of_too_little_evidence_to_be_tried_is_not_told_to_leave_something() -> None:
+    with patch.object(rounds, "WORTH", 18.5):  # the third has 18
+        found = diagnosed((WRONG, TRUE, OTHER), (WRONG, TRUE, OTHER))
+    assert found.steps[0].named == (TRUE,) and found.steps[0].left_something == (WRONG,)
+
+
 def test_where_each_of_a_set_leaves_something_the_one_of_most_evidence_stays() -> None:
     found = diagnosed((WRONG, OTHER), (WRONG, OTHER))
     assert found.verdict.kind == "unexplained"
