@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,24 +19,34 @@ _MOST_ITERATIONS = 5
 
 
 def eliminate(
-    here: Fit, objective: Objective, causes: Sequence[Cause], log: Log
+    here: Fit,
+    objective: Objective,
+    causes: Sequence[Cause],
+    surpassed: Collection[frozenset[Cause]],
+    log: Log,
 ) -> tuple[Fit, Objective, list[Cause]]:
     """Drop causes that are not needed, the least needed first, each time fitting anew.
 
     The last cause was only just needed, and is not tested; nor are noises, whose levels are
-    estimated anew for each extended model.
+    estimated anew for each extended model. Nor does a cause go whose absence would lead back to a
+    model from which evidence has led here: a Wald test, to first order, would undo that for ever.
 
     Args:
         here: the extended fit.
         objective: its objective.
         causes: the causes that were added, in the order of their addition.
+        surpassed: the causes of each model to which another cause was added on the way here.
         log: takes one line of progress.
 
     Returns:
         The fit, its objective and the causes that are left.
     """
     left = list(causes)
-    while tested := [cause for cause in left[:-1] if cause not in COVARIANCE]:
+    while tested := [
+        cause
+        for cause in left[:-1]
+        if cause not in COVARIANCE and frozenset(left) - {cause} not in surpassed
+    ]:
         p = [probability(here, objective, cause) for cause in tested]
         least = int(np.argmax(p))
         if p[least] < FAMILY_LEVEL:

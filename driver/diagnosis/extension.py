@@ -31,6 +31,7 @@ class Extension:
         causes: the causes that were added and are still needed.
         levels: of the noise that was named its level and the standard deviation of it.
         of_noise: log evidence of that noise.
+        surpassed: the causes of each model to which another one was added on the way here.
     """
 
     fit: Fit
@@ -39,6 +40,7 @@ class Extension:
     causes: tuple[Cause, ...]
     levels: Mapping[str, Level]
     of_noise: float
+    surpassed: tuple[frozenset[Cause], ...]
 
 
 def extended(before: Extension, winner: Refit, settings: Settings, log: Log) -> Extension:
@@ -62,8 +64,9 @@ def extended(before: Extension, winner: Refit, settings: Settings, log: Log) -> 
         of_noise = 0.0
     elif winner.levels:
         of_noise = winner.log_evidence
-    here, objective, causes = eliminate(here, objective, causes, log)
-    return Extension(here, objective, finer, tuple(causes), levels, of_noise)
+    surpassed = (*before.surpassed, frozenset(before.causes))
+    here, objective, causes = eliminate(here, objective, causes, surpassed, log)
+    return Extension(here, objective, finer, tuple(causes), levels, of_noise, surpassed)
 
 
 def _corrected(winner: Refit, finer: FinerMeshes, settings: Settings, log: Log) -> Refit:

@@ -58,7 +58,7 @@ def rounds(
     Raises:
         SolverError: the simulation could not be finished.
     """
-    here = Extension(begin.baseline, begin.objective, finer, (), {}, 0.0)
+    here = Extension(begin.baseline, begin.objective, finer, (), {}, 0.0, ())
     before, known = here, begin.wide
     first: Extension | None = None
     steps: list[Step] = []
