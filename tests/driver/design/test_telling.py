@@ -1,18 +1,21 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
+from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
 
-from driver import pipeline, specimen
+from driver import diagnose_stage, pipeline, specimen
 from driver.case import load_case
 from driver.design.forecast import Forecast
 from driver.design.telling import Telling, advice, apart
+from driver.diagnose_stage import run_diagnose
 from driver.diagnosis.score import SEEN_AT
-from driver.stages import run_stages
+from driver.diagnosis_record import DIAGNOSIS
+from driver.log import silent
+from driver.stages import RESULTS, StageContext, run_stages
 from tests.driver import closed_form
 
 
@@ -40,21 +43,48 @@ def test_the_advice_is_the_change_that_parts_them_or_that_none_does() -> None:
     assert advice([now, hold]).startswith("None of the usual changes")
 
 
+@pytest.fixture(scope="module")
+def stiffer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StageContext]:
+    """A specimen of a stiffer crystal, identified without that."""
+    folder = tmp_path_factory.mktemp("stiffer")
+    with pytest.MonkeyPatch.context() as patch:
+        solver = closed_form.ClosedFormSolver(0.001)
+        patch.setattr(specimen, "find_adapter", lambda name, profile: solver)
+        closed_form.write_files(folder, {"elastic_scale": 1.2})
+        path = folder / "case.toml"
+        case = load_case(path)
+        run_stages(path, pipeline.stages(case), "identify", report=silent)
+        results = folder / RESULTS
+        yield StageContext(case, path, results, results, silent, False)
+
+
+def told(context: StageContext) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((context.results / DIAGNOSIS).read_text("utf-8"))
+    assert found["verdict"] == "one of this set"
+    return found
+
+
 @pytest.mark.slow
 def test_a_set_of_causes_comes_with_the_measurement_that_would_part_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    stiffer: StageContext,
 ) -> None:
-    """A stiffer crystal, from the files to the verdict."""
-    solver = closed_form.ClosedFormSolver(0.001)
-    monkeypatch.setattr(specimen, "find_adapter", lambda name, profile: solver)
-    closed_form.write_files(tmp_path, {"elastic_scale": 1.2})
-    path = tmp_path / "case.toml"
-    lines: list[str] = []
-    run_stages(path, pipeline.stages(load_case(path)), "diagnose", report=lines.append)
-    found = json.loads((tmp_path / "results" / "diagnosis.json").read_text("utf-8"))
-    assert found["verdict"] == "one of this set"
-    assert found["telling"][0]["change"] == "" and len(found["telling"]) > 4, lines
+    run_diagnose(stiffer)
+    found = told(stiffer)
+    assert found["telling"][0]["change"] == "" and len(found["telling"]) > 4
     changes = [one["apart_sigma"] for one in found["telling"][1:]]
     assert changes == sorted(changes, reverse=True)
     assert "usual changes of the experiment" in found["next"]
     assert found["not_found"]["tilt_drift"].startswith("not seen here")
+
+
+@pytest.mark.slow
+def test_without_advice_a_set_is_the_same_and_no_changed_experiment_is_simulated(
+    stiffer: StageContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_diagnose(stiffer)
+    advised = told(stiffer)
+    monkeypatch.setattr(diagnose_stage, "most_telling", None)
+    run_diagnose(stiffer, advise=False)
+    found = told(stiffer)
+    assert found["sets"] == advised["sets"] and not found["telling"]
+    assert advised["next"].startswith(found["next"]) and advised["next"] != found["next"]

@@ -1,0 +1,76 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.blind_misfit import Left, left_of
+from benchmarks.blind_ruler import identified
+from driver import specimen
+from driver.case import load_case
+from driver.diagnosis.causes import LIBRARY, Cause
+from driver.log import silent
+from driver.pipeline import stages
+from driver.stages import run_stages
+from driver.virtual_course import Course, seen_course
+from tests.driver import closed_form
+
+BY_NAME = {cause.name: cause for cause in LIBRARY}
+CURVED, DRIFT = BY_NAME["stretch_not_proportional"], BY_NAME["magnification_drift"]
+HIDDEN = {"stretch_curvature": 0.03}  # small enough for the first order to hold
+
+
+@pytest.fixture(scope="module")
+def experiment(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, Course]]:
+    """A specimen whose elongation is not proportional to stage travel, identified without that."""
+    folder, bench = tmp_path_factory.mktemp("curved"), closed_form.bench()
+    truth = bench.truth | HIDDEN
+    closed_form.write_files(folder, HIDDEN)
+    path = folder / "case.toml"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            specimen, "find_adapter", lambda name, profile: closed_form.ClosedFormSolver()
+        )
+        run_stages(path, stages(load_case(path)), "identify", report=silent)
+        model = bench.model
+        yield path, seen_course(model, model.simulation(truth), bench.history, truth)
+
+
+def left(experiment: tuple[Path, Course], *causes: Cause) -> Left:
+    return left_of(*experiment, causes)
+
+
+def test_what_is_left_of_a_cause_is_the_amount_times_what_the_fit_cannot_take(
+    experiment: tuple[Path, Course],
+) -> None:
+    objective, values, free = identified(experiment[0])
+    wide = objective.evaluate(values, (*free, *HIDDEN))
+    here = objective.restrict(wide, free)
+    (name,) = HIDDEN
+    effect = wide.jacobian[wide.free.index(name)]
+    J = here.jacobian
+    alone = effect - J.T @ np.linalg.solve(here.hessian, J @ effect)
+    slope = objective.parameters[name].slope(values[name])
+    expected = float(np.linalg.norm(alone)) * HIDDEN[name] / slope
+    found = left(experiment, CURVED)
+    assert expected > 6
+    assert found.like_itself[0] == pytest.approx(expected, rel=0.1)
+    # All of the effect looks like itself, but for what is taken off for a finer mesh.
+    assert np.hypot(found.whole, 3.0) == pytest.approx(found.like_itself[0], rel=0.1)
+
+
+def test_a_single_cause_has_nothing_beside_it(experiment: tuple[Path, Course]) -> None:
+    found = left(experiment, CURVED)
+    assert found.beside == pytest.approx(found.like_itself)
+
+
+def test_what_another_effect_imitates_of_a_cause_is_not_left_beside_that_one(
+    experiment: tuple[Path, Course],
+) -> None:
+    found = left(experiment, CURVED, DRIFT)
+    alone, imitated = found.like_itself
+    assert imitated > 3  # what was hidden looks like the drift that was not, too
+    assert found.beside[1] < 0.3 * imitated
+    assert 0.5 * alone < found.beside[0] <= alone
