@@ -1,0 +1,77 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from driver.diagnosis.extension import Extension, extended
+from driver.diagnosis.finer_meshes import FinerMeshes
+from driver.diagnosis.refit import Crew, Refit, refit_causes
+from driver.diagnosis.score import score
+from driver.diagnosis.screening import screened
+from driver.identification.fit import Fit
+from driver.identification.objective import Objective
+from driver.log import silent
+from tests.driver import closed_form
+from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
+
+BENCH = closed_form.bench()
+CAUSE = "stretch_not_proportional"
+HIDDEN = {"stretch_curvature": 0.1}
+WRONG = 12
+
+
+def refitted(objective: Objective, baseline: Fit) -> Refit:
+    """The cause, refitted from the baseline."""
+    causes, names = screened(objective.model, baseline.best.free, (CAUSE,))
+    wide = objective.evaluate(baseline.values, names)
+    (cause,) = causes
+    rows = [wide.free.index(name) for name in cause.parameters]
+    one = score(cause, wide.jacobian[rows], objective.restrict(wide, baseline.best.free), 1)
+    (found,) = refit_causes([one], wide, baseline.best, objective, Crew(1, 1, silent))
+    return found
+
+
+def extension(off: float) -> tuple[Fit, Extension]:
+    """The baseline, which leaves a load out, and the model that is extended from it.
+
+    Args:
+        off: by how much this load is wrong [µN].
+    """
+    made = closed_form.objective(BENCH, BENCH.truth | HIDDEN)
+    load = made.data.load.copy()
+    load[WRONG] += off
+    made = replace(made, data=replace(made.data, load=load, bad_loads=(WRONG,)))
+    objective, baseline = identified(BENCH, made)
+    begin = Extension(baseline, objective, FinerMeshes(finer(BENCH)), (), {}, 0.0, ())
+    return baseline, extended(begin, refitted(objective, baseline), SETTINGS, silent)
+
+
+def test_a_load_that_was_left_out_and_that_the_extended_model_explains_is_taken_back() -> None:
+    _, found = extension(0.0)
+    assert found.objective.data.bad_loads == ()
+
+
+def test_a_load_that_is_wrong_stays_left_out() -> None:
+    _, found = extension(40 * closed_form.LOAD_NOISE)
+    assert found.objective.data.bad_loads == (WRONG,)
+    assert found.fit.values["stretch_curvature"] == pytest.approx(0.1, abs=0.015)
+
+
+def test_the_extended_model_has_its_own_correction_its_own_noise_and_a_fit_that_has_converged() -> (
+    None
+):
+    baseline, found = extension(0.0)
+    assert [cause.name for cause in found.causes] == [CAUSE]
+    assert found.surpassed == (frozenset(),)
+    assert found.fit.converged and found.fit.best.free == (*baseline.best.free, *HIDDEN)
+    data = found.objective.data
+    assert data.load_noise == pytest.approx(closed_form.LOAD_NOISE, rel=0.35)
+    assert data.image.noise_factor == pytest.approx(1.0, abs=0.05)
+    own = np.asarray(found.objective.correction.load)
+    model, at = found.objective.model, found.fit.values
+    expected = finer(BENCH).predict(at).load - model.predict(at).load
+    of_baseline = finer(BENCH).predict(baseline.values).load - model.predict(baseline.values).load
+    scale = np.abs(expected).max()
+    assert np.abs(own - expected).max() < 0.02 * scale < np.abs(of_baseline - expected).max()
