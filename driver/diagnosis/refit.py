@@ -77,7 +77,7 @@ class Start:
         values: every parameter.
         start: evaluation there, None where it is not known yet.
         baseline: the baseline at its optimum.
-        bar: cost which the first step has to promise.
+        bar: cost which each step has to promise.
         most: largest number of iterations.
     """
 
@@ -140,7 +140,7 @@ def refit_causes(
         baseline: the baseline at its optimum.
         objective: the objective of the baseline.
         crew: who refits.
-        bar: cost which the first step has to promise; a cause of which it does not is left out.
+        bar: cost which each step has to promise; a cause of which one does not is left out.
     """
     tasks, hopeless = [], []
     for scored in scores:
@@ -173,7 +173,7 @@ def refit_from_afar(
         baseline: the baseline at its optimum.
         objective: the objective of the baseline.
         crew: who refits.
-        bar: cost which the first step has to promise; a start that does not is given up.
+        bar: cost which each step has to promise; a start of which one does not is given up.
     """
     tasks = []
     for scored in scores:
@@ -263,11 +263,11 @@ def _refit(task: Start) -> Refit | str:
             if is_by_circumstances(error):
                 raise
             return f"for it cannot be simulated ({str(error).partition(chr(10))[0]})"
-        if promised(objective, here) > task.bar:
-            return "for its first step promises too little"
     result = fit(
-        objective, here.values, here.free, task.most, silent, start=here, tolerance=TOLERANCE
+        objective, here.values, here.free, task.most, silent, here, TOLERANCE, bar=task.bar
     )
+    if result.given_up:
+        return f"for {result.reason}"
     return refit_of(task.cause, objective, result, task.baseline)
 
 

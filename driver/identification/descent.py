@@ -44,7 +44,11 @@ def newton(objective: Objective, at: Evaluation) -> tuple[FloatArray, float]:
 
 def promised(objective: Objective, here: Evaluation) -> float:
     """Cost ‖r‖² + prior after the first step, were the model linear."""
-    step, _ = newton(objective, here)
+    return promised_by(newton(objective, here)[0], here)
+
+
+def promised_by(step: FloatArray, here: Evaluation) -> float:
+    """Cost ‖r‖² + prior after a step in θ, shape (k,), were the model linear."""
     return here.cost - float(2 * here.gradient @ step - step @ here.hessian @ step)
 
 

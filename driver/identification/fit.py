@@ -13,7 +13,7 @@ from time import monotonic
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.identification.descent import FLAT, descend, newton
+from driver.identification.descent import FLAT, descend, newton, promised_by
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.step import is_at_bound
 from driver.log import Log
@@ -45,6 +45,7 @@ class Fit:
         start_load: predicted readings where the fit began [µN], shape (T_all,); empty if it was
             not iterated.
         seconds: duration, wall clock.
+        given_up: whether it ended because a step promised too little.
     """
 
     best: Evaluation
@@ -53,6 +54,7 @@ class Fit:
     history: tuple[dict[str, float], ...]
     start_load: FloatArray = field(default_factory=lambda: np.empty(0))
     seconds: float = 0.0
+    given_up: bool = False
 
     @property
     def values(self) -> dict[str, float]:
@@ -84,6 +86,7 @@ def fit(
     start: Evaluation | None = None,
     tolerance: float = DECREMENT,
     share: float = 0.0,
+    bar: float = math.inf,
 ) -> Fit:
     """Minimise the cost; a step that fails, or leads nowhere lower, is shortened.
 
@@ -98,6 +101,7 @@ def fit(
         tolerance: Newton decrement at which the fit has converged [σ].
         share: the fit also ends when a step lowers the cost, or would, by less than this share
             of it: enough for a fit that only starts another one.
+        bar: cost that each step has to promise; where one does not, the fit is given up.
 
     Raises:
         SolverError, ValueError: the model cannot be evaluated at the start.
@@ -108,14 +112,17 @@ def fit(
     here = start if start is not None else objective.evaluate(values, free)
     start_load, history = here.load, [_record(here)]
 
-    def ended(converged: bool, reason: str) -> Fit:
+    def ended(converged: bool, reason: str, given_up: bool = False) -> Fit:
         log(f"  {'ended' if converged else 'NOT converged'}: {reason}")
-        return Fit(here, converged, reason, tuple(history), start_load, monotonic() - began)
+        seconds = monotonic() - began
+        return Fit(here, converged, reason, tuple(history), start_load, seconds, given_up)
 
     _tell(log, 0, here, None)
     iteration = 0
     while True:
         step, decrement = newton(objective, here)
+        if promised_by(step, here) > bar:
+            return ended(False, "a step promises too little", given_up=True)
         excess = max(here.excess - SCATTER * math.sqrt(2.0 * here.residual.size), 0.0)
         enough = max(tolerance, math.sqrt(share * here.cost), math.sqrt(excess) * NEGLIGIBLE)
         if decrement < enough:

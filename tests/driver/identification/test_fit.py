@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.identification.descent import MOST_HALVINGS
+from driver.identification.descent import MOST_HALVINGS, promised
 from driver.identification.fit import DECREMENT, Fit, fit
 from driver.identification.objective import Evaluation
 from driver.identification.step import LARGEST_STEP, LARGEST_STEP_LOG
@@ -406,3 +406,23 @@ def test_only_misfit_beyond_the_scatter_of_noise_makes_a_step_negligible(
 
     found = fit(formula(one, measured, PLAIN[:1]), {"a": 0.0}, "a", 5, silent)
     assert found.converged and len(found.history) == 1 + steps
+
+
+def test_a_fit_is_given_up_where_a_step_promises_too_little_though_the_first_promised_enough() -> (
+    None
+):
+    """The first step is promised the floor of a straight valley, but this one levels off."""
+
+    def levelling(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        x = float(p[0])
+        return np.array([np.tanh(x), x / 40]), np.array([[np.cosh(x) ** -2, 1 / 40]])
+
+    objective = formula(levelling, np.array([3.0, 0.0]), [Parameter("x", "", 0.0, 1.0)])
+    whole = fit(objective, {"x": 0.0}, ("x",), 30, silent)
+    assert whole.converged and whole.best.cost > 4
+    assert promised(objective, objective.evaluate({"x": 0.0}, ("x",))) < 1
+    lines: list[str] = []
+    ended = fit(objective, {"x": 0.0}, ("x",), 30, lines.append, bar=1.0)
+    assert ended.given_up and not ended.converged and 1 < len(ended.history) < len(whole.history)
+    assert lines[-1] == "  NOT converged: a step promises too little"
+    assert not fit(objective, {"x": 0.0}, ("x",), 30, silent, bar=whole.best.cost + 1).given_up
