@@ -58,7 +58,7 @@ def left_of(path: Path, course: Course, causes: tuple[Cause, ...]) -> Left:
     J = here.jacobian
     along = missed - J.T @ np.linalg.solve(here.hessian, J @ missed)
     seen = float(along @ excess / np.linalg.norm(along))
-    whole = float(np.sqrt(max(seen**2 - OF_THE_MESH**2, 0.0)))
+    whole = float(np.sqrt(max(seen * abs(seen) - OF_THE_MESH**2, 0.0)))
     like_itself: list[float] = []
     beside: list[float] = []
     for cause in causes:

@@ -53,9 +53,10 @@ def cache_folder(root: Path) -> Path:
 
 @cache
 def program() -> str:
-    """Hash of all that a diagnosis runs: results of two programs are not mixed unasked."""
+    """Hash of all that a trial runs after its truth: results of two are not mixed unasked."""
+    trials = (PACKAGES / f"benchmarks/blind_{name}.py" for name in ("cases", "misfit", "trial"))
     parts = (PACKAGES / name for name in ("driver", "meshes", "solver_adapters"))
-    sources = sorted(path for part in parts for path in part.rglob("*.py"))
+    sources = sorted([*trials, *(path for part in parts for path in part.rglob("*.py"))])
     return hash_of(sources, {"prismid": prismid_version(), "solver": solver_hash()})[:12]
 
 

@@ -77,10 +77,13 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
 
 
 def added_parameters(found: Diagnosis) -> tuple[str, ...]:
-    """Names of the parameters of the general model that the extension freed."""
+    """Names of the parameters of the general model that the extension freed.
+
+    A companion that was fitted before is none of them.
+    """
     freed = [cause for cause in found.causes if cause not in COVARIANCE]
     every = (n for cause in freed for n in (*cause.parameters, *cause.companions))
-    return tuple(dict.fromkeys(every))
+    return tuple(name for name in dict.fromkeys(every) if name not in found.baseline.best.free)
 
 
 def with_flips(case: Case, found: Diagnosis) -> Case:

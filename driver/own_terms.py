@@ -223,6 +223,15 @@ def _tried(term: BoundaryTerm | ReadingTerm, factor: complex) -> Field:
     return term.displacement(faces)
 
 
+def _unchangeable(argument: Any) -> Any:
+    """A view that a formula cannot write to: others read the same numbers."""
+    if not isinstance(argument, np.ndarray):
+        return argument
+    view = argument.view()
+    view.flags.writeable = False
+    return view
+
+
 def _kind(term: BoundaryTerm | ReadingTerm) -> str:
     return "motion" if isinstance(term, BoundaryTerm) else "reading"
 
@@ -238,7 +247,7 @@ def _checked(
     kind, name = _kind(term), term.parameter.name
     formula = term.motion if isinstance(term, BoundaryTerm) else term.reading
     try:
-        value = np.asarray(formula(*of))
+        value = np.asarray(formula(*map(_unchangeable, of)))
     except (Exception, SystemExit) as error:  # whatever the formula raises
         raise TermError(name, f"a {kind} that ends with {why(error)}", "a formula") from None
     if value.shape != shape:

@@ -98,6 +98,7 @@ def diagnose(
         {cause.name: cause.sentence for cause in every},
         {cause.name: cause.check for cause in every},
         share_described(final.uncounted, here.best, steps[-1].omnibus.left),
+        any(s.degrees for step in steps for s in step.scores),
     )
     fits = {"identified": first.fit} | ({"extended": here} if causes else {})
     verdict = with_doubts(

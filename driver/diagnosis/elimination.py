@@ -22,6 +22,7 @@ def eliminate(
     here: Fit,
     objective: Objective,
     causes: Sequence[Cause],
+    fitted: Collection[str],
     surpassed: Collection[frozenset[Cause]],
     log: Log,
 ) -> tuple[Fit, Objective, list[Cause]]:
@@ -35,6 +36,7 @@ def eliminate(
         here: the extended fit.
         objective: its objective.
         causes: the causes that were added, in the order of their addition.
+        fitted: what is fitted without any of them.
         surpassed: the causes of each model to which another cause was added on the way here.
         log: takes one line of progress.
 
@@ -55,6 +57,7 @@ def eliminate(
         left.remove(cause)
         log(f"{cause.name} is not needed any more")
         needed = {name for other in left for name in (*other.parameters, *other.companions)}
+        needed |= set(fitted)
         freed = [n for n in (*cause.parameters, *cause.companions) if n not in needed]
         null = objective.model.null_values()
         free = tuple(name for name in here.best.free if name not in freed)

@@ -67,17 +67,18 @@ def causes_of(
 
 
 def _asked(wanted: Sequence[str] | None, own: Sequence[Cause]) -> list[Cause]:
-    return [cause for cause in (*LIBRARY, *own) if wanted is None or cause.name in wanted]
+    """Those of the library that are wanted, and all own ones: their file asks for them."""
+    return [cause for cause in LIBRARY if wanted is None or cause.name in wanted] + list(own)
 
 
 def _why_not(
     cause: Cause, specimen: Collection[str], solver: Collection[str], fitted: Collection[str]
 ) -> str:
     """Why a cause cannot be tried, empty where it can."""
-    for name in cause.parameters:
+    for name in (*cause.parameters, *cause.companions):
         if name not in specimen:
             return _ABSENT.get(name, f"the specimen has no {name}")
-    for name in cause.parameters:
+    for name in (*cause.parameters, *cause.companions):
         if name not in solver:
             return f"the solver cannot honour {name}"
     for name in cause.parameters:

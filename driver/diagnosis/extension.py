@@ -31,6 +31,7 @@ class Extension:
         causes: the causes that were added and are still needed.
         levels: of the noise that was named its level and the standard deviation of it.
         of_noise: log evidence of that noise.
+        fitted: what is fitted without any cause.
         surpassed: the causes of each model to which another one was added on the way here.
     """
 
@@ -40,6 +41,7 @@ class Extension:
     causes: tuple[Cause, ...]
     levels: Mapping[str, Level]
     of_noise: float
+    fitted: tuple[str, ...]
     surpassed: tuple[frozenset[Cause], ...]
 
 
@@ -65,8 +67,11 @@ def extended(before: Extension, winner: Refit, settings: Settings, log: Log) -> 
     elif winner.levels:
         of_noise = winner.log_evidence
     surpassed = (*before.surpassed, frozenset(before.causes))
-    here, objective, causes = eliminate(here, objective, causes, surpassed, log)
-    return Extension(here, objective, finer, tuple(causes), levels, of_noise, surpassed)
+    here, objective, causes = eliminate(here, objective, causes, before.fitted, surpassed, log)
+    return replace(
+        before, fit=here, objective=objective, finer=finer, causes=tuple(causes), levels=levels,
+        of_noise=of_noise, surpassed=surpassed,
+    )  # fmt: skip
 
 
 def _corrected(winner: Refit, finer: FinerMeshes, settings: Settings, log: Log) -> Refit:

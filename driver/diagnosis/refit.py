@@ -93,13 +93,14 @@ class Start:
 def with_prior(objective: Objective, cause: Cause) -> Objective:
     """The objective with the Gaussian priors under which a cause is refitted, about its null.
 
-    The null of a constant of the law (of n, say) is its value in the case.
+    The null of a constant of the law (of n, say) is its value in the case. A companion that has a
+    prior already, for it is fitted without the cause, keeps it.
     """
     prior, nulls = dict(objective.prior), objective.model.null_values()
     for name in cause.parameters:
         prior[name] = (nulls[name], FREED_WIDTH * objective.parameters[name].width)
     for name in cause.companions:
-        prior[name] = (nulls[name], objective.parameters[name].width)
+        prior.setdefault(name, (nulls[name], objective.parameters[name].width))
     return replace(objective, prior=prior)
 
 
@@ -145,7 +146,7 @@ def refit_causes(
     tasks, hopeless = [], []
     for scored in scores:
         extended = with_prior(objective, scored.cause)
-        begin = extended.restrict(screening, _free(baseline, scored.cause))
+        begin = extended.restrict(screening, freed_with(baseline, scored.cause))
         if np.isfinite(bar) and promised(extended, begin) > bar:
             hopeless.append(scored.cause.name)
             continue
@@ -225,7 +226,8 @@ def added_by(cause: Cause, baseline: Evaluation) -> tuple[str, ...]:
     return tuple(name for name in named if name not in baseline.free)
 
 
-def _free(baseline: Evaluation, cause: Cause) -> tuple[str, ...]:
+def freed_with(baseline: Evaluation, cause: Cause) -> tuple[str, ...]:
+    """What is free where a cause is."""
     return (*baseline.free, *added_by(cause, baseline))
 
 
@@ -258,7 +260,7 @@ def _refit(task: Start) -> Refit | str:
     if here is None:
         try:
             beside = objective.near(task.baseline)
-            here = beside.evaluate(task.values, _free(task.baseline, task.cause))
+            here = beside.evaluate(task.values, freed_with(task.baseline, task.cause))
         except (SolverError, ValueError) as error:
             if is_by_circumstances(error):
                 raise

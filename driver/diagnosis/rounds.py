@@ -25,7 +25,7 @@ from driver.log import Log
 from solver_adapters.interface import SolverError
 from solver_adapters.jobs.errors import is_by_circumstances
 
-MOST_STEPS = 5  # rounds, where elimination keeps taking back what was added
+MOST_STEPS = 6  # rounds, where elimination keeps taking back what was added
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,8 @@ def rounds(
     Raises:
         SolverError: the simulation could not be finished.
     """
-    here = Extension(begin.baseline, begin.objective, finer, (), {}, 0.0, ())
+    fitted = begin.baseline.best.free
+    here = Extension(begin.baseline, begin.objective, finer, (), {}, 0.0, fitted, ())
     before, known = here, begin.wide
     first: Extension | None = None
     steps: list[Step] = []
@@ -77,8 +78,11 @@ def rounds(
                 end, exchanged, last = better
                 return Rounds(first, end, (*steps[:-1], exchanged, last))
         steps.append(step)
-        if winner is None or len(steps) > MOST_STEPS:
+        if winner is None:
             return Rounds(first, here, tuple(steps))
+        if len(steps) == MOST_STEPS:
+            log(f"{winner.cause.name} is not added: so many rounds come to no end")
+            return Rounds(first, here, (*steps[:-1], replace(step, named=())))
         log(f"added {winner.cause.name}, log evidence {winner.log_evidence:+.1f}")
         before, here = here, extended(here, winner, settings, log)
 

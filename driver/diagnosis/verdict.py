@@ -52,6 +52,7 @@ def decide(
     sentences: dict[str, str],
     checks: dict[str, str],
     explained: float,
+    tried: bool,
 ) -> Verdict:
     """Put the outcome of the steps into words.
 
@@ -64,6 +65,7 @@ def decide(
         checks: the physical check of each cause.
         explained: share of the misfit that is no noise, as far as tests see it, that the
             additions explain.
+        tried: whether any cause could be tried.
     """
     if numerics is not None:
         return Verdict(
@@ -72,7 +74,7 @@ def decide(
             "Refine as said, then run again.",
         )  # fmt: skip
     if not added:
-        return _without_a_name(left, imaging_limited)
+        return _without_a_name(left, imaging_limited, tried)
     sets = _beside_each_other(added)
     names = [group[0] for group in sets]
     said = _capital("; and ".join(_said(group, sentences) for group in sets))
@@ -128,13 +130,19 @@ def _beside_each_other(added: Sequence[Sequence[str]]) -> tuple[tuple[str, ...],
     )
 
 
-def _without_a_name(left: Sequence[str], imaging_limited: bool) -> Verdict:
+def _without_a_name(left: Sequence[str], imaging_limited: bool, tried: bool) -> Verdict:
     if imaging_limited:
         return Verdict(
             "imaging-limited", (),
             "Even free correlation leaves more than noise in the images: errors of the imaging "
             "dominate, and with them counted no cause stands out.",
             "Look at the residual maps of the free correlation: focus, dust, scan lines, drift.",
+        )  # fmt: skip
+    if not left and not tried:
+        return Verdict(
+            "nothing wrong", (),
+            "What is left is noise: no structure remains in loads or images. No cause was tried.",
+            "Read why each of the causes was not examined, and ask for others.",
         )  # fmt: skip
     if not left:
         return Verdict(

@@ -185,8 +185,8 @@ def _most_of(who: str, every: Sequence[Excess]) -> str:
             silent.append(signal)
     if not said:
         return (
-            f"{who} leaves no more than noise at any place of the face, in any phase of the test "
-            "and in the loads."
+            f"{who} leaves no more than noise at any single place of the face, in any single phase "
+            "of the test and in the loads."
         )
     rest = f"; {silent[0]} show nothing beyond noise" if silent else ""
     return f"{who} misses what {', and '.join(said)}{rest}."

@@ -27,19 +27,20 @@ class PriorRule:
     Attributes:
         name: of the parameter.
         share: of its variance that comes from the prior.
-        pull: by how many of its standard deviations the prior has moved it.
+        moved: by how many widths of its prior the data have moved it off the mean of that.
     """
 
     name: str
     share: float
-    pull: float
+    moved: float
 
     def sentence(self) -> str:
         """What a person should know of it."""
-        moved = "hardly moved it" if abs(self.pull) < 0.05 else f"moved it by {self.pull:+.1f} σ"
+        stays = abs(self.moved) < 0.05
+        where = "at whose mean it stays" if stays else f"{self.moved:+.1f} widths off its mean"
         return (
             f"{self.name}: the data hardly see it; {self.share:.0%} of its variance is that of "
-            f"its prior, which has {moved}"
+            f"its prior, {where}"
         )
 
 
@@ -56,11 +57,10 @@ def prior_shares(evaluation: Evaluation) -> FloatArray:
 def ruled_by_prior(fit: Fit) -> tuple[PriorRule, ...]:
     """The parameters of which more than half of the variance is the prior's."""
     best = fit.best
-    covariance = fit.covariance
-    pulls = covariance @ (best.prior_weight * best.prior_gap) / np.sqrt(np.diag(covariance))
+    moved = -best.prior_gap * np.sqrt(best.prior_weight)
     return tuple(
-        PriorRule(name, float(share), float(pull))
-        for name, share, pull in zip(best.free, prior_shares(best), pulls, strict=True)
+        PriorRule(name, float(share), float(by))
+        for name, share, by in zip(best.free, prior_shares(best), moved, strict=True)
         if share > INSENSITIVE
     )
 

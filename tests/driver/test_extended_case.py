@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,13 +25,19 @@ LAW = [p.name for p in MATERIAL_DECLARATIONS]
 BY_NAME = {cause.name: cause for cause in LIBRARY}
 
 
+def ended(values: dict[str, float], *causes: Cause, **more: Any) -> Any:
+    """A diagnosis that ended at these values, of a baseline in which the law is fitted."""
+    null = {name: p.null for name, p in declared_parameters(5).items()}
+    free = SimpleNamespace(free=("tau0", "c", "d", *more.pop("fitted", ())))
+    return SimpleNamespace(
+        extended=SimpleNamespace(values=null | values), baseline=SimpleNamespace(best=free),
+        causes=causes, levels=more.pop("levels", {}), **more,
+    )  # fmt: skip
+
+
 def extended(case: Case, values: dict[str, float], *causes: Cause) -> Case:
     """The extended case of a diagnosis that ended at these values."""
-    null = {name: p.null for name, p in declared_parameters(5).items()}
-    found: Any = SimpleNamespace(
-        extended=SimpleNamespace(values=null | values), causes=causes, levels={}
-    )
-    return extended_case(case, cast(Any, found))
+    return extended_case(case, ended(values, *causes))
 
 
 def fitting(*names: str) -> Case:
@@ -72,16 +78,12 @@ def test_added_causes_and_earlier_extensions_start_where_they_were_found(tmp_pat
 
 
 def test_a_noise_of_the_boundary_is_stated_by_the_extended_case(tmp_path: Path) -> None:
-    found: Any = SimpleNamespace(
-        extended=SimpleNamespace(values={p.name: p.null for p in declared_parameters(5).values()}),
-        causes=(BOUNDARY_NOISE,),
-        levels={"sigma_e": (4.2e-4, 3e-5)},
-    )
+    found = ended({}, BOUNDARY_NOISE, levels={"sigma_e": (4.2e-4, 3e-5)})
     path = tmp_path / "extended.toml"
-    write_case(extended_case(fitting("tau0"), cast(Any, found)), path)
+    write_case(extended_case(fitting("tau0"), found), path)
     case = load_case(path)
     assert case.boundary.jitter_nm == pytest.approx(0.42) and not case.extensions
-    assert added_parameters(cast(Any, found)) == ()
+    assert added_parameters(found) == ()
 
 
 @pytest.mark.parametrize(("rows", "columns"), [("+X", "+Y"), ("-Y", "+X"), ("+Y", "-X")])
@@ -91,17 +93,14 @@ def test_uneven_noise_is_stated_by_the_extended_case_as_its_images_lie(
     bench = closed_form.bench()
     image = closed_form.objective(bench, bench.truth).data.image
     variance = np.random.default_rng(3).uniform(0.5, 2.0, len(image.images.xy))
-    found: Any = SimpleNamespace(
-        extended=SimpleNamespace(values={p.name: p.null for p in declared_parameters(5).values()}),
-        objective=SimpleNamespace(data=SimpleNamespace(image=reweighted(image, variance))),
-        causes=(NOISE_NOT_UNIFORM,),
-        levels={"noise_ratio": (1.8, 0.1)},
-    )
+    seen = SimpleNamespace(data=SimpleNamespace(image=reweighted(image, variance)))
+    levels = {"noise_ratio": (1.8, 0.1)}
+    found = ended({}, NOISE_NOT_UNIFORM, objective=seen, levels=levels)
     case = fitting("tau0")
     lie = {"rows_along": rows, "columns_along": columns}
     case = case.model_copy(update={"images": case.images.model_copy(update=lie)})
-    write_noise_map(case, cast(Any, found), tmp_path / NOISE_MAP)
-    assert extended_case(case, cast(Any, found)).images.noise_map == NOISE_MAP
+    write_noise_map(case, found, tmp_path / NOISE_MAP)
+    assert extended_case(case, found).images.noise_map == NOISE_MAP
     read = arrange(case.images, tifffile.imread(tmp_path / NOISE_MAP)[None])[0]
     assert read.shape == closed_form.SHAPE
     noise = read[image.images.rows, image.images.cols] ** 2
@@ -109,15 +108,23 @@ def test_uneven_noise_is_stated_by_the_extended_case_as_its_images_lie(
 
 
 def test_what_a_cause_frees_includes_its_companions() -> None:
-    found: Any = SimpleNamespace(causes=(BY_NAME["isotropic_hardening"], BY_NAME["load_gain"]))
-    assert added_parameters(cast(Any, found)) == ("Q", "b", "load_gain")
+    found = ended({}, BY_NAME["isotropic_hardening"], BY_NAME["load_gain"])
+    assert added_parameters(found) == ("Q", "b", "load_gain")
 
 
 def test_a_companion_of_two_causes_is_freed_once() -> None:
-    found: Any = SimpleNamespace(
-        causes=(BY_NAME["isotropic_hardening"], BY_NAME["latent_hardening"])
-    )
-    assert added_parameters(cast(Any, found)) == ("Q", "b", "Q_latent")
+    found = ended({}, BY_NAME["isotropic_hardening"], BY_NAME["latent_hardening"])
+    assert added_parameters(found) == ("Q", "b", "Q_latent")
+
+
+def test_a_companion_that_is_fitted_already_is_no_extension(tmp_path: Path) -> None:
+    """The extended case is read again: it was refused, for b is identified."""
+    found = ended({"Q_latent": 6.0, "b": 31.0}, BY_NAME["latent_hardening"], fitted=("b",))
+    assert added_parameters(found) == ("Q_latent",)
+    path = tmp_path / "extended.toml"
+    write_case(extended_case(fitting("tau0", "b"), found), path)
+    case = load_case(path)
+    assert case.extensions == {"Q_latent": 6.0} and case.material.b == pytest.approx(31.0)
 
 
 @pytest.mark.parametrize("flip", FLIPS, ids=lambda flip: flip.name)

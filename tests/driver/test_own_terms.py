@@ -201,6 +201,14 @@ def test_an_effect_of_a_term_is_named_by_a_cause_of_ones_own(documented: Path) -
             reading("Parameter('mine', '', 0.0, 0.1)", "abs(force)"),
             "prismid.terms: mine: found a reading whose derivative is lost with complex numbers",
         ),
+        (  # others read the same loads
+            reading("Parameter('mine', '', 0.0, 0.1)", "force.__imul__(2.0)"),
+            "prismid.terms: mine: found a reading that ends with “output array is read-only”",
+        ),
+        (
+            reading("Parameter('mine', '', 0.0, 0.1)", "force + progress.__ipow__(2)"),
+            "prismid.terms: mine: found a reading that ends with “output array is read-only”",
+        ),
     ],
 )
 @pytest.mark.filterwarnings("ignore:(divide by zero|invalid value):RuntimeWarning")

@@ -12,6 +12,7 @@ from driver.diagnosis.elimination import eliminate
 from driver.diagnosis.refit import with_prior
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Objective
+from driver.log import silent
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import formula
 
@@ -23,6 +24,7 @@ PARAMETERS = [
 ]  # fmt: skip
 ZERO = {p.name: 0.0 for p in PARAMETERS}
 CAUSES = [Cause(name, "material", (name,), "", "") for name in "pqr"]
+FITTED = ("a",)  # without any cause
 
 
 def with_all_causes(truth: tuple[float, ...]) -> tuple[Fit, Objective]:
@@ -34,7 +36,7 @@ def with_all_causes(truth: tuple[float, ...]) -> tuple[Fit, Objective]:
     )
     for cause in CAUSES:
         objective = with_prior(objective, cause)
-    here = fit(objective, ZERO, ("a", "p", "q", "r"), 5, lambda line: None)
+    here = fit(objective, ZERO, ("a", "p", "q", "r"), 5, silent)
     return here, objective
 
 
@@ -46,7 +48,7 @@ def test_what_later_causes_make_superfluous_goes_back_to_its_null(
     truth: tuple[float, ...], left: str
 ) -> None:
     here, objective = with_all_causes(truth)
-    after, objective_after, kept = eliminate(here, objective, CAUSES, (), lambda line: None)
+    after, objective_after, kept = eliminate(here, objective, CAUSES, FITTED, (), silent)
     assert "".join(cause.name for cause in kept) == left
     assert set(after.best.free) == {"a", *left} and set(objective_after.prior) == set(left)
     assert all(after.values[name] == 0.0 for name in "pqr" if name not in left)
@@ -62,7 +64,7 @@ def test_no_elimination_leads_back_to_a_model_to_which_evidence_has_added(
     by_name = {cause.name: cause for cause in CAUSES}
     models = [frozenset(by_name[name] for name in model) for model in surpassed]
     here, objective = with_all_causes((0.0, 0.0, 1.0))
-    _, _, kept = eliminate(here, objective, CAUSES, models, lambda line: None)
+    _, _, kept = eliminate(here, objective, CAUSES, FITTED, models, silent)
     assert len(kept) == left and kept[-1].name == "r"
 
 
@@ -86,7 +88,16 @@ def test_what_another_cause_needs_stays_free_and_a_flip_is_not_tested(needs_r: C
     ]
     for cause in causes:
         objective = cast(Any, with_prior(objective, cause))
-    here = fit(objective, ZERO, ("a", "p", "q", "r"), 5, lambda line: None)
-    after, _, kept = eliminate(here, objective, causes, (), lambda line: None)
+    here = fit(objective, ZERO, ("a", "p", "q", "r"), 5, silent)
+    after, _, kept = eliminate(here, objective, causes, FITTED, (), silent)
     assert [cause.name for cause in kept] == ["flip", "q"]
     assert after.best.free == ("a", "q", "r") and after.values["r"] != 0.0
+
+
+def test_a_companion_that_is_fitted_without_any_cause_stays_fitted() -> None:
+    here, objective = with_all_causes((0.0, 1.0, 2.0))
+    companion = Cause("p", "material", ("p",), "", "", companions=("r",))
+    causes = [companion, CAUSES[1]]
+    after, objective_after, kept = eliminate(here, objective, causes, ("a", "r"), (), silent)
+    assert kept == [CAUSES[1]] and after.best.free == ("a", "q", "r")
+    assert after.values["r"] == pytest.approx(2.0, abs=0.5) and "r" in objective_after.prior

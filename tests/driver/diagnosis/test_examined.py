@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from driver.diagnosis.causes import LIBRARY
+from driver.diagnosis.causes import LIBRARY, Cause
 from driver.diagnosis.examined import causes_of, not_examined
 from driver.model import declared_parameters
 
@@ -34,3 +34,17 @@ def test_every_cause_is_tried_or_left_out_with_a_reason() -> None:
     assert why["load_gain"] == "load_gain is fitted in the baseline"
     only = not_examined(specimen, solver, (), ("load_gain", "boundary_bow"))
     assert [one.cause for one in only] == ["boundary_bow"]
+
+
+def test_ones_own_causes_are_tried_whatever_is_wanted_of_the_library() -> None:
+    own = Cause("mine", "material", ("load_offset", "tilt_drift"), "", "")
+    tried = causes_of(tuple(DECLARED), (), ("load_gain",), (own,))
+    assert [cause.name for cause in tried] == ["load_gain", "mine"]
+
+
+def test_a_cause_whose_companion_nobody_can_honour_is_not_tried() -> None:
+    every = set(DECLARED)
+    own = Cause("mine", "material", ("load_offset",), "", "", companions=("fixed_pattern",))
+    assert causes_of(every - {"fixed_pattern"}, (), (), (own,)) == ()
+    (left,) = not_examined(every, every - {"fixed_pattern"}, (), (), (own,))
+    assert left.why == "the solver cannot honour fixed_pattern"

@@ -44,7 +44,9 @@ def extension(off: float) -> tuple[Fit, Extension]:
     load[WRONG] += off
     made = replace(made, data=replace(made.data, load=load, bad_loads=(WRONG,)))
     objective, baseline = identified(BENCH, made)
-    begin = Extension(baseline, objective, FinerMeshes(finer(BENCH)), (), {}, 0.0, ())
+    begin = Extension(
+        baseline, objective, FinerMeshes(finer(BENCH)), (), {}, 0.0, baseline.best.free, ()
+    )
     return baseline, extended(begin, refitted(objective, baseline), SETTINGS, silent)
 
 

@@ -19,9 +19,16 @@ def of(
     imaging: bool = False,
     numerics: str | None = None,
     explained: float = 0.95,
+    tried: bool = True,
 ) -> Verdict:
     left = () if accepted else (SLOW, SMOOTH)
-    return decide(added, left, imaging, numerics, SENTENCES, CHECKS, explained)
+    return decide(added, left, imaging, numerics, SENTENCES, CHECKS, explained, tried)
+
+
+def test_where_no_cause_could_be_tried_nothing_is_said_of_any() -> None:
+    found = of(tried=False)
+    assert found.kind == "nothing wrong" and found.text.endswith("No cause was tried.")
+    assert "smallest magnitude" not in found.next and "smallest magnitude" in of().next
 
 
 @pytest.mark.parametrize(

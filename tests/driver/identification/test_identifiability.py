@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from driver.errors import InputError
-from driver.identification.fit import Fit
+from driver.identification.fit import fit
 from driver.identification.identifiability import (
     PriorRule,
     null_vector,
@@ -12,7 +12,9 @@ from driver.identification.identifiability import (
     refuse_what_is_not_seen,
     ruled_by_prior,
 )
-from tests.driver.analytic import evaluation
+from driver.log import silent
+from solver_adapters.parameter import Parameter
+from tests.driver.analytic import evaluation, formula
 
 RNG = np.random.default_rng(5)
 SEEN = RNG.standard_normal((3, 30))
@@ -28,19 +30,23 @@ def test_shares_are_those_of_noise_and_prior_in_repeated_experiments() -> None:
     np.testing.assert_allclose(prior_shares(here), scatter / np.diag(covariance), rtol=0.02)
 
 
-def test_a_parameter_that_the_data_hardly_see_is_named_with_what_the_prior_did() -> None:
-    jacobian = SEEN * np.array([[1.0], [1.0], [0.01]])
-    gap = np.array([0.0, 0.0, 2.0])
-    here = evaluation(np.zeros(30), jacobian, np.array([0.0, 1.0, 4.0]), gap, free=("a", "b", "d"))
-    (rule,) = ruled_by_prior(Fit(here, True, "", ()))
-    assert rule.name == "d" and rule.share > 0.99
-    # The prior of width 1/2 pulls by 2, or four of its widths.
-    assert rule.pull == pytest.approx(4.0, rel=0.01)
-    assert rule.sentence() == (
-        "d: the data hardly see it; 100% of its variance is that of its prior, which has moved "
-        "it by +4.0 σ"
+def test_a_parameter_that_the_data_hardly_see_is_named_with_how_far_they_moved_it() -> None:
+    """Data that want d at 300, by an information of a hundredth of that of its prior."""
+    rows = SEEN / np.linalg.norm(SEEN, axis=1, keepdims=True) * np.array([[9.0], [8.0], [0.2]])
+    parameters = [Parameter(name, "", 0.0, 1.0) for name in "abd"]
+    prior = {"b": (0.0, 1.0), "d": (0.0, 0.5)}
+    objective = formula(
+        lambda p: (p @ rows, rows), np.array([0.0, 0.0, 300.0]) @ rows, parameters, prior
     )
-    assert PriorRule("d", 0.7, 0.01).sentence().endswith("has hardly moved it")
+    found = fit(objective, dict.fromkeys("abd", 0.0), ("a", "b", "d"), 200, silent, tolerance=1e-9)
+    (rule,) = ruled_by_prior(found)
+    assert rule.name == "d" and rule.share > 0.98
+    assert rule.moved == pytest.approx(found.values["d"] / 0.5) and rule.moved > 4
+    assert rule.sentence() == (
+        f"d: the data hardly see it; 99% of its variance is that of its prior, "
+        f"{rule.moved:+.1f} widths off its mean"
+    )
+    assert PriorRule("d", 0.7, 0.01).sentence().endswith("its prior, at whose mean it stays")
 
 
 def test_what_data_and_prior_both_see_is_accepted() -> None:
