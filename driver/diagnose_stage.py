@@ -18,7 +18,8 @@ from driver.diagnosis.noise_causes import COVARIANCE_PARAMETERS, NOISE_RATIO
 from driver.diagnosis.outcome import Diagnosis, Settings
 from driver.diagnosis.own_causes import own_causes
 from driver.diagnosis.screening import screened
-from driver.diagnosis.whereabouts import Whereabouts, told, whereabouts
+from driver.diagnosis.verdict import with_places
+from driver.diagnosis.whereabouts import Whereabouts, still_missed, told, whereabouts
 from driver.diagnosis_record import DIAGNOSIS, DIAGNOSIS_H5, diagnosis_record
 from driver.errors import InputError, sentence
 from driver.extended_case import (
@@ -107,6 +108,7 @@ def run_diagnose(context: StageContext, advise: bool = True) -> None:
         advised = f"{found.verdict.next} {advice(telling)}"
         found = replace(found, verdict=replace(found.verdict, next=advised))
     where = whereabouts(found, geometry_of(case), bench.experiment.history)
+    found = replace(found, verdict=with_places(found.verdict, still_missed(where)))
     _tell(found, where, bench, context.log)
     decks = _decks(found, context) if found.causes else None
     budgets = (

@@ -29,12 +29,14 @@ from driver.diagnosis.score import Score
 from driver.identification.descent import promised
 from driver.identification.fit import POLISH, Fit, fit
 from driver.identification.objective import Evaluation, Objective
-from driver.log import silent
+from driver.log import Log, silent
 from driver.side_by_side import side_by_side
+from solver_adapters.interface import SolverError
+from solver_adapters.jobs.errors import is_by_circumstances
 
 HOPEFUL = 0.5  # of what the best gains below soft loads, that a cause has to gain there
 SOFTER = 30.0  # times as soft loads hardly count
-ON_THE_WAY = 0.05  # a fit that only begins the next one ends where its cost falls by less
+ON_THE_WAY = 1.0  # Newton decrement of a fit that only begins the next one [σ]
 
 
 def softened(objective: Objective, factor: float) -> Objective:
@@ -68,12 +70,8 @@ def refit_from_soft_loads(
     softness = baseline.chi_load
     soft = softened(objective, softness)
     crew.log(f"loads of {softness:.3g} times their noise, as far as the model is off")
-    # Not from the baseline, which is bent: from where the images alone would lead.
-    values = nominal(baseline, objective)
-    for factor in (SOFTER, 1.0):
-        at = softened(objective, factor * softness)
-        here = fit(at, values, baseline.free, POLISH, crew.log, tolerance=TOLERANCE)
-        values = here.values
+    begin = _by_the_images(softened(objective, SOFTER * softness), baseline, crew.log)
+    here = fit(soft, begin.values, baseline.free, POLISH, crew.log, tolerance=TOLERANCE)
     wide = soft.near(here.best).evaluate(here.values, screening)
     tasks = [_task(one, objective, soft, wide, baseline) for one in tried]
     promises = [here.best.cost - promised(task.soft, task.start) for task in tasks]
@@ -99,6 +97,19 @@ def refit_from_soft_loads(
         )
 
     return side_by_side(_as_precise_as_they_are, hopeful, crew.processes, crew.threads, done)
+
+
+def _by_the_images(objective: Objective, baseline: Evaluation, log: Log) -> Fit:
+    """The baseline where the images lead, from the nominal model: the baseline itself is bent."""
+    values, free = nominal(baseline, objective), baseline.free
+    try:
+        return fit(objective, values, free, POLISH, log, tolerance=ON_THE_WAY)
+    except (SolverError, ValueError) as error:
+        if is_by_circumstances(error):
+            raise
+        log(f"  not from the nominal model ({str(error).partition(chr(10))[0]})")
+        begin = objective.compare(baseline.prediction, baseline.values, free)
+        return fit(objective, baseline.values, free, POLISH, log, begin, ON_THE_WAY)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,20 +140,18 @@ def _task(
 
 def _below_soft_loads(task: _Task) -> Fit:
     at = task.start
-    return fit(
-        task.soft, at.values, at.free, MOST_ITERATIONS, silent, at, TOLERANCE, share=ON_THE_WAY
-    )
+    return fit(task.soft, at.values, at.free, MOST_ITERATIONS, silent, at, ON_THE_WAY)
 
 
 def _as_precise_as_they_are(task: _Task) -> Refit:
     """The refit, by way of loads half as soft on a logarithmic scale."""
     at = task.start
     half = softened(task.hard, np.sqrt(task.baseline.chi_load))
-    for objective, most, share in (
+    for objective, most, tolerance in (
         (half, MOST_ITERATIONS, ON_THE_WAY),
-        (task.hard, MOST_FROM_AFAR, 0.0),
+        (task.hard, MOST_FROM_AFAR, TOLERANCE),
     ):
         begin = objective.compare(at.prediction, at.values, at.free)
-        found = fit(objective, at.values, at.free, most, silent, begin, TOLERANCE, share=share)
+        found = fit(objective, at.values, at.free, most, silent, begin, tolerance)
         at = found.best
     return refit_of(task.score.cause, task.hard, found, task.baseline)

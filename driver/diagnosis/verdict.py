@@ -105,6 +105,24 @@ def decide(
     return Verdict("one of this set" if several else "named", sets, f"{said}.", do_next)
 
 
+def with_places(verdict: Verdict, missed: str) -> Verdict:
+    """A verdict by which nothing is left that says so where a single place or phase shows more.
+
+    A test of all places at once dilutes what one of them shows.
+
+    Args:
+        verdict: the answer.
+        missed: what the last model misses, as a sentence; empty where nothing is seen.
+    """
+    if not missed or verdict.kind not in ("nothing wrong", "named", "one of this set"):
+        return verdict
+    return replace(
+        verdict,
+        text=f"{verdict.text} Yet {missed}",
+        next=f"Look at the maps of what is left there. {verdict.next}",
+    )
+
+
 def with_doubts(verdict: Verdict, unsettled: Sequence[str]) -> Verdict:
     """A verdict that says which fits behind it have not converged.
 

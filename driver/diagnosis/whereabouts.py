@@ -175,6 +175,14 @@ def told(where: Whereabouts) -> str:
     return f"{text} {_most_of('The extended model', where.after)}"
 
 
+def still_missed(where: Whereabouts) -> str:
+    """What the last of both models misses, in words; nothing where no place or phase shows any."""
+    last = where.after or where.before
+    if not any(one.seen for one in last):
+        return ""
+    return _most_of("the extended model" if where.after else "the identified model", last)
+
+
 def _most_of(who: str, every: Sequence[Excess]) -> str:
     said, silent = [], []
     for signal in ("the images", LOADS):

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import pytest
 
 from driver.diagnosis.causes import LIBRARY
-from driver.diagnosis.verdict import MOST_ADDITIONS, Verdict, decide, with_doubts
+from driver.diagnosis.verdict import MOST_ADDITIONS, Verdict, decide, with_doubts, with_places
 
 SENTENCES = {cause.name: cause.sentence for cause in LIBRARY}
 CHECKS = {cause.name: cause.check for cause in LIBRARY}
@@ -23,6 +23,22 @@ def of(
 ) -> Verdict:
     left = () if accepted else (SLOW, SMOOTH)
     return decide(added, left, imaging, numerics, SENTENCES, CHECKS, explained, tried)
+
+
+@pytest.mark.parametrize("kind", [of(), of(CONTRAST), of(GAIN)], ids=lambda one: one.kind)
+def test_what_a_single_place_shows_stands_beside_a_verdict_by_which_nothing_is_left(
+    kind: Verdict,
+) -> None:
+    missed = "the extended model misses what the loads show most in a hold (6.0 σ beyond noise)."
+    said = with_places(kind, missed)
+    assert said.kind == kind.kind and said.text == f"{kind.text} Yet {missed}"
+    assert said.next.startswith("Look at the maps") and said.next.endswith(kind.next)
+    assert with_places(kind, "") == kind
+
+
+def test_a_verdict_by_which_something_is_left_says_it_once() -> None:
+    left = of(CONTRAST, accepted=False)
+    assert with_places(left, "the extended model misses it.") == left
 
 
 def test_where_no_cause_could_be_tried_nothing_is_said_of_any() -> None:

@@ -15,6 +15,7 @@ from driver.diagnosis.whereabouts import (
     excess,
     phases_of,
     places_on,
+    still_missed,
     told,
     whereabouts,
 )
@@ -135,3 +136,16 @@ def test_what_the_extension_explains_is_gone_afterwards() -> None:
     assert told(where).endswith("The extended model leaves none of it.")
     quiet = whereabouts(diagnosis_of(BENCH, clean()), GEOMETRY, BENCH.history)
     assert quiet.after == () and told(quiet).startswith("The identified model leaves no more than")
+
+
+def test_what_is_still_missed_is_that_of_the_last_model() -> None:
+    seen, silent = Excess(LOADS, "a hold", 6.0, 1e-6), Excess(LOADS, "a hold", 0.4, 0.6)
+    told_of = "the loads show most in a hold (6.0 σ beyond noise)"
+    cases = (
+        ((seen,), (), f"the identified model misses what {told_of}."),
+        ((seen,), (silent,), ""),
+        ((silent,), (seen,), f"the extended model misses what {told_of}."),
+        ((silent,), (), ""),
+    )
+    for before, after, words in cases:
+        assert still_missed(Whereabouts(before, after)) == words
