@@ -12,7 +12,8 @@ with two scales of its own. A mixture of Gaussians needs no more than their clos
         = log ∫ Γ(λ; ν/2, ν/2) exp(½ gᵀ(A + λI)⁻¹g − ½ log det(I + A/λ)) dλ
 
 with g the score and A the information of φ, all other parameters projected out (Laplace). Several
-causes have a λ each.
+causes have a λ each. Where an effect can only be above its null it has twice that density there and
+none below, and each Gaussian its share above zero (of several such effects the product of theirs).
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
+from scipy.special import log_ndtr, logsumexp
 from scipy.stats import gamma
 
 from driver.identification.descent import promised
@@ -60,13 +61,16 @@ def projected(
     return left, g, 0.5 * (A + A.T)
 
 
-def log_mean_likelihood(g: FloatArray, A: FloatArray, sizes: Sequence[int]) -> float:
+def log_mean_likelihood(
+    g: FloatArray, A: FloatArray, sizes: Sequence[int], rising: Sequence[int] = ()
+) -> float:
     """Log of the likelihood exp(gᵀφ − ½ φᵀAφ), averaged over the prior of φ.
 
     Args:
         g: score at the null, per prior scale, shape (k,).
         A: information, per prior scale, shape (k, k).
         sizes: how many of the k numbers belong to each cause, in their order.
+        rising: those of the k numbers that can only be above zero.
     """
     nodes = np.indices((len(_LOG_PRECISIONS),) * len(sizes)).reshape(len(sizes), -1)
     log_precision = np.repeat(_LOG_PRECISIONS[nodes], sizes, axis=0).T
@@ -74,6 +78,10 @@ def log_mean_likelihood(g: FloatArray, A: FloatArray, sizes: Sequence[int]) -> f
     gained = np.linalg.solve(inflated, np.broadcast_to(g[:, None], (*log_precision.shape, 1)))
     volume = np.sum(log_precision, axis=1) - np.linalg.slogdet(inflated)[1]
     exponent = 0.5 * gained[..., 0] @ g + 0.5 * volume + np.sum(_WEIGHTS[nodes], axis=0)
+    if rising:
+        above = list(rising)
+        sigma = np.sqrt(np.linalg.inv(inflated)[:, above, above])
+        exponent += np.sum(np.log(2.0) + log_ndtr(gained[:, above, 0] / sigma), axis=1)
     return float(logsumexp(exponent))
 
 
@@ -83,6 +91,7 @@ def log_bayes_factor(
     objective: Objective,
     effects: Sequence[Sequence[str]],
     companions: Sequence[str],
+    rising: Sequence[str] = (),
 ) -> float:
     """Log Bayes factor of a fit with causes against one without them.
 
@@ -98,6 +107,7 @@ def log_bayes_factor(
         objective: of the latter.
         effects: names of the parameters of each cause.
         companions: names of those that exist only with a cause.
+        rising: names of the parameters of causes that can only be above their null.
     """
     names = [name for one in effects for name in one]
     rows = [after.free.index(name) for name in names]
@@ -113,7 +123,8 @@ def log_bayes_factor(
     cost_at_null = others.cost + float(amounts @ (g + pull))
     volume = np.linalg.slogdet(before.hessian)[1] - np.linalg.slogdet(others.hessian)[1]
     of_companions = sum(float(np.log(objective.prior[name][1])) for name in companions)
-    of_effects = log_mean_likelihood(g, A, [len(one) for one in effects])
+    above = [names.index(name) for name in rising]
+    of_effects = log_mean_likelihood(g, A, [len(one) for one in effects], above)
     return (
         0.5 * (promised(objective, before) - cost_at_null)
         + 0.5 * float(volume)

@@ -68,7 +68,8 @@ def log_evidence(
         return 0.0
     companions = {name for cause in causes for name in cause.companions} - set(before.free)
     effects = [cause.parameters for cause in causes]
-    return log_bayes_factor(before, after, objective, effects, sorted(companions))
+    rising = [name for cause in causes if cause.one_sided for name in cause.parameters]
+    return log_bayes_factor(before, after, objective, effects, sorted(companions), rising)
 
 
 def _excess(at: Evaluation) -> tuple[FloatArray, FloatArray]:

@@ -283,6 +283,7 @@ def refit_of(cause: Cause, objective: Objective, result: Fit, baseline: Evaluati
         baseline: the baseline at its optimum.
     """
     companions = [name for name in added_by(cause, baseline) if name in cause.companions]
-    evidence = log_bayes_factor(baseline, result.best, objective, [cause.parameters], companions)
+    effects, rising = [cause.parameters], cause.parameters if cause.one_sided else ()
+    evidence = log_bayes_factor(baseline, result.best, objective, effects, companions, rising)
     evidence += float(np.log(cause.odds))
     return Refit(cause, as_wide_as_found(objective, cause, result.values), result, evidence)

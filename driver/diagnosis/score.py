@@ -99,7 +99,7 @@ def score(
     statistic = float(np.sum(components**2))
     inflated = A + np.eye(len(g)) / FREED_WIDTH**2
     estimate: FloatArray = np.asarray(np.linalg.solve(inflated, g), dtype=np.float64)
-    evidence = log_mean_likelihood(g, A, (len(g),))
+    evidence = log_mean_likelihood(g, A, (len(g),), (0,) if cause.one_sided else ())
     degrees = int(kept.sum())
     basis = (vector[:, kept] / np.sqrt(eigenvalue[kept])).T @ left
     norms = np.linalg.norm(basis, axis=1, keepdims=True)
@@ -107,7 +107,6 @@ def score(
     p = significance(cause, components, left, baseline, family, load_degrees)
     if cause.one_sided and g[0] <= 0:
         statistic, p, estimate = 0.0, 1.0, np.zeros_like(estimate)
-        evidence = log_mean_likelihood(np.zeros_like(g), A, (len(g),))
     uncertainty = np.diag(np.linalg.inv(inflated))
     seen = np.diag(A) > floor
     visible = np.where(seen, SEEN_AT / np.sqrt(np.where(seen, np.diag(A), 1.0)), np.inf)

@@ -13,7 +13,7 @@ from time import monotonic
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.identification.descent import FLAT, descend, newton, promised_by
+from driver.identification.descent import FLAT, SCORE, descend, newton, promised_by
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.step import is_at_bound
 from driver.log import Log
@@ -147,8 +147,10 @@ def fit(
             reason = f"the last step lowered the cost by {fallen:.1%}"
             return ended(True, reason)
         if 0 <= gained < tolerance**2:
-            # Derivatives by differences may promise a gain for ever that never comes.
-            return ended(True, f"the last step lowered the cost by {gained:.1g} only")
+            # Derivatives by differences may promise a gain for ever that never comes. One of many
+            # σ that does not come is a fit that is stuck.
+            reason = f"the last step lowered the cost by {gained:.1g} only"
+            return ended(decrement < SCORE, reason)
 
 
 def _record(here: Evaluation) -> dict[str, float]:

@@ -49,6 +49,29 @@ def test_the_mean_likelihood_is_that_over_the_t_distribution(g: float, a: float)
     assert found == pytest.approx(0.5 * g * at + np.log(mean), abs=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("g", "a"), [(0.0, 1.0), (10.0, 4.0), (-3.0, 4.0), (-40.0, 9.0), (0.4, 0.01)]
+)
+def test_what_can_only_be_above_its_null_has_all_of_its_prior_there(g: float, a: float) -> None:
+    mean, _ = quad(
+        lambda x: float(2 * t.pdf(x, 4) * np.exp(g * x - 0.5 * a * x**2)),
+        0.0, max(g, 0.0) / a + 40.0 / np.sqrt(a), points=[0.1, max(g / a, 0.2)], limit=500,
+    )  # fmt: skip
+    found = log_mean_likelihood(np.array([g]), np.array([[a]]), (1,), (0,))
+    assert found == pytest.approx(np.log(mean), abs=2e-4)
+
+
+def test_of_two_effects_one_may_lie_on_either_side() -> None:
+    line = np.linspace(-12.0, 14.0, 1301)
+    grid = np.stack(np.meshgrid(line, line, indexing="ij"), -1)
+    g, info = np.array([1.0, 2.0]), np.array([[3.0, 0.1], [0.1, 2.0]])
+    prior = t.pdf(grid[..., 0], 4) * t.pdf(grid[..., 1], 4)
+    likelihood = np.exp(grid @ g - 0.5 * np.einsum("...i,ij,...j->...", grid, info, grid))
+    edge = np.where(np.isclose(line, 0.0, atol=1e-9), 0.5, 1.0) * (line > -1e-9)
+    exact = np.log(np.sum(2 * edge[:, None] * prior * likelihood) * (line[1] - line[0]) ** 2)
+    assert log_mean_likelihood(g, info, (1, 1), (0,)) == pytest.approx(exact, abs=2e-3)
+
+
 @pytest.mark.parametrize("sizes", [(2,), (1, 1)])
 def test_numbers_of_one_cause_are_large_together_and_those_of_two_each_for_itself(
     sizes: tuple[int, ...],

@@ -426,3 +426,18 @@ def test_a_fit_is_given_up_where_a_step_promises_too_little_though_the_first_pro
     assert ended.given_up and not ended.converged and 1 < len(ended.history) < len(whole.history)
     assert lines[-1] == "  NOT converged: a step promises too little"
     assert not fit(objective, {"x": 0.0}, ("x",), 30, silent, bar=whole.best.cost + 1).given_up
+
+
+@pytest.mark.parametrize(("measured", "converged"), [(0.35, True), (10.0, False)])
+def test_a_fit_whose_steps_gain_nothing_has_converged_only_where_they_promise_little(
+    measured: float, converged: bool
+) -> None:
+    """The derivative promises all of the misfit, and next to nothing comes."""
+
+    def hardly(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return np.array([2e-4 * bool(p[0])]), np.array([[1.0]])
+
+    objective = formula(hardly, np.array([measured]), [Parameter("x", "", 0.0, 1.0)])
+    found = fit(objective, {"x": 0.0}, ("x",), 9, silent)
+    assert found.reason.startswith("the last step lowered the cost by 0.00")
+    assert found.converged == converged
