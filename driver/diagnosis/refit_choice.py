@@ -10,9 +10,11 @@ from driver.diagnosis.noise_causes import COVARIANCE
 from driver.diagnosis.refit import Crew, Refit, refit_causes, refit_from_afar
 from driver.diagnosis.score import NAMING_LEVEL, Score, likeness
 from driver.diagnosis.soft_loads import refit_from_soft_loads
+from driver.identification.descent import newton
 from driver.identification.objective import Evaluation, Objective
 
 LARGE = 3.0  # χ_F beyond which a score names a cause no better than chance
+LOST = 10.0  # Newton decrement of a baseline that no refit should begin with [σ]
 ENOUGH = 0.9  # share of the excess that the best cause has to explain
 _AKIN = 0.5  # likeness of causes that may do for each other
 _STRAIGHT = 0.5  # of a log evidence, by which score and refit may differ
@@ -45,27 +47,29 @@ def refits_of_likely(
     """
     tried = [s for s in scores if s.cause not in (NUMERICS, *COVARIANCE) and s.degrees]
     chosen, large = to_refit(tried, most), baseline.chi_load > LARGE
+    # Where the baseline itself has come to no end no derivative holds.
+    lost = large and newton(objective, baseline)[1] > LOST
     best: list[Refit] = []
-    if large and tried:
-        soft = refit_from_soft_loads(tried, screening.free, baseline, objective, most, crew)
-        best = best_of_each([*afar, *soft])
-    elif chosen:
+    if chosen and not lost:
         crew.log(f"refitting {_listed(chosen)}")
         refits = refit_causes(chosen, screening, baseline, objective, crew)
         best = best_of_each([*refits, *(r for r in afar if r.cause in [s.cause for s in chosen])])
-    unexplained = bool(best) and leaves_unexplained(baseline, best[0])
-    if unexplained:
+    if large and tried and not (best and not leaves_unexplained(baseline, best[0])):
+        soft = refit_from_soft_loads(tried, screening.free, baseline, objective, most, crew)
+        best = best_of_each([*best, *afar, *soft])
+    every = large and not lost or bool(best and leaves_unexplained(baseline, best[0]))
+    if every:
         known = {refit.cause for refit in best}
         others = [s for s in tried if s.cause not in known]
-        crew.log(f"one half explained: refitting {_listed(others)}")
+        crew.log(f"a large effect, or one half explained: refitting {_listed(others)}")
         bar = cost_to_promise(best, baseline)
         more = refit_causes(others, screening, baseline, objective, crew, bar)
         best = best_of_each([*best, *afar, *more])
     if not best:
         return []
     stalled = {r.cause.name for r in best if not r.fit.converged}
-    # Soft loads were another start.
-    far = unexplained if large else _bent(best[0], scores)
+    # Soft loads were another start than a baseline that is lost.
+    far = every if large else _bent(best[0], scores)
     leading = {r.cause.name for r in best[:most]} if far else set()
     again = [s for s in tried if s.cause.name in stalled | leading]
     if again:

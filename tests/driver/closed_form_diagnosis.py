@@ -4,20 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
+from unittest.mock import patch
+
+import numpy as np
 
 from driver.boundary import LAMBDAS, elongation_names, tilt_names
+from driver.diagnosis.causes import NUMERICS
 from driver.diagnosis.diagnose import diagnose
 from driver.diagnosis.finer_meshes import FinerMeshes
+from driver.diagnosis.noise_causes import COVARIANCE
 from driver.diagnosis.outcome import Diagnosis, Settings
+from driver.diagnosis.score import Score, score
+from driver.diagnosis.screening import screened
 from driver.identification.fit import Fit, fit
-from driver.identification.objective import Objective
+from driver.identification.objective import Evaluation, Objective
 from driver.identification.priors import LAMBDA_PRIOR
 from driver.identification.procedure import correction, with_correction
 from driver.log import silent
 from driver.model import ForwardModel, declared_parameters
 from driver.surface_view import POSE_DECLARATIONS
-from tests.driver.closed_form import KNOTS, LAW, SIZES, Bench, ClosedFormSolver
+from tests.driver import closed_form
+from tests.driver.closed_form import KNOTS, LAW, SIZES, Bench, ClosedFormSolver, bench
 
+PRECISE = 0.2  # µN
 SETTINGS = Settings(
     wanted=None, refit=3, held_out=None, processes=1, threads=1, free_chi=1.0, sizes=SIZES
 )
@@ -60,3 +70,26 @@ def diagnosis_of(
     objective, fitted = baseline
     meshes = FinerMeshes(finer(b, by))
     return diagnose(fitted, objective, meshes, b.history.cycle, settings, silent)
+
+
+@cache
+def large_effect(name: str, value: float) -> tuple[Objective, Fit, Evaluation, list[Score]]:
+    """An experiment below a precise load cell, and all causes, the best by their scores first.
+
+    Effects are hundreds of times as large as its noise.
+    """
+    b = bench()
+    with patch.object(closed_form, "LOAD_NOISE", PRECISE):
+        made = closed_form.objective(b, b.truth | {name: value})
+        objective, baseline = identified(b, made)
+    at = baseline.best
+    causes, names = screened(objective.model, at.free, None)
+    wide = objective.evaluate(baseline.values, names)
+    rows = dict(zip(wide.free, wide.jacobian, strict=True))
+    scores = [
+        score(cause, np.array([rows[name] for name in cause.parameters]), at, len(causes))
+        for cause in causes
+        if cause != NUMERICS and cause not in COVARIANCE
+    ]
+    tried = [one for one in scores if one.degrees]
+    return objective, baseline, wide, sorted(tried, key=lambda one: -one.log_evidence)

@@ -2,11 +2,16 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 from typing import cast
+from unittest.mock import patch
 
 import numpy as np
 
-from driver.diagnosis.refit_choice import to_refit
+from driver.diagnosis import refit_choice
+from driver.diagnosis.refit import Crew
+from driver.diagnosis.refit_choice import LARGE, refits_of_likely, to_refit
 from driver.diagnosis.score import Score
+from driver.log import silent
+from tests.driver.closed_form_diagnosis import large_effect
 
 
 def scored(p: float, evidence: float, angle: float = 0.0) -> Score:
@@ -41,3 +46,23 @@ def test_close_rivals_of_the_best_are_refitted_however_many_they_are() -> None:
 def test_a_significant_cause_without_evidence_opens_the_door_for_no_other() -> None:
     best, near, odd = (scored(*of) for of in ((0.4, 1.6), (0.5, 1.2), (0.004, 0.01)))
     assert to_refit([best, near, odd], 5) == [odd]
+
+
+CREW = Crew(1, 1, silent)
+
+
+def test_from_a_baseline_that_is_lost_no_refit_begins() -> None:
+    """Its own next step is hundreds of σ long."""
+    objective, baseline, wide, tried = large_effect("stretch_curvature", 0.5)
+    with patch.object(refit_choice, "refit_causes", None):
+        found = refits_of_likely(tried, (), wide, baseline.best, objective, 5, CREW)
+    assert found[0].cause.name == "stretch_not_proportional"
+    assert found[0].fit.best.chi_load < 1.3 < LARGE < baseline.best.chi_load
+
+
+def test_a_large_effect_that_refits_from_the_baseline_explain_needs_no_soft_loads() -> None:
+    objective, baseline, wide, tried = large_effect("Q", 60.0)
+    assert baseline.best.chi_load > LARGE
+    with patch.object(refit_choice, "refit_from_soft_loads", None):
+        found = refits_of_likely(tried, (), wide, baseline.best, objective, 5, CREW)
+    assert found[0].cause.name == "isotropic_hardening"

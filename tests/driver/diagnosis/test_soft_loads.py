@@ -1,50 +1,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
-from unittest.mock import patch
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.diagnosis.causes import NUMERICS
-from driver.diagnosis.noise_causes import COVARIANCE
 from driver.diagnosis.refit import Crew, Refit, refit_causes
-from driver.diagnosis.score import Score, score
-from driver.diagnosis.screening import screened
 from driver.diagnosis.soft_loads import refit_from_soft_loads
-from driver.identification.fit import Fit
-from driver.identification.objective import Evaluation, Objective
 from driver.log import silent
 from solver_adapters.interface import Simulation, SolverError
 from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import identified
+from tests.driver.closed_form_diagnosis import large_effect
 
 FloatArray = NDArray[np.float64]
 
 BENCH = closed_form.bench()
-PRECISE = 0.2  # µN: the effects below are hundreds of times as large
 CREW = Crew(1, 1, silent)
-
-
-@cache
-def experiment(name: str, value: float) -> tuple[Objective, Fit, Evaluation, list[Score]]:
-    """An experiment below a precise load cell, and all causes, the best by their scores first."""
-    with patch.object(closed_form, "LOAD_NOISE", PRECISE):
-        made = closed_form.objective(BENCH, BENCH.truth | {name: value})
-        objective, baseline = identified(BENCH, made)
-    at = baseline.best
-    causes, names = screened(objective.model, at.free, None)
-    wide = objective.evaluate(baseline.values, names)
-    rows = dict(zip(wide.free, wide.jacobian, strict=True))
-    scores = [
-        score(cause, np.array([rows[name] for name in cause.parameters]), at, len(causes))
-        for cause in causes
-        if cause != NUMERICS and cause not in COVARIANCE
-    ]
-    tried = [one for one in scores if one.degrees]
-    return objective, baseline, wide, sorted(tried, key=lambda one: -one.log_evidence)
 
 
 def best_of(refits: list[Refit]) -> Refit:
@@ -61,7 +33,7 @@ def best_of(refits: list[Refit]) -> Refit:
 def test_a_large_effect_is_found_and_measured_where_refits_from_the_baseline_are_far_from_done(
     cause: str, name: str, value: float
 ) -> None:
-    objective, baseline, wide, tried = experiment(name, value)
+    objective, baseline, wide, tried = large_effect(name, value)
     assert baseline.best.chi_load > 50
     near = best_of(refit_causes(tried[:5], wide, baseline.best, objective, CREW))
     assert near.fit.best.chi_load > 3
@@ -76,13 +48,13 @@ def test_a_large_effect_is_found_and_measured_where_refits_from_the_baseline_are
 
 
 def test_what_gains_less_than_half_of_the_best_below_soft_loads_is_not_followed_further() -> None:
-    objective, baseline, wide, tried = experiment("stretch_curvature", 0.5)
+    objective, baseline, wide, tried = large_effect("stretch_curvature", 0.5)
     refits = refit_from_soft_loads(tried, wide.free, baseline.best, objective, 5, CREW)
     assert [refit.cause.name for refit in refits] == ["stretch_not_proportional"]
 
 
 def test_where_the_nominal_model_cannot_be_simulated_the_baseline_is_begun_with() -> None:
-    objective, baseline, wide, tried = experiment("stretch_curvature", 0.5)
+    objective, baseline, wide, tried = large_effect("stretch_curvature", 0.5)
     refused = [SolverError("no step is short enough\nat t = 1 s")]
 
     class Refusing(closed_form.ClosedFormSolver):
