@@ -18,7 +18,7 @@ from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.gate import GATE, Gate
 from driver.diagnosis.score import NAMING_LEVEL, Score, significance
 from driver.diagnosis.screening import whitened_difference
-from driver.identification.fit import POLISH, Fit, fit
+from driver.identification.fit import POLISH, Fit, fit_from
 from driver.identification.objective import Correction, Objective
 from driver.log import Log
 
@@ -101,5 +101,4 @@ def with_both(objective: Objective, here: Fit, both: OnBoth, log: Log) -> tuple[
     """
     mean = both.first.mean_with(both.spread)
     objective = replace(objective, correction=mean, spread=both.spread)
-    start = objective.compare(here.best.prediction, here.values, here.best.free)
-    return objective, fit(objective, here.values, here.best.free, POLISH, log, start=start)
+    return objective, fit_from(here.best, objective, POLISH, log)

@@ -14,7 +14,7 @@ from driver.diagnosis.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.outcome import Settings
 from driver.diagnosis.preparation import noise_of_images, with_load_noise
 from driver.diagnosis.refit import Refit
-from driver.identification.fit import POLISH, Fit, fit
+from driver.identification.fit import POLISH, Fit, fit_from
 from driver.identification.objective import Objective
 from driver.identification.procedure import with_correction
 from driver.log import Log
@@ -93,10 +93,9 @@ def _fitted(
 
     A load that was left out and that the extended model explains is taken back.
     """
-    objective, best = winner.objective, winner.fit.best
-    free, start = best.free, objective.compare(best.prediction, best.values, best.free)
-    here = fit(objective, best.values, free, POLISH, log, start=start)
-    data = objective.data
+    objective = winner.objective
+    here = fit_from(winner.fit.best, objective, POLISH, log)
+    free, data = here.best.free, objective.data
     if data.bad_loads:
         whole = replace(objective, data=replace(data, bad_loads=()))
         again = whole.compare(here.best.prediction, here.values, free)
@@ -108,5 +107,4 @@ def _fitted(
         objective, levels = level_again(at, objective, levels, log)
         at = objective.compare(here.best.prediction, here.values, free)
     objective = replace(objective, data=with_load_noise(objective.data, at, log))
-    at = objective.compare(here.best.prediction, here.values, free)
-    return fit(objective, here.values, free, POLISH, log, start=at), objective, levels
+    return fit_from(at, objective, POLISH, log), objective, levels

@@ -16,7 +16,7 @@ from driver.diagnosis.causes import Cause
 from driver.diagnosis.held_out import HeldOut, HeldOutTask, knots_of_cycle, predict_held_out
 from driver.diagnosis.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.outcome import Settings
-from driver.identification.fit import POLISH, Fit, fit
+from driver.identification.fit import POLISH, Fit, fit_from
 from driver.identification.objective import Correction, Evaluation, Objective
 from driver.identification.procedure import correction
 from driver.log import silent
@@ -56,7 +56,8 @@ def final_fits(
 ) -> Final:
     """Make them.
 
-    Before and after are compared under one covariance, that of the end.
+    Before and after are compared under one covariance, that of the end; in the held-out cycle a
+    noise of the boundary that was found counts afterwards alone.
 
     Args:
         first: the baseline, and its objective.
@@ -111,9 +112,7 @@ def _run(task: _Refresh | _Again | HeldOutTask) -> Correction | Fit | HeldOut:
         return predict_held_out(task)
     if isinstance(task, _Refresh):
         return correction(task.working, task.finer, task.at, silent)
-    best = task.fit.best
-    start = task.objective.compare(best.prediction, best.values, best.free)
-    return fit(task.objective, best.values, best.free, POLISH, silent, start=start)
+    return fit_from(task.fit.best, task.objective, POLISH, silent)
 
 
 def _held_out_tasks(
@@ -124,7 +123,7 @@ def _held_out_tasks(
     cycles: IntArray,
     settings: Settings,
 ) -> list[HeldOutTask]:
-    """The held-out cycle before and after, both with the covariance of the end."""
+    """The held-out cycle before and after, with the noise of loads and images of the end."""
     if settings.held_out is None:
         return []
     boundary, rows = before.model.boundary, before.model.image_row

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.refit import TOLERANCE, Crew, Refit, refit_of, with_prior
-from driver.identification.fit import fit
+from driver.identification.fit import fit_from
 from driver.identification.objective import Evaluation
 from driver.identification.procedure import correction
 from driver.log import silent
@@ -80,7 +80,7 @@ def with_own_corrections(
 def _under_its_own(task: _Task) -> Refit | str:
     """The refit under the correction at its end, or why there is none."""
     refit, cause = task.refit, task.refit.cause
-    objective, best = with_prior(refit.objective, cause), refit.fit.best
+    objective = with_prior(refit.objective, cause)
     try:
         change = correction(objective.model, task.finer, refit.fit, silent)
     except SolverError as error:
@@ -89,6 +89,5 @@ def _under_its_own(task: _Task) -> Refit | str:
         return f"for it cannot be simulated ({str(error).partition(chr(10))[0]})"
     # What the other mesh adds is that at the baseline: small beside what this changes.
     objective = replace(objective, correction=change.mean_with(objective.spread))
-    start = objective.compare(best.prediction, best.values, best.free)
-    result = fit(objective, best.values, best.free, _MOST, silent, start=start, tolerance=TOLERANCE)
+    result = fit_from(refit.fit.best, objective, _MOST, silent, TOLERANCE)
     return refit_of(cause, objective, result, task.baseline)

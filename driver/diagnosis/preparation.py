@@ -15,7 +15,7 @@ from driver.diagnosis.outcome import Settings
 from driver.diagnosis.refit import TOLERANCE
 from driver.diagnosis.score import effects_of
 from driver.identification.data import Data
-from driver.identification.fit import POLISH, Fit, fit
+from driver.identification.fit import POLISH, Fit, fit_from
 from driver.identification.image_data import reweighted
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.procedure import noise_factor, with_correction
@@ -156,7 +156,6 @@ def with_load_noise(data: Data, fitted: Evaluation, log: Log) -> Data:
 
 
 def _fitted_again(objective: Objective, here: Fit, log: Log) -> Fit:
-    begin = objective.compare(here.best.prediction, here.values, here.best.free)
     # Scores are taken at the optimum to first order: a fit this near to it needs no
     # step, and the sensitivities of all causes, known there already, are not simulated again.
-    return fit(objective, here.values, here.best.free, POLISH, log, begin, tolerance=TOLERANCE)
+    return fit_from(here.best, objective, POLISH, log, TOLERANCE)

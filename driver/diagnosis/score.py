@@ -53,7 +53,8 @@ class Score:
         visible: smallest magnitude that would have been seen, in prior scales, infinite where
             none would, shape (k,).
         components: what the data show along the directions over its standard deviation, whose
-            squares sum up to the statistic, shape (degrees,).
+            squares sum up to the statistic (0 for a one-sided cause below its null), shape
+            (degrees,).
         directions: unit projected sensitivities, shape (degrees, n); none of a noise.
         strengths: projected misfit of one prior scale along each of them [σ²], shape (degrees,).
     """

@@ -27,7 +27,7 @@ from driver.diagnosis.refit import (
 )
 from driver.diagnosis.score import Score
 from driver.identification.descent import promised
-from driver.identification.fit import POLISH, Fit, fit
+from driver.identification.fit import POLISH, Fit, fit, fit_from
 from driver.identification.objective import Evaluation, Objective
 from driver.log import Log, silent
 from driver.side_by_side import side_by_side
@@ -108,8 +108,7 @@ def _by_the_images(objective: Objective, baseline: Evaluation, log: Log) -> Fit:
         if is_by_circumstances(error):
             raise
         log(f"  not from the nominal model ({str(error).partition(chr(10))[0]})")
-        begin = objective.compare(baseline.prediction, baseline.values, free)
-        return fit(objective, baseline.values, free, POLISH, log, begin, ON_THE_WAY)
+        return fit_from(baseline, objective, POLISH, log, ON_THE_WAY)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +150,6 @@ def _as_precise_as_they_are(task: _Task) -> Refit:
         (half, MOST_ITERATIONS, ON_THE_WAY),
         (task.hard, MOST_FROM_AFAR, TOLERANCE),
     ):
-        begin = objective.compare(at.prediction, at.values, at.free)
-        found = fit(objective, at.values, at.free, most, silent, begin, tolerance)
+        found = fit_from(at, objective, most, silent, tolerance)
         at = found.best
     return refit_of(task.score.cause, task.hard, found, task.baseline)

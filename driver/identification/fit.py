@@ -153,6 +153,22 @@ def fit(
             return ended(decrement < SCORE, reason)
 
 
+def fit_from(
+    at: Evaluation, objective: Objective, most: int, log: Log, tolerance: float = DECREMENT
+) -> Fit:
+    """A fit that begins where another objective has simulated: that prediction serves.
+
+    Args:
+        at: evaluation under an objective of the same model.
+        objective: model and data, with another covariance, prior or correction.
+        most: largest number of iterations.
+        log: as of `fit`.
+        tolerance: Newton decrement at which the fit has converged [σ].
+    """
+    begin = objective.compare(at.prediction, at.values, at.free)
+    return fit(objective, at.values, at.free, most, log, begin, tolerance)
+
+
 def _record(here: Evaluation) -> dict[str, float]:
     record = {name: here.values[name] for name in here.free}
     return record | {
