@@ -22,6 +22,7 @@ from solver_adapters.jobs.errors import is_by_circumstances
 MOST_ITERATIONS = 5
 MOST_FROM_AFAR = 8
 FAR = (1.0, 3.0)  # prior scales
+HOPEFUL = 0.5  # of what the best gains, that a rival has to promise or to gain on its way
 TOLERANCE = 0.3  # Newton decrement [σ]: a log evidence is then right to 0.05
 
 
@@ -244,14 +245,19 @@ def refit_from(tasks: Sequence[Start], crew: Crew) -> list[Refit]:
         if isinstance(result, str):
             crew.log(f"  {name}: a start is given up, {result}")
             return
-        best = result.fit.best
-        crew.log(
-            f"  {name}: log evidence {result.log_evidence:+.1f}, "
-            f"χ_F {best.chi_load:.2f}, χ of images {best.chi_image:.3f} ({result.fit.reason})"
-        )
+        crew.log(told(result))
 
     ends = side_by_side(_refit, tasks, crew.processes, crew.threads, done)
     return [end for end in ends if isinstance(end, Refit)]
+
+
+def told(refit: Refit) -> str:
+    """A refit as a line of the log."""
+    best = refit.fit.best
+    return (
+        f"  {refit.cause.name}: log evidence {refit.log_evidence:+.1f}, "
+        f"χ_F {best.chi_load:.2f}, χ of images {best.chi_image:.3f} ({refit.fit.reason})"
+    )
 
 
 def _refit(task: Start) -> Refit | str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from driver.diagnosis.causes import NUMERICS
 from driver.diagnosis.gain import is_excess, share_explained
 from driver.diagnosis.noise_causes import COVARIANCE
-from driver.diagnosis.refit import Crew, Refit, refit_causes, refit_from_afar
+from driver.diagnosis.refit import HOPEFUL, Crew, Refit, refit_causes, refit_from_afar
 from driver.diagnosis.score import NAMING_LEVEL, Score, likeness
 from driver.diagnosis.soft_loads import refit_from_soft_loads
 from driver.identification.descent import newton
@@ -19,7 +19,6 @@ ENOUGH = 0.9  # share of the excess that the best cause has to explain
 _AKIN = 0.5  # likeness of causes that may do for each other
 _STRAIGHT = 0.5  # of a log evidence, by which score and refit may differ
 _RIVAL = 0.75  # of the log evidence of the best score, with which a cause is refitted in any case
-_HOPEFUL = 0.5  # of what the best gains, that a score or a first step has to promise
 
 
 def refits_of_likely(
@@ -54,10 +53,10 @@ def refits_of_likely(
         crew.log(f"refitting {_listed(chosen)}")
         refits = refit_causes(chosen, screening, baseline, objective, crew)
         best = best_of_each([*refits, *(r for r in afar if r.cause in [s.cause for s in chosen])])
-    if large and tried and not (best and not leaves_unexplained(baseline, best[0])):
+    if large and tried and not _explained(baseline, best):
         soft = refit_from_soft_loads(tried, screening.free, baseline, objective, most, crew)
         best = best_of_each([*best, *afar, *soft])
-    every = large and not lost or bool(best and leaves_unexplained(baseline, best[0]))
+    every = (large and not lost) or bool(best and not _explained(baseline, best))
     if every:
         known = {refit.cause for refit in best}
         others = [s for s in tried if s.cause not in known]
@@ -95,12 +94,16 @@ def to_refit(tried: Sequence[Score], most: int) -> list[Score]:
     best = tried[0].log_evidence
     # Refits come in another order than scores that differ by less than refit and score do.
     seen = [s for k, s in enumerate(seen) if k < most or s.log_evidence > _RIVAL * best]
-    bar = _HOPEFUL * best
+    bar = HOPEFUL * best
     if all(s.log_evidence <= bar for s in seen):
         return seen  # they are of a size beyond all that is usual, and vouch for no other
     hopeful = [s for s in tried[:most] if s not in seen and s.log_evidence > bar]
     akin = [s for s in hopeful if any(likeness(s, one) > _AKIN for one in seen)]
     return [s for s in tried if s in seen or s in akin]
+
+
+def _explained(baseline: Evaluation, best: Sequence[Refit]) -> bool:
+    return bool(best) and not leaves_unexplained(baseline, best[0])
 
 
 def leaves_unexplained(baseline: Evaluation, best: Refit) -> bool:
@@ -112,7 +115,7 @@ def leaves_unexplained(baseline: Evaluation, best: Refit) -> bool:
 def cost_to_promise(best: Sequence[Refit], baseline: Evaluation) -> float:
     """Cost that a first step has to promise: half of what the best refit gains."""
     lowest = min((refit.fit.best.cost for refit in best), default=baseline.cost)
-    return lowest + (1.0 - _HOPEFUL) * max(baseline.cost - lowest, 0.0)
+    return lowest + (1.0 - HOPEFUL) * max(baseline.cost - lowest, 0.0)
 
 
 def best_of_each(refits: Sequence[Refit]) -> list[Refit]:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from driver.diagnosis.refit import (
+    HOPEFUL,
     MOST_FROM_AFAR,
     MOST_ITERATIONS,
     TOLERANCE,
@@ -23,6 +24,7 @@ from driver.diagnosis.refit import (
     freed_with,
     nominal,
     refit_of,
+    told,
     with_prior,
 )
 from driver.diagnosis.score import Score
@@ -34,7 +36,6 @@ from driver.side_by_side import side_by_side
 from solver_adapters.interface import SolverError
 from solver_adapters.jobs.errors import is_by_circumstances
 
-HOPEFUL = 0.5  # of what the best gains below soft loads, that a cause has to gain there
 SOFTER = 30.0  # times as soft loads hardly count
 ON_THE_WAY = 1.0  # Newton decrement of a fit that only begins the next one [σ]
 
@@ -48,7 +49,7 @@ def softened(objective: Objective, factor: float) -> Objective:
 
 def refit_from_soft_loads(
     tried: Sequence[Score],
-    screening: Sequence[str],
+    names: Sequence[str],
     baseline: Evaluation,
     objective: Objective,
     most: int,
@@ -58,7 +59,7 @@ def refit_from_soft_loads(
 
     Args:
         tried: the causes.
-        screening: what is free where each of them is.
+        names: what is free where each of them is.
         baseline: the baseline at its optimum.
         objective: its objective.
         most: how many causes are refitted below soft loads, close rivals of the best aside.
@@ -72,7 +73,7 @@ def refit_from_soft_loads(
     crew.log(f"loads of {softness:.3g} times their noise, as far as the model is off")
     begin = _by_the_images(softened(objective, SOFTER * softness), baseline, crew.log)
     here = fit(soft, begin.values, baseline.free, POLISH, crew.log, tolerance=TOLERANCE)
-    wide = soft.near(here.best).evaluate(here.values, screening)
+    wide = soft.near(here.best).evaluate(here.values, names)
     tasks = [_task(one, objective, soft, wide, baseline) for one in tried]
     promises = [here.best.cost - promised(task.soft, task.start) for task in tasks]
     order = np.argsort(promises)[::-1]
@@ -90,11 +91,7 @@ def refit_from_soft_loads(
     ]
 
     def done(index: int, result: Refit) -> None:
-        best = result.fit.best
-        crew.log(
-            f"  {result.cause.name}: log evidence {result.log_evidence:+.1f}, "
-            f"χ_F {best.chi_load:.2f}, χ of images {best.chi_image:.3f} ({result.fit.reason})"
-        )
+        crew.log(told(result))
 
     return side_by_side(_as_precise_as_they_are, hopeful, crew.processes, crew.threads, done)
 
