@@ -189,7 +189,7 @@ def tiles(diagnosis: Row) -> list[Row]:
         )  # fmt: skip
     found += [
         _tile("loads: χ_F", _change((before["load"], after["load"]), added),
-              "1 where only the noise of the load cell is left"),
+              "1 where no more is left than noise and the error of the mesh"),
         _tile("images: χ", _change((before["basis"], after["basis"]), added),
               "on the correlation mesh, 1 where only noise is left"),
     ]  # fmt: skip
