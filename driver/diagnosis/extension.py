@@ -59,7 +59,8 @@ def extended(before: Extension, winner: Refit, settings: Settings, log: Log) -> 
     """
     causes, of_noise = [*before.causes, winner.cause], before.of_noise
     finer = before.finer.turned((winner.cause,))
-    winner = _corrected(winner, finer, settings, log)
+    objective = _corrected(winner.objective, winner.fit, finer, settings, log)
+    winner = replace(winner, objective=objective)
     here, objective, levels = _fitted(winner, before.levels, log)
     if BOUNDARY_NOISE in causes and not levels:
         causes.remove(BOUNDARY_NOISE)
@@ -74,16 +75,31 @@ def extended(before: Extension, winner: Refit, settings: Settings, log: Log) -> 
     )  # fmt: skip
 
 
-def _corrected(winner: Refit, finer: FinerMeshes, settings: Settings, log: Log) -> Refit:
-    """The refit with the correction at its end, by both meshes where it had both."""
-    objective, here = winner.objective, winner.fit
+def corrected_again(here: Extension, settings: Settings, log: Log) -> Extension:
+    """An extended model, fitted with the correction at its own end.
+
+    Args:
+        here: the model.
+        settings: how the diagnosis is run.
+        log: takes one line of progress.
+
+    Raises:
+        SolverError: the simulation could not be finished.
+    """
+    objective = _corrected(here.objective, here.fit, here.finer, settings, log)
+    return replace(here, fit=fit_from(here.fit.best, objective, POLISH, log), objective=objective)
+
+
+def _corrected(
+    objective: Objective, here: Fit, finer: FinerMeshes, settings: Settings, log: Log
+) -> Objective:
+    """The objective with the correction at a fit, by both meshes where it had both."""
     log("finer mesh and steps at the extended model")
     both = objective.spread is not None
     change, spread = finer.corrections(objective.model, here, both, log)
     noise = noise_of_images(here, objective.data, settings)
     objective = with_correction(objective, noise, change, settings.sizes)
-    objective = replace(objective, correction=change.mean_with(spread), spread=spread)
-    return replace(winner, objective=objective)
+    return replace(objective, correction=change.mean_with(spread), spread=spread)
 
 
 def _fitted(

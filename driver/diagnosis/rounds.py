@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from driver.diagnosis.boundary_noise import Stops
-from driver.diagnosis.extension import Extension, extended
+from driver.diagnosis.extension import Extension, corrected_again, extended
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.noise_causes import COVARIANCE
 from driver.diagnosis.outcome import Settings, Step
@@ -21,6 +21,7 @@ from driver.diagnosis.round import (
 )
 from driver.diagnosis.score import WORTH
 from driver.diagnosis.verdict import MOST_ADDITIONS
+from driver.identification.objective import Evaluation
 from driver.log import Log
 from solver_adapters.interface import SolverError
 from solver_adapters.jobs.errors import is_by_circumstances
@@ -60,9 +61,39 @@ def rounds(
     """
     fitted = begin.baseline.best.free
     here = Extension(begin.baseline, begin.objective, finer, (), {}, 0.0, fitted, ())
-    before, known = here, begin.wide
-    first: Extension | None = None
-    steps: list[Step] = []
+    return _rounds(here, begin.wide, None, (), stops, settings, log)
+
+
+def rounds_on(found: Rounds, stops: Stops, settings: Settings, log: Log) -> Rounds:
+    """The rounds from where they ended, with the correction that belongs there.
+
+    An extended model is fitted with the correction at the end of its refit, and may have moved far
+    from there since: what the correction has changed by is then no error of its surroundings.
+
+    Args:
+        found: rounds that added causes.
+        stops: the answers to a noise of the boundary, if they were computed.
+        settings: how the diagnosis is run.
+        log: takes one line of progress.
+
+    Raises:
+        SolverError: the simulation could not be finished.
+    """
+    end = corrected_again(found.end, settings, log)
+    return _rounds(end, None, found.begin, found.steps[:-1], stops, settings, log)
+
+
+def _rounds(
+    here: Extension,
+    known: Evaluation | None,
+    first: Extension | None,
+    done: tuple[Step, ...],
+    stops: Stops,
+    settings: Settings,
+    log: Log,
+) -> Rounds:
+    before: Extension | None = None
+    steps = list(done)
     while True:
         at = here.fit.best
         log(f"screening at χ_F {at.chi_load:.2f}, χ of images {at.chi_image:.3f}")
@@ -72,7 +103,7 @@ def rounds(
         known, step, winner = None, found.step, found.winner
         here = replace(here, fit=found.fit, objective=found.objective)
         first = first or here
-        if steps and _leaves_something(found, here):
+        if before is not None and _leaves_something(found, here):
             better = _by_a_rival(before, steps[-1], stops, settings, log)
             if better is not None:
                 end, exchanged, last = better
