@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from itertools import count
 from pathlib import Path
 from typing import NotRequired, TypedDict
 
@@ -88,7 +89,7 @@ class Stage:
 class Done(TypedDict):
     """What is kept of a finished stage.
 
-    Its key, names of its results, hashes of those that later stages read, when it ended, how long.
+    Its key, names of its results, the hashes of their content, when it ended, how long it took.
     """
 
     key: str
@@ -139,7 +140,8 @@ def run_stages(
     is a hash of the version of its code, its tables of the case, the content of its files and
     the key of the stage before it. Results that later stages read and that are damaged since are
     made anew. Results are written aside and moved into `results/`, beside
-    the case, once the stage has ended; a stage that fails leaves the results of its last run.
+    the case, once the stage has ended; a stage that fails leaves the results of its last run, and
+    what somebody has edited since is kept under another name.
 
     Args:
         case_path: the case file.
@@ -220,6 +222,7 @@ def _run_stage(
             )
     # Until the record is written anew, a stage whose files are being replaced counts as not done.
     _write_record(results, done)
+    _set_edited_aside(old, results, report)
     for name in outputs:
         (results / name).parent.mkdir(parents=True, exist_ok=True)
         os.replace(workdir / name, results / name)
@@ -228,15 +231,25 @@ def _run_stage(
     done[stage.name] = {
         "key": key,
         "outputs": outputs,
-        "digests": {
-            name: _content_hash(results / name) for name in outputs if name.endswith(_READ_BACK)
-        },
+        "digests": {name: _content_hash(results / name) for name in outputs},
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         "seconds": round(seconds, 2),
     }
     _write_record(results, done)
     shutil.rmtree(workdir)
     report(f"{stage.name}: finished in {seconds:.1f} s")
+
+
+def _set_edited_aside(old: Done | None, results: Path, report: Log) -> None:
+    """Rename what somebody has edited since its stage wrote it, before that writes it anew."""
+    for name, digest in old.get("digests", {}).items() if old else ():
+        path = results / name
+        if name.endswith(_READ_BACK) or not path.is_file() or _content_hash(path) == digest:
+            continue
+        names = (path.with_stem(f"{path.stem}.edited{k or ''}") for k in count())
+        kept = next(one for one in names if not one.exists())
+        path.rename(kept)
+        report(f"{path} was edited since it was written: it is kept as {kept.name}")
 
 
 def is_done(entry: Done | None, key: str, results: Path) -> bool:
@@ -248,6 +261,7 @@ def is_done(entry: Done | None, key: str, results: Path) -> bool:
         and all(
             _content_hash(results / name) == digest
             for name, digest in entry.get("digests", {}).items()
+            if name.endswith(_READ_BACK)
         )
     )
 

@@ -192,6 +192,33 @@ def test_a_result_that_is_damaged_is_made_anew_and_one_for_people_may_be_edited(
     assert (results / "mesh.json").read_text() == "{}"
 
 
+def test_what_was_edited_is_kept_under_another_name_when_its_stage_runs_again(
+    workshop: Workshop,
+) -> None:
+    workshop.run()
+    motion = workshop.folder / "results" / "maps" / "motion.txt"
+    for edited in ("first", "second"):
+        motion.write_text(edited)
+        workshop.run(force=True)
+        assert motion.read_text().endswith(" motion")
+    assert motion.with_name("motion.edited.txt").read_text() == "first"
+    assert motion.with_name("motion.edited1.txt").read_text() == "second"
+    assert f"{motion} was edited since it was written: it is kept as motion.edited.txt" in (
+        workshop.lines
+    )
+    workshop.run(force=True)
+    assert len(list(motion.parent.iterdir())) == 3
+
+
+def test_what_was_edited_is_kept_where_its_stage_makes_it_no_longer(workshop: Workshop) -> None:
+    workshop.run()
+    motion = workshop.folder / "results" / "maps" / "motion.txt"
+    motion.write_text("edited")
+    workshop.stages[1] = replace(workshop.stages[1], version="2", run=lambda context: None)
+    workshop.run()
+    assert not motion.exists() and motion.with_name("motion.edited.txt").read_text() == "edited"
+
+
 def test_a_folder_in_the_place_of_a_result_is_refused_before_the_work(workshop: Workshop) -> None:
     workshop.run()
     result = workshop.folder / "results" / "mesh.txt"
