@@ -17,6 +17,7 @@ from driver.diagnosis.outcome import Diagnosis
 from driver.experiment import as_in_files
 from driver.profiles import with_files_of
 from driver.specimen import TRACE
+from driver.stages import RESULTS
 from solver_adapters.material import MATERIAL_PARAMETERS
 
 EXTENDED, NOISE_MAP = "extended.toml", "noise_map.tif"
@@ -25,7 +26,7 @@ EXTENDED, NOISE_MAP = "extended.toml", "noise_map.tif"
 def extended_case(case: Case, found: Diagnosis) -> Case:
     """The case with the fitted values as starts and the added causes freed.
 
-    It stands in `results/`: its paths lead one folder up.
+    It stands in `results/`: its paths lead one folder up, or are absolute where that is a link.
     """
     values = found.extended.values
     names = {
@@ -44,21 +45,21 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     freed = {name: values[name] for name in (*case.extensions, *added_parameters(found))}
     images = case.images
     moved = {
-        key: _from_results(getattr(images, key))
+        key: _from_results(case, getattr(images, key))
         for key in ("frames", "flats", "repeats", "mask", "noise_map")
         if getattr(images, key) is not None
     }
     if NOISE_RATIO.name in found.levels:
         moved["noise_map"] = NOISE_MAP
-    history = case.history.model_copy(update={"file": _from_results(case.history.file)})
+    history = case.history.model_copy(update={"file": _from_results(case, case.history.file)})
     boundary: dict[str, Any] = {
         "lambda_start": case.boundary.lambda_start.model_copy(update=lambdas)
     }
     if SIGMA_E.name in found.levels:
         boundary["jitter_nm"] = 1e3 * found.levels[SIGMA_E.name][0]
-    files = tuple(_from_results(name) for name in case.diagnosis.cause_files)
+    files = tuple(_from_results(case, name) for name in case.diagnosis.cause_files)
     meshes = {
-        key: _from_results(name)
+        key: _from_results(case, name)
         for key in ("mesh", "height_mesh")
         if (name := getattr(case.dic, key)) is not None and name != TRACE
     }
@@ -111,12 +112,15 @@ def _profiles_from_results(case: Case) -> dict[str, ProfileTable]:
         if profile.command is not None:
             found = with_files_of(case.path(""), profile.command)
             words = (
-                _from_results(word) if word != there else word
+                _from_results(case, word) if word != there else word
                 for word, there in zip(profile.command, found, strict=True)
             )
             moved[name] = profile.model_copy(update={"command": tuple(words)})
     return moved
 
 
-def _from_results(name: str) -> str:
-    return name if Path(name).is_absolute() else f"../{name}"
+def _from_results(case: Case, name: str) -> str:
+    if Path(name).is_absolute():
+        return name
+    # One folder up from where a link leads is not the folder of the case.
+    return str(case.path(name).resolve()) if case.path(RESULTS).is_symlink() else f"../{name}"

@@ -186,3 +186,22 @@ def test_every_cause_can_be_an_extension_of_a_case(cause: Cause, tmp_path: Path)
     path = tmp_path / "extended.toml"
     write_case(extended(fitting("tau0"), values, cause), path)
     assert load_case(path).extensions == pytest.approx(values)
+
+
+@pytest.mark.parametrize("linked", [False, True])
+def test_the_extended_case_finds_its_files_where_the_results_are_a_link(
+    linked: bool, tmp_path: Path
+) -> None:
+    here, scratch = tmp_path / "case", tmp_path / "disk" / "scratch"
+    here.mkdir()
+    scratch.mkdir(parents=True)
+    results = here / "results"
+    if linked:
+        results.symlink_to(scratch)
+    else:
+        results.mkdir()
+    (here / "history.csv").write_text("time_s,load_uN\n")
+    write_case(fitting("tau0"), here / "case.toml")
+    write_case(extended(load_case(here / "case.toml"), {}), results / "extended.toml")
+    found = load_case(results / "extended.toml")
+    assert found.path(found.history.file).samefile(here / "history.csv")
