@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -123,4 +124,4 @@ def _from_results(case: Case, name: str) -> str:
     if Path(name).is_absolute():
         return name
     # One folder up from where a link leads is not the folder of the case.
-    return str(case.path(name).resolve()) if case.path(RESULTS).is_symlink() else f"../{name}"
+    return os.path.abspath(case.path(name)) if case.path(RESULTS).is_symlink() else f"../{name}"

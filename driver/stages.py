@@ -220,9 +220,9 @@ def _run_stage(
                 f"{stage.name}: found a result {min(shared)}, which belongs to {other}, "
                 "expected another name"
             )
+    _set_edited_aside(old, results, report)
     # Until the record is written anew, a stage whose files are being replaced counts as not done.
     _write_record(results, done)
-    _set_edited_aside(old, results, report)
     for name in outputs:
         (results / name).parent.mkdir(parents=True, exist_ok=True)
         os.replace(workdir / name, results / name)

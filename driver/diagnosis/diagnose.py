@@ -12,15 +12,15 @@ from driver.diagnosis.all_causes import EVERY
 from driver.diagnosis.boundary_noise import stops_where_they_pay
 from driver.diagnosis.ebsd_flips import flips_of
 from driver.diagnosis.examined import NotExamined, not_examined
-from driver.diagnosis.final_fits import Final, final_fits
+from driver.diagnosis.final_fits import final_fits
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.gain import log_evidence, share_described, share_explained
-from driver.diagnosis.gate import Gate, gate
+from driver.diagnosis.gate import gate
 from driver.diagnosis.image_noise import with_uneven_noise
 from driver.diagnosis.noise_causes import COVARIANCE, NOISE_NOT_UNIFORM, NOISE_RATIO
 from driver.diagnosis.outcome import Diagnosis, Settings, Step
 from driver.diagnosis.preparation import loads_taken_back, prepared
-from driver.diagnosis.rounds import Rounds, rounds, rounds_on
+from driver.diagnosis.rounds import rounds
 from driver.diagnosis.score import Score
 from driver.diagnosis.screening import honoured, parameters_of_the_specimen, screened
 from driver.diagnosis.verdict import decide, with_doubts
@@ -52,7 +52,7 @@ def diagnose(
         wide: evaluation at the baseline with the parameters of `screened` free, if known.
 
     Raises:
-        SolverError: the model cannot be evaluated at the baseline.
+        SolverError: a simulation could not be finished.
     """
     model = objective.model
     left = not_examined(
@@ -70,16 +70,21 @@ def diagnose(
     for one in left:
         log(f"  {one.cause} is not examined: {one.why}")
     found = rounds(begin, finer, stops, settings, log)
-    final, passed = _ended(found, cycles, settings, log)
-    if found.end.causes and not passed.passed:
-        log("once more with the correction at this end")
-        found = rounds_on(found, stops, settings, log)
-        final, passed = _ended(found, cycles, settings, log)
     first, end, steps = found.begin, found.end, list(found.steps)
-    here, current = end.fit, end.objective
+    here, current, last = end.fit, end.objective, end.finer.one
     causes, levels = list(end.causes), dict(end.levels)
     if uneven is not None:
         steps = [_with_score(step, uneven.score) for step in steps]
+    log("the correction once more, and the held-out cycle predicted from the others")
+    final = final_fits(
+        (first.fit, first.objective), (here, current), causes, last, cycles, settings
+    )
+    added = [n for cause in causes if cause not in COVARIANCE for n in cause.parameters]
+    passed = gate(current, here, final.fresh, last, steps[-1].scores, added)
+    lost = steps[-1].lost
+    if lost is not None and not causes:
+        passed = lost
+    log(f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.cause}")
     explained = share_explained(final.uncounted, here.best) if causes else float("nan")
     of_causes = {cause.name for cause in causes}
     # What was dropped and added again counts once.
@@ -103,6 +108,7 @@ def diagnose(
             for name, one in fits.items()
             if not one.converged
         ],
+        found.doubts,
     )
     if uneven is not None and uneven.named:
         verdict = with_uneven_noise(verdict)
@@ -124,22 +130,6 @@ def diagnose(
         verdict=verdict,
         levels=levels,
     )
-
-
-def _ended(found: Rounds, cycles: IntArray, settings: Settings, log: Log) -> tuple[Final, Gate]:
-    """What is fitted at the end of the rounds, and whether the simulation is exact enough there."""
-    log("the correction once more, and the held-out cycle predicted from the others")
-    first, end, last = found.begin, found.end, found.steps[-1]
-    final = final_fits(
-        (first.fit, first.objective), (end.fit, end.objective), end.causes, end.finer.one, cycles,
-        settings,
-    )  # fmt: skip
-    added = [n for cause in end.causes if cause not in COVARIANCE for n in cause.parameters]
-    passed = gate(end.objective, end.fit, final.fresh, end.finer.one, last.scores, added)
-    if last.lost is not None and not end.causes:
-        passed = last.lost
-    log(f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.cause}")
-    return final, passed
 
 
 def _never_tried(steps: Sequence[Step]) -> tuple[NotExamined, ...]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from driver.diagnosis.boundary_noise import Level, level_again
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.elimination import eliminate
@@ -14,10 +16,16 @@ from driver.diagnosis.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.outcome import Settings
 from driver.diagnosis.preparation import noise_of_images, with_load_noise
 from driver.diagnosis.refit import Refit
+from driver.diagnosis.screening import whitened_difference
 from driver.identification.fit import POLISH, Fit, fit_from
-from driver.identification.objective import Objective
+from driver.identification.objective import Correction, Objective
 from driver.identification.procedure import with_correction
 from driver.log import Log
+
+_FAR = 30.0
+"""σ by which a prediction may move from where its correction was taken: a correction has changed
+by a hundredth of what the prediction moved by, and the gate of numerics is 1 σ."""
+_MOST_CORRECTIONS = 3  # of one extended model
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +67,16 @@ def extended(before: Extension, winner: Refit, settings: Settings, log: Log) -> 
     """
     causes, of_noise = [*before.causes, winner.cause], before.of_noise
     finer = before.finer.turned((winner.cause,))
-    objective = _corrected(winner.objective, winner.fit, finer, settings, log)
-    winner = replace(winner, objective=objective)
-    here, objective, levels = _fitted(winner, before.levels, log)
+    here, objective = winner.fit, winner.objective
+    levels: Mapping[str, Level] = {**before.levels, **winner.levels}
+    for again in range(_MOST_CORRECTIONS):
+        if again:
+            log("far from where the correction was taken: once more with that of this fit")
+        begin = here
+        objective = _corrected(objective, begin, finer, settings, log)
+        here, objective, levels = _fitted(begin, objective, levels, log)
+        if _moved(begin, here, objective) < _FAR:
+            break
     if BOUNDARY_NOISE in causes and not levels:
         causes.remove(BOUNDARY_NOISE)
         of_noise = 0.0
@@ -75,19 +90,12 @@ def extended(before: Extension, winner: Refit, settings: Settings, log: Log) -> 
     )  # fmt: skip
 
 
-def corrected_again(here: Extension, settings: Settings, log: Log) -> Extension:
-    """An extended model, fitted with the correction at its own end.
-
-    Args:
-        here: the model.
-        settings: how the diagnosis is run.
-        log: takes one line of progress.
-
-    Raises:
-        SolverError: the simulation could not be finished.
-    """
-    objective = _corrected(here.objective, here.fit, here.finer, settings, log)
-    return replace(here, fit=fit_from(here.fit.best, objective, POLISH, log), objective=objective)
+def _moved(begin: Fit, end: Fit, objective: Objective) -> float:
+    """By how much the prediction of one fit differs from that of another [σ]."""
+    one, other = (
+        Correction(f.best.prediction.motion, f.best.prediction.load) for f in (begin, end)
+    )
+    return float(np.linalg.norm(whitened_difference(objective, other, one)))
 
 
 def _corrected(
@@ -103,14 +111,13 @@ def _corrected(
 
 
 def _fitted(
-    winner: Refit, levels: Mapping[str, Level], log: Log
-) -> tuple[Fit, Objective, dict[str, Level]]:
+    begin: Fit, objective: Objective, levels: Mapping[str, Level], log: Log
+) -> tuple[Fit, Objective, Mapping[str, Level]]:
     """The extended model fitted with its own noise, and the level of the latter.
 
     A load that was left out and that the extended model explains is taken back.
     """
-    objective = winner.objective
-    here = fit_from(winner.fit.best, objective, POLISH, log)
+    here = fit_from(begin.best, objective, POLISH, log)
     free, data = here.best.free, objective.data
     if data.bad_loads:
         whole = replace(objective, data=replace(data, bad_loads=()))
@@ -119,7 +126,7 @@ def _fitted(
         data = replace(data, bad_loads=tuple(sorted(still)))
         objective = replace(objective, data=data)
     at = objective.compare(here.best.prediction, here.values, free)
-    if levels := {**levels, **winner.levels}:
+    if levels:
         objective, levels = level_again(at, objective, levels, log)
         at = objective.compare(here.best.prediction, here.values, free)
     objective = replace(objective, data=with_load_noise(objective.data, at, log))

@@ -10,7 +10,6 @@ import numpy as np
 
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.flip_trial import turned
-from driver.errors import InputError
 from driver.identification.fit import Fit
 from driver.identification.objective import Correction
 from driver.identification.procedure import correction
@@ -65,7 +64,7 @@ class FinerMeshes:
             log("the same on another mesh")
             try:
                 return correction(working, self.another(), here, log)
-            except (SolverError, InputError) as error:
+            except (SolverError, ValueError) as error:
                 if is_by_circumstances(error):
                     raise
                 log(f"  one mesh has to do: {str(error).partition(chr(10))[0]}")

@@ -54,7 +54,7 @@ class Settings:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One round of screening, and the cause that it added (or None).
+    """One round of screening, and the cause that it added, if any.
 
     Attributes:
         scores: every cause that was tried, best log evidence first.

@@ -83,7 +83,7 @@ def _under_its_own(task: _Task) -> Refit | str:
     objective = with_prior(refit.objective, cause)
     try:
         change = correction(objective.model, task.finer, refit.fit, silent)
-    except SolverError as error:
+    except (SolverError, ValueError) as error:
         if is_by_circumstances(error):
             raise
         return f"for it cannot be simulated ({str(error).partition(chr(10))[0]})"

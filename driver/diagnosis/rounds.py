@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from driver.diagnosis.boundary_noise import Stops
-from driver.diagnosis.extension import Extension, corrected_again, extended
+from driver.diagnosis.extension import Extension, extended
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.noise_causes import COVARIANCE
 from driver.diagnosis.outcome import Settings, Step
@@ -21,7 +21,6 @@ from driver.diagnosis.round import (
 )
 from driver.diagnosis.score import WORTH
 from driver.diagnosis.verdict import MOST_ADDITIONS
-from driver.identification.objective import Evaluation
 from driver.log import Log
 from solver_adapters.interface import SolverError
 from solver_adapters.jobs.errors import is_by_circumstances
@@ -37,11 +36,13 @@ class Rounds:
         begin: the model of the first round, to which nothing was added.
         end: the model at last.
         steps: the rounds.
+        doubts: what should have been added and could not be, in words.
     """
 
     begin: Extension
     end: Extension
     steps: tuple[Step, ...]
+    doubts: tuple[str, ...] = ()
 
 
 def rounds(
@@ -61,39 +62,10 @@ def rounds(
     """
     fitted = begin.baseline.best.free
     here = Extension(begin.baseline, begin.objective, finer, (), {}, 0.0, fitted, ())
-    return _rounds(here, begin.wide, None, (), stops, settings, log)
-
-
-def rounds_on(found: Rounds, stops: Stops, settings: Settings, log: Log) -> Rounds:
-    """The rounds from where they ended, with the correction that belongs there.
-
-    An extended model is fitted with the correction at the end of its refit, and may have moved far
-    from there since: what the correction has changed by is then no error of its surroundings.
-
-    Args:
-        found: rounds that added causes.
-        stops: the answers to a noise of the boundary, if they were computed.
-        settings: how the diagnosis is run.
-        log: takes one line of progress.
-
-    Raises:
-        SolverError: the simulation could not be finished.
-    """
-    end = corrected_again(found.end, settings, log)
-    return _rounds(end, None, found.begin, found.steps[:-1], stops, settings, log)
-
-
-def _rounds(
-    here: Extension,
-    known: Evaluation | None,
-    first: Extension | None,
-    done: tuple[Step, ...],
-    stops: Stops,
-    settings: Settings,
-    log: Log,
-) -> Rounds:
-    before: Extension | None = None
-    steps = list(done)
+    before, known = here, begin.wide
+    first: Extension | None = None
+    steps: list[Step] = []
+    doubts: list[str] = []
     while True:
         at = here.fit.best
         log(f"screening at χ_F {at.chi_load:.2f}, χ of images {at.chi_image:.3f}")
@@ -103,19 +75,51 @@ def _rounds(
         known, step, winner = None, found.step, found.winner
         here = replace(here, fit=found.fit, objective=found.objective)
         first = first or here
-        if before is not None and _leaves_something(found, here):
+        if steps and _leaves_something(found, here):
             better = _by_a_rival(before, steps[-1], stops, settings, log)
             if better is not None:
                 end, exchanged, last = better
-                return Rounds(first, end, (*steps[:-1], exchanged, last))
+                return Rounds(first, end, (*steps[:-1], exchanged, last), tuple(doubts))
         steps.append(step)
         if winner is None:
-            return Rounds(first, here, tuple(steps))
+            return Rounds(first, here, tuple(steps), tuple(doubts))
         if len(steps) == MOST_STEPS:
-            log(f"{winner.cause.name} is not added: so many rounds come to no end")
-            return Rounds(first, here, (*steps[:-1], replace(step, named=())))
-        log(f"added {winner.cause.name}, log evidence {winner.log_evidence:+.1f}")
-        before, here = here, extended(here, winner, settings, log)
+            doubts.append(f"{winner.cause.name} is not added, for the rounds come to no end")
+            log(doubts[-1])
+            return Rounds(first, here, (*steps[:-1], replace(step, named=())), tuple(doubts))
+        after, steps[-1], failed = _with_the_best(here, step, settings, log)
+        doubts += failed
+        if after is None:
+            return Rounds(first, here, tuple(steps), tuple(doubts))
+        before, here = here, after
+
+
+def _with_the_best(
+    here: Extension, step: Step, settings: Settings, log: Log
+) -> tuple[Extension | None, Step, tuple[str, ...]]:
+    """The model with the best cause of a round that the finer meshes can simulate.
+
+    Returns:
+        The model, None where there is no such cause; the round, its set that of this cause; those
+        before it that cannot be simulated, in words.
+    """
+    refits, failed = step.refits, list[str]()
+    while refits and refits[0].log_evidence > WORTH:
+        name = refits[0].cause.name
+        log(f"adding {name}, log evidence {refits[0].log_evidence:+.1f}")
+        try:
+            after = extended(here, refits[0], settings, log)
+        except (SolverError, ValueError) as error:
+            if is_by_circumstances(error):
+                raise
+            why = str(error).partition("\n")[0]
+            failed.append(f"{name} is not added, for its model cannot be simulated finer ({why})")
+            log(failed[-1])
+            refits = refits[1:]
+            continue
+        named = set_of(refits, step.scores) if failed else step.named
+        return after, replace(step, named=named), tuple(failed)
+    return None, replace(step, named=()), tuple(failed)
 
 
 def _leaves_something(found: Round, here: Extension) -> bool:
@@ -157,7 +161,7 @@ def _by_a_rival(
         try:
             tried = extended(before, rival, settings, log)
             seen = at_first_sight(tried.fit, tried.objective, settings, stops, log)
-        except SolverError as error:
+        except (SolverError, ValueError) as error:
             if is_by_circumstances(error):
                 raise
             log(f"  it cannot be simulated ({str(error).partition(chr(10))[0]})")

@@ -72,8 +72,8 @@ def refit_from_soft_loads(
     soft = softened(objective, softness)
     crew.log(f"loads of {softness:.3g} times their noise, as far as the model is off")
     begin = _by_the_images(softened(objective, SOFTER * softness), baseline, crew.log)
-    here = fit(soft, begin.values, baseline.free, POLISH, crew.log, tolerance=TOLERANCE)
-    wide = soft.near(here.best).evaluate(here.values, names)
+    here = fit_from(begin.best, soft, POLISH, crew.log, TOLERANCE)
+    wide = soft.complete(here.best, names)
     tasks = [_task(one, objective, soft, wide, baseline) for one in tried]
     promises = [here.best.cost - promised(task.soft, task.start) for task in tasks]
     order = np.argsort(promises)[::-1]

@@ -123,20 +123,21 @@ def with_places(verdict: Verdict, missed: str) -> Verdict:
     )
 
 
-def with_doubts(verdict: Verdict, unsettled: Sequence[str]) -> Verdict:
-    """A verdict that says which fits behind it have not converged.
+def with_doubts(verdict: Verdict, unsettled: Sequence[str], missing: Sequence[str]) -> Verdict:
+    """A verdict that says what makes it doubtful.
 
     Args:
         verdict: the answer.
-        unsettled: each fit that has not converged, and why it ended.
+        unsettled: each fit behind it that has not converged, and why it ended.
+        missing: what should have been added and could not be.
     """
-    if not unsettled:
+    if not (unsettled or missing):
         return verdict
+    converge = "Let the fit converge: more identification.max_iterations, or better starts. "
     return replace(
         verdict,
-        text=f"{verdict.text} Read this with care: {_list(unsettled)}.",
-        next="Let the fit converge: more identification.max_iterations, or better starts. "
-        + verdict.next,
+        text=f"{verdict.text} Read this with care: {_list([*missing, *unsettled])}.",
+        next=(converge if unsettled else "") + verdict.next,
     )
 
 

@@ -22,9 +22,9 @@ HIDDEN = {"stretch_curvature": 0.1}
 WRONG = 12
 
 
-def refitted(objective: Objective, baseline: Fit) -> Refit:
-    """The cause, refitted from the baseline."""
-    causes, names = screened(objective.model, baseline.best.free, (CAUSE,))
+def refitted(objective: Objective, baseline: Fit, name: str = CAUSE) -> Refit:
+    """A cause, refitted from the baseline."""
+    causes, names = screened(objective.model, baseline.best.free, (name,))
     wide = objective.evaluate(baseline.values, names)
     (cause,) = causes
     rows = [wide.free.index(name) for name in cause.parameters]
@@ -77,3 +77,26 @@ def test_the_extended_model_has_its_own_correction_its_own_noise_and_a_fit_that_
     of_baseline = finer(BENCH).predict(baseline.values).load - model.predict(baseline.values).load
     scale = np.abs(expected).max()
     assert np.abs(own - expected).max() < 0.02 * scale < np.abs(of_baseline - expected).max()
+
+
+@pytest.mark.parametrize(("factor", "times"), [(1.0, 1), (2.0, 2)])
+def test_a_model_far_from_where_its_correction_was_taken_is_corrected_once_more(
+    factor: float, times: int
+) -> None:
+    """Where τ0 is twice what it is the loads are twice as large, and so is what mesh errs by."""
+    made = closed_form.objective(BENCH, BENCH.truth | HIDDEN)
+    objective, baseline = identified(BENCH, made)
+    winner = refitted(objective, baseline)
+    values = winner.fit.values | {"tau0": factor * winner.fit.values["tau0"]}
+    at = winner.objective.evaluate(values, winner.fit.best.free)
+    winner = replace(winner, fit=replace(winner.fit, best=at))
+    meshes = FinerMeshes(finer(BENCH))
+    begin = Extension(baseline, objective, meshes, (), {}, 0.0, baseline.best.free, ())
+    lines: list[str] = []
+    found = extended(begin, winner, SETTINGS, lines.append)
+    assert lines.count("finer mesh and steps at the extended model") == times
+    assert found.fit.converged
+    model, end = found.objective.model, found.fit.values
+    expected = finer(BENCH).predict(end).load - model.predict(end).load
+    own = np.asarray(found.objective.correction.load)
+    assert own == pytest.approx(expected, abs=0.02 * np.abs(expected).max())

@@ -4,25 +4,24 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from unittest.mock import patch
 
-import numpy as np
 import pytest
 
 from driver.diagnosis import rounds
 from driver.diagnosis.boundary_noise import Stops
 from driver.diagnosis.causes import Cause
-from driver.diagnosis.extension import Extension, corrected_again, extended
+from driver.diagnosis.extension import Extension, extended
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.gate import Gate
 from driver.diagnosis.outcome import Diagnosis, Settings
 from driver.diagnosis.refit import Crew, Refit, refit_causes
 from driver.diagnosis.round import Round, at_first_sight, examine
 from driver.diagnosis.screening import screened
-from driver.identification.fit import POLISH, Fit, fit_from
-from driver.identification.objective import Correction, Evaluation, Objective
-from driver.log import Log, silent
+from driver.identification.fit import Fit
+from driver.identification.objective import Evaluation, Objective
+from driver.log import Log
 from solver_adapters.interface import NotRunError, SolverError
 from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, finer, identified
+from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
 BENCH = closed_form.bench()
 TRUE, WRONG, OTHER = "tilt_drift", "magnification_drift", "end_rotation"
@@ -118,43 +117,36 @@ def test_a_rival_that_cannot_be_simulated_takes_nothing_away() -> None:
     assert found.steps[0].named == (WRONG, OTHER)
 
 
-def with_a_correction_from_elsewhere(settles: bool) -> Diagnosis:
-    """A model whose correction at first is 200 times what it is where its fit ended.
+def unless(*failing: str) -> Callable[[Extension, Refit, Settings, Log], Extension]:
+    """`extended` where the finer meshes cannot simulate some causes."""
 
-    Args:
-        settles: whether the correction is that of the end once it is taken there.
-    """
+    def tried(before: Extension, winner: Refit, settings: Settings, log: Log) -> Extension:
+        if winner.cause.name in failing:
+            raise ValueError("a cell is inside out\nmore of it")
+        return extended(before, winner, settings, log)
 
-    def off(found: Extension) -> Extension:
-        change = found.objective.correction
-        far = Correction(200 * np.asarray(change.motion), 200 * np.asarray(change.load))
-        objective = replace(found.objective, correction=far)
-        return replace(
-            found, objective=objective, fit=fit_from(found.fit.best, objective, POLISH, silent)
-        )
-
-    def misled(before: Extension, winner: Refit, settings: Settings, log: Log) -> Extension:
-        return off(extended(before, winner, settings, log))
-
-    def again(here: Extension, settings: Settings, log: Log) -> Extension:
-        found = corrected_again(here, settings, log)
-        return found if settles else off(found)
-
-    made = closed_form.objective(BENCH, BENCH.truth | {TRUE: 2e-3})
-    settings = replace(SETTINGS, wanted=(TRUE, OTHER))
-    with patch.object(rounds, "extended", misled), patch.object(rounds, "corrected_again", again):
-        return diagnosis_of(BENCH, identified(BENCH, made), settings)
+    return tried
 
 
-def test_an_extended_model_far_from_its_correction_is_fitted_with_that_of_its_end() -> None:
-    found = with_a_correction_from_elsewhere(settles=True)
+def test_a_cause_whose_model_cannot_be_simulated_finer_gives_way_to_the_next() -> None:
+    with patch.object(rounds, "extended", unless(WRONG)):
+        found = diagnosed((WRONG, TRUE), (WRONG, TRUE))
     assert found.verdict.kind == "named" and found.verdict.causes == (TRUE,)
-    assert found.gate.passed and len(found.steps) == 2
-    assert found.extended.values[TRUE] == pytest.approx(2e-3, rel=0.1)
-    own = finer(BENCH).predict(found.extended.values).load - found.extended.best.prediction.load
-    assert np.asarray(found.objective.correction.load) == pytest.approx(own, abs=0.1)
+    assert found.steps[0].named == (TRUE,)
+    told = f"{WRONG} is not added, for its model cannot be simulated finer (a cell is inside out)"
+    assert told in found.verdict.text and not found.verdict.next.startswith("Let the fit")
 
 
-def test_where_the_correction_does_not_settle_numerics_is_the_verdict() -> None:
-    found = with_a_correction_from_elsewhere(settles=False)
-    assert found.verdict.kind == "numerics" and not found.gate.passed
+def test_where_none_of_the_causes_can_be_simulated_finer_none_is_named_and_that_is_told() -> None:
+    with patch.object(rounds, "extended", unless(WRONG, TRUE)):
+        found = diagnosed((WRONG, TRUE), (WRONG, TRUE))
+    assert found.verdict.kind == "unexplained" and not found.verdict.causes
+    assert found.extended is found.baseline and found.steps[-1].named == ()
+    assert all(f"{name} is not added" in found.verdict.text for name in (WRONG, TRUE))
+
+
+def test_rounds_that_come_to_no_end_are_told() -> None:
+    with patch.object(rounds, "MOST_STEPS", 1):
+        found = diagnosed((TRUE,), (TRUE,))
+    assert found.verdict.kind == "unexplained" and not found.causes
+    assert f"{TRUE} is not added, for the rounds come to no end" in found.verdict.text

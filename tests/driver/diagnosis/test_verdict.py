@@ -130,8 +130,15 @@ def test_a_coarse_simulation_says_what_it_needs() -> None:
 
 def test_a_fit_that_has_not_converged_is_told_with_the_answer() -> None:
     answer = of(CONTRAST)
-    assert with_doubts(answer, []) == answer
-    told = with_doubts(answer, ["the fit of the extended model has not converged (2 σ)"])
+    assert with_doubts(answer, [], []) == answer
+    told = with_doubts(answer, ["the fit of the extended model has not converged (2 σ)"], [])
     assert told.kind == answer.kind and told.sets == answer.sets
     assert told.text.startswith(answer.text) and told.text.endswith("not converged (2 σ).")
     assert told.next.startswith("Let the fit converge") and told.next.endswith(answer.next)
+
+
+def test_what_could_not_be_added_is_told_with_the_answer_and_asks_for_no_other_fit() -> None:
+    answer = of(CONTRAST)
+    told = with_doubts(answer, [], ["load_lag is not added, for the rounds come to no end"])
+    assert told.text.startswith(answer.text) and told.text.endswith("come to no end.")
+    assert told.next == answer.next
