@@ -30,9 +30,9 @@ LOAD_DECLARATIONS: tuple[Parameter, ...] = (
 IMAGE_DECLARATIONS: tuple[Parameter, ...] = (
     Parameter("height_scale", "", 0.0, 0.03, -0.5, 0.5),
     Parameter("height_drift", "µm", 0.0, 5e-3, -1.0, 1.0),
-    Parameter("magnification_drift", "", 0.0, 5e-4, -0.05, 0.05),
-    Parameter("scan_shear_drift", "", 0.0, 5e-4, -0.05, 0.05),
-    Parameter("tilt_drift", "", 0.0, 5e-4, -0.05, 0.05),
+    Parameter("magnification_drift", "", 0.0, 5e-4, -5e-3, 5e-3),
+    Parameter("scan_shear_drift", "", 0.0, 5e-4, -5e-3, 5e-3),
+    Parameter("tilt_drift", "", 0.0, 5e-4, -5e-3, 5e-3),
 )
 
 

@@ -12,6 +12,7 @@ from driver.diagnosis.all_causes import EVERY
 from driver.diagnosis.boundary_noise import stops_where_they_pay
 from driver.diagnosis.ebsd_flips import flips_of
 from driver.diagnosis.examined import NotExamined, not_examined
+from driver.diagnosis.extension import Extension
 from driver.diagnosis.final_fits import final_fits
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.gain import log_evidence, share_described, share_explained
@@ -108,7 +109,7 @@ def diagnose(
             for name, one in fits.items()
             if not one.converged
         ],
-        found.doubts,
+        [*found.doubts, *_at_bounds(end)],
     )
     if uneven is not None and uneven.named:
         verdict = with_uneven_noise(verdict)
@@ -130,6 +131,17 @@ def diagnose(
         verdict=verdict,
         levels=levels,
     )
+
+
+def _at_bounds(end: Extension) -> list[str]:
+    """The added parameters that ended at a bound, in words."""
+    known, values = end.objective.parameters, end.fit.values
+    return [
+        f"{name} stands at its bound, {values[name]:g} {known[name].unit}".rstrip()
+        + ": the data ask for more than can be"
+        for name in end.fit.at_bounds(known)
+        if name not in end.fitted
+    ]
 
 
 def _never_tried(steps: Sequence[Step]) -> tuple[NotExamined, ...]:

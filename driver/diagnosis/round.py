@@ -193,6 +193,7 @@ def _first_order(
     log: Log,
 ) -> _Seen:
     """Scores and tests of a fit; the best five are told."""
+    here = replace(here, best=here.inside(objective))
     effects = effects_of(candidates, screening, objective.parameters)
     scores, variance = screen(here, objective, candidates, effects, settings.sizes)
     if variance > 1.0:

@@ -158,10 +158,12 @@ def whereabouts(found: Diagnosis, geometry: PrismGeometry, history: History) -> 
     places = places_on(geometry, found.objective.data.image.images.xy)
     phases = phases_of(history)
     first, last = found.steps[0].widened ** 2, found.steps[-1].widened ** 2
-    before = excess(found.baseline.best, found.baseline_objective, places, phases, first)
+    objective = found.baseline_objective
+    before = excess(found.baseline.inside(objective), objective, places, phases, first)
     if not found.causes:
         return Whereabouts(before, ())
-    after = excess(found.extended.best, found.objective, places, phases, last)
+    objective = found.objective
+    after = excess(found.extended.inside(objective), objective, places, phases, last)
     return Whereabouts(before, after)
 
 

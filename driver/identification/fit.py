@@ -65,6 +65,19 @@ class Fit:
         """Names of the free parameters that stand at a bound."""
         return tuple(n for n in self.best.free if is_at_bound(parameters[n], self.values[n]))
 
+    def inside(self, objective: Objective) -> Evaluation:
+        """The fit with that free alone which stands between its bounds.
+
+        What is held at a bound follows nothing: along it the residual is seen, as along all that
+        is not fitted.
+
+        Args:
+            objective: of the fit.
+        """
+        held = self.at_bounds(objective.parameters)
+        free = tuple(name for name in self.best.free if name not in held)
+        return objective.restrict(self.best, free) if held else self.best
+
     @property
     def covariance(self) -> FloatArray:
         """Covariance H⁻¹ of θ, shape (k, k)."""

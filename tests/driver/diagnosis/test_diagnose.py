@@ -248,6 +248,16 @@ def test_images_that_free_correlation_cannot_follow_limit_what_is_named() -> Non
     assert found.objective.data.image.noise_factor == pytest.approx(20.0)
 
 
+def test_a_value_that_ends_at_its_bound_is_told_and_leaves_what_is_beyond() -> None:
+    """No microscope's view tilts by more than ten times what is usual within a test."""
+    settings = replace(NONE_HELD_OUT, wanted=("tilt_drift", "load_gain"))
+    found = diagnosed({"tilt_drift": 1.2e-2}, settings=settings)
+    # Along a value that is held at its bound what is left is seen.
+    assert not found.steps[-1].omnibus.accepted
+    assert found.causes[0].name == "tilt_drift" and found.verdict.kind == "unexplained"
+    assert "tilt_drift stands at its bound, 0.005: the data ask for more" in found.verdict.text
+
+
 def test_a_simulation_that_changes_its_own_error_is_refused_a_verdict() -> None:
     """The correction was taken with a finer simulation that agreed; at the result it does not."""
     agreed = identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
