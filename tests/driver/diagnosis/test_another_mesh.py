@@ -143,7 +143,7 @@ def test_what_the_derivatives_show_is_held_against_another_mesh_before_looks_fro
     look, other = "looking from afar", "the same on another mesh"
     for drift, expected in ((DRIFT, [other, look]), (0.0, [look])):
         _, lines = diagnosed(drift, FINE, wanted)
-        added = [k for k, line in enumerate(lines) if line.startswith("added")]
+        added = [k for k, line in enumerate(lines) if line.startswith("adding")]
         first = lines[: added[0]] if added else lines
         assert [t for line in first for t in (look, other) if line.startswith(t)] == expected
 
