@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import tifffile
 
 from driver.boundary import LAMBDAS
 from driver.case import Case
+from driver.case_tables.material import MaterialTable
 from driver.case_tables.solver import ProfileTable
 from driver.diagnosis.ebsd_flips import half_turn
 from driver.diagnosis.noise_causes import COVARIANCE, NOISE_RATIO, SIGMA_E
@@ -19,7 +19,7 @@ from driver.experiment import as_in_files
 from driver.profiles import with_files_of
 from driver.specimen import TRACE
 from driver.stages import RESULTS
-from solver_adapters.material import MATERIAL_PARAMETERS
+from solver_adapters.material import MATERIAL_PARAMETERS, declarations_at
 
 EXTENDED, NOISE_MAP = "extended.toml", "noise_map.tif"
 
@@ -43,7 +43,11 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     lambdas = dict(
         zip(("plus_Y", "plus_Z", "minus_Y", "minus_Z"), (values[n] for n in LAMBDAS), strict=True)
     )
-    freed = {name: values[name] for name in (*case.extensions, *added_parameters(found))}
+    material = case.material.model_copy(update=constants)
+    freed = {
+        name: _within_bounds(name, values[name], material)
+        for name in (*case.extensions, *added_parameters(found))
+    }
     images = case.images
     moved = {
         key: _from_results(case, getattr(images, key))
@@ -66,7 +70,7 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     }
     return with_flips(case, found).model_copy(
         update={
-            "material": case.material.model_copy(update=constants),
+            "material": material,
             "boundary": case.boundary.model_copy(update=boundary),
             "extensions": freed,
             "images": images.model_copy(update=moved),
@@ -76,6 +80,14 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
             "diagnosis": case.diagnosis.model_copy(update={"cause_files": files}),
         }
     )
+
+
+def _within_bounds(name: str, value: float, material: MaterialTable) -> float:
+    """A start within its bounds, which for a back stress hang on the d that was found."""
+    declared = {p.name: p for p in declarations_at(material.to_material())}
+    if name not in declared:
+        return value
+    return min(max(value, declared[name].lower), declared[name].upper)
 
 
 def added_parameters(found: Diagnosis) -> tuple[str, ...]:
@@ -123,5 +135,7 @@ def _profiles_from_results(case: Case) -> dict[str, ProfileTable]:
 def _from_results(case: Case, name: str) -> str:
     if Path(name).is_absolute():
         return name
+    if not case.path(RESULTS).is_symlink():
+        return f"../{name}"
     # One folder up from where a link leads is not the folder of the case.
-    return os.path.abspath(case.path(name)) if case.path(RESULTS).is_symlink() else f"../{name}"
+    return str(case.path("").resolve() / name)

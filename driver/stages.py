@@ -24,7 +24,7 @@ from driver.run_lock import sole_run
 
 RESULTS = "results"
 _RECORD = "stages.json"
-_READ_BACK = (".h5", ".json", ".med")  # results that later stages read; others may be edited
+_READ_BACK = (".h5", ".json", ".med")  # of results that later stages read
 
 
 class StageError(InputError):
@@ -241,15 +241,20 @@ def _run_stage(
 
 
 def _set_edited_aside(old: Done | None, results: Path, report: Log) -> None:
-    """Rename what somebody has edited since its stage wrote it, before that writes it anew."""
+    """Rename what has changed since its stage wrote it, before that writes it anew."""
     for name, digest in old.get("digests", {}).items() if old else ():
         path = results / name
-        if name.endswith(_READ_BACK) or not path.is_file() or _content_hash(path) == digest:
+        if not path.is_file() or _content_hash(path) == digest:
             continue
         names = (path.with_stem(f"{path.stem}.edited{k or ''}") for k in count())
         kept = next(one for one in names if not one.exists())
         path.rename(kept)
-        report(f"{path} was edited since it was written: it is kept as {kept.name}")
+        report(f"{path} has changed since it was written: it is kept as {kept.name}")
+
+
+def _is_read_back(name: str) -> bool:
+    """Whether later stages read a result; what is not read, or in a folder, may be edited."""
+    return name.endswith(_READ_BACK) and Path(name).parent == Path()
 
 
 def is_done(entry: Done | None, key: str, results: Path) -> bool:
@@ -261,7 +266,7 @@ def is_done(entry: Done | None, key: str, results: Path) -> bool:
         and all(
             _content_hash(results / name) == digest
             for name, digest in entry.get("digests", {}).items()
-            if name.endswith(_READ_BACK)
+            if _is_read_back(name)
         )
     )
 
@@ -309,6 +314,9 @@ def finished(
 
 
 def _make_folder(results: Path) -> None:
+    if results.is_symlink() and not results.exists():
+        found = f"a link to {os.readlink(results)}, which is not there"
+        raise StageError(sentence(results, "folder", found, "a folder, or a link to one"))
     try:
         results.mkdir(exist_ok=True)
     except OSError as error:

@@ -134,13 +134,14 @@ def diagnose(
 
 
 def _at_bounds(end: Extension) -> list[str]:
-    """The added parameters that ended at a bound, in words."""
+    """The parameters of the causes that ended at a bound, in words; companions are no effect."""
     known, values = end.objective.parameters, end.fit.values
+    of_causes = {name for cause in end.causes for name in cause.parameters}
     return [
         f"{name} stands at its bound, {values[name]:g} {known[name].unit}".rstrip()
-        + ": the data ask for more than can be"
+        + f": the data would have it {'larger' if values[name] >= known[name].upper else 'smaller'}"
         for name in end.fit.at_bounds(known)
-        if name not in end.fitted
+        if name in of_causes
     ]
 
 

@@ -204,7 +204,7 @@ def _may_be_far(side: Score) -> bool:
 
 
 def _scored(task: _Task, at: Evaluation, amount: float) -> _Side:
-    here, degrees = task.here.best, task.objective.data.load_degrees
+    here, degrees = task.here.inside(task.objective), task.objective.data.load_degrees
     change = (here.residual - at.residual)[None] / amount
     found = score(task.near.cause, change, here, task.family, degrees, task.variance)
     return _Side(amount, at, found)

@@ -48,7 +48,7 @@ class Refit:
     @property
     def own_misfit(self) -> float:
         """‖r‖² with the prior as wide as the effect, to first order from where the fit ended."""
-        at = self.objective.restrict(self.fit.best, self.fit.best.free)
+        at = self.fit.inside(self.objective)
         rest = at.residual - np.linalg.solve(at.hessian, at.gradient) @ at.jacobian
         return float(rest @ rest)
 

@@ -65,7 +65,13 @@ def rounds(
     before, known = here, begin.wide
     first: Extension | None = None
     steps: list[Step] = []
-    doubts: list[str] = []
+    doubts: dict[str, str] = {}
+
+    def ended(end: Extension, *rounds_: Step) -> Rounds:
+        added = {cause.name for cause in end.causes}
+        told = tuple(why for name, why in doubts.items() if name not in added)
+        return Rounds(first or end, end, rounds_, told)
+
     while True:
         at = here.fit.best
         log(f"screening at χ_F {at.chi_load:.2f}, χ of images {at.chi_image:.3f}")
@@ -79,31 +85,32 @@ def rounds(
             better = _by_a_rival(before, steps[-1], stops, settings, log)
             if better is not None:
                 end, exchanged, last = better
-                return Rounds(first, end, (*steps[:-1], exchanged, last), tuple(doubts))
+                return ended(end, *steps[:-1], exchanged, last)
         steps.append(step)
         if winner is None:
-            return Rounds(first, here, tuple(steps), tuple(doubts))
+            return ended(here, *steps)
         if len(steps) == MOST_STEPS:
-            doubts.append(f"{winner.cause.name} is not added, for the rounds come to no end")
-            log(doubts[-1])
-            return Rounds(first, here, (*steps[:-1], replace(step, named=())), tuple(doubts))
+            name = winner.cause.name
+            doubts[name] = f"{name} is not added, for the rounds come to no end"
+            log(doubts[name])
+            return ended(here, *steps[:-1], replace(step, named=()))
         after, steps[-1], failed = _with_the_best(here, step, settings, log)
-        doubts += failed
+        doubts |= failed
         if after is None:
-            return Rounds(first, here, tuple(steps), tuple(doubts))
+            return ended(here, *steps)
         before, here = here, after
 
 
 def _with_the_best(
     here: Extension, step: Step, settings: Settings, log: Log
-) -> tuple[Extension | None, Step, tuple[str, ...]]:
-    """The model with the best cause of a round that the finer meshes can simulate.
+) -> tuple[Extension | None, Step, dict[str, str]]:
+    """The model with the best cause of a round that can be simulated finer.
 
     Returns:
         The model, None where there is no such cause; the round, its set that of this cause; those
-        before it that cannot be simulated, in words.
+        before it that cannot be simulated, by name, in words.
     """
-    refits, failed = step.refits, list[str]()
+    refits, failed = step.refits, dict[str, str]()
     while refits and refits[0].log_evidence > WORTH:
         name = refits[0].cause.name
         log(f"adding {name}, log evidence {refits[0].log_evidence:+.1f}")
@@ -113,13 +120,13 @@ def _with_the_best(
             if is_by_circumstances(error):
                 raise
             why = str(error).partition("\n")[0]
-            failed.append(f"{name} is not added, for its model cannot be simulated finer ({why})")
-            log(failed[-1])
+            failed[name] = f"{name} is not added, for its model cannot be simulated ({why})"
+            log(failed[name])
             refits = refits[1:]
             continue
         named = set_of(refits, step.scores) if failed else step.named
-        return after, replace(step, named=named), tuple(failed)
-    return None, replace(step, named=()), tuple(failed)
+        return after, replace(step, named=named), failed
+    return None, replace(step, named=()), failed
 
 
 def _leaves_something(found: Round, here: Extension) -> bool:

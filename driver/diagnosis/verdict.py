@@ -123,20 +123,20 @@ def with_places(verdict: Verdict, missed: str) -> Verdict:
     )
 
 
-def with_doubts(verdict: Verdict, unsettled: Sequence[str], missing: Sequence[str]) -> Verdict:
+def with_doubts(verdict: Verdict, unsettled: Sequence[str], limits: Sequence[str]) -> Verdict:
     """A verdict that says what makes it doubtful.
 
     Args:
         verdict: the answer.
         unsettled: each fit behind it that has not converged, and why it ended.
-        missing: what should have been added and could not be.
+        limits: causes that could not be added, and values that stand at a bound.
     """
-    if not (unsettled or missing):
+    if not (unsettled or limits):
         return verdict
     converge = "Let the fit converge: more identification.max_iterations, or better starts. "
     return replace(
         verdict,
-        text=f"{verdict.text} Read this with care: {_list([*missing, *unsettled])}.",
+        text=f"{verdict.text} Read this with care: {_list([*limits, *unsettled])}.",
         next=(converge if unsettled else "") + verdict.next,
     )
 

@@ -66,17 +66,16 @@ class Fit:
         return tuple(n for n in self.best.free if is_at_bound(parameters[n], self.values[n]))
 
     def inside(self, objective: Objective) -> Evaluation:
-        """The fit with that free alone which stands between its bounds.
+        """The fit with only that free which stands between its bounds.
 
         What is held at a bound follows nothing: along it the residual is seen, as along all that
         is not fitted.
 
         Args:
-            objective: of the fit.
+            objective: its priors count.
         """
         held = self.at_bounds(objective.parameters)
-        free = tuple(name for name in self.best.free if name not in held)
-        return objective.restrict(self.best, free) if held else self.best
+        return objective.restrict(self.best, [n for n in self.best.free if n not in held])
 
     @property
     def covariance(self) -> FloatArray:

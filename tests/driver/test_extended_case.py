@@ -18,7 +18,7 @@ from driver.experiment import arrange
 from driver.extended_case import NOISE_MAP, added_parameters, extended_case, write_noise_map
 from driver.identification.image_data import reweighted
 from driver.model import declared_parameters
-from solver_adapters.material import MATERIAL_DECLARATIONS
+from solver_adapters.material import MATERIAL_DECLARATIONS, declarations_at
 from tests.driver import closed_form
 
 LAW = [p.name for p in MATERIAL_DECLARATIONS]
@@ -205,3 +205,42 @@ def test_the_extended_case_finds_its_files_where_the_results_are_a_link(
     write_case(extended(load_case(here / "case.toml"), {}), results / "extended.toml")
     found = load_case(results / "extended.toml")
     assert found.path(found.history.file).samefile(here / "history.csv")
+
+
+@pytest.mark.parametrize(
+    ("cause", "values"),
+    [
+        ("cold_work", {"x0": 2e-4, "d": 3200.0}),
+        ("second_back_stress", {"c2": 3e3, "d2": 200.0, "d": 1100.0}),
+    ],
+)
+def test_a_start_whose_bounds_hang_on_the_d_that_was_found_is_accepted(
+    cause: str, values: dict[str, float], tmp_path: Path
+) -> None:
+    path = tmp_path / "extended.toml"
+    case = fitting("tau0", "c", "d")
+    write_case(extended(case, values, BY_NAME[cause]), path)
+    found = load_case(path)
+    bounds = {p.name: p for p in declarations_at(found.material.to_material())}
+    for name, value in found.extensions.items():
+        assert value == min(values[name], bounds[name].upper)
+
+
+def test_a_file_beside_the_folder_of_a_linked_case_is_found_from_linked_results(
+    tmp_path: Path,
+) -> None:
+    """`../data` of a case that is reached by a link is beside what the link leads to."""
+    there, scratch = tmp_path / "deep" / "case", tmp_path / "scratch"
+    there.mkdir(parents=True)
+    scratch.mkdir()
+    (tmp_path / "deep" / "data").mkdir()
+    (tmp_path / "deep" / "data" / "history.csv").write_text("time_s,load_uN\n")
+    (there / "results").symlink_to(scratch)
+    (tmp_path / "short").symlink_to(there)
+    case = fitting("tau0")
+    history = case.history.model_copy(update={"file": "../data/history.csv"})
+    write_case(case.model_copy(update={"history": history}), there / "case.toml")
+    path = tmp_path / "short" / "results" / "extended.toml"
+    write_case(extended(load_case(tmp_path / "short" / "case.toml"), {}), path)
+    found = load_case(path)
+    assert found.path(found.history.file).is_file()

@@ -203,7 +203,7 @@ def test_what_was_edited_is_kept_under_another_name_when_its_stage_runs_again(
         assert motion.read_text().endswith(" motion")
     assert motion.with_name("motion.edited.txt").read_text() == "first"
     assert motion.with_name("motion.edited1.txt").read_text() == "second"
-    assert f"{motion} was edited since it was written: it is kept as motion.edited.txt" in (
+    assert f"{motion} has changed since it was written: it is kept as motion.edited.txt" in (
         workshop.lines
     )
     workshop.run(force=True)
@@ -217,6 +217,42 @@ def test_what_was_edited_is_kept_where_its_stage_makes_it_no_longer(workshop: Wo
     workshop.stages[1] = replace(workshop.stages[1], version="2", run=lambda context: None)
     workshop.run()
     assert not motion.exists() and motion.with_name("motion.edited.txt").read_text() == "edited"
+
+
+def test_a_result_that_is_read_back_is_kept_as_it_was_changed_when_it_is_made_anew(
+    workshop: Workshop,
+) -> None:
+    def mesh(context: StageContext) -> None:
+        workshop.mesh(context)
+        (context.workdir / "mesh.json").write_text("{}")
+
+    workshop.stages[0] = replace(workshop.stages[0], run=mesh)
+    workshop.run()
+    result = workshop.folder / "results" / "mesh.json"
+    result.write_text('{"mine": 1}')
+    assert workshop.run() == ["mesh"] and result.read_text() == "{}"
+    assert result.with_name("mesh.edited.json").read_text() == '{"mine": 1}'
+
+
+def test_the_mesh_of_a_deck_may_be_edited_and_its_stage_stays_done(workshop: Workshop) -> None:
+    def mesh(context: StageContext) -> None:
+        workshop.mesh(context)
+        (context.workdir / "decks").mkdir()
+        (context.workdir / "decks" / "job.med").write_text("made")
+
+    workshop.stages[0] = replace(workshop.stages[0], run=mesh)
+    workshop.run()
+    deck = workshop.folder / "results" / "decks" / "job.med"
+    deck.write_text("mine")
+    assert workshop.run() == []
+    assert workshop.run(force=True, until="mesh") == ["mesh"] and deck.read_text() == "made"
+    assert deck.with_name("job.edited.med").read_text() == "mine"
+
+
+def test_results_that_link_to_nothing_are_told_as_such(workshop: Workshop) -> None:
+    (workshop.folder / "results").symlink_to(workshop.folder / "not mounted")
+    with pytest.raises(StageError, match="a link to .*not mounted, which is not there"):
+        workshop.run()
 
 
 def test_a_folder_in_the_place_of_a_result_is_refused_before_the_work(workshop: Workshop) -> None:

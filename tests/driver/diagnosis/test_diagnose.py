@@ -255,7 +255,14 @@ def test_a_value_that_ends_at_its_bound_is_told_and_leaves_what_is_beyond() -> N
     # Along a value that is held at its bound what is left is seen.
     assert not found.steps[-1].omnibus.accepted
     assert found.causes[0].name == "tilt_drift" and found.verdict.kind == "unexplained"
-    assert "tilt_drift stands at its bound, 0.005: the data ask for more" in found.verdict.text
+    assert "bound, 0.005: the data would have it larger" in found.verdict.text
+    below = diagnosed({"tilt_drift": -1.2e-2}, settings=settings)
+    assert "bound, -0.005: the data would have it smaller" in below.verdict.text
+    # A refit that is held promises nothing that lies beyond.
+    refit = found.steps[0].refits[0]
+    at = refit.fit.best
+    assert refit.cause.name == "tilt_drift" and refit.fit.values["tilt_drift"] == 0.005
+    assert refit.own_misfit == pytest.approx(float(at.residual @ at.residual), rel=0.02)
 
 
 def test_a_simulation_that_changes_its_own_error_is_refused_a_verdict() -> None:

@@ -299,3 +299,21 @@ def test_a_round_names_what_only_a_look_from_afar_shows(hidden: Examined) -> Non
     found = examine(hidden.fit, hidden.objective, (), settings, Stops(None), None, meshes, silent)
     assert found.winner is not None and found.winner.cause.name == "non_schmid"
     assert found.winner.fit.values["a1"] == pytest.approx(TRUTH, abs=0.04)
+
+
+def test_along_a_parameter_at_its_bound_the_residual_is_seen_from_afar_as_well(
+    hidden: Examined,
+) -> None:
+    """A look is scored as if what is held at its bound were given."""
+    objective, fitted = hidden.objective, hidden.fit
+    known = objective.parameters
+    held = replace(known["tau0"], upper=fitted.values["tau0"])
+    objective = replace(objective, parameters={**known, "tau0": held})
+    assert fitted.at_bounds(objective.parameters) == ("tau0",)
+    at = replace(hidden, objective=objective)
+    given = replace(at, fit=replace(fitted, best=fitted.inside(objective)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(far_looks, "PROMISING", 0.0)  # no refit, which frees it again
+        one, other, free = (_of(look(seen).scores, "non_schmid") for seen in (at, given, hidden))
+    assert one.visible == pytest.approx(other.visible)
+    assert one.visible != pytest.approx(free.visible, rel=1e-3)

@@ -133,7 +133,7 @@ def test_a_cause_whose_model_cannot_be_simulated_finer_gives_way_to_the_next() -
         found = diagnosed((WRONG, TRUE), (WRONG, TRUE))
     assert found.verdict.kind == "named" and found.verdict.causes == (TRUE,)
     assert found.steps[0].named == (TRUE,)
-    told = f"{WRONG} is not added, for its model cannot be simulated finer (a cell is inside out)"
+    told = f"{WRONG} is not added, for its model cannot be simulated (a cell is inside out)"
     assert told in found.verdict.text and not found.verdict.next.startswith("Let the fit")
 
 
@@ -150,3 +150,25 @@ def test_rounds_that_come_to_no_end_are_told() -> None:
         found = diagnosed((TRUE,), (TRUE,))
     assert found.verdict.kind == "unexplained" and not found.causes
     assert f"{TRUE} is not added, for the rounds come to no end" in found.verdict.text
+
+
+def test_a_cause_that_is_added_after_all_is_not_told_to_be_missing() -> None:
+    """Two effects; the model of the stronger one cannot be simulated at first, or never."""
+    made = closed_form.objective(BENCH, BENCH.truth | {TRUE: 2e-3, "load_drift": 50.0})
+    settings = replace(SETTINGS, wanted=(TRUE, "load_drift"))
+    baseline = identified(BENCH, made)
+    tries: list[str] = []
+
+    def at_first(before: Extension, winner: Refit, settings: Settings, log: Log) -> Extension:
+        tries.append(winner.cause.name)
+        if len(tries) == 1:
+            raise SolverError("no step is short enough")
+        return extended(before, winner, settings, log)
+
+    with patch.object(rounds, "extended", at_first):
+        found = diagnosis_of(BENCH, baseline, settings)
+    assert set(found.verdict.causes) == {TRUE, "load_drift"} and tries[0] == tries[2]
+    assert "is not added" not in found.verdict.text
+    with patch.object(rounds, "extended", unless(tries[0])):
+        found = diagnosis_of(BENCH, baseline, settings)
+    assert found.verdict.text.count(f"{tries[0]} is not added") == 1
