@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from driver.attempt import Failure, attempt
 from driver.case import Case, CaseError, schema_text, write_case
 from driver.design.telling import Telling, advice, most_telling
 from driver.diagnosis.diagnose import diagnose
@@ -21,7 +22,7 @@ from driver.diagnosis.screening import screened
 from driver.diagnosis.verdict import with_places
 from driver.diagnosis.whereabouts import Whereabouts, still_missed, told, whereabouts
 from driver.diagnosis_record import DIAGNOSIS, DIAGNOSIS_H5, diagnosis_record
-from driver.errors import InputError, sentence
+from driver.errors import sentence
 from driver.extended_case import (
     EXTENDED,
     NOISE_MAP,
@@ -47,8 +48,6 @@ from driver.results import read_hdf5, write_hdf5
 from driver.specimen import geometry_of
 from driver.stages import StageContext
 from driver.workbench import Workbench, on_another_mesh
-from solver_adapters.interface import SolverError
-from solver_adapters.jobs.errors import is_by_circumstances
 
 SCHEMA = "case.schema.json"  # the name by which every case file knows its schema
 
@@ -172,14 +171,12 @@ def _telling(found: Diagnosis, context: StageContext, bench: Workbench) -> tuple
     scores = {s.cause.name: s for s in last.scores}
     sizes = {name: float(np.max(np.abs(scores[name].estimate))) for name in group}
     law = {name: found.baseline.values[name] for name in found.baseline.best.free}
-    try:
-        case = with_flips(context.case, found)
-        return most_telling(case, bench.experiment.history, sizes, law, context.log)
-    except (InputError, SolverError, ValueError) as error:
-        if is_by_circumstances(error):
-            raise
-        context.log(f"  not found out: {str(error).partition(chr(10))[0]}")
+    case, history = with_flips(context.case, found), bench.experiment.history
+    told = attempt(lambda: most_telling(case, history, sizes, law, context.log))
+    if isinstance(told, Failure):
+        context.log(f"  not found out: {told.why}")
         return ()
+    return told
 
 
 def held_out_cycle(case: Case, case_path: Path, cycles: int) -> int | None:

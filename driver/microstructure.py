@@ -19,6 +19,7 @@ from meshes.velocity import (
     moved,
 )
 from solver_adapters.crystal import rotation_vector_matrix
+from solver_adapters.interface import SolverError
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
@@ -92,13 +93,16 @@ class Microstructure:
         """The mesh with its nodes where the parameters put them.
 
         Raises:
-            ValueError: the change would turn a cell inside out.
+            SolverError: the change would turn a cell inside out.
         """
         active = {name: v for name, v in self.velocities.items() if values[name] != 0.0}
         if not active:
             return self.mesh
         shift = sum((values[name] * v for name, v in active.items()), np.zeros((1, 3)))
-        return moved(self.mesh, np.asarray(shift))
+        try:
+            return moved(self.mesh, np.asarray(shift))
+        except ValueError as error:
+            raise SolverError(str(error)) from None
 
     def rotated(self, values: Mapping[str, float]) -> FloatArray:
         """Orientations with the grain rotations and the turn of the EBSD frame."""

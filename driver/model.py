@@ -186,8 +186,8 @@ class ForwardModel:
         """Simulate and observe.
 
         Raises:
-            SolverError: the simulation could not be finished.
-            ValueError: a geometric parameter turns a cell inside out.
+            SolverError: the simulation could not be finished, or a geometric parameter turns a
+                cell inside out.
         """
         simulation = self.simulation(values, free)
         response = self.adapter.solve(simulation, self.workspace, progress)

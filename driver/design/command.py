@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
+from driver.attempt import first_line
 from driver.case import Case, load_case
 from driver.design.course import changed
 from driver.design.forecast import (
@@ -140,7 +141,7 @@ def _attempt(plan: Plan) -> Forecast | str:
     try:
         return whole_forecast(plan)
     except (SolverError, InputError, ValueError) as error:
-        return str(error).partition("\n")[0]
+        return first_line(error)
 
 
 def _history(case: Case, settings: Settings) -> History:

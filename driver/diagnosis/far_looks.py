@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
+from driver.attempt import Failure, attempt
 from driver.diagnosis.causes import NUMERICS
 from driver.diagnosis.evidence import amounts_of
 from driver.diagnosis.noise_causes import COVARIANCE
@@ -34,8 +35,6 @@ from driver.identification.objective import Evaluation, Objective
 from driver.identification.priors import FREED_WIDTH
 from driver.log import Log
 from driver.side_by_side import side_by_side
-from solver_adapters.interface import SolverError
-from solver_adapters.jobs.errors import is_by_circumstances
 
 PROMISING = 0.02  # probability of one look under the null, below which a refit follows
 HOPEFUL = 0.5  # of the best log evidence of any cause so far, which a side has to promise as well
@@ -245,13 +244,9 @@ def _sides(near: Score, here: Fit, extended: Objective, log: Log) -> list[tuple[
 
     def side(amount: float) -> tuple[Evaluation, float] | None:
         values = here.values | {name: parameter.value(amount * parameter.width, null)}
-        try:
-            prediction = model.predict(values, ())
-        except (SolverError, ValueError) as error:
-            if is_by_circumstances(error):
-                raise
-            why = str(error).partition("\n")[0]
-            log(f"  {name} = {values[name]:.3g} cannot be simulated ({why})")
+        prediction = attempt(lambda: model.predict(values, ()))
+        if isinstance(prediction, Failure):
+            log(f"  {name} = {values[name]:.3g} cannot be simulated ({prediction.why})")
             return None
         at = extended.compare(prediction, values, ())
         return at, float(amounts_of(near.cause.parameters, values, extended)[0])

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from driver.attempt import Failure, attempt
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.flip_trial import turned
 from driver.identification.fit import Fit
@@ -16,8 +17,6 @@ from driver.identification.procedure import correction
 from driver.log import Log
 from driver.model import ForwardModel
 from driver.side_by_side import side_by_side
-from solver_adapters.interface import SolverError
-from solver_adapters.jobs.errors import is_by_circumstances
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,15 +59,14 @@ class FinerMeshes:
             return correction(working, self.one, here, log)
 
         def on_another() -> Correction | None:
-            assert self.another is not None
+            another = self.another
+            assert another is not None
             log("the same on another mesh")
-            try:
-                return correction(working, self.another(), here, log)
-            except (SolverError, ValueError) as error:
-                if is_by_circumstances(error):
-                    raise
-                log(f"  one mesh has to do: {str(error).partition(chr(10))[0]}")
+            found = attempt(lambda: correction(working, another(), here, log))
+            if isinstance(found, Failure):
+                log(f"  one mesh has to do: {found.why}")
                 return None
+            return found
 
         asked = [on_one, on_another] if both and self.another is not None else [on_one]
         # One after the other; jobs for another machine are prepared all at once.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from driver.attempt import Failure, attempt
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.ebsd_flips import half_turn
 from driver.diagnosis.examined import NotExamined
@@ -23,8 +24,6 @@ from driver.identification.descent import promised
 from driver.identification.objective import Evaluation, Objective
 from driver.model import ForwardModel
 from driver.side_by_side import side_by_side
-from solver_adapters.interface import SolverError
-from solver_adapters.jobs.errors import is_by_circumstances
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +94,10 @@ def try_flips(
     looks = list(zip(starts, ends, strict=True))
     for flip in flips:
         mine = [(start, look) for start, look in looks if start.cause is flip]
-        seen = [replace(start, start=look) for start, look in mine if not isinstance(look, str)]
+        failures = [look for _, look in mine if isinstance(look, Failure)]
+        seen = [replace(s, start=look) for s, look in mine if not isinstance(look, Failure)]
         if not seen:
-            why = f"it cannot be simulated ({mine[0][1]})"
+            why = f"it cannot be simulated ({failures[0].why})"
             crew.log(f"  {flip.name}: {why}")
             failed.append(NotExamined(flip.name, why))
             continue
@@ -115,13 +115,8 @@ def try_flips(
     return FlipTrial(tuple(scores), tuple(refits), tuple(failed))
 
 
-def _first_look(start: Start) -> Evaluation | str:
-    try:
-        return start.objective.evaluate(start.values, start.baseline.free)
-    except (SolverError, ValueError) as error:
-        if is_by_circumstances(error):
-            raise
-        return str(error).partition("\n")[0]
+def _first_look(start: Start) -> Evaluation | Failure:
+    return attempt(lambda: start.objective.evaluate(start.values, start.baseline.free))
 
 
 def _promise(start: Start) -> float:

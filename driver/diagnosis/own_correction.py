@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from driver.attempt import Failure, attempt
 from driver.diagnosis.finer_meshes import FinerMeshes
 from driver.diagnosis.refit import TOLERANCE, Crew, Refit, refit_of, with_prior
 from driver.identification.fit import fit_from
@@ -18,8 +19,6 @@ from driver.identification.procedure import correction
 from driver.log import silent
 from driver.model import ForwardModel
 from driver.side_by_side import side_by_side
-from solver_adapters.interface import SolverError
-from solver_adapters.jobs.errors import is_by_circumstances
 
 REACH = 10.0
 """Log evidence below the best within which a correction may change the order."""
@@ -64,29 +63,27 @@ def with_own_corrections(
     crew.log("finer mesh and steps at the end of each refit that leads")
     tasks = [_Task(refit, finer.turned((refit.cause,)).one, baseline) for refit in leading]
 
-    def done(index: int, result: Refit | str) -> None:
+    def done(index: int, result: Refit | Failure) -> None:
         name, before = leading[index].cause.name, leading[index].log_evidence
-        if isinstance(result, str):
-            crew.log(f"  {name}: log evidence {before:+.1f} as it was, {result}")
+        if isinstance(result, Failure):
+            why = f"for it cannot be simulated ({result.why})"
+            crew.log(f"  {name}: log evidence {before:+.1f} as it was, {why}")
         else:
             crew.log(f"  {name}: log evidence {before:+.1f} → {result.log_evidence:+.1f}")
 
     ends = side_by_side(_under_its_own, tasks, crew.processes, crew.threads, done)
-    own = [a if isinstance(b, str) else b for a, b in zip(leading, ends, strict=True)]
+    own = [a if isinstance(b, Failure) else b for a, b in zip(leading, ends, strict=True)]
     others = [refit for refit in refits if refit not in leading]
     return sorted([*own, *others], key=lambda refit: -refit.log_evidence)
 
 
-def _under_its_own(task: _Task) -> Refit | str:
+def _under_its_own(task: _Task) -> Refit | Failure:
     """The refit under the correction at its end, or why there is none."""
     refit, cause = task.refit, task.refit.cause
     objective = with_prior(refit.objective, cause)
-    try:
-        change = correction(objective.model, task.finer, refit.fit, silent)
-    except (SolverError, ValueError) as error:
-        if is_by_circumstances(error):
-            raise
-        return f"for it cannot be simulated ({str(error).partition(chr(10))[0]})"
+    change = attempt(lambda: correction(objective.model, task.finer, refit.fit, silent))
+    if isinstance(change, Failure):
+        return change
     # What the other mesh adds is that at the baseline: small beside what this changes.
     objective = replace(objective, correction=change.mean_with(objective.spread))
     result = fit_from(refit.fit.best, objective, _MOST, silent, TOLERANCE)

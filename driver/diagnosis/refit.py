@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from driver.attempt import Failure, attempt
 from driver.diagnosis.causes import Cause
 from driver.diagnosis.evidence import log_bayes_factor
 from driver.diagnosis.score import Score
@@ -16,8 +17,6 @@ from driver.identification.objective import Evaluation, Objective
 from driver.identification.priors import FREED_WIDTH
 from driver.log import Log, silent
 from driver.side_by_side import side_by_side
-from solver_adapters.interface import SolverError
-from solver_adapters.jobs.errors import is_by_circumstances
 
 MOST_ITERATIONS = 5
 MOST_FROM_AFAR = 8
@@ -264,13 +263,11 @@ def _refit(task: Start) -> Refit | str:
     """The refit, or why the start was given up."""
     objective, here = task.objective, task.start
     if here is None:
-        try:
-            beside = objective.near(task.baseline)
-            here = beside.evaluate(task.values, freed_with(task.baseline, task.cause))
-        except (SolverError, ValueError) as error:
-            if is_by_circumstances(error):
-                raise
-            return f"for it cannot be simulated ({str(error).partition(chr(10))[0]})"
+        beside, free = objective.near(task.baseline), freed_with(task.baseline, task.cause)
+        first = attempt(lambda: beside.evaluate(task.values, free))
+        if isinstance(first, Failure):
+            return f"for it cannot be simulated ({first.why})"
+        here = first
     result = fit(
         objective, here.values, here.free, task.most, silent, here, TOLERANCE, bar=task.bar
     )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
+from driver.attempt import Failure, attempt
 from driver.diagnosis.boundary_noise import Stops
 from driver.diagnosis.extension import Extension, extended
 from driver.diagnosis.finer_meshes import FinerMeshes
@@ -22,8 +24,6 @@ from driver.diagnosis.round import (
 from driver.diagnosis.score import WORTH
 from driver.diagnosis.verdict import MOST_ADDITIONS
 from driver.log import Log
-from solver_adapters.interface import SolverError
-from solver_adapters.jobs.errors import is_by_circumstances
 
 MOST_STEPS = 6  # rounds, where elimination keeps taking back what was added
 
@@ -112,15 +112,12 @@ def _with_the_best(
     """
     refits, failed = step.refits, dict[str, str]()
     while refits and refits[0].log_evidence > WORTH:
-        name = refits[0].cause.name
-        log(f"adding {name}, log evidence {refits[0].log_evidence:+.1f}")
-        try:
-            after = extended(here, refits[0], settings, log)
-        except (SolverError, ValueError) as error:
-            if is_by_circumstances(error):
-                raise
-            why = str(error).partition("\n")[0]
-            failed[name] = f"{name} is not added, for its model cannot be simulated ({why})"
+        best = refits[0]
+        name = best.cause.name
+        log(f"adding {name}, log evidence {best.log_evidence:+.1f}")
+        after = attempt(partial(extended, here, best, settings, log))
+        if isinstance(after, Failure):
+            failed[name] = f"{name} is not added, for its model cannot be simulated ({after.why})"
             log(failed[name])
             refits = refits[1:]
             continue
@@ -165,14 +162,11 @@ def _by_a_rival(
     left_something = [last.named[0]]
     for rival in rivals:
         log(f"{last.named[0]} leaves something: {rival.cause.name} is tried in its place")
-        try:
-            tried = extended(before, rival, settings, log)
-            seen = at_first_sight(tried.fit, tried.objective, settings, stops, log)
-        except (SolverError, ValueError) as error:
-            if is_by_circumstances(error):
-                raise
-            log(f"  it cannot be simulated ({str(error).partition(chr(10))[0]})")
+        end = attempt(partial(_exchanged, before, rival, stops, settings, log))
+        if isinstance(end, Failure):
+            log(f"  it cannot be simulated ({end.why})")
             continue
+        tried, seen = end
         if is_settled(seen):
             log("  nothing is left")
             found.append((rival, tried, seen))
@@ -186,3 +180,11 @@ def _by_a_rival(
     scores = [score for score in last.scores if score.cause.name not in left]
     step = replace(last, named=set_of(stand, scores), left_something=tuple(left_something))
     return found[0][1], step, found[0][2]
+
+
+def _exchanged(
+    before: Extension, rival: Refit, stops: Stops, settings: Settings, log: Log
+) -> tuple[Extension, Step]:
+    """The model with a rival, and what is left there at first sight."""
+    tried = extended(before, rival, settings, log)
+    return tried, at_first_sight(tried.fit, tried.objective, settings, stops, log)

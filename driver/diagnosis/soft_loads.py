@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from driver.attempt import Failure, attempt
 from driver.diagnosis.refit import (
     HOPEFUL,
     MOST_FROM_AFAR,
@@ -33,8 +34,6 @@ from driver.identification.fit import POLISH, Fit, fit, fit_from
 from driver.identification.objective import Evaluation, Objective
 from driver.log import Log, silent
 from driver.side_by_side import side_by_side
-from solver_adapters.interface import SolverError
-from solver_adapters.jobs.errors import is_by_circumstances
 
 SOFTER = 30.0  # times as soft loads hardly count
 ON_THE_WAY = 1.0  # Newton decrement of a fit that only begins the next one [σ]
@@ -99,13 +98,11 @@ def refit_from_soft_loads(
 def _by_the_images(objective: Objective, baseline: Evaluation, log: Log) -> Fit:
     """The baseline where the images lead, from the nominal model: the baseline itself is bent."""
     values, free = nominal(baseline, objective), baseline.free
-    try:
-        return fit(objective, values, free, POLISH, log, tolerance=ON_THE_WAY)
-    except (SolverError, ValueError) as error:
-        if is_by_circumstances(error):
-            raise
-        log(f"  not from the nominal model ({str(error).partition(chr(10))[0]})")
+    found = attempt(lambda: fit(objective, values, free, POLISH, log, tolerance=ON_THE_WAY))
+    if isinstance(found, Failure):
+        log(f"  not from the nominal model ({found.why})")
         return fit_from(baseline, objective, POLISH, log, ON_THE_WAY)
+    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.attempt import first_line
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.step import bounded_step, trial_values
 from driver.log import Log
@@ -117,9 +118,8 @@ def _tried(
 ) -> Evaluation | None:
     try:
         return objective.evaluate(values, here.free)
-    except (SolverError, ValueError) as error:
+    except SolverError as error:
         if is_by_circumstances(error) and not is_out_of_time(error):
             raise  # a shorter step might not be run or be killed as well, and prove nothing
-        first = str(error).partition("\n")[0].removesuffix("; its log ends:")
-        log(f"    a trial point failed, so that the step is shortened: {first}")
+        log(f"    a trial point failed, so that the step is shortened: {first_line(error)}")
         return None

@@ -116,7 +116,7 @@ def fit(
         bar: cost that each step has to promise; where one does not, the fit is given up.
 
     Raises:
-        SolverError, ValueError: the model cannot be evaluated at the start.
+        SolverError: the model cannot be evaluated at the start.
         NotRunError: a simulation was not run: the solver is absent, or its job was prepared.
         JobError, ResultFileError: a simulation was killed, ran out of memory or left no result.
     """

@@ -69,7 +69,7 @@ class Objective:
         """Simulate and compare.
 
         Raises:
-            SolverError, ValueError: as `ForwardModel.predict`.
+            SolverError: as `ForwardModel.predict`.
         """
         prediction = self.model.predict(values, free)
         return self.compare(prediction, values, free)
@@ -152,7 +152,7 @@ class Objective:
         Only the derivatives that it lacks are simulated; data, prior and correction may be others.
 
         Raises:
-            SolverError, ValueError: as `ForwardModel.predict`.
+            SolverError: as `ForwardModel.predict`.
         """
         missing = tuple(name for name in free if name not in evaluation.free)
         prediction, names = evaluation.prediction, evaluation.free + missing

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Generic, TypeVar
 
 import numpy as np
 
+from driver.attempt import Failure, attempt
 from driver.identification.fit import Fit
 from driver.log import Log
 from driver.side_by_side import side_by_side
-from solver_adapters.interface import SolverError
-from solver_adapters.jobs.errors import is_by_circumstances
 from solver_adapters.parameter import Parameter
 
 SEED = 20160501  # of the starts that are drawn
@@ -94,13 +94,13 @@ def from_each_start(
     """
     log(f"{len(tasks)} starts, those after the first drawn with seed {SEED}")
 
-    def outcome(result: Result | SolverError | ValueError) -> Outcome:
-        if isinstance(result, Exception):
-            return Outcome(float("inf"), {}, str(result).partition("\n")[0])
+    def outcome(result: Result | Failure) -> Outcome:
+        if isinstance(result, Failure):
+            return Outcome(float("inf"), {}, result.why)
         end = fit_of(result)
         return Outcome(end.best.cost, {name: end.values[name] for name in told}, end.reason)
 
-    def done(index: int, result: Result | SolverError | ValueError) -> None:
+    def done(index: int, result: Result | Failure) -> None:
         ended = outcome(result)
         found = ", ".join(f"{name} {value:.4g}" for name, value in ended.values.items())
         log(f"  start {index + 1}: cost {ended.cost:.1f}, {found or 'failed'} ({ended.reason})")
@@ -113,7 +113,7 @@ def from_each_start(
     near = sum(cost - costs[best] < SAME for cost in costs)
     log(f"  kept start {best + 1}; {near} of {len(tasks)} end within {SAME:g} of its cost")
     kept = results[best]
-    assert not isinstance(kept, Exception)
+    assert not isinstance(kept, Failure)
     return kept, outcomes
 
 
@@ -124,10 +124,6 @@ class _Job(Generic[Task, Result]):
     must: bool
 
 
-def _attempt(job: _Job[Task, Result]) -> Result | SolverError | ValueError:
-    try:
-        return job.work(job.task)
-    except (SolverError, ValueError) as error:
-        if job.must or is_by_circumstances(error):
-            raise
-        return error
+def _attempt(job: _Job[Task, Result]) -> Result | Failure:
+    work = partial(job.work, job.task)
+    return work() if job.must else attempt(work)

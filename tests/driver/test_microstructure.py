@@ -13,6 +13,7 @@ from driver.microstructure import (
 )
 from meshes.prism import PrismGeometry, generate
 from solver_adapters.crystal import bunge_matrix
+from solver_adapters.interface import SolverError
 
 FloatArray = NDArray[np.float64]
 
@@ -84,7 +85,7 @@ def test_changes_of_geometry_add_up(two_grains: Microstructure) -> None:
 
 
 def test_a_change_that_turns_cells_inside_out_is_refused(two_grains: Microstructure) -> None:
-    with pytest.raises(ValueError, match="inverts"):
+    with pytest.raises(SolverError, match="inverts"):
         two_grains.moved_mesh(NULL | {"boundary_shift": 2.5})
 
 

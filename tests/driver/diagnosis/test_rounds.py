@@ -122,7 +122,7 @@ def unless(*failing: str) -> Callable[[Extension, Refit, Settings, Log], Extensi
 
     def tried(before: Extension, winner: Refit, settings: Settings, log: Log) -> Extension:
         if winner.cause.name in failing:
-            raise ValueError("a cell is inside out\nmore of it")
+            raise SolverError("a cell is inside out\nmore of it")
         return extended(before, winner, settings, log)
 
     return tried
