@@ -21,6 +21,8 @@ _SEEN = 5.0  # standard deviations of a load from which a change is one
 def strange_loads(case: Case, history: History, force: FloatArray) -> Iterator[Finding]:
     """Loads that no specimen in tension has: of a wrong unit or sign, or of an idle load cell.
 
+    Those that the case leaves out do not count.
+
     Args:
         case: the case.
         history: its history.
@@ -31,6 +33,8 @@ def strange_loads(case: Case, history: History, force: FloatArray) -> Iterator[F
     def told(found: str, expected: str) -> Finding:
         return Finding("warning", "loads", f"{file}: force_N: found {found}, expected {expected}")
 
+    kept = np.setdiff1d(np.arange(force.size), case.loads.left_out)
+    force, cycle = force[kept], history.cycle[kept]
     span, noise = float(np.ptp(force)), case.loads.noise_uN
     if span < _SEEN * noise:
         yield told(
@@ -43,8 +47,8 @@ def strange_loads(case: Case, history: History, force: FloatArray) -> Iterator[F
             f"a stress of {stress:.3g} MPa at the specimen",
             f"below {_STRONGEST:g} MPa: newtons of the macroscopic sample, scaled by [sections]",
         )
-    first = history.stage[history.image_row] - history.stage[0]
-    first, loading = first[history.cycle == 1], force[history.cycle == 1]
+    travel = history.stage[history.image_row][kept] - history.stage[0]
+    first, loading = travel[cycle == 1], force[cycle == 1]
     if loading.size and loading[int(np.argmax(np.abs(first)))] < loading[0] - _SEEN * noise:
         yield told("loads that fall in the first loading", "tension positive")
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from driver.case import Case
 from driver.case_tables.images import Images
 from driver.errors import InputError, sentence
-from driver.history import History, read_history
+from driver.history import History, HistoryError, read_history
 from driver.images.files import Refused, files_of, split_dataset
 from driver.images.heightmaps import Stack, load_stack
 
@@ -24,6 +24,7 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 # The relief of the repeats is that of image 0: another scale shows in its spread.
 _SCALES = 2.0
+FEWEST_LOADS = 2
 _TALLEST = 1e6  # nm; beyond it a level means something else, such as 3e38 for no height
 
 
@@ -71,9 +72,23 @@ def history_of(case: Case) -> History:
     """The loading history of a case, of its images or, where it has none, of its loads.
 
     Raises:
-        HistoryError: the history cannot be used.
+        HistoryError: the history cannot be used, or the loads that the case leaves out are none
+            of it, or too many of it.
     """
-    return read_history(case.path(case.history.file), case.with_images)
+    path = case.path(case.history.file)
+    history = read_history(path, case.with_images)
+    left, loads = set(case.loads.left_out), range(history.n_images)
+    unknown = sorted(left.difference(loads))
+    if unknown:
+        found = ", ".join(map(str, unknown))
+        expected = f"numbers from 0 to {loads[-1]}, as {path} has them"
+        raise HistoryError(f"loads.left_out: found {found}, expected {expected}")
+    if len(loads) - len(left) < FEWEST_LOADS:
+        raise HistoryError(
+            f"loads.left_out: found {len(left)} of the {len(loads)} loads of {path}, expected at "
+            f"least {FEWEST_LOADS} that stay"
+        )
+    return history
 
 
 def read_experiment(case: Case) -> Experiment:

@@ -1,4 +1,7 @@
-"""The case that a diagnosis ends with: its causes freed, its noise stated, its starts fitted."""
+"""The case that a diagnosis ends with: its causes freed, its noise stated, its starts fitted.
+
+What the diagnosis left out of the loads stays out of them.
+"""
 
 from __future__ import annotations
 
@@ -62,6 +65,7 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     }
     if SIGMA_E.name in found.levels:
         boundary["jitter_nm"] = 1e3 * found.levels[SIGMA_E.name][0]
+    wrong = {*case.loads.left_out, *(bad.frame for bad in found.bad_loads)}
     files = tuple(_from_results(case, name) for name in case.diagnosis.cause_files)
     meshes = {
         key: _from_results(case, name)
@@ -72,6 +76,7 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
         update={
             "material": material,
             "boundary": case.boundary.model_copy(update=boundary),
+            "loads": case.loads.model_copy(update={"left_out": tuple(sorted(wrong))}),
             "extensions": freed,
             "images": images.model_copy(update=moved),
             "dic": case.dic.model_copy(update=meshes),

@@ -82,6 +82,7 @@ def build_loads_bench(context: StageContext, adapter: Adapter) -> LoadsBench:
         case.loads.gamma_F,
         case.loads.autocorrelation,
         np.arange(history.n_images),
+        unread_loads=case.loads.left_out,
     )
     objective = Objective(working, data, parameters, prior)
     plan = Plan(
@@ -112,9 +113,10 @@ def run_identify_loads(context: StageContext) -> None:
         context.log(f"  {value_told(name, final, bench.objective.parameters)}")
     for warning in warnings_of(found):
         context.log(f"  {warning}")
-    load, chi = bench.objective.data.load, final.best.chi_load
+    load, n_loads = bench.objective.data.load, bench.objective.data.n_load
+    chi = final.best.chi_load
     context.log(f"  budget: noise 1, this model {chi:.2f} (loads)")
-    for sentence in doubts(chi, load.size, final.converged):
+    for sentence in doubts(chi, n_loads, final.converged):
         context.log(f"  WARNING: {sentence}")
     write_identification(
         context.workdir,

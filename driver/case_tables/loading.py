@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from driver.case_errors import refusal
-from driver.case_tables.values import FileName, NonNegative, Number, Positive, Table
+from driver.case_tables.values import FileName, Frame, NonNegative, Number, Positive, Table
 from driver.load_clock import LARGEST_LAG
 
 
@@ -52,6 +52,9 @@ class Loads(Table):
     )
     clock_uncertainty_s: Annotated[float, Field(strict=True, ge=0, le=LARGEST_LAG / 3)] = Field(
         default=0.0, description="standard deviation of the lag of the load behind the images"
+    )
+    left_out: tuple[Frame, ...] = Field(
+        default=(), description="numbers of the images whose loads are wrong and not fitted"
     )
 
     @property

@@ -18,7 +18,7 @@ from driver.report.identified_tables import estimate_rows
 from driver.report.style import data_uri, png
 from driver.results import prismid_version, read_hdf5
 from driver.stages import StageContext
-from driver.wording import chi, named, number, with_sigma
+from driver.wording import chi, left_out_told, named, number, with_sigma
 from templates import render
 
 REPORT = "report.html"
@@ -43,18 +43,19 @@ def run_report_loads(context: StageContext) -> None:
         )
     )  # fmt: skip
     (context.workdir / "report_loads.png").write_bytes(picture)
-    rest = found["final/load_residual"]
+    rest = np.delete(found["final/load_residual"], case.loads.left_out)
     page = render(
         "report_loads.html.j2",
         title=context.case_path.resolve().parent.name,
         version=prismid_version(),
-        n_loads=len(found["force"]),
+        n_loads=rest.size,
+        left_out=left_out_told(case.loads.left_out),
         chi=chi(float(found["budget/load"])),
         rms=number(float(np.sqrt(np.mean(rest**2))), 2),
         noise=number(case.loads.gamma_F),
         ratio=_ratio(case),
         reason=reason,
-        doubts=doubts(float(found["budget/load"]), len(found["force"]), converged),
+        doubts=doubts(float(found["budget/load"]), rest.size, converged),
         warnings=[named(text, names) for text in warnings],
         groups=groups,
         knots=knots,

@@ -14,7 +14,16 @@ from driver.report.measured_texts import texts
 from driver.report.references import REFERENCES
 from driver.report.style import INDEXED, data_uri
 from driver.report.tables import added_rows, cause_rows, measure, parameter_rows, whereabouts_rows
-from driver.wording import cause_label, chi, joined, label, number, probability, readable
+from driver.wording import (
+    cause_label,
+    chi,
+    joined,
+    label,
+    left_out_told,
+    number,
+    probability,
+    readable,
+)
 from templates import render
 
 TEMPLATE = "report.html.j2"
@@ -270,7 +279,8 @@ def facts(findings: Findings) -> list[tuple[str, str]]:
                    f"{1e3 * float(m['pixel']):g} nm a pixel, {m['rows'].size} px used{but}"),
         ("noise", f"height {number(1e3 * float(m['sigma']))} nm an image "
                   f"(reference: mean of {float(m['n_reference']):g}), load "
-                  f"{number(findings.load_noise)} µN; on the correlation mesh "
+                  f"{number(findings.load_noise)} µN{left_out_told(case.loads.left_out)}; "
+                  "on the correlation mesh "
                   f"{number(findings.noise_factor)} times that of the repeats"),
         ("test", f"{int(m['cycle'].max())} cycles, stage travel up to {m['stage'].max():g} µm, "
                  f"load up to {number(float(peaks), 4)} µN"),

@@ -116,6 +116,7 @@ def refused(tmp_path: Path, *changes: tuple[str, str]) -> list[str]:
          "solver.profiles.bar.memory", "an unknown key", "one of command, processes, threads"),
         ("refit = 5", "refit = 2.5", "diagnosis.refit", "2.5", "a whole number"),
         ("autocorrelation = 0.0", "autocorrelation = 1.0", "loads.autocorrelation", "1.0", "< 1"),
+        ("left_out = []", "left_out = [3, -1]", "loads.left_out", "[3, -1]", "a number ≥ 0"),
         ("noise_uN = 5.97", "noise_uN = nan", "loads.noise_uN", "NaN", "a finite number"),
         ("C12_GPa = 135.5", "C12_GPa = 300", "material.C11_GPa", "233.5", "> C12_GPa = 300"),
     ],

@@ -42,3 +42,12 @@ def test_a_test_in_tension_with_some_compression_is_not_warned_of() -> None:
     # A stage that counts backwards pulls all the same.
     back = History(**{**vars(HISTORY), "stage": -STAGE})
     assert not list(strange_loads(default_case(), back, LOADS))
+
+
+def test_loads_that_the_case_leaves_out_are_not_warned_of() -> None:
+    loads, case = LOADS.copy(), default_case()
+    loads[1] = 1e6
+    (finding,) = strange_loads(case, HISTORY, loads)
+    assert "MPa" in finding.message
+    left_out = case.loads.model_copy(update={"left_out": (1,)})
+    assert not list(strange_loads(case.model_copy(update={"loads": left_out}), HISTORY, loads))

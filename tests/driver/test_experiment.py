@@ -118,6 +118,23 @@ def test_another_number_of_frames_than_of_images_is_refused(folder: Path) -> Non
     )
 
 
+@pytest.mark.parametrize(
+    ("left_out", "told"),
+    [
+        ([1, 2, 7], "loads.left_out: found 2, 7, expected numbers from 0 to 1, as {} has them"),
+        ([1], "loads.left_out: found 1 of the 2 loads of {}, expected at least 2 that stay"),
+    ],
+)
+def test_loads_that_cannot_be_left_out_are_named(
+    folder: Path, left_out: list[int], told: str
+) -> None:
+    case, path = load_case(folder / "case.toml"), folder / "history.csv"
+    loads = case.loads.model_copy(update={"left_out": tuple(left_out)})
+    with pytest.raises(ExperimentError) as error:
+        read_experiment(case.model_copy(update={"loads": loads}))
+    assert str(error.value) == told.format(path)
+
+
 @pytest.mark.parametrize("name", ["flats", "repeats", "mask"])
 def test_a_stack_of_another_size_is_refused(folder: Path, name: str) -> None:
     tifffile.imwrite(

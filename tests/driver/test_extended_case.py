@@ -13,6 +13,7 @@ from driver.case_tables.images import Axis
 from driver.case_tables.solver import ProfileTable
 from driver.diagnosis.causes import LIBRARY, Cause
 from driver.diagnosis.ebsd_flips import FLIPS, half_turn
+from driver.diagnosis.loads import BadLoad
 from driver.diagnosis.noise_causes import BOUNDARY_NOISE, NOISE_NOT_UNIFORM
 from driver.experiment import arrange
 from driver.extended_case import NOISE_MAP, added_parameters, extended_case, write_noise_map
@@ -31,7 +32,7 @@ def ended(values: dict[str, float], *causes: Cause, **more: Any) -> Any:
     free = SimpleNamespace(free=("tau0", "c", "d", *more.pop("fitted", ())))
     return SimpleNamespace(
         extended=SimpleNamespace(values=null | values), baseline=SimpleNamespace(best=free),
-        causes=causes, levels=more.pop("levels", {}), **more,
+        causes=causes, levels=more.pop("levels", {}), bad_loads=more.pop("bad_loads", ()), **more,
     )  # fmt: skip
 
 
@@ -105,6 +106,17 @@ def test_uneven_noise_is_stated_by_the_extended_case_as_its_images_lie(
     assert read.shape == closed_form.SHAPE
     noise = read[image.images.rows, image.images.cols] ** 2
     np.testing.assert_allclose(noise, variance / variance.mean(), rtol=1e-5)
+
+
+def test_loads_that_were_found_wrong_stay_left_out_of_the_extended_case(tmp_path: Path) -> None:
+    stated = fitting("tau0")
+    stated = stated.model_copy(
+        update={"loads": stated.loads.model_copy(update={"left_out": (2, 9)})}
+    )
+    wrong = (BadLoad(5, 61.0, 9.8), BadLoad(3, -40.0, -6.4))
+    path = tmp_path / "extended.toml"
+    write_case(extended_case(stated, ended({}, bad_loads=wrong)), path)
+    assert load_case(path).loads.left_out == (2, 3, 5, 9)
 
 
 def test_what_a_cause_frees_includes_its_companions() -> None:

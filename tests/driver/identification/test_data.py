@@ -137,6 +137,16 @@ def test_an_image_that_is_left_out_has_no_say_but_its_load_has() -> None:
     assert own.frames(np.arange(T)).sensitivity(prediction).shape == (1, residual.size)
 
 
+def test_a_load_that_is_left_out_has_no_say_whoever_leaves_it_out_but_its_image_has() -> None:
+    whole, load = still(), np.zeros(T)
+    less = replace(whole, unread_loads=(2,), bad_loads=(4,))
+    other = replace(less, load=np.where(np.isin(np.arange(T), (2, 4)), 1e3, load))
+    assert less.n_load == T - 2 and less.frames(np.arange(4)).n_load == 3
+    of_less, of_other = (d.residual(unmoved(), np.ones(T))[0] for d in (less, other))
+    np.testing.assert_array_equal(of_less, of_other)
+    np.testing.assert_array_equal(of_less[T - 2 :], whole.residual(unmoved(), np.ones(T))[0][T:])
+
+
 def test_correlated_load_noise_becomes_unit_noise() -> None:
     rng = np.random.default_rng(1)
     once, loads = still().images_alone(), np.zeros((4000, T))
