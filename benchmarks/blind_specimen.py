@@ -93,8 +93,8 @@ def pulled(hidden: Mapping[str, float], change: Change | None = None, dense: int
 
     Raises:
         InputError: a parameter is unknown or out of its bounds.
-        SolverError: the simulation could not be finished.
-        ValueError: a geometric parameter turns a cell inside out.
+        SolverError: the simulation could not be finished, or a geometric parameter turns a
+            cell inside out.
     """
     truth, history = true_case(), stage_history(dense)
     moved = {**true_knots(history), **hidden}

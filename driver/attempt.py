@@ -25,7 +25,9 @@ class Failure:
 
 
 def attempt(work: Callable[[], Result]) -> Result | Failure:
-    """What work makes, or why it cannot be simulated, or its specimen not be meshed.
+    """What work makes, or why there is none: it cannot be simulated, or its input not be used.
+
+    A fault of the program is no such answer, and is raised: it would hide here.
 
     Raises:
         NotRunError: a simulation was not run.

@@ -15,11 +15,12 @@ from driver.case import Case, load_case
 from driver.check_images import look_at_images
 from driver.check_loads import stated_motion, strange_loads
 from driver.check_picture import draw
+from driver.diagnose_stage import held_out_cycle
 from driver.diagnosis.own_causes import asked_causes
 from driver.dic.coverage import within
 from driver.errors import InputError
 from driver.estimate import cost_told, estimate
-from driver.experiment import Experiment, history_of, read_experiment
+from driver.experiment import Experiment, fitted_loads, history_of, read_experiment
 from driver.finding import Finding
 from driver.history import History
 from driver.profiles import profile_of
@@ -78,7 +79,7 @@ def check(case_path: Path) -> list[Finding]:
     except InputError as error:
         lines = str(error).splitlines()
         return [*findings, *(Finding("error", "experiment", line) for line in lines)]
-    findings += _history(case, experiment)
+    findings += _history(case, case_path, experiment)
     seen, reference = look_at_images(case, experiment)
     findings += seen
     if n_cells and adapter is not None:
@@ -218,7 +219,7 @@ def _loads_alone(case: Case, adapter: Adapter | None, n_cells: int) -> Iterator[
         yield Finding("error", "history", str(error))
         return
     force = history.force * case.force_scale
-    yield _course(history, force, "loads")
+    yield _course(case, history, force, "loads")
     yield from strange_loads(case, history, force)
     yield stated_motion(case, history)
     yield Finding("ok", "images", 'not used, for boundary.motion is "stage": no picture is drawn')
@@ -226,28 +227,26 @@ def _loads_alone(case: Case, adapter: Adapter | None, n_cells: int) -> Iterator[
         yield _cost(case, adapter.capabilities(), n_cells, history.n_images, 0)
 
 
-def _course(history: History, force: FloatArray, what: str) -> Finding:
+def _course(case: Case, history: History, force: FloatArray, what: str) -> Finding:
+    force, left = fitted_loads(case, force), len(case.loads.left_out)
+    out = f", {left} load(s) left out" if left else ""
     return Finding(
         "ok",
         "history",
         f"{history.n_images} {what} in {history.cycle.max()} cycle(s), {history.time[-1]:g} s, "
-        f"stage travel to {history.stage.max():g} µm, load to {force.max():.0f} µN",
+        f"stage travel to {history.stage.max():g} µm, load to {np.nanmax(force):.0f} µN{out}",
     )
 
 
-def _history(case: Case, experiment: Experiment) -> Iterator[Finding]:
+def _history(case: Case, case_path: Path, experiment: Experiment) -> Iterator[Finding]:
     history = experiment.history
-    cycles = int(history.cycle.max())
-    yield _course(history, experiment.force, "images")
+    yield _course(case, history, experiment.force, "images")
     yield from strange_loads(case, history, experiment.force)
-    held_out = case.diagnosis.held_out_cycle
-    if isinstance(held_out, int) and held_out > cycles:
-        yield Finding(
-            "error",
-            "history",
-            f"diagnosis.held_out_cycle: found {held_out}, expected one of the {cycles} cycle(s)",
-        )
-    if held_out == "last" and cycles == 1:
+    try:
+        held_out_cycle(case, case_path, history)
+    except InputError as error:
+        yield Finding("error", "history", str(error))
+    if case.diagnosis.held_out_cycle == "last" and history.cycle.max() == 1:
         yield Finding("warning", "history", 'one cycle only: nothing is held out, as with "none"')
 
 

@@ -14,7 +14,8 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from driver.case import Case
-from driver.experiment import Experiment
+from driver.experiment import Experiment, fitted_loads
+from driver.history import History
 from driver.images.region import CodeArray, Excluded
 
 FloatArray = NDArray[np.float64]
@@ -42,7 +43,8 @@ def draw(case: Case, experiment: Experiment, path: Path, codes: CodeArray | None
     grid = figure.add_gridspec(2, 2, width_ratios=(1.9, 1.0))
     _draw_image(figure.add_subplot(grid[:, 0]), case, experiment, codes)
     _draw_stage(figure.add_subplot(grid[0, 1]), experiment)
-    _draw_load(figure.add_subplot(grid[1, 1]), experiment)
+    load = fitted_loads(case, experiment.force)
+    _draw_load(figure.add_subplot(grid[1, 1]), experiment.history, load)
     figure.savefig(path, dpi=110)
 
 
@@ -155,15 +157,15 @@ def _draw_stage(axes: Axes, experiment: Experiment) -> None:
     axes.grid(alpha=0.3)
 
 
-def _draw_load(axes: Axes, experiment: Experiment) -> None:
-    history = experiment.history
+def _draw_load(axes: Axes, history: History, load: FloatArray) -> None:
     stage = history.stage[history.image_row]
     for cycle in np.unique(history.cycle):
         members = np.flatnonzero(history.cycle == cycle)
         # The line of a cycle starts where the one before ended.
         joined = members if members[0] == 0 else np.r_[members[0] - 1, members]
-        axes.plot(stage[joined], experiment.force[joined], ".-", ms=4, lw=1, label=f"cycle {cycle}")
+        axes.plot(stage[joined], load[joined], ".-", ms=4, lw=1, label=f"cycle {cycle}")
     axes.set(xlabel="stage travel [µm]", ylabel="load on the specimen [µN]", title="Load")
-    axes.set_ylim(bottom=min(0.0, experiment.force.min()) - 0.25 * np.ptp(experiment.force))
+    low, high = float(np.nanmin(load)), float(np.nanmax(load))
+    axes.set_ylim(bottom=min(0.0, low) - 0.25 * (high - low))
     axes.legend(fontsize=8, loc="lower center", ncols=3)
     axes.grid(alpha=0.3)

@@ -23,6 +23,7 @@ from driver.diagnosis.verdict import with_places
 from driver.diagnosis.whereabouts import Whereabouts, still_missed, told, whereabouts
 from driver.diagnosis_record import DIAGNOSIS, DIAGNOSIS_H5, diagnosis_record
 from driver.errors import sentence
+from driver.experiment import fitted_loads
 from driver.extended_case import (
     EXTENDED,
     NOISE_MAP,
@@ -32,6 +33,7 @@ from driver.extended_case import (
     write_noise_map,
 )
 from driver.extended_decks import DECKS, write_decks
+from driver.history import History
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Evaluation
 from driver.identified_record import IDENTIFY, value_told
@@ -91,7 +93,7 @@ def run_diagnose(context: StageContext, advise: bool = True) -> None:
     settings = Settings(
         wanted=wanted,
         refit=case.diagnosis.refit,
-        held_out=held_out_cycle(case, context.case_path, int(cycles.max())),
+        held_out=held_out_cycle(case, context.case_path, bench.experiment.history),
         processes=case.execution.processes,
         threads=case.execution.threads,
         free_chi=float(np.sqrt(np.mean(free_chi[measured["left_out"] == 0] ** 2))),
@@ -172,24 +174,25 @@ def _telling(found: Diagnosis, context: StageContext, bench: Workbench) -> tuple
     sizes = {name: float(np.max(np.abs(scores[name].estimate))) for name in group}
     law = {name: found.baseline.values[name] for name in found.baseline.best.free}
     case, history = with_flips(context.case, found), bench.experiment.history
-    told = attempt(lambda: most_telling(case, history, sizes, law, context.log))
-    if isinstance(told, Failure):
-        context.log(f"  not found out: {told.why}")
+    ranked = attempt(lambda: most_telling(case, history, sizes, law, context.log))
+    if isinstance(ranked, Failure):
+        context.log(f"  not found out: {ranked.why}")
         return ()
-    return told
+    return ranked
 
 
-def held_out_cycle(case: Case, case_path: Path, cycles: int) -> int | None:
+def held_out_cycle(case: Case, case_path: Path, history: History) -> int | None:
     """The cycle that is held out, if any.
 
     Args:
         case: the case.
         case_path: its file.
-        cycles: how many cycles its history has.
+        history: its history.
 
     Raises:
-        CaseError: it asks for a cycle that there is not.
+        CaseError: it asks for a cycle that there is not, or of which it leaves out all loads.
     """
+    cycles = int(history.cycle.max())
     asked = case.diagnosis.held_out_cycle
     if isinstance(asked, int) and asked > cycles:
         raise CaseError(
@@ -198,4 +201,10 @@ def held_out_cycle(case: Case, case_path: Path, cycles: int) -> int | None:
         )  # fmt: skip
     if asked == "none" or cycles < 2:
         return None
-    return cycles if asked == "last" else asked
+    cycle = cycles if asked == "last" else asked
+    if not np.isfinite(fitted_loads(case, history.force)[history.cycle == cycle]).any():
+        raise CaseError(
+            sentence(case_path, "loads.left_out", f"all loads of cycle {cycle}, which is held out",
+                     "some that it can be predicted for, or another diagnosis.held_out_cycle")
+        )  # fmt: skip
+    return cycle

@@ -24,7 +24,7 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 # The relief of the repeats is that of image 0: another scale shows in its spread.
 _SCALES = 2.0
-FEWEST_LOADS = 2
+_FEWEST_LOADS = 2  # as of a history, see `read_history`
 _TALLEST = 1e6  # nm; beyond it a level means something else, such as 3e38 for no height
 
 
@@ -83,12 +83,17 @@ def history_of(case: Case) -> History:
         found = ", ".join(map(str, unknown))
         expected = f"numbers from 0 to {loads[-1]}, as {path} has them"
         raise HistoryError(f"loads.left_out: found {found}, expected {expected}")
-    if len(loads) - len(left) < FEWEST_LOADS:
+    if len(loads) - len(left) < _FEWEST_LOADS:
         raise HistoryError(
             f"loads.left_out: found {len(left)} of the {len(loads)} loads of {path}, expected at "
-            f"least {FEWEST_LOADS} that stay"
+            f"least {_FEWEST_LOADS} that stay"
         )
     return history
+
+
+def fitted_loads(case: Case, loads: FloatArray) -> FloatArray:
+    """Loads of all images, shape (n_images,), no number where the case leaves one out."""
+    return np.where(np.isin(np.arange(len(loads)), case.loads.left_out), np.nan, loads)
 
 
 def read_experiment(case: Case) -> Experiment:
@@ -100,7 +105,7 @@ def read_experiment(case: Case) -> Experiment:
     """
     problems: list[str] = []
 
-    def attempt(read: Callable[[], Anything]) -> Anything | None:
+    def or_told(read: Callable[[], Anything]) -> Anything | None:
         try:
             return read()
         except InputError as error:
@@ -108,12 +113,12 @@ def read_experiment(case: Case) -> Experiment:
             return None
 
     images = case.images
-    history = attempt(lambda: history_of(case))
-    frames = attempt(lambda: _frames(case, history))
-    flats = attempt(lambda: _optional(case, "flats", frames))
-    repeats = attempt(lambda: _optional(case, "repeats", frames))
-    mask = attempt(lambda: _mask(case, frames))
-    noise_map = attempt(lambda: _noise_map(case, frames))
+    history = or_told(lambda: history_of(case))
+    frames = or_told(lambda: _frames(case, history))
+    flats = or_told(lambda: _optional(case, "flats", frames))
+    repeats = or_told(lambda: _optional(case, "repeats", frames))
+    mask = or_told(lambda: _mask(case, frames))
+    noise_map = or_told(lambda: _noise_map(case, frames))
     if problems or history is None or frames is None:
         raise ExperimentError("\n".join(problems))
     return Experiment(

@@ -82,7 +82,7 @@ def build_loads_bench(context: StageContext, adapter: Adapter) -> LoadsBench:
         case.loads.gamma_F,
         case.loads.autocorrelation,
         np.arange(history.n_images),
-        unread_loads=case.loads.left_out,
+        stated_bad_loads=case.loads.left_out,
     )
     objective = Objective(working, data, parameters, prior)
     plan = Plan(

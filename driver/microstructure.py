@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from meshes.prism import PrismGeometry
 from meshes.prism_mesh import PrismMesh
 from meshes.velocity import (
+    InvertedCellsError,
     apex_shift,
     boundary_bow,
     boundary_shift,
@@ -101,7 +102,7 @@ class Microstructure:
         shift = sum((values[name] * v for name, v in active.items()), np.zeros((1, 3)))
         try:
             return moved(self.mesh, np.asarray(shift))
-        except ValueError as error:
+        except InvertedCellsError as error:
             raise SolverError(str(error)) from None
 
     def rotated(self, values: Mapping[str, float]) -> FloatArray:

@@ -128,7 +128,11 @@ class ForwardModel:
         return values | {p.name: getattr(self.material, p.name) for p in MATERIAL_DECLARATIONS}
 
     def simulation(self, values: Values, free: Sequence[str] = ()) -> Simulation:
-        """The hand-over to a solver, with a direction for each free parameter that it needs."""
+        """The hand-over to a solver, with a direction for each free parameter that it needs.
+
+        Raises:
+            SolverError: a geometric parameter turns a cell inside out.
+        """
         times = self.clock(values)
         steps = None if self.steps is None else np.interp(self.steps, self.times, times)
         return Simulation(

@@ -83,7 +83,7 @@ def run(
     history = history_of(case)
     if case.with_images:
         # Asked now, and not after the hours of the stages before the diagnosis.
-        held_out_cycle(case, case_path, int(history.cycle.max()))
+        held_out_cycle(case, case_path, history)
     cost = estimate(case, solver, n_cells, history.n_images)
     log(f"all stages take {cost_told(cost.seconds, cost.memory)}")
     if not case.with_images:

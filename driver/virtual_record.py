@@ -188,7 +188,8 @@ def _stated(case: Case, settings: Virtual, lens: _Lens) -> Case:
         }
     )  # fmt: skip
     history = case.history.model_copy(update={"file": "history.csv"})
-    return case.model_copy(update={"images": images, "history": history})
+    loads = case.loads.model_copy(update={"left_out": ()})
+    return case.model_copy(update={"images": images, "history": history, "loads": loads})
 
 
 def correlated(rng: np.random.Generator, number: int, correlation: float) -> FloatArray:

@@ -264,14 +264,6 @@ def with_unit(text: str, unit: str) -> str:
     return text + unit if unit == "°" and "±" not in text else f"{text} {unit}".rstrip()
 
 
-def left_out_told(loads: Sequence[int]) -> str:
-    """What follows the word loads where the case leaves some out."""
-    if not loads:
-        return ""
-    word = "number" if len(loads) == 1 else "numbers"
-    return f" ({word} {joined([str(n) for n in sorted(loads)])} left out)"
-
-
 def joined(words: Sequence[str]) -> str:
     """“a”, “a and b”, “a, b and c”."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

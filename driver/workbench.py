@@ -194,7 +194,7 @@ def build_workbench(
         case.loads.autocorrelation,
         np.arange(history.n_images),
         left_out=left_out,
-        unread_loads=case.loads.left_out,
+        stated_bad_loads=case.loads.left_out,
     )
     parameters = working.parameters
     elongation, tilt = (_without(left_out, values) for values in (seen.elongation, seen.tilt))

@@ -20,6 +20,10 @@ from meshes.prism_mesh import PrismMesh
 FloatArray = NDArray[np.float64]
 
 
+class InvertedCellsError(ValueError):
+    """A change of the geometry that turns cells inside out."""
+
+
 def boundary_shift(mesh: PrismMesh, geometry: PrismGeometry) -> FloatArray:
     """Velocity that moves the grain boundary along +Y, fading linearly to zero at both ends.
 
@@ -116,12 +120,12 @@ def moved(mesh: PrismMesh, displacement: FloatArray) -> PrismMesh:
         the moved mesh, every Jacobian positive.
 
     Raises:
-        ValueError: a cell would be turned inside out.
+        InvertedCellsError: a cell would be turned inside out.
     """
     points = mesh.points + displacement
     inverted = inverted_cells(points, mesh.cells)
     if len(inverted):
-        raise ValueError(
+        raise InvertedCellsError(
             f"the geometry change inverts {len(inverted)} of {len(mesh.cells)} cells: "
             "a smaller change or a new mesh is needed"
         )

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from driver.case_errors import refusal
 from driver.case_tables.values import FileName, Frame, NonNegative, Number, Positive, Table
 from driver.load_clock import LARGEST_LAG
+
+
+def _each_once(numbers: tuple[int, ...]) -> tuple[int, ...]:
+    for number in numbers:
+        if numbers.count(number) > 1:
+            raise refusal("each number once", found=f"{number} {numbers.count(number)} times")
+    return numbers
 
 
 class HistoryTable(Table):
@@ -53,8 +60,8 @@ class Loads(Table):
     clock_uncertainty_s: Annotated[float, Field(strict=True, ge=0, le=LARGEST_LAG / 3)] = Field(
         default=0.0, description="standard deviation of the lag of the load behind the images"
     )
-    left_out: tuple[Frame, ...] = Field(
-        default=(), description="numbers of the images whose loads are wrong and not fitted"
+    left_out: Annotated[tuple[Frame, ...], AfterValidator(_each_once)] = Field(
+        default=(), description="a list of the numbers of images whose loads are wrong"
     )
 
     @property

@@ -137,10 +137,13 @@ def changed_forecasts(
 
 
 def _attempt(plan: Plan) -> Forecast | str:
-    """The forecast of a change, or why there is none: the others are still worth having."""
+    """The forecast of a change, or why there is none: the others are still worth having.
+
+    Also where a job was killed: a change has a row of its own, and nothing else hangs on it.
+    """
     try:
         return whole_forecast(plan)
-    except (SolverError, InputError, ValueError) as error:
+    except (SolverError, InputError) as error:
         return first_line(error)
 
 

@@ -42,8 +42,8 @@ class Data:
         simulation_error: covariance of what mesh and time steps leave wrong, None if neglected.
         left_out: frames whose images are not fitted, outliers of the series; their loads are.
         jitter: noise of the boundary motion, None if there is none.
-        unread_loads: frames whose loads the case leaves out; their images are fitted.
-        bad_loads: others whose loads are not fitted, found to be outliers; their images are.
+        stated_bad_loads: frames whose loads the case states to be wrong; their images are fitted.
+        bad_loads: others that were found to be wrong, and may be taken back.
         load_degrees: degrees of freedom from which γ_F was estimated, infinite if it is known.
     """
 
@@ -56,7 +56,7 @@ class Data:
     simulation_error: SimulationError | None = None
     left_out: tuple[int, ...] = ()
     jitter: BoundaryJitter | None = None
-    unread_loads: tuple[int, ...] = ()
+    stated_bad_loads: tuple[int, ...] = ()
     bad_loads: tuple[int, ...] = ()
     load_degrees: float = np.inf
 
@@ -68,7 +68,7 @@ class Data:
     @property
     def load_index(self) -> IntArray:
         """The frames in use whose loads are fitted, shape (n_load,) where loads are."""
-        return self.index[~np.isin(self.index, (*self.unread_loads, *self.bad_loads))]
+        return self.index[~np.isin(self.index, (*self.stated_bad_loads, *self.bad_loads))]
 
     @property
     def with_image(self) -> BoolArray:

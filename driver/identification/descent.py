@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.attempt import first_line
+from driver.errors import InputError
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.step import bounded_step, trial_values
 from driver.log import Log
@@ -118,7 +119,7 @@ def _tried(
 ) -> Evaluation | None:
     try:
         return objective.evaluate(values, here.free)
-    except SolverError as error:
+    except (SolverError, InputError) as error:
         if is_by_circumstances(error) and not is_out_of_time(error):
             raise  # a shorter step might not be run or be killed as well, and prove nothing
         log(f"    a trial point failed, so that the step is shortened: {first_line(error)}")

@@ -54,8 +54,8 @@ def identify_from_loads(
     model, data = objective.model, objective.data
     stiffness = elastic_stiffness(model, start)
     log(f"the law from the loads; elastic stiffness {1e-3 * stiffness:.1f} µN/nm")
-    weights = model.boundary.weights[model.image_row]
-    begin = unload_elastically(start, stiffness, weights, data.load)
+    weights = model.boundary.weights[model.image_row][data.load_index]
+    begin = unload_elastically(start, stiffness, weights, data.load[data.load_index])
     first = fit(objective, begin, plan.free("B"), plan.most, log, share=START)
     log("finer mesh and steps at the result, for the correction")
     change = finer.predict(first.values).load - first.best.prediction.load

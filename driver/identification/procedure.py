@@ -178,7 +178,8 @@ def _first_stages(task: _Task, log: Log) -> _First:
 
     def unloaded(values: Mapping[str, float]) -> dict[str, float]:
         weights = objective.model.boundary.weights[objective.model.image_row]
-        return unload_elastically(values, stiffness, weights, objective.data.load)
+        kept = objective.data.load_index
+        return unload_elastically(values, stiffness, weights[kept], objective.data.load[kept])
 
     begin = unloaded(task.start) if joint else task.start
     share = START if joint else HELD
@@ -270,8 +271,8 @@ def unload_elastically(
     Args:
         values: every parameter.
         stiffness: elastic force per elongation [µN/µm].
-        weights: knot weights at the images, shape (T, n_knots).
-        load: measured loads [µN], shape (T,).
+        weights: knot weights at the images whose loads are fitted, shape (n_load, n_knots).
+        load: these loads [µN], shape (n_load,).
     """
     names = elongation_names(weights.shape[1])
     knots = [0.0, *(values[name] for name in names)]

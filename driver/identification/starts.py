@@ -106,7 +106,7 @@ def from_each_start(
         log(f"  start {index + 1}: cost {ended.cost:.1f}, {found or 'failed'} ({ended.reason})")
 
     jobs = [_Job[Task, Result](work, task, index == 0) for index, task in enumerate(tasks)]
-    results = side_by_side(_attempt, jobs, processes, threads, done)
+    results = side_by_side(_from_start, jobs, processes, threads, done)
     outcomes = tuple(outcome(result) for result in results)
     costs = [ended.cost for ended in outcomes]
     best = int(np.argmin(costs))
@@ -124,6 +124,6 @@ class _Job(Generic[Task, Result]):
     must: bool
 
 
-def _attempt(job: _Job[Task, Result]) -> Result | Failure:
+def _from_start(job: _Job[Task, Result]) -> Result | Failure:
     work = partial(job.work, job.task)
     return work() if job.must else attempt(work)

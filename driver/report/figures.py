@@ -136,7 +136,7 @@ def loads(
     Args:
         stage: stage travel at the images [µm], shape (T,).
         time: time of the images [s], shape (T,).
-        measured: measured load [µN], shape (T,).
+        measured: measured load [µN], not a number where it is left out, shape (T,).
         predicted: load [µN] of "before" (and "after"), each of shape (T,).
         noise: standard deviation γ_F of the load [µN].
         initial: load with the parameters at the start [µN], shape (T,).
@@ -158,7 +158,8 @@ def loads(
     residual.set(xlabel="time [s]", ylabel="measured − model [µN]", title="Residual of the load")
     low, high = residual.get_ylim()
     residual.set_ylim(low, high + 0.2 * (high - low))
-    loop.set_ylim(bottom=min(0.0, measured.min()) - 0.22 * np.ptp(measured))
+    low, high = float(np.nanmin(measured)), float(np.nanmax(measured))
+    loop.set_ylim(bottom=min(0.0, low) - 0.22 * (high - low))
     loop.legend(loc="lower center", ncols=2, handlelength=2.0, columnspacing=1.2)
     residual.legend(loc="upper right", ncols=3, handlelength=1.4, columnspacing=1.0)
     for axis in (loop, residual):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 
 import h5py
 import numpy as np
 
 from driver.case import Case
-from driver.experiment import history_of
+from driver.experiment import fitted_loads, history_of
 from driver.identification.loads_alone import doubts
 from driver.identified_record import IDENTIFY
 from driver.model import declared_parameters
@@ -18,7 +19,7 @@ from driver.report.identified_tables import estimate_rows
 from driver.report.style import data_uri, png
 from driver.results import prismid_version, read_hdf5
 from driver.stages import StageContext
-from driver.wording import chi, left_out_told, named, number, with_sigma
+from driver.wording import chi, joined, named, number, with_sigma
 from templates import render
 
 REPORT = "report.html"
@@ -36,9 +37,10 @@ def run_report_loads(context: StageContext) -> None:
         reason, converged = str(file.attrs["reason"]), bool(file.attrs["converged"])
     declared = declared_parameters(history_of(case).n_knots, case.material.to_material())
     groups, knots = estimate_rows(estimates(names, declared, found))
+    loads = fitted_loads(case, found["force"])
     picture = png(
         figures.loads(
-            found["stage"], found["time"], found["force"], {"before": found["final/load"]},
+            found["stage"], found["time"], loads, {"before": found["final/load"]},
             case.loads.gamma_F, found["initial/load"],
         )
     )  # fmt: skip
@@ -49,7 +51,7 @@ def run_report_loads(context: StageContext) -> None:
         title=context.case_path.resolve().parent.name,
         version=prismid_version(),
         n_loads=rest.size,
-        left_out=left_out_told(case.loads.left_out),
+        left_out=_left_out(case.loads.left_out),
         chi=chi(float(found["budget/load"])),
         rms=number(float(np.sqrt(np.mean(rest**2))), 2),
         noise=number(case.loads.gamma_F),
@@ -68,3 +70,11 @@ def _ratio(case: Case) -> str:
     ratio, sigma = case.boundary.stage_ratio, case.boundary.stage_ratio_uncertainty
     assert ratio is not None and sigma is not None  # the case refuses itself without them
     return f"({with_sigma(1e4 * ratio, 1e4 * sigma)})·10⁻⁴"
+
+
+def _left_out(loads: Sequence[int]) -> str:
+    """What follows the word loads where the case leaves some out."""
+    if not loads:
+        return ""
+    word = "number" if len(loads) == 1 else "numbers"
+    return f" ({word} {joined([str(n) for n in sorted(loads)])} left out)"

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from driver.diagnosis.gate import GATE
 from driver.diagnosis.outcome import IMAGING
+from driver.experiment import fitted_loads
 from driver.report.evidence_figures import signed_evidence
 from driver.report.findings import Findings
 from driver.report.identified_texts import identification, law_tiles
@@ -19,7 +22,6 @@ from driver.wording import (
     chi,
     joined,
     label,
-    left_out_told,
     number,
     probability,
     readable,
@@ -247,6 +249,10 @@ def untried(findings: Findings) -> list[str]:
     for name, why in diagnosis["not_examined"].items():
         by_reason.setdefault(why, []).append(cause_label(name))
     found += [f"Not examined: {joined(names)}; {why}." for why, names in by_reason.items()]
+    if case.loads.left_out:
+        numbers = [str(image) for image in sorted(case.loads.left_out)]
+        what = "load of image" if len(numbers) == 1 else "loads of images"
+        found.append(f"The case leaves out the {what} {joined(numbers)}.")
     for bad in diagnosis["bad_loads"]:
         found.append(
             f"The load of image {bad['image']} is left out: it is off by "
@@ -263,7 +269,7 @@ def facts(findings: Findings) -> list[tuple[str, str]]:
         f"{grain.name} ({', '.join(f'{angle:g}°' for angle in grain.euler_deg)})"
         for grain in case.grains
     )
-    peaks = m["force"].max()
+    peak = float(np.nanmax(fitted_loads(case, m["force"])))
     left = [str(frame) for frame, out in enumerate(m["left_out"]) if out]
     fate = "is unlike its" if len(left) == 1 else "are unlike their"
     but = f"; {joined(left)} {fate} neighbours and not fitted but for the load" if left else ""
@@ -279,11 +285,10 @@ def facts(findings: Findings) -> list[tuple[str, str]]:
                    f"{1e3 * float(m['pixel']):g} nm a pixel, {m['rows'].size} px used{but}"),
         ("noise", f"height {number(1e3 * float(m['sigma']))} nm an image "
                   f"(reference: mean of {float(m['n_reference']):g}), load "
-                  f"{number(findings.load_noise)} µN{left_out_told(case.loads.left_out)}; "
-                  "on the correlation mesh "
+                  f"{number(findings.load_noise)} µN; on the correlation mesh "
                   f"{number(findings.noise_factor)} times that of the repeats"),
         ("test", f"{int(m['cycle'].max())} cycles, stage travel up to {m['stage'].max():g} µm, "
-                 f"load up to {number(float(peaks), 4)} µN"),
+                 f"load up to {number(peak, 4)} µN"),
     ]  # fmt: skip
 
 

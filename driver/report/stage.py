@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from driver.boundary import LAMBDAS
+from driver.experiment import fitted_loads
 from driver.report import evidence_figures, figures, history_figures, maps, matrix_figures
 from driver.report.findings import FILES, Findings, Record, read_findings
 from driver.report.identified_tables import core
@@ -63,6 +64,7 @@ def draw(findings: Findings) -> Iterator[tuple[str, Figure]]:
     yield "budget", figures.budget(budgets["before"]["free"], budgets)
 
     case, mesh, face = findings.case, findings.mesh, findings.motion.face
+    loads = fitted_loads(case, m["force"])
     names = [grain.name for grain in case.grains]
     yield "specimen", maps.specimen(mesh.points, mesh.cells, mesh.grain, names)
 
@@ -79,7 +81,7 @@ def draw(findings: Findings) -> Iterator[tuple[str, Figure]]:
     }
     yield "fields", maps.fields(face, at_peak)
     yield "loads", figures.loads(
-        m["stage"], m["time"], m["force"],
+        m["stage"], m["time"], loads,
         {side: findings.fitted[f"{side}/load"] for side in sides}, findings.load_noise,
         findings.identified["initial/load"],
     )  # fmt: skip
@@ -96,7 +98,7 @@ def draw(findings: Findings) -> Iterator[tuple[str, Figure]]:
         findings.edges(last)[history.image_row, 0] / case.specimen.length,
         m["cycle"].astype(np.int64),
         {
-            side: (m["force"] - findings.fitted[f"{side}/load"]) / findings.load_noise
+            side: (loads - findings.fitted[f"{side}/load"]) / findings.load_noise
             for side in sides
         },
         of_images,

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -87,6 +89,14 @@ def test_changes_of_geometry_add_up(two_grains: Microstructure) -> None:
 def test_a_change_that_turns_cells_inside_out_is_refused(two_grains: Microstructure) -> None:
     with pytest.raises(SolverError, match="inverts"):
         two_grains.moved_mesh(NULL | {"boundary_shift": 2.5})
+
+
+def test_a_velocity_of_another_shape_is_a_fault_and_no_failed_simulation(
+    two_grains: Microstructure,
+) -> None:
+    wrong = replace(two_grains, velocities={"boundary_shift": np.zeros((3, 3))})
+    with pytest.raises(ValueError, match="broadcast"):
+        wrong.moved_mesh(NULL | {"boundary_shift": 0.2})
 
 
 def test_a_single_grain_has_neither_boundary_nor_second_orientation() -> None:

@@ -298,6 +298,8 @@ def test_a_changed_diagnosis_reruns_nothing_before_it(copied: Run) -> None:
          'diagnosis.causes: found "magic", expected one of isotropic_hardening, latent_hard'),
         ('held_out_cycle = "last"', "held_out_cycle = 4",
          "diagnosis.held_out_cycle: found 4, expected one of the 2 cycle(s)"),
+        ("left_out = []", f"left_out = {list(range(18, 44))}",
+         "loads.left_out: found all loads of cycle 2, which is held out, expected some that it"),
     ],
 )  # fmt: skip
 def test_a_diagnosis_that_cannot_be_asked_for_is_one_sentence(

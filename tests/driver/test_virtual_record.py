@@ -63,6 +63,13 @@ def test_relief_stage_and_noise_do_not_depend_on_what_happens(
     assert (pulled.frames[-1] != still.frames[-1]).mean() > 0.05
 
 
+def test_a_virtual_test_has_no_wrong_loads(tmp_path: Path, course: Course) -> None:
+    stated = CASE.model_copy(update={"loads": CASE.loads.model_copy(update={"left_out": (2, 99)})})
+    tmp_path.joinpath("a").mkdir()
+    path = record(tmp_path / "a", stated, course, 1, Virtual(microscope=SMALL))
+    assert load_case(path).loads.left_out == () and len(read_experiment(load_case(path)).force)
+
+
 @pytest.mark.parametrize("bits", [8, 16, 32])
 def test_the_images_read_back_are_the_truth_to_half_a_level(
     tmp_path: Path, course: Course, bits: int

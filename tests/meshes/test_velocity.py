@@ -11,6 +11,7 @@ from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
 from meshes.tet10 import EDGES
 from meshes.velocity import (
+    InvertedCellsError,
     apex_shift,
     boundary_bow,
     boundary_shift,
@@ -145,7 +146,7 @@ def test_the_apex_line_moves_alone(mesh: PrismMesh, geometry: PrismGeometry) -> 
 
 
 def test_a_move_that_inverts_cells_is_refused(mesh: PrismMesh, geometry: PrismGeometry) -> None:
-    with pytest.raises(ValueError, match=r"inverts \d+ of \d+ cells"):
+    with pytest.raises(InvertedCellsError, match=r"inverts \d+ of \d+ cells"):
         moved(mesh, 10 * boundary_shift(mesh, geometry))
 
 

@@ -174,6 +174,19 @@ def test_a_change_that_cannot_be_simulated_costs_no_other(
     assert set(changes(record)) == {"quiet", "test.holds=3"}
 
 
+def test_a_fault_of_the_program_in_a_change_is_raised(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def faulty(plan: Plan) -> Forecast:
+        raise ValueError("operands could not be broadcast together")
+
+    monkeypatch.setattr(command, "whole_forecast", faulty)
+    with pytest.raises(ValueError, match="broadcast"):
+        design(
+            write(tmp_path), tmp_path / "settings.toml", ["test.holds=3"], False, lambda line: None
+        )
+
+
 def test_a_history_without_loads_serves(tmp_path: Path) -> None:
     closed_form.write_files(tmp_path, {})
     (tmp_path / "images.tif").unlink()

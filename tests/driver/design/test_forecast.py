@@ -105,6 +105,16 @@ def test_less_noise_and_more_images_never_know_less(base: Plan, before: Forecast
         assert min(won.sigma.values()) < 0.999, text
 
 
+def test_a_planned_test_has_no_wrong_loads(base: Plan) -> None:
+    case = base.variant.case
+    loads = case.loads.model_copy(update={"left_out": (0, 1, 2, 999)})
+    asked = replace(base.variant, case=case.model_copy(update={"loads": loads}))
+    whole, less = (
+        prepare(plan).bench.objective.data for plan in (base, replace(base, variant=asked))
+    )
+    assert less.n_load == whole.n_load > 0
+
+
 def test_images_of_one_stop_count_as_a_lower_noise(base: Plan) -> None:
     """Where all else is nil: two images are one with √2 less noise, of the reference too."""
     pair = changed(base, "test.images_per_stop=2; test.exact_simulation=true")

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -16,6 +17,7 @@ from driver.diagnosis.score import SEEN_AT
 from driver.diagnosis_record import DIAGNOSIS
 from driver.log import silent
 from driver.stages import RESULTS, StageContext, run_stages
+from solver_adapters.interface import SolverError
 from tests.driver import closed_form
 
 
@@ -88,3 +90,17 @@ def test_without_advice_a_set_is_the_same_and_no_changed_experiment_is_simulated
     found = told(stiffer)
     assert found["sets"] == advised["sets"] and not found["telling"]
     assert advised["next"].startswith(found["next"]) and advised["next"] != found["next"]
+
+
+@pytest.mark.slow
+def test_advice_that_cannot_be_simulated_costs_nothing_else(
+    stiffer: StageContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*asked: object) -> None:
+        raise SolverError("no step is short enough\nat t = 1 s")
+
+    monkeypatch.setattr(diagnose_stage, "most_telling", fails)
+    lines: list[str] = []
+    run_diagnose(replace(stiffer, log=lines.append))
+    assert not told(stiffer)["telling"]
+    assert "  not found out: no step is short enough" in lines

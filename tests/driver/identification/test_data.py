@@ -139,7 +139,7 @@ def test_an_image_that_is_left_out_has_no_say_but_its_load_has() -> None:
 
 def test_a_load_that_is_left_out_has_no_say_whoever_leaves_it_out_but_its_image_has() -> None:
     whole, load = still(), np.zeros(T)
-    less = replace(whole, unread_loads=(2,), bad_loads=(4,))
+    less = replace(whole, stated_bad_loads=(2,), bad_loads=(4,))
     other = replace(less, load=np.where(np.isin(np.arange(T), (2, 4)), 1e3, load))
     assert less.n_load == T - 2 and less.frames(np.arange(4)).n_load == 3
     of_less, of_other = (d.residual(unmoved(), np.ones(T))[0] for d in (less, other))

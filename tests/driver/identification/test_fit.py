@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from driver.errors import InputError
 from driver.identification.descent import MOST_HALVINGS, promised
 from driver.identification.fit import DECREMENT, Fit, fit
 from driver.identification.objective import Evaluation
@@ -158,6 +159,26 @@ def test_a_trial_that_cannot_be_simulated_is_shortened() -> None:
     assert [point["a"] for point in objective.tried[:3]] == pytest.approx([0.0, 1.0, 0.4])
     assert 0.4 <= found.values["a"] <= 0.7 and np.all(np.diff(costs(found)) < 0)
     assert not found.converged and "σ" in found.reason
+
+
+def test_a_trial_at_which_a_term_has_no_value_is_shortened() -> None:
+    def brittle(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        if p[0] > 0.7:
+            raise InputError("the term has a value that is not finite")
+        return 10 * p, np.array([[10.0]])
+
+    found = fit(formula(brittle, np.array([10.0]), PLAIN[:1]), {"a": 0.0}, "a", 3, silent)
+    assert 0.4 <= found.values["a"] <= 0.7
+
+
+def test_a_fault_of_the_program_in_a_trial_is_raised() -> None:
+    def faulty(p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        if p[0] > 0.7:
+            raise ValueError("operands could not be broadcast together")
+        return 10 * p, np.array([[10.0]])
+
+    with pytest.raises(ValueError, match="broadcast"):
+        fit(formula(faulty, np.array([10.0]), PLAIN[:1]), {"a": 0.0}, "a", 3, silent)
 
 
 @pytest.mark.parametrize("status", [Status.OUT_OF_TIME, Status.NOT_CONVERGED, Status.BAD_DECK])

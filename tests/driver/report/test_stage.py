@@ -257,9 +257,10 @@ def test_what_was_not_examined_and_the_loads_left_out_stand_beside_the_evidence(
     assert "only the causes that the case asks for" not in text
     case = results.folder / "case.toml"
     asked = case.read_text("utf-8").replace('causes = "all"', 'causes = ["grain_contrast"]')
-    case.write_text(asked, "utf-8")
+    case.write_text(asked.replace("left_out = []", "left_out = [9, 2]"), "utf-8")
     run_report(results.context(tmp_path / "work"))
     text = shown((tmp_path / "work" / "report.html").read_text("utf-8"))
+    assert "The case leaves out the loads of images 2 and 9." in text
     assert "Of the library only the causes that the case asks for were tried." in text
 
 
