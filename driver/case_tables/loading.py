@@ -61,7 +61,7 @@ class Loads(Table):
         default=0.0, description="standard deviation of the lag of the load behind the images"
     )
     left_out: Annotated[tuple[Frame, ...], AfterValidator(_each_once)] = Field(
-        default=(), description="a list of the numbers of images whose loads are wrong"
+        default=(), description="a list of whole numbers, the images whose loads are wrong"
     )
 
     @property
