@@ -119,7 +119,7 @@ def refused(tmp_path: Path, *changes: tuple[str, str]) -> list[str]:
         ("left_out = []", "left_out = [3, -1]", "loads.left_out", "[3, -1]", "a number ≥ 0"),
         ("left_out = []", "left_out = [3, 7, 3]", "loads.left_out", "3 2 times",
          "each number once"),
-        ("left_out = []", "left_out = 3", "loads.left_out", "3", "a list of whole numbers, the images"),
+        ("left_out = []", "left_out = 3", "loads.left_out", "3", "a list of whole numbers"),
         ("noise_uN = 5.97", "noise_uN = nan", "loads.noise_uN", "NaN", "a finite number"),
         ("C12_GPa = 135.5", "C12_GPa = 300", "material.C11_GPa", "233.5", "> C12_GPa = 300"),
     ],
