@@ -17,15 +17,7 @@ from driver.report.measured_texts import texts
 from driver.report.references import REFERENCES
 from driver.report.style import INDEXED, data_uri
 from driver.report.tables import added_rows, cause_rows, measure, parameter_rows, whereabouts_rows
-from driver.wording import (
-    cause_label,
-    chi,
-    joined,
-    label,
-    number,
-    probability,
-    readable,
-)
+from driver.wording import cause_label, chi, joined, label, number, probability, readable
 from templates import render
 
 TEMPLATE = "report.html.j2"
