@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from driver.errors import InputError
 from solver_adapters.interface import SolverError
-from solver_adapters.jobs.errors import is_by_circumstances
+from solver_adapters.jobs.errors import LOG_SAYS, is_by_circumstances
 
 Result = TypeVar("Result")
 
@@ -44,4 +44,4 @@ def attempt(work: Callable[[], Result]) -> Result | Failure:
 
 def first_line(error: Exception) -> str:
     """The first line of what was said; others hold the end of a log."""
-    return str(error).partition("\n")[0].removesuffix("; its log ends:")
+    return str(error).partition("\n")[0].removesuffix(LOG_SAYS)

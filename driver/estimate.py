@@ -177,7 +177,7 @@ def _simulation(
     unknowns = 3 * n_cells * _NODES_PER_CELL
     factor: float = _FACTOR_SECONDS * (unknowns / _FACTOR_UNKNOWNS) ** _FACTOR_POWER
     iteration = points / case.execution.threads + factor
-    plain = solver.cost * steps * _ITERATIONS * iteration
+    plain = solver.start + solver.cost * steps * _ITERATIONS * iteration
     if solver.derivatives:
         return plain * (1 + _DIRECTION_SHARE * directions / _ITERATIONS)
     # Finite differences, so many of them at a time.

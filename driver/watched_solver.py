@@ -51,12 +51,16 @@ class WatchedSolver:
 
 
 def sentence_of(state: Progress) -> str:
-    """How far a simulation is: `at 120 of 3840 s: 6 steps, 21 iterations, 0 cut, 12 s left`."""
-    left = "" if math.isnan(state.remaining) else f", {state.remaining:.0f} s left"
-    return (
-        f"simulation at {state.time:.4g} of {state.end:.4g} s: {state.steps} steps, "
-        f"{state.iterations} iterations, {state.cuts} cut{left}"
-    )
+    """How far a simulation is: `at 120 of 3840 s: 6 steps, 21 iterations, 0 cut, 12 s left`.
+
+    Runs of a finite difference are counted before it: `run 7 of 46: simulation at …`.
+    """
+    run = f"run {state.run} of {state.runs}: " if state.runs > 1 else ""
+    steps = f"{state.steps} steps, {state.iterations} iterations, {state.cuts} cut"
+    parts = [steps] if state.steps else []
+    parts += [] if math.isnan(state.remaining) else [f"{state.remaining:.0f} s left"]
+    told = f": {', '.join(parts)}" if parts else ""
+    return f"{run}simulation at {state.time:.4g} of {state.end:.4g} s{told}"
 
 
 def _alone(inner: Adapter) -> Adapter:

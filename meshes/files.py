@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from meshes import tet10, wedge15
 from meshes.cells import inverted_cells
-from meshes.med_file import open_med
+from meshes.med_file import open_med, write_as_med_4_0
 from meshes.prism_mesh import FACE_GROUPS, PrismMesh
 from meshes.tet10 import node_groups
 
@@ -22,6 +22,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _CELLS, _FACES, _NODES = 0, -1, 1  # levels of a MED mesh, relative to its dimension
+_FIRST_GRAIN = "GRAIN1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,9 @@ _FACE_KINDS = {6: mc.NORM_TRI6, 8: mc.NORM_QUAD8}
 
 
 def write_med(mesh: PrismMesh, path: Path) -> None:
-    """Write the mesh, named `prism`, with all its groups.
+    """Write the mesh, named `prism`, with all its groups, in MED 4.0.
+
+    Programs with MED 4.0 or 4.1 (Code_Aster 15 to 17) refuse newer files.
 
     Groups of cells: GRAIN1, GRAIN2, …; of faces (where the mesh has them): S_PLUS, S_MINUS, TOP;
     of nodes: every group of `mesh.nodes`. MED's cells have the opposite handedness of VTK's, so
@@ -84,36 +87,44 @@ def write_med(mesh: PrismMesh, path: Path) -> None:
         members = dict(zip(FACE_GROUPS, np.split(np.arange(ends[-1]), ends), strict=False))
     file.setName("prism")
 
-    for grain in range(mesh.n_grains):
-        file.addGroup(_CELLS, _group(f"GRAIN{grain + 1}", np.flatnonzero(mesh.grain == grain)))
-    for name, ids in members.items():
-        file.addGroup(_FACES, _group(name, ids))
-    for name, ids in mesh.nodes.items():
-        file.addGroup(_NODES, _group(name, ids))
-    file.write(str(path), 2)  # 2: replace the file
+    grains = {f"GRAIN{k + 1}": np.flatnonzero(mesh.grain == k) for k in range(mesh.n_grains)}
+    for level, groups in ((_CELLS, grains), (_FACES, members), (_NODES, mesh.nodes)):
+        # All groups of a level at once: one by one they leave members of none in a family that
+        # the file does not declare.
+        if groups:
+            file.setGroupsAtLevel(level, [_group(name, ids) for name, ids in groups.items()])
+    write_as_med_4_0(file, path, replace=True)
 
 
-def read_med(path: Path) -> PrismMesh:
+def read_med(path: Path, mesh: str | None = None) -> PrismMesh:
     """Read a prism of tet10 or wedge15 cells with groups GRAIN1, …, S_PLUS, S_MINUS and TOP.
 
-    The node groups follow from the faces. Cells of either handedness are accepted.
+    The node groups follow from the faces. Cells of either handedness are accepted. A group of
+    nodes stands for the outer faces between them where there is none of faces (tet10 only).
 
     Args:
-        path: a MED file that holds one mesh, in µm.
+        path: a MED file, in µm.
+        mesh: name of the mesh; None for the only one, or of several for the only one that has
+            these groups.
 
     Returns:
         the mesh, every Jacobian positive.
 
     Raises:
-        ValueError: the file is no MED mesh, lacks groups, has other cells than tet10 or wedge15,
-            inverted ones, a cell in no grain or in two, or a node in no cell.
+        ValueError: the file cannot be read, see `open_med`, lacks groups, has other cells than
+            tet10 or wedge15, inverted ones, a cell in no grain or in two, or a node in no cell.
         FileNotFoundError: there is no such file.
     """
-    file = open_med(path).mesh
+    file = open_med(path, mesh, groups=(_FIRST_GRAIN, *FACE_GROUPS)).mesh
     _require_groups(path, file)
     kind = _kind(path, file)
     points = file.getCoords().toNumPyArray().astype(np.float64).reshape(-1, 3)
     cells = _connectivity(file, kind.med)[:, kind.mirrored]
+    if cells.min() < 0 or cells.max() >= len(points):
+        raise ValueError(
+            f"{path}: found cells with the nodes {cells.min() + 1} to {cells.max() + 1}, expected "
+            f"1 to {len(points)}"
+        )
     # Some writers leave cells in VTK order.
     corner = points[cells[:, :4]]
     left_handed = np.linalg.det(corner[:, 1:] - corner[:, :1]) < 0
@@ -124,7 +135,7 @@ def read_med(path: Path) -> PrismMesh:
     loose = len(points) - len(np.unique(cells))
     if loose:
         raise ValueError(f"{path}: {loose} of {len(points)} nodes belong to no cell")
-    faces = {name: _faces(path, file, name) for name in FACE_GROUPS}
+    faces = {name: _faces(path, file, name, cells) for name in FACE_GROUPS}
     return PrismMesh(points, cells, _grains(path, file), faces, node_groups(points, faces))
 
 
@@ -167,33 +178,44 @@ def _group(name: str, ids: IntArray) -> Any:
 
 
 def _require_groups(path: Path, file: Any) -> None:
-    found = {level: _groups(file, level) for level in (_CELLS, _FACES)}
-    missing = [name for name in FACE_GROUPS if name not in found[_FACES]]
-    if "GRAIN1" not in found[_CELLS]:
-        missing.insert(0, "GRAIN1")
+    cells, faces, nodes = (_groups(file, level) for level in (_CELLS, _FACES, _NODES))
+    missing = [name for name in FACE_GROUPS if name not in faces + nodes]
+    if _FIRST_GRAIN not in cells:
+        missing.insert(0, _FIRST_GRAIN)
     if missing:
         raise ValueError(
             f"{path}: missing groups {', '.join(missing)}; the file has "
-            f"{', '.join(found[_CELLS] + found[_FACES]) or 'no groups of cells or faces'}"
+            f"{', '.join(cells) or 'none'} of cells, {', '.join(faces) or 'none'} of faces and "
+            f"{', '.join(nodes) or 'none'} of nodes"
         )
 
 
 def _groups(file: Any, level: int) -> list[str]:
-    if level not in file.getNonEmptyLevels():
+    if level not in file.getNonEmptyLevelsExt():
         return []
     return sorted(file.getGroupsOnSpecifiedLev(level))
 
 
 def _kind(path: Path, file: Any) -> _Kind:
     """The kind of all cells of a file."""
-    cells, faces = (file.getGeoTypesAtLevel(level) for level in (_CELLS, _FACES))
+    cells, faces = (_kinds(file, level) for level in (_CELLS, _FACES))
     for kind in _KINDS.values():
         if cells == [kind.med] and set(faces) <= set(kind.faces):
             return kind
     raise ValueError(
-        f"{path}: quadratic cells are expected (tet10 with tri6 faces, or wedge15 with tri6 and "
-        "quad8 faces, and nothing else)"
+        f"{path}: found cells {_names(cells)} with faces {_names(faces)}; quadratic cells are "
+        "expected (TETRA10 with TRI6 faces, or PENTA15 with TRI6 and QUAD8 faces, and nothing else)"
     )
+
+
+def _kinds(file: Any, level: int) -> list[int]:
+    kinds: list[int] = file.getGeoTypesAtLevel(level) if level in file.getNonEmptyLevels() else []
+    return kinds
+
+
+def _names(kinds: list[int]) -> str:
+    names = (mc.MEDCouplingMesh.GetReprOfGeometricType(kind) for kind in kinds)
+    return " and ".join(name.removeprefix("NORM_") for name in names) or "of no kind"
 
 
 def _connectivity(file: Any, kind: int) -> IntArray:
@@ -203,16 +225,31 @@ def _connectivity(file: Any, kind: int) -> IntArray:
     return flat.reshape(single.getNumberOfCells(), -1)
 
 
-def _faces(path: Path, file: Any, name: str) -> IntArray:
+def _faces(path: Path, file: Any, name: str, cells: IntArray) -> IntArray:
     """Node indices of the faces of a group, which are of one kind, shape (n, nodes of it)."""
+    if name not in _groups(file, _FACES):
+        return _faces_between(path, name, _members(file, _NODES, name), cells)
     members, begin = _members(file, _FACES, name), 0
-    for kind in file.getGeoTypesAtLevel(_FACES):
+    for kind in _kinds(file, _FACES):
         faces = _connectivity(file, kind)
         local = members - begin
-        if ((local >= 0) & (local < len(faces))).all():
+        if len(members) and ((local >= 0) & (local < len(faces))).all():
             return faces[local]
         begin += len(faces)
-    raise ValueError(f"{path}: group {name} holds triangles and quadrilaterals; expected one kind")
+    found = "triangles and quadrilaterals" if len(members) else "no face"
+    raise ValueError(f"{path}: group {name} holds {found}; expected one kind")
+
+
+def _faces_between(path: Path, name: str, nodes: IntArray, cells: IntArray) -> IntArray:
+    """Outer faces with all corners among the nodes, shape (n, 6)."""
+    if cells.shape[1] == 10:
+        outer = tet10.outer_faces(cells)
+        faces = outer[np.isin(outer[:, :3], nodes).all(axis=1)]
+        if len(faces):
+            return faces
+    raise ValueError(
+        f"{path}: group {name} of {len(nodes)} nodes stands for no faces; expected a group of faces"
+    )
 
 
 def _members(file: Any, level: int, name: str) -> IntArray:

@@ -1,4 +1,4 @@
-"""Fields over time in MED files: at nodes, in cells and at the Gauss points of cells."""
+"""Fields over time in MED files: at nodes, in cells, at the Gauss points or nodes of cells."""
 
 from __future__ import annotations
 
@@ -11,18 +11,20 @@ import medcoupling as mc
 import numpy as np
 from numpy.typing import NDArray
 
-from meshes.med_file import MedFile, open_med
+from meshes.med_file import MedFile, open_med, quiet_library, write_as_med_4_0
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-Place = Literal["nodes", "cells", "points"]
+Place = Literal["nodes", "cells", "points", "cell nodes"]
 
 _KINDS: dict[Place, int] = {
     "nodes": mc.ON_NODES,
     "cells": mc.ON_CELLS,
     "points": mc.ON_GAUSS_PT,
+    "cell nodes": mc.ON_GAUSS_NE,
 }
+_SEVERAL_IN_A_CELL: tuple[Place, ...] = ("points", "cell nodes")
 _VOLUME_CELLS = 0  # level of a MED mesh, relative to its dimension
 
 
@@ -32,11 +34,13 @@ class MedField:
 
     Attributes:
         name: name of the field.
-        place: where its values are: nodes, cells, or the Gauss points of cells.
+        place: where its values are: nodes, cells, the Gauss points of cells, or the nodes as each
+            cell has them.
         components: name of each of the k components.
         units: unit of each, empty where the file states none.
         times: instants [s], shape (T,).
-        values: shape (T, n, k), of Gauss points (T, n, n_gauss, k).
+        values: shape (T, n, k), of Gauss points (T, n, n_gauss, k), of the nodes of cells
+            (T, n, nodes of a cell, k) in MED's order.
         ids: the n nodes or cells that have values, in the order of the file, shape (n,); empty
             for all of them in a field that is to be written.
         weights: of the Gauss points in the reference cell, shape (n_gauss,), else empty.
@@ -75,7 +79,7 @@ def add_med_fields(path: Path, fields: Sequence[MedField]) -> None:
         series = mc.MEDFileFieldMultiTS()
         for step in range(len(item.times)):
             series.appendFieldNoProfileSBT(_instant(item, step, support))
-        series.write(str(path), 0)  # 0: add to the file
+        write_as_med_4_0(series, path, replace=False)
 
 
 def _instant(item: MedField, step: int, support: Any) -> Any:
@@ -91,53 +95,86 @@ def _instant(item: MedField, step: int, support: Any) -> Any:
     return one
 
 
-def read_med_fields(path: Path, names: Sequence[str] | None = None) -> dict[str, MedField]:
+def read_med_fields(
+    path: Path, names: Sequence[str] | None = None, mesh: str | None = None
+) -> dict[str, MedField]:
     """Fields of a MED file by name, at all their instants.
 
-    Cells are those of the highest dimension, of one kind; fields of faces are left out. A field
-    with values at several places (nodes and cells) counts as that of the first of nodes, cells,
-    points.
+    Cells are those of the highest dimension; fields of their faces and edges are left out. A
+    field with values at several places (nodes and cells) counts as that of the first of nodes,
+    cells, points, nodes of cells. Whole numbers are read as the same real ones.
 
     Args:
-        path: a MED file with one mesh and fields on it.
-        names: the wanted fields, or None for all.
+        path: a MED file with fields.
+        names: the wanted fields, or None for all on the mesh.
+        mesh: name of the mesh; None for the only one, or of several for the only one that has
+            the wanted fields.
 
     Raises:
-        ValueError: the file is no MED file or a damaged one, lacks a wanted field, or a field
-            changes its places in time.
+        ValueError: the file cannot be read, see `open_med`, or lacks a wanted field; or a field
+            cannot, see `read_med_field`.
         FileNotFoundError: there is no such file.
     """
-    file = open_med(path)
+    file = open_med(path, mesh, fields=names or ())
     missing = [name for name in names or () if name not in file.fields]
     if missing:
         raise ValueError(
             f"{path}: found no field {', '.join(missing)}; it has "
             f"{', '.join(file.fields) or 'no fields'}"
         )
-    fields = (read_med_field(file, name) for name in (file.fields if names is None else names))
-    return {item.name: item for item in fields if item is not None}
+    found = {name: read_med_field(file, name) for name in (names or file.fields)}
+    absent = [name for name, field in found.items() if field is None]
+    if names is not None and absent:
+        raise ValueError(
+            f"{path}: found the fields {', '.join(absent)} on faces or edges alone, expected "
+            "values at nodes or in cells"
+        )
+    return {name: field for name, field in found.items() if field is not None}
 
 
 def read_med_field(file: MedFile, name: str) -> MedField | None:
     """A field of an open file at all its instants, see `read_med_fields`; None if it is of faces.
 
     Raises:
-        ValueError: the field is damaged, or changes its places in time.
+        ValueError: the field is damaged, changes its places in time, or has different points in
+            different cells.
     """
     try:
-        return _field(file.path, file.mesh, mc.MEDFileFieldMultiTS(str(file.path), name))
+        with quiet_library():
+            series = mc.MEDFileAnyTypeFieldMultiTS.New(str(file.path), name)
+        return _field(file.path, file.mesh, series)
     except mc.InterpKernelException as error:
         raise ValueError(
             f"{file.path}: its field {name} cannot be read ({error.what()})"
         ) from error
 
 
+@dataclass(frozen=True)
+class _Support:
+    """Where the values of an instant are.
+
+    Attributes:
+        place: the first that it has, None where it has none.
+        points: names of the kinds of points in a cell: sets of Gauss points, or kinds of cells.
+    """
+
+    place: Place | None
+    points: tuple[str, ...]
+
+
 def _field(path: Path, mesh: Any, series: Any) -> MedField | None:
-    places = series[0].getTypesOfFieldAvailable()
-    place = next((place for place, kind in _KINDS.items() if kind in places), None)
-    if place is None or (place != "nodes" and _VOLUME_CELLS not in _levels(mesh, series[0])):
-        return None
     name, steps = series.getName(), series.getTimeSteps()
+    supports = [_support(mesh, series[index]) for index in range(len(steps))]
+    place, points = supports[0].place, supports[0].points
+    if any(support != supports[0] for support in supports):
+        raise ValueError(f"{path}: field {name} has values at other places at other instants")
+    if len(points) > 1:
+        raise ValueError(
+            f"{path}: field {name} has values at several kinds of {place}, {', '.join(points)}; "
+            "expected one kind in all cells"
+        )
+    if place is None:
+        return None
     values, ids = [], None
     for index in range(len(steps)):
         array, profile = series[index].getFieldWithProfile(_KINDS[place], _VOLUME_CELLS, mesh)
@@ -146,27 +183,37 @@ def _field(path: Path, mesh: Any, series: Any) -> MedField | None:
             raise ValueError(f"{path}: field {name} has values at other {place} at other instants")
         ids = here
         values.append(array.toNumPyArray().reshape(here.size, -1, len(series.getInfo())))
-    stacked = np.array(values)
+    stacked = np.array(values, dtype=np.float64)
     info = mc.DataArrayDouble(1, len(series.getInfo()))
     info.setInfoOnComponents(list(series.getInfo()))
+    weights = series[0].getLocalization(points[0]).getGaussWeights() if place == "points" else ()
     return MedField(
         name=name,
         place=place,
         components=tuple(v.strip() for v in info.getVarsOnComponent()),
         units=tuple(unit.strip() for unit in info.getUnitsOnComponent()),
         times=np.array([time for _, _, time in steps]),
-        values=stacked if place == "points" else stacked[:, :, 0],
+        values=stacked if place in _SEVERAL_IN_A_CELL else stacked[:, :, 0],
         ids=np.asarray(ids),
-        weights=_weights(mesh, series[0]) if place == "points" else np.zeros(0),
+        weights=np.array(weights, dtype=np.float64),
     )
 
 
-def _weights(mesh: Any, step: Any) -> FloatArray:
-    """Weights of the Gauss points in the reference cell, shape (n_gauss,)."""
-    found = step.getFieldOnMeshAtLevel(mc.ON_GAUSS_PT, _VOLUME_CELLS, mesh)
-    return np.array(found.getGaussLocalization(0).getWeights())
-
-
-def _levels(mesh: Any, step: Any) -> list[int]:
-    levels: list[int] = step.getNonEmptyLevels(mesh.getName())[1]
-    return levels
+def _support(mesh: Any, step: Any) -> _Support:
+    cells = mesh.getGeoTypesAtLevel(_VOLUME_CELLS)
+    parts = [
+        (kind, place, points)
+        for kind, places in step.getFieldSplitedByType()
+        for place, _, _, points in places
+        if place == mc.ON_NODES or kind in cells
+    ]
+    found = {place for _, place, _ in parts}
+    place = next((place for place, number in _KINDS.items() if number in found), None)
+    if place not in _SEVERAL_IN_A_CELL:
+        return _Support(place, ())
+    kinds = {
+        points if place == "points" else mc.MEDCouplingMesh.GetReprOfGeometricType(kind)
+        for kind, number, points in parts
+        if number == _KINDS[place]
+    }
+    return _Support(place, tuple(sorted(kinds)))

@@ -1,18 +1,31 @@
-"""Opening MED files: what medcoupling cannot say of a damaged one is found before."""
+"""MED files: opened with a clear refusal, written in the version that most programs read."""
 
 from __future__ import annotations
 
+import ctypes
+import os
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import h5py
 import medcoupling as mc
 
+_ADD, _REPLACE = 0, 2  # modes of medcoupling
+_OLDEST = (2, 2)  # version of MED that its library reads
+_UNSTRUCTURED = 0  # type of a mesh in MED
+_QUIET = threading.Lock()
+_C = ctypes.CDLL(None)
+_C.fopen.restype = ctypes.c_void_p
+
 
 @dataclass(frozen=True, eq=False)
 class MedFile:
-    """A whole MED file with one mesh.
+    """A whole MED file with the one mesh of it that is meant.
 
     Attributes:
         path: the file.
@@ -25,21 +38,144 @@ class MedFile:
     fields: tuple[str, ...]
 
 
-def open_med(path: Path) -> MedFile:
-    """Open a MED file that holds one mesh.
+def open_med(
+    path: Path,
+    mesh: str | None = None,
+    groups: Sequence[str] = (),
+    fields: Sequence[str] = (),
+) -> MedFile:
+    """Open a MED file at one of its unstructured meshes.
+
+    A mesh that changes in time is read in its first state.
+
+    Args:
+        path: the file.
+        mesh: name of the mesh; None for the only one, or of several for the only one that has
+            the wanted groups and fields.
+        groups: wanted groups.
+        fields: wanted fields; any field counts where neither groups nor fields are wanted.
 
     Raises:
-        ValueError: the file is no MED file, a damaged one, or has another number of meshes.
+        ValueError: the file is no MED file, a damaged one, or of a version that cannot be read;
+            or it has no such mesh, or several.
         FileNotFoundError: there is no such file.
     """
     try:
         # h5py refuses a damaged file without a word; medcoupling floods the terminal first.
-        with h5py.File(path) as hdf:
-            meshes, fields = list(hdf["ENS_MAA"]), tuple(hdf.get("CHA", ()))
-        if len(meshes) != 1:
-            raise ValueError(f"{path}: one mesh is expected, found {len(meshes)}: {meshes}")
-        return MedFile(path, mc.MEDFileUMesh(str(path)), fields)
+        fields_of = _fields_of_meshes(path)
+        with quiet_library():
+            name = _chosen(path, fields_of, mesh, groups, fields)
+            return MedFile(path, mc.MEDFileUMesh(str(path), name), fields_of[name])
     except FileNotFoundError:
         raise FileNotFoundError(f"{path}: no such file") from None
     except (OSError, KeyError, mc.InterpKernelException) as error:
         raise ValueError(f"{path}: not a MED file, or a damaged one") from error
+
+
+def write_as_med_4_0(data: Any, path: Path, replace: bool) -> None:
+    """Write a mesh or the instants of a field in MED 4.0, which MED 4.0 and later read.
+
+    Args:
+        data: medcoupling's MEDFileUMesh or MEDFileFieldMultiTS.
+        path: the file.
+        replace: whether the file is made anew, else the data are added to it.
+    """
+    data.write40(str(path), _REPLACE if replace else _ADD)
+
+
+@contextmanager
+def quiet_library() -> Iterator[None]:
+    """The terminal without what the MED library prints before medcoupling raises an error.
+
+    The stream of C alone is exchanged: Python and programs started meanwhile keep theirs.
+    """
+    stream = ctypes.c_void_p.in_dll(_C, "stderr")
+    with _QUIET:
+        kept, stream.value = stream.value, _nowhere()
+        try:
+            yield
+        finally:
+            stream.value = kept
+
+
+@cache
+def _nowhere() -> int:
+    """The stream of C that leads nowhere."""
+    opened: int = _C.fopen(os.devnull.encode(), b"w")
+    return opened
+
+
+def _fields_of_meshes(path: Path) -> dict[str, tuple[str, ...]]:
+    """Names of the fields on each unstructured mesh, by its name."""
+    with h5py.File(path) as hdf:
+        _require_version(path, hdf["INFOS_GENERALES"].attrs)
+        meshes, fields = hdf.get("ENS_MAA", {}), hdf.get("CHA", {})
+        for name in (*meshes, *fields):
+            # medcoupling ends the process at some of them.
+            if isinstance(name, bytes) or name != name.rstrip():
+                raise ValueError(
+                    f"{path}: found the name {name!r}, expected names in UTF-8 that end in no blank"
+                )
+        found = [name for name in meshes if meshes[name].attrs["TYP"] == _UNSTRUCTURED]
+        if not found:
+            raise ValueError(
+                f"{path}: found the meshes {', '.join(meshes) or 'none'}, expected an "
+                "unstructured one"
+            )
+        mesh_of = {name: _mesh_of(fields[name]) for name in fields}
+    return {mesh: tuple(name for name in mesh_of if mesh_of[name] == mesh) for mesh in found}
+
+
+def _require_version(path: Path, attributes: Mapping[str, Any]) -> None:
+    """Make sure that the MED library reads this version: it ends the process at a newer one."""
+    *version, release = (int(attributes[name]) for name in ("MAJ", "MIN", "REL"))
+    newest = tuple(mc.MEDFileVersion()[:2])
+    if not _OLDEST <= tuple(version) <= newest:
+        old = tuple(version) < _OLDEST
+        raise ValueError(
+            f"{path}: found MED {version[0]}.{version[1]}.{release}, expected "
+            f"{_OLDEST[0]}.{_OLDEST[1]} to {newest[0]}.{newest[1]}"
+            + ("; the program medimport makes a newer file of it" if old else "")
+        )
+
+
+def _mesh_of(field: Any) -> str | None:
+    """Name of the mesh of a field, None where the field has no instant."""
+    if "MAI" in field.attrs:
+        return os.fsdecode(field.attrs["MAI"]).rstrip()
+    # MED 2 names it with every instant on every kind of cell.
+    for instants in field.values():
+        for instant in instants.values():
+            return os.fsdecode(instant.attrs["MAI"]).rstrip()
+    return None
+
+
+def _chosen(
+    path: Path,
+    fields_of: Mapping[str, Sequence[str]],
+    mesh: str | None,
+    groups: Sequence[str],
+    fields: Sequence[str],
+) -> str:
+    """Name of the mesh that is meant."""
+    found = ", ".join(fields_of)
+    if mesh is not None:
+        if mesh not in fields_of:
+            raise ValueError(f"{path}: found the unstructured meshes {found}, expected {mesh}")
+        return mesh
+    fitting = list(fields_of)
+    if len(fitting) > 1:
+        fitting = [
+            name
+            for name in fields_of
+            if set(groups) <= set(mc.GetMeshGroupsNames(str(path), name))
+            and set(fields) <= set(fields_of[name])
+            and (groups or fields or fields_of[name])
+        ]
+    if len(fitting) != 1:
+        wanted = ", ".join((*groups, *fields)) or "fields"
+        raise ValueError(
+            f"{path}: found the meshes {found}, {len(fitting) or 'none'} of them with {wanted}; "
+            "expected one, or the name of the wanted mesh"
+        )
+    return fitting[0]

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
+import math
 import os
+import re
 import shutil
 import tempfile
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 
 from solver_adapters.interface import (
@@ -22,10 +23,12 @@ from solver_adapters.interface import (
     Simulation,
 )
 from solver_adapters.jobs.answer import refuse_bad_response, refuse_other_deck
+from solver_adapters.jobs.errors import JobError
 from solver_adapters.jobs.failure import PASSING, Failure, failed, limit_told, missing
 from solver_adapters.jobs.folder import (
     RESPONSE,
     Record,
+    legible,
     log_of,
     put_away,
     read_record,
@@ -33,6 +36,7 @@ from solver_adapters.jobs.folder import (
     write_aside,
     write_record,
 )
+from solver_adapters.jobs.identity import NoAnswerError, hash_of, told_by
 from solver_adapters.jobs.key import job_key
 from solver_adapters.jobs.prepared import (
     ELSEWHERE,
@@ -41,9 +45,10 @@ from solver_adapters.jobs.prepared import (
     has_results,
     prepare,
     prepared_job,
+    refresh,
     refuse_other_job,
 )
-from solver_adapters.jobs.runner import Ended, Limits, run_program
+from solver_adapters.jobs.runner import CRASH_CODES, Ended, Limits, run_program
 from solver_adapters.jobs.status import CACHED
 from solver_adapters.jobs.status import Status as Status
 from solver_adapters.profile import Profile as Profile
@@ -64,6 +69,9 @@ ABSENT = "absent"
 """Identity of a program that is not on this machine."""
 
 _LOG = logging.getLogger(__name__)
+_LINES_OF_ANSWER = 10
+# What the loader of the system says of a program whose libraries are not there.
+_NO_LIBRARY = re.compile(r"error while loading shared libraries|cannot open shared object file")
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -72,19 +80,26 @@ class ExternalAdapter(ABC):
 
     A subclass says what it can honour, by its capabilities and, where they do not say all, by
     `judge`, and has three functions, each of which can be tested alone: `write` renders the files
-    of a job, `read` understands the files that the program leaves, and `diagnose` its log.
+    of a job, `read` understands the files that the program leaves, and `diagnose` its log. Where
+    it can, it also tells the version (`version_call`, `version_in`), the lines of the log that say
+    why a run failed (`cause`) and the instant that a run has reached (`reached`).
 
     Attributes:
         name: word of the case file.
         programs: commands that are looked for on PATH, the best first.
         results: files that the program leaves and no other does; one of them tells that a prepared
             job was computed where its script, which leaves its exit code, was not used.
+        scratch: folders in that of the job which nobody needs once the program has ended.
+        version_call: arguments with which the program tells its version; empty for a program that
+            is known by its hash.
         profile: how the program is called.
     """
 
     name: str
     programs: tuple[str, ...]
     results: tuple[str, ...] = ()
+    scratch: tuple[str, ...] = ()
+    version_call: tuple[str, ...] = ()
 
     def __init__(self, profile: Profile | None = None) -> None:
         self.profile = profile or Profile()
@@ -119,7 +134,7 @@ class ExternalAdapter(ABC):
 
         It gets what `files` has let pass, and refuses nothing.
 
-        A deck may have a provenance header, see `jobs.key.without_provenance`.
+        A deck may mark its provenance and its limits, see `jobs.key.what_is_computed`.
         """
 
     @abstractmethod
@@ -138,20 +153,45 @@ class ExternalAdapter(ABC):
     def diagnose(self, log: str) -> Status:
         """What the log says: DONE where it says nothing of a failure."""
 
+    def cause(self, log: str) -> str:
+        """The lines of a log that say why the run failed; "" where its last ones have to do."""
+        return ""
+
+    def reached(self, simulation: Simulation, folder: Path) -> float | None:
+        """The instant that the running job has reached [s], None where its files do not tell."""
+        return None
+
+    def version_in(self, answer: str) -> str | None:
+        """Name and version in the answer to `version_call`, None where it holds none."""
+        return None
+
     def version(self) -> str:
         """Identity of the program that is found, part of the job key; "absent" if there is none.
 
-        The default is a hash of the executable and of the arguments that the profile adds. Where
-        that is only a launcher, a subclass asks the program behind it.
+        It is the version that the program tells, or a hash of the executable and of the files that
+        the profile calls it with, where the program is not asked.
+
+        Raises:
+            JobError: the program is there and cannot tell its version.
         """
         program = self.program()
         if program is None:
             return ABSENT
-        digest = hashlib.sha256()
-        for word in program:
-            # The program itself, and scripts or settings that it is called with.
-            digest.update(_content_hash(Path(word)) if os.path.isfile(word) else word.encode())
-        return f"{Path(program[0]).resolve().name} {digest.hexdigest()[:12]}"
+        if not self.version_call:
+            return hash_of(program)
+        call = (*program, *self.version_call)
+        try:
+            answer = told_by(call)
+        except NoAnswerError as error:
+            answer = str(error)
+        found = self.version_in(answer)
+        if found is None:
+            said = legible(answer.splitlines()[-_LINES_OF_ANSWER:])
+            raise JobError(
+                self.name, Status.BROKEN, f"found no version in the answer to {' '.join(call)}",
+                said,
+            )  # fmt: skip
+        return found
 
     def program(self) -> tuple[str, ...] | None:
         """The program on this machine with its leading arguments; None if it is absent."""
@@ -178,15 +218,15 @@ class ExternalAdapter(ABC):
             simulation: what to solve.
             workspace: the folder of all jobs, each in a folder named by its key; None for one
                 that is removed.
-            progress: called from time to time; the program tells nothing on its way, so that it
-                says that of the first instant. What it raises ends the job.
+            progress: called from time to time with the instant that the program has reached, the
+                first one where it does not tell. What it raises ends the job.
 
         Raises:
             UnsupportedError: a value cannot be honoured; it and who can are named.
             BadSimulationError: the input is broken, see `refuse_bad_simulation`.
             CommandMissingError: the program is absent.
             PreparedError: the job was written for another machine.
-            JobError: the job brought no response; status, end of the log and remedy are in it.
+            JobError: the job brought no response; status, what its log says and remedy are in it.
         """
         files, identity = self.files(simulation), self.version()
         key = job_key(simulation, self.name, identity, files)
@@ -205,6 +245,8 @@ class ExternalAdapter(ABC):
             if self.profile.prepare_only:
                 if waiting is None:
                     self._prepare(jobs, elsewhere, files)
+                else:
+                    refresh(jobs / elsewhere.key, files)
                 raise PreparedError([jobs / elsewhere.key])
             program = self.program()
             if program is None:
@@ -212,14 +254,8 @@ class ExternalAdapter(ABC):
                     self.name, self.programs, self.profile,
                     "" if waiting is None else str(jobs / elsewhere.key),
                 )  # fmt: skip
-            begin, end = float(simulation.times[0]), float(simulation.times[-1])
-
-            def waiting_still() -> None:
-                if progress is not None:
-                    progress(Progress(begin, end, steps=0, iterations=0, cuts=0))
-
             record = replace(here, command=self.command(program))
-            return self._run(simulation, jobs, record, files, waiting_still)
+            return self._run(simulation, jobs, record, files, progress)
 
     def _known(
         self,
@@ -237,7 +273,7 @@ class ExternalAdapter(ABC):
         if record is None or record.status == PREPARED:
             return None
         if record.status != Status.DONE:
-            raise failed(self.name, Failure(Status(record.status), record.detail), folder)
+            raise self._failed(Failure(Status(record.status), record.detail), folder)
         try:
             return _stored(simulation, folder)
         except ResultFileError as error:
@@ -261,12 +297,20 @@ class ExternalAdapter(ABC):
         jobs: Path,
         record: Record,
         files: Mapping[str, bytes],
-        waiting: Callable[[], None],
+        progress: Callable[[Progress], None] | None,
     ) -> Response:
         folder = write_aside(jobs, record.key, files)
         limits = Limits(self.profile.memory, self.profile.wall_time, self.profile.cpu_time)
+        begun = time.monotonic()
+
+        def waiting() -> None:
+            if progress is not None:
+                progress(self._progress(simulation, folder, time.monotonic() - begun))
+
         try:
             ended = run_program(record.command, folder, limits, self.environment(), waiting)
+            for name in self.scratch:
+                shutil.rmtree(folder / name, ignore_errors=True)
         except BaseException:
             # Stopped on its way: what there is is of no use.
             shutil.rmtree(folder, ignore_errors=True)
@@ -284,15 +328,26 @@ class ExternalAdapter(ABC):
             raise
         if isinstance(found, Failure):
             write_record(folder, replace(record, status=found.status, detail=found.detail))
-            raise failed(self.name, found, settle(folder, jobs, record.key, found.status))
+            raise self._failed(found, settle(folder, jobs, record.key, found.status))
         write_record(folder, replace(record, status=Status.DONE))
         settle(folder, jobs, record.key, Status.DONE)
         return found
 
+    def _progress(self, simulation: Simulation, folder: Path, spent: float) -> Progress:
+        """How far a running job is, after a wall-clock time [s]."""
+        begin, end = float(simulation.times[0]), float(simulation.times[-1])
+        reached = self.reached(simulation, folder)
+        now = begin if reached is None else reached
+        left = spent * (end - now) / (now - begin) if now > begin else math.nan
+        return Progress(now, end, steps=0, iterations=0, cuts=0, remaining=left)
+
+    def _failed(self, failure: Failure, folder: Path, remedy: str = "") -> JobError:
+        return failed(self.name, failure, folder, self.cause(log_of(folder)), remedy)
+
     def _prepare(self, jobs: Path, record: Record, files: Mapping[str, bytes]) -> None:
         program = self.profile.command or (self.programs[0],)
         record = replace(record, status=PREPARED, command=self.command(program))
-        prepare(jobs, record, files, self.environment())
+        prepare(jobs, record, files, self.environment(), self.scratch)
 
     def _collect(
         self, simulation: Simulation, folder: Path, record: Record, files: Mapping[str, bytes]
@@ -305,7 +360,7 @@ class ExternalAdapter(ABC):
         if isinstance(found, Failure):
             lost = f"copy all files back, or delete {folder.name} to have it prepared anew"
             remedy = lost if found.status is Status.NO_RESULT else ""
-            raise failed(self.name, found, folder, remedy)
+            raise self._failed(found, folder, remedy)
         return found
 
     def _read_again(
@@ -329,18 +384,25 @@ class ExternalAdapter(ABC):
         """What a program that has ended leaves: first the system's word, then its log's."""
         if ended.status is not None:
             return Failure(ended.status, limit_told(ended, self.profile))
-        code = f"exit code {ended.code}" if ended.code else ""
-        said = self.diagnose(log_of(folder))
+        code, log = f"exit code {ended.code}" if ended.code else "", log_of(folder)
+        said = self.diagnose(log)
         if said is not Status.DONE:
             return Failure(said, code)
         if ended.code:
-            return Failure(Status.NO_RESULT, code)
+            return Failure(_fault(ended.code, log), code)
         try:
             response = self.read(simulation, folder)
             refuse_bad_response(simulation, response)
         except ResultFileError as error:
             return Failure(Status.NO_RESULT, str(error))
         return response
+
+
+def _fault(code: int, log: str) -> Status:
+    """What a program failed by whose log tells nothing that its adapter knows."""
+    if _NO_LIBRARY.search(log):
+        return Status.BROKEN
+    return Status.CRASHED if code in CRASH_CODES else Status.NO_RESULT
 
 
 def _provenance(record: Record) -> Provenance:
@@ -365,15 +427,3 @@ def _jobs_in(workspace: Path | None) -> Iterator[Path]:
     else:
         with tempfile.TemporaryDirectory(prefix=PASSING) as folder:
             yield Path(folder)
-
-
-def _content_hash(path: Path) -> bytes:
-    stat = path.stat()
-    return _hash_of(path, stat.st_size, stat.st_mtime_ns)
-
-
-@lru_cache(maxsize=32)
-def _hash_of(path: Path, size: int, changed: int) -> bytes:
-    """Hash of a file; size and time of change tell when it must be read again."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").digest()

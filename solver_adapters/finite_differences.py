@@ -21,7 +21,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from multiprocessing import parent_process
 from pathlib import Path
-from threading import Event
+from threading import Event, Lock
 
 import numpy as np
 
@@ -85,7 +85,7 @@ class FiniteDifferences:
         Args:
             simulation: what to solve.
             workspace: a folder for files of the runs.
-            progress: called as the run advances; the runs beside it follow.
+            progress: called as the runs advance, with the number of each among all.
 
         Raises:
             UnsupportedError: a direction changes what the solver cannot honour.
@@ -98,21 +98,23 @@ class FiniteDifferences:
         directions, plain = simulation.directions, replace(simulation, directions=())
         if not directions:
             return self.adapter.solve(plain, workspace, progress)
+        count = _Count(1 + RUNS_PER_DIRECTION * len(directions), progress)
         refuse_bad_directions(simulation)
         self._refuse_unsupported(directions)
         noise = self.adapter.capabilities().noise
         share = (noise / 2) ** (1 / 3)
         first = [(direction, share * direction.scale) for direction in directions]
         try:
-            base = self.adapter.solve(plain, workspace, progress)
+            base = self.adapter.solve(plain, workspace, count.tell)
         except PreparedError as error:
             try:
-                self._pairs(plain, first, workspace)
+                self._pairs(plain, first, workspace, count)
             except PreparedError as others:
                 raise PreparedError.together([error, others]) from None
             raise
+        count.ended()
         repeated = once_more(plain, base)
-        pairs = self._pairs(repeated, first, workspace)
+        pairs = self._pairs(repeated, first, workspace, count)
         slopes = [slope_through(base, pair, noise) for pair in pairs]
         second = {
             k: step
@@ -120,7 +122,8 @@ class FiniteDifferences:
             if (step := slope.better_step(direction.scale))
         }
         again = [(directions[k], step) for k, step in second.items()]
-        for k, pair in zip(second, self._pairs(repeated, again, workspace), strict=True):
+        count.more(RUNS_PER_DIRECTION * len(again))
+        for k, pair in zip(second, self._pairs(repeated, again, workspace, count), strict=True):
             # Of two steps that both show no change the second, wider one is told.
             slopes[k] = min(slope_through(base, pair, noise), slopes[k], key=lambda s: s.asymmetry)
         notes = [
@@ -157,6 +160,7 @@ class FiniteDifferences:
         simulation: Simulation,
         steps: Sequence[tuple[Direction, float]],
         workspace: Path | None,
+        count: _Count,
     ) -> list[Pair]:
         """Two runs along each direction, at ± a step or where else they succeed.
 
@@ -165,12 +169,13 @@ class FiniteDifferences:
             SolverError: no run on a side of a direction, nor at half of it on the other.
         """
         asked = [_Run(direction, sign * step) for direction, step in steps for sign in (1, -1)]
-        found = self._outcomes(simulation, asked, workspace)
+        found = self._outcomes(simulation, asked, workspace, count)
         failed = [i for i, outcome in enumerate(found) if _failed(outcome)]
         # A constant at its bound has one side only; the parabola through two points there will do.
         others = [_Run(asked[i].direction, -asked[i].amount / 2) for i in failed]
+        count.more(len(others))
         for i, run, outcome in zip(
-            failed, others, self._outcomes(simulation, others, workspace), strict=True
+            failed, others, self._outcomes(simulation, others, workspace, count), strict=True
         ):
             if _failed(outcome):
                 raise SolverError(
@@ -189,14 +194,15 @@ class FiniteDifferences:
         return list(zip(points[::2], points[1::2], strict=True))
 
     def _outcomes(
-        self, simulation: Simulation, runs: Sequence[_Run], workspace: Path | None
+        self, simulation: Simulation, runs: Sequence[_Run], workspace: Path | None, count: _Count
     ) -> list[Response | SolverError]:
         """What became of each run, in their order."""
         stop = Event()
 
-        def heed(_: Progress) -> None:
+        def heed(state: Progress) -> None:
             if stop.is_set():
                 raise _StoppedError
+            count.tell(state)
 
         def outcome(run: _Run) -> Response | SolverError:
             moved = shifted(simulation, run.direction, run.amount)
@@ -209,6 +215,8 @@ class FiniteDifferences:
                 if is_by_circumstances(error):
                     raise
                 return error
+            finally:
+                count.ended()
             # The ends of its steps on the clock of the asked run, whose steps they should be.
             return replace(answer, ends=np.interp(answer.ends, moved.times, simulation.times))
 
@@ -226,6 +234,29 @@ class FiniteDifferences:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
         return [future.result() for future in futures]
+
+
+class _Count:
+    """Runs that have ended, and how many there are to be; threads share it."""
+
+    def __init__(self, runs: int, progress: Callable[[Progress], None] | None) -> None:
+        self._runs, self._done, self._progress, self._lock = runs, 0, progress, Lock()
+
+    def more(self, runs: int) -> None:
+        """Some runs come on top."""
+        with self._lock:
+            self._runs += runs
+
+    def ended(self) -> None:
+        """A run has ended."""
+        with self._lock:
+            self._done += 1
+
+    def tell(self, state: Progress) -> None:
+        """How far a run is, with its number; runs side by side have the same."""
+        if self._progress is not None:
+            with self._lock:
+                self._progress(replace(state, run=self._done + 1, runs=self._runs))
 
 
 class _StoppedError(Exception):

@@ -186,10 +186,12 @@ class Progress:
     Attributes:
         time: simulated time reached [s].
         end: simulated time at the end [s].
-        steps: time steps taken.
+        steps: time steps taken, 0 of a solver that does not tell them on its way.
         iterations: Newton iterations in all.
         cuts: steps that had to be cut, for convergence or for accuracy.
         remaining: wall-clock time to the end at the speed so far [s], NaN while it is not known.
+        run: number of the run, from 1, where one answer takes several.
+        runs: how many there are to be, as far as it is known.
     """
 
     time: float
@@ -198,6 +200,8 @@ class Progress:
     iterations: int
     cuts: int
     remaining: float = math.nan
+    run: int = 1
+    runs: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,6 +272,7 @@ class Capabilities:
             simulation: the tolerance of the iteration, or the digits of a result file. Finite
             differences choose their steps by it.
         cost: CPU time of a simulation over that of the bundled solver, roughly, for estimates.
+        start: CPU time of a simulation before its first time step [s], roughly, for estimates.
         integrations: the schemes of time integration on offer.
         conditional: names of further material parameters of which some values besides the null
             are honoured; the adapter judges the value, and they cannot be identified.
@@ -286,6 +291,7 @@ class Capabilities:
     cell_fields: bool = False
     noise: float = 1e-5
     cost: float = 1.0
+    start: float = 0.0
     integrations: frozenset[str] = frozenset(("backward_euler",))
     conditional: frozenset[str] = frozenset()
     cautions: Mapping[str, str] = field(default_factory=dict)

@@ -10,8 +10,8 @@ import numpy as np
 from solver_adapters.calculix import deck, limits
 from solver_adapters.calculix.dat import read_force
 from solver_adapters.calculix.frd import read_displacements
-from solver_adapters.calculix.log import understand
-from solver_adapters.calculix.sta import read_increments
+from solver_adapters.calculix.log import cause, understand, version_in
+from solver_adapters.calculix.sta import reached, read_increments
 from solver_adapters.external import ExternalAdapter, Status
 from solver_adapters.interface import Capabilities, Response, Simulation
 from solver_adapters.time_steps import step_ends
@@ -22,6 +22,7 @@ class CalculixAdapter(ExternalAdapter):
 
     name = "calculix"
     programs = ("ccx",)
+    version_call = ("-v",)
     results = tuple(f"{deck.JOB}.{ending}" for ending in ("frd", "dat"))
 
     def capabilities(self) -> Capabilities:
@@ -75,3 +76,16 @@ class CalculixAdapter(ExternalAdapter):
     def diagnose(self, log: str) -> Status:
         """What CalculiX has printed."""
         return understand(log)
+
+    def cause(self, log: str) -> str:
+        """The first error that CalculiX has printed."""
+        return cause(log)
+
+    def reached(self, simulation: Simulation, folder: Path) -> float | None:
+        """The end of the last increment in `job.sta`."""
+        spent = reached(folder / f"{deck.JOB}.sta")
+        return None if spent is None else float(simulation.times[0]) + spent
+
+    def version_in(self, answer: str) -> str | None:
+        """The version that `ccx -v` tells."""
+        return version_in(answer)

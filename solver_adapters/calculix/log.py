@@ -1,4 +1,4 @@
-"""What the output of CalculiX says of a run."""
+"""What the output of CalculiX says: how a run ended and why, and its version."""
 
 from __future__ import annotations
 
@@ -17,6 +17,23 @@ _SIGNS = (
     ),
     (Status.BAD_DECK, r"\*ERROR"),
 )
+
+
+# An error with the lines that follow it, up to an empty one.
+_CAUSE = re.compile(r"^ *\*ERROR.*(?:\n *\S.*){0,4}", re.MULTILINE)
+_VERSION = re.compile(r"This is Version (\S+)")
+
+
+def cause(log: str) -> str:
+    """The first error that CalculiX has printed, "" where it printed none."""
+    found = _CAUSE.search(log)
+    return found[0].strip() if found else ""
+
+
+def version_in(answer: str) -> str | None:
+    """Name and version in the answer to `ccx -v`, as `CalculiX 2.20`."""
+    found = _VERSION.search(answer)
+    return found and f"CalculiX {found[1]}"
 
 
 def understand(log: str) -> Status:

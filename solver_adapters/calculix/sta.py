@@ -1,4 +1,4 @@
-"""Increments from the status file (.sta)."""
+"""Increments from the status file (.sta), of a run that has ended or goes on."""
 
 from __future__ import annotations
 
@@ -29,6 +29,16 @@ class Increments:
     ends: FloatArray
     iterations: int
     cuts: int
+
+
+def reached(path: Path) -> float | None:
+    """The end of the last increment of a run that goes on, since its start [s], None before one."""
+    try:
+        rows = _ROW.findall(path.read_text(encoding="ascii", errors="replace"))
+    except OSError:
+        return None
+    taken = [float(row[5]) for row in rows if not row[3]]
+    return taken[-1] if taken else None
 
 
 def read_increments(path: Path, ends: FloatArray) -> Increments:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -9,14 +10,20 @@ from solver_adapters.code_aster import limits, listing, result
 from solver_adapters.code_aster.deck import CELLS, EXPORT, NODES, render_files
 from solver_adapters.external import ExternalAdapter, Status
 from solver_adapters.interface import Capabilities, Response, Simulation
+from solver_adapters.jobs.folder import end_of_output
+
+_SCRATCH = "run_aster"
+_VERSION = re.compile(r"^code_aster (\S+) \((\S+)\)", re.MULTILINE)
 
 
 class CodeAsterAdapter(ExternalAdapter):
-    """MONOCRISTAL of Code_Aster 15 or later, called through run_aster or as_run."""
+    """MONOCRISTAL of Code_Aster 15.2 or later, called through run_aster."""
 
     name = "code_aster"
-    programs = ("run_aster", "as_run")
+    programs = ("run_aster",)
     results = (NODES, CELLS)
+    scratch = (_SCRATCH,)
+    version_call = ("--version",)
 
     def capabilities(self) -> Capabilities:
         """The law without the terms that Code_Aster lacks, both strain measures."""
@@ -37,8 +44,12 @@ class CodeAsterAdapter(ExternalAdapter):
         return render_files(simulation, self.profile, cautions)
 
     def command(self, program: tuple[str, ...]) -> tuple[str, ...]:
-        """The program with the export file, which names all others."""
-        return (*program, EXPORT)
+        """The program with the export file, which names all others.
+
+        Its databases, up to gigabytes, are in the folder of the job: a killed one leaves none in
+        the folder of passing files of the system.
+        """
+        return (*program, "--wrkdir", _SCRATCH, EXPORT)
 
     def read(self, simulation: Simulation, folder: Path) -> Response:
         """Displacement and force of every wanted instant, with the steps that the listing tells.
@@ -51,3 +62,16 @@ class CodeAsterAdapter(ExternalAdapter):
     def diagnose(self, log: str) -> Status:
         """How the run ended, by the verdict of run_aster and by the messages before it."""
         return listing.diagnose(log)
+
+    def cause(self, log: str) -> str:
+        """The first message of an error."""
+        return listing.cause(log)
+
+    def reached(self, simulation: Simulation, folder: Path) -> float | None:
+        """The last instant that the output of run_aster tells."""
+        return listing.instant(end_of_output(folder))
+
+    def version_in(self, answer: str) -> str | None:
+        """Version and revision, as `code_aster 15.2.17 (34161d7955)`."""
+        found = _VERSION.search(answer)
+        return found and f"code_aster {found[1]} ({found[2]})"

@@ -128,8 +128,8 @@ def _med(mesh: PrismMesh, groups: Mapping[str, IntArray]) -> bytes:
 
 
 def _rows(values: Iterable[float]) -> list[str]:
-    """Numbers in rows that fit a screen."""
-    return textwrap.wrap(_row(values), 88)
+    """Numbers in rows that fit a screen, without the comma at the end of a row."""
+    return [row.rstrip(",") for row in textwrap.wrap(_row(values), 88)]
 
 
 def _row(values: Iterable[float]) -> str:

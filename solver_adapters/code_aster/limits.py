@@ -23,6 +23,7 @@ CAPABILITIES = Capabilities(
     derivatives=False,
     cell_fields=True,
     cost=150.0,
+    start=4.0,
     cautions={"finite": FINITE_CAUTION},
 )
 

@@ -1,8 +1,8 @@
-"""What Code_Aster's listing says: how the run ended, and which time steps it took.
+"""What Code_Aster's listing says: how the run ended and why, and which time steps it took.
 
-Verdicts and exceptions are those of `run_aster/status.py`; the messages about memory are those of
-its catalogue (JEVEUX_60, JEVEUX_62, FACTOR_53, FACTOR_54, FACTOR_64) in French, which every
-version prints where no translation is installed.
+Verdicts and exceptions are those of `run_aster/status.py`. Messages are known by their names, which
+are the same in every language; their sentences are those of the catalogues JEVEUX, JEVEUX1 and
+FACTOR in French, which every version prints where no translation is installed.
 """
 
 from __future__ import annotations
@@ -11,35 +11,63 @@ import re
 from dataclasses import dataclass
 
 from solver_adapters.external import Status
+from solver_adapters.jobs.runner import KILL_CODES
 
 _VERDICT = re.compile(r"^--- DIAGNOSTIC JOB : (.*?)\s*$", re.MULTILINE)
+_EXIT = re.compile(r"^EXECUTION_CODE_ASTER_EXIT_\d+=(-?\d+)", re.MULTILINE)
+_TIME_IS_UP = 128 + 24  # the exit code of SIGXCPU, of the limit that run_aster sets
+# What is said on the level of an alarm, <A>, ends no run.
+_FATAL = r"<(?:F|S|E|EXCEPTION|[A-Z]\w*Error)> "
+_BROKEN = re.compile(
+    r"^\S*(?:ImportError|ModuleNotFoundError)\b|cannot open shared object file"
+    r"|error while loading shared libraries|^\S*run_aster: .*(?:No such file|not found)",
+    re.MULTILINE,
+)
 _OUT_OF_MEMORY = re.compile(
-    r"MEMOIRE INSUFFISANTE POUR ALLOUER|<JEVEUX1?_6[02]>|<FACTOR_(53|54|64)>|_MEMORY_ERROR"
-    r"|\bMemoryError\b|std::bad_alloc|[Cc]annot allocate memory|oom-kill|Out of memory"
+    r"MEMOIRE INSUFFISANTE POUR ALLOUER|<JEVEUX1?_6[02]>|<JEVEUX1_71>|_MEMORY_ERROR"
+    rf"|{_FATAL}<FACTOR_(?:53|54|58|64|85)>|\bMemoryError\b|std::bad_alloc"
+    r"|[Cc]annot allocate memory|oom-kill|Out of memory"
+)
+_OUT_OF_DISK = re.compile(
+    rf"{_FATAL}<FACTOR_66>|No space left on device|Disk quota exceeded|Aucun espace disponible"
 )
 _OUT_OF_TIME = re.compile(
     r"<TimeLimitError>|<ArretCPUError>|ARRET PAR MANQUE DE TEMPS|_CPU_LIMIT"
     r"|CPU time limit exceeded|SIGXCPU",
     re.IGNORECASE,
 )
+# Singular or imprecise systems are of the parameters, as steps without convergence are.
 _NOT_CONVERGED = re.compile(
-    r"<(ConvergenceError|IntegrationError|SolverError|ContactError)>|_NO_CONVERGENCE"
-    r"|libaster\.(ConvergenceError|IntegrationError|SolverError)"
+    r"<(?:ConvergenceError|IntegrationError|SolverError|ContactError)>|_NO_CONVERGENCE"
+    r"|libaster\.(?:ConvergenceError|IntegrationError|SolverError)"
+    rf"|{_FATAL}<FACTOR_(?:10|11|12|42|57|78|79)>"
 )
+_CRASHED = re.compile(rf"{_FATAL}<FACTOR_55>|Segmentation fault|SIGSEGV|Erreur de segmentation")
 _BAD_DECK = re.compile(
-    r"SyntaxError|CheckerError|<(EXCEPTION|AsterError)>|<F> <\w+>|<[FS]>_ERROR|_SYNTAX_ERROR"
+    r"SyntaxError|CheckerError|<(?:EXCEPTION|AsterError)>|<F> <\w+>|<[FS]>_ERROR|_SYNTAX_ERROR"
     r"|^Traceback \(most recent call last\)",
     re.MULTILINE,
 )
 # The first that is found names the cause: a lack of memory also ends in an exception.
 _CAUSES = (
     (_OUT_OF_MEMORY, Status.OUT_OF_MEMORY),
+    (_OUT_OF_DISK, Status.OUT_OF_DISK),
     (_OUT_OF_TIME, Status.OUT_OF_TIME),
     (_NOT_CONVERGED, Status.NOT_CONVERGED),
+    (_CRASHED, Status.CRASHED),
+    (_BROKEN, Status.BROKEN),
     (_BAD_DECK, Status.BAD_DECK),
 )
 # Warnings and unchecked values do not spoil a result.
 _COMPLETED = ("OK", "<A>_ALARM", "NO_TEST_RESU", "NOOK_TEST_RESU")
+
+# A message in its box, and the error of a Python command with the place in the command file.
+_MESSAGE = re.compile(rf"^ *║ *{_FATAL}.*?(?=^ *╚)", re.MULTILINE | re.DOTALL)
+_PYTHON = re.compile(
+    r"^ *File .*\n(?:(?! *File )[^\n]*\n){0,4}?(?:\w+\.)*\w*(?:Error|Exception)\b[^\n]*",
+    re.MULTILINE,
+)
+_MOST_LINES = 12
 
 _INSTANT = re.compile(r"(?:Time of computation|Instant de calcul)\s*:\s*(\S+)")
 _ITERATIONS = re.compile(r"^\* Nombre d'itérations de Newton\s*:\s*(\d+)", re.MULTILINE)
@@ -58,7 +86,28 @@ def diagnose(log: str) -> Status:
     for pattern, status in _CAUSES:
         if pattern.search(log):
             return status
-    return Status.KILLED if verdicts else Status.DONE
+    codes = [int(code) for code in _EXIT.findall(log)]
+    if codes and codes[-1] == _TIME_IS_UP:
+        return Status.OUT_OF_TIME
+    if codes and codes[-1] in KILL_CODES:
+        return Status.KILLED
+    return Status.CRASHED if verdicts else Status.DONE
+
+
+def cause(log: str) -> str:
+    """The first message of an error in a log, without its box; "" where there is none."""
+    found = [match for kind in (_MESSAGE, _PYTHON) if (match := kind.search(log))]
+    if not found:
+        return ""
+    first = min(found, key=lambda match: match.start())[0]
+    lines = [line.strip(" ║") if "║" in line else line.rstrip() for line in first.splitlines()]
+    return "\n".join([line for line in lines if line][:_MOST_LINES])
+
+
+def instant(text: str) -> float | None:
+    """The last instant that a listing tells to be computed [s], None where it tells none."""
+    told = _INSTANT.findall(text)
+    return float(told[-1]) if told else None
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_adapters.interface import Response, Simulation
-from solver_adapters.jobs.key import without_provenance
+from solver_adapters.jobs.key import what_is_computed
 from solver_adapters.result_files import ResultFileError
 
 _DIGITS = 1e-5
@@ -72,7 +72,7 @@ def refuse_other_deck(folder: Path, files: Mapping[str, bytes]) -> None:
             raise ResultFileError(
                 f"{folder / name}: {error.strerror}, expected the file that prismid has written"
             ) from None
-        lines, expected = (without_provenance(t).splitlines() for t in (found, files[name]))
+        lines, expected = (what_is_computed(t).splitlines() for t in (found, files[name]))
         if lines != expected:
             pairs = zip(lines, expected, strict=False)
             same = next((i for i, (a, b) in enumerate(pairs) if a != b), len(expected))

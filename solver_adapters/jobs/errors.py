@@ -1,10 +1,13 @@
-"""A job that brought no response, told with what helps and the end of its log."""
+"""A job that brought no response, told with what helps and what its log says."""
 
 from __future__ import annotations
 
 from solver_adapters.interface import NotRunError, SolverError
 from solver_adapters.jobs.status import CACHED, REMEDIES, Status
 from solver_adapters.result_files import ResultFileError
+
+LOG_SAYS = "; its log says:"
+"""How the first line of an error ends where lines of the log follow."""
 
 
 class JobError(SolverError):
@@ -15,7 +18,7 @@ class JobError(SolverError):
         status: how it ended.
         detail: what was found, in words, or "".
         remedy: what helps.
-        tail: the last lines of its log, or "".
+        quote: the lines of its log that say why, else its last ones, or "".
         place: where its files are, or "".
     """
 
@@ -24,22 +27,22 @@ class JobError(SolverError):
         adapter: str,
         status: Status,
         detail: str = "",
-        tail: str = "",
+        quote: str = "",
         place: str = "",
         remedy: str = "",
     ) -> None:
         # All of them, so that it can be sent between processes.
-        super().__init__(adapter, status, detail, tail, place, remedy)
+        super().__init__(adapter, status, detail, quote, place, remedy)
         self.adapter, self.status, self.detail = adapter, status, detail
-        self.remedy, self.tail, self.place = remedy or REMEDIES[status], tail, place
+        self.remedy, self.quote, self.place = remedy or REMEDIES[status], quote, place
 
     def __str__(self) -> str:
         detail = f" ({self.detail})" if self.detail else ""
         said = f"{self.adapter}: {self.status}{detail}; {self.remedy}"
         if self.place:
             said += f"; its files are in {self.place}"
-        if self.tail:
-            said += "; its log ends:" + "".join(f"\n  | {line}" for line in self.tail.splitlines())
+        if self.quote:
+            said += LOG_SAYS + "".join(f"\n  | {line}" for line in self.quote.splitlines())
         return said
 
 
@@ -48,7 +51,7 @@ class CommandMissingError(JobError, NotRunError):
 
 
 def is_by_circumstances(error: Exception) -> bool:
-    """Whether a failure says nothing of the parameters: not run, killed, out of time, no result.
+    """Whether a failure says nothing of the parameters: not run, killed, out of time, bad deck.
 
     What was computed without it would hang on the machine and on its load that day.
     """

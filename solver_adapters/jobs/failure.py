@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from solver_adapters.jobs.errors import CommandMissingError, JobError
-from solver_adapters.jobs.folder import tail_of
+from solver_adapters.jobs.folder import legible, tail_of
 from solver_adapters.jobs.prepared import EXIT_CODE
 from solver_adapters.jobs.runner import Ended
 from solver_adapters.jobs.status import Status
@@ -41,11 +41,20 @@ def limit_told(ended: Ended, profile: Profile) -> str:
     return f"exit code {ended.code}"
 
 
-def failed(adapter: str, failure: Failure, folder: Path, remedy: str = "") -> JobError:
-    """The error of a job, with the end of its log and the place of its files if they are kept."""
+def failed(adapter: str, failure: Failure, folder: Path, cause: str, remedy: str = "") -> JobError:
+    """The error of a job, with what its log says and the place of its files if they are kept.
+
+    Args:
+        adapter: name of the solver.
+        failure: how the job failed.
+        folder: its folder.
+        cause: the lines of its log that say why, or "" for its last ones.
+        remedy: what helps, or "" for what helps with the status.
+    """
     kept = "" if folder.parent.name.startswith(PASSING) else str(folder)
     kind = CommandMissingError if failure.status is Status.COMMAND_MISSING else JobError
-    return kind(adapter, failure.status, failure.detail, tail_of(folder), kept, remedy)
+    quote = legible(cause.splitlines()) if cause else tail_of(folder)
+    return kind(adapter, failure.status, failure.detail, quote, kept, remedy)
 
 
 def missing(

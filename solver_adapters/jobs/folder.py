@@ -7,7 +7,7 @@ import os
 import shutil
 import socket
 import tempfile
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from solver_adapters.result_files import ResultFileError
 RECORD, RESPONSE = "job.json", "response.h5"
 _TAIL = {STDOUT: 15, STDERR: 5}  # lines
 _TAIL_BYTES, _TAIL_WIDTH = 20_000, 200  # of what is read of a log, and of a line that is told
+_PROGRESS_BYTES = 50_000  # of the output of a running job; a time step prints some thousands
 
 
 @dataclass(frozen=True)
@@ -159,16 +160,34 @@ def log_of(folder: Path) -> str:
 
 
 def tail_of(folder: Path) -> str:
-    """The last lines that a program has printed, cut to what a person can read."""
+    """The last lines that a program has printed."""
     lines: list[str] = []
     for name, count in _TAIL.items():
         path = folder / name
         if path.is_file():
-            with path.open("rb") as file:
-                file.seek(max(path.stat().st_size - _TAIL_BYTES, 0))
-                text = file.read().decode("utf-8", errors="replace").expandtabs()
-            lines += [_legible(line) for line in text.splitlines() if line.strip()][-count:]
-    return "\n".join(lines)
+            text = _end_of(path, _TAIL_BYTES).expandtabs()
+            lines += [line for line in text.splitlines() if line.strip()][-count:]
+    return legible(lines)
+
+
+def end_of_output(folder: Path) -> str:
+    """The end of what the program of a running job has printed so far."""
+    return _end_of(folder / STDOUT, _PROGRESS_BYTES)
+
+
+def legible(lines: Iterable[str]) -> str:
+    """Lines of a log as a person can read them on a terminal."""
+    return "\n".join(map(_legible, lines))
+
+
+def _end_of(path: Path, size: int) -> str:
+    """The last bytes of a file as text, "" where there is no file yet."""
+    try:
+        with path.open("rb") as file:
+            file.seek(max(path.stat().st_size - size, 0))
+            return file.read().decode("utf-8", errors="replace")
+    except FileNotFoundError:
+        return ""
 
 
 def _legible(line: str) -> str:

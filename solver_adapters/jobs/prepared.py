@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from solver_adapters.jobs.folder import (
@@ -30,6 +30,7 @@ def prepare(
     record: Record,
     files: Mapping[str, bytes],
     environment: Mapping[str, str],
+    scratch: Sequence[str] = (),
 ) -> Path:
     """Write the complete folder of a job that runs on another machine.
 
@@ -38,20 +39,28 @@ def prepare(
         record: adapter, key and command of the job.
         files: its files by name.
         environment: variables that its program needs.
+        scratch: folders of the job that nobody needs once it has ended.
     """
     settings = "".join(f"export {name}={shlex.quote(v)}\n" for name, v in environment.items())
     call = shlex.join(record.command)
+    left = f"rm -rf {shlex.join(scratch)}\n" if scratch else ""
     script = (
         '#!/bin/sh\ncd "$(dirname "$0")" || exit 1\n'
         f"rm -f {EXIT_CODE}\necho {record.key} > {KEY}\n"
         f"{settings}{call} > {STDOUT} 2> {STDERR} < /dev/null\n"
-        f"echo $? > {EXIT_CODE}\n"
+        f"code=$?\n{left}echo $code > {EXIT_CODE}\n"
     )
     texts = {README: _readme(record, call), SCRIPT: script}
     everything = {**files, **{name: text.encode() for name, text in texts.items()}}
     partial = write_aside(jobs, record.key, everything)
     write_record(partial, record)
     return settle(partial, jobs, record.key)
+
+
+def refresh(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write the files of a prepared job anew: its limits may be others now."""
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
 
 
 def prepared_job(folder: Path) -> Record | None:

@@ -28,9 +28,12 @@ _STATUS = {
     "missing": Status.COMMAND_MISSING,
     "stop": Status.KILLED,
 }
+_FAULTS = (signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT)
+CRASH_CODES = frozenset({-s for s in _FAULTS} | {128 + s for s in _FAULTS})
+"""Exit codes of a program that ended itself by a fault, as the system and as a shell reports it."""
 _FROM_OUTSIDE = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
-# A shell reports a child that a signal ended by 128 and its number.
-_KILLED = {-s for s in _FROM_OUTSIDE} | {128 + s for s in _FROM_OUTSIDE}
+KILL_CODES = frozenset({-s for s in _FROM_OUTSIDE} | {128 + s for s in _FROM_OUTSIDE})
+"""Exit codes of a program that was ended from outside."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +128,7 @@ def run_program(
 def _understand(answer: Mapping[str, Any]) -> Ended:
     ended, code = answer["ended"], answer["code"]
     status = _STATUS.get(ended)
-    if status is None and code in _KILLED:
+    if status is None and code in KILL_CODES:
         status = Status.KILLED
     limit = ended if ended in ("wall_time", "cpu_time", "memory") else None
     return Ended(status, code, limit, answer["wall"], answer["cpu"], answer["memory"] / MB)

@@ -33,7 +33,7 @@ def test_what_cannot_be_simulated_or_meshed_is_told_by_its_first_line(
 
 def test_a_job_that_failed_by_its_parameters_is_told_without_its_log() -> None:
     told = end_of(JobError("bar", Status.NOT_CONVERGED, "step 3", "the end\nof the log"))
-    assert isinstance(told, Failure) and "(step 3)" in told.why and "log ends" not in told.why
+    assert isinstance(told, Failure) and "(step 3)" in told.why and "log says" not in told.why
 
 
 @pytest.mark.parametrize(

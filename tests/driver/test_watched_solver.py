@@ -26,8 +26,14 @@ def test_what_is_told_of_a_run_names_times_counts_and_what_is_left() -> None:
     assert sentence_of(state) == (
         "simulation at 120 of 3840 s: 6 steps, 21 iterations, 1 cut, 12 s left"
     )
-    # An external solver does not know.
     assert sentence_of(Progress(120.0, 3840.0, 6, 21, 1)).endswith("21 iterations, 1 cut")
+
+
+def test_a_run_of_an_external_solver_is_told_by_its_instant_and_its_number() -> None:
+    first = Progress(time=0.0, end=160.0, steps=0, iterations=0, cuts=0)
+    assert sentence_of(first) == "simulation at 0 of 160 s"
+    state = Progress(40.0, 160.0, 0, 0, 0, remaining=31.2, run=7, runs=46)
+    assert sentence_of(state) == "run 7 of 46: simulation at 40 of 160 s: 31 s left"
 
 
 def test_another_process_gets_the_solver_alone() -> None:

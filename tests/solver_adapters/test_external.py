@@ -73,7 +73,7 @@ def test_without_a_workspace_nothing_is_left() -> None:
     np.testing.assert_allclose(bar().solve(SIMULATION).force, FORCE, rtol=1e-9)
     with pytest.raises(JobError) as error:
         bar("print('<did not converge>')").solve(SIMULATION)
-    assert "its files are in" not in str(error.value) and "its log ends:" in str(error.value)
+    assert "its files are in" not in str(error.value) and "its log says:" in str(error.value)
 
 
 def test_a_provenance_header_changes_no_key_and_anything_else_does(tmp_path: Path) -> None:
@@ -90,8 +90,8 @@ def test_a_provenance_header_changes_no_key_and_anything_else_does(tmp_path: Pat
     assert len(folders(tmp_path)) == 4
 
 
-@pytest.mark.parametrize("status", [Status.NOT_CONVERGED, Status.BAD_DECK])
-def test_an_end_that_a_repetition_would_repeat_is_kept(tmp_path: Path, status: Status) -> None:
+def test_an_end_that_says_something_of_the_parameters_is_kept(tmp_path: Path) -> None:
+    status = Status.NOT_CONVERGED
     do = f"print('step 7\\n<{status}>')\nsys.exit(4)"
     first = failed(tmp_path, do)
     assert first.status is status
@@ -113,7 +113,13 @@ def test_an_end_that_a_repetition_would_repeat_is_kept(tmp_path: Path, status: S
         ("import os; os.kill(os.getpid(), 9)", {}, Status.KILLED, "ended from outside"),
         ("import os; os.remove('force.json')", {}, Status.NO_RESULT, "expected the forces"),
         ("sys.exit(3)", {}, Status.NO_RESULT, "exit code 3"),
-        ("import os; os.abort()", {}, Status.NO_RESULT, "exit code -6"),
+        ("import os; os.abort()", {}, Status.CRASHED, "exit code -6"),
+        ("import os; os.kill(os.getpid(), 11)", {}, Status.CRASHED, "exit code -11"),
+        ("sys.exit(139)", {}, Status.CRASHED, "the fault is in the program"),
+        ("print('x: error while loading shared libraries: y.so'); sys.exit(127)", {},
+         Status.BROKEN, "mend it"),
+        ("print('<bad deck>'); sys.exit(1)", {}, Status.BAD_DECK, "see its log"),
+        ("print('<out of disk>'); sys.exit(1)", {}, Status.OUT_OF_DISK, "free space"),
         ("open('force.json', 'w').write('[1, 2]')", {}, Status.NO_RESULT,
          "displacement of shape (2, "),
         ("open('force.json', 'w').write('[1, 2, NaN]')", {}, Status.NO_RESULT, "not finite"),
@@ -125,7 +131,7 @@ def test_an_end_by_circumstances_is_told_and_never_kept(
     for _ in range(2):
         error = failed(tmp_path, do, **settings)
         assert error.status is status and words in str(error)
-        assert "a bar of 233500" in error.tail
+        assert "a bar of 233500" in error.quote
     (folder,) = folders(tmp_path)
     assert folder.endswith("." + status.replace(" ", "-"))
     assert (tmp_path / folder / "stdout.txt").is_file()
@@ -279,7 +285,7 @@ def test_a_job_of_this_machine_is_never_a_prepared_one(tmp_path: Path) -> None:
     bar().solve(SIMULATION, tmp_path)
     (key,) = folders(tmp_path)
     change_record(tmp_path / key, status="prepared")
-    with pytest.raises(ResultFileError, match='status: found "prepared", expected one of "bad d'):
+    with pytest.raises(ResultFileError, match='status: found "prepared", expected one of "did n'):
         bar().solve(SIMULATION, tmp_path)
     assert runs(tmp_path) == 1
 

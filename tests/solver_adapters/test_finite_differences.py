@@ -222,14 +222,39 @@ def test_a_run_that_was_ended_is_no_bound_of_a_parameter(
         FiniteDifferences(Toy(before=ended), processes).solve(along(ALONG_TAU0))
 
 
-@pytest.mark.parametrize("status", [Status.NOT_CONVERGED, Status.BAD_DECK])
-def test_a_job_that_fails_by_its_parameters_is_replaced(status: Status) -> None:
+def test_a_job_that_fails_by_its_parameters_is_replaced() -> None:
     def bounded(simulation: Simulation, folder: Path | None, heed: Report) -> None:
         if simulation.material.tau0 < 40:
-            raise JobError("toy", status)
+            raise JobError("toy", Status.NOT_CONVERGED)
 
     response = FiniteDifferences(Toy(before=bounded)).solve(along(ALONG_TAU0))
     assert _error_of_tau0(response) < 0.01
+
+
+@pytest.mark.parametrize("processes", [1, 3])
+def test_every_run_is_told_with_its_number_among_all(processes: int) -> None:
+    told: list[Progress] = []
+
+    def half_way(simulation: Simulation, folder: Path | None, heed: Report) -> None:
+        heed(Progress(0.5, 1.0, 0, 0, 0))
+
+    FiniteDifferences(Toy(1e-6, half_way), processes).solve(along(*BOTH), progress=told.append)
+    assert len(told) == 5 and {state.runs for state in told} == {5}
+    numbers = [state.run for state in told]
+    assert numbers[0] == 1 and numbers == sorted(numbers) and numbers[-1] <= 5
+    assert processes > 1 or numbers == [1, 2, 3, 4, 5]
+
+
+def test_runs_with_a_second_step_are_counted_on_top() -> None:
+    told: list[Progress] = []
+
+    def half_way(simulation: Simulation, folder: Path | None, heed: Report) -> None:
+        heed(Progress(0.5, 1.0, 0, 0, 0))
+
+    curved = Toy(1e-12, half_way)
+    far = replace(ALONG_TAU0, scale=300.0)
+    FiniteDifferences(curved).solve(along(far), progress=told.append)
+    assert (told[0].runs, told[-1].run) == (3, told[-1].runs)
 
 
 def test_runs_side_by_side_give_what_runs_one_by_one_give() -> None:

@@ -21,7 +21,9 @@ from solver_adapters.code_aster.adapter import CodeAsterAdapter
 from solver_adapters.external import ExternalAdapter
 from solver_adapters.interaction import bcc24_classes
 from solver_adapters.interface import Simulation
-from solver_adapters.jobs.key import without_provenance
+from solver_adapters.jobs.key import what_is_computed
+from solver_adapters.material import Material
+from tests.solver_adapters.boxes import box, pulled
 from tests.solver_adapters.code_aster.cases import small_case
 
 DECKS = Path(__file__).parents[1] / "data" / "decks"
@@ -59,6 +61,11 @@ CASES: Mapping[str, Simulation] = {
         small_case(), steps=np.array([0.5, 2.0, 3.0, 4.0, 5.5, 6.0]), output=np.array([1, 3])
     ),
     "divided": replace(small_case(), steps_per_interval=4),
+    "long": replace(
+        pulled(box(), Material(strain_measure="small"), tuple(0.0005 * k for k in range(1, 61))),
+        integration="backward_euler",
+        steps=np.linspace(0.0, 60.0, 241)[1:],
+    ),
     "cells": replace(small_case(), cell_fields=True),
     "octahedral": small_case(tau0_112=1e9),
     "octahedral_grains": small_case(tau0_112=1e9, tau0_grain2=0.875),
@@ -88,7 +95,7 @@ def rendered(adapter: ExternalAdapter, case: str) -> dict[str, str]:
     """Text files of a job by name, without provenance headers; a mesh file is no text."""
     files = adapter.files(CASES[case])
     return {
-        name: without_provenance(content).decode("utf-8")
+        name: what_is_computed(content).decode("utf-8")
         for name, content in sorted(files.items())
         if b"\0" not in content
     }

@@ -181,7 +181,7 @@ def test_a_fault_of_the_program_in_a_trial_is_raised() -> None:
         fit(formula(faulty, np.array([10.0]), PLAIN[:1]), {"a": 0.0}, "a", 3, silent)
 
 
-@pytest.mark.parametrize("status", [Status.OUT_OF_TIME, Status.NOT_CONVERGED, Status.BAD_DECK])
+@pytest.mark.parametrize("status", [Status.OUT_OF_TIME, Status.NOT_CONVERGED])
 def test_a_trial_whose_job_failed_is_shortened_and_told_in_one_line(status: Status) -> None:
     error = JobError("bar", status, "limit 5 s", "the end\nof the log", "results/jobs/key")
 
@@ -206,6 +206,7 @@ def test_a_trial_whose_job_failed_is_shortened_and_told_in_one_line(status: Stat
     "error",
     [
         *(JobError("bar", s) for s in (Status.KILLED, Status.NO_RESULT, Status.OUT_OF_MEMORY)),
+        *(JobError("bar", s) for s in (Status.BAD_DECK, Status.BROKEN, Status.CRASHED)),
         ResultFileError("job.json: found nothing"),
     ],
     ids=lambda error: str(getattr(error, "status", "result file")),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from solver_adapters.calculix.log import understand
+from solver_adapters.calculix.log import cause, understand, version_in
 from solver_adapters.external import Status
 
 LOGS = Path(__file__).parents[2] / "data" / "solver" / "calculix"
@@ -26,6 +26,27 @@ EXPECTED = {
 def test_a_log_says_how_the_run_ended(name: str) -> None:
     text = gzip.decompress((LOGS / f"{name}.log.gz").read_bytes()).decode()
     assert understand(text) is EXPECTED[name]
+
+
+CAUSES = {
+    "done": "",
+    "diverged": "*ERROR: solution seems to diverge; please try\n automatic incrementation;",
+    "no_material": "*ERROR reading *SOLID SECTION: nonexistent material",
+    "missing_include": "*ERROR in readinput: cannot open file nomesh.inp",
+    "oom": "*ERROR in u_calloc: error allocating memory\nvariable=mast1",
+}
+
+
+@pytest.mark.parametrize(("name", "words"), CAUSES.items())
+def test_the_cause_is_the_first_error_of_a_log(name: str, words: str) -> None:
+    found = cause(gzip.decompress((LOGS / f"{name}.log.gz").read_bytes()).decode())
+    assert " ".join(found.split()).startswith(" ".join(words.split()))
+    assert bool(found) == bool(words)
+
+
+def test_the_version_is_read_from_what_ccx_prints() -> None:
+    assert version_in("\nThis is Version 2.20\n\n") == "CalculiX 2.20"
+    assert version_in("ccx: error while loading shared libraries: libspooles.so") is None
 
 
 def test_every_stored_log_is_understood_here() -> None:

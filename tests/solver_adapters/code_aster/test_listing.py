@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.code_aster_prism import forces
-from solver_adapters.code_aster.listing import diagnose, steps_taken
+from solver_adapters.code_aster.listing import cause, diagnose, instant, steps_taken
 from solver_adapters.external import Status
 from tests.solver_adapters.code_aster.cases import DATA
 
@@ -51,9 +51,83 @@ def test_a_lack_of_memory_is_told_from_other_exceptions(line: str) -> None:
     assert diagnose(f"{line}\n{end}") == Status.OUT_OF_MEMORY
 
 
-def test_an_end_without_a_word_of_its_cause_is_that_of_a_killed_program() -> None:
-    text = "Time of computation: 1.0\n--- DIAGNOSTIC JOB : <F>_ABNORMAL_ABORT\n"
-    assert diagnose(text) == Status.KILLED
+@pytest.mark.parametrize(
+    ("code", "status"),
+    [
+        (139, Status.CRASHED),
+        (134, Status.CRASHED),
+        (1, Status.CRASHED),
+        (137, Status.KILLED),
+        (-9, Status.KILLED),
+        (143, Status.KILLED),
+        (152, Status.OUT_OF_TIME),
+    ],
+)
+def test_an_end_without_a_word_is_told_by_the_exit_code_of_the_program(
+    code: int, status: Status
+) -> None:
+    end = f"EXECUTION_CODE_ASTER_EXIT_812={code}\n\n--- DIAGNOSTIC JOB : <F>_ABNORMAL_ABORT\n"
+    assert diagnose(f"Time of computation: 1.0\n{end}") == status
+
+
+@pytest.mark.parametrize(
+    ("line", "status"),
+    [
+        (" ║ <F> <JEVEUX1_71>  ║", Status.OUT_OF_MEMORY),
+        (" ║ <EXCEPTION> <FACTOR_66> ║", Status.OUT_OF_DISK),
+        ("OSError: [Errno 28] No space left on device", Status.OUT_OF_DISK),
+        (" ║ <EXCEPTION> <FACTOR_55> ║", Status.CRASHED),
+        *((f" ║ <EXCEPTION> <FACTOR_{n}> ║", Status.NOT_CONVERGED) for n in (10, 11, 12, 42, 57)),
+        ("ImportError: libmed.so.11: cannot open shared object file", Status.BROKEN),
+        ("ModuleNotFoundError: No module named 'libaster'", Status.BROKEN),
+        ("NameError: name 'TAU0' is not defined", Status.BAD_DECK),
+    ],
+)
+def test_what_is_no_fault_of_the_deck_is_not_told_as_one(line: str, status: Status) -> None:
+    end = "Traceback (most recent call last):\n  x\n" + line + "\n--- DIAGNOSTIC JOB : <F>_ERROR\n"
+    assert diagnose(end) == status
+
+
+def test_an_alarm_with_the_number_of_an_error_ends_no_run() -> None:
+    alarm = " ║ <A> <FACTOR_57> ║\n ║ <A> <FACTOR_10> ║\n"
+    assert diagnose(alarm + "--- DIAGNOSTIC JOB : <S>_ERROR\n") == Status.BAD_DECK
+    assert diagnose(alarm + "--- DIAGNOSTIC JOB : <A>_ALARM\n") == Status.DONE
+
+
+CAUSES = {
+    "prism_done": "",
+    "no_convergence": "<IntegrationError> <MECANONLINE9_3>\nStop following the failure of the int",
+    "cpu_limit": "<TimeLimitError> <MECANONLINE9_2>\nArrêt par manque de temps CPU",
+    "syntax_error": "<EXCEPTION> <SUPERVIS_4>\nErreur de syntaxe dans DEFI_COMPOR\nFor keyword",
+}
+
+
+@pytest.mark.parametrize(("name", "words"), CAUSES.items())
+def test_the_cause_is_the_first_message_of_an_error_without_its_box(name: str, words: str) -> None:
+    found = cause(listing(name))
+    assert found.startswith(words) and bool(found) == bool(words)
+    assert "║" not in found and len(found.splitlines()) <= 12
+
+
+def test_an_error_of_python_is_the_cause_with_its_place() -> None:
+    text = (
+        "some output\nTraceback (most recent call last):\n"
+        '  File "/opt/aster/code_aster/run.py", line 9, in run\n    exec(text)\n'
+        '  File "job.comm.changed.py", line 87\n    44,,\n       ^\n'
+        "SyntaxError: invalid syntax\n# ---\nTotal 0.1\n"
+    )
+    found = cause(text)
+    assert found.startswith('  File "job.comm.changed.py", line 87')
+    assert found.endswith("SyntaxError: invalid syntax")
+
+
+def test_the_last_instant_of_a_listing_that_grows_is_told() -> None:
+    text = listing("prism_done")
+    assert instant(text) == 28.0
+    begun, _, _ = text.partition("Time of computation:   1.025000000000e+01")
+    # A step to 10.5 s has failed, and is to be cut.
+    assert (instant(begun), steps_taken(begun).ends[-1]) == (10.5, 10.0)
+    assert instant("Mesh read") is None
 
 
 def test_a_warning_about_memory_does_not_spoil_a_run_that_reached_its_end() -> None:

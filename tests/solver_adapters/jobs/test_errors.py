@@ -24,6 +24,8 @@ from solver_adapters.result_files import ResultFileError
         JobError("bar", Status.KILLED),
         JobError("bar", Status.OUT_OF_MEMORY),
         JobError("bar", Status.OUT_OF_TIME),
+        JobError("bar", Status.BAD_DECK),
+        JobError("bar", Status.BROKEN),
         ResultFileError("no field"),
     ],
     ids=str,
