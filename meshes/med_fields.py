@@ -175,14 +175,16 @@ def _field(path: Path, mesh: Any, series: Any) -> MedField | None:
         )
     if place is None:
         return None
-    values, ids = [], None
+    values: list[FloatArray] = []
+    ids = np.zeros(0, dtype=np.int64)
     for index in range(len(steps)):
         array, profile = series[index].getFieldWithProfile(_KINDS[place], _VOLUME_CELLS, mesh)
         here = profile.toNumPyArray().astype(np.int64)
-        if ids is not None and not np.array_equal(here, ids):
+        found = array.toNumPyArray().reshape(here.size, -1, len(series.getInfo()))
+        if values and not (np.array_equal(here, ids) and found.shape == values[0].shape):
             raise ValueError(f"{path}: field {name} has values at other {place} at other instants")
         ids = here
-        values.append(array.toNumPyArray().reshape(here.size, -1, len(series.getInfo())))
+        values.append(found)
     stacked = np.array(values, dtype=np.float64)
     info = mc.DataArrayDouble(1, len(series.getInfo()))
     info.setInfoOnComponents(list(series.getInfo()))
@@ -194,7 +196,7 @@ def _field(path: Path, mesh: Any, series: Any) -> MedField | None:
         units=tuple(unit.strip() for unit in info.getUnitsOnComponent()),
         times=np.array([time for _, _, time in steps]),
         values=stacked if place in _SEVERAL_IN_A_CELL else stacked[:, :, 0],
-        ids=np.asarray(ids),
+        ids=ids,
         weights=np.array(weights, dtype=np.float64),
     )
 
@@ -212,7 +214,9 @@ def _support(mesh: Any, step: Any) -> _Support:
     if place not in _SEVERAL_IN_A_CELL:
         return _Support(place, ())
     kinds = {
-        points if place == "points" else mc.MEDCouplingMesh.GetReprOfGeometricType(kind)
+        points
+        if place == "points"
+        else mc.MEDCouplingMesh.GetReprOfGeometricType(kind).removeprefix("NORM_")
         for kind, number, points in parts
         if number == _KINDS[place]
     }

@@ -61,7 +61,7 @@ def open_med(
         FileNotFoundError: there is no such file.
     """
     try:
-        # h5py refuses a damaged file without a word; medcoupling floods the terminal first.
+        # h5py comes first: medcoupling ends the process at some of what it cannot read.
         fields_of = _fields_of_meshes(path)
         with quiet_library():
             name = _chosen(path, fields_of, mesh, groups, fields)

@@ -16,6 +16,7 @@ from meshes.cells import jacobians
 from meshes.files import read_med, write_med, write_vtu
 from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
+from tests.meshes import raw_med
 
 CODE_ASTER = Path(__file__).parents[1] / "data" / "meshes" / "code_aster_prism.med"
 
@@ -95,6 +96,65 @@ def test_a_mesh_without_faces_is_written_with_every_group_of_nodes(
         assert np.array_equal(file.getNodeGroupArr(name).toNumPyArray(), members)
 
 
+def require_declared_families(path: Path, faces: tuple[str, ...]) -> None:
+    """Readers ask for the family of every node and cell."""
+    assert raw_med.kinds(path, "prism") == {"T10", *faces}
+    declared = raw_med.declared_families(path, "prism")
+    for kind in (None, "T10", *faces):
+        assert set(raw_med.families(path, "prism", kind)) <= declared
+
+
+def test_the_file_is_of_med_4_0(med: Path) -> None:
+    assert raw_med.version(med) == (4, 0)
+
+
+def test_groups_stand_in_declared_families(mesh: PrismMesh, med: Path) -> None:
+    require_declared_families(med, ("TR6",))
+    cells, nodes = (raw_med.groups(med, "prism", where) for where in ("ELEME", "NOEUD"))
+    assert cells.keys() == {"GRAIN1", "GRAIN2", *mesh.faces}
+    assert nodes.keys() == mesh.nodes.keys()
+    for grain in (0, 1):
+        found = raw_med.members(med, "prism", "T10", f"GRAIN{grain + 1}")
+        np.testing.assert_array_equal(found, np.flatnonzero(mesh.grain == grain))
+    triangles = raw_med.connectivity(med, "prism", "TR6")
+    for name, faces in mesh.faces.items():
+        found = raw_med.members(med, "prism", "TR6", name)
+        np.testing.assert_array_equal(triangles[found], faces)
+    of_node = raw_med.families(med, "prism")
+    for name, members in mesh.nodes.items():
+        np.testing.assert_array_equal(np.flatnonzero(np.isin(of_node, list(nodes[name]))), members)
+
+
+def test_families_are_declared_without_faces_and_with_nodes_of_no_group(
+    mesh: PrismMesh, tmp_path: Path
+) -> None:
+    path = tmp_path / "cells.med"
+    moved = np.array([0, 3, 5])
+    write_med(replace(mesh, faces={}, nodes={"MOVED": moved}), path)
+    require_declared_families(path, ())
+    assert raw_med.groups(path, "prism", "NOEUD").keys() == {"MOVED"}
+    (number,) = raw_med.groups(path, "prism", "NOEUD")["MOVED"]
+    np.testing.assert_array_equal(np.flatnonzero(raw_med.families(path, "prism") == number), moved)
+
+
+def test_families_are_declared_without_any_group_of_nodes(mesh: PrismMesh, tmp_path: Path) -> None:
+    path = tmp_path / "cells.med"
+    write_med(replace(mesh, nodes={}), path)
+    require_declared_families(path, ("TR6",))
+    assert raw_med.groups(path, "prism", "NOEUD") == {}
+
+
+def test_wedges_stand_in_declared_families(tmp_path: Path) -> None:
+    path = tmp_path / "wedges.med"
+    wedges = generate(PrismGeometry(), 3.0, "wedge15")
+    write_med(wedges, path)
+    assert raw_med.version(path) == (4, 0)
+    declared = raw_med.declared_families(path, "prism")
+    for kind in (None, "P15", "TR6", "QU8"):
+        assert set(raw_med.families(path, "prism", kind)) <= declared
+    assert len(raw_med.members(path, "prism", "QU8", "TOP")) == len(wedges.faces["TOP"])
+
+
 def test_our_cells_have_the_handedness_of_the_file_that_code_aster_ran(med: Path) -> None:
     assert (determinants(CODE_ASTER) < 0).all()
     assert (determinants(med) < 0).all()
@@ -166,14 +226,6 @@ def test_a_file_that_is_no_med_mesh_is_refused_by_name(
 def test_a_missing_file_is_told(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"absent\.med: no such file"):
         read_med(tmp_path / "absent.med")
-
-
-def test_two_meshes_in_one_file_are_refused(med: Path) -> None:
-    file = mc.MEDFileUMesh(str(med))
-    file.setName("second")
-    file.write(str(med), 0)
-    with pytest.raises(ValueError, match="one mesh is expected, found 2"):
-        read_med(med)
 
 
 def test_linear_cells_are_refused(med: Path, tmp_path: Path) -> None:
