@@ -10,12 +10,8 @@ from pathlib import Path
 import medcoupling as mc
 import numpy as np
 
-from meshes import tet10
 from meshes.prism_mesh import PrismMesh
 from meshes.tet10 import MIRRORED
-from solver_adapters.bundled.adapter import Run
-from solver_adapters.bundled.element import Element
-from solver_adapters.bundled.problem import build_problem
 from solver_adapters.code_aster.deck import FORCES, LISTING, NODES
 from solver_adapters.code_aster.result import read
 from solver_adapters.crystal import bunge_matrix
@@ -90,21 +86,6 @@ def reference() -> tuple[Simulation, Response]:
             (Path(folder) / name).write_bytes(gzip.decompress(content))
         response = read(wanted, Path(folder))
     return wanted, replace(response, steps=len(ends) - 1, ends=ends[1:])
-
-
-def with_five_gauss_points(simulation: Simulation) -> Response:
-    """Solve with tet10 integrated as Code_Aster does: rule FPG5, its centre negative.
-
-    prismid's own rule has four points; on this coarse mesh the two differ by 0.05 % of the force.
-    """
-    corners = np.full((4, 3), 1 / 6) + np.vstack([np.zeros(3), np.eye(3) / 3])
-    positions = np.vstack([np.full(3, 0.25), corners])
-    weights = np.array([-2 / 15, 3 / 40, 3 / 40, 3 / 40, 3 / 40])
-    rule = Element("tet10", weights, *tet10.shape_functions(positions))
-    run = Run(simulation, build_problem(simulation, rule))
-    while run.index < len(simulation.times) - 1:
-        run.advance()
-    return run.response()
 
 
 def forces() -> tuple[FloatArray, FloatArray]:

@@ -57,10 +57,11 @@ def write_decks(
 
 
 def _as_offered(simulation: Simulation, solver: Capabilities) -> Simulation:
-    """The same physics in the scheme and with the steps that a solver has."""
+    """The same physics in the scheme, with the steps and with the quadrature that a solver has."""
     offered = simulation.integration in solver.integrations
     return replace(
         simulation,
         integration=simulation.integration if offered else "backward_euler",
         accuracy=simulation.accuracy if solver.accuracy else None,
+        tet10_points=None,
     )

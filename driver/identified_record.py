@@ -73,6 +73,8 @@ def write_identification(
             "prior_share": (prior_shares(final.best), "1"),
             "initial/load": (next(iter(found.stages.values())).start_load, "µN"),
             "correction/load": (np.asarray(correction.load), "µN"),
+            "correction/steps_load": (np.asarray(correction.steps_load), "µN"),
+            "correction/steps_share": (correction.steps_share, "1"),
             **_histories(found),
             **more,
         },

@@ -119,7 +119,13 @@ def saved_objective(bench: Workbench, results: dict[str, FloatArray]) -> Objecti
     if "jitter/load" in results:
         jitter = BoundaryJitter(results["jitter/load"], results["jitter/image"])
         objective = replace(objective, data=replace(objective.data, jitter=jitter))
-    correction = Correction(results["correction/motion"], results["correction/load"])
+    correction = Correction(
+        results["correction/motion"],
+        results["correction/load"],
+        results["correction/steps_motion"],
+        results["correction/steps_load"],
+        float(results["correction/steps_share"]),
+    )
     return with_correction(objective, float(results["noise_factor"]), correction, bench.plan.sizes)
 
 
@@ -161,6 +167,7 @@ def _write(
         bench.start,
         {
             "correction/motion": (np.asarray(correction.motion), "µm"),
+            "correction/steps_motion": (np.asarray(correction.steps_motion), "µm"),
             "noise_factor": (found.objective.data.image.noise_factor, "1"),
             **{f"budget/{key}": (value, "1") for key, value in budget.items()},
             **_as_in_the_paper(found),

@@ -91,6 +91,7 @@ class ForwardModel:
         steps_per_interval: time steps between two instants.
         accuracy: error of the force that a time step may make [µN], or None for steps as given.
         view: where the pixels are on the face.
+        tet10_points: Gauss points of a tetrahedron, None for those that the solver takes.
         workspace: where the solver keeps files of its runs, or None.
         steps: ends of the time steps [s] on the clock of the history, as another response had
             them, or None for steps of its own.
@@ -112,6 +113,7 @@ class ForwardModel:
     steps_per_interval: int
     accuracy: float | None
     view: SurfaceView
+    tet10_points: int | None = None
     workspace: Path | None = None
     steps: FloatArray | None = None
     pattern: FloatArray | None = None
@@ -151,6 +153,7 @@ class ForwardModel:
             steps_per_interval=self.steps_per_interval,
             accuracy=self.accuracy if steps is None else None,
             steps=steps,
+            tet10_points=self.tet10_points,
             near=None if self.way is None else _on_clock(self.way, self.times, times),
         )
 

@@ -259,6 +259,7 @@ def build_model(
         steps_per_interval=steps_per_interval,
         accuracy=None if solver.accuracy_uN is None else solver.accuracy_uN / finer,
         view=SurfaceView(surface, pixels, (-half, half, 0.0, case.specimen.length)),
+        tet10_points=solver.gauss_points,
         workspace=workspace,
     )
 

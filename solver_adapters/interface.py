@@ -154,6 +154,8 @@ class Simulation:
             solvers take those of `time_steps.step_ends`.
         tolerance: largest ratio of the residual to the reaction at convergence.
         cell_fields: whether stress, slips and lattice rotation of the cells are wanted.
+        tet10_points: Gauss points of a tetrahedron of ten nodes, 4 or 5, or None for those that
+            the solver takes by itself.
         near: the way of a simulation of this mesh with other parameters, by which a solver may
             begin its iterations; in the same time steps no result depends on it by more than
             `tolerance`.
@@ -176,6 +178,7 @@ class Simulation:
     steps: FloatArray | None = None
     tolerance: float = 1e-7
     cell_fields: bool = False
+    tet10_points: int | None = None
     near: Way | None = None
 
 
@@ -281,6 +284,7 @@ class Capabilities:
         times: whether directions along the instants are answered.
         accuracy: whether steps are refined to a stated error of the force.
         cells: the kinds of cells on offer, by their number of nodes.
+        tet10_points: the numbers of Gauss points of a tetrahedron of ten nodes on offer.
         runs_per_direction: simulations that a direction costs beside the asked one: none for a
             solver with derivatives of its own, some where they are differences of runs.
     """
@@ -299,6 +303,7 @@ class Capabilities:
     times: bool = False
     accuracy: bool = False
     cells: frozenset[int] = frozenset((10,))
+    tet10_points: frozenset[int] = frozenset()
     runs_per_direction: int = 0
 
 

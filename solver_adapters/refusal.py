@@ -79,6 +79,9 @@ def _wishes(simulation: Simulation) -> Iterator[_Wish]:
     yield _Wish(f'integration = "{scheme}"', "another one", lambda c: scheme in c.integrations)
     nodes = simulation.mesh.cells.shape[1]
     yield _Wish(f"cells of {nodes} nodes", "cells of another kind", lambda c: nodes in c.cells)
+    points = simulation.tet10_points
+    if points is not None:
+        yield _Wish(f"tet10_points = {points}", "None", lambda c: points in c.tet10_points)
     if simulation.accuracy is not None:
         yield _Wish(f"accuracy = {simulation.accuracy:g} µN", "None", lambda c: c.accuracy)
     if simulation.lattice_gradient is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -44,6 +44,10 @@ class Solver(Table):
     accuracy_uN: Positive | None = Field(
         default=None,
         description="error of the force that a time step may make, by which steps are refined",
+    )
+    gauss_points: Literal[4, 5] | None = Field(
+        default=None,
+        description="Gauss points of a tetrahedron, 4 or 5, of a solver that has the choice",
     )
     profiles: dict[str, ProfileTable] = Field(
         default_factory=dict, description="how the program of a solver is called, by its name"

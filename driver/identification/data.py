@@ -230,8 +230,8 @@ class Data:
     def _whiten_load_simulation(self, white: FloatArray) -> FloatArray:
         if self.simulation_error is None:
             return white
-        pattern = self._whiten_series(self.simulation_error.load[self.load_index])
-        return self.simulation_error.whiten_loads(white, pattern)
+        patterns = self._whiten_series(self.simulation_error.load[:, self.load_index])
+        return self.simulation_error.whiten_loads(white, patterns)
 
     def _whiten_series(self, load: FloatArray) -> FloatArray:
         return whiten_markov(load / self.load_noise, self.load_index, self.autocorrelation)

@@ -13,12 +13,14 @@ import numpy as np
 
 from driver.identification.fit import fit
 from driver.identification.identifiability import refuse_what_is_not_seen
-from driver.identification.objective import Correction, Objective
+from driver.identification.objective import Objective
 from driver.identification.procedure import (
     START,
     Identification,
     Plan,
+    correction,
     elastic_stiffness,
+    errors_of,
     unload_elastically,
 )
 from driver.identification.simulation_error import SimulationError, share_left
@@ -58,14 +60,14 @@ def identify_from_loads(
     begin = unload_elastically(start, stiffness, weights, data.load[data.load_index])
     first = fit(objective, begin, plan.free("B"), plan.most, log, share=START)
     log("finer mesh and steps at the result, for the correction")
-    change = finer.predict(first.values).load - first.best.prediction.load
-    log(f"  finer − working: load {np.sqrt(np.mean(change**2)):.2f} µN rms")
-    left = share_left(plan.sizes[1] / plan.sizes[0]) * change
-    error = SimulationError(np.zeros((left.size, 0)), np.zeros((0, 0)), left)
+    change = correction(model, finer, first, log)
+    (_, mesh), (_, steps) = errors_of(change)
+    left = np.stack([share_left(plan.sizes[1] / plan.sizes[0]) * mesh, steps])
+    error = SimulationError(np.zeros((left.shape[1], 0)), np.zeros((0, 0)), left)
     corrected = replace(
         objective,
         data=replace(data, simulation_error=error),
-        correction=Correction(0.0, change),
+        correction=replace(change, motion=0.0, steps_motion=0.0),
     )
     log("all together, with the correction")
     last = fit(corrected, first.values, plan.free("C"), plan.most, log)

@@ -28,10 +28,17 @@ class Correction:
     Attributes:
         motion: at the pixels [µm], shape (T, n_pix, 3), or 0.
         load: [µN], shape (T,), or 0.
+        steps_motion: what the time steps of the finer prediction leave wrong of its motion, as it
+            would be added [µm], or 0.
+        steps_load: the same of the load [µN], or 0.
+        steps_share: the part of that error which the correction itself holds, over what it leaves.
     """
 
     motion: FloatArray | float = 0.0
     load: FloatArray | float = 0.0
+    steps_motion: FloatArray | float = 0.0
+    steps_load: FloatArray | float = 0.0
+    steps_share: float = 0.0
 
     def mean_with(self, spread: Correction | None) -> Correction:
         """The mean of this correction by a finer mesh and of that by another one.
@@ -41,7 +48,7 @@ class Correction:
         """
         if spread is None:
             return self
-        return Correction(self.motion + spread.motion, self.load + spread.load)
+        return replace(self, motion=self.motion + spread.motion, load=self.load + spread.load)
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,6 +26,12 @@ from driver.identification.identifiability import refuse_what_is_not_seen
 from driver.identification.objective import Correction, Objective
 from driver.identification.simulation_error import simulation_error
 from driver.identification.starts import Outcome, draw_starts, from_each_start
+from driver.identification.step_error import (
+    has_first_order,
+    in_parts_of,
+    parts_of,
+    step_error,
+)
 from driver.log import Log, silent
 from driver.model import ForwardModel
 
@@ -241,11 +247,23 @@ def with_correction(
         sizes: element sizes of the working and of the finer mesh [µm].
     """
     image = replace(objective.data.image, noise_factor=noise_factor)
-    error = simulation_error(
-        image, np.asarray(change.motion), np.asarray(change.load), sizes[1], sizes[1] / sizes[0]
-    )
+    mesh, steps = errors_of(change)
+    error = simulation_error(image, mesh, steps, sizes[1], sizes[1] / sizes[0])
     data = replace(objective.data, image=image, simulation_error=error)
     return replace(objective, data=data, correction=change)
+
+
+def errors_of(
+    change: Correction,
+) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
+    """Motion and load of a correction as far as they are of the mesh, and what its steps leave."""
+    motion, load = np.asarray(change.motion), np.asarray(change.load)
+    steps = (
+        np.broadcast_to(np.asarray(change.steps_motion), motion.shape),
+        np.broadcast_to(np.asarray(change.steps_load), load.shape),
+    )
+    mesh = (motion - change.steps_share * steps[0], load - change.steps_share * steps[1])
+    return mesh, steps
 
 
 def elastic_stiffness(model: ForwardModel, values: Mapping[str, float]) -> float:
@@ -285,16 +303,36 @@ def unload_elastically(
 
 
 def correction(working: ForwardModel, finer: ForwardModel, at: Fit, log: Log) -> Correction:
-    """Finer minus working prediction at a result."""
-    fine = finer.predict(at.values)
-    coarse = at.best.prediction
+    """Finer minus working prediction at a result, with what steps of first order leave wrong."""
+    coarse, values = at.best.prediction, at.values
+    of_steps, parts = None, 1
+    if has_first_order(working, coarse):
+        parts = parts_of(working, finer)
+        finer = in_parts_of(finer, coarse, values, parts)
+        of_steps = step_error(working, coarse, values)
+    fine = finer.predict(values)
     motion = fine.motion - coarse.motion
     load = fine.load - coarse.load
     log(
         f"  finer − working: load {np.sqrt(np.mean(load**2)):.2f} µN rms, "
         f"motion {1e3 * np.sqrt(np.mean(motion**2)):.2f} nm rms"
     )
-    return Correction(motion, load)
+    if of_steps is None:
+        return Correction(motion, load)
+    left = Correction(
+        motion, load, of_steps.motion / parts, of_steps.load / parts, steps_share=parts - 1
+    )
+    log(f"  {steps_told(coarse.response.cuts, np.asarray(left.steps_load))}")
+    return left
+
+
+def steps_told(cuts: int, left: FloatArray) -> str:
+    """What the time steps leave wrong of the loads [µN], shape (T,), and how often one was cut."""
+    cut = f"{cuts} of them had to be cut; " if cuts else ""
+    return (
+        f"time steps of first order: {cut}halved ones say that {np.sqrt(np.mean(left**2)):.2f} µN "
+        "rms of the load are still wrong, which the uncertainties count"
+    )
 
 
 def noise_factor(fit_: Fit, data: Data) -> float:

@@ -53,6 +53,7 @@ class BundledAdapter:
             times=True,
             accuracy=True,
             cells=frozenset((10, 15)),
+            tet10_points=frozenset((4, 5)),
             integrations=frozenset(("exponential", "backward_euler")),
         )
 

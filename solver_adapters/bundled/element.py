@@ -1,7 +1,8 @@
 """The quadratic elements: Gauss points, and what is known there of the shape functions.
 
-By its number of nodes a cell is one of two elements: the ten-node tetrahedron with 4 points and the
-serendipity wedge of fifteen nodes with 6 (3 of the triangle × 2 of the line), nodes in VTK order.
+By its number of nodes a cell is one of two elements, nodes in VTK order: the ten-node tetrahedron
+with 4 points, or 5 where they are asked for, and the serendipity wedge of fifteen nodes with 6
+(3 of the triangle × 2 of the line).
 """
 
 from __future__ import annotations
@@ -44,6 +45,14 @@ def _tet10() -> Element:
     return Element("tet10", np.full(4, 1 / 24), *tet10.shape_functions(positions))
 
 
+def _tet10_five() -> Element:
+    """Five points of degree 3, the centre with a negative weight: Code_Aster's rule FPG5."""
+    corners = np.full((4, 3), 1 / 6) + np.vstack([np.zeros(3), np.eye(3) / 3])
+    positions = np.vstack([np.full(3, 0.25), corners])
+    weights = np.array([-2 / 15, 3 / 40, 3 / 40, 3 / 40, 3 / 40])
+    return Element("tet10", weights, *tet10.shape_functions(positions))
+
+
 def _wedge15() -> Element:
     """Three points of degree 2 in the triangle times two of degree 3 along the line.
 
@@ -59,11 +68,17 @@ def _wedge15() -> Element:
 
 
 ELEMENTS: Mapping[int, Element] = MappingProxyType({10: _tet10(), 15: _wedge15()})
-"""The elements by their number of nodes."""
+"""The elements by their number of nodes, with their own quadrature."""
+TET10_FIVE = _tet10_five()
+"""The tetrahedron with the other quadrature."""
 
 
-def element_of(cells: IntArray) -> Element:
+def element_of(cells: IntArray, tet10_points: int | None = None) -> Element:
     """The element of cells (n_cells, n) in VTK order.
+
+    Args:
+        cells: connectivity.
+        tet10_points: Gauss points of a tetrahedron of ten nodes, None for its own four.
 
     Raises:
         ValueError: there is none of their number of nodes.
@@ -72,7 +87,7 @@ def element_of(cells: IntArray) -> Element:
     if element is None:
         known = ", ".join(f"{e.name} ({n})" for n, e in ELEMENTS.items())
         raise ValueError(f"the cells have {cells.shape[1]} nodes; expected one of {known}")
-    return element
+    return TET10_FIVE if tet10_points == 5 and element is ELEMENTS[10] else element
 
 
 def gauss_positions(points: NDArray[Any], cells: IntArray, element: Element) -> NDArray[Any]:

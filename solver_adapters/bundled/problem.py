@@ -109,18 +109,14 @@ class Tangents:
         return replace(self.law, local=self.law.local + change)
 
 
-def build_problem(simulation: Simulation, element: Element | None = None) -> Problem:
+def build_problem(simulation: Simulation) -> Problem:
     """Discretise a simulation.
-
-    Args:
-        simulation: what is to be solved.
-        element: shape functions and quadrature of its cells; None is `element.element_of`.
 
     Raises:
         ValueError: a cell of the mesh is inverted, or of a kind that has no element.
     """
     mesh = simulation.mesh
-    element = element or element_of(mesh.cells)
+    element = element_of(mesh.cells, simulation.tet10_points)
     gradients, weights = shape_gradients(mesh.points, mesh.cells, element)
     frames = crystal_frames(simulation, element)
     turned = _turn(gradients, frames.rotation, frames.of_point)

@@ -23,6 +23,7 @@ CAPABILITIES = Capabilities(
     cost=15.0,
     conditional=frozenset(("tau0_112", "Q", "b", "h_latent", "Q_latent", "interaction")),
     cells=frozenset((10, 15)),
+    tet10_points=frozenset((4,)),
 )
 """Q is conditional, as it comes with a latent hardening that is fixed in CalculiX."""
 

@@ -24,6 +24,7 @@ CAPABILITIES = Capabilities(
     cell_fields=True,
     cost=150.0,
     start=4.0,
+    tet10_points=frozenset((5,)),
     cautions={"finite": FINITE_CAUTION},
 )
 

@@ -14,8 +14,8 @@ from meshes.tet10 import MIRRORED
 from solver_adapters.interface import FloatArray, IntArray
 from solver_adapters.result_files import ResultFileError
 
-# Code_Aster pads names of fields: U_______DEPL.
-_SEPARATOR = "_"
+# The name of a field is that of its concept, padded to eight signs, and its own: U_______DEPL.
+_CONCEPT, _PADDING = 8, "_ "
 _SAME_INSTANT = 1e-6  # of the time, as Code_Aster compares instants
 _SAME_PLACE = 1e-6  # µm
 _OWNERS: dict[Place, str] = {"nodes": "nodes", "points": "cells"}
@@ -131,7 +131,7 @@ class ResultFile:
 
     def _full_name(self, name: str) -> str:
         for full in self._file.fields:
-            if full == name or full.endswith(_SEPARATOR + name):
+            if name in (full, full[_CONCEPT:].rstrip(_PADDING)):
                 return full
         raise ResultFileError(
             f"{self.path}: found the fields {', '.join(self._file.fields) or 'none'}, expected "
