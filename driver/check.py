@@ -15,12 +15,14 @@ from driver.case import Case, load_case
 from driver.check_images import look_at_images
 from driver.check_loads import stated_motion, strange_loads
 from driver.check_picture import draw
+from driver.check_steps import recommended_steps
 from driver.diagnose_stage import held_out_cycle
 from driver.diagnosis.own_causes import asked_causes
 from driver.dic.coverage import within
 from driver.errors import InputError
 from driver.estimate import cost_told, estimate
 from driver.experiment import Experiment, fitted_loads, history_of, read_experiment
+from driver.extended_decks import rendered_decks
 from driver.finding import Finding
 from driver.history import History
 from driver.profiles import profile_of
@@ -80,6 +82,8 @@ def check(case_path: Path) -> list[Finding]:
         lines = str(error).splitlines()
         return [*findings, *(Finding("error", "experiment", line) for line in lines)]
     findings += _history(case, case_path, experiment)
+    if adapter is not None and not any(finding.level == "error" for finding in of_solver):
+        findings += recommended_steps(case, adapter, experiment.history)
     seen, reference = look_at_images(case, experiment)
     findings += seen
     if n_cells and adapter is not None:
@@ -89,8 +93,8 @@ def check(case_path: Path) -> list[Finding]:
         findings.append(_cost(case, adapter.capabilities(), n_cells, n_images, n_pixels))
         # What is wrong above would be told once more, in words for another reader.
         told = any(finding.level == "error" for finding in of_solver)
-        if isinstance(adapter, ExternalAdapter) and not told:
-            findings += _refused(case, adapter, experiment)
+        if not told:
+            findings += _decks(case, adapter, experiment)
     picture = case_path.parent / RESULTS / "check.png"
     picture.parent.mkdir(exist_ok=True)
     draw(case, experiment, picture, None if reference is None else reference.codes)
@@ -222,6 +226,8 @@ def _loads_alone(case: Case, adapter: Adapter | None, n_cells: int) -> Iterator[
     yield _course(case, history, force, "loads")
     yield from strange_loads(case, history, force)
     yield stated_motion(case, history)
+    if adapter is not None:
+        yield from recommended_steps(case, adapter, history)
     yield Finding("ok", "images", 'not used, for boundary.motion is "stage": no picture is drawn')
     if n_cells and adapter is not None:
         yield _cost(case, adapter.capabilities(), n_cells, history.n_images, 0)
@@ -250,15 +256,22 @@ def _history(case: Case, case_path: Path, experiment: Experiment) -> Iterator[Fi
         yield Finding("warning", "history", 'one cycle only: nothing is held out, as with "none"')
 
 
-def _refused(case: Case, adapter: ExternalAdapter, experiment: Experiment) -> Iterator[Finding]:
-    """What the solver refuses when the files of its job are asked for."""
+def _decks(case: Case, adapter: Adapter, experiment: Experiment) -> Iterator[Finding]:
+    """Which solvers that are programs of their own can take the model of the case, and why not."""
     try:
         mesh = mesh_of(case, case.specimen.mesh_size)
         no_pixels, steps = np.zeros((0, 2)), case.solver.steps_per_interval
         model = build_model(case, mesh, experiment.history, no_pixels, adapter, steps)
-        adapter.files(model.simulation(model.null_values()))
+        values = model.null_values()
+        if isinstance(adapter, ExternalAdapter):
+            adapter.files(model.simulation(values))
+        decks = rendered_decks(case, model, values)
     except (InputError, SolverError) as error:
         yield Finding("error", "solver", str(error))
+        return
+    for name, deck in decks.items():
+        can = f"no deck of this model for {name}: {deck}" if isinstance(deck, str) else ""
+        yield Finding("ok", "decks", can or f"{name} can take this model as a deck")
 
 
 def _cost(case: Case, solver: Capabilities, n_cells: int, n_images: int, n_pixels: int) -> Finding:

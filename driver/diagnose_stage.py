@@ -152,8 +152,10 @@ def _decks(found: Diagnosis, context: StageContext) -> dict[str, str | None]:
     """Write the extended model as decks; by solver, why there is none (`write_decks`)."""
     model, values = found.objective.model, found.extended.values
     decks = write_decks(context.workdir, context.case, model, values)
-    for name, refused in decks.items():
-        context.log(f"  deck for {name}: " + (refused or f"in {DECKS}/{name}"))
+    written = [f"{DECKS}/{name}" for name, refused in decks.items() if refused is None]
+    if written:
+        # Why others cannot take it is in the record, and `check` says it before a run.
+        context.log(f"  the extended model as a deck: {', '.join(written)}")
     return decks
 
 

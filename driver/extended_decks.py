@@ -33,6 +33,29 @@ def write_decks(
         By the name of the solver: None where the deck was written, else why it was not.
     """
     found: dict[str, str | None] = {}
+    for name, files in rendered_decks(case, model, values).items():
+        found[name] = files if isinstance(files, str) else None
+        for file, content in {} if isinstance(files, str) else files.items():
+            path = folder / DECKS / name / file
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+    return found
+
+
+def rendered_decks(
+    case: Case, model: ForwardModel, values: Mapping[str, float]
+) -> dict[str, Mapping[str, bytes] | str]:
+    """The decks of one simulation for every installed solver that is a program of its own.
+
+    Args:
+        case: the case, for the profiles of the solvers.
+        model: the model.
+        values: of all its parameters.
+
+    Returns:
+        By the name of the solver: the files of the deck, or why it cannot honour the simulation.
+    """
+    found: dict[str, Mapping[str, bytes] | str] = {}
     for name in adapter_names():
         own = case.model_copy(update={"solver": case.solver.model_copy(update={"name": name})})
         try:
@@ -44,15 +67,9 @@ def write_decks(
             continue
         asked = _as_offered(model.simulation(values), adapter.capabilities())
         try:
-            files = adapter.files(asked)
+            found[name] = adapter.files(asked)
         except SolverError as refused:
             found[name] = str(refused)
-            continue
-        for file, content in files.items():
-            path = folder / DECKS / name / file
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(content)
-        found[name] = None
     return found
 
 

@@ -285,6 +285,8 @@ class Capabilities:
         accuracy: whether steps are refined to a stated error of the force.
         cells: the kinds of cells on offer, by their number of nodes.
         tet10_points: the numbers of Gauss points of a tetrahedron of ten nodes on offer.
+        least_steps: time steps between two instants below which the solver errs by more than its
+            scheme does.
         runs_per_direction: simulations that a direction costs beside the asked one: none for a
             solver with derivatives of its own, some where they are differences of runs.
     """
@@ -304,6 +306,7 @@ class Capabilities:
     accuracy: bool = False
     cells: frozenset[int] = frozenset((10,))
     tet10_points: frozenset[int] = frozenset()
+    least_steps: int = 1
     runs_per_direction: int = 0
 
 

@@ -24,6 +24,7 @@ CAPABILITIES = Capabilities(
     conditional=frozenset(("tau0_112", "Q", "b", "h_latent", "Q_latent", "interaction")),
     cells=frozenset((10, 15)),
     tet10_points=frozenset((4,)),
+    least_steps=5,
 )
 """Q is conditional, as it comes with a latent hardening that is fixed in CalculiX."""
 

@@ -1,6 +1,7 @@
 """What Code_Aster's listing says: how the run ended and why, and which time steps it took.
 
-Verdicts and exceptions are those of `run_aster/status.py`. Messages are known by their names, which
+Verdicts and exceptions are those of `run_aster/status.py`, which takes a kill for a lack of time:
+that verdict alone says nothing. Messages are known by their names, which
 are the same in every language; their sentences are those of the catalogues JEVEUX, JEVEUX1 and
 FACTOR in French, which every version prints where no translation is installed.
 """
@@ -32,8 +33,8 @@ _OUT_OF_DISK = re.compile(
     rf"{_FATAL}<FACTOR_66>|No space left on device|Disk quota exceeded|Aucun espace disponible"
 )
 _OUT_OF_TIME = re.compile(
-    r"<TimeLimitError>|<ArretCPUError>|ARRET PAR MANQUE DE TEMPS|_CPU_LIMIT"
-    r"|CPU time limit exceeded|SIGXCPU",
+    r"<TimeLimitError>|<ArretCPUError>|ARRET PAR MANQUE DE TEMPS|CPU time limit exceeded|SIGXCPU"
+    r"|\btimed out after ",
     re.IGNORECASE,
 )
 # Singular or imprecise systems are of the parameters, as steps without convergence are.

@@ -43,8 +43,12 @@ def install(monkeypatch: pytest.MonkeyPatch, adapter: Adapter | SmallStrainSolve
 
 @pytest.fixture
 def case_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of the example, and a solver that offers small strain only."""
+    """A copy of the example, and a solver that offers small strain only.
+
+    Its time steps are not looked at: that takes seconds (`test_check_steps`).
+    """
     install(monkeypatch, SmallStrainSolver())
+    monkeypatch.setattr(check_module, "recommended_steps", lambda *_: iter(()))
     for name in ("case.toml", "images.tif", "flats.tif", "repeats.tif", "history.csv"):
         shutil.copy(ALPHA / name, tmp_path / name)
     return tmp_path / "case.toml"
@@ -261,6 +265,19 @@ def test_a_solver_that_is_not_installed_is_an_error_with_those_that_are(
     edit(case_path, 'name = "bundled"', 'name = "abaqus"')
     (message,) = found(case_path, "error")
     assert message.startswith('solver.name: found "abaqus", expected one of bundled')
+
+
+def test_what_each_external_solver_makes_of_the_model_is_told_and_is_no_error(
+    case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install(monkeypatch, BundledAdapter())
+    decks = [message for message in found(case_path, "ok") if "deck" in message]
+    assert decks == [
+        "no deck of this model for calculix: tau0_112 = 1: CalculiX has no {112}⟨111⟩ systems; "
+        "expected 1000 or more, which switches them off, or one of the solvers that can: bundled, "
+        "code_aster",
+        "code_aster can take this model as a deck",
+    ]
 
 
 def test_what_an_external_solver_refuses_is_found_before_it_runs(

@@ -8,6 +8,7 @@ import pytest
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.bundled.element import (
     ELEMENTS,
+    TET10_FIVE,
     element_of,
     gauss_positions,
     shape_gradient_velocity,
@@ -35,6 +36,24 @@ def test_the_gauss_points_integrate_quadratic_fields_exactly(kind: str) -> None:
     x, y, z = gauss_positions(mesh.points, mesh.cells, element_of(mesh.cells)).transpose(2, 0, 1)
     integrals = [np.sum(weights * x * y), np.sum(weights * z**2)]
     np.testing.assert_allclose(integrals, [2.0 * 8.0 * 3.0, 2.0 * 4.0 * 9.0], rtol=1e-13)
+
+
+def test_five_points_of_a_tetrahedron_integrate_cubic_fields_and_four_do_not() -> None:
+    """∫ (x y z, z³) over 2 × 4 × 3."""
+    # Of cells without symmetry, whose errors would cancel.
+    mesh = box((2, 2, 2), (2.0, 4.0, 3.0), jitter=0.2)
+    exact = [2.0 * 8.0 * 4.5, 2.0 * 4.0 * 81.0 / 4.0]
+    for points, agree in ((5, True), (4, False), (None, False)):
+        element = element_of(mesh.cells, points)
+        _, weights = shape_gradients(mesh.points, mesh.cells, element)
+        x, y, z = gauss_positions(mesh.points, mesh.cells, element).transpose(2, 0, 1)
+        integrals = [np.sum(weights * x * y * z), np.sum(weights * z**3)]
+        assert np.allclose(integrals, exact, rtol=1e-12) == agree
+
+
+def test_a_wedge_keeps_its_own_points_whatever_is_asked_of_tetrahedra() -> None:
+    assert element_of(BOXES["wedge15"]().cells, 5) is ELEMENTS[15]
+    assert element_of(box().cells, 5) is TET10_FIVE
 
 
 @pytest.mark.parametrize("kind", list(BOXES))

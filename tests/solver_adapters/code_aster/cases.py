@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from solver_adapters.interface import Simulation
 from solver_adapters.material import Material
 from tests.solver_adapters.boxes import box, pulled
@@ -21,6 +23,19 @@ def small_case(**material: Any) -> Simulation:
         pulled(box(), law, (0.01, 0.01, 0.006), interval=2.0, tolerance=1e-7),
         integration="backward_euler",
     )
+
+
+def three_grains() -> Simulation:
+    """Three grains of different strength in a row; X and Z of the moved end are free."""
+    mesh = box((1, 3, 1), (2.0, 6.0, 2.0))
+    centre = mesh.points[mesh.cells].mean(axis=1)[:, 1]
+    law = Material(strain_measure="small", tau0_grain2=1.2, tau0_grains=(0.9,))
+    asked = pulled(
+        replace(mesh, grain=(centre // 2.0).astype(np.int64)), law, (0.004, 0.004), interval=2.0
+    )
+    mask = asked.motion_mask.copy()
+    mask[np.isin(asked.motion_nodes, mesh.nodes["S_PLUS"]), ::2] = False
+    return replace(asked, motion_mask=mask, integration="backward_euler")
 
 
 def unpacked(name: str, folder: Path, to: str) -> Path:

@@ -70,6 +70,13 @@ def test_an_end_without_a_word_is_told_by_the_exit_code_of_the_program(
     assert diagnose(f"Time of computation: 1.0\n{end}") == status
 
 
+def test_a_kill_that_run_aster_takes_for_a_lack_of_time_is_none() -> None:
+    """It gives the verdict to every program that SIGKILL ended (its `get_status`)."""
+    end = "EXECUTION_CODE_ASTER_EXIT_812=-9\n\n--- DIAGNOSTIC JOB : <S>_CPU_LIMIT\n"
+    assert diagnose(end) == Status.KILLED
+    assert diagnose("Command 'ulimit …' timed out after 12 seconds" + end) == Status.OUT_OF_TIME
+
+
 @pytest.mark.parametrize(
     ("line", "status"),
     [

@@ -1,0 +1,97 @@
+"""How many time steps an interval a scheme of first order needs, estimated before a run.
+
+The specimen is simulated on a few cells, from the starting values of the law and with an
+elongation in proportion to the stage travel. Its loads in the stated steps, in halves and in
+quarters of them tell the error of the steps: it falls with their length.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.boundary import elongation_names, knots_of_stage
+from driver.case import Case
+from driver.errors import InputError
+from driver.finding import Finding
+from driver.history import History
+from driver.specimen import build_model, integration_of, mesh_of
+from driver.workbench import BUNDLED
+from solver_adapters.interface import Adapter, SolverError
+from solver_adapters.registry import find_adapter
+
+FloatArray = NDArray[np.float64]
+
+FIRST_ORDER = "backward_euler"
+_CELL = 0.5  # length of the cells over that of the specimen
+_SHARE = 0.5  # of the noise of the loads that the error of the steps may reach, rms
+_SERVED = 1 / 4  # a step more is not recommended for less than this share of the error
+
+
+def recommended_steps(case: Case, adapter: Adapter, history: History) -> Iterator[Finding]:
+    """The steps an interval that the solver of a case needs, where they err to first order.
+
+    Args:
+        case: the case.
+        adapter: its solver.
+        history: its history.
+    """
+    if integration_of(case, adapter) != FIRST_ORDER or case.solver.accuracy_uN is not None:
+        return
+    stated, noise = case.solver.steps_per_interval, case.loads.noise_uN
+    try:
+        error = step_error(case, history, stated)
+    except (InputError, SolverError) as reason:
+        yield Finding("warning", "steps", f"the error of the time steps is not known: {reason}")
+        return
+    least = adapter.capabilities().least_steps
+    wanted = max(math.ceil(stated * error / (_SHARE * noise) - _SERVED), least, 1)
+    found = (
+        f"solver.steps_per_interval: found {stated}, with which backward Euler leaves about "
+        f"{error:.2g} µN rms of the loads wrong (their noise is {noise:g} µN)"
+    )
+    if wanted <= stated:
+        yield Finding("ok", "steps", found)
+        return
+    why = f", and {least} at least are for {case.solver.name}" if stated < least else ""
+    yield Finding(
+        "warning",
+        "steps",
+        f"{found}{why}; expected about {wanted}. The error that is left is estimated in the run "
+        "and counted by the uncertainties",
+    )
+
+
+def step_error(case: Case, history: History, steps: int) -> float:
+    """Error of the loads that steps of first order make, rms [µN], to a factor of two or so.
+
+    Args:
+        case: the case.
+        history: its history.
+        steps: steps an interval.
+
+    Raises:
+        InputError: the case describes no prism.
+        SolverError: the specimen cannot be simulated.
+    """
+    bundled = find_adapter(BUNDLED)
+    first_order = case.model_copy(
+        update={"solver": case.solver.model_copy(update={"integration": FIRST_ORDER})}
+    )
+    mesh = mesh_of(case, max(case.specimen.mesh_size, _CELL * case.specimen.length))
+    no_pixels = np.zeros((0, 2))
+    model = build_model(first_order, mesh, history, no_pixels, bundled, steps)
+    ratio = case.boundary.stage_ratio or case.specimen.length / case.history.grip_distance
+    travel = history.stage[history.turning]
+    names = elongation_names(len(travel))
+    along, _ = knots_of_stage(travel, ratio, 0.0)
+    values = model.null_values() | dict(zip(names, along.tolist(), strict=True))
+    halves, quarters = (
+        build_model(first_order, mesh, history, no_pixels, bundled, n * steps) for n in (2, 4)
+    )
+    # Of the finest pair, which is nearest to first order: quarters err by as much as they change.
+    change = quarters.predict(values).load - halves.predict(values).load
+    return 4.0 * float(np.sqrt(np.mean(change**2)))
