@@ -1,32 +1,41 @@
 """How far the solvers agree: the bundled one against CalculiX and Code_Aster, one thread.
 
     python -m benchmarks.adapters --quick                      ends within 45 s
-    python -m benchmarks.adapters --write docs/agreement.md    all, and the table (5 CPU-minutes)
+    python -m benchmarks.adapters --write docs/agreement.md    all, and the tables (20 CPU-minutes)
 
-Code_Aster's answers are stored (tests/data/solver); CalculiX is run where there is `ccx`.
+Answers of Code_Aster are stored (tests/data/solver); where there is `run_aster` it is run as well,
+and CalculiX where there is `ccx`.
 """
 
 from __future__ import annotations
 
 import argparse
 import shutil
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks import calculix_prism, code_aster_prism
+from benchmarks import calculix_prism, code_aster_prism, quadrature
 from solver_adapters.agreement import Agreement, force_error, motion_error, table
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.calculix.adapter import CalculixAdapter
-from solver_adapters.interface import FloatArray, Simulation
+from solver_adapters.code_aster.adapter import CodeAsterAdapter
+from solver_adapters.code_aster.result import read
+from solver_adapters.interface import FloatArray, Response, Simulation
 from solver_adapters.material import Material
 from tests.solver_adapters.boxes import ORIENTATIONS, box
+from tests.solver_adapters.code_aster import adapter_runs
+from tests.solver_adapters.code_aster.cases import three_grains
 
 FIRST_LOADING = 10.0  # s, of the prism of CalculiX
 ONSET = 3.5  # s, at which it flows as a whole
-GOALS = {"calculix force": 0.5, "calculix face": 1.0, "element": 1e-4, "force": 0.1, "face": 0.2}
+GOALS = {
+    "calculix force": 0.5, "calculix face": 1.0, "element": 1e-4, "force": 0.1, "face": 0.2,
+    "job": 1e-5,
+}  # fmt: skip
 """Largest differences: of forces in percent, of faces in nm."""
 
 
@@ -96,6 +105,44 @@ def stored_code_aster() -> Iterator[Agreement]:
         yield Agreement(pair, "face [nm]", face, GOALS["face"], cause)
 
 
+def stored_jobs() -> Iterator[Agreement]:
+    """The jobs of the adapter that Code_Aster ran, a box of 12 cells under each term of the law."""
+    answers = []
+    for name in adapter_runs.NAMES:
+        asked = replace(adapter_runs.simulation(name), cell_fields=False)
+        with tempfile.TemporaryDirectory() as folder:
+            answers.append((asked, read(asked, adapter_runs.results(name, Path(folder)))))
+    jobs = f"Code_Aster 15.2.17 (stored), {len(answers)} jobs of the adapter"
+    yield from _jobs(f"{jobs}, bundled with 5 Gauss points", answers, 5, GOALS["job"])
+    yield from _jobs(f"{jobs}, bundled with 4 Gauss points", answers, 4, None)
+
+
+def run_jobs() -> Iterator[Agreement]:
+    """The same jobs and three grains with a free end, run here."""
+    adapter = CodeAsterAdapter()
+    simulations = [
+        *(replace(adapter_runs.simulation(n), cell_fields=False) for n in adapter_runs.NAMES),
+        replace(three_grains(), tolerance=1e-8),
+    ]
+    answers = [(asked, adapter.solve(asked)) for asked in simulations]
+    jobs = f"{adapter.version()} (run here), {len(answers)} jobs"
+    yield from _jobs(f"{jobs}, bundled with 5 Gauss points", answers, 5, GOALS["job"])
+
+
+def _jobs(
+    pair: str, answers: Sequence[tuple[Simulation, Response]], points: int, goal: float | None
+) -> Iterator[Agreement]:
+    """The largest differences of all jobs from the bundled solver in the steps that they took."""
+    force = motion = 0.0
+    for asked, found in answers:
+        same = replace(asked, steps=found.ends, tet10_points=points)
+        own = BundledAdapter().solve(same)
+        force = max(force, force_error(own.force, found.force))
+        motion = max(motion, motion_error(own.displacement, found.displacement))
+    yield Agreement(pair, "largest force [% of peak]", force, goal)
+    yield Agreement(pair, "largest displacement [nm]", motion, goal)
+
+
 def uniaxial(
     material: Material, rotation: FloatArray, times: FloatArray, strains: FloatArray
 ) -> Simulation:
@@ -159,6 +206,13 @@ def figures(quick: bool) -> Iterator[Agreement]:
         for step in (0.5, 0.1, 0.05):
             yield from run_calculix(ONSET, step)
     yield from stored_code_aster()
+    yield from stored_jobs()
+    if quick:
+        return
+    if CodeAsterAdapter().program() is None:
+        print("Code_Aster is not run: there is no run_aster on the PATH")
+    else:
+        yield from run_jobs()
 
 
 HEAD = """\
@@ -169,8 +223,21 @@ solver takes the time steps that the other one took, by backward Euler. Forces a
 percent of the largest force, displacements on the face Z = 0.
 
 The bundled solver integrates a tetrahedron with four Gauss points, as CalculiX does; Code_Aster has
-five, which on its coarse prism is all the difference: with five, the bundled solver agrees with it.
+five, which is all the difference: with five, the bundled solver agrees with it.
 
+"""
+RULES = """
+## Four Gauss points or five
+
+Error against the converged answer (a mesh of 0.62 µm, the mean of both rules, which differ there
+by 0.02 µN and 0.01 nm) on the specimen of the demo, root mean square over all images: of the load,
+which reaches 907 µN, and of the motion of the face. Exponential scheme.
+
+"""
+ANSWER = """
+Five points are nearer in the loads, by one to five percent of the error, and neither is in the
+motion: next to what such a mesh leaves wrong the choice does not count. It counts where two programs
+are compared: take `solver.gauss_points = 5` beside Code_Aster. Four points cost a tenth less.
 """
 
 
@@ -185,7 +252,9 @@ def main() -> None:
         print(row.line(), flush=True)
         rows.append(row)
     if arguments.write is not None:
-        arguments.write.write_text(HEAD + table(rows), encoding="utf-8")
+        rules = quadrature.table(list(quadrature.rows()))
+        text = HEAD + table(rows) + RULES + rules + ANSWER
+        arguments.write.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

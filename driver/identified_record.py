@@ -22,7 +22,7 @@ Arrays = dict[str, tuple[NDArray[np.generic] | float, str]]
 
 
 def warnings_of(found: Identification) -> tuple[str, ...]:
-    """Sentences on what the data did not decide: parameters at a bound, or ruled by the prior."""
+    """Sentences on what the data did not decide, and on time steps that had to be cut."""
     parameters, final = found.objective.parameters, found.final
     bounds = [
         f"{name} stands at its bound {final.values[name]:g}: its interval ends there"
@@ -30,7 +30,19 @@ def warnings_of(found: Identification) -> tuple[str, ...]:
     ]
     nuisances = {p.name for p in POSE_DECLARATIONS} | {"load_gain"}
     ruled = [rule.sentence() for rule in ruled_by_prior(final) if rule.name not in nuisances]
-    return (*bounds, *ruled)
+    return (*bounds, *ruled, *_cut_steps(found))
+
+
+def _cut_steps(found: Identification) -> tuple[str, ...]:
+    """A sentence where the solver took other time steps than those that were asked for."""
+    response = found.final.best.prediction.response
+    if not response.cuts:
+        return ()
+    return (
+        f"{response.cuts} time steps did not converge and were cut, so that {response.steps} were "
+        "taken: the error of the steps is not that of the steps stated; more "
+        "steps_per_interval in [solver] make it smaller",
+    )
 
 
 def value_told(name: str, fit: Fit, parameters: Mapping[str, Parameter]) -> str:

@@ -98,12 +98,13 @@ class FiniteDifferences:
         directions, plain = simulation.directions, replace(simulation, directions=())
         if not directions:
             return self.adapter.solve(plain, workspace, progress)
-        count = _Count(1 + RUNS_PER_DIRECTION * len(directions), progress)
+        moving = [direction for direction in directions if moves(direction)]
+        count = _Count(1 + RUNS_PER_DIRECTION * len(moving), progress)
         refuse_bad_directions(simulation)
         self._refuse_unsupported(directions)
         noise = self.adapter.capabilities().noise
         share = (noise / 2) ** (1 / 3)
-        first = [(direction, share * direction.scale) for direction in directions]
+        first = [(direction, share * direction.scale) for direction in moving]
         try:
             base = self.adapter.solve(plain, workspace, count.tell)
         except PreparedError as error:
@@ -118,23 +119,29 @@ class FiniteDifferences:
         slopes = [slope_through(base, pair, noise) for pair in pairs]
         second = {
             k: step
-            for k, (direction, slope) in enumerate(zip(directions, slopes, strict=True))
+            for k, (direction, slope) in enumerate(zip(moving, slopes, strict=True))
             if (step := slope.better_step(direction.scale))
         }
-        again = [(directions[k], step) for k, step in second.items()]
+        again = [(moving[k], step) for k, step in second.items()]
         count.more(RUNS_PER_DIRECTION * len(again))
         for k, pair in zip(second, self._pairs(repeated, again, workspace, count), strict=True):
             # Of two steps that both show no change the second, wider one is told.
             slopes[k] = min(slope_through(base, pair, noise), slopes[k], key=lambda s: s.asymmetry)
         notes = [
             note
-            for direction, slope in zip(directions, slopes, strict=True)
+            for direction, slope in zip(moving, slopes, strict=True)
             for note in slope.doubts(direction)
         ]
+        # Along what moves nothing the derivative is exactly 0, without a run.
+        d_displacement = np.zeros((len(directions), *base.displacement.shape))
+        d_force = np.zeros((len(directions), *base.force.shape))
+        rows = [k for k, direction in enumerate(directions) if moves(direction)]
+        for row, slope in zip(rows, slopes, strict=True):
+            d_displacement[row], d_force[row] = slope.displacement, slope.force
         return replace(
             base,
-            d_displacement=np.stack([slope.displacement for slope in slopes]),
-            d_force=np.stack([slope.force for slope in slopes]),
+            d_displacement=d_displacement,
+            d_force=d_force,
             seconds={**base.seconds, "finite differences": time.monotonic() - begun},
             notes=(*base.notes, *notes),
         )
@@ -269,6 +276,15 @@ class _Run:
 
     direction: Direction
     amount: float
+
+
+def moves(direction: Direction) -> bool:
+    """Whether a direction changes anything of a simulation at all."""
+    tangents = (
+        direction.rotation, direction.lattice_gradient, direction.motion, direction.points,
+        direction.times, *direction.material.values(),
+    )  # fmt: skip
+    return any(tangent is not None and bool(np.any(tangent)) for tangent in tangents)
 
 
 def shifted(simulation: Simulation, direction: Direction, amount: float) -> Simulation:
