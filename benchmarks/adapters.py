@@ -236,8 +236,9 @@ which reaches 907 µN, and of the motion of the face. Exponential scheme.
 """
 ANSWER = """
 Five points are nearer in the loads, by one to five percent of the error, and neither is in the
-motion: next to what such a mesh leaves wrong the choice does not count. It counts where two programs
-are compared: take `solver.gauss_points = 5` beside Code_Aster. Four points cost a tenth less.
+motion: next to what such a mesh leaves wrong the choice does not count. It counts where two
+programs are compared: take `solver.gauss_points = 5` beside Code_Aster. Four points cost a tenth
+less.
 """
 
 

@@ -313,10 +313,9 @@ def correction(working: ForwardModel, finer: ForwardModel, at: Fit, log: Log) ->
     fine = finer.predict(values)
     motion = fine.motion - coarse.motion
     load = fine.load - coarse.load
-    log(
-        f"  finer − working: load {np.sqrt(np.mean(load**2)):.2f} µN rms, "
-        f"motion {1e3 * np.sqrt(np.mean(motion**2)):.2f} nm rms"
-    )
+    rms_motion = 1e3 * np.sqrt(np.mean(motion**2)) if motion.size else None
+    of_motion = "" if rms_motion is None else f", motion {rms_motion:.2f} nm rms"
+    log(f"  finer − working: load {np.sqrt(np.mean(load**2)):.2f} µN rms{of_motion}")
     if of_steps is None:
         return Correction(motion, load)
     left = Correction(

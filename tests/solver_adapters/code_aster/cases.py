@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from solver_adapters.crystal import bunge_matrix
 from solver_adapters.interface import Simulation
 from solver_adapters.material import Material
-from tests.solver_adapters.boxes import box, pulled
+from tests.solver_adapters.boxes import ORIENTATIONS, box, pulled
 
 DATA = Path(__file__).parents[2] / "data" / "solver" / "code_aster"
 
@@ -35,7 +36,8 @@ def three_grains() -> Simulation:
     )
     mask = asked.motion_mask.copy()
     mask[np.isin(asked.motion_nodes, mesh.nodes["S_PLUS"]), ::2] = False
-    return replace(asked, motion_mask=mask, integration="backward_euler")
+    orientations = np.concatenate([ORIENTATIONS, bunge_matrix(30, 60, 20)[None]])
+    return replace(asked, motion_mask=mask, orientations=orientations, integration="backward_euler")
 
 
 def unpacked(name: str, folder: Path, to: str) -> Path:
