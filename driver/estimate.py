@@ -18,6 +18,8 @@ _NODES_PER_CELL = 2.2
 _POINT_SECONDS = {"small": 2.3e-6, "finite": 5.5e-6}
 # Numeric factorisation: 39 ms at 7000 unknowns, growing with the power 1.5 (a long thin body).
 _FACTOR_SECONDS, _FACTOR_UNKNOWNS, _FACTOR_POWER = 0.039, 7000.0, 1.5
+# A solver that is slower at the points is slower in its matrices by this at most (SPOOLES, MUMPS).
+_SLOWER_MATRIX = 5.0
 # Newton iterations of a step; share of a step that one direction of differentiation adds.
 _ITERATIONS = 4
 _DIRECTION_SHARE = 0.05
@@ -176,8 +178,9 @@ def _simulation(
     points = n_cells * _POINTS_PER_CELL * _POINT_SECONDS[case.material.strain_measure]
     unknowns = 3 * n_cells * _NODES_PER_CELL
     factor: float = _FACTOR_SECONDS * (unknowns / _FACTOR_UNKNOWNS) ** _FACTOR_POWER
-    iteration = points / case.execution.threads + factor
-    plain = solver.start + solver.cost * steps * _ITERATIONS * iteration
+    of_matrix = factor * min(solver.cost, _SLOWER_MATRIX)
+    iteration = solver.cost * points / case.execution.threads + of_matrix
+    plain = solver.start + steps * _ITERATIONS * iteration
     if solver.derivatives:
         return plain * (1 + _DIRECTION_SHARE * directions / _ITERATIONS)
     # Finite differences, so many of them at a time.

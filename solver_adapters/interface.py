@@ -274,7 +274,8 @@ class Capabilities:
         noise: by what share force and displacement scatter between runs of nearly the same
             simulation: the tolerance of the iteration, or the digits of a result file. Finite
             differences choose their steps by it.
-        cost: CPU time of a simulation over that of the bundled solver, roughly, for estimates.
+        cost: CPU time of the law at the Gauss points over that of the bundled solver, roughly, for
+            estimates.
         start: CPU time of a simulation before its first time step [s], roughly, for estimates.
         integrations: the schemes of time integration on offer.
         conditional: names of further material parameters of which some values besides the null

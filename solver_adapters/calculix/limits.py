@@ -20,7 +20,7 @@ CAPABILITIES = Capabilities(
     derivatives=False,
     # Six digits of a displacement in the .frd, where rounding makes up to 5e-6 of a value.
     noise=1e-5,
-    cost=15.0,
+    cost=50.0,
     conditional=frozenset(("tau0_112", "Q", "b", "h_latent", "Q_latent", "interaction")),
     cells=frozenset((10, 15)),
     tet10_points=frozenset((4,)),

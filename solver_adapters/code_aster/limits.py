@@ -24,7 +24,8 @@ CAPABILITIES = Capabilities(
     cell_fields=True,
     # Results are whole doubles: what scatters is the iteration, to its tolerance of 1e-7.
     noise=1e-6,
-    cost=150.0,
+    # About 1 ms a Gauss point and iteration.
+    cost=500.0,
     start=4.0,
     tet10_points=frozenset((5,)),
     cautions={"finite": FINITE_CAUTION},
