@@ -147,7 +147,13 @@ def _causes(case: Case, case_path: Path) -> Iterator[Finding]:
 
 def _solver(case: Case, adapter: Adapter) -> Iterator[Finding]:
     name = case.solver.name
-    if adapter.version() == ABSENT:
+    try:
+        version = adapter.version()
+    except SolverError as error:
+        # A program that is there and cannot start.
+        yield Finding("error", "solver", str(error))
+        return
+    if version == ABSENT:
         yield Finding(
             "warning",
             "solver",
@@ -156,7 +162,7 @@ def _solver(case: Case, adapter: Adapter) -> Iterator[Finding]:
             "(`prismid run --prepare-only` writes the jobs for another machine)",
         )
     else:
-        yield Finding("ok", "solver", f"{name} {adapter.version()}")
+        yield Finding("ok", "solver", version if version.startswith(name) else f"{name} {version}")
     capabilities = adapter.capabilities()
     measure = case.material.strain_measure
     if measure not in capabilities.strain_measures:
@@ -270,8 +276,10 @@ def _decks(case: Case, adapter: Adapter, experiment: Experiment) -> Iterator[Fin
         yield Finding("error", "solver", str(error))
         return
     for name, deck in decks.items():
-        can = f"no deck of this model for {name}: {deck}" if isinstance(deck, str) else ""
-        yield Finding("ok", "decks", can or f"{name} can take this model as a deck")
+        if isinstance(deck, str):
+            yield Finding("ok", "decks", f"no deck of this model for {name}: {deck}")
+        else:
+            yield Finding("ok", "decks", f"{name} can take this model as a deck")
 
 
 def _cost(case: Case, solver: Capabilities, n_cells: int, n_images: int, n_pixels: int) -> Finding:

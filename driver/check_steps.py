@@ -18,6 +18,7 @@ from driver.case import Case
 from driver.errors import InputError
 from driver.finding import Finding
 from driver.history import History
+from driver.identification.step_error import FIRST_ORDER
 from driver.specimen import build_model, integration_of, mesh_of
 from driver.workbench import BUNDLED
 from solver_adapters.interface import Adapter, SolverError
@@ -25,10 +26,9 @@ from solver_adapters.registry import find_adapter
 
 FloatArray = NDArray[np.float64]
 
-FIRST_ORDER = "backward_euler"
 _CELL = 0.5  # length of the cells over that of the specimen
 _SHARE = 0.5  # of the noise of the loads that the error of the steps may reach, rms
-_SERVED = 1 / 4  # a step more is not recommended for less than this share of the error
+_SERVED = 1 / 4  # of a step, by which the recommendation is rounded down
 
 
 def recommended_steps(case: Case, adapter: Adapter, history: History) -> Iterator[Finding]:
@@ -43,7 +43,7 @@ def recommended_steps(case: Case, adapter: Adapter, history: History) -> Iterato
         return
     stated, noise = case.solver.steps_per_interval, case.loads.noise_uN
     try:
-        error = step_error(case, history, stated)
+        error = load_error_of_steps(case, history, stated)
     except (InputError, SolverError) as reason:
         yield Finding("warning", "steps", f"the error of the time steps is not known: {reason}")
         return
@@ -65,7 +65,7 @@ def recommended_steps(case: Case, adapter: Adapter, history: History) -> Iterato
     )
 
 
-def step_error(case: Case, history: History, steps: int) -> float:
+def load_error_of_steps(case: Case, history: History, steps: int) -> float:
     """Error of the loads that steps of first order make, rms [µN], to a factor of two or so.
 
     Args:
@@ -83,15 +83,14 @@ def step_error(case: Case, history: History, steps: int) -> float:
     )
     mesh = mesh_of(case, max(case.specimen.mesh_size, _CELL * case.specimen.length))
     no_pixels = np.zeros((0, 2))
-    model = build_model(first_order, mesh, history, no_pixels, bundled, steps)
+    halves, quarters = (
+        build_model(first_order, mesh, history, no_pixels, bundled, n * steps) for n in (2, 4)
+    )
     ratio = case.boundary.stage_ratio or case.specimen.length / case.history.grip_distance
     travel = history.stage[history.turning]
     names = elongation_names(len(travel))
     along, _ = knots_of_stage(travel, ratio, 0.0)
-    values = model.null_values() | dict(zip(names, along.tolist(), strict=True))
-    halves, quarters = (
-        build_model(first_order, mesh, history, no_pixels, bundled, n * steps) for n in (2, 4)
-    )
+    values = halves.null_values() | dict(zip(names, along.tolist(), strict=True))
     # Of the finest pair, which is nearest to first order: quarters err by as much as they change.
     change = quarters.predict(values).load - halves.predict(values).load
     return 4.0 * float(np.sqrt(np.mean(change**2)))

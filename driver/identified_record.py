@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from driver.identification.fit import Fit
 from driver.identification.identifiability import prior_shares, ruled_by_prior
+from driver.identification.objective import Correction
 from driver.identification.procedure import Identification
 from driver.results import write_csv, write_hdf5
 from driver.surface_view import POSE_DECLARATIONS
@@ -36,13 +37,25 @@ def warnings_of(found: Identification) -> tuple[str, ...]:
 def _cut_steps(found: Identification) -> tuple[str, ...]:
     """A sentence where the solver took other time steps than those that were asked for."""
     response = found.final.best.prediction.response
-    if not response.cuts:
+    cuts = found.objective.model.cut_steps(response)
+    if not cuts:
         return ()
     return (
-        f"{response.cuts} time steps did not converge and were cut, so that {response.steps} were "
-        "taken: the error of the steps is not that of the steps stated; more "
+        f"{response.ends.size} time steps were taken, {cuts} more than stated, for some did not "
+        "converge and were cut: their error is not that of the steps stated; more "
         "steps_per_interval in [solver] make it smaller",
     )
+
+
+def _left_by_steps(correction: Correction) -> Arrays:
+    """What time steps of first order leave wrong, where there are such."""
+    left = correction.left_by_steps
+    if left is None:
+        return {}
+    return {
+        "correction/steps_motion": (left.motion, "µm"),
+        "correction/steps_load": (left.load, "µN"),
+    }
 
 
 def value_told(name: str, fit: Fit, parameters: Mapping[str, Parameter]) -> str:
@@ -85,8 +98,8 @@ def write_identification(
             "prior_share": (prior_shares(final.best), "1"),
             "initial/load": (next(iter(found.stages.values())).start_load, "µN"),
             "correction/load": (np.asarray(correction.load), "µN"),
-            "correction/steps_load": (np.asarray(correction.steps_load), "µN"),
-            "correction/steps_share": (correction.steps_share, "1"),
+            "correction/parts": (float(correction.parts), "1"),
+            **_left_by_steps(correction),
             **_histories(found),
             **more,
         },

@@ -18,6 +18,7 @@ from driver.identification.fit import Fit
 from driver.identification.kinematic import kinematic_hessian
 from driver.identification.objective import Correction, Evaluation, Objective
 from driver.identification.procedure import Identification, identify, with_correction
+from driver.identification.step_error import StepError
 from driver.identified_record import Arrays, value_told, warnings_of, write_identification
 from driver.log import passing_of
 from driver.measure_stage import MEASURE
@@ -119,12 +120,14 @@ def saved_objective(bench: Workbench, results: dict[str, FloatArray]) -> Objecti
     if "jitter/load" in results:
         jitter = BoundaryJitter(results["jitter/load"], results["jitter/image"])
         objective = replace(objective, data=replace(objective.data, jitter=jitter))
+    left = None
+    if "correction/steps_load" in results:
+        left = StepError(results["correction/steps_motion"], results["correction/steps_load"])
     correction = Correction(
         results["correction/motion"],
         results["correction/load"],
-        results["correction/steps_motion"],
-        results["correction/steps_load"],
-        float(results["correction/steps_share"]),
+        left,
+        int(results["correction/parts"]),
     )
     return with_correction(objective, float(results["noise_factor"]), correction, bench.plan.sizes)
 
@@ -167,7 +170,6 @@ def _write(
         bench.start,
         {
             "correction/motion": (np.asarray(correction.motion), "µm"),
-            "correction/steps_motion": (np.asarray(correction.steps_motion), "µm"),
             "noise_factor": (found.objective.data.image.noise_factor, "1"),
             **{f"budget/{key}": (value, "1") for key, value in budget.items()},
             **_as_in_the_paper(found),

@@ -173,6 +173,11 @@ class ForwardModel:
             return self
         return replace(self, steps=np.interp(ends, self.clock(values), self.times))
 
+    def cut_steps(self, response: Response) -> int:
+        """Time steps of a response beyond those that are stated: steps that had to be cut."""
+        stated = (self.times.size - 1) * self.steps_per_interval
+        return max(response.ends.size - stated, 0) if self.accuracy is None else 0
+
     def near(self, way: Way | None, values: Values) -> ForwardModel:
         """The model whose simulations begin their iterations by one of its own.
 

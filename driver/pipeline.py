@@ -47,15 +47,15 @@ def stages(case: Case) -> Sequence[Stage]:
     if not case.with_images:
         inputs = (*_MESH, "history", "sections", "loads", *_IDENTIFY)
         return (
-            Stage("mesh", "1", _MESH, run_mesh),
-            Stage("identify", "2", inputs, run_identify_loads, identified_files),
+            Stage("mesh", "2", _MESH, run_mesh),
+            Stage("identify", "3", inputs, run_identify_loads, identified_files),
             Stage("report", "2", inputs, run_report_loads, measured_files),
         )
     return (
-        Stage("mesh", "1", _MESH, run_mesh),
+        Stage("mesh", "2", _MESH, run_mesh),
         Stage("measure", "6", _MEASURE, run_measure, measured_files),
-        Stage("identify", "6", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
-        Stage("diagnose", "5", ("diagnosis",), run_diagnose, diagnosed_files),
+        Stage("identify", "7", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
+        Stage("diagnose", "6", ("diagnosis",), run_diagnose, diagnosed_files),
         Stage("report", "7", _REPORT, run_report, measured_files),
     )
 

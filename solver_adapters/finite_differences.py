@@ -98,7 +98,8 @@ class FiniteDifferences:
         directions, plain = simulation.directions, replace(simulation, directions=())
         if not directions:
             return self.adapter.solve(plain, workspace, progress)
-        moving = [direction for direction in directions if moves(direction)]
+        rows = [row for row, direction in enumerate(directions) if _moves(direction)]
+        moving = [directions[row] for row in rows]
         count = _Count(1 + RUNS_PER_DIRECTION * len(moving), progress)
         refuse_bad_directions(simulation)
         self._refuse_unsupported(directions)
@@ -135,7 +136,6 @@ class FiniteDifferences:
         # Along what moves nothing the derivative is exactly 0, without a run.
         d_displacement = np.zeros((len(directions), *base.displacement.shape))
         d_force = np.zeros((len(directions), *base.force.shape))
-        rows = [k for k, direction in enumerate(directions) if moves(direction)]
         for row, slope in zip(rows, slopes, strict=True):
             d_displacement[row], d_force[row] = slope.displacement, slope.force
         return replace(
@@ -278,7 +278,7 @@ class _Run:
     amount: float
 
 
-def moves(direction: Direction) -> bool:
+def _moves(direction: Direction) -> bool:
     """Whether a direction changes anything of a simulation at all."""
     tangents = (
         direction.rotation, direction.lattice_gradient, direction.motion, direction.points,

@@ -21,7 +21,8 @@ from driver.diagnosis.own_causes import own_causes
 from driver.diagnosis.screening import screened
 from driver.history import History, knot_weights
 from driver.identification.objective import Correction, Objective
-from driver.identification.procedure import with_correction
+from driver.identification.procedure import correction, with_correction
+from driver.log import silent
 from driver.model import declared_parameters
 from driver.prediction import Prediction
 from driver.specimen import mesh_of
@@ -170,8 +171,9 @@ def simulate(own: Prepared) -> Simulated:
         SolverError: a simulation could not be finished.
     """
     prediction = own.bench.working.predict(own.values, own.names)
-    fine = own.bench.finer.predict(own.values)
-    change = Correction(fine.motion - prediction.motion, fine.load - prediction.load)
+    change = correction(
+        own.bench.working, own.bench.finer, prediction, own.values, silent, with_steps=True
+    )
     return Simulated(prediction, own.names, change)
 
 

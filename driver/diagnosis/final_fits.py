@@ -111,7 +111,8 @@ def _run(task: _Refresh | _Again | HeldOutTask) -> Correction | Fit | HeldOut:
     if isinstance(task, HeldOutTask):
         return predict_held_out(task)
     if isinstance(task, _Refresh):
-        return correction(task.working, task.finer, task.at, silent)
+        at = task.at
+        return correction(task.working, task.finer, at.best.prediction, at.values, silent)
     return fit_from(task.fit.best, task.objective, POLISH, silent)
 
 

@@ -56,13 +56,17 @@ class FinerMeshes:
         """
 
         def on_one() -> Correction | None:
-            return correction(working, self.one, here, log)
+            return correction(
+                working, self.one, here.best.prediction, here.values, log, with_steps=True
+            )
 
         def on_another() -> Correction | None:
             another = self.another
             assert another is not None
             log("the same on another mesh")
-            found = attempt(lambda: correction(working, another(), here, log))
+            found = attempt(
+                lambda: correction(working, another(), here.best.prediction, here.values, log)
+            )
             if isinstance(found, Failure):
                 log(f"  one mesh has to do: {found.why}")
                 return None

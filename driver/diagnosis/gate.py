@@ -146,7 +146,7 @@ def _refinement(
         model, steps_per_interval=finer.steps_per_interval, accuracy=finer.accuracy,
         adapter=finer.adapter,
     )  # fmt: skip
-    halved = correction(model, between, here, silent)
+    halved = correction(model, between, here.best.prediction, here.values, silent)
     of_steps = along.effect(whitened_difference(objective, halved, Correction()))
     of_mesh = along.effect(whitened_difference(objective, fresh, halved))
     if of_steps < _MATTERS * of_mesh:

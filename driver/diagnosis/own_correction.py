@@ -81,7 +81,10 @@ def _under_its_own(task: _Task) -> Refit | Failure:
     """The refit under the correction at its end, or why there is none."""
     refit, cause = task.refit, task.refit.cause
     objective = with_prior(refit.objective, cause)
-    change = attempt(lambda: correction(objective.model, task.finer, refit.fit, silent))
+    at = refit.fit
+    change = attempt(
+        lambda: correction(objective.model, task.finer, at.best.prediction, at.values, silent)
+    )
     if isinstance(change, Failure):
         return change
     # What the other mesh adds is that at the baseline: small beside what this changes.

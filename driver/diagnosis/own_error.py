@@ -36,7 +36,8 @@ def score_variance(
     directions = np.concatenate([rows for rows in along if rows.size] or [np.zeros((0, 0))])
     if not directions.size or not isinstance(correction.load, np.ndarray):
         return 1.0
-    difference = data.change(np.asarray(correction.motion), correction.load)
+    # What steps of first order leave is in the covariance, with its own pattern.
+    difference = data.change(*correction.of_mesh)
     ratio = sizes[1] / sizes[0]
     left = ratio**2 / (1.0 + ratio**2) * float(np.mean((directions @ difference) ** 2))
     counted = 1.0 - float(np.mean(np.sum(data.noise_part(directions) ** 2, axis=1)))

@@ -132,7 +132,7 @@ def _reweighted(
 ) -> Objective:
     """The objective with each pixel counted by its own noise, and their level as it then is."""
     image = reweighted(objective.data.image, uneven.variance)
-    data = replace(objective.data, image=image, simulation_error=None)
+    data = replace(objective.data, image=image, simulation_error=None, step_error=None)
     weighed = replace(objective, data=data)
     there = replace(here, best=weighed.compare(here.best.prediction, here.values, here.best.free))
     noise = noise_of_images(there, data, settings)

@@ -98,10 +98,12 @@ def screen(
 def own_error_shapes(objective: Objective) -> FloatArray:
     """What the simulation's own error looks like, whitened, shape (m, n).
 
-    The correction itself, of which a share may be left, and half of what two finer meshes differ
-    by; none without a correction.
+    The correction itself, of which a share may be left, half of what two finer meshes differ by,
+    and what steps of first order leave; none without a correction.
     """
-    known = [objective.correction, objective.spread]
+    left = objective.correction.left_by_steps
+    of_steps = None if left is None else Correction(left.motion, left.load)
+    known = [objective.correction, objective.spread, of_steps]
     shapes = [
         whitened_difference(objective, one, Correction())
         for one in known

@@ -21,6 +21,7 @@ from driver.identification.boundary_jitter import BoundaryJitter
 from driver.identification.image_data import ImageData
 from driver.identification.load_noise import whiten_markov
 from driver.identification.simulation_error import SimulationError
+from driver.identification.step_error import StepError
 from driver.prediction import Prediction
 
 FloatArray = NDArray[np.float64]
@@ -39,7 +40,9 @@ class Data:
         autocorrelation: of the load noise from one image to the next.
         index: the frames in use, shape (T,).
         with_loads: whether the loads are part of the residual.
-        simulation_error: covariance of what mesh and time steps leave wrong, None if neglected.
+        simulation_error: covariance of what the mesh leaves wrong, None if neglected.
+        step_error: what time steps of first order leave wrong, one standard deviation of a pattern
+            over images and loads together; None where there is none.
         left_out: frames whose images are not fitted, outliers of the series; their loads are.
         jitter: noise of the boundary motion, None if there is none.
         stated_bad_loads: frames whose loads the case states to be wrong; their images are fitted.
@@ -54,6 +57,7 @@ class Data:
     index: IntArray
     with_loads: bool = True
     simulation_error: SimulationError | None = None
+    step_error: StepError | None = None
     left_out: tuple[int, ...] = ()
     jitter: BoundaryJitter | None = None
     stated_bad_loads: tuple[int, ...] = ()
@@ -100,7 +104,7 @@ class Data:
         parts = [self._whiten_images(z[self.with_image]).ravel()]
         if self.with_loads:
             parts.insert(0, self._whiten_loads((self.load - load)[self.load_index]))
-        return self._whiten_jitter(np.concatenate(parts)), shift, rho
+        return self._whiten_patterns(np.concatenate(parts)), shift, rho
 
     def sensitivity(self, prediction: Prediction) -> FloatArray:
         """Whitened derivatives of a prediction with respect to k parameters, shape (k, n)."""
@@ -108,7 +112,7 @@ class Data:
         parts = [z.reshape(len(z), z.shape[1] * self.image.n_z)]
         if self.with_loads:
             parts.insert(0, self._whiten_loads(prediction.d_load[:, self.load_index]))
-        return self._whiten_jitter(np.concatenate(parts, axis=1))
+        return self._whiten_patterns(np.concatenate(parts, axis=1))
 
     def image_sensitivity(self, prediction: Prediction) -> FloatArray:
         """Derivatives of the images that are fitted, each whitened by itself, (k, T, n_z)."""
@@ -122,7 +126,7 @@ class Data:
         """Whitened effect of changes of the loads in use [µN], (m, n_load) → (m, n)."""
         images = np.count_nonzero(self.with_image) * self.image.n_z
         parts = [self._whiten_loads(changes), np.zeros((len(changes), images))]
-        return self._whiten_jitter(np.concatenate(parts, axis=1))
+        return self._whiten_patterns(np.concatenate(parts, axis=1))
 
     def change(self, motion: FloatArray, load: FloatArray) -> FloatArray:
         """Whitened effect of a change of the measurements, to first order, shape (n,).
@@ -136,7 +140,7 @@ class Data:
         parts = [self._whiten_images(z).ravel()]
         if self.with_loads:
             parts.insert(0, self._whiten_loads(load[self.load_index]))
-        return self._whiten_jitter(np.concatenate(parts))
+        return self._whiten_patterns(np.concatenate(parts))
 
     def shape_changes(self, shapes: FloatArray, course: FloatArray) -> FloatArray:
         """Whitened effect of motions that keep their shapes, to first order, shape (k, n).
@@ -150,7 +154,7 @@ class Data:
         parts = [self._whiten_images(z).reshape(len(shapes), -1)]
         if self.with_loads:
             parts.insert(0, np.zeros((len(shapes), self.n_load)))
-        return self._whiten_jitter(np.concatenate(parts, axis=1))
+        return self._whiten_patterns(np.concatenate(parts, axis=1))
 
     def image_part(self, residual: FloatArray) -> FloatArray:
         """The image part of a residual, of the images that are fitted, shape (T, n_z)."""
@@ -164,17 +168,24 @@ class Data:
             parts.insert(0, self._whiten_loads(jitter.load[:, self.load_index]))
         return np.concatenate(parts, axis=1)
 
-    def _whiten_jitter(self, white: FloatArray) -> FloatArray:
-        """(I + σ_e² G Gᵀ)^(−1/2) on (..., n), with G whitened as the rest."""
-        if self.jitter is None:
+    def _whiten_patterns(self, white: FloatArray) -> FloatArray:
+        """(I + σ_e² G Gᵀ + s sᵀ)^(−1/2) on (..., n), boundary and steps whitened as the rest."""
+        if self.jitter is None and self.step_error is None:
             return white
-        return np.asarray(white - (white @ self._jitter_root.T) @ self._jitter_root)
+        return np.asarray(white - (white @ self._pattern_root.T) @ self._pattern_root)
 
     @cached_property
-    def _jitter_root(self) -> FloatArray:
-        """R with (I + FᵀF)^(−1/2) = I − RᵀR, F = σ_e Gᵀ whitened as the rest, shape (T_all, n)."""
-        assert self.jitter is not None
-        factor = self.effect_of_stops(self.jitter)
+    def _pattern_root(self) -> FloatArray:
+        """R with (I + FᵀF)^(−1/2) = I − RᵀR, shape (m, n).
+
+        The rows of F are σ_e Gᵀ, one for each stop, and the error of the steps, whitened as the
+        rest.
+        """
+        rows = [] if self.jitter is None else [self.effect_of_stops(self.jitter)]
+        if self.step_error is not None:
+            alone = replace(self, jitter=None, step_error=None)
+            rows.append(alone.change(self.step_error.motion, self.step_error.load)[None])
+        factor = np.concatenate(rows)
         # With F Fᵀ = V diag(λ) Vᵀ: RᵀR = FᵀV diag((1 − (1 + λ)^(−1/2))/λ) VᵀF.
         strength, modes = np.linalg.eigh(factor @ factor.T)
         seen_at_all = strength > 1e-12 * strength[-1]
@@ -195,7 +206,7 @@ class Data:
         Returns:
             row R, shape (k, n).
         """
-        rows = self._whiten_jitter(rows)
+        rows = self._whiten_patterns(rows)
         if self.simulation_error is None:
             return rows
         loads, images = rows[:, : self.n_load], rows[:, self.n_load :]
@@ -230,8 +241,8 @@ class Data:
     def _whiten_load_simulation(self, white: FloatArray) -> FloatArray:
         if self.simulation_error is None:
             return white
-        patterns = self._whiten_series(self.simulation_error.load[:, self.load_index])
-        return self.simulation_error.whiten_loads(white, patterns)
+        pattern = self._whiten_series(self.simulation_error.load[self.load_index])
+        return self.simulation_error.whiten_loads(white, pattern)
 
     def _whiten_series(self, load: FloatArray) -> FloatArray:
         return whiten_markov(load / self.load_noise, self.load_index, self.autocorrelation)

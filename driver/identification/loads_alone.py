@@ -20,7 +20,6 @@ from driver.identification.procedure import (
     Plan,
     correction,
     elastic_stiffness,
-    errors_of,
     unload_elastically,
 )
 from driver.identification.simulation_error import SimulationError, share_left
@@ -60,14 +59,13 @@ def identify_from_loads(
     begin = unload_elastically(start, stiffness, weights, data.load[data.load_index])
     first = fit(objective, begin, plan.free("B"), plan.most, log, share=START)
     log("finer mesh and steps at the result, for the correction")
-    change = correction(model, finer, first, log)
-    (_, mesh), (_, steps) = errors_of(change)
-    left = np.stack([share_left(plan.sizes[1] / plan.sizes[0]) * mesh, steps])
-    error = SimulationError(np.zeros((left.shape[1], 0)), np.zeros((0, 0)), left)
+    change = correction(model, finer, first.best.prediction, first.values, log, with_steps=True)
+    left = share_left(plan.sizes[1] / plan.sizes[0]) * change.of_mesh[1]
+    error = SimulationError(np.zeros((left.size, 0)), np.zeros((0, 0)), left)
     corrected = replace(
         objective,
-        data=replace(data, simulation_error=error),
-        correction=replace(change, motion=0.0, steps_motion=0.0),
+        data=replace(data, simulation_error=error, step_error=change.left_by_steps),
+        correction=replace(change, motion=0.0),
     )
     log("all together, with the correction")
     last = fit(corrected, first.values, plan.free("C"), plan.most, log)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from driver.fixed_pattern import apparent_rise
 from driver.identification.data import Data
 from driver.identification.paper_chi import PaperChi, paper_chi
+from driver.identification.step_error import StepError
 from driver.model import ForwardModel
 from driver.prediction import Prediction
 from solver_adapters.parameter import Parameter
@@ -28,17 +29,25 @@ class Correction:
     Attributes:
         motion: at the pixels [µm], shape (T, n_pix, 3), or 0.
         load: [µN], shape (T,), or 0.
-        steps_motion: what the time steps of the finer prediction leave wrong of its motion, as it
-            would be added [µm], or 0.
-        steps_load: the same of the load [µN], or 0.
-        steps_share: the part of that error which the correction itself holds, over what it leaves.
+        left_by_steps: what the time steps of the finer prediction leave wrong, None where it is not
+            known or the scheme is not of first order.
+        parts: q, equal parts of each working step in the finer simulation: of an error e of the
+            working steps the correction holds e (1 − 1/q) and leaves e/q.
     """
 
     motion: FloatArray | float = 0.0
     load: FloatArray | float = 0.0
-    steps_motion: FloatArray | float = 0.0
-    steps_load: FloatArray | float = 0.0
-    steps_share: float = 0.0
+    left_by_steps: StepError | None = None
+    parts: int = 1
+
+    @property
+    def of_mesh(self) -> tuple[FloatArray, FloatArray]:
+        """Motion [µm], (T, n_pix, 3), and load [µN], (T,), as far as they are of the mesh."""
+        motion, load = np.asarray(self.motion), np.asarray(self.load)
+        if self.left_by_steps is None:
+            return motion, load
+        held = self.left_by_steps.times(self.parts - 1)
+        return motion - held.motion, load - held.load
 
     def mean_with(self, spread: Correction | None) -> Correction:
         """The mean of this correction by a finer mesh and of that by another one.

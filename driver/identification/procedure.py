@@ -27,13 +27,15 @@ from driver.identification.objective import Correction, Objective
 from driver.identification.simulation_error import simulation_error
 from driver.identification.starts import Outcome, draw_starts, from_each_start
 from driver.identification.step_error import (
+    error_by_halves,
     has_first_order,
     in_parts_of,
     parts_of,
-    step_error,
 )
 from driver.log import Log, silent
 from driver.model import ForwardModel
+from driver.prediction import Prediction
+from driver.side_by_side import side_by_side
 
 FloatArray = NDArray[np.float64]
 Stage = Literal["A", "B", "C"]
@@ -143,7 +145,9 @@ def identify(
         objective = _with_jitter(objective, stage_b.values, plan.jitter)
     log("finer mesh and steps at the result, for the correction")
     noise = noise_factor(stage_b, first.objective.data)
-    change = correction(working, finer, stage_b, log)
+    change = correction(
+        working, finer, stage_b.best.prediction, stage_b.values, log, with_steps=True
+    )
     corrected = with_correction(objective, noise, change, plan.sizes)
     log("stage C: all together, with the correction")
     begin = corrected.complete(stage_b.best, plan.free("C"))
@@ -247,23 +251,11 @@ def with_correction(
         sizes: element sizes of the working and of the finer mesh [µm].
     """
     image = replace(objective.data.image, noise_factor=noise_factor)
-    mesh, steps = errors_of(change)
-    error = simulation_error(image, mesh, steps, sizes[1], sizes[1] / sizes[0])
-    data = replace(objective.data, image=image, simulation_error=error)
-    return replace(objective, data=data, correction=change)
-
-
-def errors_of(
-    change: Correction,
-) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
-    """Motion and load of a correction as far as they are of the mesh, and what its steps leave."""
-    motion, load = np.asarray(change.motion), np.asarray(change.load)
-    steps = (
-        np.broadcast_to(np.asarray(change.steps_motion), motion.shape),
-        np.broadcast_to(np.asarray(change.steps_load), load.shape),
+    error = simulation_error(image, *change.of_mesh, sizes[1], sizes[1] / sizes[0])
+    data = replace(
+        objective.data, image=image, simulation_error=error, step_error=change.left_by_steps
     )
-    mesh = (motion - change.steps_share * steps[0], load - change.steps_share * steps[1])
-    return mesh, steps
+    return replace(objective, data=data, correction=change)
 
 
 def elastic_stiffness(model: ForwardModel, values: Mapping[str, float]) -> float:
@@ -302,36 +294,50 @@ def unload_elastically(
     return dict(values) | dict(zip(names, knots[1:], strict=True))
 
 
-def correction(working: ForwardModel, finer: ForwardModel, at: Fit, log: Log) -> Correction:
-    """Finer minus working prediction at a result, with what steps of first order leave wrong."""
-    coarse, values = at.best.prediction, at.values
-    of_steps, parts = None, 1
-    if has_first_order(working, coarse):
-        parts = parts_of(working, finer)
-        finer = in_parts_of(finer, coarse, values, parts)
-        of_steps = step_error(working, coarse, values)
-    fine = finer.predict(values)
-    motion = fine.motion - coarse.motion
-    load = fine.load - coarse.load
-    rms_motion = 1e3 * np.sqrt(np.mean(motion**2)) if motion.size else None
-    of_motion = "" if rms_motion is None else f", motion {rms_motion:.2f} nm rms"
+def correction(
+    working: ForwardModel,
+    finer: ForwardModel,
+    coarse: Prediction,
+    values: Mapping[str, float],
+    log: Log,
+    with_steps: bool = False,
+) -> Correction:
+    """Finer minus working prediction.
+
+    Steps of first order are taken in parts by the finer simulation, those that had to be cut too.
+
+    Args:
+        working: the working model.
+        finer: the finer model.
+        coarse: the working prediction.
+        values: every parameter that it was made with.
+        log: takes what is found.
+        with_steps: whether the error of such steps is estimated, by one more simulation.
+
+    Raises:
+        SolverError: a simulation could not be finished.
+    """
+    first_order = has_first_order(working, coarse)
+    parts = parts_of(working, finer) if first_order else 1
+    models = [in_parts_of(finer, coarse, values, parts) if first_order else finer]
+    if first_order and with_steps:
+        models.append(in_parts_of(working, coarse, values, 2))
+    # One after the other; jobs for another machine are prepared all at once.
+    fine, *halved = side_by_side(lambda model: model.predict(values), models, 1)
+    motion, load = fine.motion - coarse.motion, fine.load - coarse.load
+    of_motion = f", motion {1e3 * np.sqrt(np.mean(motion**2)):.2f} nm rms" if motion.size else ""
     log(f"  finer − working: load {np.sqrt(np.mean(load**2)):.2f} µN rms{of_motion}")
-    if of_steps is None:
-        return Correction(motion, load)
-    left = Correction(
-        motion, load, of_steps.motion / parts, of_steps.load / parts, steps_share=parts - 1
+    if not halved:
+        return Correction(motion, load, parts=parts)
+    left = error_by_halves(coarse, halved[0]).times(1 / parts)
+    cuts = working.cut_steps(coarse.response)
+    cut = f"{cuts} more than stated, as some were cut; " if cuts else ""
+    wrong = np.sqrt(np.mean(left.load**2))
+    log(
+        f"  time steps of first order: {cut}{wrong:.2f} µN rms of the load are still wrong, which "
+        "the uncertainties count"
     )
-    log(f"  {steps_told(coarse.response.cuts, np.asarray(left.steps_load))}")
-    return left
-
-
-def steps_told(cuts: int, left: FloatArray) -> str:
-    """What the time steps leave wrong of the loads [µN], shape (T,), and how often one was cut."""
-    cut = f"{cuts} of them had to be cut; " if cuts else ""
-    return (
-        f"time steps of first order: {cut}halved ones say that {np.sqrt(np.mean(left**2)):.2f} µN "
-        "rms of the load are still wrong, which the uncertainties count"
-    )
+    return Correction(motion, load, left, parts)
 
 
 def noise_factor(fit_: Fit, data: Data) -> float:

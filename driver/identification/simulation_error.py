@@ -1,4 +1,4 @@
-"""Covariance of what mesh and time steps leave wrong in a prediction.
+"""Covariance of what the mesh leaves wrong in a prediction.
 
 The finer-minus-working difference is added to every prediction (defect correction). What the
 finer simulation itself leaves wrong is not known, but how large it is and when it occurs is: the
@@ -8,10 +8,6 @@ root mean square falls with the first power of the size h (measured on two grain
 space it is taken as a Gaussian field over the face, as rough as the finer elements and with the
 mean square of the difference in each of u, v, w. The loads get the pattern of their own
 difference, at amplitude κ.
-
-Time steps of first order (backward Euler) err in a way of their own, with the halves of the steps
-that were taken in place of a mesh half as large: what their correction leaves is known in shape and
-size (`step_error`), and counts beside that of the mesh.
 
 Images resolve fractions of a nanometre where a mesh error lasts for a whole test. Without this
 term every cause that resembles a mesh error would be found significant.
@@ -36,12 +32,12 @@ _SHAPES = 3  # shapes in time that are kept: onset of yield, growth, what unload
 
 @dataclass(frozen=True, eq=False)
 class SimulationError:
-    """Σ = I + (shapes shapesᵀ) ⊗ field for the images, I + loadᵀ load for the loads.
+    """Σ = I + (shapes shapesᵀ) ⊗ field for the images, I + load loadᵀ for the loads.
 
     Attributes:
         shapes: shapes in time times their amplitudes, κ included, frames first, shape (T, m).
         field: covariance over the whitened numbers of one image, trace 1, shape (n_z, n_z).
-        load: patterns of the load error, κ included [µN], shape (k, T).
+        load: pattern of the load error, κ included [µN], shape (T,).
     """
 
     shapes: FloatArray
@@ -62,48 +58,40 @@ class SimulationError:
         inside = np.einsum("tm,...tz->...mz", left, z) @ modes
         return np.asarray(z + np.einsum("tm,...mz->...tz", left, (inside * gain) @ modes.T))
 
-    def whiten_loads(self, load: FloatArray, patterns: FloatArray) -> FloatArray:
-        """Σ^(−1/2) on (..., T), with the patterns of these frames (k, T) whitened alike."""
-        _, amplitude, modes = np.linalg.svd(patterns, full_matrices=False)
-        gain = 1.0 / np.sqrt(1.0 + amplitude**2) - 1.0
-        return np.asarray(load + ((load @ modes.T) * gain) @ modes)
+    def whiten_loads(self, load: FloatArray, pattern: FloatArray) -> FloatArray:
+        """Σ^(−1/2) on (..., T), with the pattern of these frames whitened alike."""
+        square = float(pattern @ pattern)
+        if square == 0.0:
+            return load
+        gain = (1.0 / np.sqrt(1.0 + square) - 1.0) / square
+        return np.asarray(load + gain * np.multiply.outer(load @ pattern, pattern))
 
 
 def simulation_error(
-    image: ImageData,
-    mesh: tuple[FloatArray, FloatArray],
-    steps: tuple[FloatArray, FloatArray],
-    size: float,
-    ratio: float,
+    image: ImageData, motion: FloatArray, load: FloatArray, size: float, ratio: float
 ) -> SimulationError:
     """Covariance of the remaining error.
 
     Args:
         image: the image part of the data.
-        mesh: finer minus working motion at the pixels [µm], shape (T, n_pix, 3), and load [µN],
-            shape (T,), as far as they are of the mesh.
-        steps: motion and load that the steps of the finer simulation leave wrong, alike.
+        motion: finer minus working motion at the pixels, as far as it is of the mesh [µm], shape
+            (T, n_pix, 3).
+        load: the same of the load [µN], shape (T,).
         size: element size of the finer mesh [µm].
         ratio: element size of the finer over that of the working mesh.
     """
     kappa = share_left(ratio)
-    shapes = np.hstack([kappa * _shapes(image, mesh[0]), _shapes(image, steps[0])])
+    z = image.pixel_sensitivity(motion)
+    left, amplitude, _ = np.linalg.svd(z, full_matrices=False)
+    shapes = kappa * left[:, :_SHAPES] * amplitude[:_SHAPES]
     features = _fields(image.images.xy, size)
-    spread = np.sqrt(np.mean((kappa * mesh[0]) ** 2 + steps[0] ** 2, axis=(0, 1)))
+    spread = np.sqrt(np.mean(motion**2, axis=(0, 1)))
     effect = np.concatenate(
         [image.pixel_sensitivity(spread[c] * features[:, :, None] * np.eye(3)[c]) for c in range(3)]
     )
     covariance = effect.T @ effect
     total = float(np.trace(covariance))  # 0 where the finer simulation agrees exactly
-    return SimulationError(
-        shapes, covariance / total if total else covariance, np.stack([kappa * mesh[1], steps[1]])
-    )
-
-
-def _shapes(image: ImageData, motion: FloatArray) -> FloatArray:
-    """Shapes in time times their amplitudes of a motion (T, n_pix, 3), shape (T, m)."""
-    left, amplitude, _ = np.linalg.svd(image.pixel_sensitivity(motion), full_matrices=False)
-    return np.asarray(left[:, :_SHAPES] * amplitude[:_SHAPES])
+    return SimulationError(shapes, covariance / total if total else covariance, kappa * load)
 
 
 def share_left(ratio: float) -> float:

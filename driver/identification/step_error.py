@@ -21,36 +21,37 @@ from driver.prediction import Prediction
 FloatArray = NDArray[np.float64]
 
 FIRST_ORDER = "backward_euler"
+"""The scheme whose error falls with the length of the steps."""
 
 
 @dataclass(frozen=True, eq=False)
 class StepError:
-    """The error of the time steps of a prediction.
+    """What the time steps of a prediction leave wrong.
 
     Attributes:
-        motion: what finer steps would add at the pixels, in all [µm], shape (T, n_pix, 3).
-        load: the same of the load [µN], shape (T,).
+        motion: what is missing at the pixels [µm], shape (T, n_pix, 3).
+        load: what is missing of the load [µN], shape (T,).
     """
 
     motion: FloatArray
     load: FloatArray
 
+    def times(self, factor: float) -> StepError:
+        """The error of steps that are so many times as long."""
+        return StepError(factor * self.motion, factor * self.load)
+
 
 def has_first_order(model: ForwardModel, prediction: Prediction) -> bool:
-    """Whether the error of the steps of a prediction is estimated by halves of them."""
+    """Whether the error of the steps of a prediction is estimated by halves of them.
+
+    Steps that are refined to a stated accuracy have an estimate of their own.
+    """
     of_model = model.integration == FIRST_ORDER and model.accuracy is None
     return of_model and prediction.response.ends.size > 0
 
 
-def step_error(
-    model: ForwardModel, prediction: Prediction, values: Mapping[str, float]
-) -> StepError:
-    """The error of the steps that the prediction of a model took.
-
-    Raises:
-        SolverError: the simulation in halved steps could not be finished.
-    """
-    halved = in_parts_of(model, prediction, values, 2).predict(values)
+def error_by_halves(prediction: Prediction, halved: Prediction) -> StepError:
+    """The error of the steps of a prediction, from one in halves of them."""
     return StepError(
         2.0 * (halved.motion - prediction.motion), 2.0 * (halved.load - prediction.load)
     )
@@ -59,9 +60,15 @@ def step_error(
 def in_parts_of(
     model: ForwardModel, prediction: Prediction, values: Mapping[str, float], parts: int
 ) -> ForwardModel:
-    """A model that takes the steps of a prediction, each in so many equal parts."""
-    first = model.clock(values)[0]
-    ends = prediction.response.ends
+    """A model that takes the steps of a prediction, each in so many equal parts.
+
+    Args:
+        model: a model of the same history.
+        prediction: whose steps are taken, the ends of which it knows [s], shape (n,).
+        values: the parameters that it was made with.
+        parts: into which each of them is divided.
+    """
+    first, ends = model.clock(values)[0], prediction.response.ends
     begins = np.concatenate([[first], ends[:-1]])
     shares = np.arange(1, parts + 1) / parts
     divided = begins[:, None] + (ends - begins)[:, None] * shares
@@ -69,5 +76,8 @@ def in_parts_of(
 
 
 def parts_of(working: ForwardModel, finer: ForwardModel) -> int:
-    """Parts of a working step that are steps of the finer simulation, at least as stated."""
+    """Equal parts of each working step in the finer simulation.
+
+    They are the steps an interval of the finer over those of the working model, rounded up.
+    """
     return max(1, math.ceil(finer.steps_per_interval / working.steps_per_interval))

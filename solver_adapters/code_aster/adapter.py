@@ -68,8 +68,9 @@ class CodeAsterAdapter(ExternalAdapter):
         return listing.cause(log)
 
     def reached(self, simulation: Simulation, folder: Path) -> float | None:
-        """The last instant that the output of run_aster tells."""
-        return listing.instant(end_of_output(folder))
+        """The end of the last time step that the output of run_aster tells to have converged."""
+        ends = listing.steps_taken(end_of_output(folder)).ends
+        return ends[-1] if ends else None
 
     def version_in(self, answer: str) -> str | None:
         """Version and revision, as `code_aster 15.2.17 (34161d7955)`."""

@@ -105,12 +105,6 @@ def cause(log: str) -> str:
     return "\n".join([line for line in lines if line][:_MOST_LINES])
 
 
-def instant(text: str) -> float | None:
-    """The last instant that a listing tells to be computed [s], None where it tells none."""
-    told = _INSTANT.findall(text)
-    return float(told[-1]) if told else None
-
-
 @dataclass(frozen=True)
 class Steps:
     """The time steps of a run.

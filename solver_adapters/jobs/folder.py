@@ -21,7 +21,7 @@ from solver_adapters.result_files import ResultFileError
 RECORD, RESPONSE = "job.json", "response.h5"
 _TAIL = {STDOUT: 15, STDERR: 5}  # lines
 _TAIL_BYTES, _TAIL_WIDTH = 20_000, 200  # of what is read of a log, and of a line that is told
-_PROGRESS_BYTES = 50_000  # of the output of a running job; a time step prints some thousands
+_PROGRESS_BYTES = 400_000  # of the output of a running job; a time step may print 50 000
 
 
 @dataclass(frozen=True)

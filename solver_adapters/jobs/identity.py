@@ -12,7 +12,7 @@ _LONGEST = 120.0  # s that a program may take to tell its version; containers st
 
 
 class NoAnswerError(Exception):
-    """A program that does not tell its version; the message holds what it said instead."""
+    """A program that cannot be asked for its version; the message says why."""
 
 
 def told_by(call: tuple[str, ...]) -> str:
@@ -22,7 +22,7 @@ def told_by(call: tuple[str, ...]) -> str:
         call: the program with its arguments.
 
     Raises:
-        NoAnswerError: it cannot be started, prints nothing, or takes too long.
+        NoAnswerError: it cannot be started, or takes too long.
     """
     return _told(call, tuple(_state(Path(word)) for word in call))
 

@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from solver_adapters.jobs.answer import refuse_other_deck
 from solver_adapters.jobs.folder import (
     RECORD,
     Record,
@@ -58,9 +59,21 @@ def prepare(
 
 
 def refresh(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write the files of a prepared job anew: its limits may be others now."""
+    """Give the deck of a prepared job the limits that are stated now.
+
+    A job that has begun is left alone; so is `run.sh`, which somebody may have edited.
+
+    Raises:
+        ResultFileError: a file of the deck is missing or was changed.
+    """
+    if (folder / STDOUT).exists() or (folder / KEY).exists():
+        return
+    refuse_other_deck(folder, files)
     for name, content in files.items():
-        (folder / name).write_bytes(content)
+        if b"\0" not in content and (folder / name).read_bytes() != content:
+            whole = folder / f"{name}.partial"
+            whole.write_bytes(content)
+            whole.replace(folder / name)
 
 
 def prepared_job(folder: Path) -> Record | None:

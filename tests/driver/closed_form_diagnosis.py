@@ -58,7 +58,7 @@ def identified(
     free = (*LAMBDAS, *pose, *elongation_names(n), *tilt_names(n), *LAW)
     start = replace(made_with, prior=priors(b.truth))
     first = fit(start, b.truth, free, 12, silent)
-    change = correction(b.model, finer(b), first, silent)
+    change = correction(b.model, finer(b), first.best.prediction, first.values, silent)
     corrected = with_correction(start, 1.0, change, sizes)
     return corrected, fit(corrected, first.values, free, 12, silent)
 

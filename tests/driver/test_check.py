@@ -234,7 +234,10 @@ def test_a_scheme_that_the_solver_lacks_is_an_error_with_the_remedy(case_path: P
 def test_a_strain_measure_that_a_program_lacks_is_told_once(
     case_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    install(monkeypatch, CalculixAdapter(Profile(command=(sys.executable,))))
+    program = case_path.parent / "ccx"
+    program.write_text("#!/bin/sh\necho This is Version 2.20\n")
+    program.chmod(0o755)
+    install(monkeypatch, CalculixAdapter(Profile(command=(str(program),))))
     edit(case_path, 'name = "bundled"', 'name = "calculix"')
     edit(case_path, 'strain_measure = "small"', 'strain_measure = "finite"')
     assert found(case_path, "error") == [
@@ -267,6 +270,19 @@ def test_a_program_that_is_not_there_is_a_warning_that_says_where_to_name_it(
     config.write_text("[profiles.bundled]\nthreads = 0\n")
     (message,) = found(case_path, "error")
     assert message.startswith(f"{config}: profiles.bundled.threads: found 0, expected")
+
+
+def test_a_program_that_cannot_start_is_an_error_with_what_it_said(
+    case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = case_path.parent / "run_aster"
+    program.write_text("#!/bin/sh\necho No module named run_aster.run_aster_main >&2; exit 1\n")
+    program.chmod(0o755)
+    install(monkeypatch, CodeAsterAdapter(Profile(command=(str(program),))))
+    edit(case_path, 'name = "bundled"', 'name = "code_aster"')
+    (message,) = found(case_path, "error")
+    assert message.startswith("code_aster: broken installation (found no version in the answer to")
+    assert "No module named run_aster" in message
 
 
 def test_a_solver_that_is_not_installed_is_an_error_with_those_that_are(

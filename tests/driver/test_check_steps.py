@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.short_specimen import small_case
 from driver.case import Case
-from driver.check_steps import recommended_steps, step_error
+from driver.check_steps import load_error_of_steps, recommended_steps
 from driver.finding import Finding
 from driver.virtual_course import stage_program
 from solver_adapters.bundled.adapter import BundledAdapter
@@ -31,7 +31,7 @@ def finding(asked: Case, adapter: Adapter) -> list[Finding]:
 
 
 def test_the_error_falls_with_the_length_of_the_steps_to_first_order() -> None:
-    errors = [step_error(case("code_aster"), HISTORY, steps) for steps in (1, 2, 4)]
+    errors = [load_error_of_steps(case("code_aster"), HISTORY, steps) for steps in (1, 2, 4)]
     assert all(1.3 < coarse / fine < 3.0 for coarse, fine in zip(errors, errors[1:], strict=False))
 
 
@@ -46,8 +46,8 @@ def test_the_error_is_that_of_the_limit_of_small_steps_within_a_factor_of_two() 
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("driver.check_steps.find_adapter", lambda name: Loads())
-        told = step_error(case("code_aster"), HISTORY, 1)
-        step_error(case("code_aster"), HISTORY, 16)
+        told = load_error_of_steps(case("code_aster"), HISTORY, 1)
+        load_error_of_steps(case("code_aster"), HISTORY, 16)
         # Of the first call steps in halves and quarters, of the second 1/32 and 1/64 of them.
         halves, limit = Loads.found[1], Loads.found[2]
     of_halves = float(np.sqrt(np.mean((halves - limit) ** 2)))
@@ -61,7 +61,7 @@ def test_the_error_is_that_of_the_limit_of_small_steps_within_a_factor_of_two() 
 def test_the_steps_of_each_solver_are_recommended_by_its_scheme_and_by_what_it_needs_beside(
     solver: str, adapter: Adapter, least: int
 ) -> None:
-    error = step_error(case(solver), HISTORY, 1)
+    error = load_error_of_steps(case(solver), HISTORY, 1)
     noise = error / 1.7
     (found,) = finding(case(solver, noise=noise), adapter)
     assert found.level == "warning"

@@ -25,7 +25,8 @@ def baseline() -> tuple[Objective, Fit]:
 
 def change(times: float) -> Correction:
     """So many times what other steps change."""
-    one = correction(BENCH.model, OTHER_STEPS, baseline()[1], silent)
+    here = baseline()[1]
+    one = correction(BENCH.model, OTHER_STEPS, here.best.prediction, here.values, silent)
     return Correction(times * np.asarray(one.motion), times * np.asarray(one.load))
 
 

@@ -165,7 +165,7 @@ def test_noise_of_images_loads_and_boundary_becomes_unit_noise(frames: NDArray[n
         ],
         axis=1,
     )
-    white = data._whiten_jitter(drawn)
+    white = data._whiten_patterns(drawn)
     # What was drawn: all loads, and three numbers of each image; the others carry G alone.
     known = np.concatenate([np.ones(frames.size, bool), np.tile(np.arange(n_z) < 3, seen.size)])
     covariance = white[:, known].T @ white[:, known] / n
@@ -178,7 +178,7 @@ def test_the_root_is_that_of_the_whole_covariance() -> None:
     data = with_jitter().frames(np.arange(6))
     n = 6 + 6 * data.image.n_z
     units = np.eye(n)
-    root = data._whiten_jitter(units)
+    root = data._whiten_patterns(units)
     load, image = jitter().load, jitter().image
     F = np.concatenate(
         [data._whiten_loads(load[:, :6]), data._whiten_images(image[:, :6]).reshape(T, -1)], axis=1
@@ -188,7 +188,7 @@ def test_the_root_is_that_of_the_whole_covariance() -> None:
 
 def test_without_noise_of_the_boundary_nothing_changes() -> None:
     white = np.arange(5.0)
-    assert plain().data._whiten_jitter(white) is white
+    assert plain().data._whiten_patterns(white) is white
 
 
 @dataclass(frozen=True, eq=False)

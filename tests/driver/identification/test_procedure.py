@@ -92,7 +92,7 @@ def test_the_correction_is_finer_minus_working() -> None:
     finer = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.01))
     objective = closed_form.objective(BENCH, BENCH.truth)
     at = Fit(objective.evaluate(BENCH.truth, ()), True, "", ())
-    found = correction(BENCH.model, finer, at, silent)
+    found = correction(BENCH.model, finer, at.best.prediction, at.values, silent)
     np.testing.assert_allclose(found.load, -0.01 * at.best.load, atol=1e-9)
     motion = np.asarray(found.motion)
     assert 1e-5 < np.abs(motion[..., 1]).max() < 1e-3 and np.abs(motion[..., 0]).max() < 1e-15

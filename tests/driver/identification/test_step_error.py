@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from benchmarks.short_specimen import small_case
-from driver.identification.procedure import correction, errors_of
-from driver.identification.step_error import has_first_order, in_parts_of, parts_of, step_error
+from driver.identification.procedure import correction
+from driver.identification.step_error import (
+    StepError,
+    error_by_halves,
+    has_first_order,
+    in_parts_of,
+    parts_of,
+)
 from driver.log import silent
 from driver.model import ForwardModel
-from driver.prediction import Prediction
 from driver.specimen import build_model, mesh_of
 from driver.virtual_course import stage_program
 from solver_adapters.bundled.adapter import BundledAdapter
+from tests.driver import closed_form
 
 CASE = small_case()
 HISTORY = stage_program([(4, 1)])
@@ -34,18 +39,11 @@ def values() -> dict[str, float]:
     return model().null_values() | {"elongation_1": 0.045, "elongation_2": 0.040, "tau0": 25.0}
 
 
-class At:
-    """A fit that has ended at some values, as far as a correction asks for it."""
-
-    def __init__(self, prediction: Prediction, values: Mapping[str, float]) -> None:
-        self.values = values
-        self.best = type("Best", (), {"prediction": prediction})
-
-
 def test_halved_steps_tell_the_error_against_the_limit_of_small_ones() -> None:
     working = model(4)
     coarse, limit = working.predict(values()), model(128).predict(values())
-    found = step_error(working, coarse, values())
+    halved = in_parts_of(working, coarse, values(), 2).predict(values())
+    found = error_by_halves(coarse, halved)
     for mine, true in (
         (found.load, limit.load - coarse.load),
         (found.motion, limit.motion - coarse.motion),
@@ -69,15 +67,16 @@ def test_of_a_finer_simulation_on_the_same_mesh_all_is_of_the_steps(fine: int, p
     working, finer = model(), model(fine)
     assert parts_of(working, finer) == parts
     coarse = working.predict(values())
-    change = correction(working, finer, At(coarse, values()), silent)  # type: ignore[arg-type]
-    error = step_error(working, coarse, values())
-    np.testing.assert_allclose(change.steps_load, error.load / parts)
-    (_, mesh), (_, steps) = errors_of(change)
+    change = correction(working, finer, coarse, values(), silent, with_steps=True)
+    halved = model(2).predict(values())
+    error = error_by_halves(coarse, halved)
+    left = change.left_by_steps
+    assert left is not None
+    np.testing.assert_allclose(left.load, error.load / parts, atol=1e-6 * abs(error.load).max())
     if parts <= 2:
         # By construction: halves are what both are made of.
-        np.testing.assert_allclose(mesh, 0.0, atol=1e-6 * abs(error.load).max())
-    assert np.linalg.norm(mesh) < 0.2 * np.linalg.norm(error.load)
-    np.testing.assert_array_equal(steps, change.steps_load)
+        np.testing.assert_allclose(change.of_mesh[1], 0.0, atol=1e-6 * abs(error.load).max())
+    assert np.linalg.norm(change.of_mesh[1]) < 0.2 * np.linalg.norm(error.load)
 
 
 def test_a_finer_simulation_takes_the_steps_that_were_cut_in_parts() -> None:
@@ -95,8 +94,42 @@ def test_another_scheme_or_another_bound_of_the_error_is_left_alone() -> None:
     assert not has_first_order(exponential, coarse)
     assert has_first_order(model(), coarse)
     assert not has_first_order(replace(model(), accuracy=1.0), coarse)
-    change = correction(exponential, model(2, "exponential"), At(coarse, values()), silent)  # type: ignore[arg-type]
-    assert change.steps_load == 0.0 and change.steps_share == 0.0
-    (_, mesh), (_, steps) = errors_of(change)
-    np.testing.assert_array_equal(mesh, change.load)
-    assert not steps.any()
+    finer = model(2, "exponential")
+    change = correction(exponential, finer, coarse, values(), silent, with_steps=True)
+    assert change.left_by_steps is None
+    np.testing.assert_array_equal(change.of_mesh[1], change.load)
+
+
+def test_steps_beyond_those_stated_are_counted_as_cut() -> None:
+    cut = np.sort(np.append(HISTORY.time[1:], HISTORY.time[2] - 1.0))
+    coarse = replace(model(), steps=cut).predict(values())
+    assert model().cut_steps(coarse.response) == 1
+    assert model().cut_steps(model().predict(values()).response) == 0
+    assert replace(model(), accuracy=1.0).cut_steps(coarse.response) == 0
+
+
+def test_the_error_of_the_steps_is_one_standard_deviation_of_its_own_pattern() -> None:
+    """Over images and loads together: a residual along the pattern has unit variance once whitened.
+
+    The pattern p has covariance I + p pᵀ, in which p itself has |p|²/(1 + |p|²) for |p|².
+    """
+    b = closed_form.bench()
+    data = closed_form.objective(b, b.truth).data
+    T = b.history.n_images
+    course = np.linspace(0.0, 1.0, T) ** 2
+    shape = data.image.images.xy[:, 1, None] * np.array([1e-4, 4e-4, 2e-4])
+    motion = course[:, None, None] * shape
+    error = StepError(motion, 9.0 * course)
+    known = replace(data, step_error=error)
+    along, whitened = (d.change(error.motion, error.load) for d in (data, known))
+    square = float(along @ along)
+    assert square > 10.0
+    assert float(whitened @ whitened) == pytest.approx(square / (1.0 + square))
+    # What is orthogonal to it is whitened as before, and a sign of its own changes nothing.
+    other = np.zeros(T)
+    other[3] = 5.0
+    plain = data.change(0 * motion, other)
+    across = plain - (plain @ along) / square * along
+    np.testing.assert_allclose(known._whiten_patterns(across), across, atol=1e-10)
+    flipped = replace(data, step_error=StepError(motion, -9.0 * course))
+    assert flipped.change(motion, 9.0 * course) @ along != pytest.approx(whitened @ along, rel=1e-3)

@@ -24,7 +24,7 @@ from solver_adapters.jobs.prepared import (
 from solver_adapters.jobs.status import Status
 from solver_adapters.response_file import read_provenance
 from solver_adapters.result_files import ResultFileError
-from tests.solver_adapters.bar import FORCE, SIMULATION, bar, folders
+from tests.solver_adapters.bar import FORCE, SIMULATION, BarAdapter, bar, folders
 
 
 def prepared(jobs: Path, do: str = "") -> Path:
@@ -212,3 +212,30 @@ def test_results_are_lost_by_no_status_that_was_set_by_hand(tmp_path: Path) -> N
     change_record(folder, status="done")
     np.testing.assert_allclose(without_program(tmp_path).force, FORCE, rtol=1e-9)
     assert (folder / "force.json").is_file() and (folder / "response.h5").is_file()
+
+
+def test_a_job_prepared_again_has_the_limits_of_today_and_a_changed_deck_is_told(
+    tmp_path: Path,
+) -> None:
+    def limited(seconds: int) -> BarAdapter:
+        adapter = bar(prepare_only=True)
+        adapter.deck = f"# prismid limits: begin\n# {seconds} s\n# prismid limits: end\n".encode()
+        return adapter
+
+    folders_told = []
+    for seconds in (60, 900):
+        with pytest.raises(PreparedError) as error:
+            limited(seconds).solve(SIMULATION, tmp_path)
+        folders_told.append(error.value.folders)
+    assert folders_told[0] == folders_told[1]
+    ((folder,), _) = folders_told
+    assert "# 900 s" in (folder / "bar.py").read_text()
+    # While it runs nothing is written below it.
+    (folder / "stdout.txt").write_text("")
+    with pytest.raises(PreparedError):
+        limited(60).solve(SIMULATION, tmp_path)
+    assert "# 900 s" in (folder / "bar.py").read_text()
+    (folder / "stdout.txt").unlink()
+    _append("bar.py")(folder)
+    with pytest.raises(ResultFileError, match="found a file that was changed"):
+        limited(60).solve(SIMULATION, tmp_path)
