@@ -157,8 +157,9 @@ def _solver(case: Case, adapter: Adapter) -> Iterator[Finding]:
         yield Finding(
             "warning",
             "solver",
-            f"{name}: its program is not on this machine; expected it on PATH, or its call under "
-            f"[solver.profiles.{name}] in the case or [profiles.{name}] in {config_path()} "
+            f"{name}: its program is not on this machine{_stated(case)}; expected it on PATH, or "
+            f"its call under [solver.profiles.{name}] in the case or [profiles.{name}] in "
+            f"{config_path()} "
             "(`prismid run --prepare-only` writes the jobs for another machine)",
         )
     else:
@@ -188,6 +189,14 @@ def _solver(case: Case, adapter: Adapter) -> Iterator[Finding]:
                 f'identification.parameters: found "{parameter}", expected one that {name} '
                 f"honours: {offered}",
             )
+
+
+def _stated(case: Case) -> str:
+    """The call that a profile states and that cannot be made, in words."""
+    command = profile_of(case).command
+    if not command:
+        return ""
+    return f' (found no program "{command[0]}" that can be run; arguments are words of their own)'
 
 
 def _mesh(case: Case) -> tuple[int, Finding]:

@@ -17,6 +17,7 @@ import medcoupling as mc
 
 _ADD, _REPLACE = 0, 2  # modes of medcoupling
 _OLDEST = (2, 2)  # version of MED that its library reads
+_LONGEST_NAME = 64  # signs, of a mesh or field in MED
 _UNSTRUCTURED = 0  # type of a mesh in MED
 _QUIET = threading.Lock()
 _C = ctypes.CDLL(None)
@@ -68,7 +69,7 @@ def open_med(
             return MedFile(path, mc.MEDFileUMesh(str(path), name), fields_of[name])
     except FileNotFoundError:
         raise FileNotFoundError(f"{path}: no such file") from None
-    except (OSError, KeyError, mc.InterpKernelException) as error:
+    except (OSError, LookupError, TypeError, AttributeError, mc.InterpKernelException) as error:
         raise ValueError(f"{path}: not a MED file, or a damaged one") from error
 
 
@@ -112,10 +113,15 @@ def _fields_of_meshes(path: Path) -> dict[str, tuple[str, ...]]:
         meshes, fields = hdf.get("ENS_MAA", {}), hdf.get("CHA", {})
         for name in (*meshes, *fields):
             # medcoupling ends the process at some of them.
-            if isinstance(name, bytes) or name != name.rstrip():
+            if isinstance(name, bytes) or name != name.rstrip() or len(name) > _LONGEST_NAME:
                 raise ValueError(
-                    f"{path}: found the name {name!r}, expected names in UTF-8 that end in no blank"
+                    f"{path}: found the name {name!r}, expected names in UTF-8 of {_LONGEST_NAME} "
+                    "signs at most that end in no blank"
                 )
+        for name in fields:
+            missing = {"NOM", "NCO", "TYP"} - set(fields[name].attrs)
+            if missing:
+                raise KeyError(f"the field {name} has no {min(missing)}")
         found = [name for name in meshes if meshes[name].attrs["TYP"] == _UNSTRUCTURED]
         if not found:
             raise ValueError(
@@ -128,7 +134,10 @@ def _fields_of_meshes(path: Path) -> dict[str, tuple[str, ...]]:
 
 def _require_version(path: Path, attributes: Mapping[str, Any]) -> None:
     """Make sure that the MED library reads this version: it ends the process at a newer one."""
-    *version, release = (int(attributes[name]) for name in ("MAJ", "MIN", "REL"))
+    try:
+        *version, release = (int(attributes[name]) for name in ("MAJ", "MIN", "REL"))
+    except ValueError as error:
+        raise TypeError(f"no version: {error}") from None
     newest = tuple(mc.MEDFileVersion()[:2])
     if not _OLDEST <= tuple(version) <= newest:
         old = tuple(version) < _OLDEST

@@ -48,7 +48,7 @@ from solver_adapters.jobs.prepared import (
     refresh,
     refuse_other_job,
 )
-from solver_adapters.jobs.runner import CRASH_CODES, Ended, Limits, run_program
+from solver_adapters.jobs.runner import CRASH_CODES, KILL_CODES, Ended, Limits, run_program
 from solver_adapters.jobs.status import CACHED
 from solver_adapters.jobs.status import Status as Status
 from solver_adapters.profile import Profile as Profile
@@ -70,6 +70,7 @@ ABSENT = "absent"
 
 _LOG = logging.getLogger(__name__)
 _LINES_OF_ANSWER = 10
+_FULL = 2e6  # bytes that are free on a disk that is full
 # What the loader of the system says of a program whose libraries are not there.
 _NO_LIBRARY = re.compile(r"error while loading shared libraries|cannot open shared object file")
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -193,6 +194,15 @@ class ExternalAdapter(ABC):
             )  # fmt: skip
         return found
 
+    def _identity(self) -> str:
+        """The version, which a program of this machine need not tell for jobs of another one."""
+        try:
+            return self.version()
+        except JobError:
+            if self.profile.prepare_only:
+                return ABSENT
+            raise
+
     def program(self) -> tuple[str, ...] | None:
         """The program on this machine with its leading arguments; None if it is absent."""
         if self.profile.command:
@@ -228,7 +238,7 @@ class ExternalAdapter(ABC):
             PreparedError: the job was written for another machine.
             JobError: the job brought no response; status, what its log says and remedy are in it.
         """
-        files, identity = self.files(simulation), self.version()
+        files, identity = self.files(simulation), self._identity()
         key = job_key(simulation, self.name, identity, files)
         here = Record(self.name, key, identity, status="", files=sorted(files))
         elsewhere = replace(
@@ -246,7 +256,7 @@ class ExternalAdapter(ABC):
                 if waiting is None:
                     self._prepare(jobs, elsewhere, files)
                 else:
-                    refresh(jobs / elsewhere.key, files)
+                    self._prepare_again(jobs / elsewhere.key, waiting, elsewhere, files)
                 raise PreparedError([jobs / elsewhere.key])
             program = self.program()
             if program is None:
@@ -301,11 +311,14 @@ class ExternalAdapter(ABC):
     ) -> Response:
         folder = write_aside(jobs, record.key, files)
         limits = Limits(self.profile.memory, self.profile.wall_time, self.profile.cpu_time)
-        begun = time.monotonic()
+        begun, furthest = time.monotonic(), -math.inf
 
         def waiting() -> None:
+            nonlocal furthest
             if progress is not None:
-                progress(self._progress(simulation, folder, time.monotonic() - begun))
+                reached = self.reached(simulation, folder)
+                furthest = furthest if reached is None else max(furthest, reached)
+                progress(_progress(simulation, furthest, time.monotonic() - begun))
 
         try:
             ended = run_program(record.command, folder, limits, self.environment(), waiting)
@@ -320,6 +333,9 @@ class ExternalAdapter(ABC):
         )
         try:
             found = self._outcome(simulation, folder, ended)
+            if isinstance(found, Failure) and shutil.disk_usage(folder).free < _FULL:
+                # On a full disk the log that would tell it is not whole.
+                found = Failure(Status.OUT_OF_DISK, found.detail)
             if not isinstance(found, Failure):
                 write_response(folder / RESPONSE, found, _provenance(record))
         except BaseException:
@@ -333,14 +349,6 @@ class ExternalAdapter(ABC):
         settle(folder, jobs, record.key, Status.DONE)
         return found
 
-    def _progress(self, simulation: Simulation, folder: Path, spent: float) -> Progress:
-        """How far a running job is, after a wall-clock time [s]."""
-        begin, end = float(simulation.times[0]), float(simulation.times[-1])
-        reached = self.reached(simulation, folder)
-        now = begin if reached is None else reached
-        left = spent * (end - now) / (now - begin) if now > begin else math.nan
-        return Progress(now, end, steps=0, iterations=0, cuts=0, remaining=left)
-
     def _failed(self, failure: Failure, folder: Path, remedy: str = "") -> JobError:
         return failed(self.name, failure, folder, self.cause(log_of(folder)), remedy)
 
@@ -348,6 +356,13 @@ class ExternalAdapter(ABC):
         program = self.profile.command or (self.programs[0],)
         record = replace(record, status=PREPARED, command=self.command(program))
         prepare(jobs, record, files, self.environment(), self.scratch)
+
+    def _prepare_again(
+        self, folder: Path, waiting: Record, record: Record, files: Mapping[str, bytes]
+    ) -> None:
+        program = self.profile.command or (self.programs[0],)
+        record = replace(record, status=PREPARED, command=self.command(program))
+        refresh(folder, waiting, record, files, self.environment(), self.scratch)
 
     def _collect(
         self, simulation: Simulation, folder: Path, record: Record, files: Mapping[str, bytes]
@@ -398,10 +413,20 @@ class ExternalAdapter(ABC):
         return response
 
 
+def _progress(simulation: Simulation, reached: float, spent: float) -> Progress:
+    """How far a running job is, after a wall-clock time [s]."""
+    begin, end = float(simulation.times[0]), float(simulation.times[-1])
+    now = max(begin, reached)
+    left = spent * (end - now) / (now - begin) if now > begin else math.nan
+    return Progress(now, end, steps=0, iterations=0, cuts=0, remaining=left)
+
+
 def _fault(code: int, log: str) -> Status:
     """What a program failed by whose log tells nothing that its adapter knows."""
     if _NO_LIBRARY.search(log):
         return Status.BROKEN
+    if code in KILL_CODES:
+        return Status.KILLED
     return Status.CRASHED if code in CRASH_CODES else Status.NO_RESULT
 
 

@@ -81,7 +81,11 @@ def _wishes(simulation: Simulation) -> Iterator[_Wish]:
     yield _Wish(f"cells of {nodes} nodes", "cells of another kind", lambda c: nodes in c.cells)
     points = simulation.tet10_points
     if points is not None:
-        yield _Wish(f"tet10_points = {points}", "None", lambda c: points in c.tet10_points)
+        yield _Wish(
+            f"{points} Gauss points of a tetrahedron (gauss_points)",
+            "those that it has by itself",
+            lambda c: points in c.tet10_points,
+        )
     if simulation.accuracy is not None:
         yield _Wish(f"accuracy = {simulation.accuracy:g} µN", "None", lambda c: c.accuracy)
     if simulation.lattice_gradient is not None:

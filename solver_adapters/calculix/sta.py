@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,8 +38,11 @@ def reached(path: Path) -> float | None:
         rows = _ROW.findall(path.read_text(encoding="ascii", errors="replace"))
     except OSError:
         return None
-    taken = [float(row[5]) for row in rows if not row[3]]
-    return taken[-1] if taken else None
+    # A row of a file that grows may break off.
+    with suppress(ValueError):
+        taken = [float(row[5]) for row in rows if not row[3]]
+        return taken[-1] if taken else None
+    return None
 
 
 def read_increments(path: Path, ends: FloatArray) -> Increments:

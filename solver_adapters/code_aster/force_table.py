@@ -34,15 +34,17 @@ def read_resultants(path: Path, group: str, component: str, instants: FloatArray
         text = path.read_text(encoding="utf-8", errors="replace")
     except FileNotFoundError:
         raise ResultFileError(f"{path}: no such file; expected {what}") from None
+    except OSError as error:
+        raise ResultFileError(f"{path}: {error.strerror}; expected {what}") from None
     lines = (line for line in text.splitlines() if line.strip() and line[:1] != _COMMENT)
-    rows = [[word.strip() for word in row] for row in csv.reader(lines)]
     try:
+        rows = [[word.strip() for word in row] for row in csv.reader(lines)]
         head = rows[0]
         title, instant, value = (head.index(name) for name in ("INTITULE", "INST", component))
         table = np.array(
             [(float(row[instant]), float(row[value])) for row in rows[1:] if row[title] == group]
         ).reshape(-1, 2)
-    except (IndexError, ValueError) as error:
+    except (IndexError, ValueError, csv.Error) as error:
         raise ResultFileError(f"{path}: found no such table ({error}); expected {what}") from None
     late = [
         time

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from solver_adapters.external import Status
 from solver_adapters.jobs.runner import KILL_CODES
 
-_VERDICT = re.compile(r"^--- DIAGNOSTIC JOB : (.*?)\s*$", re.MULTILINE)
+_VERDICT = re.compile(r"^--- DIAGNOSTIC JOB : (.*)$", re.MULTILINE)
 _EXIT = re.compile(r"^EXECUTION_CODE_ASTER_EXIT_\d+=(-?\d+)", re.MULTILINE)
 _TIME_IS_UP = 128 + 24  # the exit code of SIGXCPU, of the limit that run_aster sets
 # What is said on the level of an alarm, <A>, ends no run.
@@ -30,7 +30,8 @@ _OUT_OF_MEMORY = re.compile(
     r"|[Cc]annot allocate memory|oom-kill|Out of memory"
 )
 _OUT_OF_DISK = re.compile(
-    rf"{_FATAL}<FACTOR_66>|No space left on device|Disk quota exceeded|Aucun espace disponible"
+    rf"{_FATAL}<FACTOR_66>|<JEVEUX_40>|No space left on device|Disk quota exceeded"
+    r"|Aucun espace disponible"
 )
 _OUT_OF_TIME = re.compile(
     r"<TimeLimitError>|<ArretCPUError>|ARRET PAR MANQUE DE TEMPS|CPU time limit exceeded|SIGXCPU"
@@ -63,7 +64,7 @@ _CAUSES = (
 _COMPLETED = ("OK", "<A>_ALARM", "NO_TEST_RESU", "NOOK_TEST_RESU")
 
 # A message in its box, and the error of a Python command with the place in the command file.
-_MESSAGE = re.compile(rf"^ *║ *{_FATAL}.*?(?=^ *╚)", re.MULTILINE | re.DOTALL)
+_MESSAGE = re.compile(rf"^ *║ *{_FATAL}.*(?:\n *║.*){{0,40}}", re.MULTILINE)
 _PYTHON = re.compile(
     r"^ *File .*\n(?:(?! *File )[^\n]*\n){0,4}?(?:\w+\.)*\w*(?:Error|Exception)\b[^\n]*",
     re.MULTILINE,
@@ -81,7 +82,7 @@ def diagnose(log: str) -> Status:
     Args:
         log: listing of Code_Aster or output of run_aster, whole or its end.
     """
-    verdicts = _VERDICT.findall(log)
+    verdicts = [verdict.rstrip() for verdict in _VERDICT.findall(log)]
     if verdicts and verdicts[-1] in _COMPLETED:
         return Status.DONE
     for pattern, status in _CAUSES:

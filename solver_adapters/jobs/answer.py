@@ -11,6 +11,7 @@ from solver_adapters.interface import Response, Simulation
 from solver_adapters.jobs.key import what_is_computed
 from solver_adapters.result_files import ResultFileError
 
+_SAME_INSTANT = 1e-6  # of the time; result files have seven digits of it
 _DIGITS = 1e-5
 """What a result file with six digits may miss, in shares of the largest displacement."""
 
@@ -31,7 +32,23 @@ def refuse_bad_response(simulation: Simulation, response: Response) -> None:
                 f"results: found {np.count_nonzero(~np.isfinite(found))} values of {name} that "
                 "are not finite, expected finite numbers"
             )
+    _refuse_steps_that_pass_instants(simulation, response)
     _refuse_other_motion(simulation, response)
+
+
+def _refuse_steps_that_pass_instants(simulation: Simulation, response: Response) -> None:
+    """A step ends at every instant, where the program tells its steps at all."""
+    if not response.ends.size:
+        return
+    times = simulation.times[1:]
+    gap = abs(response.ends - times[:, None]).min(axis=1)
+    late = gap > _SAME_INSTANT * np.maximum(1.0, abs(times))
+    if late.any():
+        raise ResultFileError(
+            f"results: found {response.ends.size} time steps up to {response.ends[-1]:g} s, none "
+            f"of which ends at {times[late][0]:g} s and at {late.sum() - 1} other instants; "
+            "expected one that ends at every instant: the listing of the run is not whole"
+        )
 
 
 def _refuse_other_motion(simulation: Simulation, response: Response) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import os
+import signal
 import subprocess
+import tempfile
 from functools import lru_cache
 from pathlib import Path
 
@@ -29,21 +31,28 @@ def told_by(call: tuple[str, ...]) -> str:
 
 @lru_cache(maxsize=32)
 def _told(call: tuple[str, ...], files: tuple[tuple[int, int], ...]) -> str:
-    try:
-        done = subprocess.run(
-            call,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            timeout=_LONGEST,
-            text=True,
-            errors="replace",
-        )
-    except OSError as error:
-        raise NoAnswerError(f"{call[0]}: {error.strerror}") from None
-    except subprocess.TimeoutExpired:
-        raise NoAnswerError(f"no answer within {_LONGEST:g} s") from None
-    return done.stdout
+    # In a folder of its own: files of the current one are nothing to the program.
+    with tempfile.TemporaryDirectory() as empty:
+        try:
+            asked = subprocess.Popen(
+                call,
+                cwd=empty,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                errors="replace",
+                start_new_session=True,
+            )
+        except OSError as error:
+            raise NoAnswerError(f"{call[0]}: {error.strerror}") from None
+        try:
+            return asked.communicate(timeout=_LONGEST)[0]
+        except subprocess.TimeoutExpired:
+            # The children of a launcher hang with it.
+            os.killpg(asked.pid, signal.SIGKILL)
+            asked.communicate()
+            raise NoAnswerError(f"no answer within {_LONGEST:g} s") from None
 
 
 def hash_of(program: tuple[str, ...]) -> str:

@@ -42,6 +42,56 @@ def prepare(
         environment: variables that its program needs.
         scratch: folders of the job that nobody needs once it has ended.
     """
+    texts = _texts(record, environment, scratch)
+    everything = {**files, **{name: text.encode() for name, text in texts.items()}}
+    partial = write_aside(jobs, record.key, everything)
+    write_record(partial, record)
+    return settle(partial, jobs, record.key)
+
+
+def refresh(
+    folder: Path,
+    waiting: Record,
+    record: Record,
+    files: Mapping[str, bytes],
+    environment: Mapping[str, str],
+    scratch: Sequence[str] = (),
+) -> None:
+    """Give a prepared job the limits and the call that are stated now.
+
+    A job that has begun is left alone, and its script, which somebody may have edited, where the
+    call is the same.
+
+    Args:
+        folder: the folder of the job.
+        waiting: its record.
+        record: the record that it would get now.
+        files: as in `prepare`.
+        environment: as there.
+        scratch: as there.
+
+    Raises:
+        ResultFileError: a file of the deck is missing or was changed.
+    """
+    if (folder / STDOUT).exists() or (folder / KEY).exists():
+        return
+    refuse_other_deck(folder, files)
+    texts = {name: content for name, content in files.items() if b"\0" not in content}
+    if tuple(waiting.command) != tuple(record.command):
+        of_call = _texts(record, environment, scratch)
+        texts |= {name: text.encode() for name, text in of_call.items()}
+        write_record(folder, record)
+    for name, content in texts.items():
+        if (folder / name).read_bytes() != content:
+            whole = folder / f"{name}.partial"
+            whole.write_bytes(content)
+            whole.replace(folder / name)
+
+
+def _texts(
+    record: Record, environment: Mapping[str, str], scratch: Sequence[str]
+) -> dict[str, str]:
+    """How a job is run, by the name of the file: the script, and what a person does."""
     settings = "".join(f"export {name}={shlex.quote(v)}\n" for name, v in environment.items())
     call = shlex.join(record.command)
     left = f"rm -rf {shlex.join(scratch)}\n" if scratch else ""
@@ -51,29 +101,7 @@ def prepare(
         f"{settings}{call} > {STDOUT} 2> {STDERR} < /dev/null\n"
         f"code=$?\n{left}echo $code > {EXIT_CODE}\n"
     )
-    texts = {README: _readme(record, call), SCRIPT: script}
-    everything = {**files, **{name: text.encode() for name, text in texts.items()}}
-    partial = write_aside(jobs, record.key, everything)
-    write_record(partial, record)
-    return settle(partial, jobs, record.key)
-
-
-def refresh(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Give the deck of a prepared job the limits that are stated now.
-
-    A job that has begun is left alone; so is `run.sh`, which somebody may have edited.
-
-    Raises:
-        ResultFileError: a file of the deck is missing or was changed.
-    """
-    if (folder / STDOUT).exists() or (folder / KEY).exists():
-        return
-    refuse_other_deck(folder, files)
-    for name, content in files.items():
-        if b"\0" not in content and (folder / name).read_bytes() != content:
-            whole = folder / f"{name}.partial"
-            whole.write_bytes(content)
-            whole.replace(folder / name)
+    return {README: _readme(record, call), SCRIPT: script}
 
 
 def prepared_job(folder: Path) -> Record | None:

@@ -3,6 +3,7 @@
 import ctypes
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import h5py
@@ -129,3 +130,44 @@ def test_the_library_speaks_again_after_an_error(capfd: pytest.CaptureFixture[st
         raise ValueError("inside")
     ctypes.CDLL(None).perror(b"the library")
     assert "the library" in capfd.readouterr().err
+
+
+def _long_name(hdf: h5py.File) -> None:
+    hdf["ENS_MAA"].move("prism", 80 * "p")
+
+
+def _version_of_words(hdf: h5py.File) -> None:
+    hdf["INFOS_GENERALES"].attrs["MAJ"] = "four"
+
+
+def _versions(hdf: h5py.File) -> None:
+    hdf["INFOS_GENERALES"].attrs["MAJ"] = np.array([4, 4])
+
+
+def _meshes_as_numbers(hdf: h5py.File) -> None:
+    del hdf["ENS_MAA"]
+    hdf["ENS_MAA"] = np.arange(3.0)
+
+
+def _field_as_numbers(hdf: h5py.File) -> None:
+    hdf["CHA/DEPL"] = np.arange(3.0)
+
+
+def _field_of_nothing(hdf: h5py.File) -> None:
+    hdf.create_group("CHA/DEPL").attrs["MAI"] = np.bytes_("prism")
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        _long_name, _version_of_words, _versions, _meshes_as_numbers, _field_as_numbers,
+        _field_of_nothing,
+    ],
+)  # fmt: skip
+def test_what_would_end_the_process_or_raise_anything_is_refused_with_the_file(
+    damage: Callable[[h5py.File], None], med: Path
+) -> None:
+    with h5py.File(med, "r+") as hdf:
+        damage(hdf)
+    with pytest.raises(ValueError, match=f"^{med}: "):
+        open_med(med)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import time
 
 import numpy as np
 import pytest
@@ -83,6 +84,7 @@ def test_a_kill_that_run_aster_takes_for_a_lack_of_time_is_none() -> None:
         (" ║ <F> <JEVEUX1_71>  ║", Status.OUT_OF_MEMORY),
         (" ║ <EXCEPTION> <FACTOR_66> ║", Status.OUT_OF_DISK),
         ("OSError: [Errno 28] No space left on device", Status.OUT_OF_DISK),
+        (" ║ <EXCEPTION> <JEVEUX_40> ║", Status.OUT_OF_DISK),
         (" ║ <EXCEPTION> <FACTOR_55> ║", Status.CRASHED),
         *((f" ║ <EXCEPTION> <FACTOR_{n}> ║", Status.NOT_CONVERGED) for n in (10, 11, 12, 42, 57)),
         ("ImportError: libmed.so.11: cannot open shared object file", Status.BROKEN),
@@ -161,3 +163,15 @@ def test_a_listing_in_french_is_understood() -> None:
 
 def test_an_empty_listing_has_no_steps() -> None:
     assert steps_taken("").ends == ()
+
+
+def test_a_listing_of_boxes_that_never_end_is_read_in_linear_time() -> None:
+    """Each box was once sought to the end of the text: hours for some megabytes."""
+    box = "║ <S> <MECA_1> something ║\n"
+    counted = []
+    for count in (2_000, 20_000):
+        begun = time.process_time()
+        assert cause(box * count).startswith("<S> <MECA_1> something")
+        assert diagnose("--- DIAGNOSTIC JOB : " + " " * count + "x") == Status.CRASHED
+        counted.append(time.process_time() - begun)
+    assert counted[1] < 50 * counted[0] + 0.1

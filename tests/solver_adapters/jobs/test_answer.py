@@ -69,3 +69,14 @@ def test_components_that_are_not_prescribed_may_be_anything() -> None:
 def test_no_wanted_node_is_compared_with_nothing() -> None:
     none = replace(PULLED, output_nodes=np.arange(0))
     refuse_bad_response(none, answer(none))
+
+
+def test_steps_that_pass_over_an_instant_are_those_of_a_listing_that_is_not_whole() -> None:
+    first, last = PULLED.times[1:]
+    whole = replace(answer(PULLED), ends=np.array([0.5 * first, first, last * (1 + 1e-7)]))
+    refuse_bad_response(PULLED, whole)
+    for ends in ([0.5 * first, first], [0.4 * last, last]):
+        with pytest.raises(ResultFileError, match="time steps up to .* the listing of the run is"):
+            refuse_bad_response(PULLED, replace(whole, ends=np.array(ends)))
+    # A program that tells no steps.
+    refuse_bad_response(PULLED, answer(PULLED))

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
 
+import psutil
 import pytest
 
+from solver_adapters.interface import PreparedError
+from solver_adapters.jobs import identity
 from solver_adapters.jobs.errors import JobError, is_by_circumstances
 from solver_adapters.jobs.identity import NoAnswerError, hash_of, told_by
 from solver_adapters.jobs.status import Status
 from solver_adapters.profile import Profile
-from tests.solver_adapters.bar import BarAdapter
+from tests.solver_adapters.bar import SIMULATION, BarAdapter
 
 
 def script(path: Path, text: str) -> Path:
@@ -78,3 +82,42 @@ def test_a_hash_knows_the_program_and_the_files_that_it_is_called_with(tmp_path:
     settings.write_text("another")
     second = hash_of((str(tool), str(settings)))
     assert len({first, second, hash_of((str(tool), "-x")), hash_of((sys.executable,))}) == 4
+
+
+def test_a_program_is_asked_in_a_folder_without_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "re.py").write_text("raise SystemExit")
+    monkeypatch.chdir(tmp_path)
+    program = script(tmp_path / "bar", 'ls; echo "This is bar 3"')
+    assert told_by((str(program), "--version")) == "This is bar 3\n"
+
+
+def test_a_program_that_hangs_is_ended_with_its_children(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(identity, "_LONGEST", 0.5)
+    program = script(tmp_path / "bar", f"sleep 3333 & echo $! > {tmp_path}/child; wait")
+    with pytest.raises(NoAnswerError, match="no answer within"):
+        told_by((str(program), "--version"))
+    child = int((tmp_path / "child").read_text())
+    deadline = time.monotonic() + 10
+    while _runs(child):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def _runs(pid: int) -> bool:
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
+def test_a_broken_program_here_is_no_reason_not_to_prepare_a_job_for_elsewhere(
+    tmp_path: Path,
+) -> None:
+    program = script(tmp_path / "bar", "exit 3")
+    prepared = _Told(Profile(command=(str(program),), prepare_only=True))
+    with pytest.raises(PreparedError):
+        prepared.solve(SIMULATION, tmp_path / "jobs")

@@ -239,3 +239,24 @@ def test_a_job_prepared_again_has_the_limits_of_today_and_a_changed_deck_is_told
     _append("bar.py")(folder)
     with pytest.raises(ResultFileError, match="found a file that was changed"):
         limited(60).solve(SIMULATION, tmp_path)
+
+
+def test_a_job_prepared_again_with_another_call_has_it_in_its_script(tmp_path: Path) -> None:
+    folder = prepared(tmp_path)
+    (folder / "run.sh").write_text("echo mine\n")
+    assert prepared(tmp_path) == folder
+    assert (folder / "run.sh").read_text() == "echo mine\n", "an edited script of the same call"
+    with pytest.raises(PreparedError):
+        bar(command=("/path/to/another", "-S"), prepare_only=True).solve(SIMULATION, tmp_path)
+    for name in ("run.sh", "README.txt"):
+        assert "/path/to/another -S bar.py" in (folder / name).read_text()
+    assert read_record(folder, {PREPARED}).command[0] == "/path/to/another"  # type: ignore[union-attr]
+
+
+def test_a_job_that_was_killed_elsewhere_is_told_as_killed(tmp_path: Path) -> None:
+    folder = prepared(tmp_path)
+    (folder / "exit_code.txt").write_text("137\n")
+    (folder / "stdout.txt").write_text("a bar\n")
+    with pytest.raises(JobError) as error:
+        without_program(tmp_path)
+    assert error.value.status is Status.KILLED
