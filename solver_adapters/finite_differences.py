@@ -39,7 +39,7 @@ from solver_adapters.interface import (
     UnsupportedError,
 )
 from solver_adapters.jobs.errors import is_by_circumstances
-from solver_adapters.quotient import Pair, slope_through
+from solver_adapters.quotient import Pair, Slope, finest_steps, slope_through
 from solver_adapters.time_steps import once_more
 
 RUNS_PER_DIRECTION = 2  # one on each side; twice as many where the first step does not do
@@ -48,7 +48,8 @@ RUNS_PER_DIRECTION = 2  # one on each side; twice as many where the first step d
 class FiniteDifferences:
     """An adapter that gives another one derivatives.
 
-    A derivative costs two runs, four where its first step does not do.
+    A derivative costs two runs, four where its first step does not do, and three more where its
+    runs took other time steps than the asked one.
 
     Attributes:
         adapter: the solver.
@@ -127,7 +128,16 @@ class FiniteDifferences:
         count.more(RUNS_PER_DIRECTION * len(again))
         for k, pair in zip(second, self._pairs(repeated, again, workspace, count), strict=True):
             # Of two steps that both show no change the second, wider one is told.
-            slopes[k] = min(slope_through(base, pair, noise), slopes[k], key=lambda s: s.asymmetry)
+            found = slope_through(base, pair, noise)
+            if found.asymmetry <= slopes[k].asymmetry:
+                slopes[k], pairs[k] = found, pair
+        for k, slope in enumerate(slopes):
+            if not slope.same_steps:
+                steps = finest_steps(base, pairs[k])
+                if steps is not None:
+                    same = replace(repeated, steps=steps, accuracy=None)
+                    step = max(abs(amount) for amount in slope.amounts)
+                    slopes[k] = self._again(same, moving[k], step, slope, workspace, count)
         notes = [
             note
             for direction, slope in zip(moving, slopes, strict=True)
@@ -145,6 +155,37 @@ class FiniteDifferences:
             seconds={**base.seconds, "finite differences": time.monotonic() - begun},
             notes=(*base.notes, *notes),
         )
+
+    def _again(
+        self,
+        simulation: Simulation,
+        direction: Direction,
+        step: float,
+        before: Slope,
+        workspace: Path | None,
+        count: _Count,
+    ) -> Slope:
+        """A derivative from three runs in the steps of the one that took most, if all take them.
+
+        Args:
+            simulation: the asked one, in these steps.
+            direction: along which it is.
+            step: of the difference.
+            before: the derivative from runs in steps of their own.
+            workspace: a folder for files of the runs.
+            count: of the runs.
+        """
+        count.more(1 + RUNS_PER_DIRECTION)
+        try:
+            base = self.adapter.solve(simulation, workspace, count.tell)
+            count.ended()
+            (pair,) = self._pairs(simulation, [(direction, step)], workspace, count)
+        except SolverError as error:
+            if is_by_circumstances(error):
+                raise
+            return before
+        found = slope_through(base, pair, self.adapter.capabilities().noise)
+        return found if found.same_steps else before
 
     def _refuse_unsupported(self, directions: Sequence[Direction]) -> None:
         offered = self.adapter.capabilities()

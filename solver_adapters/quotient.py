@@ -79,6 +79,12 @@ class Slope:
         return doubts
 
 
+def finest_steps(base: Response, pair: Pair) -> FloatArray | None:
+    """Ends of the most time steps that one of three runs took [s], None where they do not tell."""
+    ends = max((base.ends, *(run.ends for _, run in pair)), key=lambda ends: ends.size)
+    return ends if ends.size else None
+
+
 def slope_through(base: Response, pair: Pair, noise: float) -> Slope:
     """Derivative at the asked run of the parabola through it and two others."""
     (a1, one), (a2, two) = pair

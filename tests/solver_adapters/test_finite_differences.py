@@ -399,3 +399,31 @@ def test_directions_that_cannot_be_honoured_are_refused_before_anything_runs() -
     with pytest.raises(BadSimulationError, match="rotation of direction 'turn' has shape"):
         FiniteDifferences(solver).solve(along(Direction("turn", rotation=np.ones((1, 3)))))
     assert solver.asked == []
+
+
+def test_runs_that_took_other_steps_are_made_again_in_the_steps_of_the_one_that_took_most() -> None:
+    class Cutting(Toy):
+        """A step is cut where tau0 is high, unless the steps are given; either errs by 1 %."""
+
+        def solve(
+            self,
+            simulation: Simulation,
+            workspace: Path | None = None,
+            progress: Report | None = None,
+        ) -> Response:
+            found = super().solve(simulation, workspace, progress)
+            cut = simulation.material.tau0 > 40 or simulation.steps is not None
+            ends = np.array([1.0, 1.5, 2.0] if cut else [1.0, 2.0])
+            wrong = 1.0 if cut else 1.01
+            return replace(
+                found, force=wrong * found.force, displacement=wrong * found.displacement,
+                ends=ends, steps=len(ends),
+            )  # fmt: skip
+
+    solver = Cutting(1e-6)
+    response = FiniteDifferences(solver).solve(along(ALONG_TAU0))
+    assert _error_of_tau0(response) < 1e-3
+    assert response.notes == ()
+    np.testing.assert_array_equal(solver.asked[-1].steps, [1.0, 1.5, 2.0])
+    # The answer itself is that in the steps of its own.
+    assert response.ends.size == 2
