@@ -253,10 +253,7 @@ class ExternalAdapter(ABC):
             if waiting is not None and has_results(jobs / elsewhere.key, self.results):
                 return self._collect(simulation, jobs / elsewhere.key, waiting, files)
             if self.profile.prepare_only:
-                if waiting is None:
-                    self._prepare(jobs, elsewhere, files)
-                else:
-                    self._prepare_again(jobs / elsewhere.key, waiting, elsewhere, files)
+                self._prepare(jobs, elsewhere, files, waiting)
                 raise PreparedError([jobs / elsewhere.key])
             program = self.program()
             if program is None:
@@ -352,17 +349,17 @@ class ExternalAdapter(ABC):
     def _failed(self, failure: Failure, folder: Path, remedy: str = "") -> JobError:
         return failed(self.name, failure, folder, self.cause(log_of(folder)), remedy)
 
-    def _prepare(self, jobs: Path, record: Record, files: Mapping[str, bytes]) -> None:
-        program = self.profile.command or (self.programs[0],)
-        record = replace(record, status=PREPARED, command=self.command(program))
-        prepare(jobs, record, files, self.environment(), self.scratch)
-
-    def _prepare_again(
-        self, folder: Path, waiting: Record, record: Record, files: Mapping[str, bytes]
+    def _prepare(
+        self, jobs: Path, record: Record, files: Mapping[str, bytes], waiting: Record | None
     ) -> None:
+        """Write a job for another machine, or give the one that waits what is stated now."""
         program = self.profile.command or (self.programs[0],)
         record = replace(record, status=PREPARED, command=self.command(program))
-        refresh(folder, waiting, record, files, self.environment(), self.scratch)
+        if waiting is None:
+            prepare(jobs, record, files, self.environment(), self.scratch)
+        else:
+            folder = jobs / record.key
+            refresh(folder, waiting, record, files, self.environment(), self.scratch)
 
     def _collect(
         self, simulation: Simulation, folder: Path, record: Record, files: Mapping[str, bytes]

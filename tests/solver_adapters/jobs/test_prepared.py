@@ -250,7 +250,8 @@ def test_a_job_prepared_again_with_another_call_has_it_in_its_script(tmp_path: P
         bar(command=("/path/to/another", "-S"), prepare_only=True).solve(SIMULATION, tmp_path)
     for name in ("run.sh", "README.txt"):
         assert "/path/to/another -S bar.py" in (folder / name).read_text()
-    assert read_record(folder, {PREPARED}).command[0] == "/path/to/another"  # type: ignore[union-attr]
+    record = prepared_job(folder)
+    assert record is not None and record.command[0] == "/path/to/another"
 
 
 def test_a_job_that_was_killed_elsewhere_is_told_as_killed(tmp_path: Path) -> None:
