@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from benchmarks.blind_plan import ELASTIC, QUIET, Trial
 from benchmarks.blind_specimen import known_case
-from driver.case import Case
-from driver.diagnosis.noise_causes import NOISE_NOT_UNIFORM
+from driver.case.model import Case
+from driver.diagnosis.causes.noise_causes import NOISE_NOT_UNIFORM
 
 HELD_OUT = 3  # one cause in so many has a cycle held out
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from benchmarks.blind_figures import show_share
 from benchmarks.blind_ruler import MOST_SCALES
-from driver.diagnosis.outcome import Diagnosis
-from driver.diagnosis.score import SEEN_AT
+from driver.diagnosis.answer.result_types import Diagnosis
+from driver.diagnosis.statistics.score_test import SEEN_AT
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 

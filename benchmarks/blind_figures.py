@@ -10,7 +10,7 @@ from scipy.stats import binomtest
 
 from benchmarks.blind_plan import ELASTIC, ELASTIC_LEVEL, KINDS
 from benchmarks.blind_store import Record
-from driver.diagnosis.score import SEEN_AT
+from driver.diagnosis.statistics.score_test import SEEN_AT
 
 SILENT = ("null", "noise level", "jitter", "AR(1)")  # kinds of which nothing is to be said
 LOUD = ("cause", "pair", "outside", "known", "noise", "flip", "large")

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.blind_ruler import identified, shown
-from driver.diagnosis.causes import Cause
-from driver.diagnosis.evidence import prior_scaled
-from driver.diagnosis.score import score
-from driver.virtual_course import Course
+from driver.diagnosis.causes.causes import Cause
+from driver.diagnosis.statistics.bayes_factor import prior_scaled
+from driver.diagnosis.statistics.score_test import score
+from driver.virtual.truth import Course
 
 OF_THE_MESH = 3.0
 """What the fit of an experiment without an effect leaves of the finer mesh and steps [σ]."""

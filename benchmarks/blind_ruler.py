@@ -19,22 +19,22 @@ from numpy.typing import NDArray
 
 from benchmarks.blind_specimen import LARGEST, PER_SIGMA, known_case, null_values, outside, pulled
 from benchmarks.blind_store import kept
-from driver.case import load_case
-from driver.diagnosis.causes import Cause
-from driver.diagnosis.score import Score, effects_of, likeness
-from driver.diagnosis.screening import screen, screened
-from driver.errors import InputError
+from driver.case.model import load_case
+from driver.common.errors import InputError
+from driver.common.progress import silent
+from driver.diagnosis.causes.causes import Cause
+from driver.diagnosis.statistics.score_test import Score, effects_of, likeness
+from driver.diagnosis.statistics.screening import screen, screened
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
-from driver.identified_record import IDENTIFY
-from driver.identify_stage import load_workbench, saved_objective
-from driver.log import silent
-from driver.microscope.face_motion import Face, NodalMotion
-from driver.pipeline import run
-from driver.results import read_hdf5
-from driver.stages import RESULTS, StageContext
-from driver.virtual_course import Course
-from driver.virtual_record import record
+from driver.results.hdf5 import read_hdf5
+from driver.results.identification import IDENTIFY
+from driver.virtual.microscope.face_motion import Face, NodalMotion
+from driver.virtual.truth import Course
+from driver.virtual.writing import record
+from driver.workflow.engine import RESULTS, StageContext
+from driver.workflow.identify_stage import load_workbench, saved_objective
+from driver.workflow.pipeline import run
 from solver_adapters.interface import SolverError
 
 FloatArray = NDArray[np.float64]

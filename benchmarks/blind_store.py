@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from benchmarks.blind_specimen import known_case, true_case
-from driver.results import prismid_version
-from solver_adapters.bundled.compilation import PACKAGES, hash_of
+from driver.results.hdf5 import prismid_version
 from solver_adapters.bundled.identity import solver_hash
+from solver_adapters.kernels import PACKAGES, hash_of
 
 Kept = TypeVar("Kept")
 Record = dict[str, Any]

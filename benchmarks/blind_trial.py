@@ -39,21 +39,21 @@ from benchmarks.blind_ruler import (
 )
 from benchmarks.blind_specimen import flipped, jittered, known_case, pulled, true_case
 from benchmarks.blind_store import Record, cache_folder, kept, of_programs, program, read
-from driver.case import Case, load_case, write_case
-from driver.diagnose_stage import run_diagnose
-from driver.diagnosis.all_causes import EVERY
-from driver.diagnosis.causes import LIBRARY
-from driver.diagnosis.ebsd_flips import flips_of
-from driver.diagnosis.noise_causes import BOUNDARY_NOISE
-from driver.errors import InputError
-from driver.log import silent
-from driver.measure_stage import measure_numbers
-from driver.pipeline import stages
-from driver.side_by_side import side_by_side
-from driver.stages import Stage, StageContext, run_stages
-from driver.virtual_record import record
-from driver.virtual_tables import Microscope, Virtual
-from solver_adapters.bundled.compilation import use_threads
+from driver.case.model import Case, load_case, write_case
+from driver.common.errors import InputError
+from driver.common.parallel import side_by_side
+from driver.common.progress import silent
+from driver.diagnosis.causes.all_causes import EVERY
+from driver.diagnosis.causes.causes import LIBRARY
+from driver.diagnosis.causes.ebsd_flips import flips_of
+from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
+from driver.virtual.settings import Microscope, Virtual
+from driver.virtual.writing import record
+from driver.workflow.diagnose_stage import run_diagnose
+from driver.workflow.engine import Stage, StageContext, run_stages
+from driver.workflow.measure_stage import measure_numbers
+from driver.workflow.pipeline import stages
+from solver_adapters.kernels import use_threads
 
 SECONDS = {"silent": 10.0, "loud": 70.0}
 """CPU-s of a trial without and with an effect, its truth included, until some are done."""

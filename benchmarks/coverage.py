@@ -23,25 +23,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.short_specimen import GRAINS, short_prism
-from driver.boundary import LAMBDAS, elongation_names, tilt_names
-from driver.case import Case, load_case
-from driver.case_tables.images import Images
-from driver.case_tables.inference import Identification
-from driver.case_tables.material import MaterialTable
-from driver.case_tables.solver import Solver
+from driver.case.images import Images
+from driver.case.inference import Identification
+from driver.case.material import MaterialTable
+from driver.case.model import Case, load_case
+from driver.case.solver import Solver
+from driver.common.parallel import side_by_side
 from driver.dic.elongation import edge_motion
 from driver.dic.series import measure
-from driver.experiment import read_experiment
-from driver.history import History
+from driver.experiment.history import History
+from driver.experiment.reading import read_experiment
+from driver.forward.boundary_motion import LAMBDAS, elongation_names, tilt_names
+from driver.forward.build import mesh_of, surface_images
+from driver.identification.identify import identify
 from driver.identification.priors import LAMBDA_PRIOR
-from driver.identification.procedure import identify
-from driver.side_by_side import side_by_side
-from driver.specimen import mesh_of, surface_images
-from driver.virtual import true_case
-from driver.virtual_course import pull, stage_program
-from driver.virtual_record import record
-from driver.virtual_tables import Discretisation, Virtual
-from driver.workbench import Workbench, build_workbench, seen_by_correlation
+from driver.virtual.command import true_case
+from driver.virtual.settings import Discretisation, Virtual
+from driver.virtual.truth import pull, stage_program
+from driver.virtual.writing import record
+from driver.workflow.setup import Workbench, build_workbench, seen_by_correlation
 from meshes.prism_mesh import PrismMesh
 
 FloatArray = NDArray[np.float64]

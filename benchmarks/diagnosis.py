@@ -18,14 +18,14 @@ from time import process_time
 
 import numpy as np
 
-from driver import pipeline
-from driver.boundary import LAMBDAS
-from driver.case import load_case
-from driver.diagnosis.screening import screened
-from driver.history import knot_weights, read_history
-from driver.identify_stage import load_workbench
-from driver.results import read_hdf5
-from driver.stages import RESULTS, StageContext
+from driver.case.model import load_case
+from driver.diagnosis.statistics.screening import screened
+from driver.experiment.history import knot_weights, read_history
+from driver.forward.boundary_motion import LAMBDAS
+from driver.results.hdf5 import read_hdf5
+from driver.workflow import pipeline
+from driver.workflow.engine import RESULTS, StageContext
+from driver.workflow.identify_stage import load_workbench
 
 ALPHA = Path(__file__).parents[1] / "examples" / "alpha"
 TRUTH = {

@@ -25,18 +25,18 @@ from matplotlib import image as mpl_image
 from numpy.typing import NDArray
 
 from benchmarks.measuring import in_child, show
-from driver.case import load_case
+from driver.case.model import load_case
 from driver.dic.correlation import Correlation, correlate
 from driver.dic.elongation import edge_motion
 from driver.dic.search import Options
 from driver.dic.series import measure
-from driver.experiment import read_experiment
-from driver.history import knot_weights, read_history
-from driver.images.rigid import shift_between
+from driver.experiment.history import knot_weights, read_history
+from driver.experiment.images.rigid import shift_between
+from driver.experiment.reading import read_experiment
+from driver.forward.build import surface_images
 from driver.noise_floor.floor import relief_rms
 from driver.noise_floor.laboratory import elongation, laboratory
 from driver.noise_floor.motions import known_motions
-from driver.specimen import surface_images
 from meshes.plane_mesh import PlaneMesh
 
 FloatArray = NDArray[np.float64]

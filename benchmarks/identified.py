@@ -13,10 +13,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from driver import pipeline
-from driver.case import load_case, write_case
-from driver.results import read_hdf5
-from driver.stages import RESULTS
+from driver.case.model import load_case, write_case
+from driver.results.hdf5 import read_hdf5
+from driver.workflow import pipeline
+from driver.workflow.engine import RESULTS
 
 FloatArray = NDArray[np.float64]
 

@@ -20,14 +20,14 @@ from pathlib import Path
 
 import h5py
 
-from driver import pipeline
-from driver.case import Case, load_case, write_case
-from driver.case_tables.images import Images
-from driver.case_tables.material import MaterialTable
-from driver.case_tables.solver import Execution, Solver
-from driver.case_tables.specimen import Grain, Specimen
-from driver.results import read_hdf5
-from driver.virtual import virtual
+from driver.case.images import Images
+from driver.case.material import MaterialTable
+from driver.case.model import Case, load_case, write_case
+from driver.case.solver import Execution, Solver
+from driver.case.specimen import Grain, Specimen
+from driver.results.hdf5 import read_hdf5
+from driver.virtual.command import virtual
+from driver.workflow import pipeline
 
 TRUTH = {"tau0": 25.0, "c": 44e3, "d": 1140.0, "lambda_plus_Y": 0.85}
 _SETTINGS = """

@@ -13,14 +13,14 @@ import numpy as np
 
 from benchmarks.identified import Found, identify_case, read_truth, variant
 from benchmarks.measuring import show
-from driver.boundary import LAMBDAS
-from driver.case import load_case
+from driver.case.model import load_case
+from driver.forward.boundary_motion import LAMBDAS
+from driver.forward.surface_projection import POSE_DECLARATIONS
 from driver.identification.fit import fit
-from driver.identify_stage import load_workbench, saved_objective
-from driver.results import read_hdf5
-from driver.stages import RESULTS, StageContext
-from driver.surface_view import POSE_DECLARATIONS
-from driver.virtual import virtual
+from driver.results.hdf5 import read_hdf5
+from driver.virtual.command import virtual
+from driver.workflow.engine import RESULTS, StageContext
+from driver.workflow.identify_stage import load_workbench, saved_objective
 
 FOLDER = Path(__file__).parents[1] / "examples" / "if_steel"
 DATA = FOLDER / "data"

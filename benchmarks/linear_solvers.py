@@ -23,7 +23,7 @@ from cvxopt import cholmod, matrix, spmatrix
 from scipy.sparse.linalg import splu
 
 from meshes.gmsh_library import running_gmsh
-from solver_adapters.bundled.symmetric import SymmetricSolver
+from solver_adapters.bundled.linear.symmetric import SymmetricSolver
 from solver_adapters.interface import FloatArray, IntArray
 
 try:

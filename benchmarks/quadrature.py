@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from driver.case import load_case
-from driver.experiment import history_of
-from driver.prediction import Prediction
-from driver.specimen import adapter_of, build_model, mesh_of
+from driver.case.model import load_case
+from driver.experiment.reading import history_of
+from driver.forward.build import adapter_of, build_model, mesh_of
+from driver.forward.prediction import Prediction
 
 ALPHA = Path(__file__).parents[1] / "examples" / "alpha" / "case.toml"
 TRUTH = {

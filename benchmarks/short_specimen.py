@@ -5,15 +5,15 @@ Nothing of the truth is shared with what identifies it: driver/microscope says h
 
 from __future__ import annotations
 
-from driver.boundary import elongation_names, tilt_names
-from driver.case import Case
-from driver.case_tables.images import Images
-from driver.case_tables.inference import DiagnosisTable
-from driver.case_tables.loading import LambdaStart
-from driver.case_tables.material import MaterialTable
-from driver.case_tables.solver import Solver
-from driver.case_tables.specimen import Grain, Specimen
-from driver.history import History
+from driver.case.images import Images
+from driver.case.inference import DiagnosisTable
+from driver.case.loading import LambdaStart
+from driver.case.material import MaterialTable
+from driver.case.model import Case
+from driver.case.solver import Solver
+from driver.case.specimen import Grain, Specimen
+from driver.experiment.history import History
+from driver.forward.boundary_motion import elongation_names, tilt_names
 
 CYCLES = ((8, 2), (8, 2))
 """Images during loading and during unloading of each cycle."""

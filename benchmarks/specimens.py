@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from driver.case import load_case
-from driver.history import History, read_history, turning_points
-from driver.specimen import adapter_of, build_model, mesh_of
+from driver.case.model import load_case
+from driver.experiment.history import History, read_history, turning_points
+from driver.forward.build import adapter_of, build_model, mesh_of
 from solver_adapters.interface import IntArray, Simulation
 from solver_adapters.material import Material, StrainMeasure
 

@@ -15,18 +15,18 @@ from pathlib import Path
 
 import numpy as np
 
-from driver import pipeline
-from driver.boundary import elongation_names, knots_of_stage
-from driver.case import Case, write_case
-from driver.case_tables.inference import Identification
-from driver.case_tables.loading import Boundary
-from driver.case_tables.material import MaterialTable
-from driver.case_tables.solver import Solver
-from driver.case_tables.specimen import Grain, Specimen
-from driver.history import read_history
-from driver.log import silent
-from driver.results import read_hdf5
-from driver.specimen import build_model, mesh_of
+from driver.case.inference import Identification
+from driver.case.loading import Boundary
+from driver.case.material import MaterialTable
+from driver.case.model import Case, write_case
+from driver.case.solver import Solver
+from driver.case.specimen import Grain, Specimen
+from driver.common.progress import silent
+from driver.experiment.history import read_history
+from driver.forward.boundary_motion import elongation_names, knots_of_stage
+from driver.forward.build import build_model, mesh_of
+from driver.results.hdf5 import read_hdf5
+from driver.workflow import pipeline
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.interface import FloatArray
 

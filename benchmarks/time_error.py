@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.diagnosis import ALPHA, TRUTH
-from driver import pipeline
-from driver.boundary import LAMBDAS
-from driver.case import load_case
-from driver.identify_stage import load_workbench
-from driver.stages import StageContext
-from driver.workbench import Workbench
+from driver.case.model import load_case
+from driver.forward.boundary_motion import LAMBDAS
+from driver.workflow import pipeline
+from driver.workflow.engine import StageContext
+from driver.workflow.identify_stage import load_workbench
+from driver.workflow.setup import Workbench
 from solver_adapters.interface import FloatArray, Integration
 
 REFERENCE_STEPS = 32

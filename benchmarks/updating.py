@@ -17,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from driver.boundary import LAMBDAS
-from driver.case import load_case
-from driver.experiment import read_experiment
-from driver.identification.procedure import start_values
-from driver.mesh_stage import MESH
-from driver.model import ForwardModel
-from driver.results import read_hdf5
-from driver.specimen import adapter_of, build_model
-from driver.stages import RESULTS
+from driver.case.model import load_case
+from driver.experiment.reading import read_experiment
+from driver.forward.boundary_motion import LAMBDAS
+from driver.forward.build import adapter_of, build_model
+from driver.forward.model import ForwardModel
+from driver.identification.identify import start_values
+from driver.results.hdf5 import read_hdf5
+from driver.workflow.engine import RESULTS
+from driver.workflow.mesh_stage import MESH
 from meshes.files import read_med
 from solver_adapters.interface import SolverError
 

@@ -14,10 +14,10 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from driver.case import CaseError, default_case, schema_text, write_case
-from driver.errors import InputError, sentence
-from driver.log import LiveLog, seldom
-from driver.stages import write_whole
+from driver.case.model import CaseError, default_case, schema_text, write_case
+from driver.common.errors import InputError, sentence
+from driver.common.progress import LiveLog, seldom
+from driver.workflow.engine import write_whole
 from meshes.system_libraries import SystemLibraryError
 from solver_adapters.interface import PreparedError, SolverError
 
@@ -85,7 +85,7 @@ def init(
 @app.command()
 def check(case: CaseArgument) -> None:
     """Validate CASE, its files, solver and libraries; estimate the cost; draw the set-up."""
-    from driver.check import check as find
+    from driver.check.command import check as find
 
     with _told_in_one_line():
         findings = find(_case_file(case))
@@ -111,7 +111,7 @@ def run(
     ] = False,
 ) -> None:
     """Run the stages of one CASE or many; what is done and unchanged is not done again."""
-    from driver import pipeline
+    from driver.workflow import pipeline
 
     failed = False
     for case in cases:
@@ -133,7 +133,7 @@ def run(
 @app.command()
 def report(case: CaseArgument) -> None:
     """Write the report page of CASE anew from its results."""
-    from driver import pipeline
+    from driver.workflow import pipeline
 
     with _told_in_one_line():
         pipeline.report(_case_file(case))
@@ -153,7 +153,7 @@ def export(
     med: Annotated[bool, typer.Option("--med", help="the volume for Salome, too")] = False,
 ) -> None:
     """Write the results of CASE in the formats of other programs."""
-    from driver.export import export_case
+    from driver.export.command import export_case
 
     path = _case_file(case)
     folder = to if to is not None else path.parent / "results" / "export"
@@ -189,7 +189,7 @@ def virtual(
     The truth is simulated on a finer mesh and with smaller steps than any that the case
     identifies with.
     """
-    from driver.virtual import virtual as make
+    from driver.virtual.command import virtual as make
 
     with _told_in_one_line(), _progress(case, alone=True) as log:
         make(_case_file(case), settings, to, seed, log)
@@ -225,7 +225,7 @@ def _case_file(case: Path) -> Path:
 @contextmanager
 def _told_in_one_line() -> Iterator[None]:
     """Turn what a user can mend into a line on standard error and the exit code 1."""
-    from driver.images.heightmaps import ImageError
+    from driver.experiment.images.heightmaps import ImageError
 
     try:
         yield
@@ -240,7 +240,7 @@ def _told_in_one_line() -> Iterator[None]:
 @contextmanager
 def _progress(case: Path, alone: bool) -> Iterator[LiveLog]:
     """A log of lines; on a terminal with the running step and its time below them."""
-    from solver_adapters.bundled.compilation import compiled_before
+    from solver_adapters.kernels import compiled_before
 
     console = Console(highlight=False, markup=False, soft_wrap=True)
     start = perf_counter()

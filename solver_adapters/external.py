@@ -15,6 +15,8 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+from solver_adapters.checks.capabilities import refuse_unsupported
+from solver_adapters.checks.simulation import refuse_bad_simulation
 from solver_adapters.interface import (
     Capabilities,
     PreparedError,
@@ -52,7 +54,6 @@ from solver_adapters.jobs.runner import CRASH_CODES, KILL_CODES, Ended, Limits, 
 from solver_adapters.jobs.status import CACHED
 from solver_adapters.jobs.status import Status as Status
 from solver_adapters.profile import Profile as Profile
-from solver_adapters.refusal import refuse_unsupported
 from solver_adapters.registry import installed_capabilities
 from solver_adapters.response_file import (
     Provenance,
@@ -61,7 +62,6 @@ from solver_adapters.response_file import (
     write_response,
 )
 from solver_adapters.result_files import ResultFileError as ResultFileError
-from solver_adapters.validation import refuse_bad_simulation
 
 # Adapters of other packages take Status, Profile and ResultFileError from here.
 

@@ -25,8 +25,8 @@ from threading import Event, Lock
 
 import numpy as np
 
+from solver_adapters.checks.directions import refuse_bad_directions
 from solver_adapters.crystal import rotation_vector_matrix
-from solver_adapters.direction_checks import refuse_bad_directions
 from solver_adapters.interface import (
     Adapter,
     Capabilities,

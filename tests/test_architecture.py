@@ -93,13 +93,16 @@ def test_imports_only_run_down() -> None:
         ("templates", "import meshes"),
         ("templates.filters", "from solver_adapters.interface import Simulation"),
         ("meshes.prism", "import templates"),
-        ("meshes.prism", "from driver.case import Case"),
+        ("meshes.prism", "from driver.case.model import Case"),
         ("solver_adapters.bundled.adapter", "def f():\n    import driver.cli"),
         ("driver.images.flat", "from ..identification import fit"),
         ("driver.dic.basis", "from driver import diagnosis"),
-        ("driver.microscope.relief", "from driver.dic.interpolation import spline_images"),
+        (
+            "driver.virtual.microscope.relief",
+            "from driver.common.splines.images import spline_images",
+        ),
         ("driver.identification.fit", "from driver.report.page import write"),
-        ("driver.diagnosis.causes", "import driver.report"),
+        ("driver.diagnosis.causes.causes", "import driver.report"),
     ],
 )
 def test_an_arrow_that_runs_up_is_found(module: str, source: str) -> None:
@@ -112,7 +115,7 @@ def test_an_arrow_that_runs_up_is_found(module: str, source: str) -> None:
         ("meshes.prism", "from meshes.surface import SurfaceMesh\nimport gmsh"),
         ("solver_adapters.bundled.adapter", "from meshes.prism_mesh import PrismMesh"),
         ("driver.report.page", "from driver.diagnosis import rank\nfrom templates import render"),
-        ("driver.diagnosis.causes", "from ..identification.fit import Fit"),
+        ("driver.diagnosis.causes.causes", "from ..identification.fit import Fit"),
         ("driver.cli", "from driver.report.page import write\nimport solver_adapters"),
         ("driver.dic.basis", "from driver.reporting_units import nm"),
     ],

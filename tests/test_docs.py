@@ -8,12 +8,12 @@ from typing import Any, get_args
 
 import pytest
 
-from driver.case import default_case, schema
-from driver.diagnosis.all_causes import EVERY
-from driver.diagnosis.causes import NUMERICS
-from driver.diagnosis.noise_causes import COVARIANCE
-from driver.diagnosis.verdict import Kind
-from driver.model import declared_parameters
+from driver.case.model import default_case, schema
+from driver.diagnosis.answer.verdict import Kind
+from driver.diagnosis.causes.all_causes import EVERY
+from driver.diagnosis.causes.causes import NUMERICS
+from driver.diagnosis.causes.noise_causes import COVARIANCE
+from driver.forward.model import declared_parameters
 from driver.report.findings import FILES
 from solver_adapters.jobs.status import CACHED, Status
 from solver_adapters.material import MATERIAL_PARAMETERS

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from driver import pipeline
-from driver.case import load_case
-from driver.results import read_hdf5
-from driver.virtual import true_case
-from driver.virtual_course import knots, pull, stage_program
-from driver.virtual_record import record
-from driver.virtual_tables import read_virtual
+from driver.case.model import load_case
+from driver.results.hdf5 import read_hdf5
+from driver.virtual.command import true_case
+from driver.virtual.settings import read_virtual
+from driver.virtual.truth import knots, pull, stage_program
+from driver.virtual.writing import record
+from driver.workflow import pipeline
 
 IF_STEEL = Path(__file__).parents[1] / "examples" / "if_steel"
 CYCLES = ((8, 3), (8, 3), (9, 3))  # of 320 images 35

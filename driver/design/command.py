@@ -8,9 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
-from driver.attempt import first_line
-from driver.case import Case, load_case
-from driver.design.course import changed
+from driver.case.model import Case, load_case
+from driver.common.errors import InputError
+from driver.common.outcomes import first_line
+from driver.common.parallel import side_by_side
+from driver.common.progress import Log, passing_of
 from driver.design.forecast import (
     Forecast,
     Plan,
@@ -23,23 +25,21 @@ from driver.design.forecast import (
 )
 from driver.design.picture import draw
 from driver.design.record import design_record
+from driver.design.schedule import changed
 from driver.design.settings import Settings, read_change, read_settings
 from driver.design.surface import Surface, expected_surface
+from driver.design.text import told
 from driver.design.variants import base_variant, refuse_without_images, usual_changes, variants
-from driver.design.words import told
-from driver.diagnosis.own_causes import asked_causes
-from driver.errors import InputError
-from driver.estimate import cost_told, simulation_seconds
-from driver.history import History, HistoryError, read_history
-from driver.identify_stage import JOBS
-from driver.log import Log, passing_of
+from driver.diagnosis.causes.user_causes import asked_causes
+from driver.experiment.history import History, HistoryError, read_history
+from driver.forward.build import capabilities_of, mesh_of
 from driver.report.style import png
-from driver.side_by_side import side_by_side
-from driver.specimen import capabilities_of, mesh_of
-from driver.stages import RESULTS, write_whole
-from driver.virtual_course import stage_program
-from solver_adapters.bundled.compilation import use_threads
+from driver.virtual.truth import stage_program
+from driver.workflow.cost import cost_told, simulation_seconds
+from driver.workflow.engine import RESULTS, write_whole
+from driver.workflow.identify_stage import JOBS
 from solver_adapters.interface import SolverError
+from solver_adapters.kernels import use_threads
 
 FILES = ("design.json", "design.png")
 _DIRECTIONS = 90  # of boundary, law and all causes, in round numbers

@@ -9,7 +9,7 @@ import numpy as np
 
 from driver.design.forecast import Forecast
 from driver.design.information import groups_of
-from driver.diagnosis.score import PARALLEL
+from driver.diagnosis.statistics.score_test import PARALLEL
 
 Pair = tuple[str, str]
 

@@ -9,25 +9,25 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.boundary import LAMBDAS, elongation_names, tilt_names
-from driver.design.course import carried_on, changed, compressed
+from driver.common.progress import silent
+from driver.design.detectability import Outlook, outlooks
 from driver.design.information import LOOSE, Knowledge, knowledge
+from driver.design.schedule import carried_on, changed, compressed
 from driver.design.settings import Settings
 from driver.design.surface import Surface, expected_surface
 from driver.design.variants import Variant
-from driver.design.visibility import Outlook, outlooks
-from driver.diagnosis.causes import Cause
-from driver.diagnosis.own_causes import own_causes
-from driver.diagnosis.screening import screened
-from driver.history import History, knot_weights
+from driver.diagnosis.causes.causes import Cause
+from driver.diagnosis.causes.user_causes import own_causes
+from driver.diagnosis.statistics.screening import screened
+from driver.experiment.history import History, knot_weights
+from driver.forward.boundary_motion import LAMBDAS, elongation_names, tilt_names
+from driver.forward.build import mesh_of
+from driver.forward.model import declared_parameters
+from driver.forward.prediction import Prediction
+from driver.identification.identify import correction, with_correction
 from driver.identification.objective import Correction, Objective
-from driver.identification.procedure import correction, with_correction
-from driver.log import silent
-from driver.model import declared_parameters
-from driver.prediction import Prediction
-from driver.specimen import mesh_of
-from driver.virtual_course import knots, refuse_unknown
-from driver.workbench import Seen, Workbench, build_workbench
+from driver.virtual.truth import knots, refuse_unknown
+from driver.workflow.setup import Seen, Workbench, build_workbench
 
 FloatArray = NDArray[np.float64]
 

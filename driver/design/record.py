@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from driver.design.comparison import gain
+from driver.design.detectability import NAMED_AT, Outlook, Visible
 from driver.design.forecast import Forecast
 from driver.design.information import Knowledge
-from driver.design.visibility import NAMED_AT, Outlook, Visible
-from driver.diagnosis.score import PARALLEL, SEEN_AT
-from driver.results import json_number, prismid_version
+from driver.diagnosis.statistics.score_test import PARALLEL, SEEN_AT
+from driver.results.hdf5 import json_number, prismid_version
 
 
 def design_record(

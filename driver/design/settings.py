@@ -10,10 +10,10 @@ from typing import Any
 
 from pydantic import Field
 
-from driver.case_tables.values import Count, Number, Positive, Table
-from driver.errors import InputError
-from driver.toml_files import read_tables
-from driver.virtual_tables import Face, Microscope, Program
+from driver.case.toml import read_tables
+from driver.case.values import Count, Number, Positive, Table
+from driver.common.errors import InputError
+from driver.virtual.settings import Face, Microscope, Program
 
 
 class Schedule(Table):

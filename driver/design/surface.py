@@ -9,19 +9,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from driver.case import Case
+from driver.case.model import Case
+from driver.common.splines.images import SplineImages
 from driver.design.settings import Settings
-from driver.dic.interpolation import SplineImages
 from driver.dic.slope_noise import squared_slopes
 from driver.dic.surface_images import SurfaceImages, over_region
-from driver.experiment import Experiment, read_unloaded
-from driver.history import History
-from driver.images.flatfield import flat_pattern
-from driver.images.noise import Noise
-from driver.images.reference import Reference
-from driver.images.region import region_codes
-from driver.specimen import reference_of, used_face
-from driver.virtual_record import random_relief
+from driver.experiment.history import History
+from driver.experiment.images.flatfield import flat_pattern
+from driver.experiment.images.noise import Noise
+from driver.experiment.images.reference import Reference
+from driver.experiment.images.region import region_codes
+from driver.experiment.reading import Experiment, read_unloaded
+from driver.forward.build import reference_of, used_face
+from driver.virtual.writing import random_relief
 
 _SEED = 0  # of the virtual face
 

@@ -9,11 +9,11 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from driver.case import Case
-from driver.case_errors import sentences
+from driver.case.messages import sentences
+from driver.case.model import Case
+from driver.common.errors import InputError, sentence
 from driver.design.settings import Schedule, Settings, label, merged
-from driver.diagnosis.own_causes import asked_causes
-from driver.errors import InputError, sentence
+from driver.diagnosis.causes.user_causes import asked_causes
 
 _TURN = 30.0  # ° about the normal of the face, of the last grain
 # Tables of the case that a simulation does not depend on; of the images, the noise alone.

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from driver.common.splines.kernels import coefficients, slopes_at
 from driver.dic.basis import Basis, grid_basis, mesh_basis
-from driver.dic.outcome import explanation
+from driver.dic.messages import explanation
+from driver.dic.pyramid import Starter
 from driver.dic.search import Options, Search, expected_variance, motion_at_pixels
-from driver.dic.splines import coefficients, slopes_at
-from driver.dic.start import Starter
 from driver.dic.system import Pixels, System
-from driver.images.heightmaps import ImageError, fill_off_surface
+from driver.experiment.images.heightmaps import ImageError, fill_off_surface
 from meshes.plane_mesh import PlaneMesh
 
 FloatArray = NDArray[np.float64]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from driver.dic.read_noise import noise_of_weights
+from driver.dic.interpolation_noise import noise_of_weights
 from driver.dic.series import SurfaceMotion, sensitivity
 from driver.dic.surface_images import SurfaceImages
 

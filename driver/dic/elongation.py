@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 from driver.dic.basis import Basis
 from driver.dic.series import SurfaceMotion
 from driver.dic.surface_images import SurfaceImages
-from driver.images.heightmaps import ImageError
+from driver.experiment.images.heightmaps import ImageError
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -11,7 +11,7 @@ from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.sparse import csc_array
 
 from driver.dic.patterns import lower_union, spread
-from solver_adapters.bundled.cholesky import Cholesky
+from solver_adapters.cholesky import Cholesky
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.dic.interpolation import samples
+from driver.common.splines.images import samples
 from driver.dic.kernels import binned
 from driver.dic.surface_images import SurfaceImages
 from driver.dic.system import System
-from driver.images.heightmaps import fill_off_surface
-from driver.images.rigid import phase_correlation
+from driver.experiment.images.heightmaps import fill_off_surface
+from driver.experiment.images.rigid import phase_correlation
 
 FloatArray = NDArray[np.float64]
 

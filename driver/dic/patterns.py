@@ -9,7 +9,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 # Loaded for its folder of compiled kernels.
-from solver_adapters.bundled import compilation as compilation
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

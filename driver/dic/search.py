@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array
 
+from driver.common.splines.images import variance_gain
 from driver.dic.basis import Basis
-from driver.dic.evidence import Evidence, NoiseAndRoughness, weigh
-from driver.dic.interpolation import variance_gain
 from driver.dic.kernels import motion_of
 from driver.dic.regularisation import Penalty, penalties, ranks
+from driver.dic.regularisation_evidence import Evidence, NoiseAndRoughness, weigh
 from driver.dic.system import End, Pixels, System
-from driver.images.heightmaps import ImageError
+from driver.experiment.images.heightmaps import ImageError
 
 FloatArray = NDArray[np.float64]
 

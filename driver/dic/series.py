@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array, hstack
 
 from driver.dic.basis import Basis, grid_basis, mesh_basis
-from driver.dic.evidence import Evidence, NoiseAndRoughness
-from driver.dic.fineness import refuse_too_fine
 from driver.dic.first_pass import TOLERANCE_FIRST, first_pass
-from driver.dic.gaps import Equations
-from driver.dic.outcome import explanation
-from driver.dic.read_noise import mean_autocorrelation, noise_of_right_side
+from driver.dic.interpolation_noise import mean_autocorrelation, noise_of_right_side
+from driver.dic.messages import explanation
+from driver.dic.missing_pixels import Equations
 from driver.dic.regularisation import Penalty, penalties, ranks
+from driver.dic.regularisation_evidence import Evidence, NoiseAndRoughness
+from driver.dic.resolution_check import refuse_too_fine
 from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.dic.system import End, Pixels, System
 from meshes.plane_mesh import PlaneMesh

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.dic.interpolation import spline_images
+from driver.common.splines.images import spline_images
 from driver.dic.surface_images import SurfaceImages
 
 FloatArray = NDArray[np.float64]

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from driver.dic.interpolation import SplineImages, spline_images, variance_gain
-from driver.images.flatfield import FlatField, left_over, without_noise
-from driver.images.heightmaps import ImageError, on_surface
-from driver.images.reference import Reference, build_reference, corrected
-from driver.images.region import Bounds, CodeArray
+from driver.common.splines.images import SplineImages, spline_images, variance_gain
+from driver.experiment.images.flatfield import FlatField, left_over, without_noise
+from driver.experiment.images.heightmaps import ImageError, on_surface
+from driver.experiment.images.reference import Reference, build_reference, corrected
+from driver.experiment.images.region import Bounds, CodeArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

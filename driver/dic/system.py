@@ -15,7 +15,7 @@ from driver.dic.basis import Basis
 from driver.dic.factor import DENSE, DenseFactor, Factor, Matrix, make_factor
 from driver.dic.kernels import cell_pairs, pair_hessians, residual_and_right_side
 from driver.dic.patterns import summed_dense, summed_sparse
-from driver.images.heightmaps import ImageError
+from driver.experiment.images.heightmaps import ImageError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -17,12 +17,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.forward.prediction import Prediction
 from driver.identification.boundary_jitter import BoundaryJitter
+from driver.identification.discretisation_covariance import SimulationError
 from driver.identification.image_data import ImageData
 from driver.identification.load_noise import whiten_markov
-from driver.identification.simulation_error import SimulationError
 from driver.identification.step_error import StepError
-from driver.prediction import Prediction
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -13,10 +13,10 @@ from time import monotonic
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.identification.descent import FLAT, SCORE, descend, newton, promised_by
+from driver.common.progress import Log
+from driver.identification.gauss_newton_step import is_at_bound
+from driver.identification.line_search import FLAT, SCORE, descend, newton, promised_by
 from driver.identification.objective import Evaluation, Objective
-from driver.identification.step import is_at_bound
-from driver.log import Log
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.errors import InputError
+from driver.common.errors import InputError
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation
 

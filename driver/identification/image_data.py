@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from driver.dic.basis import Basis
 from driver.dic.surface_images import SurfaceImages
-from driver.identification.shared_noise import shared_noise
+from driver.identification.reference_noise import shared_noise
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -11,10 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from driver.common.progress import Log
+from driver.forward.model import ForwardModel
+from driver.identification.discretisation_covariance import SimulationError, share_left
 from driver.identification.fit import fit
 from driver.identification.identifiability import refuse_what_is_not_seen
-from driver.identification.objective import Objective
-from driver.identification.procedure import (
+from driver.identification.identify import (
     START,
     Identification,
     Plan,
@@ -22,9 +24,7 @@ from driver.identification.procedure import (
     elastic_stiffness,
     unload_elastically,
 )
-from driver.identification.simulation_error import SimulationError, share_left
-from driver.log import Log
-from driver.model import ForwardModel
+from driver.identification.objective import Objective
 
 _BEYOND = 4.0  # standard deviations of χ_F from which a misfit is told
 

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from driver.dic.interpolation import SplineImages
+from driver.common.splines.images import SplineImages
 from driver.dic.surface_images import SurfaceImages
 from driver.identification.image_data import ImageData
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.fixed_pattern import apparent_rise
+from driver.forward.fixed_pattern import apparent_rise
+from driver.forward.model import ForwardModel
+from driver.forward.prediction import Prediction
 from driver.identification.data import Data
 from driver.identification.paper_chi import PaperChi, paper_chi
 from driver.identification.step_error import StepError
-from driver.model import ForwardModel
-from driver.prediction import Prediction
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]

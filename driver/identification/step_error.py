@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.model import ForwardModel
-from driver.prediction import Prediction
+from driver.forward.model import ForwardModel
+from driver.forward.prediction import Prediction
 
 FloatArray = NDArray[np.float64]
 

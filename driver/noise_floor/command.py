@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from driver.case import load_case
+from driver.case.model import load_case
+from driver.common.errors import InputError
+from driver.common.progress import Log
 from driver.dic.slope_noise import squared_slopes
-from driver.errors import InputError
-from driver.estimate import cost_told
-from driver.experiment import read_experiment
-from driver.log import Log
+from driver.experiment.reading import read_experiment
+from driver.forward.build import surface_images
 from driver.noise_floor.floor import (
     PAPER_GAMMA_U,
     RULE,
@@ -30,9 +30,9 @@ from driver.noise_floor.laboratory import DRAWS, QUANTITIES, SERIES, errors, lab
 from driver.noise_floor.motions import known_motions
 from driver.noise_floor.picture import draw
 from driver.report.style import png
-from driver.results import prismid_version, write_csv
-from driver.specimen import surface_images
-from driver.stages import RESULTS, write_whole
+from driver.results.hdf5 import prismid_version, write_csv
+from driver.workflow.cost import cost_told
+from driver.workflow.engine import RESULTS, write_whole
 
 FILES = ("noise_floor.json", "noise_floor.csv", "noise_floor.png")
 _UNITS = {"strain": (1e2, "%")}  # factor and unit of a table; nm for what is not named

@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.case import Case
-from driver.dic.fineness import refuse_too_fine
+from driver.case.model import Case
 from driver.dic.regularisation import Penalty
+from driver.dic.resolution_check import refuse_too_fine
 from driver.dic.series import Roughness, basis_on, measure
 from driver.dic.surface_images import SurfaceImages
-from driver.experiment import Experiment
-from driver.images.heightmaps import ImageError
-from driver.images.plane import plane_modes
+from driver.experiment.images.heightmaps import ImageError
+from driver.experiment.images.plane import plane_modes
+from driver.experiment.reading import Experiment
+from driver.forward.build import surface_images
 from driver.noise_floor.laboratory import Errors, elongation
-from driver.specimen import surface_images
 
 FloatArray = NDArray[np.float64]
 

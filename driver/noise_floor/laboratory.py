@@ -13,10 +13,10 @@ from driver.dic.elongation import edge_motion
 from driver.dic.regularisation import Penalty
 from driver.dic.series import Roughness, SurfaceMotion, measure
 from driver.dic.surface_images import SurfaceImages, prepare
-from driver.microscope.series import carried
-from driver.microscope.texture import Texture, texture
 from driver.noise_floor.motions import KnownMotion
 from driver.noise_floor.quiet import without_noise
+from driver.virtual.microscope.series import carried
+from driver.virtual.microscope.texture import Texture, texture
 
 FloatArray = NDArray[np.float64]
 

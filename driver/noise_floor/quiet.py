@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from driver.images.plane import plane_modes
+from driver.experiment.images.plane import plane_modes
 
 FloatArray = NDArray[np.float64]
 

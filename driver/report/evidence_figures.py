@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from driver.diagnosis.round import WITHIN
+from driver.diagnosis.search.selection_round import WITHIN
 from driver.report.style import (
     BEFORE,
     CATEGORIES,

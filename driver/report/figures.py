@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from driver.common.formatting import chi, number
 from driver.report.style import (
     AFTER,
     BEFORE,
@@ -20,7 +21,6 @@ from driver.report.style import (
     styled,
     typeset,
 )
-from driver.wording import chi, number
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

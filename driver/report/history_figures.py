@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
+from driver.common.formatting import chi, number
 from driver.report.style import (
     AFTER,
     BEFORE,
@@ -22,7 +23,6 @@ from driver.report.style import (
     styled,
     typeset,
 )
-from driver.wording import chi, number
 
 FloatArray = NDArray[np.float64]
 Parts = Sequence[FloatArray]  # one array for each stage

@@ -9,10 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.boundary import LAMBDAS
-from driver.identification.identifiability import INSENSITIVE
-from driver.report.identified import IdentifiedParameter
-from driver.wording import (
+from driver.common.formatting import (
     chi,
     duration,
     interval,
@@ -25,6 +22,9 @@ from driver.wording import (
     signed,
     with_sigma,
 )
+from driver.forward.boundary_motion import LAMBDAS
+from driver.identification.identifiability import INSENSITIVE
+from driver.report.identified import IdentifiedParameter
 from solver_adapters.material import MATERIAL_DECLARATIONS
 
 FloatArray = NDArray[np.float64]

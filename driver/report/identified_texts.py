@@ -6,7 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from driver.boundary import LAMBDAS
+from driver.common.formatting import (
+    chi,
+    interval,
+    label,
+    named,
+    number,
+    reading_unit,
+    with_sigma,
+    with_unit,
+)
+from driver.forward.boundary_motion import LAMBDAS
 from driver.report.findings import Findings
 from driver.report.identified import interval_of
 from driver.report.identified_tables import (
@@ -17,16 +27,6 @@ from driver.report.identified_tables import (
     law_table,
     strongest,
     time_table,
-)
-from driver.wording import (
-    chi,
-    interval,
-    label,
-    named,
-    number,
-    reading_unit,
-    with_sigma,
-    with_unit,
 )
 
 Row = dict[str, Any]

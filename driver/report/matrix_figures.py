@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
+from driver.common.formatting import compact
 from driver.report.style import SIGNED, WIDTH, new_figure, styled, typeset
-from driver.wording import compact
 
 FloatArray = NDArray[np.float64]
 

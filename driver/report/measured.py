@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.grip_motion import GripMotion, grip_motion
+from driver.dic.grip_check import GripMotion, grip_motion
 from driver.report.maps import Face
 
 FloatArray = NDArray[np.float64]

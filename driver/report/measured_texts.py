@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.grip_messages import sentences
+from driver.common.formatting import chi, joined, number, with_sigma
+from driver.report.grip_texts import sentences
 from driver.report.measured import BAND, Curve, MeasuredMotion
 from driver.report.measured_maps import COMPONENTS
-from driver.wording import chi, joined, number, with_sigma
 
 PENALTIES = {
     "tikhonov": "Tikhonov, its second derivatives",

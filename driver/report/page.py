@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from driver.diagnosis.gate import GATE
-from driver.diagnosis.outcome import IMAGING
-from driver.experiment import fitted_loads
+from driver.common.formatting import cause_label, chi, joined, label, number, probability, readable
+from driver.diagnosis.answer.result_types import IMAGING
+from driver.diagnosis.search.discretisation_check import GATE
+from driver.experiment.reading import fitted_loads
 from driver.report.evidence_figures import signed_evidence
 from driver.report.findings import Findings
 from driver.report.identified_texts import identification, law_tiles
@@ -17,7 +18,6 @@ from driver.report.measured_texts import texts
 from driver.report.references import REFERENCES
 from driver.report.style import INDEXED, data_uri
 from driver.report.tables import added_rows, cause_rows, measure, parameter_rows, whereabouts_rows
-from driver.wording import cause_label, chi, joined, label, number, probability, readable
 from templates import render
 
 TEMPLATE = "report.html.j2"

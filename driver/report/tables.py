@@ -5,12 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from driver.boundary import LAMBDAS
-from driver.diagnosis.noise_causes import COVARIANCE_PARAMETERS
-from driver.diagnosis.omnibus import FAMILY_LEVEL
-from driver.report.evidence_figures import signed_evidence
-from driver.report.findings import Findings
-from driver.wording import (
+from driver.common.formatting import (
     cause_label,
     change,
     label,
@@ -22,6 +17,11 @@ from driver.wording import (
     with_sigma,
     with_unit,
 )
+from driver.diagnosis.causes.noise_causes import COVARIANCE_PARAMETERS
+from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
+from driver.forward.boundary_motion import LAMBDAS
+from driver.report.evidence_figures import signed_evidence
+from driver.report.findings import Findings
 from solver_adapters.material import MATERIAL_DECLARATIONS
 from solver_adapters.parameter import Parameter
 

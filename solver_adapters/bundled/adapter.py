@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver_adapters.bundled import restart
-from solver_adapters.bundled.cell_fields import WIDTHS, cell_fields
+from solver_adapters.bundled.direction_reduction import spanned
+from solver_adapters.bundled.fem.cell_fields import WIDTHS, cell_fields
+from solver_adapters.bundled.fem.problem import Problem, build_problem, build_tangents
 from solver_adapters.bundled.identity import solver_hash
-from solver_adapters.bundled.problem import Problem, build_problem, build_tangents
-from solver_adapters.bundled.spanned import spanned
 from solver_adapters.bundled.stepping import Stepper
+from solver_adapters.checks.simulation import refuse_bad_simulation
 from solver_adapters.interface import (
     Capabilities,
     CellFields,
@@ -29,7 +30,6 @@ from solver_adapters.interface import (
 from solver_adapters.material import MATERIAL_PARAMETERS
 from solver_adapters.simulation_key import simulation_key
 from solver_adapters.time_steps import between_instants, step_ends
-from solver_adapters.validation import refuse_bad_simulation
 
 FloatArray = NDArray[np.float64]
 

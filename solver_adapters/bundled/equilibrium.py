@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from solver_adapters.bundled.assembly import displacement_gradients, element_forces
-from solver_adapters.bundled.checked import LinearSolverError
-from solver_adapters.bundled.instants import Increment, Instant
-from solver_adapters.bundled.law import NS, P_C11
-from solver_adapters.bundled.problem import Problem
+from solver_adapters.bundled.fem.assembly import displacement_gradients, element_forces
+from solver_adapters.bundled.fem.problem import Problem
+from solver_adapters.bundled.fem.state import Increment, Instant
+from solver_adapters.bundled.law.law import NS, P_C11
+from solver_adapters.bundled.linear.residual_check import LinearSolverError
+from solver_adapters.bundled.linear.split_matrix import RESIDUAL
+from solver_adapters.bundled.linear.tangent_system import TangentSystem
 from solver_adapters.bundled.statistics import Statistics
-from solver_adapters.bundled.tangent_system import TangentSystem
-from solver_adapters.bundled.triangles import RESIDUAL
 
 FloatArray = NDArray[np.float64]
 

@@ -5,18 +5,21 @@ from __future__ import annotations
 from importlib.metadata import version
 from pathlib import Path
 
-from solver_adapters.bundled.compilation import PACKAGES, hash_of
+from solver_adapters.kernels import PACKAGES, hash_of
 
 # They compile, factor, solve, and do the rest.
 LIBRARIES = ("numba", "cvxopt", "scipy", "numpy")
 _BESIDE = (
-    *(f"solver_adapters/{name}.py" for name in ("constants", "crystal", "material")),
+    *(
+        f"solver_adapters/{name}.py"
+        for name in ("constants", "crystal", "material", "kernels", "cholesky")
+    ),
     *(f"meshes/{name}.py" for name in ("cells", "tet10", "wedge15")),
 )
 
 
 def solver_hash(packages: Path = PACKAGES) -> str:
     """16 hexadecimal digits; `packages` is the folder that holds `solver_adapters` and `meshes`."""
-    own = sorted((packages / "solver_adapters" / "bundled").glob("*.py"))
+    own = sorted((packages / "solver_adapters" / "bundled").rglob("*.py"))
     beside = (packages / name for name in _BESIDE)
     return hash_of((*own, *beside), {name: version(name) for name in LIBRARIES})

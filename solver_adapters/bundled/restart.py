@@ -12,8 +12,8 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from solver_adapters.bundled.instants import Increment, Instant
-from solver_adapters.bundled.law import NS
+from solver_adapters.bundled.fem.state import Increment, Instant
+from solver_adapters.bundled.law.law import NS
 from solver_adapters.interface import SolverError
 
 FloatArray = NDArray[np.float64]

@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from solver_adapters.bundled.differentiation import Differentiation
 from solver_adapters.bundled.equilibrium import Equilibrium, NotConvergedError, Trial
-from solver_adapters.bundled.instants import Increment, Instant
-from solver_adapters.bundled.integration_error import stress_error
-from solver_adapters.bundled.law import NS
-from solver_adapters.bundled.points import PointTangents
-from solver_adapters.bundled.problem import Problem, Tangents
+from solver_adapters.bundled.fem.problem import Problem, Tangents
+from solver_adapters.bundled.fem.state import Increment, Instant
+from solver_adapters.bundled.law.gauss_points import PointTangents
+from solver_adapters.bundled.law.integration_error import stress_error
+from solver_adapters.bundled.law.law import NS
+from solver_adapters.bundled.sensitivities import Differentiation
 from solver_adapters.bundled.statistics import Statistics
 from solver_adapters.interface import SolverError, Way
 from solver_adapters.time_steps import between_instants

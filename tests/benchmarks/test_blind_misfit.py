@@ -8,13 +8,13 @@ import pytest
 
 from benchmarks.blind_misfit import Left, left_of
 from benchmarks.blind_ruler import identified
-from driver import specimen
-from driver.case import load_case
-from driver.diagnosis.causes import LIBRARY, Cause
-from driver.log import silent
-from driver.pipeline import stages
-from driver.stages import run_stages
-from driver.virtual_course import Course, seen_course
+from driver.case.model import load_case
+from driver.common.progress import silent
+from driver.diagnosis.causes.causes import LIBRARY, Cause
+from driver.forward import build
+from driver.virtual.truth import Course, seen_course
+from driver.workflow.engine import run_stages
+from driver.workflow.pipeline import stages
 from tests.driver import closed_form
 
 BY_NAME = {cause.name: cause for cause in LIBRARY}
@@ -30,9 +30,7 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path,
     closed_form.write_files(folder, HIDDEN)
     path = folder / "case.toml"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            specimen, "find_adapter", lambda name, profile: closed_form.ClosedFormSolver()
-        )
+        patch.setattr(build, "find_adapter", lambda name, profile: closed_form.ClosedFormSolver())
         run_stages(path, stages(load_case(path)), "identify", report=silent)
         model = bench.model
         yield path, seen_course(model, model.simulation(truth), bench.history, truth)

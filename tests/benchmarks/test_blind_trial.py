@@ -18,7 +18,7 @@ from benchmarks.blind_figures import has_both, has_class
 from benchmarks.blind_plan import ENOUGH, NOISES, PAIR_LEVEL, Kind, Trial
 from benchmarks.blind_store import Record
 from benchmarks.blind_trial import Task, carried_out, planned
-from driver.side_by_side import side_by_side
+from driver.common.parallel import side_by_side
 
 pytestmark = pytest.mark.slow
 

@@ -16,16 +16,16 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from driver.boundary import elongation_names, tilt_names
-from driver.case import Case, default_case, write_case
+from driver.case.model import Case, default_case, write_case
 from driver.dic.basis import grid_basis
 from driver.dic.surface_images import SurfaceImages, prepare
-from driver.history import History, turning_points
+from driver.experiment.history import History, turning_points
+from driver.forward.boundary_motion import elongation_names, tilt_names
+from driver.forward.build import build_model, geometry_of
+from driver.forward.model import ForwardModel, declared_parameters
 from driver.identification.data import Data
 from driver.identification.image_data import build_image_data
 from driver.identification.objective import Objective
-from driver.model import ForwardModel, declared_parameters
-from driver.specimen import build_model, geometry_of
 from meshes.prism import generate
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.crystal import rotation_vector_matrix

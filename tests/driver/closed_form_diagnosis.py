@@ -9,21 +9,21 @@ from unittest.mock import patch
 
 import numpy as np
 
-from driver.boundary import LAMBDAS, elongation_names, tilt_names
-from driver.diagnosis.causes import NUMERICS
-from driver.diagnosis.diagnose import diagnose
-from driver.diagnosis.finer_meshes import FinerMeshes
-from driver.diagnosis.noise_causes import COVARIANCE
-from driver.diagnosis.outcome import Diagnosis, Settings
-from driver.diagnosis.score import Score, score
-from driver.diagnosis.screening import screened
+from driver.common.progress import silent
+from driver.diagnosis.answer.result_types import Diagnosis, Settings
+from driver.diagnosis.causes.causes import NUMERICS
+from driver.diagnosis.causes.noise_causes import COVARIANCE
+from driver.diagnosis.search.diagnose import diagnose
+from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.statistics.score_test import Score, score
+from driver.diagnosis.statistics.screening import screened
+from driver.forward.boundary_motion import LAMBDAS, elongation_names, tilt_names
+from driver.forward.model import ForwardModel, declared_parameters
+from driver.forward.surface_projection import POSE_DECLARATIONS
 from driver.identification.fit import Fit, fit
+from driver.identification.identify import correction, with_correction
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.priors import LAMBDA_PRIOR
-from driver.identification.procedure import correction, with_correction
-from driver.log import silent
-from driver.model import ForwardModel, declared_parameters
-from driver.surface_view import POSE_DECLARATIONS
 from tests.driver import closed_form
 from tests.driver.closed_form import KNOTS, LAW, SIZES, Bench, ClosedFormSolver, bench
 

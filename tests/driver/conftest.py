@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from driver import volume_view
-from tests.driver.exported import Results
+from driver.export import volume
+from tests.driver.export.exported import Results
 
 
 @pytest.fixture
 def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Results:
     made = Results(tmp_path / "alpha")
-    monkeypatch.setattr(volume_view, "adapter_of", lambda case: made.solver)
+    monkeypatch.setattr(volume, "adapter_of", lambda case: made.solver)
     return made

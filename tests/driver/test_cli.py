@@ -7,12 +7,12 @@ import pytest
 from typer.testing import CliRunner, Result
 
 import driver
-import driver.export
-from driver.case import CaseError, load_case
+import driver.export.command
+from driver.case.model import CaseError, load_case
+from driver.check.check_result import Finding
 from driver.cli import app
-from driver.finding import Finding
-from driver.log import Log
-from solver_adapters.bundled import compilation
+from driver.common.progress import Log
+from solver_adapters import kernels
 from solver_adapters.interface import PreparedError, SolverError
 
 
@@ -42,9 +42,9 @@ def pipeline(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         run=run,
         report=lambda case_path: calls.append(("report", case_path)),
     )
-    monkeypatch.setitem(sys.modules, "driver.pipeline", fake)
+    monkeypatch.setitem(sys.modules, "driver.workflow.pipeline", fake)
     monkeypatch.setattr(driver, "pipeline", fake, raising=False)
-    monkeypatch.setattr("driver.export.export_case", export)
+    monkeypatch.setattr("driver.export.command.export_case", export)
     return fake
 
 
@@ -71,7 +71,7 @@ def test_init_writes_a_valid_case_and_its_schema_and_overwrites_nothing(case_pat
 def test_the_first_use_says_that_kernels_are_compiled(
     before: bool, pipeline: SimpleNamespace, case_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compilation, "compiled_before", lambda: before)
+    monkeypatch.setattr(kernels, "compiled_before", lambda: before)
     result = invoke("run", case_path)
     assert ("kernels are compiled" in result.stdout) is not before
 
@@ -170,7 +170,7 @@ def test_virtual_and_noise_floor_hand_on_their_options(
     case_path: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     calls = []
-    monkeypatch.setattr("driver.virtual.virtual", lambda *given: calls.append(given[:4]))
+    monkeypatch.setattr("driver.virtual.command.virtual", lambda *given: calls.append(given[:4]))
     monkeypatch.setattr(
         "driver.noise_floor.command.noise_floor", lambda *given: calls.append(given[:1])
     )
@@ -190,7 +190,7 @@ def test_check_prints_each_finding_and_fails_on_an_error(
     case_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     findings = [Finding("ok", "case", "valid"), Finding("warning", "images", "no flats")]
-    monkeypatch.setattr("driver.check.check", lambda path: findings)
+    monkeypatch.setattr("driver.check.command.check", lambda path: findings)
     good = invoke("check", case_path)
     assert good.exit_code == 0
     assert good.stdout.splitlines() == ["ok      case: valid", "WARNING images: no flats"]

@@ -9,7 +9,7 @@ import pytest
 
 from meshes.gmsh_library import load_gmsh, running_gmsh
 from meshes.system_libraries import SystemLibraryError
-from solver_adapters.bundled.compilation import PACKAGES
+from solver_adapters.kernels import PACKAGES
 
 
 def test_gmsh_meshes() -> None:

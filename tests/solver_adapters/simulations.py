@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from solver_adapters.checks.simulation import refuse_bad_simulation
 from solver_adapters.interface import (
     Direction,
     FloatArray,
     Simulation,
 )
 from solver_adapters.material import Material
-from solver_adapters.validation import refuse_bad_simulation
 from tests.solver_adapters.boxes import box, pulled
 
 GOOD = pulled(box(), Material(), (0.002, 0.004))

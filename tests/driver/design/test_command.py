@@ -11,12 +11,12 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from driver import specimen
-from driver.case import load_case, write_case
+from driver.case.model import load_case, write_case
+from driver.common.errors import InputError
 from driver.design import command
 from driver.design.command import FILES, design
 from driver.design.forecast import Forecast, Plan, whole_forecast
-from driver.errors import InputError
+from driver.forward import build
 from solver_adapters.interface import SolverError
 from tests.driver import closed_form
 
@@ -33,7 +33,7 @@ noise_uN = 0.5
 def closed() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            specimen, "find_adapter", lambda name, profile: closed_form.ClosedFormSolver(0.001)
+            build, "find_adapter", lambda name, profile: closed_form.ClosedFormSolver(0.001)
         )
         yield
 

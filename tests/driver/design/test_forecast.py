@@ -11,8 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
-from driver import pipeline, specimen
-from driver.case import Case, load_case
+from driver.case.model import Case, load_case
 from driver.design.comparison import gain, pairs
 from driver.design.forecast import (
     Forecast,
@@ -26,9 +25,11 @@ from driver.design.forecast import (
 from driver.design.settings import Settings, read_change
 from driver.design.surface import expected_surface
 from driver.design.variants import base_variant, variant
-from driver.history import read_history
-from driver.identified_record import IDENTIFY
-from driver.stages import run_stages
+from driver.experiment.history import read_history
+from driver.forward import build
+from driver.results.identification import IDENTIFY
+from driver.workflow import pipeline
+from driver.workflow.engine import run_stages
 from tests.driver import closed_form
 
 PATH = Path("--change")
@@ -38,7 +39,7 @@ PATH = Path("--change")
 def closed() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            specimen, "find_adapter", lambda name, profile: closed_form.ClosedFormSolver(0.001)
+            build, "find_adapter", lambda name, profile: closed_form.ClosedFormSolver(0.001)
         )
         yield
 

@@ -10,9 +10,9 @@ import pytest
 
 from benchmarks.short_specimen import small_case, true_case
 from driver.design.command import FILES, design
-from driver.identified_record import IDENTIFY
-from driver.pipeline import run
-from driver.virtual_record import record
+from driver.results.identification import IDENTIFY
+from driver.virtual.writing import record
+from driver.workflow.pipeline import run
 from tests.driver.virtual_experiment import pull
 
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from driver.case import Case
+from driver.case.model import Case
+from driver.common.errors import InputError
 from driver.design.settings import Schedule, Settings, label, merged, read_change, read_settings
 from driver.design.variants import base_variant, usual_changes, variant, variants
-from driver.errors import InputError
 from tests.driver import closed_form
 
 DOCS = Path(__file__).resolve().parents[3] / "docs" / "design.md"

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from driver.case import Case, load_case
+from driver.case.model import Case, load_case
+from driver.common.errors import InputError
 from driver.design.settings import Settings
 from driver.design.surface import expected_surface
 from driver.dic.slope_noise import SLOPE_GAIN
-from driver.errors import InputError
-from driver.virtual_tables import Face, Microscope
+from driver.virtual.settings import Face, Microscope
 from tests.driver import closed_form
 from tests.driver.closed_form import PIXEL
 

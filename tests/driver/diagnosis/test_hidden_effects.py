@@ -12,12 +12,12 @@ from typing import Any
 import pytest
 
 from benchmarks.short_specimen import small_case, true_case
-from driver.case import Case
+from driver.case.model import Case
+from driver.forward.model import declared_parameters
 from driver.identification.priors import FREED_WIDTH
-from driver.model import declared_parameters
-from driver.pipeline import run
-from driver.virtual_course import Course
-from driver.virtual_record import record
+from driver.virtual.truth import Course
+from driver.virtual.writing import record
+from driver.workflow.pipeline import run
 from tests.driver.virtual_experiment import pull
 
 Record = dict[str, Any]

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from driver.common.splines.images import samples
 from driver.dic.basis import grid_basis, mesh_basis
 from driver.dic.correlation import Correlation, correlate
-from driver.dic.interpolation import samples
 from driver.dic.regularisation import Penalty, modes, penalties
 from driver.dic.search import Options
 from driver.dic.surface_images import SurfaceImages
-from driver.images.heightmaps import ImageError
+from driver.experiment.images.heightmaps import ImageError
 from meshes.plane_cells import CellKind
 from meshes.plane_mesh import PlaneMesh
 from meshes.surface import SurfaceMesh

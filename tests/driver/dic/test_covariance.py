@@ -10,7 +10,7 @@ from driver.dic.covariance import covariance_in_time, held_back
 from driver.dic.elongation import edge_motion
 from driver.dic.series import SurfaceMotion, measure
 from driver.dic.surface_images import SurfaceImages, prepare
-from driver.images.flatfield import FlatField, flat_pattern
+from driver.experiment.images.flatfield import FlatField, flat_pattern
 from tests.driver.dic.conftest import BOUNDS, ORIGIN, PIXEL, SHAPE, deformed, zero
 
 FloatArray = NDArray[np.float64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from driver.dic.regularisation import Penalty, modes
 from driver.dic.series import measure, sensitivity
 from driver.dic.surface_images import SurfaceImages, prepare
-from driver.images.heightmaps import ImageError, read_stack
+from driver.experiment.images.heightmaps import ImageError, read_stack
 from meshes.plane_cells import CellKind
 from meshes.plane_mesh import PlaneMesh
 from tests.driver.dic.conftest import BOUNDS, ORIGIN, constant, deformed

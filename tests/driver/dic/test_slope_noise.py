@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from driver.dic.interpolation import spline_images
+from driver.common.splines.images import spline_images
 from driver.dic.slope_noise import SLOPE_GAIN, squared_slopes
 from driver.dic.surface_images import prepare
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from driver.dic.surface_images import SurfaceImages, prepare, refine_gradient
-from driver.images.flatfield import FlatField, flat_pattern
-from driver.images.heightmaps import ImageError
+from driver.experiment.images.flatfield import FlatField, flat_pattern
+from driver.experiment.images.heightmaps import ImageError
 
 PIXEL, ORIGIN, BOUNDS = 0.11, (19.5, 5.0), (-1.5, 1.5, 0.0, 5.0)
 ROW, COL = np.indices((40, 56), dtype=float)

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from driver.common.splines.images import spline_images
 from driver.dic.basis import grid_basis
-from driver.dic.interpolation import spline_images
 from driver.dic.surface_images import SurfaceImages
 from driver.identification.data import Data
+from driver.identification.identify import with_correction
 from driver.identification.image_data import Gauge, build_image_data
-from driver.identification.lacking import lacking_pixels
+from driver.identification.missing_pixels import lacking_pixels
 from driver.identification.objective import Correction
-from driver.identification.procedure import with_correction
 from tests.driver import closed_form
 from tests.driver.closed_form import BOUNDS, ORIGIN, PIXEL, SHAPE
 

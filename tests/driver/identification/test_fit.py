@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.errors import InputError
-from driver.identification.descent import MOST_HALVINGS, promised
+from driver.common.errors import InputError
 from driver.identification.fit import DECREMENT, Fit, fit
+from driver.identification.gauss_newton_step import LARGEST_STEP, LARGEST_STEP_LOG
+from driver.identification.line_search import MOST_HALVINGS, promised
 from driver.identification.objective import Evaluation
-from driver.identification.step import LARGEST_STEP, LARGEST_STEP_LOG
 from solver_adapters.interface import NotRunError, PreparedError, SolverError
 from solver_adapters.jobs.errors import CommandMissingError, JobError
 from solver_adapters.jobs.status import Status

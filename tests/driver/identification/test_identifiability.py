@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from driver.errors import InputError
+from driver.common.errors import InputError
+from driver.common.progress import silent
 from driver.identification.fit import fit
 from driver.identification.identifiability import (
     PriorRule,
@@ -12,7 +13,6 @@ from driver.identification.identifiability import (
     refuse_what_is_not_seen,
     ruled_by_prior,
 )
-from driver.log import silent
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import evaluation, formula
 

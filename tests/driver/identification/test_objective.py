@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from driver.identification.objective import Objective
-from driver.identify_stage import same_simulation
+from driver.workflow.identify_stage import same_simulation
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.interface import Progress, Response, Simulation
 from tests.driver import closed_form

@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from driver.boundary import LAMBDAS
-from driver.case_tables.inference import Identification
+from driver.case.inference import Identification
+from driver.forward.boundary_motion import LAMBDAS
+from driver.forward.model import declared_parameters
 from driver.identification.fit import fit
 from driver.identification.priors import LAMBDA_PRIOR, prior_of, tikhonov_width, widths
-from driver.model import declared_parameters
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import formula
 

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from benchmarks.short_specimen import small_case
-from driver.identification.procedure import correction
+from driver.common.progress import silent
+from driver.forward.build import build_model, mesh_of
+from driver.forward.model import ForwardModel
+from driver.identification.identify import correction
 from driver.identification.step_error import (
     StepError,
     error_by_halves,
@@ -16,10 +19,7 @@ from driver.identification.step_error import (
     in_parts_of,
     parts_of,
 )
-from driver.log import silent
-from driver.model import ForwardModel
-from driver.specimen import build_model, mesh_of
-from driver.virtual_course import stage_program
+from driver.virtual.truth import stage_program
 from solver_adapters.bundled.adapter import BundledAdapter
 from tests.driver import closed_form
 

@@ -12,13 +12,13 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from driver import specimen
-from driver.errors import InputError
+from driver.common.errors import InputError
+from driver.forward import build
 from driver.noise_floor import command
 from driver.noise_floor.command import FILES, noise_floor
-from driver.virtual_course import pull, stage_program
-from driver.virtual_record import record
-from driver.virtual_tables import Face, Microscope, Virtual
+from driver.virtual.settings import Face, Microscope, Virtual
+from driver.virtual.truth import pull, stage_program
+from driver.virtual.writing import record
 from tests.driver import closed_form
 
 NOISE = 3.0  # nm
@@ -30,9 +30,7 @@ def experiment(folder: Path, repeats: int) -> Path:
         microscope=Microscope(bits=16, noise_nm=NOISE, repeats=repeats, flats=30),
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            specimen, "find_adapter", lambda name, profile: closed_form.ClosedFormSolver()
-        )
+        patch.setattr(build, "find_adapter", lambda name, profile: closed_form.ClosedFormSolver())
         course = pull(closed_form.small_case(), stage_program([(1, 1)]), {})
     return record(folder, closed_form.small_case(), course, 1, settings)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from driver.dic.surface_images import SurfaceImages, prepare
-from driver.images.heightmaps import ImageError
+from driver.experiment.images.heightmaps import ImageError
 from driver.noise_floor.command import table
 from driver.noise_floor.floor import Row, chosen, relief_rms, sizes
 from driver.noise_floor.laboratory import QUANTITIES, Errors

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from driver.dic.series import measure
 from driver.dic.surface_images import SurfaceImages, prepare
-from driver.microscope.relief import Waves
 from driver.noise_floor.laboratory import (
     DRAWS,
     SERIES,
@@ -20,6 +19,7 @@ from driver.noise_floor.laboratory import (
     strain_yy,
 )
 from driver.noise_floor.motions import known_motions
+from driver.virtual.microscope.relief import Waves
 
 FloatArray = NDArray[np.float64]
 

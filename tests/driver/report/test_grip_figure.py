@@ -5,8 +5,7 @@ import pytest
 
 from driver.report.grip_figure import grip
 from driver.report.measured import MeasuredMotion
-
-from .conftest import STAGE
+from tests.driver.invented_results import STAGE
 
 
 def test_the_line_of_all_images_and_that_of_the_grips_stand_over_the_stage_travel(

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from driver.report.measured import MeasuredMotion, peaks, phases
-
-from .conftest import CYCLE, NODAL_SIGMA, PEAKS, STAGE
+from tests.driver.invented_results import CYCLE, NODAL_SIGMA, PEAKS, STAGE
 
 
 def test_images_at_the_ends_of_loading_are_shown(measured: MeasuredMotion) -> None:

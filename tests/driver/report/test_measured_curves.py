@@ -11,8 +11,7 @@ from scipy.stats import norm
 from driver.report import measured_curves as curves
 from driver.report.measured import MeasuredMotion
 from solver_adapters.interface import FloatArray
-
-from .conftest import PEAKS, STAGE
+from tests.driver.invented_results import PEAKS, STAGE
 
 
 def histogram(axes: Axes) -> tuple[FloatArray, FloatArray]:

@@ -14,8 +14,7 @@ from driver.report import measured_maps as maps
 from driver.report.maps import Face
 from driver.report.measured import MeasuredMotion
 from solver_adapters.interface import FloatArray
-
-from .conftest import ORIGIN, PEAKS, PIXEL
+from tests.driver.invented_results import ORIGIN, PEAKS, PIXEL
 
 
 def polygons(axes: Axes) -> list[list[FloatArray]]:

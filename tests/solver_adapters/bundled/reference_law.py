@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solver_adapters.bundled.law import (
+from solver_adapters.bundled.law.law import (
     P_A1,
     P_ASYMMETRY,
     P_B,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_adapters.bundled.initial import initial_state
-from solver_adapters.bundled.law import S_X2
-from solver_adapters.bundled.points import Points
+from solver_adapters.bundled.fem.initial import initial_state
+from solver_adapters.bundled.law.gauss_points import Points
+from solver_adapters.bundled.law.law import S_X2
 from solver_adapters.interface import FloatArray
 
 

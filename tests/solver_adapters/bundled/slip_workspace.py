@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_adapters.bundled import slip_rows as rows
-from solver_adapters.bundled.law import N_LOCAL, NS, P_A1, P_B, P_C2, P_D2, P_LATENT, P_Q
+from solver_adapters.bundled.law import workspace_layout as rows
+from solver_adapters.bundled.law.law import N_LOCAL, NS, P_A1, P_B, P_C2, P_D2, P_LATENT, P_Q
 from solver_adapters.interface import FloatArray
 
 STEP = 1e-30

@@ -11,10 +11,10 @@ import pytest
 
 from solver_adapters.bundled import adapter
 from solver_adapters.bundled.adapter import BundledAdapter
-from solver_adapters.bundled.differentiation import Differentiation
 from solver_adapters.bundled.equilibrium import NotConvergedError
-from solver_adapters.bundled.instants import Instant
+from solver_adapters.bundled.fem.state import Instant
 from solver_adapters.bundled.restart import FILE
+from solver_adapters.bundled.sensitivities import Differentiation
 from solver_adapters.bundled.stepping import Stepper
 from solver_adapters.crystal import rotation_vector_matrix, schmid_tensors
 from solver_adapters.interface import (

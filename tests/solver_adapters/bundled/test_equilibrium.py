@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from solver_adapters.bundled.equilibrium import Equilibrium, NotConvergedError, Trial
-from solver_adapters.bundled.instants import Increment, Instant
-from solver_adapters.bundled.problem import Problem
+from solver_adapters.bundled.fem.problem import Problem
+from solver_adapters.bundled.fem.state import Increment, Instant
 from solver_adapters.bundled.statistics import Statistics
 from solver_adapters.material import Material
 from tests.solver_adapters.boxes import box, pulled

@@ -11,7 +11,7 @@ import numpy as np
 
 from meshes import tet10, wedge15
 from solver_adapters.bundled.adapter import BundledAdapter
-from solver_adapters.bundled.problem import build_problem
+from solver_adapters.bundled.fem.problem import build_problem
 from solver_adapters.crystal import rotation_vector_matrix
 from solver_adapters.interface import FloatArray, Response, Simulation
 from solver_adapters.material import Material, StrainMeasure

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from solver_adapters.bundled.compilation import PACKAGES
 from solver_adapters.bundled.identity import LIBRARIES, solver_hash
+from solver_adapters.kernels import PACKAGES
 
 FOLDERS = ("solver_adapters/bundled", "solver_adapters", "meshes")
 
@@ -30,7 +30,7 @@ def copied(tmp_path: Path) -> Path:
     "name",
     [
         "solver_adapters/bundled/stepping.py",
-        "solver_adapters/bundled/slip.py",
+        "solver_adapters/bundled/law/slip.py",
         "solver_adapters/constants.py",
         "meshes/wedge15.py",
     ],

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from solver_adapters.bundled.points import Points, points_of_grains
+from solver_adapters.bundled.law.gauss_points import Points, points_of_grains
 from solver_adapters.crystal import bunge_matrix
 from solver_adapters.interface import Integration
 from solver_adapters.material import Material, StrainMeasure

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from solver_adapters.bundled.instants import Increment, Instant
-from solver_adapters.bundled.law import NS, S_ACC, S_X2
+from solver_adapters.bundled.fem.state import Increment, Instant
+from solver_adapters.bundled.law.law import NS, S_ACC, S_X2
 from solver_adapters.bundled.restart import FILE, Checkpoint, fits, read, write
 from solver_adapters.interface import SolverError
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver_adapters.bundled.instants import Instant
-from solver_adapters.bundled.problem import Problem, build_tangents
+from solver_adapters.bundled.fem.problem import Problem, build_tangents
+from solver_adapters.bundled.fem.state import Instant
 from solver_adapters.bundled.stepping import Stepper
 from solver_adapters.interface import FloatArray, SolverError
 from solver_adapters.material import Material

@@ -8,7 +8,7 @@ from itertools import permutations, product
 import numpy as np
 
 from solver_adapters.bundled.adapter import BundledAdapter
-from solver_adapters.bundled.problem import build_problem
+from solver_adapters.bundled.fem.problem import build_problem
 from solver_adapters.crystal import rotation_vector_matrix
 from solver_adapters.interface import FloatArray, IntArray, Response, Simulation
 from solver_adapters.material import Material, StrainMeasure

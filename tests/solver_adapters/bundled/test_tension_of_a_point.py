@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.linalg import polar
 
-from solver_adapters.bundled.points import PointSolution
-from solver_adapters.bundled.problem import build_problem
+from solver_adapters.bundled.fem.problem import build_problem
+from solver_adapters.bundled.law.gauss_points import PointSolution
 from solver_adapters.crystal import rotation_vector_matrix, schmid_tensors, slip_systems
 from solver_adapters.interface import FloatArray, Simulation
 from solver_adapters.material import Material, StrainMeasure

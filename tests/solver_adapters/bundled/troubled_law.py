@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from solver_adapters.bundled.points import Points, PointSolution
-from solver_adapters.bundled.problem import Problem, build_problem
+from solver_adapters.bundled.fem.problem import Problem, build_problem
+from solver_adapters.bundled.law.gauss_points import Points, PointSolution
 from solver_adapters.interface import FloatArray, Simulation
 
 

@@ -18,9 +18,9 @@ import psutil
 import pytest
 
 from benchmarks.short_specimen import small_case as short_specimen
-from driver.extended_decks import DECKS, write_decks
-from driver.specimen import adapter_of, build_model, mesh_of
-from driver.virtual_course import stage_program
+from driver.forward.build import adapter_of, build_model, mesh_of
+from driver.results.extended_decks import DECKS, write_decks
+from driver.virtual.truth import stage_program
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
 from solver_adapters.code_aster.listing import diagnose

@@ -1,0 +1,252 @@
+"""The case: one frozen model of `case.toml`, read and checked at the border."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
+
+from driver.case.images import Dic, Images
+from driver.case.inference import DiagnosisTable, Identification
+from driver.case.loading import Boundary, HistoryTable, Loads, Sections
+from driver.case.material import MaterialTable
+from driver.case.messages import refusal, sentences
+from driver.case.solver import Execution, Solver
+from driver.case.specimen import Grain, Orientation, Specimen
+from driver.case.toml import read_toml
+from driver.case.values import Number, Table, Vector
+from driver.common.errors import InputError, one_of
+from driver.forward.boundary_motion import LAMBDAS
+from driver.forward.model import declared_parameters
+from driver.forward.surface_projection import POSE_DECLARATIONS
+from templates import render
+
+FloatArray = NDArray[np.float64]
+
+
+# Parameters that a single grain does not have, by the beginning of their names.
+_OF_TWO_GRAINS = (
+    "boundary_",
+    "rotation_grain2",
+    "rotation_frame",
+    "lattice_gradient_grain2",
+    "tau0_grain2",
+)
+
+
+class CaseError(InputError):
+    """A case file that cannot be used: one sentence a line, with file, key, found, expected."""
+
+
+class Case(Table):
+    """Everything that the user states about a specimen, its test and its analysis."""
+
+    specimen: Specimen = Specimen()
+    grains: tuple[Grain, ...] = Field(
+        min_length=1, max_length=2, description="one or two tables [[grains]]"
+    )
+    orientation: Orientation = Orientation()
+    material: MaterialTable = MaterialTable()
+    images: Images = Images()
+    history: HistoryTable = HistoryTable()
+    sections: Sections = Sections()
+    loads: Loads = Loads()
+    boundary: Boundary = Boundary()
+    solver: Solver = Solver()
+    identification: Identification = Identification()
+    diagnosis: DiagnosisTable = DiagnosisTable()
+    extensions: dict[str, Number] = Field(
+        default_factory=dict,
+        description="starts of parameters of the general model that are freed beside the law",
+    )
+    dic: Dic = Dic()
+    execution: Execution = Execution()
+
+    _folder: Path = PrivateAttr(default=Path())
+
+    def model_post_init(self, context: Any) -> None:
+        """Keep the folder of the case file, against which its paths are resolved."""
+        if context:
+            self._folder = context["folder"]
+
+    @model_validator(mode="after")
+    def _boundary_parts_the_grains(self) -> Self:
+        given = self.specimen.boundary_point_um is not None
+        if given != (len(self.grains) == 2):
+            raise refusal(
+                "two tables [[grains]], for specimen.boundary_point_um is given"
+                if given
+                else "one table [[grains]], or specimen.boundary_point_um and boundary_normal",
+                "grains",
+                f"{len(self.grains)} of them",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _identified_inside_bounds(self) -> Self:
+        constants = self.material.to_material()
+        declared = declared_parameters(1, constants)
+        for name in self.identification.parameters:
+            lower, upper, value = (
+                declared[name].lower,
+                declared[name].upper,
+                getattr(constants, name),
+            )
+            if not lower <= value <= upper:
+                raise refusal(
+                    f"a start from {lower:g} to {upper:g}, for {name} is identified",
+                    "material",
+                    f"{name} = {value:g}",
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _extensions_of_the_model(self) -> Self:
+        declared = declared_parameters(1, self.material.to_material())
+        always = (*LAMBDAS, *(parameter.name for parameter in POSE_DECLARATIONS))
+        taken = {*always, *self.identification.parameters}
+        known = [
+            name
+            for name in declared
+            if name not in taken and (len(self.grains) == 2 or not name.startswith(_OF_TWO_GRAINS))
+        ]
+        for name, value in self.extensions.items():
+            if name not in known:
+                fitted = "a parameter that is not fitted in any case"
+                expected = fitted if name in taken else one_of(name, known)
+                raise refusal(expected, "extensions", f'the name "{name}"')
+            lower, upper = declared[name].lower, declared[name].upper
+            if not lower <= value <= upper:
+                raise refusal(
+                    f"a number from {lower:g} to {upper:g}", "extensions", f"{name} = {value:g}"
+                )
+        if "fixed_pattern" in self.extensions and self.images.flats is None:
+            raise refusal(
+                "images.flats as well, of whose pattern it is a share", "extensions",
+                f"fixed_pattern = {self.extensions['fixed_pattern']:g}",
+            )  # fmt: skip
+        return self
+
+    @model_validator(mode="after")
+    def _images_where_they_are_used(self) -> Self:
+        if self.with_images and self.images.frames is None:
+            raise refusal(
+                'a text in quotes, the images, for boundary.motion = "images"', "images.frames"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _nothing_that_loads_alone_ignore(self) -> Self:
+        if self.with_images:
+            return self
+        identification, jitter = self.identification, self.boundary.jitter_nm
+        alone = 'with boundary.motion = "stage"'
+        if jitter:
+            expected = f"0 {alone}: what the stage may be off is stage_ratio_uncertainty"
+            raise refusal(expected, "boundary.jitter_nm", f"{jitter:g}")
+        if identification.starts > 1:
+            raise refusal(f"1 {alone}", "identification.starts", str(identification.starts))
+        if identification.order == "paper":
+            expected = f'"joint" {alone}: the paper\'s order holds knots that images measured'
+            raise refusal(expected, "identification.order", '"paper"')
+        if identification.prior == "none":
+            expected = f'"gaussian" or "tikhonov" {alone}: loads do not see all of the λ\'s'
+            raise refusal(expected, "identification.prior", '"none"')
+        return self
+
+    @property
+    def with_images(self) -> bool:
+        """Whether the motion comes from images; else it comes from the stage travel."""
+        return self.boundary.motion == "images"
+
+    def path(self, name: str) -> Path:
+        """A path of the case file, relative to the folder of the case."""
+        return self._folder / name
+
+    @property
+    def section(self) -> float:
+        """Section of the specimen that scales the force [µm²]."""
+        given = self.sections.specimen_um2
+        return given if given is not None else self.specimen.area
+
+    @property
+    def force_scale(self) -> float:
+        """Force at the specimen for a macroscopic newton [µN/N]: 2.31 for 4√3 µm² and 3 mm²."""
+        return self.section / self.sections.macroscopic_mm2
+
+    @property
+    def orientations(self) -> FloatArray:
+        """Crystal → specimen rotation of each grain, shape (n_grains, 3, 3).
+
+        Columns are the crystal axes in the specimen frame: Q · Rz(φ1) · Rx(Φ) · Rz(φ2), with Q
+        the rotation from the EBSD frame to the specimen frame.
+        """
+        return np.array(
+            [self.orientation.rotation @ bunge_matrix(grain.euler_deg) for grain in self.grains]
+        )
+
+
+def bunge_matrix(euler_deg: Vector) -> FloatArray:
+    """Crystal → sample rotation Rz(φ1) · Rx(Φ) · Rz(φ2) of Bunge angles [°], shape (3, 3).
+
+    Columns are the crystal axes in the sample frame (the transpose of Bunge's matrix g).
+    """
+    (c1, c, c2), (s1, s, s2) = np.cos(np.radians(euler_deg)), np.sin(np.radians(euler_deg))
+    about_z1 = np.array([[c1, -s1, 0.0], [s1, c1, 0.0], [0.0, 0.0, 1.0]])
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    about_z2 = np.array([[c2, -s2, 0.0], [s2, c2, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(about_z1 @ about_x @ about_z2, dtype=np.float64)
+
+
+def load_case(path: Path) -> Case:
+    """Read and validate a case file.
+
+    Raises:
+        CaseError: the file is absent or no TOML, or a key is unknown, absent or out of range.
+    """
+    data = read_toml(path, "a case file (`prismid init DIR` writes one)", CaseError)
+    try:
+        return Case.model_validate(data, context={"folder": path.parent})
+    except ValidationError as error:
+        raise CaseError(sentences(path, Case, data, error)) from None
+
+
+def case_text(case: Case) -> str:
+    """The commented case file of a case; reading it back gives an equal case."""
+    return render("case.toml.j2", **case.model_dump(mode="json"))
+
+
+def write_case(case: Case, path: Path) -> None:
+    """Write a case file; its editor schema is expected beside it as `case.schema.json`."""
+    path.write_text(case_text(case), encoding="utf-8")
+
+
+def default_case() -> Case:
+    """The case that `prismid init` writes: two grains, every other value at its default.
+
+    Raises:
+        InputError: an installed term of the user's own cannot be used.
+    """
+    declared_parameters(1)  # a validator would wrap what is said of a bad term
+    return Case(
+        specimen=Specimen(boundary_point_um=(0.0, 6.0, 0.0), boundary_normal=(0.0, 1.0, 0.0)),
+        grains=(
+            Grain(name="grain 1", euler_deg=(0.0, 0.0, 0.0)),
+            Grain(name="grain 2", euler_deg=(30.0, 0.0, 0.0)),
+        ),
+        images=Images(frames="images.tif", flats="flats.tif", repeats="repeats.tif"),
+    )
+
+
+def schema() -> dict[str, Any]:
+    """JSON schema of the case file, for editors."""
+    return Case.model_json_schema()
+
+
+def schema_text() -> str:
+    """The JSON schema as a text."""
+    return json.dumps(schema(), indent=2, ensure_ascii=False) + "\n"

@@ -1,0 +1,61 @@
+"""The solver, its time steps, and the use of the machine."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from driver.case.values import Count, Positive, Table
+from solver_adapters.interface import Integration
+
+
+class ProfileTable(Table):
+    """How the program of a solver is called; what is not given here is asked elsewhere."""
+
+    command: Annotated[tuple[str, ...], Field(min_length=1)] | None = Field(
+        default=None, description="a list of texts, the program and its leading arguments"
+    )
+    processes: Count | None = Field(default=None, description="MPI processes of a job")
+    threads: Count | None = Field(default=None, description="threads of each process")
+    memory_MB: Positive | None = Field(default=None, description="memory limit of a job")
+    wall_time_s: Positive | None = Field(default=None, description="limit of the wall-clock time")
+    cpu_time_s: Positive | None = Field(
+        default=None, description="limit of the CPU time of all processes of a job together"
+    )
+
+
+class Solver(Table):
+    """The solver and its time steps."""
+
+    name: str = Field(
+        default="bundled", description="a text in quotes, the name of a solver adapter"
+    )
+    integration: Integration | None = Field(
+        default=None,
+        description='"exponential" or "backward_euler", how the law is integrated over a time step',
+    )
+    steps_per_interval: Count = Field(
+        default=1, description="time steps between two rows of the history"
+    )
+    fine_steps_per_interval: Count = Field(
+        default=2, description="the same in the finer simulation"
+    )
+    accuracy_uN: Positive | None = Field(
+        default=None,
+        description="error of the force that a time step may make, by which steps are refined",
+    )
+    gauss_points: Literal[4, 5] | None = Field(
+        default=None,
+        description="Gauss points of a tetrahedron, 4 or 5, of a solver that has the choice",
+    )
+    profiles: dict[str, ProfileTable] = Field(
+        default_factory=dict, description="how the program of a solver is called, by its name"
+    )
+
+
+class Execution(Table):
+    """Use of the machine."""
+
+    processes: Count = Field(default=2, description="simulations side by side")
+    threads: Count = Field(default=1, description="threads of each process")

@@ -1,0 +1,97 @@
+"""How the program of a solver is called: what the case says over what the user's config says."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, ValidationError
+
+from driver.case.messages import sentences
+from driver.case.model import Case
+from driver.case.solver import ProfileTable
+from driver.case.toml import no_toml
+from driver.case.values import Table
+from driver.common.errors import InputError, sentence
+from solver_adapters.profile import CONFIG_VARIABLE, Profile, config_path
+
+
+class ConfigError(InputError):
+    """A user's configuration that cannot be used: file, key, found, expected."""
+
+
+class Config(Table):
+    """The user's configuration, for all cases."""
+
+    profiles: dict[str, ProfileTable] = Field(
+        default_factory=dict, description="how the program of each solver is called"
+    )
+
+
+def load_config(path: Path, stated: bool) -> Config:
+    """Read and validate the user's configuration.
+
+    Args:
+        path: the file.
+        stated: whether somebody has named it; else there need not be one.
+
+    Raises:
+        ConfigError: the file is absent though it was named, cannot be read, is no TOML, or a key
+            is wrong.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        if not stated:
+            return Config()
+        raise ConfigError(
+            sentence(path, "file", "nothing", f"the file that {CONFIG_VARIABLE} names")
+        ) from None
+    except OSError as error:
+        raise ConfigError(
+            sentence(path, "file", f"“{error.strerror}”", "a TOML file that can be read")
+        ) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(no_toml(path, error)) from None
+    try:
+        return Config.model_validate(data)
+    except ValidationError as error:
+        raise ConfigError(sentences(path, Config, data, error)) from None
+
+
+def profile_of(case: Case, prepare_only: bool = False) -> Profile:
+    """The profile of the solver of a case: its own entries, then the user's, then defaults.
+
+    Files that a command names are sought from the folder of the file that states it.
+
+    Raises:
+        ConfigError: the user's configuration cannot be used.
+    """
+    name = case.solver.name
+    path = config_path()
+    users = load_config(path, stated=bool(os.environ.get(CONFIG_VARIABLE))).profiles
+    entries: dict[str, Any] = {}
+    for folder, profiles in ((path.parent, users), (case.path(""), case.solver.profiles)):
+        if name in profiles:
+            entries |= profiles[name].model_dump(exclude_none=True)
+            if (command := profiles[name].command) is not None:
+                entries["command"] = with_files_of(folder, command)
+    keys = {"memory_MB": "memory", "wall_time_s": "wall_time", "cpu_time_s": "cpu_time"}
+    known = {keys.get(key, key): value for key, value in entries.items()}
+    return Profile(**known, prepare_only=prepare_only)
+
+
+def with_files_of(folder: Path, command: Sequence[str]) -> tuple[str, ...]:
+    """A call that can be made in any folder: its files by their absolute paths.
+
+    A program without a slash is one of PATH, as in a shell.
+    """
+    program, *others = command
+    sought = [program if "/" in program else "", *others]
+    return tuple(
+        os.path.abspath(folder / file) if os.path.isfile(folder / file) else word
+        for word, file in zip(command, sought, strict=True)
+    )

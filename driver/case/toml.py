@@ -1,0 +1,67 @@
+"""Reading tables from a TOML file, each thing wrong with it told in one sentence."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from driver.case.messages import sentences
+from driver.common.errors import InputError, sentence, why
+
+Tables = TypeVar("Tables", bound=BaseModel)
+
+_TWICE = "Cannot overwrite a value"  # as tomllib has it, before the place
+
+
+def read_toml(path: Path, expected: str, refuse: type[InputError] = InputError) -> dict[str, Any]:
+    """The content of a TOML file.
+
+    Args:
+        path: the file.
+        expected: what it is, told where it is absent.
+        refuse: the error that is raised.
+
+    Raises:
+        InputError: it is absent, cannot be read, or is no TOML in UTF-8.
+    """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise refuse(sentence(path, "file", "no regular file", expected))
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        raise refuse(sentence(path, "file", "nothing", expected)) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise refuse(no_toml(path, error)) from None
+    except RecursionError:
+        raise refuse(sentence(path, "file", "lists nested too deep", "a TOML file")) from None
+    except (OSError, ValueError) as error:
+        raise refuse(sentence(path, "file", why(error), "a TOML file that can be read")) from None
+
+
+def no_toml(path: Path, error: tomllib.TOMLDecodeError | UnicodeDecodeError) -> str:
+    """The sentence for a file whose text is no TOML."""
+    said = str(error)
+    if said.startswith(_TWICE):
+        return sentence(path, "file", f"a key twice{said.removeprefix(_TWICE)}", "each key once")
+    return sentence(path, "file", f"“{said}”", "a TOML file in UTF-8")
+
+
+def read_tables(path: Path, model: type[Tables], expected: str) -> Tables:
+    """The tables of a TOML file, validated.
+
+    Args:
+        path: the file.
+        model: what it holds.
+        expected: what it is, told where it is absent.
+
+    Raises:
+        InputError: the file cannot be read, or a key is unknown, absent or out of range.
+    """
+    data = read_toml(path, expected)
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise InputError(sentences(path, model, data, error)) from None

@@ -1,1 +1,0 @@
-"""The tables of the case file: units in the key names outside, µm, MPa, s, µN inside."""

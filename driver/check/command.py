@@ -1,0 +1,302 @@
+"""Looks at everything that a run needs, and draws it, before anything is computed."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.case.model import Case, load_case
+from driver.case.solver_profiles import profile_of
+from driver.check.check_result import Finding
+from driver.check.images import look_at_images
+from driver.check.loads import stated_motion, strange_loads
+from driver.check.picture import draw
+from driver.check.steps import recommended_steps
+from driver.common.errors import InputError
+from driver.diagnosis.causes.user_causes import asked_causes
+from driver.dic.region import within
+from driver.experiment.history import History
+from driver.experiment.reading import Experiment, fitted_loads, history_of, read_experiment
+from driver.forward.build import (
+    build_model,
+    correlation_meshes,
+    geometry_of,
+    integration_of,
+    mesh_of,
+    used_face,
+)
+from driver.results.extended_decks import rendered_decks
+from driver.workflow.cost import cost_told, estimate
+from driver.workflow.diagnose_stage import held_out_cycle
+from driver.workflow.engine import RESULTS
+from meshes.plane_mesh import PlaneMesh
+from meshes.prism import generate
+from solver_adapters.external import ABSENT, ExternalAdapter
+from solver_adapters.interface import Adapter, Capabilities, SolverError
+from solver_adapters.profile import config_path
+from solver_adapters.registry import find_adapter
+
+FloatArray = NDArray[np.float64]
+
+
+def check(case_path: Path) -> list[Finding]:
+    """Check a case with its files, its solver and the libraries; draw `results/check.png`.
+
+    Args:
+        case_path: the case file.
+
+    Returns:
+        What was looked at, in the order of a run. Nothing is raised for bad input: it is found.
+    """
+    findings = list(_libraries())
+    try:
+        case = load_case(case_path)
+    except InputError as error:
+        return findings + [Finding("error", "case", line) for line in str(error).splitlines()]
+    findings.append(Finding("ok", "case", f"{case_path} is valid"))
+    findings += _orientation(case)
+    findings += _causes(case, case_path)
+    adapter: Adapter | None = None
+    of_solver: list[Finding] = []
+    try:
+        adapter = find_adapter(case.solver.name, profile_of(case))
+    except (InputError, SolverError) as error:
+        findings.append(Finding("error", "solver", str(error)))
+    else:
+        of_solver = list(_solver(case, adapter))
+    findings += of_solver
+    n_cells, mesh_finding = _mesh(case)
+    findings.append(mesh_finding)
+    if not case.with_images:
+        return [*findings, *_loads_alone(case, adapter, n_cells)]
+    findings += _correlation(case)
+    try:
+        experiment = read_experiment(case)
+    except InputError as error:
+        lines = str(error).splitlines()
+        return [*findings, *(Finding("error", "experiment", line) for line in lines)]
+    findings += _history(case, case_path, experiment)
+    if adapter is not None and not any(finding.level == "error" for finding in of_solver):
+        findings += recommended_steps(case, adapter, experiment.history)
+    seen, reference = look_at_images(case, experiment)
+    findings += seen
+    if n_cells and adapter is not None:
+        stacks = (experiment.frames, experiment.flats, experiment.repeats)
+        n_pixels = sum(stack.size for stack in stacks if stack is not None)
+        n_images = experiment.history.n_images
+        findings.append(_cost(case, adapter.capabilities(), n_cells, n_images, n_pixels))
+        # What is wrong above would be told once more, in words for another reader.
+        told = any(finding.level == "error" for finding in of_solver)
+        if not told:
+            findings += _decks(case, adapter, experiment)
+    picture = case_path.parent / RESULTS / "check.png"
+    picture.parent.mkdir(exist_ok=True)
+    draw(case, experiment, picture, None if reference is None else reference.codes)
+    findings.append(
+        Finding(
+            "ok", "picture", f"{picture}: ROI, pixels left out, axes, grain boundary, load curve"
+        )
+    )
+    return findings
+
+
+def _libraries() -> Iterator[Finding]:
+    try:
+        needed = requires("prismid") or []
+    except PackageNotFoundError:
+        yield Finding("error", "libraries", "prismid: found no installation, expected one by pip")
+        return
+    found = [f"Python {platform.python_version()}"]
+    for requirement in needed:
+        if "extra ==" in requirement:
+            continue
+        name = requirement.split(">=")[0].strip()
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            yield Finding("error", "libraries", f"{name}: found nothing, expected {requirement}")
+    yield Finding("ok", "libraries", ", ".join(found))
+
+
+def _orientation(case: Case) -> Iterator[Finding]:
+    images = case.images
+    yield Finding(
+        "ok",
+        "axes",
+        f"rows along {images.rows_along}, columns along {images.columns_along}, heights along "
+        f"{images.heights}: right-handed",
+    )
+    for grain, rotation in zip(case.grains, case.orientations, strict=True):
+        along = " ".join(f"{component:+.3f}" for component in rotation[1])
+        yield Finding("ok", "orientation", f"{grain.name}: loading axis along crystal [{along}]")
+
+
+def _causes(case: Case, case_path: Path) -> Iterator[Finding]:
+    try:
+        asked_causes(case, case_path)
+    except InputError as error:
+        for line in str(error).splitlines():
+            yield Finding("error", "causes", line)
+
+
+def _solver(case: Case, adapter: Adapter) -> Iterator[Finding]:
+    name = case.solver.name
+    try:
+        version = adapter.version()
+    except SolverError as error:
+        # A program that is there and cannot start.
+        yield Finding("error", "solver", str(error))
+        return
+    if version == ABSENT:
+        yield Finding(
+            "warning",
+            "solver",
+            f"{name}: its program is not on this machine{_stated(case)}; expected it on PATH, or "
+            f"its call under [solver.profiles.{name}] in the case or [profiles.{name}] in "
+            f"{config_path()} "
+            "(`prismid run --prepare-only` writes the jobs for another machine)",
+        )
+    else:
+        yield Finding("ok", "solver", version if version.startswith(name) else f"{name} {version}")
+    capabilities = adapter.capabilities()
+    measure = case.material.strain_measure
+    if measure not in capabilities.strain_measures:
+        offered = ", ".join(sorted(capabilities.strain_measures))
+        yield Finding(
+            "error",
+            "solver",
+            f'material.strain_measure: found "{measure}", expected one that {name} offers: '
+            f"{offered}",
+        )
+    elif measure in capabilities.cautions:
+        yield Finding("warning", "solver", capabilities.cautions[measure])
+    try:
+        integration_of(case, adapter)
+    except InputError as error:
+        yield Finding("error", "solver", str(error))
+    for parameter in case.identification.parameters:
+        if parameter not in capabilities.material:
+            offered = ", ".join(sorted(capabilities.material))
+            yield Finding(
+                "error",
+                "solver",
+                f'identification.parameters: found "{parameter}", expected one that {name} '
+                f"honours: {offered}",
+            )
+
+
+def _stated(case: Case) -> str:
+    """The call that a profile states and that cannot be made, in words."""
+    command = profile_of(case).command
+    if not command:
+        return ""
+    return f' (found no program "{command[0]}" that can be run; arguments are words of their own)'
+
+
+def _mesh(case: Case) -> tuple[int, Finding]:
+    """Number of cells of the working mesh, 0 where there is none."""
+    specimen = case.specimen
+    try:
+        mesh = generate(geometry_of(case), specimen.mesh_size)
+    except (ValueError, ImportError) as error:
+        return 0, Finding("error", "mesh", f"specimen: {error}")
+    grains = ", ".join(
+        f"{name} {count}"
+        for name, count in zip(
+            [grain.name for grain in case.grains], np.bincount(mesh.grain), strict=True
+        )
+    )
+    n_cells, n_nodes = len(mesh.cells), len(mesh.points)
+    return n_cells, Finding("ok", "mesh", f"{n_cells} tet10 ({grains}), {n_nodes} nodes")
+
+
+def _correlation(case: Case) -> Iterator[Finding]:
+    """The meshes of correlation that are no regular grids."""
+    try:
+        meshes = correlation_meshes(case)
+        within([mesh for mesh in meshes if isinstance(mesh, PlaneMesh)], used_face(case))
+    except InputError as error:
+        yield Finding("error", "dic", str(error))
+        return
+    for key, mesh in zip(("mesh", "height_mesh"), meshes, strict=True):
+        if isinstance(mesh, PlaneMesh):
+            size = mesh.size / case.images.pixel_um
+            yield Finding("ok", "dic", f"dic.{key}: {len(mesh.cells)} {mesh.kind} of {size:.1f} px")
+
+
+def _loads_alone(case: Case, adapter: Adapter | None, n_cells: int) -> Iterator[Finding]:
+    """What a run from loads alone needs."""
+    try:
+        history = history_of(case)
+    except InputError as error:
+        yield Finding("error", "history", str(error))
+        return
+    force = history.force * case.force_scale
+    yield _course(case, history, force, "loads")
+    yield from strange_loads(case, history, force)
+    yield stated_motion(case, history)
+    if adapter is not None:
+        yield from recommended_steps(case, adapter, history)
+    yield Finding("ok", "images", 'not used, for boundary.motion is "stage": no picture is drawn')
+    if n_cells and adapter is not None:
+        yield _cost(case, adapter.capabilities(), n_cells, history.n_images, 0)
+
+
+def _course(case: Case, history: History, force: FloatArray, what: str) -> Finding:
+    force, left = fitted_loads(case, force), len(case.loads.left_out)
+    out = f", {left} load(s) left out" if left else ""
+    return Finding(
+        "ok",
+        "history",
+        f"{history.n_images} {what} in {history.cycle.max()} cycle(s), {history.time[-1]:g} s, "
+        f"stage travel to {history.stage.max():g} µm, load to {np.nanmax(force):.0f} µN{out}",
+    )
+
+
+def _history(case: Case, case_path: Path, experiment: Experiment) -> Iterator[Finding]:
+    history = experiment.history
+    yield _course(case, history, experiment.force, "images")
+    yield from strange_loads(case, history, experiment.force)
+    try:
+        held_out_cycle(case, case_path, history)
+    except InputError as error:
+        yield Finding("error", "history", str(error))
+    if case.diagnosis.held_out_cycle == "last" and history.cycle.max() == 1:
+        yield Finding("warning", "history", 'one cycle only: nothing is held out, as with "none"')
+
+
+def _decks(case: Case, adapter: Adapter, experiment: Experiment) -> Iterator[Finding]:
+    """Which solvers that are programs of their own can take the model of the case, and why not."""
+    try:
+        mesh = mesh_of(case, case.specimen.mesh_size)
+        no_pixels, steps = np.zeros((0, 2)), case.solver.steps_per_interval
+        model = build_model(case, mesh, experiment.history, no_pixels, adapter, steps)
+        values = model.null_values()
+        if isinstance(adapter, ExternalAdapter):
+            adapter.files(model.simulation(values))
+        decks = rendered_decks(case, model, values)
+    except (InputError, SolverError) as error:
+        yield Finding("error", "solver", str(error))
+        return
+    for name, deck in decks.items():
+        if isinstance(deck, str):
+            yield Finding("ok", "decks", f"no deck of this model for {name}: {deck}")
+        else:
+            yield Finding("ok", "decks", f"{name} can take this model as a deck")
+
+
+def _cost(case: Case, solver: Capabilities, n_cells: int, n_images: int, n_pixels: int) -> Finding:
+    cost = estimate(case, solver, n_cells, n_images, n_pixels)
+    free = shutil.disk_usage(case.path(".")).free / 1e9
+    return Finding(
+        "ok",
+        "cost",
+        f"a run takes {cost_told(cost.seconds, cost.memory)} ({cost.simulations} simulations on "
+        f"the working mesh); {free:.0f} GB of disk are free",
+    )

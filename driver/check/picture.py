@@ -1,0 +1,171 @@
+"""The picture of a check: the case drawn over the first image, and what the stage and load did."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from matplotlib.patheffects import withStroke
+from numpy.typing import NDArray
+
+from driver.case.model import Case
+from driver.experiment.history import History
+from driver.experiment.images.region import CodeArray, Excluded
+from driver.experiment.reading import Experiment, fitted_loads
+
+FloatArray = NDArray[np.float64]
+_ROI, _BOUNDARY, _AXES = "#ffe14d", "#ff8a1f", "#35d0ff"
+_LEFT_OUT = {
+    Excluded.TRENCH: ("#3b6cff", "trench"),
+    Excluded.MASK: ("#b04fff", "mask"),
+    Excluded.DUST: ("#ff3b3b", "dust"),
+}
+# A dark rim keeps lines and letters legible on any grey.
+_RIM = [withStroke(linewidth=3.5, foreground="black")]
+
+
+def draw(case: Case, experiment: Experiment, path: Path, codes: CodeArray | None = None) -> None:
+    """Draw the picture of a check into a PNG file.
+
+    Args:
+        case: the case.
+        experiment: its measured data.
+        path: file to write.
+        codes: what becomes of each pixel, values of `Excluded`, or None if it is not known.
+    """
+    figure = Figure(figsize=(14.0, 5.4), layout="constrained")
+    FigureCanvasAgg(figure)  # draws without a display, whatever the user's backend
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.9, 1.0))
+    _draw_image(figure.add_subplot(grid[:, 0]), case, experiment, codes)
+    _draw_stage(figure.add_subplot(grid[0, 1]), experiment)
+    load = fitted_loads(case, experiment.force)
+    _draw_load(figure.add_subplot(grid[1, 1]), experiment.history, load)
+    figure.savefig(path, dpi=110)
+
+
+def boundary_trace(case: Case) -> FloatArray | None:
+    """Ends (X, Y) of the trace of the grain boundary on the measured face [µm], shape (2, 2).
+
+    None where there is no boundary or it is parallel to the loading axis.
+    """
+    point, normal = case.specimen.boundary_point_um, case.specimen.boundary_normal
+    if point is None or normal is None or normal[1] == 0:
+        return None
+    x = case.specimen.width / 2 * np.array([-1.0, 1.0])
+    y = point[1] - (normal[0] * (x - point[0]) - normal[2] * point[2]) / normal[1]
+    return np.column_stack([x, y])
+
+
+def _draw_image(axes: Axes, case: Case, experiment: Experiment, codes: CodeArray | None) -> None:
+    row, column = experiment.origin
+    pixel, specimen = experiment.pixel_um, case.specimen
+    heights = experiment.frames[0] * 1e3
+    n_rows, n_columns = heights.shape
+    # Axes in µm: Y to the right, X down as the rows of the image.
+    extent = (
+        (-0.5 - column) * pixel,
+        (n_columns - 0.5 - column) * pixel,
+        (n_rows - 0.5 - row) * pixel,
+        (-0.5 - row) * pixel,
+    )
+    low, high = np.nanpercentile(heights, (1, 99.5))
+    axes.set_facecolor("black")  # pixels without a height
+    picture = axes.imshow(heights, cmap="gray", extent=extent, vmin=low, vmax=high)
+    if codes is not None:
+        for reason, (colour, name) in _LEFT_OUT.items():
+            if not np.any(codes == reason):
+                continue
+            axes.imshow(
+                np.where(codes == reason, 1.0, np.nan), cmap=ListedColormap([colour]),
+                extent=extent, alpha=0.55, interpolation="nearest",
+            )  # fmt: skip
+            axes.plot([], [], "s", color=colour, label=f"left out: {name}")
+    bar = axes.figure.colorbar(picture, ax=axes, shrink=0.62, pad=0.02)
+    bar.set_label("height of the first image [nm]")
+    axes.add_patch(
+        Rectangle(
+            (0.0, -specimen.width / 2),
+            specimen.length,
+            specimen.width,
+            fill=False,
+            edgecolor=_ROI,
+            linewidth=1.8,
+            linestyle="--",
+            label="measured face (ROI)",
+            path_effects=_RIM,
+        )
+    )
+    trace = boundary_trace(case)
+    if trace is not None:
+        axes.plot(
+            trace[:, 1],
+            trace[:, 0],
+            color=_BOUNDARY,
+            lw=2.2,
+            label="grain boundary",
+            path_effects=_RIM,
+        )
+        middle = float(trace[:, 1].mean())
+        names = [grain.name for grain in case.grains]
+        starts_at_origin = (case.specimen.boundary_normal or (0, 1, 0))[1] > 0
+        first, second = names if starts_at_origin else names[::-1]
+        for y, name in ((middle / 2, first), ((middle + specimen.length) / 2, second)):
+            axes.text(
+                y,
+                -0.38 * specimen.width,
+                name,
+                color=_BOUNDARY,
+                ha="center",
+                weight="bold",
+                fontsize=11,
+                path_effects=_RIM,
+            )
+    axes.plot(0, 0, "o", color=_AXES, ms=7, mec="black", label="X = 0, Y = 0")
+    arm = 0.3 * specimen.width
+    for name, tip in (("X", (0.0, arm)), ("Y", (arm, 0.0))):
+        axes.annotate(
+            "", xy=tip, xytext=(0, 0), arrowprops={"arrowstyle": "-|>", "color": _AXES, "lw": 2.2}
+        )
+        axes.text(
+            tip[0] * 1.3, tip[1] * 1.3, name, color=_AXES, ha="center", va="center",
+            weight="bold", fontsize=13, path_effects=_RIM,
+        )  # fmt: skip
+    axes.set(
+        xlabel="Y [µm] (loading axis)",
+        ylabel="X [µm]",
+        title=f"First image, {n_rows} × {n_columns} px of {pixel * 1e3:g} nm; Z to the viewer",
+    )
+    axes.legend(loc="lower right", fontsize=8, framealpha=0.85, facecolor="#555555",
+                labelcolor="white")  # fmt: skip
+
+
+def _draw_stage(axes: Axes, experiment: Experiment) -> None:
+    history = experiment.history
+    axes.plot(history.time, history.stage, color="0.55", lw=1.2, label="stage")
+    rows = history.image_row
+    axes.plot(history.time[rows], history.stage[rows], ".", ms=4, color="C0", label="image")
+    turning = history.turning
+    axes.plot(history.time[turning], history.stage[turning], "o", ms=7, mfc="none", mec="C3",
+              label="turning point")  # fmt: skip
+    axes.set(xlabel="time [s]", ylabel="stage travel [µm]", title="Stage")
+    axes.legend(fontsize=8, loc="lower right")
+    axes.grid(alpha=0.3)
+
+
+def _draw_load(axes: Axes, history: History, load: FloatArray) -> None:
+    stage = history.stage[history.image_row]
+    for cycle in np.unique(history.cycle):
+        members = np.flatnonzero(history.cycle == cycle)
+        # The line of a cycle starts where the one before ended.
+        joined = members if members[0] == 0 else np.r_[members[0] - 1, members]
+        axes.plot(stage[joined], load[joined], ".-", ms=4, lw=1, label=f"cycle {cycle}")
+    axes.set(xlabel="stage travel [µm]", ylabel="load on the specimen [µN]", title="Load")
+    low, high = float(np.nanmin(load)), float(np.nanmax(load))
+    axes.set_ylim(bottom=min(0.0, low) - 0.25 * (high - low))
+    axes.legend(fontsize=8, loc="lower center", ncols=3)
+    axes.grid(alpha=0.3)

@@ -1,0 +1,1 @@
+"""What all rooms use: errors, progress, parallel runs, formatted numbers, splines."""

@@ -1,0 +1,210 @@
+"""Independent jobs in processes of their own, each with its share of the threads."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import shutil
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from functools import partial
+from itertools import islice
+from multiprocessing import connection
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, TypeVar, cast
+
+from solver_adapters.interface import PreparedError
+from solver_adapters.kernels import use_threads
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+# Numerical libraries that would each start as many threads as there are cores.
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+_ENDED = (
+    "execution.processes: one of {} processes side by side was ended by the system, most likely "
+    "for want of memory; expected fewer, each needs its own"
+)
+
+
+def side_by_side(
+    work: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    processes: int,
+    threads: int = 1,
+    done: Callable[[int, Result], None] | None = None,
+) -> list[Result]:
+    """Results of `work` on each task, in the order of the tasks.
+
+    Args:
+        work: a function of a module (it is sent to the processes by name); any, for one process.
+        tasks: what it is called with.
+        processes: how many run at a time; one is this one.
+        threads: threads of each.
+        done: called with index and result as each task ends.
+
+    Raises:
+        PreparedError: jobs were prepared instead of being run, those of all tasks.
+        ChildProcessError: the system ended a process.
+        Whatever the first failing task raised; the others are ended. So they are after Ctrl-C,
+        which this process alone hears, and where this process dies.
+    """
+    found: dict[int, Result] = {}
+    prepared: list[PreparedError] = []
+
+    def take(index: int, result: Callable[[], Result]) -> None:
+        try:
+            found[index] = result()
+        except PreparedError as error:
+            prepared.append(error)
+        else:
+            if done is not None:
+                done(index, found[index])
+
+    if min(processes, len(tasks)) <= 1:
+        for index, task in enumerate(tasks):
+            take(index, partial(work, task))
+    else:
+        _in_processes(work, tasks, min(processes, len(tasks)), threads, take)
+    if prepared:
+        raise PreparedError.together(prepared)
+    return [found[index] for index in range(len(tasks))]
+
+
+def _in_processes(
+    work: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    processes: int,
+    threads: int,
+    take: Callable[[int, Callable[[], Result]], None],
+) -> None:
+    """Hand over index and result of each task as it ends.
+
+    Tasks and results go through files: the pipes of the pool carry a path each and are never full,
+    else a process that is ended would leave this one waiting for it.
+    """
+    waiting = iter(enumerate(tasks))
+    at_work: dict[Future[None], int] = {}
+    with (
+        TemporaryDirectory(prefix="prismid-") as name,
+        _few_threads(threads),
+        ProcessPoolExecutor(
+            max_workers=processes,
+            mp_context=multiprocessing.get_context("spawn"),
+            initializer=_begin,
+            initargs=(threads, Path(name)),
+        ) as pool,
+    ):
+        folder = Path(name)
+
+        def give(amount: int) -> None:
+            for index, task in islice(waiting, amount):
+                _write(_task_file(folder, index), task)
+                # Any of them may start a process.
+                with _deaf_to_interrupts():
+                    future = pool.submit(_carry_out, work, folder, index)
+                at_work[future] = index
+
+        def fetch(index: int, future: Future[None]) -> Result:
+            future.result()
+            return cast(Result, _taken(_result_file(folder, index)))
+
+        others = multiprocessing.active_children()
+        try:
+            give(processes)
+            while at_work:
+                ended = wait(at_work, return_when=FIRST_COMPLETED).done
+                give(len(ended))
+                for future in ended:
+                    index = at_work.pop(future)
+                    take(index, partial(fetch, index, future))
+        except BaseException as error:
+            for process in multiprocessing.active_children():
+                if process not in others:
+                    process.terminate()
+            if isinstance(error, BrokenProcessPool):
+                raise ChildProcessError(_ENDED.format(processes)) from None
+            raise
+
+
+def _carry_out(work: Callable[[Any], Any], folder: Path, index: int) -> None:
+    """What a process does with the task of a number."""
+    try:
+        # A task that is ended tidies up, as after Ctrl-C; between tasks there is nothing to tidy.
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+        try:
+            _write(_result_file(folder, index), work(_taken(_task_file(folder, index))))
+        finally:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    except SystemExit:  # the pool would take it for the task's, and go on
+        os._exit(1)
+
+
+def _task_file(folder: Path, index: int) -> Path:
+    return folder / f"{index}.task"
+
+
+def _result_file(folder: Path, index: int) -> Path:
+    return folder / f"{index}.result"
+
+
+def _write(path: Path, what: object) -> None:
+    with path.open("wb") as file:
+        pickle.dump(what, file, pickle.HIGHEST_PROTOCOL)
+
+
+def _taken(path: Path) -> Any:
+    """What stands in the file, which has served then."""
+    with path.open("rb") as file:
+        what = pickle.load(file)
+    path.unlink()
+    return what
+
+
+def _begin(threads: int, folder: Path) -> None:
+    """What a process does first."""
+    use_threads(threads)
+    threading.Thread(target=_end_with_asker, args=(folder,), daemon=True).start()
+
+
+def _end_with_asker(folder: Path) -> None:
+    """Where the process that gives the tasks dies, the pool alone would wait for ever."""
+    asker = multiprocessing.parent_process()
+    assert asker is not None
+    connection.wait([asker.sentinel])
+    shutil.rmtree(folder, ignore_errors=True)
+    signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGTERM)
+
+
+@contextmanager
+def _deaf_to_interrupts() -> Iterator[None]:
+    """Processes that start inside never hear Ctrl-C, which a terminal sends to all of them."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _few_threads(threads: int) -> Iterator[None]:
+    """Processes that start inside inherit the limit."""
+    before = {name: os.environ.get(name) for name in _THREAD_VARIABLES}
+    os.environ.update({name: str(threads) for name in _THREAD_VARIABLES})
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

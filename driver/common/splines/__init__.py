@@ -1,0 +1,1 @@
+"""Cubic B-splines of images: their coefficients, values and slopes."""

@@ -1,0 +1,1 @@
+"""What a diagnosis answers: its verdict, where the residual sits, what it could have seen."""

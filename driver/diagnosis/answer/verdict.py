@@ -1,0 +1,199 @@
+"""The answer in one word and one paragraph, with what to do next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
+
+Kind = Literal[
+    "nothing wrong",
+    "named",
+    "one of this set",
+    "named, but something is left",
+    "unexplained",
+    "imaging-limited",
+    "numerics",
+]
+
+MOST_ADDITIONS = 3
+_MOST = 0.9  # share of what is no noise without which a name explains nothing
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer of a diagnosis.
+
+    Attributes:
+        kind: the answer.
+        sets: for each effect that it names the causes that cannot be told apart, the best first.
+        text: a paragraph for a person.
+        next: what to do next.
+    """
+
+    kind: Kind
+    sets: tuple[tuple[str, ...], ...]
+    text: str
+    next: str
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """All causes of the sets, each once."""
+        return tuple(dict.fromkeys(name for group in self.sets for name in group))
+
+
+def decide(
+    added: Sequence[Sequence[str]],
+    left: Sequence[str],
+    imaging_limited: bool,
+    numerics: str | None,
+    sentences: dict[str, str],
+    checks: dict[str, str],
+    explained: float,
+    tried: bool,
+) -> Verdict:
+    """Put the outcome of the steps into words.
+
+    Args:
+        added: for each addition the set of causes that cannot be told apart, the best first.
+        left: what the tests see in what is left, in words; nothing where it is noise.
+        imaging_limited: whether the images carry errors that no motion explains.
+        numerics: the refinement that the simulation needs, or None if it is fine enough.
+        sentences: what a person would say of each cause.
+        checks: the physical check of each cause.
+        explained: share of the misfit that is no noise, as far as tests see it, that the
+            additions explain.
+        tried: whether any cause could be tried.
+    """
+    if numerics is not None:
+        return Verdict(
+            "numerics", (("discretisation",),),
+            f"The simulation itself is not exact enough to judge: {numerics}.",
+            "Refine as said, then run again.",
+        )  # fmt: skip
+    if not added:
+        return _without_a_name(left, imaging_limited, tried)
+    sets = _beside_each_other(added)
+    names = [group[0] for group in sets]
+    said = _capital("; and ".join(_said(group, sentences) for group in sets))
+    # A noise is no effect that others could be the shadow of.
+    effects = [name for name in names if name != BOUNDARY_NOISE.name]
+    if len(effects) >= MOST_ADDITIONS:
+        return Verdict(
+            "unexplained", sets,
+            f"Three or more causes were needed ({', '.join(effects)}): their sum describes the "
+            "data, but so many at once are more likely the shadow of one that was not tried.",
+            "Look at the maps of what is left, and think of a cause of your own.",
+        )  # fmt: skip
+    if left and explained < _MOST:
+        return Verdict(
+            "unexplained", sets,
+            f"The best that was tried ({', '.join(names)}) explains {explained:.0%} of the "
+            f"misfit that is no noise, and what is left is structured as well: {_list(left)}.",
+            "Look at the maps of what is left: where and when it stands tells what to think of.",
+        )  # fmt: skip
+    do_next = " ".join(_to_do(group, checks) for group in sets)
+    if left:
+        return Verdict(
+            "named, but something is left", sets,
+            f"{said}. This explains a part; what is left is still not noise: {_list(left)}.",
+            do_next + " Then look at the maps of what is left.",
+        )  # fmt: skip
+    several = any(len(group) > 1 for group in sets)
+    return Verdict("one of this set" if several else "named", sets, f"{said}.", do_next)
+
+
+def with_places(verdict: Verdict, missed: str) -> Verdict:
+    """A verdict by which nothing is left that says so where a single place or phase shows more.
+
+    A test of all places at once dilutes what one of them shows.
+
+    Args:
+        verdict: the answer.
+        missed: what the last model misses, as a sentence; empty where nothing is seen.
+    """
+    if not missed or verdict.kind not in ("nothing wrong", "named", "one of this set"):
+        return verdict
+    return replace(
+        verdict,
+        text=f"{verdict.text} Yet {missed}",
+        next=f"Look at the maps of what is left there. {verdict.next}",
+    )
+
+
+def with_doubts(verdict: Verdict, unsettled: Sequence[str], limits: Sequence[str]) -> Verdict:
+    """A verdict that says what makes it doubtful.
+
+    Args:
+        verdict: the answer.
+        unsettled: each fit behind it that has not converged, and why it ended.
+        limits: causes that could not be added, and values that stand at a bound.
+    """
+    if not (unsettled or limits):
+        return verdict
+    converge = "Let the fit converge: more identification.max_iterations, or better starts. "
+    return replace(
+        verdict,
+        text=f"{verdict.text} Read this with care: {_list([*limits, *unsettled])}.",
+        next=(converge if unsettled else "") + verdict.next,
+    )
+
+
+def _beside_each_other(added: Sequence[Sequence[str]]) -> tuple[tuple[str, ...], ...]:
+    """The sets without what was added beside them: a cause that is needed as well is no rival."""
+    winners = {group[0] for group in added}
+    return tuple(
+        (group[0], *(name for name in group[1:] if name not in winners)) for group in added
+    )
+
+
+def _without_a_name(left: Sequence[str], imaging_limited: bool, tried: bool) -> Verdict:
+    if imaging_limited:
+        return Verdict(
+            "imaging-limited", (),
+            "Even free correlation leaves more than noise in the images: errors of the imaging "
+            "dominate, and with them counted no cause stands out.",
+            "Look at the residual maps of the free correlation: focus, dust, scan lines, drift.",
+        )  # fmt: skip
+    if not left and not tried:
+        return Verdict(
+            "nothing wrong", (),
+            "What is left is noise: no structure remains in loads or images. No cause was tried.",
+            "Read why each of the causes was not examined, and ask for others.",
+        )  # fmt: skip
+    if not left:
+        return Verdict(
+            "nothing wrong", (),
+            "What is left is noise: no cause that was tried is needed, and no structure remains "
+            "in loads or images.",
+            "Read the table of the smallest magnitudes that would have been seen: a cause "
+            "smaller than that can still be there.",
+        )  # fmt: skip
+    return Verdict(
+        "unexplained", (),
+        f"The residual is not noise, yet no cause that was tried explains it: {_list(left)}.",
+        "Look at the maps of what is left: where and when it stands tells what to think of.",
+    )  # fmt: skip
+
+
+def _said(group: Sequence[str], sentences: dict[str, str]) -> str:
+    if len(group) == 1:
+        return sentences[group[0]]
+    return f"either {', or '.join(sentences[name] for name in group)}"
+
+
+def _to_do(group: Sequence[str], checks: dict[str, str]) -> str:
+    if len(group) == 1:
+        return f"Confirm {group[0]}: {checks[group[0]]}."
+    each = " ".join(f"Check {name}: {checks[name]}." for name in group)
+    return f"These data cannot tell {' or '.join(group)}. {each}"
+
+
+def _list(texts: Sequence[str]) -> str:
+    return ", and ".join(texts)
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

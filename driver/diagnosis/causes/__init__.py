@@ -1,0 +1,1 @@
+"""Causes of a misfit: their parameters and their sentences."""

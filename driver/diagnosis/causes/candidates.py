@@ -1,0 +1,87 @@
+"""Which causes are tried on a specimen, and why the others are not."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+from driver.diagnosis.causes.causes import LIBRARY, Cause
+
+
+@dataclass(frozen=True)
+class NotExamined:
+    """A cause that was asked for and not tried.
+
+    Attributes:
+        cause: its name.
+        why: the reason, as the end of a sentence.
+    """
+
+    cause: str
+    why: str
+
+
+_ABSENT = {
+    "fixed_pattern": "no flats show the pattern",
+    "hold_time_error": "the stage holds nowhere",
+}
+
+
+def not_examined(
+    specimen: Collection[str],
+    solver: Collection[str],
+    fitted: Collection[str],
+    wanted: Sequence[str] | None,
+    own: Sequence[Cause] = (),
+) -> tuple[NotExamined, ...]:
+    """The causes that are not tried, each with its reason.
+
+    Args:
+        specimen: parameters of the general model that this specimen has.
+        solver: those that its solver can honour.
+        fitted: parameters that are fitted in the baseline.
+        wanted: names of the causes to try, None for all.
+        own: causes beside the library.
+    """
+    reasons = [(cause, _why_not(cause, specimen, solver, fitted)) for cause in _asked(wanted, own)]
+    return tuple(NotExamined(cause.name, why) for cause, why in reasons if why)
+
+
+def causes_of(
+    known: Collection[str],
+    fitted: Collection[str],
+    wanted: Sequence[str] | None,
+    own: Sequence[Cause] = (),
+) -> tuple[Cause, ...]:
+    """The causes that this specimen can have and that are not fitted already.
+
+    Args:
+        known: parameters of the general model that this specimen has.
+        fitted: parameters that are fitted in the baseline.
+        wanted: names of the causes to try, None for all.
+        own: causes beside the library.
+    """
+    return tuple(
+        cause for cause in _asked(wanted, own) if not _why_not(cause, known, known, fitted)
+    )
+
+
+def _asked(wanted: Sequence[str] | None, own: Sequence[Cause]) -> list[Cause]:
+    """Those of the library that are wanted, and all own ones: their file asks for them."""
+    return [cause for cause in LIBRARY if wanted is None or cause.name in wanted] + list(own)
+
+
+def _why_not(
+    cause: Cause, specimen: Collection[str], solver: Collection[str], fitted: Collection[str]
+) -> str:
+    """Why a cause cannot be tried, empty where it can."""
+    for name in (*cause.parameters, *cause.companions):
+        if name not in specimen:
+            return _ABSENT.get(name, f"the specimen has no {name}")
+    for name in (*cause.parameters, *cause.companions):
+        if name not in solver:
+            return f"the solver cannot honour {name}"
+    for name in cause.parameters:
+        if name in fitted:
+            return f"{name} is fitted in the baseline"
+    return ""

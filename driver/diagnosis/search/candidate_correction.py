@@ -1,0 +1,93 @@
+"""The refits that lead, each under the correction at its own end.
+
+What the working mesh gets wrong depends on where crystals yield, and that on the cause: of causes
+that do much the same the correction at the baseline may favour the wrong one by several units of
+log evidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from driver.common.outcomes import Failure, attempt
+from driver.common.parallel import side_by_side
+from driver.common.progress import silent
+from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.refit import TOLERANCE, Crew, Refit, refit_of, with_prior
+from driver.forward.model import ForwardModel
+from driver.identification.fit import fit_from
+from driver.identification.identify import correction
+from driver.identification.objective import Evaluation
+
+REACH = 10.0
+"""Log evidence below the best within which a correction may change the order."""
+_MOST = 3  # iterations
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """A refit, to be fitted again.
+
+    Attributes:
+        refit: the refit, under the correction at the baseline.
+        finer: the finer model, its orientations those of the refit.
+        baseline: the baseline at its optimum.
+    """
+
+    refit: Refit
+    finer: ForwardModel
+    baseline: Evaluation
+
+
+def with_own_corrections(
+    refits: Sequence[Refit], baseline: Evaluation, finer: FinerMeshes, crew: Crew
+) -> list[Refit]:
+    """Refits, best evidence first, those that lead under the correction at their own end.
+
+    Where one leads alone nothing is simulated: what it gains no correction takes away. One whose
+    end the finer model cannot simulate stays as it was, and the log says so.
+
+    Args:
+        refits: the refits, best evidence first.
+        baseline: the baseline at its optimum.
+        finer: the finer models.
+        crew: who refits.
+    """
+    if not refits:
+        return []
+    bar = max(refits[0].log_evidence - REACH, 0.0)
+    leading = [refit for refit in refits if refit.log_evidence > bar]
+    if len(leading) < 2:
+        return list(refits)
+    crew.log("finer mesh and steps at the end of each refit that leads")
+    tasks = [_Task(refit, finer.turned((refit.cause,)).one, baseline) for refit in leading]
+
+    def done(index: int, result: Refit | Failure) -> None:
+        name, before = leading[index].cause.name, leading[index].log_evidence
+        if isinstance(result, Failure):
+            why = f"for it cannot be simulated ({result.why})"
+            crew.log(f"  {name}: log evidence {before:+.1f} as it was, {why}")
+        else:
+            crew.log(f"  {name}: log evidence {before:+.1f} → {result.log_evidence:+.1f}")
+
+    ends = side_by_side(_under_its_own, tasks, crew.processes, crew.threads, done)
+    own = [a if isinstance(b, Failure) else b for a, b in zip(leading, ends, strict=True)]
+    others = [refit for refit in refits if refit not in leading]
+    return sorted([*own, *others], key=lambda refit: -refit.log_evidence)
+
+
+def _under_its_own(task: _Task) -> Refit | Failure:
+    """The refit under the correction at its end, or why there is none."""
+    refit, cause = task.refit, task.refit.cause
+    objective = with_prior(refit.objective, cause)
+    at = refit.fit
+    change = attempt(
+        lambda: correction(objective.model, task.finer, at.best.prediction, at.values, silent)
+    )
+    if isinstance(change, Failure):
+        return change
+    # What the other mesh adds is that at the baseline: small beside what this changes.
+    objective = replace(objective, correction=change.mean_with(objective.spread))
+    result = fit_from(refit.fit.best, objective, _MOST, silent, TOLERANCE)
+    return refit_of(cause, objective, result, task.baseline)

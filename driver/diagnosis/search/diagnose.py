@@ -1,0 +1,161 @@
+"""The diagnosis from a fitted baseline: screen, refit, name, extend, test, measure the gain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.common.progress import Log
+from driver.diagnosis.answer.result_types import Diagnosis, Settings, Step
+from driver.diagnosis.answer.verdict import decide, with_doubts
+from driver.diagnosis.causes.all_causes import EVERY
+from driver.diagnosis.causes.candidates import NotExamined, not_examined
+from driver.diagnosis.causes.ebsd_flips import flips_of
+from driver.diagnosis.causes.noise_causes import COVARIANCE, NOISE_NOT_UNIFORM, NOISE_RATIO
+from driver.diagnosis.search.baseline import loads_taken_back, prepared
+from driver.diagnosis.search.boundary_noise import stops_where_they_pay
+from driver.diagnosis.search.discretisation_check import gate
+from driver.diagnosis.search.extension import Extension
+from driver.diagnosis.search.final_comparison import final_fits
+from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.forward_selection import rounds
+from driver.diagnosis.search.image_noise import with_uneven_noise
+from driver.diagnosis.statistics.model_comparison import (
+    log_evidence,
+    share_described,
+    share_explained,
+)
+from driver.diagnosis.statistics.score_test import Score
+from driver.diagnosis.statistics.screening import honoured, parameters_of_the_specimen, screened
+from driver.identification.fit import Fit
+from driver.identification.objective import Evaluation, Objective
+
+IntArray = NDArray[np.int64]
+
+
+def diagnose(
+    baseline: Fit,
+    objective: Objective,
+    finer: FinerMeshes,
+    cycles: IntArray,
+    settings: Settings,
+    log: Log,
+    wide: Evaluation | None = None,
+) -> Diagnosis:
+    """Find out what the baseline gets wrong.
+
+    Args:
+        baseline: converged fit with the correction.
+        objective: its objective.
+        finer: the finer models behind the correction.
+        cycles: number of the cycle of each image, shape (T,).
+        settings: how to run.
+        log: takes one line of progress.
+        wide: evaluation at the baseline with the parameters of `screened` free, if known.
+
+    Raises:
+        SolverError: a simulation could not be finished.
+    """
+    model = objective.model
+    left = not_examined(
+        parameters_of_the_specimen(model), honoured(model), baseline.best.free, settings.wanted,
+        settings.own,
+    ) + flips_of(model.microstructure.orientations, settings.wanted)[1]  # fmt: skip
+    candidates, names = screened(model, baseline.best.free, settings.wanted, settings.own)
+    if wide is None:
+        wide = objective.evaluate(baseline.values, names)
+    begin = prepared(baseline, objective, wide, candidates, settings, log)
+    stated, uneven = objective.data.load_noise, begin.uneven
+    stops = stops_where_they_pay(begin.baseline.best, begin.objective, stated, settings.wanted)
+    begin = loads_taken_back(begin, stops, candidates, names, log)
+    left += begin.left + (() if stops.why is None else (stops.why,))
+    for one in left:
+        log(f"  {one.cause} is not examined: {one.why}")
+    found = rounds(begin, finer, stops, settings, log)
+    first, end, steps = found.begin, found.end, list(found.steps)
+    here, current, last = end.fit, end.objective, end.finer.one
+    causes, levels = list(end.causes), dict(end.levels)
+    if uneven is not None:
+        steps = [_with_score(step, uneven.score) for step in steps]
+    log("the correction once more, and the held-out cycle predicted from the others")
+    final = final_fits(
+        (first.fit, first.objective), (here, current), causes, last, cycles, settings
+    )
+    added = [n for cause in causes if cause not in COVARIANCE for n in cause.parameters]
+    passed = gate(current, here, final.fresh, last, steps[-1].scores, added)
+    lost = steps[-1].lost
+    if lost is not None and not causes:
+        passed = lost
+    log(f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.cause}")
+    explained = share_explained(final.uncounted, here.best) if causes else float("nan")
+    of_causes = {cause.name for cause in causes}
+    # What was dropped and added again counts once.
+    sets = {step.named[0]: step.named for step in steps if of_causes & set(step.named[:1])}
+    every = (*EVERY, *settings.own)
+    verdict = decide(
+        list(sets.values()),
+        steps[-1].omnibus.seen,
+        settings.imaging_limited,
+        passed.words,
+        {cause.name: cause.sentence for cause in every},
+        {cause.name: cause.check for cause in every},
+        share_described(final.uncounted, here.best, steps[-1].omnibus.left),
+        any(s.degrees for step in steps for s in step.scores),
+    )
+    fits = {"identified": first.fit} | ({"extended": here} if causes else {})
+    verdict = with_doubts(
+        verdict,
+        [
+            f"the fit of the {name} model has not converged ({one.reason})"
+            for name, one in fits.items()
+            if not one.converged
+        ],
+        [*found.doubts, *_at_bounds(end)],
+    )
+    if uneven is not None and uneven.named:
+        verdict = with_uneven_noise(verdict)
+        causes = [NOISE_NOT_UNIFORM, *causes]
+        levels |= {NOISE_RATIO.name: (uneven.ratio, uneven.sigma)}
+    return Diagnosis(
+        baseline=first.fit,
+        baseline_objective=first.objective,
+        extended=here,
+        objective=current,
+        bad_loads=tuple(one for one in begin.bad if one.frame in current.data.bad_loads),
+        steps=tuple(steps),
+        causes=tuple(causes),
+        gate=passed,
+        held_out=final.held_out,
+        explained=explained,
+        log_evidence=end.of_noise + log_evidence(final.before, here.best, current, causes),
+        not_examined=left + _never_tried(steps),
+        verdict=verdict,
+        levels=levels,
+    )
+
+
+def _at_bounds(end: Extension) -> list[str]:
+    """The parameters of the causes that ended at a bound, in words; companions are no effect."""
+    known, values = end.objective.parameters, end.fit.values
+    of_causes = {name for cause in end.causes for name in cause.parameters}
+    return [
+        f"{name} stands at its bound, {values[name]:g} {known[name].unit}".rstrip()
+        + f": the data would have it {'larger' if values[name] >= known[name].upper else 'smaller'}"
+        for name in end.fit.at_bounds(known)
+        if name in of_causes
+    ]
+
+
+def _never_tried(steps: Sequence[Step]) -> tuple[NotExamined, ...]:
+    """The flips of the EBSD frame that no round tried, with the reason of the last one."""
+    tried = {s.cause.name for step in steps for s in step.scores}
+    why = {one.cause: one for step in steps for one in step.untried if one.cause not in tried}
+    return tuple(why.values())
+
+
+def _with_score(step: Step, score: Score) -> Step:
+    scores = sorted((*step.scores, score), key=lambda s: -s.log_evidence)
+    return replace(step, scores=tuple(scores))

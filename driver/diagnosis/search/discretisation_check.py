@@ -1,0 +1,156 @@
+"""The gate of numerics: does the simulation's own error change enough to be taken for a cause?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.common.progress import silent
+from driver.diagnosis.causes.causes import NUMERICS
+from driver.diagnosis.statistics.score_test import Score
+from driver.diagnosis.statistics.screening import whitened_difference
+from driver.forward.model import ForwardModel
+from driver.identification.fit import Fit
+from driver.identification.identify import correction
+from driver.identification.objective import Correction, Evaluation, Objective
+
+FloatArray = NDArray[np.float64]
+Refinement = Literal["mesh", "steps", "mesh and steps"]
+
+GATE = 1.0  # effect of the change of the correction on a score [σ]
+_MATTERS = 0.5  # of the larger of two effects, from which the smaller one counts, too
+
+
+@dataclass(frozen=True, eq=False)
+class Gate:
+    """Change of the finer-minus-working difference from where it was taken to the result.
+
+    Attributes:
+        effect: largest effect on the score of any cause [σ].
+        cause: the cause whose score it would change most.
+        needed: what has to be refined, None where the gate is passed.
+        between_meshes: whether it is the change from one finer mesh to another.
+    """
+
+    effect: float
+    cause: str
+    needed: Refinement | None = None
+    between_meshes: bool = False
+
+    @property
+    def passed(self) -> bool:
+        """Whether no score could have been moved by more than one σ."""
+        return self.effect <= GATE
+
+    @property
+    def words(self) -> str | None:
+        """What is wrong and what is needed, None where the gate is passed."""
+        if self.needed is None:
+            return None
+        finer = {
+            "mesh": "a mesh half as large is needed",
+            "steps": "time steps half as long are needed",
+            "mesh and steps": "a mesh and time steps half as large are needed",
+        }[self.needed]
+        if self.between_meshes:
+            return (
+                f"what looks like {self.cause} is gone on another mesh of the same size, which "
+                f"moves it by {self.effect:.1f} σ; {finer}"
+            )
+        return (
+            f"close to the result its own error still changes by {self.effect:.1f} σ "
+            f"along {self.cause}; {finer}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Direction:
+    """A cause as the rows that turn a whitened change into its effect on the score [σ].
+
+    Attributes:
+        name: of the cause.
+        rows: shape (k, n).
+    """
+
+    name: str
+    rows: FloatArray
+
+    def effect(self, change: FloatArray) -> float:
+        """Root mean square over the degrees of freedom of the cause [σ]."""
+        return float(np.linalg.norm(self.rows @ change) / np.sqrt(len(self.rows)))
+
+
+def gate(
+    objective: Objective,
+    here: Fit,
+    fresh: Correction,
+    finer: ForwardModel,
+    scores: Sequence[Score],
+    named: Sequence[str],
+) -> Gate:
+    """Effect of a fresh correction on the score of any cause, and on the parameters named.
+
+    Where it is too large, one more simulation, with the steps of the finer model on the working
+    mesh, tells the error of the steps from that of the mesh.
+
+    Args:
+        objective: of the fit, with the correction that it was made with.
+        here: the fit.
+        fresh: finer minus working prediction at the fit.
+        finer: the finer model.
+        scores: of the causes that were tried last.
+        named: the parameters that were added.
+
+    Raises:
+        SolverError: the simulation that tells mesh from steps could not be finished.
+    """
+    at = here.best
+    change = whitened_difference(objective, fresh, objective.correction)
+    directions = _directions(at, scores, named)
+    effects = [direction.effect(change) for direction in directions]
+    if not effects:
+        return Gate(0.0, NUMERICS.name)
+    worst = int(np.argmax(effects))
+    found = Gate(effects[worst], directions[worst].name)
+    if found.passed:
+        return found
+    needed = _refinement(objective, here, fresh, finer, directions[worst])
+    return replace(found, needed=needed)
+
+
+def _directions(at: Evaluation, scores: Sequence[Score], named: Sequence[str]) -> list[_Direction]:
+    found = [
+        _Direction(s.cause.name, s.directions)
+        for s in scores
+        if s.directions.size and s.cause.name != NUMERICS.name
+    ]
+    # What was named already is fitted: there the change moves the parameter itself.
+    covariance = np.linalg.inv(at.hessian)
+    for name in named:
+        row = at.free.index(name)
+        moved = covariance[row] @ at.jacobian / np.sqrt(covariance[row, row])
+        found.append(_Direction(name, moved[None]))
+    return found
+
+
+def _refinement(
+    objective: Objective, here: Fit, fresh: Correction, finer: ForwardModel, along: _Direction
+) -> Refinement:
+    """Whether mesh or steps make the difference between the working and the finer simulation."""
+    model = objective.model
+    between = replace(
+        model, steps_per_interval=finer.steps_per_interval, accuracy=finer.accuracy,
+        adapter=finer.adapter,
+    )  # fmt: skip
+    halved = correction(model, between, here.best.prediction, here.values, silent)
+    of_steps = along.effect(whitened_difference(objective, halved, Correction()))
+    of_mesh = along.effect(whitened_difference(objective, fresh, halved))
+    if of_steps < _MATTERS * of_mesh:
+        return "mesh"
+    if of_mesh < _MATTERS * of_steps:
+        return "steps"
+    return "mesh and steps"

@@ -1,0 +1,133 @@
+"""The model with one more cause: its own correction and noise, fitted, and pruned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from driver.common.progress import Log
+from driver.diagnosis.answer.result_types import Settings
+from driver.diagnosis.causes.causes import Cause
+from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
+from driver.diagnosis.search.backward_elimination import eliminate
+from driver.diagnosis.search.baseline import noise_of_images, with_load_noise
+from driver.diagnosis.search.boundary_noise import Level, level_again
+from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.load_outliers import bad_loads
+from driver.diagnosis.search.refit import Refit
+from driver.diagnosis.statistics.screening import whitened_difference
+from driver.identification.fit import POLISH, Fit, fit_from
+from driver.identification.identify import with_correction
+from driver.identification.objective import Correction, Objective
+
+_FAR = 30.0
+"""σ by which a prediction may move from where its correction was taken: a correction has changed
+by a hundredth of what the prediction moved by, and the gate of numerics is 1 σ."""
+_MOST_CORRECTIONS = 3  # of one extended model
+
+
+@dataclass(frozen=True, eq=False)
+class Extension:
+    """A model as far as it was extended.
+
+    Attributes:
+        fit: the fit.
+        objective: its objective.
+        finer: the finer models, their orientations those of the fit.
+        causes: the causes that were added and are still needed.
+        levels: of the noise that was named its level and the standard deviation of it.
+        of_noise: log evidence of that noise.
+        fitted: what is fitted without any cause.
+        surpassed: the causes of each model to which another one was added on the way here.
+    """
+
+    fit: Fit
+    objective: Objective
+    finer: FinerMeshes
+    causes: tuple[Cause, ...]
+    levels: Mapping[str, Level]
+    of_noise: float
+    fitted: tuple[str, ...]
+    surpassed: tuple[frozenset[Cause], ...]
+
+
+def extended(before: Extension, winner: Refit, settings: Settings, log: Log) -> Extension:
+    """The model with a cause added, and without what that makes superfluous.
+
+    Args:
+        before: the model without it.
+        winner: the refit of the cause, from that model.
+        settings: how the diagnosis is run.
+        log: takes one line of progress.
+
+    Raises:
+        SolverError: the simulation could not be finished.
+    """
+    causes, of_noise = [*before.causes, winner.cause], before.of_noise
+    finer = before.finer.turned((winner.cause,))
+    here, objective = winner.fit, winner.objective
+    levels: Mapping[str, Level] = {**before.levels, **winner.levels}
+    for again in range(_MOST_CORRECTIONS):
+        if again:
+            log("far from where the correction was taken: once more with that of this fit")
+        begin = here
+        objective = _corrected(objective, begin, finer, settings, log)
+        here, objective, levels = _fitted(begin, objective, levels, log)
+        if _moved(begin, here, objective) < _FAR:
+            break
+    if BOUNDARY_NOISE in causes and not levels:
+        causes.remove(BOUNDARY_NOISE)
+        of_noise = 0.0
+    elif winner.levels:
+        of_noise = winner.log_evidence
+    surpassed = (*before.surpassed, frozenset(before.causes))
+    here, objective, causes = eliminate(here, objective, causes, before.fitted, surpassed, log)
+    return replace(
+        before, fit=here, objective=objective, finer=finer, causes=tuple(causes), levels=levels,
+        of_noise=of_noise, surpassed=surpassed,
+    )  # fmt: skip
+
+
+def _moved(begin: Fit, end: Fit, objective: Objective) -> float:
+    """By how much the prediction of one fit differs from that of another [σ]."""
+    one, other = (
+        Correction(f.best.prediction.motion, f.best.prediction.load) for f in (begin, end)
+    )
+    return float(np.linalg.norm(whitened_difference(objective, other, one)))
+
+
+def _corrected(
+    objective: Objective, here: Fit, finer: FinerMeshes, settings: Settings, log: Log
+) -> Objective:
+    """The objective with the correction at a fit, by both meshes where it had both."""
+    log("finer mesh and steps at the extended model")
+    both = objective.spread is not None
+    change, spread = finer.corrections(objective.model, here, both, log)
+    noise = noise_of_images(here, objective.data, settings)
+    objective = with_correction(objective, noise, change, settings.sizes)
+    return replace(objective, correction=change.mean_with(spread), spread=spread)
+
+
+def _fitted(
+    begin: Fit, objective: Objective, levels: Mapping[str, Level], log: Log
+) -> tuple[Fit, Objective, Mapping[str, Level]]:
+    """The extended model fitted with its own noise, and the level of the latter.
+
+    A load that was left out and that the extended model explains is taken back.
+    """
+    here = fit_from(begin.best, objective, POLISH, log)
+    free, data = here.best.free, objective.data
+    if data.bad_loads:
+        whole = replace(objective, data=replace(data, bad_loads=()))
+        again = whole.compare(here.best.prediction, here.values, free)
+        still = {one.frame for one in bad_loads(again, whole.data)} & set(data.bad_loads)
+        data = replace(data, bad_loads=tuple(sorted(still)))
+        objective = replace(objective, data=data)
+    at = objective.compare(here.best.prediction, here.values, free)
+    if levels:
+        objective, levels = level_again(at, objective, levels, log)
+        at = objective.compare(here.best.prediction, here.values, free)
+    objective = replace(objective, data=with_load_noise(objective.data, at, log))
+    return fit_from(at, objective, POLISH, log), objective, levels

@@ -1,0 +1,255 @@
+"""Looks from afar at causes whose effect bends.
+
+A score is of first order. Far from its null such a cause does something else than near it: of the
+effect of a few prior scales hardly anything lies along the derivative at the null, and the data
+do not show it there. It is scored as well by the change of the prediction from the fit to where it
+stands three prior scales off its null, on either side; where that promises something beside the
+best cause that is known, by what a refit from there gains. What puts a cause so near to its null
+that the derivative holds has nothing to say beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from driver.common.outcomes import Failure, attempt
+from driver.common.parallel import side_by_side
+from driver.common.progress import Log
+from driver.diagnosis.causes.causes import NUMERICS
+from driver.diagnosis.causes.noise_causes import COVARIANCE
+from driver.diagnosis.search.refit import (
+    FAR,
+    MOST_FROM_AFAR,
+    Crew,
+    Refit,
+    Start,
+    refit_from,
+    with_prior,
+)
+from driver.diagnosis.statistics.bayes_factor import amounts_of
+from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, score, significance
+from driver.identification.fit import Fit
+from driver.identification.objective import Evaluation, Objective
+from driver.identification.priors import FREED_WIDTH
+
+PROMISING = 0.02  # probability of one look under the null, below which a refit follows
+HOPEFUL = 0.5  # of the best log evidence of any cause so far, which a side has to promise as well
+_SURE = 2.0  # standard deviations by which an amount is known
+_LOOKS = 3  # either side, and where a refit ends
+
+
+@dataclass(frozen=True, eq=False)
+class FarLooks:
+    """What is seen from afar.
+
+    Attributes:
+        scores: of all causes, that of a bent one from where it shows best; the magnitude from
+            which on it is seen is that of a look.
+        refits: of the bent causes that showed from afar.
+    """
+
+    scores: list[Score]
+    refits: list[Refit]
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """A cause to look at.
+
+    Attributes:
+        near: its score, to first order.
+        here: the fit that is examined.
+        objective: its objective.
+        family: number of tries.
+        variance: of whitened numbers along the causes.
+        least: log evidence that a side has to promise for a refit.
+    """
+
+    near: Score
+    here: Fit
+    objective: Objective
+    family: int
+    variance: float
+    least: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """What a look at one cause shows.
+
+    Attributes:
+        score: of the cause, from where it shows best.
+        refits: of the cause, if it promised something.
+        told: lines of the log.
+    """
+
+    score: Score
+    refits: tuple[Refit, ...]
+    told: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """The fit with a cause off its null by an amount, in prior scales, and its score."""
+
+    amount: float
+    at: Evaluation
+    score: Score
+
+
+def look_from_afar(
+    scores: Sequence[Score],
+    here: Fit,
+    objective: Objective,
+    variance: float,
+    accepted: bool,
+    crew: Crew,
+) -> FarLooks:
+    """Score causes that bend from afar.
+
+    Those that hide come first, where their derivative does not show them; the others where
+    something is wrong (the tests reject, or a cause is seen by its derivative or from afar) and
+    their derivative does not make them lead. Each costs two simulations, and a refit where they
+    promise something beside the best cause so far.
+
+    Args:
+        scores: of all causes, to first order.
+        here: the fit that is examined.
+        objective: its objective.
+        variance: of whitened numbers along the causes, 1 for noise alone.
+        accepted: whether the tests of the residual against no particular cause accept.
+        crew: who looks, cause by cause; its log takes their names, refits, and sides that fail.
+
+    Raises:
+        NotRunError: a simulation was not run.
+        JobError, ResultFileError: one was killed, ran out of time or left no result.
+    """
+    hiding = [s for s in scores if s.cause.hides and not _shows(s)]
+    others = [s for s in scores if s.cause.bends and not s.cause.hides]
+
+    def looked(bent: Sequence[Score], before: int, rivals: Sequence[Score]) -> list[_Look]:
+        family = len(scores) + _LOOKS * (before + len(bent))
+        least = max([WORTH, *(HOPEFUL * s.log_evidence for s in rivals)])
+        tasks = [_Task(near, here, objective, family, variance, least) for near in bent]
+        if tasks:
+            crew.log(f"looking from afar at {', '.join(near.cause.name for near in bent)}")
+
+        def done(index: int, result: _Look) -> None:
+            for line in result.told:
+                crew.log(line)
+
+        return side_by_side(_look, tasks, crew.processes, crew.threads, done)
+
+    causes = [s for s in scores if s.cause != NUMERICS]
+    looks = looked(hiding, 0, _of_the_mean(causes))
+    seen = [s for s in causes if s not in hiding] + [look.score for look in looks]
+    if not accepted or any(s.p < NAMING_LEVEL for s in seen):
+        leader = max(seen, key=lambda s: s.log_evidence, default=None)
+        rest = [s for s in others if not (s is leader and _shows(s))]
+        looks += looked(rest, len(hiding), _of_the_mean(seen))
+    best = {s.cause.name: s for s in (*scores, *(look.score for look in looks))}
+    refits = [refit for look in looks for refit in look.refits]
+    return FarLooks(sorted(best.values(), key=lambda s: -s.log_evidence), refits)
+
+
+def _of_the_mean(scores: Sequence[Score]) -> list[Score]:
+    """Those of causes of the mean: what a covariance gains is no measure for them."""
+    return [s for s in scores if s.cause not in COVARIANCE]
+
+
+def _look(task: _Task) -> _Look:
+    """Both sides of a cause, and a refit from the one that promises more."""
+    near, here = task.near, task.here
+    extended = with_prior(task.objective, near.cause)
+    told: list[str] = []
+    sides = [_scored(task, at, n) for at, n in _sides(near, here, extended, told.append) if n]
+    promising = [
+        one
+        for one in sides
+        if one.score.estimate[0] * one.amount > 0
+        and _may_be_far(one.score)
+        and chi2.sf(one.score.statistic, one.score.degrees) < PROMISING
+    ]
+    found = [near, *(one.score for one in promising)]
+    refits = []
+    worth = [one for one in promising if one.score.log_evidence > task.least]
+    if worth:
+        begin = max(worth, key=lambda one: one.score.statistic)
+        start = Start(
+            near.cause, extended, begin.at.values, None, here.best, np.inf, MOST_FROM_AFAR
+        )
+        for refit in refit_from([start], Crew(1, 1, told.append)):
+            end = _gained(refit, begin.score, task)
+            # What the sides promise the refit has tried.
+            found = [near]
+            if abs(end.estimate[0]) > FAR[0] and refit.log_evidence > WORTH:
+                refits.append(refit)
+                found.append(end)
+    best = max(found, key=lambda s: s.log_evidence)
+    limits = [one.score.visible for one in sides]
+    # Near the null the derivative holds, beyond it what the weaker side shows.
+    if limits and near.visible[0] > FAR[0]:
+        best = replace(best, visible=np.max(limits, axis=0))
+    return _Look(best, tuple(refits), tuple(told))
+
+
+def _may_be_far(side: Score) -> bool:
+    """Whether it leaves the cause where its derivative does not hold."""
+    return bool(np.abs(side.estimate[0]) + _SURE * side.sigma[0] > FAR[0])
+
+
+def _scored(task: _Task, at: Evaluation, amount: float) -> _Side:
+    here, degrees = task.here.inside(task.objective), task.objective.data.load_degrees
+    change = (here.residual - at.residual)[None] / amount
+    found = score(task.near.cause, change, here, task.family, degrees, task.variance)
+    return _Side(amount, at, found)
+
+
+def _gained(refit: Refit, side: Score, task: _Task) -> Score:
+    """The score that a refit is: its statistic is the likelihood ratio, one parameter more."""
+    here, degrees = task.here.best, task.objective.data.load_degrees
+    at = refit.fit.best
+    (amount,) = amounts_of(refit.cause.parameters, at.values, task.objective)
+    # The cost of a refit has the prior of its cause.
+    gained = max(here.cost - (at.cost - (amount / FREED_WIDTH) ** 2), 0.0) / task.variance
+    components = np.array([np.copysign(np.sqrt(gained), amount)])
+    p = significance(refit.cause, components, side.directions, here, task.family, degrees)
+    (name,) = refit.cause.parameters
+    k, width = at.free.index(name), task.objective.parameters[name].width
+    return replace(
+        side,
+        statistic=gained,
+        p=p,
+        log_evidence=refit.log_evidence,
+        estimate=np.array([amount]),
+        sigma=np.sqrt(refit.fit.covariance[[k], [k]]) / width,
+        components=components,
+    )
+
+
+def _shows(near: Score) -> bool:
+    """Whether the derivative shows a cause, and the evidence bears its size."""
+    return near.p < NAMING_LEVEL and near.log_evidence > WORTH
+
+
+def _sides(near: Score, here: Fit, extended: Objective, log: Log) -> list[tuple[Evaluation, float]]:
+    """The fit with a cause far off its null, and how far, where that can be simulated."""
+    (name,) = near.cause.parameters
+    null, parameter = extended.prior[name][0], extended.parameters[name]
+    model = extended.near(here.best).model
+
+    def side(amount: float) -> tuple[Evaluation, float] | None:
+        values = here.values | {name: parameter.value(amount * parameter.width, null)}
+        prediction = attempt(lambda: model.predict(values, ()))
+        if isinstance(prediction, Failure):
+            log(f"  {name} = {values[name]:.3g} cannot be simulated ({prediction.why})")
+            return None
+        at = extended.compare(prediction, values, ())
+        return at, float(amounts_of(near.cause.parameters, values, extended)[0])
+
+    both = side_by_side(side, (FAR[-1], -FAR[-1]), 1)
+    return [found for found in both if found is not None]

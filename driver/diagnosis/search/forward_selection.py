@@ -1,0 +1,190 @@
+"""Rounds of a diagnosis: one cause is added after the other, until none stands out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+from driver.common.outcomes import Failure, attempt
+from driver.common.progress import Log
+from driver.diagnosis.answer.result_types import Settings, Step
+from driver.diagnosis.answer.verdict import MOST_ADDITIONS
+from driver.diagnosis.causes.noise_causes import COVARIANCE
+from driver.diagnosis.search.baseline import Prepared
+from driver.diagnosis.search.boundary_noise import Stops
+from driver.diagnosis.search.extension import Extension, extended
+from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.refit import Refit
+from driver.diagnosis.search.selection_round import (
+    WITHIN,
+    Round,
+    at_first_sight,
+    examine,
+    is_settled,
+    set_of,
+)
+from driver.diagnosis.statistics.score_test import WORTH
+
+MOST_STEPS = 6  # rounds, where elimination keeps taking back what was added
+
+
+@dataclass(frozen=True, eq=False)
+class Rounds:
+    """Where the rounds ended.
+
+    Attributes:
+        begin: the model of the first round, to which nothing was added.
+        end: the model at last.
+        steps: the rounds.
+        doubts: what should have been added and could not be, in words.
+    """
+
+    begin: Extension
+    end: Extension
+    steps: tuple[Step, ...]
+    doubts: tuple[str, ...] = ()
+
+
+def rounds(
+    begin: Prepared, finer: FinerMeshes, stops: Stops, settings: Settings, log: Log
+) -> Rounds:
+    """Add one cause after the other, until none stands out, or not on another mesh.
+
+    Args:
+        begin: what screening begins with.
+        finer: the finer models behind the correction.
+        stops: the answers to a noise of the boundary, if they were computed.
+        settings: how the diagnosis is run.
+        log: takes one line of progress.
+
+    Raises:
+        SolverError: the simulation could not be finished.
+    """
+    fitted = begin.baseline.best.free
+    here = Extension(begin.baseline, begin.objective, finer, (), {}, 0.0, fitted, ())
+    before, known = here, begin.wide
+    first: Extension | None = None
+    steps: list[Step] = []
+    doubts: dict[str, str] = {}
+
+    def ended(end: Extension, *rounds_: Step) -> Rounds:
+        added = {cause.name for cause in end.causes}
+        told = tuple(why for name, why in doubts.items() if name not in added)
+        return Rounds(first or end, end, rounds_, told)
+
+    while True:
+        at = here.fit.best
+        log(f"screening at χ_F {at.chi_load:.2f}, χ of images {at.chi_image:.3f}")
+        found = examine(
+            here.fit, here.objective, here.causes, settings, stops, known, here.finer, log
+        )
+        known, step, winner = None, found.step, found.winner
+        here = replace(here, fit=found.fit, objective=found.objective)
+        first = first or here
+        if steps and _leaves_something(found, here):
+            better = _by_a_rival(before, steps[-1], stops, settings, log)
+            if better is not None:
+                end, exchanged, last = better
+                return ended(end, *steps[:-1], exchanged, last)
+        steps.append(step)
+        if winner is None:
+            return ended(here, *steps)
+        if len(steps) == MOST_STEPS:
+            name = winner.cause.name
+            doubts[name] = f"{name} is not added, for the rounds come to no end"
+            log(doubts[name])
+            return ended(here, *steps[:-1], replace(step, named=()))
+        after, steps[-1], failed = _with_the_best(here, step, settings, log)
+        doubts |= failed
+        if after is None:
+            return ended(here, *steps)
+        before, here = here, after
+
+
+def _with_the_best(
+    here: Extension, step: Step, settings: Settings, log: Log
+) -> tuple[Extension | None, Step, dict[str, str]]:
+    """The model with the best cause of a round that can be simulated finer.
+
+    Returns:
+        The model, None where there is no such cause; the round, its set that of this cause; those
+        before it that cannot be simulated, by name, in words.
+    """
+    refits, failed = step.refits, dict[str, str]()
+    while refits and refits[0].log_evidence > WORTH:
+        best = refits[0]
+        name = best.cause.name
+        log(f"adding {name}, log evidence {best.log_evidence:+.1f}")
+        after = attempt(partial(extended, here, best, settings, log))
+        if isinstance(after, Failure):
+            failed[name] = f"{name} is not added, for its model cannot be simulated ({after.why})"
+            log(failed[name])
+            refits = refits[1:]
+            continue
+        named = set_of(refits, step.scores) if failed else step.named
+        return after, replace(step, named=named), failed
+    return None, replace(step, named=()), failed
+
+
+def _leaves_something(found: Round, here: Extension) -> bool:
+    """Whether the last addition leaves what is no noise, and what hardly anything can be added to.
+
+    What another mesh takes away is an error of the meshes, and asks for no other cause. Nor does
+    another one help where as many were added as there may be.
+    """
+    little = found.winner is None or found.winner.log_evidence < WITHIN
+    effects = [cause for cause in here.causes if cause not in COVARIANCE]
+    few = len(effects) < MOST_ADDITIONS
+    return little and few and found.step.lost is None and not found.step.omnibus.accepted
+
+
+def _by_a_rival(
+    before: Extension, last: Step, stops: Stops, settings: Settings, log: Log
+) -> tuple[Extension, Step, Step] | None:
+    """The last addition exchanged for one that cannot be told from it, where that leaves nothing.
+
+    A refit is judged by its evidence alone, and of large effects that do much the same the wrong
+    one may have a little more of it. What it leaves then tells them apart.
+
+    Args:
+        before: the model before the last addition.
+        last: the round of that addition.
+        stops: the answers to a noise of the boundary, if they were computed.
+        settings: how the diagnosis is run.
+        log: takes one line of progress.
+
+    Returns:
+        The model, the round of the addition and the one after it; None where each of the set
+        leaves something.
+    """
+    rivals = [r for r in last.refits if r.cause.name in last.named[1:] and r.log_evidence > WORTH]
+    found: list[tuple[Refit, Extension, Step]] = []
+    left_something = [last.named[0]]
+    for rival in rivals:
+        log(f"{last.named[0]} leaves something: {rival.cause.name} is tried in its place")
+        end = attempt(partial(_exchanged, before, rival, stops, settings, log))
+        if isinstance(end, Failure):
+            log(f"  it cannot be simulated ({end.why})")
+            continue
+        tried, seen = end
+        if is_settled(seen):
+            log("  nothing is left")
+            found.append((rival, tried, seen))
+        else:
+            log("  something is left as well")
+            left_something.append(rival.cause.name)
+    if not found:
+        return None
+    stand = [rival for rival, _, _ in found]
+    left = {r.cause.name for r in last.refits} - {r.cause.name for r in stand}
+    scores = [score for score in last.scores if score.cause.name not in left]
+    step = replace(last, named=set_of(stand, scores), left_something=tuple(left_something))
+    return found[0][1], step, found[0][2]
+
+
+def _exchanged(
+    before: Extension, rival: Refit, stops: Stops, settings: Settings, log: Log
+) -> tuple[Extension, Step]:
+    """The model with a rival, and what is left there at first sight."""
+    tried = extended(before, rival, settings, log)
+    return tried, at_first_sight(tried.fit, tried.objective, settings, stops, log)

@@ -1,0 +1,149 @@
+"""Refits of large effects, begun where the loads count for little.
+
+Loads that a model cannot meet bend its fit: it gives up images, apex amplitudes and knots to come
+a little nearer to them. From such a baseline no derivative holds, and the refit of the true cause
+creeps along a narrow valley as that of any other does. With loads as noisy as they are far off the
+images hold the fit near what happened: the effect shows there by its first step, and the refit
+stays on its way while the loads become as precise as they are (a continuation in their noise).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from driver.common.outcomes import Failure, attempt
+from driver.common.parallel import side_by_side
+from driver.common.progress import Log, silent
+from driver.diagnosis.search.refit import (
+    HOPEFUL,
+    MOST_FROM_AFAR,
+    MOST_ITERATIONS,
+    TOLERANCE,
+    Crew,
+    Refit,
+    freed_with,
+    nominal,
+    refit_of,
+    told,
+    with_prior,
+)
+from driver.diagnosis.statistics.score_test import Score
+from driver.identification.fit import POLISH, Fit, fit, fit_from
+from driver.identification.line_search import promised
+from driver.identification.objective import Evaluation, Objective
+
+SOFTER = 30.0  # times as soft loads hardly count
+ON_THE_WAY = 1.0  # Newton decrement of a fit that only begins the next one [σ]
+
+
+def softened(objective: Objective, factor: float) -> Objective:
+    """The objective with loads that are so many times as noisy."""
+    return replace(
+        objective, data=replace(objective.data, load_noise=factor * objective.data.load_noise)
+    )
+
+
+def refit_from_soft_loads(
+    tried: Sequence[Score],
+    names: Sequence[str],
+    baseline: Evaluation,
+    objective: Objective,
+    most: int,
+    crew: Crew,
+) -> list[Refit]:
+    """Refits of the causes that show below soft loads, by the way that these leave free.
+
+    Args:
+        tried: the causes.
+        names: what is free where each of them is.
+        baseline: the baseline at its optimum.
+        objective: its objective.
+        most: how many causes are refitted below soft loads, close rivals of the best aside.
+        crew: who refits.
+
+    Raises:
+        SolverError: a simulation could not be finished.
+    """
+    softness = baseline.chi_load
+    soft = softened(objective, softness)
+    crew.log(f"loads of {softness:.3g} times their noise, as far as the model is off")
+    begin = _by_the_images(softened(objective, SOFTER * softness), baseline, crew.log)
+    here = fit_from(begin.best, soft, POLISH, crew.log, TOLERANCE)
+    wide = soft.complete(here.best, names)
+    tasks = [_task(one, objective, soft, wide, baseline) for one in tried]
+    promises = [here.best.cost - promised(task.soft, task.start) for task in tasks]
+    order = np.argsort(promises)[::-1]
+    bar = HOPEFUL * max(promises)
+    chosen = [tasks[k] for n, k in enumerate(order) if n < most or promises[k] > bar]
+    crew.log(f"refitting {', '.join(task.score.cause.name for task in chosen)}")
+    ends = side_by_side(_below_soft_loads, chosen, crew.processes, crew.threads)
+    gained = [here.best.cost - end.best.cost for end in ends]
+    for task, gain in zip(chosen, gained, strict=True):
+        crew.log(f"  {task.score.cause.name}: gains {gain:.0f} σ² there")
+    hopeful = [
+        replace(task, start=end.best)
+        for task, end, gain in zip(chosen, ends, gained, strict=True)
+        if gain >= HOPEFUL * max(gained)
+    ]
+
+    def done(index: int, result: Refit) -> None:
+        crew.log(told(result))
+
+    return side_by_side(_as_precise_as_they_are, hopeful, crew.processes, crew.threads, done)
+
+
+def _by_the_images(objective: Objective, baseline: Evaluation, log: Log) -> Fit:
+    """The baseline where the images lead, from the nominal model: the baseline itself is bent."""
+    values, free = nominal(baseline, objective), baseline.free
+    found = attempt(lambda: fit(objective, values, free, POLISH, log, tolerance=ON_THE_WAY))
+    if isinstance(found, Failure):
+        log(f"  not from the nominal model ({found.why})")
+        return fit_from(baseline, objective, POLISH, log, ON_THE_WAY)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """A cause to refit.
+
+    Attributes:
+        score: of it.
+        hard, soft: the objectives with its prior, with the loads as they are and below soft ones.
+        start: where its refit begins, under `soft`.
+        baseline: the baseline at its optimum.
+    """
+
+    score: Score
+    hard: Objective
+    soft: Objective
+    start: Evaluation
+    baseline: Evaluation
+
+
+def _task(
+    one: Score, objective: Objective, soft: Objective, wide: Evaluation, baseline: Evaluation
+) -> _Task:
+    extended = with_prior(soft, one.cause)
+    start = extended.restrict(wide, freed_with(baseline, one.cause))
+    return _Task(one, with_prior(objective, one.cause), extended, start, baseline)
+
+
+def _below_soft_loads(task: _Task) -> Fit:
+    at = task.start
+    return fit(task.soft, at.values, at.free, MOST_ITERATIONS, silent, at, ON_THE_WAY)
+
+
+def _as_precise_as_they_are(task: _Task) -> Refit:
+    """The refit, by way of loads half as soft on a logarithmic scale."""
+    at = task.start
+    half = softened(task.hard, np.sqrt(task.baseline.chi_load))
+    for objective, most, tolerance in (
+        (half, MOST_ITERATIONS, ON_THE_WAY),
+        (task.hard, MOST_FROM_AFAR, TOLERANCE),
+    ):
+        found = fit_from(at, objective, most, silent, tolerance)
+        at = found.best
+    return refit_of(task.score.cause, task.hard, found, task.baseline)

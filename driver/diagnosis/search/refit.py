@@ -1,0 +1,292 @@
+"""Nonlinear refits: a score is first order, and large effects need the whole model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from driver.common.outcomes import Failure, attempt
+from driver.common.parallel import side_by_side
+from driver.common.progress import Log, silent
+from driver.diagnosis.causes.causes import Cause
+from driver.diagnosis.statistics.bayes_factor import log_bayes_factor
+from driver.diagnosis.statistics.score_test import Score
+from driver.identification.fit import Fit, fit
+from driver.identification.line_search import promised
+from driver.identification.objective import Evaluation, Objective
+from driver.identification.priors import FREED_WIDTH
+
+MOST_ITERATIONS = 5
+MOST_FROM_AFAR = 8
+FAR = (1.0, 3.0)  # prior scales
+HOPEFUL = 0.5  # of what the best gains, that a rival has to promise or to gain on its way
+TOLERANCE = 0.3  # Newton decrement [σ]: a log evidence is then right to 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Refit:
+    """A cause freed and everything fitted again.
+
+    Attributes:
+        cause: the cause.
+        objective: the objective with the cause's prior, as wide as its effect or wider.
+        fit: the fit, with the prior of a refit.
+        log_evidence: natural log of the Bayes factor against the baseline (`evidence`), and of the
+            prior odds of the cause.
+        levels: of a covariance cause its level and the standard deviation of it by name.
+    """
+
+    cause: Cause
+    objective: Objective
+    fit: Fit
+    log_evidence: float
+    levels: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def own_misfit(self) -> float:
+        """‖r‖² with the prior as wide as the effect, to first order from where the fit ended."""
+        at = self.fit.inside(self.objective)
+        rest = at.residual - np.linalg.solve(at.hessian, at.gradient) @ at.jacobian
+        return float(rest @ rest)
+
+
+@dataclass(frozen=True)
+class Crew:
+    """Who refits.
+
+    Attributes:
+        processes: how many fits at a time.
+        threads: threads of each.
+        log: takes a line for each.
+    """
+
+    processes: int
+    threads: int
+    log: Log
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where the refit of a cause begins.
+
+    Attributes:
+        cause: the cause.
+        objective: the objective with the prior of the cause.
+        values: every parameter.
+        start: evaluation there, None where it is not known yet.
+        baseline: the baseline at its optimum.
+        bar: cost which each step has to promise.
+        most: largest number of iterations.
+    """
+
+    cause: Cause
+    objective: Objective
+    values: dict[str, float]
+    start: Evaluation | None
+    baseline: Evaluation
+    bar: float
+    most: int
+
+
+def with_prior(objective: Objective, cause: Cause) -> Objective:
+    """The objective with the Gaussian priors under which a cause is refitted, about its null.
+
+    The null of a constant of the law (of n, say) is its value in the case. A companion that has a
+    prior already, for it is fitted without the cause, keeps it.
+    """
+    prior, nulls = dict(objective.prior), objective.model.null_values()
+    for name in cause.parameters:
+        prior[name] = (nulls[name], FREED_WIDTH * objective.parameters[name].width)
+    for name in cause.companions:
+        prior.setdefault(name, (nulls[name], objective.parameters[name].width))
+    return replace(objective, prior=prior)
+
+
+def as_wide_as_found(objective: Objective, cause: Cause, values: Mapping[str, float]) -> Objective:
+    """The objective with the prior of a cause widened to the size of its effect.
+
+    That of a refit would draw an effect of many scales towards zero, by the share that its
+    variance has in that of the prior.
+    """
+    if not cause.parameters:
+        return objective
+    sizes = [
+        objective.parameters[name].theta(values[name], objective.prior[name][0])
+        / objective.prior[name][1]
+        for name in cause.parameters
+    ]
+    factor = max(1.0, float(np.sqrt(np.mean(np.square(sizes)))))
+    prior = dict(objective.prior)
+    for name in cause.parameters:
+        null, width = prior[name]
+        prior[name] = (null, factor * width)
+    return replace(objective, prior=prior)
+
+
+def refit_causes(
+    scores: Sequence[Score],
+    screening: Evaluation,
+    baseline: Evaluation,
+    objective: Objective,
+    crew: Crew,
+    bar: float = np.inf,
+) -> list[Refit]:
+    """Refit causes side by side, each from the biased optimum of the baseline.
+
+    Args:
+        scores: the causes to refit.
+        screening: evaluation at the baseline with the parameters of every cause free.
+        baseline: the baseline at its optimum.
+        objective: the objective of the baseline.
+        crew: who refits.
+        bar: cost which each step has to promise; a cause of which one does not is left out.
+    """
+    tasks, hopeless = [], []
+    for scored in scores:
+        extended = with_prior(objective, scored.cause)
+        begin = extended.restrict(screening, freed_with(baseline, scored.cause))
+        if np.isfinite(bar) and promised(extended, begin) > bar:
+            hopeless.append(scored.cause.name)
+            continue
+        start = Start(scored.cause, extended, begin.values, begin, baseline, bar, MOST_ITERATIONS)
+        tasks.append(start)
+    if hopeless:
+        crew.log(f"  the first step promises too little of {', '.join(hopeless)}")
+    return refit_from(tasks, crew)
+
+
+def refit_from_afar(
+    scores: Sequence[Score],
+    baseline: Evaluation,
+    objective: Objective,
+    crew: Crew,
+    bar: float,
+) -> list[Refit]:
+    """Refit causes from the nominal model with ±1 and ±3 prior scales of each.
+
+    The biased optimum bends the fitted parameters to make up for a large effect, and a fit from
+    there may stall. Nominal are the means of the priors; knots, which have none, stay.
+
+    Args:
+        scores: the causes to refit.
+        baseline: the baseline at its optimum.
+        objective: the objective of the baseline.
+        crew: who refits.
+        bar: cost which each step has to promise; a start of which one does not is given up.
+    """
+    tasks = []
+    for scored in scores:
+        extended, cause = with_prior(objective, scored.cause), scored.cause
+        for values in nominal_starts(scored, baseline, extended):
+            tasks.append(Start(cause, extended, values, None, baseline, bar, MOST_FROM_AFAR))
+    return refit_from(tasks, crew)
+
+
+def nominal_starts(
+    scored: Score, baseline: Evaluation, extended: Objective
+) -> list[dict[str, float]]:
+    """The nominal model with the cause ±1 and ±3 prior scales off its null.
+
+    Several parameters go together, in the proportions of the estimate to first order.
+
+    Args:
+        scored: the cause.
+        baseline: the baseline at its optimum.
+        extended: the objective with the priors of the cause.
+    """
+    cause, prior, known = scored.cause, extended.prior, extended.parameters
+    values = nominal(baseline, extended)
+    values |= {name: prior[name][0] for name in cause.companions}
+    largest = float(np.max(np.abs(scored.estimate)))
+    along = scored.estimate / largest if largest > 0 else np.ones(len(cause.parameters))
+    sides = (1.0,) if cause.one_sided else (1.0, -1.0)
+    along = np.abs(along) if cause.one_sided else along
+    return [
+        values
+        | {
+            name: known[name].value(float(side * far * part * known[name].width), prior[name][0])
+            for name, part in zip(cause.parameters, along, strict=True)
+        }
+        for far in FAR
+        for side in sides
+    ]
+
+
+def nominal(baseline: Evaluation, objective: Objective) -> dict[str, float]:
+    """Every parameter at the mean of its prior; those without one, as the knots, stay."""
+    prior = objective.prior
+    return baseline.values | {name: prior[name][0] for name in baseline.free if name in prior}
+
+
+def added_by(cause: Cause, baseline: Evaluation) -> tuple[str, ...]:
+    """What a cause frees; a companion may be free already, with another cause."""
+    named = (*cause.parameters, *cause.companions)
+    return tuple(name for name in named if name not in baseline.free)
+
+
+def freed_with(baseline: Evaluation, cause: Cause) -> tuple[str, ...]:
+    """What is free where a cause is."""
+    return (*baseline.free, *added_by(cause, baseline))
+
+
+def refit_from(tasks: Sequence[Start], crew: Crew) -> list[Refit]:
+    """Refits side by side; starts that are given up are told and left out.
+
+    Raises:
+        NotRunError: a simulation was not run.
+        JobError, ResultFileError: one was killed, ran out of time or left no result.
+    """
+
+    def done(index: int, result: Refit | str) -> None:
+        name = tasks[index].cause.name
+        if isinstance(result, str):
+            crew.log(f"  {name}: a start is given up, {result}")
+            return
+        crew.log(told(result))
+
+    ends = side_by_side(_refit, tasks, crew.processes, crew.threads, done)
+    return [end for end in ends if isinstance(end, Refit)]
+
+
+def told(refit: Refit) -> str:
+    """A refit as a line of the log."""
+    best = refit.fit.best
+    return (
+        f"  {refit.cause.name}: log evidence {refit.log_evidence:+.1f}, "
+        f"χ_F {best.chi_load:.2f}, χ of images {best.chi_image:.3f} ({refit.fit.reason})"
+    )
+
+
+def _refit(task: Start) -> Refit | str:
+    """The refit, or why the start was given up."""
+    objective, here = task.objective, task.start
+    if here is None:
+        beside, free = objective.near(task.baseline), freed_with(task.baseline, task.cause)
+        first = attempt(lambda: beside.evaluate(task.values, free))
+        if isinstance(first, Failure):
+            return f"for it cannot be simulated ({first.why})"
+        here = first
+    result = fit(
+        objective, here.values, here.free, task.most, silent, here, TOLERANCE, bar=task.bar
+    )
+    if result.given_up:
+        return f"for {result.reason}"
+    return refit_of(task.cause, objective, result, task.baseline)
+
+
+def refit_of(cause: Cause, objective: Objective, result: Fit, baseline: Evaluation) -> Refit:
+    """The refit that a fit with the prior of a cause is.
+
+    Args:
+        cause: the cause.
+        objective: the objective of the fit, with the prior of the cause.
+        result: the fit.
+        baseline: the baseline at its optimum.
+    """
+    companions = [name for name in added_by(cause, baseline) if name in cause.companions]
+    effects, rising = [cause.parameters], cause.parameters if cause.one_sided else ()
+    evidence = log_bayes_factor(baseline, result.best, objective, effects, companions, rising)
+    evidence += float(np.log(cause.odds))
+    return Refit(cause, as_wide_as_found(objective, cause, result.values), result, evidence)

@@ -1,0 +1,104 @@
+"""A finding has to be there on another mesh as well.
+
+A mesh errs in its own way, mostly where crystals yield, and so do many causes: on a coarse mesh
+and with many images the error of the finer simulation may look like one of them. On another mesh
+of about that size it is another one: the mean of both corrections is the better one, and half of
+what they differ by is what each may be off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from driver.common.progress import Log
+from driver.diagnosis.causes.causes import NUMERICS
+from driver.diagnosis.search.discretisation_check import GATE, Gate
+from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.statistics.score_test import NAMING_LEVEL, Score, significance
+from driver.diagnosis.statistics.screening import whitened_difference
+from driver.identification.fit import POLISH, Fit, fit_from
+from driver.identification.objective import Correction, Objective
+
+
+@dataclass(frozen=True, eq=False)
+class OnBoth:
+    """What two finer meshes say.
+
+    Attributes:
+        lost: the change that takes every significant score away, None where one of them stays.
+        first: the correction by the finer mesh at the fit.
+        spread: half of what the other one adds.
+    """
+
+    lost: Gate | None
+    first: Correction
+    spread: Correction
+
+
+def held_against_both(
+    finer: FinerMeshes,
+    here: Fit,
+    objective: Objective,
+    scores: Sequence[Score],
+    widened: float,
+    log: Log,
+) -> OnBoth | None:
+    """Hold what is significant against another mesh.
+
+    A score stays if it is significant with the mean of both corrections, or if the other mesh
+    moves it by less than the gate allows.
+
+    Args:
+        finer: the finer models.
+        here: the fit.
+        objective: its objective, with the correction by the finer model.
+        scores: of all causes at the fit.
+        widened: by how much the simulation's own error widens them.
+        log: takes one line of progress.
+
+    Returns:
+        None where nothing is significant, the objective has both meshes already, or there is no
+        other one.
+
+    Raises:
+        SolverError: the finer simulation could not be finished.
+    """
+    seen = [s for s in scores if s.p < NAMING_LEVEL and s.directions.size and s.cause != NUMERICS]
+    if not seen or objective.spread is not None or finer.another is None:
+        return None
+    log("finer mesh and steps at this fit")
+    first, spread = finer.corrections(objective.model, here, True, log)
+    if spread is None:
+        return None
+    both = whitened_difference(objective, first.mean_with(spread), objective.correction)
+    half = whitened_difference(objective, spread, Correction())
+    effects = []
+    for one in seen:
+        p = significance(
+            one.cause, one.components - one.directions @ both / widened, one.directions, here.best,
+            one.family, objective.data.load_degrees,
+        )  # fmt: skip
+        moved = 2.0 * one.directions @ half / widened
+        effects.append(float(np.linalg.norm(moved) / np.sqrt(moved.size)))
+        log(f"  {one.cause.name}: moved by {effects[-1]:.1f} σ, p {one.p:.2g} → {p:.2g}")
+        if p < NAMING_LEVEL or effects[-1] <= GATE:
+            return OnBoth(None, first, spread)
+    lost = Gate(effects[0], seen[0].cause.name, "mesh", between_meshes=True)
+    return OnBoth(lost, first, spread)
+
+
+def with_both(objective: Objective, here: Fit, both: OnBoth, log: Log) -> tuple[Objective, Fit]:
+    """The objective with the mean of both corrections, fitted.
+
+    Args:
+        objective: with the correction by the finer model.
+        here: its fit.
+        both: what two finer meshes say.
+        log: takes a line for each iteration.
+    """
+    mean = both.first.mean_with(both.spread)
+    objective = replace(objective, correction=mean, spread=both.spread)
+    return objective, fit_from(here.best, objective, POLISH, log)

@@ -1,0 +1,295 @@
+"""One round of a diagnosis: all causes scored, the likely ones refitted, one of them named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.common.progress import Log
+from driver.diagnosis.answer.result_types import Settings, Step
+from driver.diagnosis.answer.verdict import MOST_ADDITIONS
+from driver.diagnosis.causes.causes import NUMERICS, Cause
+from driver.diagnosis.causes.ebsd_flips import FLIPS, flips_of
+from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE, COVARIANCE
+from driver.diagnosis.search.boundary_noise import Stops, refit_boundary_noise, score_boundary_noise
+from driver.diagnosis.search.candidate_correction import with_own_corrections
+from driver.diagnosis.search.candidate_selection import (
+    LARGE,
+    best_of_each,
+    cost_to_promise,
+    leaves_unexplained,
+    refits_of_likely,
+)
+from driver.diagnosis.search.discretisation_check import Gate
+from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.finite_step_score import look_from_afar
+from driver.diagnosis.search.flip_trial import FlipTrial, not_warranted, try_flips
+from driver.diagnosis.search.refit import Crew, Refit
+from driver.diagnosis.search.second_mesh_check import held_against_both, with_both
+from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL, Omnibus, omnibus
+from driver.diagnosis.statistics.score_test import (
+    NAMING_LEVEL,
+    PARALLEL,
+    WORTH,
+    Score,
+    effects_of,
+    likeness,
+)
+from driver.diagnosis.statistics.screening import own_error_shapes, screen, screened
+from driver.diagnosis.statistics.smooth_motion_test import smooth_fields
+from driver.identification.fit import Fit
+from driver.identification.objective import Evaluation, Objective
+
+FloatArray = NDArray[np.float64]
+
+WITHIN = 3.0  # log evidence within which causes are not told apart
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """A round, and what was examined in it.
+
+    Attributes:
+        step: what was found.
+        winner: the refit of the cause to add, None where none stands out.
+        fit: the fit that was examined, with both meshes where they were asked for.
+        objective: its objective.
+    """
+
+    step: Step
+    winner: Refit | None
+    fit: Fit
+    objective: Objective
+
+
+def examine(
+    here: Fit,
+    objective: Objective,
+    added: Sequence[Cause],
+    settings: Settings,
+    stops: Stops,
+    wide: Evaluation | None,
+    finer: FinerMeshes,
+    log: Log,
+) -> Round:
+    """Screen all causes, refit the best, and pick the one to add.
+
+    Noise of the boundary is the first suspect: where it is worth adding, no other cause is
+    refitted before it is counted.
+
+    Args:
+        here: the fit that is examined.
+        objective: its objective.
+        added: causes that were added before.
+        settings: how the diagnosis is run.
+        stops: the answers to a noise of the boundary, if they were computed.
+        wide: evaluation at the fit with the parameters of every cause free, if known.
+        finer: the finer models behind the correction.
+        log: takes one line of progress.
+
+    Raises:
+        SolverError: the simulation could not be finished.
+    """
+    candidates, names = screened(objective.model, here.best.free, settings.wanted, settings.own)
+    screening = wide if wide is not None else objective.complete(here.best, names)
+    seen = _first_order(here, objective, candidates, screening, settings, stops, log)
+    refits: list[Refit] = []
+    trial = FlipTrial()
+    lost: Gate | None = None
+    noise = seen.noise
+    if noise is not None and noise.p < level_of(BOUNDARY_NOISE) and stops.effect is not None:
+        refits = [refit_boundary_noise(stops.effect, here.best, objective, log)]
+    counted_first = bool(refits) and refits[0].log_evidence > WORTH
+    room = len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS
+    if room and not counted_first:
+        crew = Crew(settings.processes, settings.threads, log)
+        both = held_against_both(finer, here, objective, seen.scores, seen.widened, log)
+        # Where both meshes agree on a finding, looks follow at the fit with both alone.
+        if both is None or both.lost is not None:
+            near = _significant(seen.scores)
+            seen = _looked(seen, here, objective, crew)
+            if _significant(seen.scores) - near:
+                both = held_against_both(finer, here, objective, seen.scores, seen.widened, log)
+        if both is not None:
+            lost = both.lost
+            if lost is None:
+                objective, here = with_both(objective, here, both, log)
+                # The sensitivities stay those at the fit before, a fraction of a σ away.
+                screening = objective.compare(
+                    screening.prediction, screening.values, screening.free
+                )
+                log("  with the mean of both meshes:")
+                seen = _first_order(here, objective, candidates, screening, settings, stops, log)
+                seen = _looked(seen, here, objective, crew)
+        if lost is None:
+            likely = refits_of_likely(
+                seen.scores, seen.afar, screening, here.best, objective, settings.refit, crew
+            )  # fmt: skip
+            trial = _flips(likely, seen.tests, here.best, objective, added, settings.wanted, crew)
+            likely = best_of_each([*likely, *trial.refits])
+            refits = with_own_corrections(likely, here.best, finer, crew) or refits
+    scores = sorted([*seen.scores, *trial.scores], key=lambda s: -s.log_evidence)
+    winner = refits[0] if refits and refits[0].log_evidence > WORTH else None
+    named = set_of(refits, scores) if winner is not None else ()
+    chi = here.best.chi_load, here.best.chi_image
+    step = Step(
+        tuple(scores), tuple(refits), named, seen.tests, *chi, seen.widened, trial.untried, lost
+    )  # fmt: skip
+    return Round(step, winner, here, objective)
+
+
+def at_first_sight(
+    here: Fit, objective: Objective, settings: Settings, stops: Stops, log: Log
+) -> Step:
+    """Screen all causes, and refit none.
+
+    Args:
+        here: the fit that is examined.
+        objective: its objective.
+        settings: how the diagnosis is run.
+        stops: the answers to a noise of the boundary, if they were computed.
+        log: takes one line of progress.
+    """
+    candidates, names = screened(objective.model, here.best.free, settings.wanted, settings.own)
+    screening = objective.complete(here.best, names)
+    seen = _first_order(here, objective, candidates, screening, settings, stops, log)
+    chi = here.best.chi_load, here.best.chi_image
+    return Step(tuple(seen.scores), (), (), seen.tests, *chi, seen.widened)
+
+
+def is_settled(step: Step) -> bool:
+    """Whether nothing is left: the tests accept, and no cause is significant."""
+    causes = [s for s in step.scores if s.degrees and s.cause != NUMERICS]
+    return step.omnibus.accepted and all(s.p >= level_of(s.cause) for s in causes)
+
+
+def level_of(cause: Cause) -> float:
+    """The level of the family at which a cause is named, or suspected first."""
+    return FAMILY_LEVEL if cause == BOUNDARY_NOISE else NAMING_LEVEL
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What is seen before anything is refitted, but for causes that show from afar.
+
+    Attributes:
+        scores: of all causes, best log evidence first.
+        afar: refits from afar of causes that bend, none to first order.
+        widened: by how much the simulation's own error widens them.
+        tests: of the residual against no particular cause.
+        noise: the score of the noise of the boundary, None where it was not looked for.
+    """
+
+    scores: list[Score]
+    afar: tuple[Refit, ...]
+    widened: float
+    tests: Omnibus
+    noise: Score | None
+
+
+def _first_order(
+    here: Fit,
+    objective: Objective,
+    candidates: Sequence[Cause],
+    screening: Evaluation,
+    settings: Settings,
+    stops: Stops,
+    log: Log,
+) -> _Seen:
+    """Scores and tests of a fit; the best five are told."""
+    here = replace(here, best=here.inside(objective))
+    effects = effects_of(candidates, screening, objective.parameters)
+    scores, variance = screen(here, objective, candidates, effects, settings.sizes)
+    if variance > 1.0:
+        log(f"  the simulation's own error widens scores by {np.sqrt(variance):.2f}")
+    fields = smooth_fields(objective.data, here.best.motion)
+    own = own_error_shapes(objective)
+    tests = omnibus(here.best, objective.data, effects, fields, own, variance)
+    noise = _noise_of_boundary(here, objective, effects, stops)
+    if noise is not None:
+        scores = sorted([*scores, noise], key=lambda s: -s.log_evidence)
+    for s in scores[:5]:
+        log(f"  {s.cause.name}: log evidence {s.log_evidence:+.1f}, p {s.p:.2g}")
+    return _Seen(scores, (), float(np.sqrt(variance)), tests, noise)
+
+
+def _looked(seen: _Seen, here: Fit, objective: Objective, crew: Crew) -> _Seen:
+    """What is seen, from afar as well."""
+    found = look_from_afar(seen.scores, here, objective, seen.widened**2, seen.tests.accepted, crew)
+    return replace(seen, scores=found.scores, afar=tuple(found.refits))
+
+
+def _significant(scores: Sequence[Score]) -> set[str]:
+    return {s.cause.name for s in scores if s.p < NAMING_LEVEL}
+
+
+def _flips(
+    refits: Sequence[Refit],
+    tests: Omnibus,
+    baseline: Evaluation,
+    objective: Objective,
+    added: Sequence[Cause],
+    wanted: tuple[str, ...] | None,
+    crew: Crew,
+) -> FlipTrial:
+    """Trial of the EBSD flips where it is warranted: each costs a simulation, or a refit."""
+    if set(added) & set(FLIPS):  # two half turns make the third
+        return FlipTrial()
+    flips, _ = flips_of(objective.model.microstructure.orientations, wanted)
+    nothing = not refits or refits[0].log_evidence <= WORTH
+    unexplained = not tests.accepted if nothing else leaves_unexplained(baseline, refits[0])
+    turns = not nothing and _turns_a_lattice(refits[0])
+    if not (baseline.chi_load > LARGE or unexplained or turns):
+        return not_warranted(flips)
+    return try_flips(flips, baseline, objective, crew, cost_to_promise(refits, baseline))
+
+
+def _turns_a_lattice(best: Refit) -> bool:
+    """Whether the best cause turns a lattice, so that its frame is suspect.
+
+    A half turn about an axis of the specimen leaves the Schmid factors along Y as they are: it may
+    hide from the loads, and look like a turn of a few degrees.
+    """
+    return any(name.startswith("rotation_") for name in best.cause.parameters)
+
+
+def _noise_of_boundary(
+    here: Fit, objective: Objective, effects: Sequence[FloatArray], stops: Stops
+) -> Score | None:
+    """Its score, None where the answers to it are not known or it is counted already."""
+    if stops.effect is None or objective.data.jitter is not None:
+        return None
+    family = len(effects) + 2
+    return score_boundary_noise(stops.effect, here.best, objective.data, effects, family)
+
+
+def set_of(refits: Sequence[Refit], scores: Sequence[Score]) -> tuple[str, ...]:
+    """The best cause, and those that cannot be told from it, best first.
+
+    A refitted cause belongs to it by its evidence; or, if its linearised effect is parallel to that
+    of one which does, by a misfit as low as that one's where no prior draws either to its null. Of
+    causes that were not refitted the likeness alone is known.
+
+    Args:
+        refits: the best of each cause, best evidence first.
+        scores: of all causes.
+    """
+    by_name = {s.cause.name: s for s in scores}
+    close = [r for r in refits if refits[0].log_evidence - r.log_evidence < WITHIN]
+
+    def parallel(member: Refit, name: str) -> bool:
+        return likeness(by_name[member.cause.name], by_name[name]) > PARALLEL
+
+    def does_as_well(other: Refit) -> bool:
+        return any(
+            parallel(member, other.cause.name) and other.own_misfit - member.own_misfit < 2 * WITHIN
+            for member in close
+        )
+
+    names = [r.cause.name for r in refits if r in close or does_as_well(r)]
+    known = {r.cause.name for r in refits} | {NUMERICS.name}
+    unknown = [s.cause.name for s in scores if s.cause.name not in known]
+    return (*names, *(name for name in unknown if any(parallel(m, name) for m in close)))

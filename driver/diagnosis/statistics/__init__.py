@@ -1,0 +1,1 @@
+"""Statistics of the diagnosis: score test, Bayes factor, goodness of fit."""

@@ -1,0 +1,118 @@
+"""Screening: a score of every cause that a model can have, from one evaluation at the fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.diagnosis.causes.candidates import causes_of
+from driver.diagnosis.causes.causes import NUMERICS, Cause
+from driver.diagnosis.statistics.discretisation_variance import score_variance
+from driver.diagnosis.statistics.score_test import Score, score
+from driver.forward.dwell_time import HOLD, holds
+from driver.forward.fixed_pattern import PATTERN_DECLARATIONS
+from driver.forward.microstructure import LATTICE_DECLARATIONS
+from driver.forward.model import ForwardModel
+from driver.identification.fit import Fit
+from driver.identification.objective import Correction, Objective
+from solver_adapters.material import MATERIAL_PARAMETERS
+
+FloatArray = NDArray[np.float64]
+
+
+def screened(
+    model: ForwardModel,
+    fitted: Sequence[str],
+    wanted: Sequence[str] | None,
+    own: Sequence[Cause] = (),
+) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
+    """The causes that a model can have, and the parameters that screening needs free."""
+    known = parameters_of_the_specimen(model) & honoured(model)
+    candidates = causes_of(known, fitted, wanted, own)
+    names = [*fitted]
+    for cause in candidates:
+        names += [n for n in (*cause.parameters, *cause.companions) if n not in names]
+    return candidates, tuple(names)
+
+
+def parameters_of_the_specimen(model: ForwardModel) -> frozenset[str]:
+    """Parameters of the general model that this specimen has, whoever simulates it."""
+    seen = frozenset(p for p in model.parameters if not model.simulated(p))
+    if model.pattern is None:
+        seen -= {p.name for p in PATTERN_DECLARATIONS}
+    law = frozenset(MATERIAL_PARAMETERS)
+    if len(model.microstructure.orientations) < 2:
+        law -= {"tau0_grain2"}
+    if holds(model.boundary.weights).any():
+        law |= {HOLD}
+    return seen | law | model.boundary.parameters | model.microstructure.parameters
+
+
+def honoured(model: ForwardModel) -> frozenset[str]:
+    """Parameters of the general model that the solver can honour."""
+    offered = model.adapter.capabilities()
+    refused = frozenset(MATERIAL_PARAMETERS) - offered.material
+    if not offered.lattice_gradient:
+        refused |= {parameter.name for parameter in LATTICE_DECLARATIONS}
+    if not offered.times:
+        refused |= {HOLD}
+    return frozenset(model.parameters) - refused
+
+
+def screen(
+    here: Fit,
+    objective: Objective,
+    candidates: Sequence[Cause],
+    effects: Sequence[FloatArray],
+    sizes: tuple[float, float],
+) -> tuple[list[Score], float]:
+    """Score every candidate, and the discretisation; best log evidence first.
+
+    Args:
+        here: the fit that is examined.
+        objective: its objective.
+        candidates: the causes.
+        effects: whitened sensitivities of each per prior scale, shapes (k_c, n).
+        sizes: element sizes of the working and of the finer mesh [µm].
+
+    Returns:
+        The scores, and the variance that they count along the causes, 1 for noise alone.
+    """
+    family, degrees = len(candidates) + 1, objective.data.load_degrees
+    pairs = list(zip(candidates, effects, strict=True))
+    change = objective.correction
+    if isinstance(change.load, np.ndarray):
+        pairs.append((NUMERICS, whitened_difference(objective, change, Correction())[None]))
+
+    def scored(variance: float) -> list[Score]:
+        return [
+            score(cause, effect, here.best, family, degrees, variance) for cause, effect in pairs
+        ]
+
+    variance = score_variance(scored(1.0), objective.data, change, sizes)
+    return sorted(scored(variance), key=lambda s: -s.log_evidence), variance
+
+
+def own_error_shapes(objective: Objective) -> FloatArray:
+    """What the simulation's own error looks like, whitened, shape (m, n).
+
+    The correction itself, of which a share may be left, half of what two finer meshes differ by,
+    and what steps of first order leave; none without a correction.
+    """
+    left = objective.correction.left_by_steps
+    of_steps = None if left is None else Correction(left.motion, left.load)
+    known = [objective.correction, objective.spread, of_steps]
+    shapes = [
+        whitened_difference(objective, one, Correction())
+        for one in known
+        if one is not None and isinstance(one.load, np.ndarray)
+    ]
+    return np.stack(shapes) if shapes else np.zeros((0, 0))
+
+
+def whitened_difference(objective: Objective, one: Correction, other: Correction) -> FloatArray:
+    """Change of the whitened prediction between two corrections, to first order, shape (n,)."""
+    motion = np.asarray(one.motion) - np.asarray(other.motion)
+    return objective.data.change(motion, np.asarray(one.load) - np.asarray(other.load))

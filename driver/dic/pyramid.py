@@ -1,0 +1,165 @@
+"""Where the correlation of each image starts: phase correlation, then a stiff coarse motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.common.splines.kernels import coefficients, slopes_at
+from driver.dic.basis import GridBasis, grid_basis
+from driver.dic.kernels import binned
+from driver.dic.regularisation import penalties
+from driver.dic.system import Pixels, System
+from driver.experiment.images.rigid import phase_correlation
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+ELEMENT = 16  # px of the level
+STIFF = 0.05  # px; granted to second differences: nearly affine, no local minimum to fall into
+TOLERANCE = 2e-2  # px of the level; enough for the next one
+SMALLEST = 64  # px; the images are halved as long as their shorter side stays as long
+FACTOR = 4  # between the finest coarse level and the image, 2 for a small one
+DAMPING = 1e-3  # of the mean diagonal, on the second differences of w
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """One coarse grid of pixels: `scale` pixels of the image to one of its own."""
+
+    scale: int
+    system: System
+    basis: GridBasis
+
+
+@dataclass(frozen=True, eq=False)
+class Starter:
+    """Coarse systems of one reference, used for all its images, coarsest first."""
+
+    levels: tuple[_Level, ...]
+    reference: FloatArray
+
+    @staticmethod
+    def build(reference: FloatArray, region: BoolArray) -> Starter:
+        """Bin the reference and factor its coarse systems.
+
+        Args:
+            reference: f without gaps, shape (rows, cols).
+            region: pixels to correlate, same shape.
+        """
+        rows, cols = np.nonzero(region)
+        extent = np.ptp(rows) + 1, np.ptp(cols) + 1
+        scale = 2
+        while min(extent) // (2 * scale) >= SMALLEST:
+            scale *= 2
+        scales = [scale]
+        while scales[-1] > FACTOR:
+            scales.append(scales[-1] // 2)
+        return Starter(tuple(_level(reference, region, s) for s in scales), reference)
+
+    def follow(
+        self, images: Sequence[FloatArray], nodes_uv: FloatArray, nodes_w: FloatArray
+    ) -> list[FloatArray]:
+        """Starting values [u | v | w] in pixels and heights of each image of a series.
+
+        An image starts from where the one before it ended, or that with the shift between the
+        two added, whichever leaves less; the coarse motion is followed through all images.
+
+        Args:
+            images: g without gaps, each of shape (rows, cols).
+            nodes_uv: where u and v are wanted [px: row, column], (n, 2).
+            nodes_w: where w is wanted, (m, 2).
+        """
+        starts = []
+        top = self.levels[0]
+        p = np.zeros(top.system.size)
+        before = binned(self.reference, top.scale)
+        for image in images:
+            small = binned(image, top.scale)
+            p = self._best(top, p, before, small)
+            for level, coarser in zip(self.levels, (None, *self.levels), strict=False):
+                if coarser is not None:
+                    p = _carried(coarser, p, level)
+                coarse = small if level is top else binned(image, level.scale)
+                end = level.system.iterate(coefficients(coarse), p, TOLERANCE)
+                p = end.p if end.reason in ("converged", "slow") else p
+            last = self.levels[-1]
+            starts.append(_values(last, p, nodes_uv, nodes_w))
+            p = _carried(last, p, top) if last is not top else p
+            before = small
+        return starts
+
+    def _best(
+        self, level: _Level, p: FloatArray, before: FloatArray, after: FloatArray
+    ) -> FloatArray:
+        """The old motion, or the old motion and the shift between the images (a jump)."""
+        box = _box(level.system.pixels)
+        shift = phase_correlation(before[box], after[box])
+        if np.hypot(*shift) < 0.5:
+            return p
+        n = level.system.n_uv
+        moved = p + np.repeat([*shift, 0.0], [n, n, level.system.size - 2 * n])
+        spline = coefficients(after)
+        left = [np.nanstd(level.system.residual(spline, q)) for q in (p, moved)]
+        return moved if left[1] < left[0] else p
+
+
+def _level(reference: FloatArray, region: BoolArray, scale: int) -> _Level:
+    f = binned(reference, scale)
+    inside = binned(region.astype(np.float64), scale) > 0.99
+    if not inside.any():
+        inside = binned(region.astype(np.float64), scale) > 0
+    at = inside.nonzero()
+    # Samples taken for coefficients: a spline that smooths the noise a little.
+    slope = slopes_at(f, *at)
+    rows, cols = (index.astype(np.float64) for index in at)
+    xy = np.column_stack([rows, cols])
+    pixels = Pixels(rows, cols, f[at], slope, 1.0)
+    # A region one pixel wide still spans a grid.
+    low_row, low_col = float(rows.min()), float(cols.min())
+    high_row, high_col = float(rows.max()), float(cols.max())
+    bounds = (low_row, max(high_row, low_row + 1), low_col, max(high_col, low_col + 1))
+    basis = grid_basis(xy, bounds, ELEMENT)
+    system = System(pixels, basis, basis, penalties(basis, basis, "tikhonov"))
+    n = 2 * len(basis.nodes)
+    # The stiffness that white heights of a tenth of the relief would justify.
+    variance = (0.1 * float(np.std(f[at]))) ** 2
+    diagonal = float(system.hessian.diagonal()[n:].mean())
+    system.weigh([variance / STIFF**2, DAMPING * diagonal])
+    return _Level(scale, system, basis)
+
+
+def _carried(coarse: _Level, p: FloatArray, fine: _Level) -> FloatArray:
+    """Nodal values of one level at the nodes of another, in pixels of the other."""
+    nodes = _in_image(fine.basis.nodes, fine.scale)
+    values = _values(coarse, p, nodes, nodes)
+    values[: 2 * len(nodes)] /= fine.scale
+    return values
+
+
+def _values(level: _Level, p: FloatArray, nodes_uv: FloatArray, nodes_w: FloatArray) -> FloatArray:
+    """Motion of a level in pixels of the image, at nodes given there, held beyond its grid."""
+    n = len(level.basis.nodes)
+    x0, x1, y0, y1 = level.basis.bounds
+    nodal = np.column_stack([level.scale * p[:n], level.scale * p[n : 2 * n], p[2 * n :]])
+    uv, w = (
+        level.basis.interpolated(
+            nodal, np.clip((x - (level.scale - 1) / 2) / level.scale, (x0, y0), (x1, y1))
+        )
+        for x in (nodes_uv, nodes_w)
+    )
+    return np.concatenate([uv[:, 0], uv[:, 1], w[:, 2]])
+
+
+def _in_image(nodes: FloatArray, scale: int) -> FloatArray:
+    return np.asarray(nodes * scale + (scale - 1) / 2)
+
+
+def _box(pixels: Pixels) -> tuple[slice, slice]:
+    return (
+        slice(int(pixels.rows.min()), int(pixels.rows.max()) + 1),
+        slice(int(pixels.cols.min()), int(pixels.cols.max()) + 1),
+    )

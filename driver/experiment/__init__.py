@@ -1,0 +1,1 @@
+"""What was measured: the history of the test, its loads and its height maps."""

@@ -1,0 +1,1 @@
+"""Height maps: files, calibration, flat field, noise, outliers and rigid motion."""

@@ -1,0 +1,385 @@
+"""What was measured, in internal units and in the arrangement of the specimen frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.case.images import Images
+from driver.case.model import Case
+from driver.common.errors import InputError, sentence
+from driver.experiment.history import History, HistoryError, read_history
+from driver.experiment.images.files import Refused, files_of, split_dataset
+from driver.experiment.images.heightmaps import Stack, load_stack
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+Anything = TypeVar("Anything")
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+# The relief of the repeats is that of image 0: another scale shows in its spread.
+_SCALES = 2.0
+_FEWEST_LOADS = 2  # as of a history, see `read_history`
+_TALLEST = 1e6  # nm; beyond it a level means something else, such as 3e38 for no height
+
+
+class ExperimentError(InputError):
+    """Measured files that do not fit together: a line each, with file, key, found, expected."""
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """Height maps, loading history and loads of one specimen.
+
+    Rows of every map run along +X, columns along +Y, heights along +Z. A pixel without a
+    height is not a number.
+
+    Attributes:
+        frames: height maps, frame 0 before loading [µm], shape (n_images, rows, columns).
+        flats: height maps of a flat reference surface [µm], shape (n_flats, rows, columns).
+        repeats: repeated height maps before loading [µm], shape (n_repeats, rows, columns).
+        pixel_um: side of a pixel [µm].
+        origin: (row, column) of X = 0, Y = 0 [pixels].
+        mask: true where pixels are used, shape (rows, columns), or None for all of them.
+        history: times, stage travel and cycles.
+        force: force on the specimen at each image [µN], shape (n_images,).
+        gamma_f: nominal standard deviation of the height noise [µm].
+        gamma_F: standard deviation of the load noise at the specimen [µN].
+        clipped: number of pixels of `frames` at the largest level of their type.
+        noise_map: noise of each pixel, on any scale, shape (rows, columns), or None for even noise.
+    """
+
+    frames: FloatArray
+    flats: FloatArray | None
+    repeats: FloatArray | None
+    pixel_um: float
+    origin: tuple[float, float]
+    mask: BoolArray | None
+    history: History
+    force: FloatArray
+    gamma_f: float
+    gamma_F: float
+    clipped: int = 0
+    noise_map: FloatArray | None = None
+
+
+def history_of(case: Case) -> History:
+    """The loading history of a case, of its images or, where it has none, of its loads.
+
+    Raises:
+        HistoryError: the history cannot be used, or the loads that the case leaves out are none
+            of it, or too many of it.
+    """
+    path = case.path(case.history.file)
+    history = read_history(path, case.with_images)
+    left, loads = set(case.loads.left_out), range(history.n_images)
+    unknown = sorted(left.difference(loads))
+    if unknown:
+        found = ", ".join(map(str, unknown))
+        expected = f"numbers from 0 to {loads[-1]}, as {path} has them"
+        raise HistoryError(f"loads.left_out: found {found}, expected {expected}")
+    if len(loads) - len(left) < _FEWEST_LOADS:
+        raise HistoryError(
+            f"loads.left_out: found {len(left)} of the {len(loads)} loads of {path}, expected at "
+            f"least {_FEWEST_LOADS} that stay"
+        )
+    return history
+
+
+def fitted_loads(case: Case, loads: FloatArray) -> FloatArray:
+    """Loads of all images, shape (n_images,), no number where the case leaves one out."""
+    return np.where(np.isin(np.arange(len(loads)), case.loads.left_out), np.nan, loads)
+
+
+def read_experiment(case: Case) -> Experiment:
+    """Read the images, the history and the loads of a case.
+
+    Raises:
+        ExperimentError: files that cannot be read or used, or that do not fit together; every
+            one of them is told, one sentence a line.
+    """
+    problems: list[str] = []
+
+    def or_told(read: Callable[[], Anything]) -> Anything | None:
+        try:
+            return read()
+        except InputError as error:
+            problems.append(str(error))
+            return None
+
+    images = case.images
+    history = or_told(lambda: history_of(case))
+    frames = or_told(lambda: _frames(case, history))
+    flats = or_told(lambda: _optional(case, "flats", frames))
+    repeats = or_told(lambda: _optional(case, "repeats", frames))
+    mask = or_told(lambda: _mask(case, frames))
+    noise_map = or_told(lambda: _noise_map(case, frames))
+    if problems or history is None or frames is None:
+        raise ExperimentError("\n".join(problems))
+    return Experiment(
+        frames=heights(images, frames.levels),
+        flats=None if flats is None else heights(images, flats.levels),
+        repeats=None if repeats is None else heights(images, repeats.levels),
+        pixel_um=images.pixel_um,
+        origin=origin(images, (frames.levels.shape[1], frames.levels.shape[2])),
+        mask=None if mask is None else arrange(images, _used(mask))[0],
+        history=history,
+        force=history.force * case.force_scale,
+        gamma_f=images.gamma_f,
+        gamma_F=case.loads.gamma_F,
+        clipped=_clipped(frames),
+        noise_map=noise_map,
+    )
+
+
+def read_unloaded(case: Case, history: History) -> Experiment | None:
+    """What can be there before a test: repeats, flats and mask.
+
+    Args:
+        case: the case; files that it names may be absent.
+        history: what will be done to the specimen.
+
+    Returns:
+        An experiment without frames, its loads without a meaning; None without repeats.
+
+    Raises:
+        InputError: a file that is there cannot be used.
+    """
+    images = case.images
+    there = {key: _is_there(case, key) for key in ("repeats", "flats", "mask")}
+    repeats = _optional(case, "repeats", None) if there["repeats"] else None
+    if repeats is None:
+        return None
+    flats = _optional(case, "flats", repeats) if there["flats"] else None
+    mask = _mask(case, repeats) if there["mask"] else None
+    size = (repeats.levels.shape[1], repeats.levels.shape[2])
+    return Experiment(
+        frames=np.zeros((0, *arrange(images, repeats.levels).shape[1:])),
+        flats=None if flats is None else heights(images, flats.levels),
+        repeats=heights(images, repeats.levels),
+        pixel_um=images.pixel_um,
+        origin=origin(images, size),
+        mask=None if mask is None else arrange(images, _used(mask))[0],
+        history=history,
+        force=np.zeros(history.n_images),
+        gamma_f=images.gamma_f,
+        gamma_F=case.loads.gamma_F,
+    )
+
+
+def _is_there(case: Case, key: str) -> bool:
+    name: str | None = getattr(case.images, key)
+    if name is None:
+        return False
+    try:
+        files_of(split_dataset(case.path(name))[0])
+    except Refused:
+        return False
+    return True
+
+
+def heights(images: Images, levels: FloatArray) -> FloatArray:
+    """Digital levels as heights along +Z [µm], rows along +X and columns along +Y.
+
+    Args:
+        images: how the files lie on the specimen, and what a level means.
+        levels: as stored in the files, shape (n, rows, columns) of the files.
+
+    Returns:
+        Not a number where a pixel carries no height.
+    """
+    sign = 1.0 if images.heights == "+Z" else -1.0
+    arranged = arrange(images, levels)
+    found = (sign * images.level_um) * arranged + sign * images.offset_um
+    found[~_with_height(images, arranged)] = np.nan
+    return found
+
+
+def _with_height(images: Images, levels: FloatArray) -> BoolArray:
+    finite = np.isfinite(levels)
+    if images.off_surface_level == "none":
+        return finite
+    return np.asarray(finite & (levels != images.off_surface_level))
+
+
+def arrange(images: Images, stack: NDArray[Scalar]) -> NDArray[Scalar]:
+    """A stack of the files with its rows along +X and its columns along +Y.
+
+    Args:
+        images: how the files lie on the specimen.
+        stack: shape (n, rows, columns) of the files.
+    """
+    along_x, along_y = images.rows_along, images.columns_along
+    if along_x[1] == "Y":
+        stack, along_x, along_y = stack.swapaxes(1, 2), along_y, along_x
+    if along_x[0] == "-":
+        stack = stack[:, ::-1]
+    if along_y[0] == "-":
+        stack = stack[:, :, ::-1]
+    return np.ascontiguousarray(stack)
+
+
+def as_in_files(images: Images, stack: NDArray[Scalar]) -> NDArray[Scalar]:
+    """A stack with its rows along +X and its columns along +Y, as the files have it.
+
+    Args:
+        images: how the files lie on the specimen.
+        stack: as `arrange` returns it.
+    """
+    along_x, along_y = images.rows_along, images.columns_along
+    swapped = along_x[1] == "Y"
+    if swapped:
+        along_x, along_y = along_y, along_x
+    if along_x[0] == "-":
+        stack = stack[:, ::-1]
+    if along_y[0] == "-":
+        stack = stack[:, :, ::-1]
+    return np.ascontiguousarray(stack.swapaxes(1, 2) if swapped else stack)
+
+
+def origin(images: Images, size: tuple[int, int]) -> tuple[float, float]:
+    """The pixel of X = 0, Y = 0 once the rows run along +X and the columns along +Y.
+
+    Args:
+        images: how the files lie on the specimen.
+        size: (rows, columns) of the files.
+    """
+    along_x, along_y = images.rows_along, images.columns_along
+    (row, column), (rows, columns) = images.origin_pixel, size
+    if along_x[1] == "Y":
+        along_x, along_y = along_y, along_x
+        row, column, rows, columns = column, row, columns, rows
+    return (
+        row if along_x[0] == "+" else rows - 1 - row,
+        column if along_y[0] == "+" else columns - 1 - column,
+    )
+
+
+def _stack(case: Case, key: str, name: str, like: Stack | None) -> Stack:
+    """A stack of the case that has the size of the frames."""
+    stack = load_stack(case.path(name), f"images.{key}")
+    if like is not None and stack.levels.shape[1:] != like.levels.shape[1:]:
+        raise _error(case, key, stack.size, f"{like.size} as the frames")
+    return stack
+
+
+def _frames(case: Case, history: History | None) -> Stack:
+    if case.images.frames is None:
+        raise ExperimentError(
+            'images.frames: found nothing (boundary.motion = "stage" does without), expected images'
+        )
+    stack = _stack(case, "frames", case.images.frames, None)
+    if history is not None and len(stack.levels) != history.n_images:
+        gap = f" ({stack.gap})" if stack.gap else ""
+        found, images = f"{len(stack.levels)} frames{gap}", f"the images of {case.history.file}"
+        raise _error(case, "frames", found, f"{history.n_images}, {images}")
+    _refuse_strange(case, "frames", stack)
+    return stack
+
+
+def _optional(case: Case, key: str, frames: Stack | None) -> Stack | None:
+    """Flats or repeats, if the case names them: on the scale of the frames, two at least."""
+    name: str | None = getattr(case.images, key)
+    if name is None:
+        return None
+    stack = _stack(case, key, name, frames)
+    if frames is not None and stack.dtype != frames.dtype:
+        expected = f"{frames.dtype} as the frames, for one height_per_level_nm holds for all"
+        raise _error(case, key, f"levels of type {stack.dtype}", expected)
+    if len(stack.levels) < 2:
+        of = {
+            "flats": "their scatter is the error of their mean",
+            "repeats": "their scatter is the noise",
+        }
+        raise _error(case, key, "1 frame", f"at least 2 ({of[key]})")
+    _refuse_strange(case, key, stack)
+    for t in range(1, len(stack.levels)):
+        if np.array_equal(stack.levels[t], stack.levels[t - 1], equal_nan=True):
+            raise _error(
+                case, key, f"frame {t} with every pixel as in the one before",
+                "frames that were each taken anew", stack.frames[t][0],
+            )  # fmt: skip
+    if key == "repeats" and frames is not None:
+        first, repeat = (_spread(case.images, s.levels[0]) for s in (frames, stack))
+        if not first / _SCALES <= repeat <= first * _SCALES:
+            level = case.images.height_per_level_nm
+            raise _error(
+                case, key, f"heights that spread over {level * repeat:.3g} nm",
+                f"about {level * first:.3g} nm as in image 0: one scale holds for all",
+            )  # fmt: skip
+    return stack
+
+
+def _mask(case: Case, frames: Stack | None) -> Stack | None:
+    if case.images.mask is None:
+        return None
+    stack = _stack(case, "mask", case.images.mask, frames)
+    if len(stack.levels) != 1:
+        raise _error(case, "mask", f"{len(stack.levels)} images", "one")
+    if not _used(stack).any():
+        raise _error(case, "mask", "0 at every pixel", "another number where pixels are used")
+    return stack
+
+
+def _noise_map(case: Case, frames: Stack | None) -> FloatArray | None:
+    """The noise of each pixel, in the arrangement of the specimen."""
+    if case.images.noise_map is None:
+        return None
+    stack = _stack(case, "noise_map", case.images.noise_map, frames)
+    if len(stack.levels) != 1:
+        raise _error(case, "noise_map", f"{len(stack.levels)} images", "one")
+    noise = stack.levels[0].astype(np.float64)
+    bad = ~(np.isfinite(noise) & (noise > 0))
+    if bad.any():
+        row, column = np.argwhere(bad)[0]
+        found = f"{noise[row, column]:.3g} at row {row}, column {column}"
+        raise _error(case, "noise_map", found, "a number above 0 at every pixel")
+    return np.asarray(arrange(case.images, noise[None])[0])
+
+
+def _used(mask: Stack) -> BoolArray:
+    return np.asarray(np.isfinite(mask.levels) & (mask.levels != 0))
+
+
+def _refuse_strange(case: Case, key: str, stack: Stack) -> None:
+    """Refuse a frame without relief, or with a number that is no height."""
+    for t, levels in enumerate(stack.levels):
+        there = levels[_with_height(case.images, levels)]
+        largest = np.abs(there).max(initial=0.0)
+        if largest * case.images.height_per_level_nm > _TALLEST:
+            raise _error(
+                case, key, f"level {largest:.3g} in frame {t}",
+                f"heights within {_TALLEST:g} nm; NaN, or off_surface_level, for a pixel without",
+                stack.frames[t][0],
+            )  # fmt: skip
+        if there.size and np.ptp(there) > 0:
+            continue
+        found = f"level {there[0]:g} at every pixel" if there.size else "no pixel with a height"
+        found = f"{found} in frame {t}"
+        raise _error(case, key, found, "heights of a surface", stack.frames[t][0])
+
+
+def _spread(images: Images, levels: FloatArray) -> float:
+    """Nine tenths of the heights lie within it [levels]."""
+    low, high = np.percentile(levels[_with_height(images, levels)], (5, 95))
+    return float(high - low)
+
+
+def _clipped(stack: Stack) -> int:
+    """Number of pixels at the largest level that an integer of their type can be."""
+    if stack.dtype.kind not in "ui":
+        return 0
+    bits = 8 * stack.dtype.itemsize - (stack.dtype.kind == "i")
+    return int(np.count_nonzero(stack.levels == 2.0**bits - 1.0))
+
+
+def _error(
+    case: Case, key: str, found: str, expected: str, file: Path | None = None
+) -> ExperimentError:
+    path = file or case.path(getattr(case.images, key))
+    return ExperimentError(sentence(path, f"images.{key}", found, expected))

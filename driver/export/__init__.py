@@ -1,0 +1,1 @@
+"""The verb `export`: results as VTK files and tables."""

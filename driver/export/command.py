@@ -1,0 +1,233 @@
+"""Results for other programs: the measured face and the volume for ParaView, tables as CSV."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.case.model import Case, load_case
+from driver.common.errors import sentence
+from driver.common.progress import Log
+from driver.experiment.history import History, read_history
+from driver.export.readme import README, exported_files, write_readme
+from driver.export.surface import SERIES, FittedModel, aligned, write_surface
+from driver.export.volume import offers_volume, volume_files, write_volumes
+from driver.forward.boundary_motion import elongation_names, tilt_names
+from driver.results.hdf5 import write_csv
+from driver.results.reader import ExportError as ExportError
+from driver.results.reader import FinishedResults, read_finished
+from driver.workflow.engine import RESULTS
+from driver.workflow.identify_stage import JOBS
+from driver.workflow.setup import BUNDLED
+from meshes.files import write_vtu
+from solver_adapters.jobs.errors import CommandMissingError
+from solver_adapters.kernels import use_threads
+
+FloatArray = NDArray[np.float64]
+
+_MESH_VTU = "mesh.vtu"
+
+
+def export_case(
+    case_path: Path,
+    folder: Path,
+    volume: bool = True,
+    med: bool = False,
+    log: Log = print,
+) -> None:
+    """Write the finished results of a case in the formats of other programs.
+
+    The folder is made if need be. Files that its README.txt lists as those of an earlier export
+    are replaced, each of them whole, or removed; other files are left alone. Without a finished
+    diagnosis of the case as it is, what belongs to the extended model is left out. The fields of
+    the volume are no results of a run: each model is simulated once more for them, and they are
+    left out where the program of the solver is absent.
+
+    Args:
+        case_path: the case file; its results are in `results/` beside it.
+        folder: where to write.
+        volume: whether to write the fields of the volume, where the solver answers them.
+        med: whether to write them as MED, too.
+        log: takes one line of progress.
+
+    Raises:
+        CaseError: the case cannot be used.
+        ExportError: the case has no images, a stage has no results for the case as it is, or the
+            folder cannot take them.
+        ResultError: a result file cannot be read.
+        SolverError: a simulation for the volume could not be finished.
+    """
+    if med and not volume:
+        raise ExportError("--med: found --no-volume, expected --volume: MED holds its fields")
+    case = load_case(case_path)
+    if not case.with_images:
+        expected = '"images": the fields that are exported are those of images and models'
+        raise ExportError(sentence(case_path, "boundary.motion", '"stage"', expected))
+    use_threads(case.execution.processes * case.execution.threads)
+    found = read_finished(case_path, case)
+    history = read_history(case.path(case.history.file))
+    _make_folder(folder)
+    with tempfile.TemporaryDirectory(prefix="partial-", dir=folder) as aside:
+        written = Path(aside)
+        write_surface(written, found.measured, found.models, case.boundary.gauge == "rigid")
+        write_vtu(found.mesh, written / _MESH_VTU)
+        _write_tables(written, found, history)
+        if volume and not offers_volume(case):
+            log(f"no fields of the volume: the solver {case.solver.name} answers none")
+            volume = False
+        _refuse_foreign(folder, [*_names(written), Path(README)])
+        if volume:
+            # Told before the simulations, which take their time.
+            _refuse_foreign(folder, _volume_names(found, med))
+            jobs = None if case.solver.name == BUNDLED else case_path.parent / RESULTS / JOBS
+            volume = _write_volume(written, case, found, history, med, log, jobs)
+        names = [*_names(written), Path(README)]
+        write_readme(written / README, case_path, found.diagnosed, volume, volume and med, names)
+        _refuse_foreign(folder, names)
+        _move(written, folder)
+
+
+def _volume_names(found: FinishedResults, med: bool) -> list[Path]:
+    return [Path(name) for model in found.models for name in volume_files(model.label, med)]
+
+
+def _write_volume(
+    written: Path,
+    case: Case,
+    found: FinishedResults,
+    history: History,
+    med: bool,
+    log: Log,
+    jobs: Path | None,
+) -> bool:
+    """Whether the program of the solver was there to answer the fields of the volume."""
+    try:
+        write_volumes(written, case, found.mesh, history, found.models, med, log, jobs)
+    except CommandMissingError as error:
+        log(
+            f"no fields of the volume: {error.adapter}: {error.detail or error.status} "
+            "(--no-volume leaves them out unasked)"
+        )
+        for name in _volume_names(found, med=True):
+            (written / name).unlink(missing_ok=True)
+        return False
+    return True
+
+
+def _write_tables(folder: Path, found: FinishedResults, history: History) -> None:
+    measured, models = found.measured, found.models
+    image: dict[str, Sequence[object] | FloatArray] = {
+        "image": range(len(measured["time"])),
+        "time_s": measured["time"],
+        "stage_um": measured["stage"],
+        "cycle": measured["cycle"],
+    }
+    loads = {**image, "load_measured_uN": measured["force"]}
+    for model in models:
+        loads[f"load_{model.label}_uN"] = model.load
+        loads[f"residual_{model.label}_uN"] = model.load_residual
+    write_csv(folder / "loads.csv", loads)
+    _write_images(folder / "images.csv", image, measured, models[0])
+    _write_knots(folder / "knots.csv", models, history)
+    _write_parameters(folder / "parameters.csv", models, found.start, history.n_knots)
+
+
+def _write_images(
+    path: Path,
+    image: Mapping[str, Sequence[object] | FloatArray],
+    measured: Mapping[str, FloatArray],
+    model: FittedModel,
+) -> None:
+    _, removed = aligned(measured["motion"], model.motion, measured["xy"], rigid=True)
+    shift = 1e3 * removed[:, :3]
+    turn = 1e6 * removed[:, 3:]
+    columns = {
+        **image,
+        "elongation_nm": 1e3 * measured["elongation"],
+        "tilt_nm": 1e3 * measured["tilt"],
+        "chi": measured["chi"],
+        **{f"shift_{axis}_nm": shift[:, i] for i, axis in enumerate("XYZ")},
+        **{f"slope_{name}_urad": turn[:, i] for i, name in enumerate(("vX", "wX", "wY"))},
+    }
+    write_csv(path, columns)
+
+
+def _write_knots(path: Path, models: Sequence[FittedModel], history: History) -> None:
+    n = history.n_knots
+    columns: dict[str, Sequence[object] | FloatArray] = {
+        "knot": range(n),
+        "time_s": history.time[history.turning],
+        "stage_um": history.stage[history.turning],
+    }
+    for model in models:
+        for what, names in (("elongation", elongation_names(n)), ("tilt", tilt_names(n))):
+            values = [0.0, *(1e3 * model.values[name] for name in names)]
+            sigma = [1e3 * model.sigma[name] if name in model.sigma else "" for name in names]
+            columns[f"{what}_{model.label}_nm"] = values
+            columns[f"{what}_{model.label}_sigma_nm"] = ["", *sigma]
+    write_csv(path, columns)
+
+
+def _write_parameters(
+    path: Path, models: Sequence[FittedModel], start: Mapping[str, float], n_knots: int
+) -> None:
+    units = {name: unit for model in models for name, unit in model.units.items()}
+    knots = (*elongation_names(n_knots), *tilt_names(n_knots))
+    names = [name for name in units if name not in knots]
+    columns: dict[str, Sequence[object]] = {
+        "parameter": names,
+        "unit": [units[name] for name in names],
+        "start": [start.get(name, "") for name in names],
+    }
+    for model in models:
+        free = model.sigma
+        columns[model.label] = [model.values[n] if n in free else "" for n in names]
+        columns[f"{model.label}_sigma"] = [free.get(n, "") for n in names]
+    write_csv(path, columns)
+
+
+def _make_folder(folder: Path) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise ExportError(sentence(folder, "--to", "a file", "a folder, or nothing"))
+    folder.mkdir(parents=True, exist_ok=True)
+
+
+def _names(written: Path) -> list[Path]:
+    return [path.relative_to(written) for path in written.rglob("*") if path.is_file()]
+
+
+def _refuse_foreign(folder: Path, names: Sequence[Path]) -> None:
+    """Raise where a file that is no file of an earlier export stands in the way of one."""
+    known = exported_files(folder / README)
+    for name in names:
+        place, parent = folder / name, folder / name.parent
+        if name in known and not place.is_dir():
+            continue
+        taken = name if os.path.lexists(place) else name.parent
+        if taken == name or (os.path.lexists(parent) and not parent.is_dir()):
+            raise ExportError(
+                sentence(
+                    folder,
+                    "--to",
+                    f"a file {taken} that is no export of prismid (its {README} lists those)",
+                    "a folder without files of that name",
+                )
+            )
+
+
+def _move(written: Path, folder: Path) -> None:
+    """Replace files one by one: first the one that shows whose they are, last the series."""
+    names = sorted(
+        _names(written), key=lambda name: (name.name == SERIES, name.name != README, str(name))
+    )
+    # What an earlier export holds beyond this one is no result of the case as it is.
+    for name in exported_files(folder / README) - set(names):
+        (folder / name).unlink(missing_ok=True)
+    for name in names:
+        (folder / name).parent.mkdir(exist_ok=True)
+        os.replace(written / name, folder / name)

@@ -1,0 +1,1 @@
+"""The forward model: parameters to surface motion and load."""

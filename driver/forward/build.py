@@ -1,0 +1,282 @@
+"""From a case to the objects that compute with it: geometry, meshes, images, forward model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from driver.case.model import Case
+from driver.case.solver_profiles import profile_of
+from driver.common.errors import InputError
+from driver.dic.region import pixels_on, within
+from driver.dic.surface_images import SurfaceImages, prepare
+from driver.experiment.history import History, knot_weights
+from driver.experiment.images.flatfield import FlatField, flat_pattern
+from driver.experiment.images.reference import Reference, build_reference
+from driver.experiment.reading import Experiment
+from driver.forward.boundary_motion import BoundaryMotion
+from driver.forward.instrument import Instrument
+from driver.forward.microstructure import build_microstructure
+from driver.forward.model import ForwardModel
+from driver.forward.surface_projection import SurfaceView
+from driver.parameters.user_terms import BoundaryTerm, ReadingTerm, terms_of
+from meshes.plane_files import read_plane_mesh
+from meshes.plane_mesh import PlaneMesh
+from meshes.prism import PrismGeometry, generate
+from meshes.prism_mesh import PrismMesh
+from meshes.surface import trace
+from solver_adapters.external import ExternalAdapter
+from solver_adapters.finite_differences import FiniteDifferences
+from solver_adapters.interface import Adapter, Capabilities, Integration
+from solver_adapters.registry import find_adapter
+
+FloatArray = NDArray[np.float64]
+
+_SMALLER = (0.93, 0.9, 0.87, 0.84, 0.8, 0.75)  # elements of another mesh over those of the first
+_COMMON = 0.2  # share of its nodes that it may have in common with the first
+_SAME = 0.02  # element sizes between two nodes that are as good as the same
+TRACE = "trace"  # of the working mesh, in place of a mesh file of the correlation
+
+
+def geometry_of(case: Case) -> PrismGeometry:
+    """The prism and its grain boundary."""
+    s = case.specimen
+    return PrismGeometry(s.length, s.width, s.depth, s.boundary_point_um, s.boundary_normal)
+
+
+def mesh_of(case: Case, size: float) -> PrismMesh:
+    """A mesh of the specimen with elements of a size [µm].
+
+    Raises:
+        InputError: the case does not describe a prism that can be meshed.
+    """
+    try:
+        return generate(geometry_of(case), size)
+    except (ValueError, RuntimeError) as error:
+        raise InputError(f"specimen: {error}") from None
+
+
+def another_mesh_of(case: Case, size: float, points: FloatArray) -> PrismMesh:
+    """A mesh of somewhat smaller elements with few nodes in common with one of a size.
+
+    Numbers of elements along an edge are whole: meshes of nearly the same size may be the same.
+    It is the largest of six with at most a fifth in common, or the smallest where none has.
+
+    Args:
+        case: the case.
+        size: elements of that mesh [µm].
+        points: its nodes [µm], shape (n, 3).
+
+    Raises:
+        InputError: the prism cannot be meshed with such elements.
+    """
+    nodes, mesh = cKDTree(points), mesh_of(case, _SMALLER[0] * size)
+    for smaller in _SMALLER[1:]:
+        if np.mean(nodes.query(mesh.points)[0] < _SAME * size) <= _COMMON:
+            break
+        mesh = mesh_of(case, smaller * size)
+    return mesh
+
+
+def capabilities_of(case: Case) -> Capabilities:
+    """What the solver that the case names can do by itself.
+
+    Raises:
+        UnsupportedError: there is no such solver.
+    """
+    return find_adapter(case.solver.name, profile_of(case)).capabilities()
+
+
+def adapter_of(case: Case, prepare_only: bool = False) -> Adapter:
+    """The solver that the case names, able to do what the case asks, with derivatives.
+
+    Args:
+        case: the case.
+        prepare_only: whether its jobs are written for another machine instead of being run.
+
+    Raises:
+        InputError: there is no such solver, or it lacks the strain measure.
+    """
+    adapter = find_adapter(case.solver.name, profile_of(case, prepare_only))
+    wanted = case.material.strain_measure
+    if wanted not in adapter.capabilities().strain_measures:
+        offered = ", ".join(sorted(adapter.capabilities().strain_measures))
+        raise InputError(
+            f'material.strain_measure: found "{wanted}", expected one of {offered} '
+            f"(what the solver {case.solver.name} offers)"
+        )
+    if adapter.capabilities().derivatives:
+        return adapter
+    # Threads wait for programs; a solver inside this process may not be made for two of them.
+    outside = isinstance(adapter, ExternalAdapter)
+    return FiniteDifferences(adapter, case.execution.processes if outside else 1)
+
+
+def integration_of(case: Case, adapter: Adapter) -> Integration:
+    """The scheme that the case names, or the best that the solver has.
+
+    Raises:
+        InputError: the solver lacks the scheme that the case names.
+    """
+    offered = adapter.capabilities().integrations
+    named = case.solver.integration
+    if named is None:
+        return "exponential" if "exponential" in offered else "backward_euler"
+    if named not in offered:
+        raise InputError(
+            f'solver.integration: found "{named}", expected {" or ".join(sorted(offered))} (what '
+            f"the solver {case.solver.name} offers), or the key left out"
+        )
+    return named
+
+
+def surface_images(case: Case, experiment: Experiment) -> SurfaceImages:
+    """The corrected images over the measured face, or the part of it that the meshes cover.
+
+    Raises:
+        InputError: a mesh of the correlation cannot be used.
+        ImageError: the images do not fit together, or show no part of the face.
+    """
+    meshes = [mesh for mesh in correlation_meshes(case) if isinstance(mesh, PlaneMesh)]
+    bounds, mask = within(meshes, used_face(case)), experiment.mask
+    if meshes:
+        shape = experiment.frames.shape[1:]
+        covered = pixels_on(meshes, shape, experiment.pixel_um, experiment.origin)
+        mask = covered if mask is None else mask & covered
+    flat = None if experiment.flats is None else flat_pattern(experiment.flats)
+    return prepare(
+        experiment.frames,
+        _repeats(experiment),
+        flat,
+        experiment.pixel_um,
+        experiment.origin,
+        bounds,
+        mask,
+        case.images.dust == "mask",
+    )
+
+
+def correlation_meshes(case: Case) -> tuple[float | PlaneMesh, float | PlaneMesh]:
+    """Element size [µm] or mesh of u and v in the correlation, and that of w.
+
+    Raises:
+        InputError: a mesh file cannot be used.
+    """
+    dic, pixel = case.dic, case.images.pixel_um
+    return (
+        _correlation_mesh(case, "mesh") or dic.element_px * pixel,
+        _correlation_mesh(case, "height_mesh") or dic.height_element_px * pixel,
+    )
+
+
+def _correlation_mesh(case: Case, key: str) -> PlaneMesh | None:
+    name: str | None = getattr(case.dic, key)
+    if name is None:
+        return None
+    if name == TRACE:
+        return trace(mesh_of(case, case.specimen.mesh_size)).plane
+    try:
+        return read_plane_mesh(case.path(name))
+    except ValueError as error:
+        raise InputError(f"{case.path(name)}: dic.{key}: {error}") from None
+
+
+def reference_of(case: Case, experiment: Experiment, flat: FlatField | None) -> Reference:
+    """The reference surface alone.
+
+    Raises:
+        InputError: there are no repeats, or they show no part of the face.
+    """
+    return build_reference(
+        _repeats(experiment),
+        flat,
+        experiment.pixel_um,
+        experiment.origin,
+        used_face(case),
+        experiment.mask,
+        case.images.dust == "mask",
+    )
+
+
+def _repeats(experiment: Experiment) -> FloatArray:
+    if experiment.repeats is None:
+        raise InputError(
+            "images.repeats: found nothing, expected repeated images of the unloaded surface "
+            "(their mean is the reference, their scatter the noise)"
+        )
+    return experiment.repeats
+
+
+def used_face(case: Case) -> tuple[float, float, float, float]:
+    """Bounds (x0, x1, y0, y1) of the measured face without its rim [µm]."""
+    half, rim = case.specimen.width / 2, case.images.rim_px * case.images.pixel_um
+    return -half + rim, half - rim, rim, case.specimen.length - rim
+
+
+def build_model(
+    case: Case,
+    mesh: PrismMesh,
+    history: History,
+    pixels: FloatArray,
+    adapter: Adapter,
+    steps_per_interval: int,
+    workspace: Path | None = None,
+) -> ForwardModel:
+    """The forward model of a specimen.
+
+    Args:
+        case: the case.
+        mesh: mesh of the specimen.
+        history: times and stage travel.
+        pixels: X, Y of the pixels of the region of interest [µm], shape (n_pix, 2).
+        adapter: the solver.
+        steps_per_interval: time steps between two rows of the history.
+        workspace: where the solver keeps files of its runs, or None.
+    """
+    surface = trace(mesh)
+    half, solver = case.specimen.width / 2, case.solver
+    # The finer simulation is as much more accurate as its steps are shorter.
+    finer = steps_per_interval / solver.steps_per_interval
+    duration = history.time[-1] - history.time[0]
+    return ForwardModel(
+        material=case.material.to_material(),
+        microstructure=build_microstructure(mesh, geometry_of(case), case.orientations),
+        boundary=_boundary_motion(case, mesh, knot_weights(history)),
+        instrument=Instrument(
+            surface.points,
+            (history.time[history.image_row] - history.time[0]) / duration,
+            (0.0, case.specimen.length / 2),
+            terms_of(ReadingTerm),
+        ),
+        times=history.time,
+        image_row=history.image_row,
+        surface_nodes=surface.nodes,
+        adapter=adapter,
+        integration=integration_of(case, adapter),
+        steps_per_interval=steps_per_interval,
+        accuracy=None if solver.accuracy_uN is None else solver.accuracy_uN / finer,
+        view=SurfaceView(surface, pixels, (-half, half, 0.0, case.specimen.length)),
+        tet10_points=solver.gauss_points,
+        workspace=workspace,
+    )
+
+
+def _boundary_motion(case: Case, mesh: PrismMesh, weights: FloatArray) -> BoundaryMotion:
+    minus, plus = mesh.nodes["S_MINUS"], mesh.nodes["S_PLUS"]
+    nodes = np.concatenate([minus, plus])
+    mask = np.ones((nodes.size, 3), dtype=bool)
+    if case.boundary.U_X == "free":
+        # Y and Z are prescribed on both ends: only the translation along X is left to pin.
+        mask[:, 0] = np.isin(nodes, mesh.nodes["P_MINUS"])
+    return BoundaryMotion(
+        nodes=nodes,
+        side=np.repeat([-1.0, 1.0], [minus.size, plus.size]),
+        zeta=-mesh.points[nodes, 2] / case.specimen.depth,
+        across=mesh.points[nodes, 0] / (case.specimen.width / 2),
+        weights=weights,
+        mask=mask,
+        terms=terms_of(BoundaryTerm),
+    )

@@ -1,0 +1,352 @@
+"""The forward model: parameters in, a prediction of what images and load cell show out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.forward.boundary_motion import (
+    BOUNDARY_DECLARATIONS,
+    BoundaryMotion,
+    knot_declarations,
+)
+from driver.forward.dwell_time import HOLD, HOLD_DECLARATIONS, holds, holds_tangent, with_holds
+from driver.forward.fixed_pattern import PATTERN_DECLARATIONS
+from driver.forward.instrument import IMAGE_DECLARATIONS, LOAD_DECLARATIONS, Instrument
+from driver.forward.load_lag import load_at
+from driver.forward.microstructure import (
+    GEOMETRY_DECLARATIONS,
+    LATTICE_DECLARATIONS,
+    ORIENTATION_DECLARATIONS,
+    Microstructure,
+)
+from driver.forward.prediction import Prediction
+from driver.forward.surface_projection import POSE_DECLARATIONS, Look, SurfaceView, apply
+from driver.parameters.user_terms import installed_terms, refuse_doubles
+from solver_adapters.interface import (
+    Adapter,
+    Direction,
+    Integration,
+    Progress,
+    Response,
+    Simulation,
+    Way,
+)
+from solver_adapters.material import (
+    MATERIAL_DECLARATIONS,
+    MATERIAL_PARAMETERS,
+    Material,
+    declarations_at,
+    with_parameters,
+)
+from solver_adapters.parameter import Parameter
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+Values = Mapping[str, float]
+
+_SHIFT = 0.01  # s, by which the rows of a reading are moved for a difference
+_OF_THE_PAPER = Material()
+
+
+def declared_parameters(n_knots: int, material: Material = _OF_THE_PAPER) -> dict[str, Parameter]:
+    """Every parameter of the general model by name, with its scale at a material."""
+    declared = (
+        *declarations_at(material),
+        *BOUNDARY_DECLARATIONS,
+        *knot_declarations(n_knots),
+        *HOLD_DECLARATIONS,
+        *GEOMETRY_DECLARATIONS,
+        *ORIENTATION_DECLARATIONS,
+        *LATTICE_DECLARATIONS,
+        *LOAD_DECLARATIONS,
+        *IMAGE_DECLARATIONS,
+        *PATTERN_DECLARATIONS,
+        *POSE_DECLARATIONS,
+        *(term.parameter for term in installed_terms()),
+    )
+    refuse_doubles(declared)
+    return {parameter.name: parameter for parameter in declared}
+
+
+@dataclass(frozen=True, eq=False)
+class ForwardModel:
+    """One specimen, one history, one solver.
+
+    Attributes:
+        material: constants of the case; parameters override them by name.
+        microstructure: mesh and orientations with their parameters.
+        boundary: motion of the end faces with its parameters.
+        instrument: load cell and images, on the surface nodes.
+        times: instants of the history [s], shape (n_times,).
+        image_row: index of the instant of each image, shape (T,).
+        surface_nodes: nodes of the measured face, shape (n,).
+        adapter: the solver.
+        integration: how the law is integrated over a time step.
+        steps_per_interval: time steps between two instants.
+        accuracy: error of the force that a time step may make [µN], or None for steps as given.
+        view: where the pixels are on the face.
+        tet10_points: Gauss points of a tetrahedron, None for those that the solver takes.
+        workspace: where the solver keeps files of its runs, or None.
+        steps: ends of the time steps [s] on the clock of the history, as another response had
+            them, or None for steps of its own.
+        pattern: by how much the pattern of the flats would make the surface rise at the pixels
+            were it left in the images [µm], shape (T, n_pix), or None where it is not known.
+        way: the way of a nearby simulation on the clock of the history, by which simulations may
+            begin their iterations, or None.
+    """
+
+    material: Material
+    microstructure: Microstructure
+    boundary: BoundaryMotion
+    instrument: Instrument
+    times: FloatArray
+    image_row: IntArray
+    surface_nodes: IntArray
+    adapter: Adapter
+    integration: Integration
+    steps_per_interval: int
+    accuracy: float | None
+    view: SurfaceView
+    tet10_points: int | None = None
+    workspace: Path | None = None
+    steps: FloatArray | None = None
+    pattern: FloatArray | None = None
+    way: Way | None = None
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """Every parameter by name, with its scale at the material of the case."""
+        return declared_parameters(self.boundary.weights.shape[1], self.material)
+
+    def null_values(self) -> dict[str, float]:
+        """Every parameter at its null, material constants as in the case, knots at zero."""
+        values = {name: parameter.null for name, parameter in self.parameters.items()}
+        return values | {p.name: getattr(self.material, p.name) for p in MATERIAL_DECLARATIONS}
+
+    def simulation(self, values: Values, free: Sequence[str] = ()) -> Simulation:
+        """The hand-over to a solver, with a direction for each free parameter that it needs.
+
+        Raises:
+            SolverError: a geometric parameter turns a cell inside out.
+        """
+        times = self.clock(values)
+        steps = None if self.steps is None else np.interp(self.steps, self.times, times)
+        return Simulation(
+            mesh=self.microstructure.moved_mesh(values),
+            material=with_parameters(self.material, values),
+            orientations=self.microstructure.rotated(values),
+            times=times,
+            motion_nodes=self.boundary.nodes,
+            motion_mask=self.boundary.mask,
+            motion=self.boundary.evaluate(values),
+            output=self._rows(values, free),
+            output_nodes=self.surface_nodes,
+            lattice_gradient=self.microstructure.lattice_gradient(values),
+            directions=tuple(self._direction(values, n) for n in free if self.simulated(n)),
+            integration=self.integration,
+            steps_per_interval=self.steps_per_interval,
+            accuracy=self.accuracy if steps is None else None,
+            steps=steps,
+            tet10_points=self.tet10_points,
+            near=None if self.way is None else _on_clock(self.way, self.times, times),
+        )
+
+    def in_steps_of(self, ends: FloatArray, values: Values) -> ForwardModel:
+        """The model that takes the time steps of a response of its own.
+
+        Steps that refine themselves jump from one to the next parameters, and with them the
+        error of the steps, and steps are cut where they do not converge, which hangs on where the
+        iteration began; two simulations in the same steps differ by their parameters alone.
+
+        Args:
+            ends: where they end [s], `Response.ends`.
+            values: the parameters that it was made with.
+        """
+        given = (self.times.size - 1) * self.steps_per_interval
+        if not ends.size or (self.accuracy is None and ends.size == given):
+            return self
+        return replace(self, steps=np.interp(ends, self.clock(values), self.times))
+
+    def cut_steps(self, response: Response) -> int:
+        """Time steps of a response beyond those that are stated: steps that had to be cut."""
+        stated = (self.times.size - 1) * self.steps_per_interval
+        return max(response.ends.size - stated, 0) if self.accuracy is None else 0
+
+    def near(self, way: Way | None, values: Values) -> ForwardModel:
+        """The model whose simulations begin their iterations by one of its own.
+
+        Args:
+            way: the way of that one, None of a solver that does not tell it.
+            values: the parameters that it was made with.
+        """
+        if way is None:
+            return self
+        return replace(self, way=_on_clock(way, self.clock(values), self.times))
+
+    def predict(
+        self,
+        values: Values,
+        free: Sequence[str] = (),
+        progress: Callable[[Progress], None] | None = None,
+    ) -> Prediction:
+        """Simulate and observe.
+
+        Raises:
+            SolverError: the simulation could not be finished, or a geometric parameter turns a
+                cell inside out.
+        """
+        simulation = self.simulation(values, free)
+        response = self.adapter.solve(simulation, self.workspace, progress)
+        return self.observe(response, values, free)
+
+    def clock(self, values: Values) -> FloatArray:
+        """The instants of the history [s], shape (n_times,)."""
+        return with_holds(self.times, holds(self.boundary.weights), values[HOLD])
+
+    def _clock_rate(self, values: Values) -> FloatArray:
+        """Derivative of the instants by the length of the holds, shape (n_times,)."""
+        return holds_tangent(self.times, holds(self.boundary.weights), values[HOLD])
+
+    def observe(self, response: Response, values: Values, free: Sequence[str]) -> Prediction:
+        """What the instruments make of the response to `simulation(values, free)`."""
+        seen = np.searchsorted(self._rows(values, free), self.image_row)
+        displacement = response.displacement[seen]
+        force, rate, d_force = self._when_read(response, values, free)
+        T, n = displacement.shape[:2]
+        d_surface, d_load = np.zeros((len(free), T, n, 3)), np.zeros((len(free), T))
+        row = 0
+        for index, name in enumerate(free):
+            if self.simulated(name):
+                d_surface[index] = response.d_displacement[row, seen]
+                d_surface[index, ..., 2] *= 1 + values["height_scale"]
+                d_load[index] = self.instrument.reading_rate(force, d_force[row], values)
+                row += 1
+            elif name in _PIXEL_NAMES:
+                continue
+            elif name in self._load_names:
+                d_load[index] = self.instrument.reading_derivative(name, force, rate, values)
+            else:
+                d_surface[index] = self.instrument.appearance_derivative(name, displacement)
+        surface = self.instrument.appearance(displacement, values)
+        points = self.microstructure.moved_mesh(values).points[self.surface_nodes, :2]
+        look = self.view.look(points, values)
+        return Prediction(
+            surface=surface,
+            load=self.instrument.reading(force, values),
+            d_surface=d_surface,
+            d_load=d_load,
+            carried=self._carried(surface, look, free),
+            look=look,
+            response=response,
+            rise=self._rise(values),
+        )
+
+    def with_pattern(
+        self, prediction: Prediction, values: Values, free: Sequence[str]
+    ) -> Prediction:
+        """A prediction of this model that was made with another `pattern`."""
+        carried = dict(prediction.carried)
+        for index, name in enumerate(free):
+            if name in _PATTERN_NAMES and self.pattern is not None:
+                carried[index] = _as_motion(self.pattern)
+        return replace(prediction, rise=self._rise(values), carried=carried)
+
+    def _rise(self, values: Values) -> FloatArray | float:
+        return 0.0 if self.pattern is None else values["fixed_pattern"] * self.pattern
+
+    def _rows(self, values: Values, free: Sequence[str]) -> IntArray:
+        """Rows of the history that are asked for: of the images, all where the load may lag."""
+        return np.arange(self.times.size) if _lagging(values, free) else self.image_row
+
+    def _when_read(
+        self, response: Response, values: Values, free: Sequence[str]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Force [µN], its rate [µN/s] and its derivatives when the load of each image is read."""
+        if not _lagging(values, free):
+            return response.force, np.zeros_like(response.force), response.d_force
+        times = self.clock(values)
+        at = times[self.image_row] + values["load_lag"]
+        force, rate = load_at(times, response.force, at)
+        d_force = load_at(times, response.d_force, at)[0]
+        if HOLD in free:
+            # The rows themselves come later, and with them the readings.
+            moved = _SHIFT * self._clock_rate(values)
+            later, earlier = (
+                load_at(times + sense * moved, response.force, at + sense * moved[self.image_row])
+                for sense in (1.0, -1.0)
+            )
+            row = [name for name in free if self.simulated(name)].index(HOLD)
+            d_force[row] += (later[0] - earlier[0]) / (2.0 * _SHIFT)
+        return force, rate, d_force
+
+    def _carried(
+        self, surface: FloatArray, look: Look, free: Sequence[str]
+    ) -> dict[int, FloatArray]:
+        """∂(motion at the pixels) from moving the pixels over the surface, or it under them."""
+        carried: dict[int, FloatArray] = {}
+        for index, name in enumerate(free):
+            if name in _POSE_NAMES:
+                slope = look.slope_X if name == "origin_X" else look.slope_Y
+                carried[index] = apply(slope, surface)
+            elif name in _PATTERN_NAMES and self.pattern is not None:
+                carried[index] = _as_motion(self.pattern)
+            elif name in self.microstructure.velocities:
+                flow = look.value @ self.microstructure.velocities[name][self.surface_nodes, :2]
+                if np.any(flow):
+                    along_X = apply(look.slope_X, surface) * flow[None, :, :1]
+                    carried[index] = -along_X - apply(look.slope_Y, surface) * flow[None, :, 1:]
+        return carried
+
+    def simulated(self, name: str) -> bool:
+        """Whether a parameter enters the simulation (and not only the observation)."""
+        return name not in self._load_names | _IMAGE_NAMES | _PIXEL_NAMES
+
+    @property
+    def _load_names(self) -> frozenset[str]:
+        return _LOAD_NAMES | {term.parameter.name for term in self.instrument.terms}
+
+    def _direction(self, values: Values, name: str) -> Direction:
+        scale = self.parameters[name].change(values[name])
+        if name == HOLD:
+            return Direction(name, times=self._clock_rate(values), scale=scale)
+        if name in MATERIAL_PARAMETERS:
+            return Direction(name, material={name: 1.0}, scale=scale)
+        if name in self.microstructure.velocities:
+            return Direction(name, points=self.microstructure.velocities[name], scale=scale)
+        if name.startswith("rotation_"):
+            rate = self.microstructure.rotation_rate(values, name)
+            return Direction(name, rotation=rate, scale=scale)
+        if name.startswith("lattice_gradient_"):
+            gradient = self.microstructure.lattice_gradient_rate(name)
+            return Direction(name, lattice_gradient=gradient, scale=scale)
+        return Direction(name, motion=self.boundary.derivative(values, name), scale=scale)
+
+
+def _as_motion(rise: FloatArray) -> FloatArray:
+    """A rise at the pixels as a motion, (T, n_pix) → (T, n_pix, 3)."""
+    motion = np.zeros((*rise.shape, 3))
+    motion[..., 2] = rise
+    return motion
+
+
+def _on_clock(way: Way, of_way: FloatArray, wanted: FloatArray) -> Way:
+    """A way on another clock: instants of the one (n_times,) become those of the other."""
+    return replace(way, times=np.interp(way.times, of_way, wanted))
+
+
+def _lagging(values: Values, free: Sequence[str]) -> bool:
+    """Whether the load may be read at another time than the image."""
+    return values["load_lag"] != 0.0 or "load_lag" in free
+
+
+_LOAD_NAMES = frozenset(p.name for p in LOAD_DECLARATIONS)
+_IMAGE_NAMES = frozenset(p.name for p in IMAGE_DECLARATIONS)
+_POSE_NAMES = frozenset(p.name for p in POSE_DECLARATIONS)
+_PATTERN_NAMES = frozenset(p.name for p in PATTERN_DECLARATIONS)
+_PIXEL_NAMES = _POSE_NAMES | _PATTERN_NAMES

@@ -1,0 +1,367 @@
+"""The identification: λ's and knots from images, the law with loads, then all together.
+
+A. apex amplitudes and knots, from the images alone; the law stays free within its prior, for
+   amplitudes fitted under a wrong law would bend to make up for it;
+B. parameters of the law, from images and loads, knots free, amplitudes held;
+C. all together, with the finer-minus-working correction taken at the result of B.
+
+In the paper's order knots stay as correlation found them: A fits amplitudes, B and C the law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.common.parallel import side_by_side
+from driver.common.progress import Log, silent
+from driver.forward.boundary_motion import LAMBDAS, elongation_names, tilt_names
+from driver.forward.model import ForwardModel
+from driver.forward.prediction import Prediction
+from driver.identification.boundary_jitter import boundary_jitter
+from driver.identification.cosine_modes import fast_modes
+from driver.identification.data import Data
+from driver.identification.discretisation_covariance import simulation_error
+from driver.identification.fit import Fit, fit
+from driver.identification.identifiability import refuse_what_is_not_seen
+from driver.identification.multistart import Outcome, draw_starts, from_each_start
+from driver.identification.objective import Correction, Objective
+from driver.identification.step_error import (
+    error_by_halves,
+    has_first_order,
+    in_parts_of,
+    parts_of,
+)
+
+FloatArray = NDArray[np.float64]
+Stage = Literal["A", "B", "C"]
+
+START = 0.05  # a stage that only starts the next one ends when its misfit falls by less
+HELD = 0.01  # the same of a stage that finds what the next ones hold
+_MINUTE = 1e-5  # elongation of a step that stays elastic [µm]
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """How the identification is run.
+
+    Attributes:
+        law: names of the law's parameters (and of nuisances of the loads).
+        knots: names of the free knots (and of the pose of the specimen in the images).
+        sizes: element sizes of the working and of the finer mesh [µm].
+        most: largest number of iterations of each stage.
+        order: "joint", or "paper" with the knots held.
+        jitter: noise of the elongation at each stop, σ_e [µm].
+        starts: number of starts.
+        spread: standard deviation in θ of the parameters that further starts draw.
+        processes: starts side by side.
+        threads: threads of each.
+    """
+
+    law: tuple[str, ...]
+    knots: tuple[str, ...]
+    sizes: tuple[float, float]
+    most: int
+    order: Literal["joint", "paper"] = "joint"
+    jitter: float = 0.0
+    starts: int = 1
+    spread: Mapping[str, float] = field(default_factory=dict)
+    processes: int = 1
+    threads: int = 1
+
+    def free(self, stage: Stage) -> tuple[str, ...]:
+        """Names of the free parameters of a stage."""
+        if self.order == "paper":
+            return LAMBDAS if stage == "A" else self.law
+        return (*self.knots, *self.law) if stage == "B" else self.every
+
+    @property
+    def every(self) -> tuple[str, ...]:
+        """Names of all that can be free in a stage, or is where the order is joint."""
+        return (*LAMBDAS, *self.knots, *self.law)
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Result of the procedure.
+
+    Attributes:
+        objective: model, data, priors and the correction of the last stage.
+        stages: the fits of stages A, B and C; without images there is no A.
+        law: names of the law's parameters.
+        starts: what became of each start, the first of which is that of the case.
+    """
+
+    objective: Objective
+    stages: Mapping[str, Fit]
+    law: tuple[str, ...]
+    starts: tuple[Outcome, ...] = ()
+
+    @property
+    def final(self) -> Fit:
+        """The last fit."""
+        return self.stages["C"]
+
+
+def identify(
+    working: ForwardModel,
+    finer: ForwardModel,
+    objective: Objective,
+    start: Mapping[str, float],
+    plan: Plan,
+    log: Log,
+) -> Identification:
+    """Run stages A, B and C.
+
+    Args:
+        working: the model that is fitted.
+        finer: finer mesh and steps, for the correction.
+        objective: data and priors, without a correction.
+        start: every parameter at the start.
+        plan: which parameters are free, and how it is run.
+        log: takes one line of progress.
+
+    Raises:
+        SolverError: the model cannot be evaluated at the start.
+        InputError: data and priors leave a combination of parameters open.
+    """
+    task = _Task(objective, dict(start), plan)
+    outcomes: tuple[Outcome, ...] = ()
+    if plan.starts == 1:
+        first = _first_stages(task, log)
+    else:
+        first, outcomes = _best_start(task, log)
+    objective, stage_b = first.objective, first.stage_b
+    if "fixed_pattern" in stage_b.best.free:
+        objective, here = objective.reading_pattern_along(stage_b.best)
+        stage_b = replace(stage_b, best=here)
+        working, finer = (replace(m, pattern=objective.model.pattern) for m in (working, finer))
+    if plan.jitter:
+        log("noise of the boundary motion at the result")
+        objective = _with_jitter(objective, stage_b.values, plan.jitter)
+    log("finer mesh and steps at the result, for the correction")
+    noise = noise_factor(stage_b, first.objective.data)
+    change = correction(
+        working, finer, stage_b.best.prediction, stage_b.values, log, with_steps=True
+    )
+    corrected = with_correction(objective, noise, change, plan.sizes)
+    log("stage C: all together, with the correction")
+    begin = corrected.complete(stage_b.best, plan.free("C"))
+    last = fit(corrected, stage_b.values, plan.free("C"), plan.most, log, start=begin)
+    refuse_what_is_not_seen(last.best)
+    return Identification(
+        corrected, {"A": first.stage_a, "B": stage_b, "C": last}, plan.law, outcomes
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """One start; a share of 0 lets stage B converge."""
+
+    objective: Objective
+    start: dict[str, float]
+    plan: Plan
+    share: float = START
+
+
+@dataclass(frozen=True, eq=False)
+class _First:
+    objective: Objective
+    stage_a: Fit
+    stage_b: Fit
+
+
+def _first_stages(task: _Task, log: Log) -> _First:
+    objective, plan = task.objective, task.plan
+    joint = plan.order == "joint"
+    alone = replace(objective, data=objective.data.images_alone())
+    if joint:
+        log("stage A: apex amplitudes and knots from the images")
+        stiffness = elastic_stiffness(objective.model, task.start)
+        log(f"  elastic stiffness {1e-3 * stiffness:.1f} µN/nm")
+    else:
+        log("stage A: apex amplitudes from the images, knots held as measured")
+
+    def unloaded(values: Mapping[str, float]) -> dict[str, float]:
+        weights = objective.model.boundary.weights[objective.model.image_row]
+        kept = objective.data.load_index
+        return unload_elastically(values, stiffness, weights[kept], objective.data.load[kept])
+
+    begin = unloaded(task.start) if joint else task.start
+    share = START if joint else HELD
+    stage_a = fit(alone, begin, plan.free("A"), plan.most, log, share=share)
+    log(f"stage B: the law from images and loads, knots {'free' if joint else 'held'}")
+    values = unloaded(stage_a.values) if joint else stage_a.values
+    if plan.jitter and objective.data.jitter is None:
+        objective = _with_jitter(objective, values, plan.jitter)
+    known = None if joint else objective.complete(stage_a.best, plan.free("B"))
+    stage_b = fit(objective, values, plan.free("B"), plan.most, log, start=known, share=task.share)
+    return _First(objective, stage_a, stage_b)
+
+
+def _best_start(task: _Task, log: Log) -> tuple[_First, tuple[Outcome, ...]]:
+    plan = task.plan
+    if plan.jitter:
+        # One covariance for all: under their own their costs could not be compared.
+        shared = _with_jitter(task.objective, task.start, plan.jitter)
+        task = replace(task, objective=shared)
+    drawn = draw_starts(task.start, task.objective.parameters, plan.spread, plan.starts)
+    tasks = [replace(task, start=start, share=0.0) for start in drawn]
+    return from_each_start(
+        _from_a_start, tasks, lambda first: first.stage_b, plan.law, plan.processes,
+        plan.threads, log,
+    )  # fmt: skip
+
+
+def _from_a_start(task: _Task) -> _First:
+    return _first_stages(task, silent)
+
+
+def _with_jitter(objective: Objective, values: Mapping[str, float], sigma: float) -> Objective:
+    jitter = boundary_jitter(objective.model, objective.data.image, values, sigma)
+    return replace(objective, data=replace(objective.data, jitter=jitter))
+
+
+def knot_start(weights: FloatArray, motion: FloatArray, names: Sequence[str]) -> dict[str, float]:
+    """Least-squares knots of a measured difference between the edges [µm], first knot at zero.
+
+    Args:
+        weights: knot weights at the images, shape (T, n_knots).
+        motion: measured difference at each image, shape (T,).
+        names: names of the knots after the first.
+    """
+    # The unloaded state is knot 0; the measured motion may carry the noise of the reference.
+    knots = np.linalg.lstsq(weights, motion, rcond=None)[0]
+    return dict(zip(names, (knots - knots[0])[1:].tolist(), strict=True))
+
+
+def with_correction(
+    objective: Objective, noise_factor: float, change: Correction, sizes: tuple[float, float]
+) -> Objective:
+    """The objective with a correction, the covariance of what it leaves wrong, and the noise.
+
+    Args:
+        objective: data and priors.
+        noise_factor: noise of the images over that of the repeats.
+        change: finer minus working prediction.
+        sizes: element sizes of the working and of the finer mesh [µm].
+    """
+    image = replace(objective.data.image, noise_factor=noise_factor)
+    error = simulation_error(image, *change.of_mesh, sizes[1], sizes[1] / sizes[0])
+    data = replace(
+        objective.data, image=image, simulation_error=error, step_error=change.left_by_steps
+    )
+    return replace(objective, data=data, correction=change)
+
+
+def elastic_stiffness(model: ForwardModel, values: Mapping[str, float]) -> float:
+    """Force per elongation of the unyielded specimen [µN/µm], from one minute step."""
+    first = elongation_names(model.boundary.weights.shape[1])[0]
+    unit = model.boundary.derivative(values, first)
+    peak = int(np.argmax(np.abs(unit).max(axis=(1, 2))))
+    motion = np.stack([np.zeros_like(unit[peak]), _MINUTE * unit[peak]])
+    simulation = replace(
+        model.simulation(values), times=np.array([0.0, 1.0]), motion=motion, output=np.array([1])
+    )
+    return float(model.adapter.solve(simulation, model.workspace).force[0]) / _MINUTE
+
+
+def unload_elastically(
+    values: Mapping[str, float], stiffness: float, weights: FloatArray, load: FloatArray
+) -> dict[str, float]:
+    """Elongation knots after which each unloading is as long as its drop of load says.
+
+    Correlation resolves tens of nanometres, the loads a tenth of one: a start with a wrong
+    unloading has a load residual of hundreds of standard deviations, far from linear.
+
+    Args:
+        values: every parameter.
+        stiffness: elastic force per elongation [µN/µm].
+        weights: knot weights at the images whose loads are fitted, shape (n_load, n_knots).
+        load: these loads [µN], shape (n_load,).
+    """
+    names = elongation_names(weights.shape[1])
+    knots = [0.0, *(values[name] for name in names)]
+    at_knot = [float(load[int(np.argmax(weights[:, k]))]) for k in range(weights.shape[1])]
+    for k in range(1, len(knots)):
+        drop = at_knot[k - 1] - at_knot[k]
+        if drop > 0:
+            knots[k] = knots[k - 1] - drop / stiffness
+    return dict(values) | dict(zip(names, knots[1:], strict=True))
+
+
+def correction(
+    working: ForwardModel,
+    finer: ForwardModel,
+    coarse: Prediction,
+    values: Mapping[str, float],
+    log: Log,
+    with_steps: bool = False,
+) -> Correction:
+    """Finer minus working prediction.
+
+    Steps of first order are taken in parts by the finer simulation, those that had to be cut too.
+
+    Args:
+        working: the working model.
+        finer: the finer model.
+        coarse: the working prediction.
+        values: every parameter that it was made with.
+        log: takes what is found.
+        with_steps: whether the error of such steps is estimated, by one more simulation.
+
+    Raises:
+        SolverError: a simulation could not be finished.
+    """
+    first_order = has_first_order(working, coarse)
+    parts = parts_of(working, finer) if first_order else 1
+    models = [in_parts_of(finer, coarse, values, parts) if first_order else finer]
+    if first_order and with_steps:
+        models.append(in_parts_of(working, coarse, values, 2))
+    # One after the other; jobs for another machine are prepared all at once.
+    fine, *halved = side_by_side(lambda model: model.predict(values), models, 1)
+    motion, load = fine.motion - coarse.motion, fine.load - coarse.load
+    of_motion = f", motion {1e3 * np.sqrt(np.mean(motion**2)):.2f} nm rms" if motion.size else ""
+    log(f"  finer − working: load {np.sqrt(np.mean(load**2)):.2f} µN rms{of_motion}")
+    if not halved:
+        return Correction(motion, load, parts=parts)
+    left = error_by_halves(coarse, halved[0]).times(1 / parts)
+    cuts = working.cut_steps(coarse.response)
+    cut = f"{cuts} more than stated, as some were cut; " if cuts else ""
+    wrong = np.sqrt(np.mean(left.load**2))
+    log(
+        f"  time steps of first order: {cut}{wrong:.2f} µN rms of the load are still wrong, which "
+        "the uncertainties count"
+    )
+    return Correction(motion, load, left, parts)
+
+
+def noise_factor(fit_: Fit, data: Data) -> float:
+    """Noise of the images over that they were whitened with, from the fast half of their spectrum.
+
+    A model error is slow, noise is white: the estimate does not need the model to be right.
+    """
+    z = data.image_part(fit_.best.residual)
+    return float(np.sqrt(np.mean((fast_modes(len(z)) @ z) ** 2)))
+
+
+def start_values(
+    model: ForwardModel, elongation: FloatArray, tilt: FloatArray
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Null values with knots from the measured edges; names of the free knots.
+
+    Args:
+        model: the forward model.
+        elongation: v(S+) − v(S−) of each image [µm], shape (T,).
+        tilt: w(S+) − w(S−) of each image [µm], shape (T,).
+    """
+    weights = model.boundary.weights[model.image_row]
+    n = weights.shape[1]
+    along, out = elongation_names(n), tilt_names(n)
+    values = model.null_values()
+    values |= knot_start(weights, elongation, along) | knot_start(weights, tilt, out)
+    return values, (*along, *out)

@@ -1,1 +1,0 @@
-"""Height maps before correlation: reading, fixed pattern, noise, rigid motion."""

@@ -1,1 +1,0 @@
-"""A virtual microscope: height maps of a face whose motion is known, rendered without a grid."""

@@ -1,0 +1,1 @@
+"""Parameters of the general model, each declared once."""

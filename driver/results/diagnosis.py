@@ -1,0 +1,215 @@
+"""A diagnosis as `diagnosis.json` holds it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from driver.design.model_discrimination import Telling
+from driver.diagnosis.answer.detection_limits import not_found
+from driver.diagnosis.answer.residual_localisation import Excess, Whereabouts, told
+from driver.diagnosis.answer.result_types import Diagnosis, Step
+from driver.diagnosis.causes.ebsd_flips import FLIPS
+from driver.diagnosis.causes.noise_causes import COVARIANCE_PARAMETERS
+from driver.diagnosis.statistics.goodness_of_fit import Omnibus
+from driver.diagnosis.statistics.score_test import Score
+from driver.identification.fit import Fit
+from driver.identification.objective import Evaluation
+from driver.results.extended_case import added_parameters
+from driver.results.hdf5 import json_number
+from driver.workflow.setup import Workbench
+
+Budget = dict[str, float]
+
+DIAGNOSIS, DIAGNOSIS_H5 = "diagnosis.json", "diagnosis.h5"
+# Entries of `omnibus` by name, and what each is of the tests.
+OMNIBUS = {
+    "load_slow_p": "load_slow",
+    "load_serial_p": "load_serial",
+    "image_slow_p": "image_slow",
+    "image_outlier_p": "image_outlier",
+    "together_p": "together",
+    "smooth_p": "smooth",
+    "accepted": "accepted",
+}
+
+
+def diagnosis_record(
+    found: Diagnosis,
+    bench: Workbench,
+    budgets: tuple[Budget, Budget],
+    decks: Mapping[str, str | None] | None,
+    telling: Sequence[Telling],
+    where: Whereabouts,
+) -> dict[str, Any]:
+    """What `diagnosis.json` holds.
+
+    Args:
+        found: the diagnosis.
+        bench: the data and the model that it was made with.
+        budgets: the error budgets (`error_budget`) before and after.
+        decks: of the extended model by solver: None where it was written, else why it was not.
+            None where nothing was added.
+        telling: the changes of the experiment that would part the causes of a set.
+        where: where and when the fits miss the data.
+    """
+    parameters = bench.objective.parameters
+    added = {
+        name: {"value": level, "sigma": sigma, "unit": COVARIANCE_PARAMETERS[name].unit}
+        for name, (level, sigma) in found.levels.items()
+    }
+
+    def fitted(fit_: Fit) -> dict[str, dict[str, Any]]:
+        return {
+            name: {
+                "value": fit_.values[name],
+                "sigma": fit_.sigma(name, parameters),
+                "unit": parameters[name].unit,
+            }
+            for name in fit_.best.free
+        }
+
+    before, after = found.baseline, found.extended
+    record = {
+        "verdict": found.verdict.kind,
+        "causes": list(found.verdict.causes),
+        "sets": [list(group) for group in found.verdict.sets],
+        "text": found.verdict.text,
+        "next": found.verdict.next,
+        "added": {n: fitted(after)[n] for n in added_parameters(found)} | added,
+        "flips": [cause.name for cause in found.causes if cause in FLIPS],
+        "whereabouts": {
+            "text": told(where),
+            "before": [_excess_record(one) for one in where.before],
+            "after": [_excess_record(one) for one in where.after],
+        },
+        "gain": _gain_record(found, bench, budgets),
+        "numerics": {
+            "effect_sigma": found.gate.effect,
+            "on": found.gate.cause,
+            "passed": found.gate.passed,
+            "needed": found.gate.needed,
+            "between_meshes": found.gate.between_meshes,
+            "off_by_mesh": {n: found.off_by_mesh(n) for n in added_parameters(found)},
+        },
+        "load_noise": {
+            "stated_uN": bench.objective.data.load_noise,
+            "found_uN": found.objective.data.load_noise,
+            "degrees": json_number(found.objective.data.load_degrees),
+        },
+        "bad_loads": [
+            {"image": bad.frame, "off_uN": bad.off, "sigmas": bad.sigmas} for bad in found.bad_loads
+        ],
+        "not_found": _not_found(found, bench),
+        "not_examined": {left.cause: left.why for left in found.not_examined},
+        "baseline": {"values": fitted(before), **_end(before)},
+        "extended": {"values": fitted(after), **_end(after)},
+        "steps": [_step_record(step, bench) for step in found.steps],
+    }
+    if decks is not None:
+        record["decks"] = dict(decks)
+    record["telling"] = [{"change": one.name, "apart_sigma": one.apart} for one in telling]
+    return record
+
+
+def _gain_record(
+    found: Diagnosis, bench: Workbench, budgets: tuple[Budget, Budget]
+) -> dict[str, Any]:
+    parameters = bench.objective.parameters
+    before, after = found.baseline, found.extended
+    shifts = {
+        name: (after.values[name] - before.values[name]) / before.sigma(name, parameters)
+        for name in bench.law
+    }
+    gain: dict[str, Any] = {
+        "share_of_excess_explained": json_number(found.explained),
+        "log_bayes_factor": found.log_evidence,
+        "budget_before": budgets[0],
+        "budget_after": budgets[1],
+        "shift_in_sigma": shifts,
+    }
+    if found.held_out is not None:
+        gain["held_out"] = {
+            "cycle": found.held_out[0].cycle,
+            "chi_load_before": found.held_out[0].chi_load,
+            "chi_load_after": found.held_out[1].chi_load,
+            "chi_image_before": found.held_out[0].chi_image,
+            "chi_image_after": found.held_out[1].chi_image,
+        }
+    return gain
+
+
+def _excess_record(one: Excess) -> dict[str, Any]:
+    return {"place": one.place, "phase": one.phase, "misfit_sigma": one.misfit, "p_family": one.p}
+
+
+def _end(fit_: Fit) -> dict[str, Any]:
+    return {"converged": fit_.converged, "reason": fit_.reason}
+
+
+def _not_found(found: Diagnosis, bench: Workbench) -> dict[str, str]:
+    """Each cause that was tried and is not named: what the last round would have seen of it."""
+    parameters = {**bench.objective.parameters, **COVARIANCE_PARAMETERS}
+    named = set(found.verdict.causes)
+    flips = [s for step in found.steps for s in step.scores if s.cause in FLIPS]
+    return {
+        s.cause.name: not_found(s, found.steps[-1], parameters)
+        for s in (*flips, *found.steps[-1].scores)
+        if s.cause.name not in named and s.cause.category != "numerics"
+    }
+
+
+def _step_record(step: Step, bench: Workbench) -> dict[str, Any]:
+    refits = {refit.cause.name: refit for refit in step.refits}
+    parameters = {**bench.objective.parameters, **COVARIANCE_PARAMETERS}
+
+    def refitted(name: str) -> dict[str, Any] | None:
+        if name not in refits:
+            return None
+        fit_, cause = refits[name].fit, refits[name].cause
+        best: Evaluation = fit_.best
+        found = refits[name].levels or {
+            n: (fit_.values[n], fit_.sigma(n, parameters))
+            for n in (*cause.parameters, *cause.companions)
+        }
+        return {
+            "log_evidence": refits[name].log_evidence,
+            "chi_load": best.chi_load,
+            "chi_image": best.chi_image,
+            "values": {n: value for n, (value, _) in found.items()},
+            "sigma": {n: sigma for n, (_, sigma) in found.items()},
+        }
+
+    def scored(s: Score) -> dict[str, Any]:
+        scales = [parameters[n].scale if n in parameters else 1.0 for n in s.cause.parameters]
+        units = [parameters[n].unit if n in parameters else "" for n in s.cause.parameters]
+        return {
+            "cause": s.cause.name,
+            "category": s.cause.category,
+            "sentence": s.cause.sentence,
+            "parameters": list(s.cause.parameters),
+            "units": units,
+            "statistic": s.statistic,
+            "degrees": s.degrees,
+            "p_family": json_number(s.p),
+            "log_evidence": s.log_evidence,
+            "estimate": [float(e * k) for e, k in zip(s.estimate, scales, strict=True)],
+            "smallest_visible": [
+                json_number(v * k) for v, k in zip(s.visible, scales, strict=True)
+            ],
+            "refit": refitted(s.cause.name),
+        }
+
+    return {
+        "chi_load": step.chi_load,
+        "chi_image": step.chi_image,
+        "widened": step.widened,
+        "omnibus": _omnibus_record(step.omnibus),
+        "named": list(step.named),
+        "left_something": list(step.left_something),
+        "causes": [scored(s) for s in step.scores],
+    }
+
+
+def _omnibus_record(tests: Omnibus) -> dict[str, Any]:
+    return {name: getattr(tests, key) for name, key in OMNIBUS.items()}

@@ -1,0 +1,146 @@
+"""The case that a diagnosis ends with: its causes freed, its noise stated, its starts fitted.
+
+What the diagnosis left out of the loads stays out of them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+
+from driver.case.material import MaterialTable
+from driver.case.model import Case
+from driver.case.solver import ProfileTable
+from driver.case.solver_profiles import with_files_of
+from driver.diagnosis.answer.result_types import Diagnosis
+from driver.diagnosis.causes.ebsd_flips import half_turn
+from driver.diagnosis.causes.noise_causes import COVARIANCE, NOISE_RATIO, SIGMA_E
+from driver.experiment.reading import as_in_files
+from driver.forward.boundary_motion import LAMBDAS
+from driver.forward.build import TRACE
+from driver.workflow.engine import RESULTS
+from solver_adapters.material import MATERIAL_PARAMETERS, declarations_at
+
+EXTENDED, NOISE_MAP = "extended.toml", "noise_map.tif"
+
+
+def extended_case(case: Case, found: Diagnosis) -> Case:
+    """The case with the fitted values as starts and the added causes freed.
+
+    It stands in `results/`: its paths lead one folder up, or are absolute where that is a link.
+    """
+    values = found.extended.values
+    names = {
+        "tau0": "tau0_MPa", "c": "c_MPa", "Q": "Q_MPa", "Q_latent": "Q_latent_MPa",
+        "c2": "c2_MPa",
+        "skin_thickness": "skin_thickness_um",
+    }  # fmt: skip
+    constants = {
+        names.get(name, name): values[name]
+        for name in MATERIAL_PARAMETERS
+        if name in case.identification.parameters
+    }
+    lambdas = dict(
+        zip(("plus_Y", "plus_Z", "minus_Y", "minus_Z"), (values[n] for n in LAMBDAS), strict=True)
+    )
+    material = case.material.model_copy(update=constants)
+    freed = {
+        name: _within_bounds(name, values[name], material)
+        for name in (*case.extensions, *added_parameters(found))
+    }
+    images = case.images
+    moved = {
+        key: _from_results(case, getattr(images, key))
+        for key in ("frames", "flats", "repeats", "mask", "noise_map")
+        if getattr(images, key) is not None
+    }
+    if NOISE_RATIO.name in found.levels:
+        moved["noise_map"] = NOISE_MAP
+    history = case.history.model_copy(update={"file": _from_results(case, case.history.file)})
+    boundary: dict[str, Any] = {
+        "lambda_start": case.boundary.lambda_start.model_copy(update=lambdas)
+    }
+    if SIGMA_E.name in found.levels:
+        boundary["jitter_nm"] = 1e3 * found.levels[SIGMA_E.name][0]
+    wrong = {*case.loads.left_out, *(bad.frame for bad in found.bad_loads)}
+    files = tuple(_from_results(case, name) for name in case.diagnosis.cause_files)
+    meshes = {
+        key: _from_results(case, name)
+        for key in ("mesh", "height_mesh")
+        if (name := getattr(case.dic, key)) is not None and name != TRACE
+    }
+    return with_flips(case, found).model_copy(
+        update={
+            "material": material,
+            "boundary": case.boundary.model_copy(update=boundary),
+            "loads": case.loads.model_copy(update={"left_out": tuple(sorted(wrong))}),
+            "extensions": freed,
+            "images": images.model_copy(update=moved),
+            "dic": case.dic.model_copy(update=meshes),
+            "solver": case.solver.model_copy(update={"profiles": _profiles_from_results(case)}),
+            "history": history,
+            "diagnosis": case.diagnosis.model_copy(update={"cause_files": files}),
+        }
+    )
+
+
+def _within_bounds(name: str, value: float, material: MaterialTable) -> float:
+    """A start within its bounds, which for a back stress hang on the d that was found."""
+    declared = {p.name: p for p in declarations_at(material.to_material())}
+    if name not in declared:
+        return value
+    return min(max(value, declared[name].lower), declared[name].upper)
+
+
+def added_parameters(found: Diagnosis) -> tuple[str, ...]:
+    """Names of the parameters of the general model that the extension freed.
+
+    A companion that was fitted before is none of them.
+    """
+    freed = [cause for cause in found.causes if cause not in COVARIANCE]
+    every = (n for cause in freed for n in (*cause.parameters, *cause.companions))
+    return tuple(name for name in dict.fromkeys(every) if name not in found.baseline.best.free)
+
+
+def with_flips(case: Case, found: Diagnosis) -> Case:
+    """The case with the EBSD frame turned as the flips that were named turn it."""
+    given = np.array(case.orientation.ebsd_to_specimen)
+    rows = tuple(map(tuple, (half_turn(found.causes) @ given + 0.0).tolist()))
+    return case.model_copy(
+        update={"orientation": case.orientation.model_copy(update={"ebsd_to_specimen": rows})}
+    )
+
+
+def write_noise_map(case: Case, found: Diagnosis, path: Path) -> None:
+    """The noise that was found at each pixel, over its mean, as an image like those of the case."""
+    image = found.objective.data.image
+    noise = np.ones((1, *image.images.shape))
+    if image.variance is not None:
+        noise[0, image.images.rows, image.images.cols] = np.sqrt(image.variance)
+    tifffile.imwrite(path, as_in_files(case.images, noise)[0].astype(np.float32))
+
+
+def _profiles_from_results(case: Case) -> dict[str, ProfileTable]:
+    """The profiles of the case, whose commands may name files beside it."""
+    moved = dict(case.solver.profiles)
+    for name, profile in moved.items():
+        if profile.command is not None:
+            found = with_files_of(case.path(""), profile.command)
+            words = (
+                _from_results(case, word) if word != there else word
+                for word, there in zip(profile.command, found, strict=True)
+            )
+            moved[name] = profile.model_copy(update={"command": tuple(words)})
+    return moved
+
+
+def _from_results(case: Case, name: str) -> str:
+    if Path(name).is_absolute():
+        return name
+    if not case.path(RESULTS).is_symlink():
+        return f"../{name}"
+    # One folder up from where a link leads is not the folder of the case.
+    return str(case.path("").resolve() / name)

@@ -1,0 +1,1 @@
+"""The verb `virtual`: data of a specimen that nobody tested."""

@@ -1,0 +1,101 @@
+"""`prismid virtual`: a virtual experiment from a case, never made with what identifies it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from driver.case.model import Case, load_case
+from driver.common.errors import InputError, sentence
+from driver.common.progress import Log
+from driver.experiment.history import read_history
+from driver.export.volume import tenths
+from driver.forward.build import adapter_of, mesh_of
+from driver.virtual.settings import Virtual, read_virtual
+from driver.virtual.truth import knots, pull, stage_program
+from driver.virtual.writing import record
+from driver.workflow.cost import cost_told, simulation_memory, simulation_seconds
+
+_FINER = 0.9  # of the finer mesh of a case
+# Seconds of one core for one pixel of one image, with slip steps and without.
+_PIXEL_SECONDS = {True: 25e-6, False: 6e-6}
+# Bytes held of one pixel of one image: levels, and the true motion in two precisions.
+_PIXEL_BYTES = 64
+
+
+def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int, log: Log) -> None:
+    """Simulate the test of a case and photograph it.
+
+    Args:
+        case_path: the case; its images need not exist, its history only where the settings give
+            no cycles.
+        settings_path: the settings, or None for the defaults.
+        folder: where to write; absent or empty.
+        seed: of relief, stage and noise.
+        log: takes one line of progress.
+
+    Raises:
+        InputError: the case or a setting cannot be used, or the folder holds files.
+        SolverError: the simulation could not be finished.
+    """
+    case = load_case(case_path)
+    settings = Virtual() if settings_path is None else read_virtual(settings_path)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(sentence(folder, "--to", "something there", "an empty or a new folder"))
+    truth = true_case(case, settings)
+    cycles = settings.program.cycles
+    history = stage_program(cycles) if cycles else read_history(case.path(case.history.file))
+    hidden = knots(history, settings.program, case.specimen.length) | settings.truth
+    n_cells = len(mesh_of(truth, truth.specimen.mesh_size).cells)
+    face = case.specimen.length * case.specimen.width / case.images.pixel_um**2
+    steps = settings.face.slip_spacing_um > 0
+    seconds = (
+        simulation_seconds(truth, adapter_of(truth).capabilities(), n_cells, history.n_images)
+        + _PIXEL_SECONDS[steps] * face * history.n_images
+    )
+    parts = truth.solver.steps_per_interval
+    memory = simulation_memory(n_cells, history.n_images, steps_per_interval=parts)
+    memory += _PIXEL_BYTES * face * history.n_images
+    log(
+        f"truth on a mesh of {truth.specimen.mesh_size:g} µm ({n_cells} cells) with "
+        f"{truth.solver.steps_per_interval} steps an interval, finer than the case's "
+        f"{case.specimen.mesh_size:g} and {case.specimen.fine_mesh_size:g} µm with "
+        f"{case.solver.steps_per_interval} and {case.solver.fine_steps_per_interval}; "
+        f"{history.n_images} images, {cost_told(seconds, memory)}"
+    )
+    course = pull(truth, history, hidden, steps, tenths("  truth: ", log))
+    folder.mkdir(parents=True, exist_ok=True)
+    # A folder holds a whole experiment or none: one that was begun would be refused next time.
+    with TemporaryDirectory(prefix=".", dir=folder) as aside:
+        record(Path(aside), case, course, seed, settings)
+        for file in Path(aside).iterdir():
+            file.replace(folder / file.name)
+    log(f"{folder / 'case.toml'} written, its truth in truth.json: `prismid run {folder}`")
+
+
+def true_case(case: Case, settings: Virtual) -> Case:
+    """A case on the mesh and with the steps of its truth.
+
+    Raises:
+        InputError: they are not finer than those of the finer model of the case.
+    """
+    wanted, finest = settings.discretisation, case.specimen.fine_mesh_size
+    most = case.solver.fine_steps_per_interval
+    size = wanted.mesh_size_um or _FINER * finest
+    steps = wanted.steps_per_interval or most + 1
+    for key, found, expected in (
+        ("mesh_size_um", size, f"less than {finest:g}" if size >= finest else ""),
+        ("steps_per_interval", steps, f"more than {most}" if steps <= most else ""),
+    ):
+        if expected:
+            raise InputError(
+                f"discretisation.{key}: found {found:g}, expected {expected}, the finest that the "
+                "case identifies with: data made with the same errors would hide them"
+            )
+    specimen = case.specimen.model_copy(
+        update={"mesh_size_um": size, "fine_mesh_size_um": _FINER * size}
+    )
+    solver = case.solver.model_copy(
+        update={"steps_per_interval": steps, "fine_steps_per_interval": steps + 1}
+    )
+    return case.model_copy(update={"specimen": specimen, "solver": solver})

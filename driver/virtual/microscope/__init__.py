@@ -1,0 +1,1 @@
+"""The virtual microscope: relief, texture and camera of the images of `virtual`."""

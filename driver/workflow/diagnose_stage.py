@@ -1,0 +1,217 @@
+"""Stage 4: what the simulation gets wrong, written as numbers, words and an extended case."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from driver.case.model import Case, CaseError, schema_text, write_case
+from driver.common.errors import sentence
+from driver.common.outcomes import Failure, attempt
+from driver.common.progress import Log
+from driver.design.model_discrimination import Telling, advice, most_telling
+from driver.diagnosis.answer.residual_localisation import (
+    Whereabouts,
+    still_missed,
+    told,
+    whereabouts,
+)
+from driver.diagnosis.answer.result_types import Diagnosis, Settings
+from driver.diagnosis.answer.verdict import with_places
+from driver.diagnosis.causes.ebsd_flips import FLIPS
+from driver.diagnosis.causes.noise_causes import COVARIANCE_PARAMETERS, NOISE_RATIO
+from driver.diagnosis.causes.user_causes import own_causes
+from driver.diagnosis.search.diagnose import diagnose
+from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.statistics.screening import screened
+from driver.experiment.history import History
+from driver.experiment.reading import fitted_loads
+from driver.forward.build import geometry_of
+from driver.identification.fit import Fit, fit
+from driver.identification.objective import Evaluation
+from driver.results.diagnosis import DIAGNOSIS, DIAGNOSIS_H5, diagnosis_record
+from driver.results.extended_case import (
+    EXTENDED,
+    NOISE_MAP,
+    added_parameters,
+    extended_case,
+    with_flips,
+    write_noise_map,
+)
+from driver.results.extended_decks import DECKS, write_decks
+from driver.results.hdf5 import read_hdf5, write_hdf5
+from driver.results.identification import IDENTIFY, value_told
+from driver.workflow.engine import StageContext
+from driver.workflow.identify_stage import (
+    error_budget,
+    fit_arrays,
+    load_workbench,
+    same_simulation,
+    saved_objective,
+)
+from driver.workflow.measure_stage import MEASURE
+from driver.workflow.setup import Workbench, on_another_mesh
+
+SCHEMA = "case.schema.json"  # the name by which every case file knows its schema
+
+
+def run_diagnose(context: StageContext, advise: bool = True) -> None:
+    """Diagnose the identified model; write `diagnosis.json` and `extended.toml`.
+
+    Args:
+        context: case, folders and log.
+        advise: whether changed experiments that would part the causes of a set are simulated.
+    """
+    case = context.case
+    own = own_causes(case)
+    wanted = None if case.diagnosis.causes == "all" else case.diagnosis.causes
+    bench = load_workbench(context)
+    identified = read_hdf5(context.result(IDENTIFY))
+    measured = read_hdf5(context.result(MEASURE))
+    free_chi = measured["chi"]
+    with h5py.File(context.result(IDENTIFY), "r") as file:
+        # A term that was installed since is at its null.
+        values = bench.objective.model.null_values() | json.loads(file.attrs["all_values"])
+        free = tuple(json.loads(file.attrs["names"]))
+        converged, reason = bool(file.attrs["converged"]), str(file.attrs["reason"])
+    if not converged:
+        context.log(f"  the baseline has not converged ({reason}): read the verdict with care")
+    objective = saved_objective(bench, identified)
+    # One simulation gives the baseline and the sensitivities of every cause: that of the
+    # identification, once more.
+    again = same_simulation(objective, identified, values)
+    wide = again.evaluate(values, screened(objective.model, free, wanted, own)[1])
+    objective, wide = objective.reading_pattern_along(wide)
+    bench = replace(bench, finer=replace(bench.finer, pattern=objective.model.pattern))
+    baseline = Fit(objective.restrict(wide, free), converged, reason, ())
+    known: Evaluation | None = wide
+    if held := [name for name in bench.plan.every if name not in free]:
+        # An error of a held knot would be found as one of the model.
+        context.log(f"fitted again with what the identification held: {', '.join(held)}")
+        baseline = fit(objective, values, bench.plan.every, bench.plan.most, context.log)
+        known = None
+    cycles = bench.experiment.history.cycle
+    settings = Settings(
+        wanted=wanted,
+        refit=case.diagnosis.refit,
+        held_out=held_out_cycle(case, context.case_path, bench.experiment.history),
+        processes=case.execution.processes,
+        threads=case.execution.threads,
+        free_chi=float(np.sqrt(np.mean(free_chi[measured["left_out"] == 0] ** 2))),
+        sizes=bench.plan.sizes,
+        own=own,
+    )
+    found = diagnose(
+        baseline, objective, FinerMeshes(bench.finer, lambda: on_another_mesh(case, bench)),
+        cycles, settings, context.log, known,
+    )  # fmt: skip
+    telling = _telling(found, context, bench) if advise else ()
+    if telling:
+        advised = f"{found.verdict.next} {advice(telling)}"
+        found = replace(found, verdict=replace(found.verdict, next=advised))
+    where = whereabouts(found, geometry_of(case), bench.experiment.history)
+    found = replace(found, verdict=with_places(found.verdict, still_missed(where)))
+    _tell(found, where, bench, context.log)
+    decks = _decks(found, context) if found.causes else None
+    budgets = (
+        error_budget(bench, found.baseline.best, free_chi),
+        error_budget(bench, found.extended.best, free_chi),
+    )
+    record = diagnosis_record(found, bench, budgets, decks, telling, where)
+    (context.workdir / DIAGNOSIS).write_text(
+        json.dumps(record, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+    )
+    arrays = fit_arrays(found.baseline, bench, "before") | fit_arrays(
+        found.extended, bench, "after"
+    )
+    write_hdf5(context.workdir / DIAGNOSIS_H5, arrays)
+    if NOISE_RATIO.name in found.levels:
+        write_noise_map(case, found, context.workdir / NOISE_MAP)
+    write_case(extended_case(case, found), context.workdir / EXTENDED)
+    (context.workdir / SCHEMA).write_text(schema_text(), encoding="utf-8")
+
+
+def _tell(found: Diagnosis, where: Whereabouts, bench: Workbench, log: Log) -> None:
+    """The verdict, where the model misses the data, what was added for it, what to do next."""
+    log(f"verdict: {found.verdict.kind}. {found.verdict.text}")
+    log(f"  {told(where)}")
+    for name in added_parameters(found):
+        log(f"  {value_told(name, found.extended, bench.objective.parameters)}")
+        if (off := found.off_by_mesh(name)) is not None:
+            unit = bench.objective.parameters[name].unit
+            by = f"{off:.2g} {unit}" if unit else f"{off:.2g}"
+            log(f"    either of two finer meshes alone would put it off by {by}: not in its σ")
+    for name, (level, sigma) in found.levels.items():
+        log(f"  {name} = {level:.4g} ± {sigma:.2g} {COVARIANCE_PARAMETERS[name].unit}")
+    if found.held_out is not None:
+        before, after = found.held_out
+        log(f"  held-out cycle {before.cycle}: χ_F {before.chi_load:.2f} → {after.chi_load:.2f}")
+    log(f"  next: {found.verdict.next}")
+
+
+def _decks(found: Diagnosis, context: StageContext) -> dict[str, str | None]:
+    """Write the extended model as decks; by solver, why there is none (`write_decks`)."""
+    model, values = found.objective.model, found.extended.values
+    decks = write_decks(context.workdir, context.case, model, values)
+    written = [f"{DECKS}/{name}" for name, refused in decks.items() if refused is None]
+    if written:
+        # Why others cannot take it is in the record, and `check` says it before a run.
+        context.log(f"  the extended model as a deck: {', '.join(written)}")
+    return decks
+
+
+def _telling(found: Diagnosis, context: StageContext, bench: Workbench) -> tuple[Telling, ...]:
+    """Which change of the experiment would part the first set; empty if there is none.
+
+    Sizes are those of the scores, in the prior scales of each cause.
+    """
+    group = next((one for one in found.verdict.sets if len(one) > 1), ())
+    if found.verdict.kind != "one of this set" or not group:
+        return ()
+    if set(group) & {flip.name for flip in FLIPS}:
+        return ()  # a flip has no size to be parted by
+    context.log(f"which added measurement would part {', '.join(group)}")
+    # What was dropped and added again stands in two rounds.
+    last = next(step for step in reversed(found.steps) if step.named[:1] == group[:1])
+    scores = {s.cause.name: s for s in last.scores}
+    sizes = {name: float(np.max(np.abs(scores[name].estimate))) for name in group}
+    law = {name: found.baseline.values[name] for name in found.baseline.best.free}
+    case, history = with_flips(context.case, found), bench.experiment.history
+    ranked = attempt(lambda: most_telling(case, history, sizes, law, context.log))
+    if isinstance(ranked, Failure):
+        context.log(f"  not found out: {ranked.why}")
+        return ()
+    return ranked
+
+
+def held_out_cycle(case: Case, case_path: Path, history: History) -> int | None:
+    """The cycle that is held out, if any.
+
+    Args:
+        case: the case.
+        case_path: its file.
+        history: its history.
+
+    Raises:
+        CaseError: it asks for a cycle that there is not, or of which it leaves out all loads.
+    """
+    cycles = int(history.cycle.max())
+    asked = case.diagnosis.held_out_cycle
+    if isinstance(asked, int) and asked > cycles:
+        raise CaseError(
+            sentence(case_path, "diagnosis.held_out_cycle", str(asked),
+                     f"one of the {cycles} cycle(s)")
+        )  # fmt: skip
+    if asked == "none" or cycles < 2:
+        return None
+    cycle = cycles if asked == "last" else asked
+    if not np.isfinite(fitted_loads(case, history.force)[history.cycle == cycle]).any():
+        raise CaseError(
+            sentence(case_path, "loads.left_out", f"all loads of cycle {cycle}, which is held out",
+                     "some that it can be predicted for, or another diagnosis.held_out_cycle")
+        )  # fmt: skip
+    return cycle

@@ -1,0 +1,380 @@
+"""Stages of a run: each is done once for its inputs, and its results appear whole or not at all."""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from itertools import count
+from pathlib import Path
+from typing import NotRequired, TypedDict
+
+from driver.case.model import Case, load_case
+from driver.common.errors import InputError, sentence, why
+from driver.common.progress import Log
+from driver.experiment.images.files import split_dataset
+from driver.parameters.user_terms import files_of_terms, installed_terms
+from driver.workflow.run_lock import sole_run
+
+RESULTS = "results"
+_RECORD = "stages.json"
+_READ_BACK = (".h5", ".json", ".med")  # of results that later stages read
+
+
+class StageError(InputError):
+    """A stage that cannot be run: what was found and what was expected."""
+
+
+@dataclass(frozen=True)
+class StageContext:
+    """What a stage works with.
+
+    Attributes:
+        case: the case.
+        case_path: its file.
+        results: the folder of the finished results of all stages.
+        workdir: an empty folder; every file left in it becomes a result of the stage.
+        log: takes one line of progress.
+        prepare_only: whether external solvers write their jobs for another machine.
+    """
+
+    case: Case
+    case_path: Path
+    results: Path
+    workdir: Path
+    log: Log
+    prepare_only: bool = False
+
+    def result(self, name: str) -> Path:
+        """A result of an earlier stage.
+
+        Raises:
+            StageError: there is no such file.
+        """
+        path = self.results / name
+        if not path.is_file():
+            raise StageError(f"{path}: found nothing, expected the result of an earlier stage")
+        return path
+
+
+def _no_files(case: Case) -> Sequence[Path]:
+    return ()
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of a run.
+
+    Attributes:
+        name: as it is called on the command line and in the record.
+        version: revision of its code; a new one makes old results stale.
+        sections: tables of the case file on which its results depend.
+        run: does the work and writes its results into `StageContext.workdir`.
+        files: the files (folders, patterns) that it reads beside the case.
+    """
+
+    name: str
+    version: str
+    sections: tuple[str, ...]
+    run: Callable[[StageContext], None]
+    files: Callable[[Case], Sequence[Path]] = field(default=_no_files)
+
+
+class Done(TypedDict):
+    """What is kept of a finished stage.
+
+    Its key, names of its results, the hashes of their content, when it ended, how long it took.
+    """
+
+    key: str
+    outputs: list[str]
+    digests: NotRequired[dict[str, str]]
+    finished: str
+    seconds: float
+
+
+Record = dict[str, Done]
+
+
+def measured_files(case: Case) -> tuple[Path, ...]:
+    """The images, the history and the meshes of correlation that a case names."""
+    images, dic = case.images, case.dic
+    if not case.with_images:
+        return (case.path(case.history.file),)
+    names = (
+        images.frames, images.flats, images.repeats, images.mask, images.noise_map,
+        case.history.file,
+        *(mesh for mesh in (dic.mesh, dic.height_mesh) if mesh != "trace"),
+    )  # fmt: skip
+    return tuple(Path(split_dataset(case.path(name))[0]) for name in names if name is not None)
+
+
+def identified_files(case: Case) -> tuple[Path, ...]:
+    """What an identification reads: the measured files, and the terms that it frees."""
+    return (*measured_files(case), *files_of_terms(case.extensions))
+
+
+def diagnosed_files(case: Case) -> tuple[Path, ...]:
+    """What a diagnosis reads: the measured files, and causes and terms of the user's own."""
+    own = files_of_terms(term.parameter.name for term in installed_terms())
+    return (*measured_files(case), *own, *(case.path(name) for name in case.diagnosis.cause_files))
+
+
+def run_stages(
+    case_path: Path,
+    stages: Sequence[Stage],
+    until: str | None = None,
+    force: bool = False,
+    report: Log = print,
+    prepare_only: bool = False,
+) -> None:
+    """Run the stages in their order, leaving out those that are done and unchanged.
+
+    A stage is left out if its key is that of its last run and its results are there. The key
+    is a hash of the version of its code, its tables of the case, the content of its files and
+    the key of the stage before it. Results that later stages read and that are damaged since are
+    made anew. Results are written aside and moved into `results/`, beside
+    the case, once the stage has ended; a stage that fails leaves the results of its last run, and
+    what somebody has edited since is kept under another name.
+
+    Args:
+        case_path: the case file.
+        stages: all stages, each building on the ones before it.
+        until: name of the last stage to run, None for all.
+        force: run the stages even if they are done and unchanged.
+        report: takes one line of progress.
+        prepare_only: whether external solvers write their jobs for another machine.
+
+    Raises:
+        PreparedError: such jobs were written.
+        CaseError: the case cannot be used.
+        BusyError: another run is at work on the results.
+        StageError: there is no stage of the name `until`, or two results have one name.
+    """
+    names = [stage.name for stage in stages]
+    if until is not None and until not in names:
+        raise StageError(f'--until: found "{until}", expected one of {", ".join(names)}')
+    case = load_case(case_path)
+    results = case_path.parent / RESULTS
+    _make_folder(results)
+    last = len(names) if until is None else names.index(until) + 1
+    key = ""
+    with sole_run(results):
+        for stage in stages[:last]:
+            key = stage_key(stage, case, key)
+            done = read_record(results)
+            entry = done.get(stage.name)
+            if not force and is_done(entry, key, results):
+                report(f"{stage.name}: done and unchanged")
+                continue
+            _refuse_folders(entry, results)
+            _run_stage(stage, case, case_path, results, key, report, prepare_only)
+
+
+def stage_key(stage: Stage, case: Case, key_before: str) -> str:
+    """SHA-256 of all on which the results of a stage depend."""
+    content = {
+        "stage": stage.name,
+        "version": stage.version,
+        # How a program is called changes no result.
+        "case": case.model_dump(
+            mode="json", include=set(stage.sections), exclude={"solver": {"profiles"}}
+        ),
+        "files": [_content_hash(path) for path in stage.files(case)],
+        "before": key_before,
+    }
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _run_stage(
+    stage: Stage,
+    case: Case,
+    case_path: Path,
+    results: Path,
+    key: str,
+    report: Log,
+    prepare_only: bool,
+) -> None:
+    workdir = results / f"{stage.name}.partial"
+    shutil.rmtree(workdir, ignore_errors=True)
+    workdir.mkdir()
+    report(f"{stage.name}: started")
+    start = time.perf_counter()
+    stage.run(StageContext(case, case_path, results, workdir, report, prepare_only))
+    seconds = time.perf_counter() - start
+    outputs = sorted(
+        str(path.relative_to(workdir)) for path in workdir.rglob("*") if path.is_file()
+    )
+    done = read_record(results)
+    old = done.pop(stage.name, None)
+    for other, entry in done.items():
+        shared = set(outputs) & set(entry["outputs"])
+        if shared:
+            raise StageError(
+                f"{stage.name}: found a result {min(shared)}, which belongs to {other}, "
+                "expected another name"
+            )
+    _set_edited_aside(old, results, report)
+    # Until the record is written anew, a stage whose files are being replaced counts as not done.
+    _write_record(results, done)
+    for name in outputs:
+        (results / name).parent.mkdir(parents=True, exist_ok=True)
+        os.replace(workdir / name, results / name)
+    for name in set(old["outputs"] if old else ()) - set(outputs):
+        (results / name).unlink(missing_ok=True)
+    done[stage.name] = {
+        "key": key,
+        "outputs": outputs,
+        "digests": {name: _content_hash(results / name) for name in outputs},
+        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+        "seconds": round(seconds, 2),
+    }
+    _write_record(results, done)
+    shutil.rmtree(workdir)
+    report(f"{stage.name}: finished in {seconds:.1f} s")
+
+
+def _set_edited_aside(old: Done | None, results: Path, report: Log) -> None:
+    """Rename what has changed since its stage wrote it, before that writes it anew."""
+    for name, digest in old.get("digests", {}).items() if old else ():
+        path = results / name
+        if not path.is_file() or _content_hash(path) == digest:
+            continue
+        names = (path.with_stem(f"{path.stem}.edited{k or ''}") for k in count())
+        kept = next(one for one in names if not one.exists())
+        path.rename(kept)
+        report(f"{path} has changed since it was written: it is kept as {kept.name}")
+
+
+def _is_read_back(name: str) -> bool:
+    """Whether later stages read a result; what is not read, or in a folder, may be edited."""
+    return name.endswith(_READ_BACK) and Path(name).parent == Path()
+
+
+def is_done(entry: Done | None, key: str, results: Path) -> bool:
+    """Whether a stage has run with a key, and its results are there as they were written."""
+    return (
+        entry is not None
+        and entry["key"] == key
+        and all((results / name).is_file() for name in entry["outputs"])
+        and all(
+            _content_hash(results / name) == digest
+            for name, digest in entry.get("digests", {}).items()
+            if _is_read_back(name)
+        )
+    )
+
+
+def finished(
+    case_path: Path,
+    case: Case,
+    stages: Sequence[Stage],
+    needed: Collection[str],
+    refuse: type[InputError] = StageError,
+) -> frozenset[str]:
+    """Names of the stages that are done for the case as it is.
+
+    Args:
+        case_path: the case file.
+        case: the case.
+        stages: all its stages, in their order.
+        needed: names of those without which nothing can be done.
+        refuse: the error that is raised.
+
+    Raises:
+        InputError: one of them has no results, or such as are of another state or damaged.
+    """
+    results = case_path.parent / RESULTS
+    record, key, found = read_record(results), "", set()
+    for stage in stages:
+        key = stage_key(stage, case, key)
+        entry = record.get(stage.name)
+        if is_done(entry, key, results):
+            found.add(stage.name)
+        elif stage.name in needed:
+            there = entry is not None and is_done(entry, entry["key"], results)
+            state = "no results, or damaged ones"
+            if there:
+                state = "results of another state of the case or its files"
+            last = [one.name for one in stages if one.name in needed][-1]
+            raise refuse(
+                sentence(
+                    results, f"stage {stage.name}", state,
+                    f"those of the case as it is (`prismid run {case_path} --until {last}` makes "
+                    "them)",
+                )
+            )  # fmt: skip
+    return frozenset(found)
+
+
+def _make_folder(results: Path) -> None:
+    if results.is_symlink() and not results.exists():
+        found = f"a link to {os.readlink(results)}, which is not there"
+        raise StageError(sentence(results, "folder", found, "a folder, or a link to one"))
+    try:
+        results.mkdir(exist_ok=True)
+    except OSError as error:
+        expected = "a folder that can be made and written"
+        raise StageError(sentence(results, "folder", why(error), expected)) from None
+
+
+def _refuse_folders(entry: Done | None, results: Path) -> None:
+    """Refuse a folder where a result goes before it is computed, not after."""
+    for name in entry["outputs"] if entry else ():
+        if (results / name).is_dir():
+            raise StageError(
+                sentence(results / name, "result", "a folder", "a file, or nothing: move it away")
+            )
+
+
+def read_record(results: Path) -> Record:
+    """The finished stages by name, as `stages.json` tells them."""
+    path = results / _RECORD
+    if not path.is_file():
+        return {}
+    try:
+        record: Record = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        record = {}
+    # A damaged record is no record: the stages are run again.
+    whole = isinstance(record, dict) and all(map(_is_entry, record.values()))
+    return record if whole else {}
+
+
+def _is_entry(entry: object) -> bool:
+    return (
+        isinstance(entry, dict)
+        and isinstance(entry.get("key"), str)
+        and isinstance(entry.get("outputs"), list)
+        and all(isinstance(name, str) for name in entry["outputs"])
+    )
+
+
+def _write_record(results: Path, record: Record) -> None:
+    write_whole(results / _RECORD, json.dumps(record, indent=2) + "\n")
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file so that it is there whole or as it was before."""
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(text, encoding="utf-8")
+    os.replace(partial, path)
+
+
+def _content_hash(path: Path) -> str:
+    """Hash of a file, or of all files of a folder or pattern with their names."""
+    try:
+        if path.is_file():
+            with path.open("rb") as file:
+                return hashlib.file_digest(file, "sha256").hexdigest()
+        files = sorted(path.iterdir()) if path.is_dir() else sorted(map(Path, glob.glob(str(path))))
+        parts = [f"{file.name} {_content_hash(file)}" for file in files if file.is_file()]
+    except (OSError, ValueError):
+        return "unreadable"  # the stage that needs it says so, with the key of the case
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()

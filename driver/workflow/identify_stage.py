@@ -1,0 +1,230 @@
+"""Stage 3: boundary motion and parameters of the law, with their uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.case.model import CaseError
+from driver.common.errors import sentence
+from driver.common.progress import passing_of
+from driver.experiment.history import History
+from driver.forward.boundary_motion import LAMBDAS, elongation_names
+from driver.identification.boundary_jitter import BoundaryJitter
+from driver.identification.fit import Fit
+from driver.identification.identify import Identification, identify, with_correction
+from driver.identification.kinematic_hessian import kinematic_hessian
+from driver.identification.objective import Correction, Evaluation, Objective
+from driver.identification.step_error import StepError
+from driver.results.hdf5 import read_hdf5
+from driver.results.identification import Arrays, value_told, warnings_of, write_identification
+from driver.workflow.engine import StageContext
+from driver.workflow.measure_stage import MEASURE
+from driver.workflow.mesh_stage import FINE_MESH, MESH
+from driver.workflow.setup import Workbench, build_workbench, seen_by_correlation
+from meshes.files import read_med
+from solver_adapters.interface import Way
+
+JOBS = "jobs"
+FloatArray = NDArray[np.float64]
+
+
+def load_workbench(context: StageContext) -> Workbench:
+    """The workbench of a case from the results of the first two stages."""
+    measured = read_hdf5(context.result(MEASURE))
+    left_out = tuple(map(int, np.flatnonzero(measured["left_out"])))
+    return build_workbench(
+        context.case,
+        read_med(context.result(MESH)),
+        read_med(context.result(FINE_MESH)),
+        seen_by_correlation(
+            context.case, measured["motion"], measured["elongation"], measured["tilt"], left_out
+        ),
+        context.results / JOBS,
+        context.prepare_only,
+        passing_of(context.log),
+    )
+
+
+def run_identify(context: StageContext) -> None:
+    """Identify, and write parameters, covariance, budget and predictions."""
+    bench = load_workbench(context)
+    refuse_large_jitter(context.case_path, bench.plan.jitter, bench.start, bench.experiment.history)
+    found = identify(
+        bench.working, bench.finer, bench.objective, bench.start, bench.plan, context.log
+    )  # fmt: skip
+    final = found.final
+    budget = error_budget(bench, final.best, read_hdf5(context.result(MEASURE))["chi"])
+    for name in (n for n in (*LAMBDAS, *bench.law) if n in final.best.free):
+        context.log(f"  {value_told(name, final, bench.objective.parameters)}")
+    for warning in warnings_of(found):
+        context.log(f"  {warning}")
+    context.log(
+        f"  budget: noise 1, free correlation {budget['free']:.2f}, "
+        f"this model {budget['model']:.2f} (images), {budget['load']:.2f} (loads)"
+    )
+    _write(context, bench, found, budget)
+
+
+def refuse_large_jitter(
+    case_path: Path, jitter: float, start: Mapping[str, float], history: History
+) -> None:
+    """Refuse a noise of the boundary motion that is not small against the travel between stops.
+
+    The answer to it is linear (`driver.identification.boundary_jitter`): beyond, it would turn
+    loading into unloading.
+
+    Args:
+        case_path: the case file.
+        jitter: σ_e [µm].
+        start: every parameter where the identification starts, knots as correlation found them.
+        history: the history.
+
+    Raises:
+        CaseError: it is larger than the mean of that travel.
+    """
+    knots = [0.0, *(start[name] for name in elongation_names(history.n_knots))]
+    travel = float(np.abs(np.diff(knots)).sum()) / (history.n_images - 1)
+    if jitter > travel:
+        expected = f"well below {1e3 * travel:.2g}, the mean elongation from one stop to the next"
+        found = f"{1e3 * jitter:g}"
+        raise CaseError(sentence(case_path, "boundary.jitter_nm", found, expected))
+
+
+def error_budget(bench: Workbench, best: Evaluation, free_chi: FloatArray) -> dict[str, float]:
+    """χ at pixel level from noise over free correlation to the model, and χ_F of the loads.
+
+    Images that are not fitted do not count.
+    """
+    images = bench.images
+    data = bench.objective.data
+    seen = data.with_image
+    found = best.motion[data.index] + np.einsum("tr,rpc->tpc", best.shift, data.image.rigid)
+    variance = images.expected_residual_variance(found)
+    return {
+        "noise": 1.0,
+        "free": float(np.sqrt(np.mean(free_chi[data.index[seen]] ** 2))),
+        "model": float(np.sqrt(np.mean((best.rho**2 / variance)[seen]))),
+        "basis": best.chi_image,
+        "load": best.chi_load,
+    }
+
+
+def saved_objective(bench: Workbench, results: dict[str, FloatArray]) -> Objective:
+    """The objective of the last stage of a finished identification."""
+    objective = bench.objective
+    if "jitter/load" in results:
+        jitter = BoundaryJitter(results["jitter/load"], results["jitter/image"])
+        objective = replace(objective, data=replace(objective.data, jitter=jitter))
+    left = None
+    if "correction/steps_load" in results:
+        left = StepError(results["correction/steps_motion"], results["correction/steps_load"])
+    correction = Correction(
+        results["correction/motion"],
+        results["correction/load"],
+        left,
+        int(results["correction/parts"]),
+    )
+    return with_correction(objective, float(results["noise_factor"]), correction, bench.plan.sizes)
+
+
+def same_simulation(
+    objective: Objective, results: dict[str, FloatArray], values: Mapping[str, float]
+) -> Objective:
+    """The objective that simulates in the steps of a finished identification, and by its way.
+
+    Args:
+        objective: that of its last stage.
+        results: what was written of it.
+        values: every parameter as it was identified.
+    """
+    if "way/times" not in results:  # of a solver that does not tell it
+        return objective
+    way = Way(results["way/times"], results["way/displacement"])
+    model = objective.model.in_steps_of(way.times[1:], values).near(way, values)
+    return replace(objective, model=model)
+
+
+def fit_arrays(fit: Fit, bench: Workbench, prefix: str) -> Arrays:
+    """Predictions and residuals of a fit for the results file."""
+    best, data = fit.best, bench.objective.data
+    return {
+        f"{prefix}/load": (best.load, "µN"),
+        f"{prefix}/load_residual": (data.load - best.load, "µN"),
+        f"{prefix}/motion": (best.motion.astype(np.float32), "µm"),
+        f"{prefix}/rho": (best.rho.astype(np.float32), "µm"),
+    }
+
+
+def _write(
+    context: StageContext, bench: Workbench, found: Identification, budget: dict[str, float]
+) -> None:
+    correction = found.objective.correction
+    write_identification(
+        context.workdir,
+        found,
+        bench.start,
+        {
+            "correction/motion": (np.asarray(correction.motion), "µm"),
+            "noise_factor": (found.objective.data.image.noise_factor, "1"),
+            **{f"budget/{key}": (value, "1") for key, value in budget.items()},
+            **_as_in_the_paper(found),
+            **_starts(found),
+            **_jitter(found.objective.data.jitter),
+            **_way(found.final.best.prediction.response.way),
+            **fit_arrays(found.final, bench, "final"),
+        },
+    )
+
+
+def _as_in_the_paper(found: Identification) -> Arrays:
+    """Figure 12a, and χ, χ_f, χ_F of tables 4 and 5 at the start of stage A and at the end."""
+    objective, final = found.objective, found.final
+    model = objective.model
+    names = tuple(dict.fromkeys((*LAMBDAS, *filter(model.simulated, found.law))))
+    whole = objective.complete(final.best, names)
+    first, last = found.stages["A"].history[0], final.history[-1]
+    return {
+        "kinematic_hessian": (kinematic_hessian(objective, whole, names), "of log p"),
+        "hessian_names": (np.array(names, dtype="S"), ""),
+        **{
+            f"paper/{key}": (np.array([first[f"paper_{key}"], last[f"paper_{key}"]]), "1")
+            for key in ("chi", "chi_f", "chi_F")
+        },
+    }
+
+
+def _starts(found: Identification) -> Arrays:
+    """Where each start ended; NaN where it failed."""
+    if not found.starts:
+        return {}
+    return {
+        "starts/cost": (np.array([outcome.cost for outcome in found.starts]), "1"),
+        **{
+            f"starts/{name}": (
+                np.array([outcome.values.get(name, np.nan) for outcome in found.starts]),
+                found.objective.parameters[name].unit,
+            )
+            for name in found.law
+        },
+    }
+
+
+def _way(way: Way | None) -> Arrays:
+    """By which the simulation can be repeated without its iterations."""
+    if way is None:
+        return {}
+    return {"way/times": (way.times, "s"), "way/displacement": (way.displacement, "µm")}
+
+
+def _jitter(jitter: BoundaryJitter | None) -> Arrays:
+    if jitter is None:
+        return {}
+    return {
+        "jitter/load": (jitter.load, "µN"),
+        "jitter/image": (jitter.image.astype(np.float32), "1"),
+    }

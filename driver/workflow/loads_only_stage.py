@@ -1,0 +1,135 @@
+"""The identification of a case without images: from its loads and the travel of the stage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from driver.case.model import Case
+from driver.common.progress import passing_of
+from driver.experiment.history import History
+from driver.experiment.reading import history_of
+from driver.forward.boundary_motion import elongation_names, knots_of_stage
+from driver.forward.build import adapter_of, build_model
+from driver.forward.model import ForwardModel
+from driver.forward.progress_adapter import WatchedSolver
+from driver.identification.data import Data
+from driver.identification.identify import Plan
+from driver.identification.loads_alone import doubts, identify_from_loads
+from driver.identification.no_images import no_images
+from driver.identification.objective import Objective
+from driver.results.identification import value_told, warnings_of, write_identification
+from driver.workflow.engine import StageContext
+from driver.workflow.identify_stage import JOBS
+from driver.workflow.mesh_stage import FINE_MESH, MESH
+from driver.workflow.setup import BUNDLED, law_of, stated_prior, stated_start
+from meshes.files import read_med
+from solver_adapters.interface import Adapter
+
+SKIPPED = 'measure and diagnose are left out: boundary.motion = "stage" has no images'
+
+
+@dataclass(frozen=True, eq=False)
+class LoadsBench:
+    """Models, data and starts of a case without images.
+
+    Attributes:
+        history: times, stage travel and loads.
+        finer: finer mesh and steps.
+        objective: working model, data and priors; no correction yet.
+        start: every parameter at the start.
+        plan: which parameters are free, and how the identification is run.
+    """
+
+    history: History
+    finer: ForwardModel
+    objective: Objective
+    start: dict[str, float]
+    plan: Plan
+
+
+def build_loads_bench(context: StageContext, adapter: Adapter) -> LoadsBench:
+    """Put a case without images together from the results of the first stage.
+
+    Raises:
+        HistoryError: the history cannot be used.
+    """
+    case, no_pixels = context.case, np.zeros((0, 2))
+    history = history_of(case)
+    jobs: Path | None = None if case.solver.name == BUNDLED else context.results / JOBS
+    steps = case.solver.steps_per_interval, case.solver.fine_steps_per_interval
+    working, finer = (
+        build_model(case, read_med(context.result(name)), history, no_pixels, adapter, n, jobs)
+        for name, n in zip((MESH, FINE_MESH), steps, strict=True)
+    )
+    parameters = working.parameters
+    knots = elongation_names(history.n_knots)
+    travel = history.stage[history.turning]
+    along, deviation = knots_of_stage(travel, *_stated_ratio(case))
+    start = stated_start(
+        case, working.null_values() | dict(zip(knots, along.tolist(), strict=True))
+    )
+    prior = stated_prior(case, start, working, history.n_images, 0)
+    prior |= {
+        name: (start[name], sigma / parameters[name].scale)
+        for name, sigma in zip(knots, deviation.tolist(), strict=True)
+    }
+    data = Data(
+        no_images(history.n_images),
+        history.force * case.force_scale,
+        case.loads.gamma_F,
+        case.loads.autocorrelation,
+        np.arange(history.n_images),
+        stated_bad_loads=case.loads.left_out,
+    )
+    objective = Objective(working, data, parameters, prior)
+    plan = Plan(
+        law=law_of(case),
+        knots=knots,
+        sizes=(case.specimen.mesh_size, case.specimen.fine_mesh_size),
+        most=case.identification.max_iterations,
+    )
+    return LoadsBench(history, finer, objective, start, plan)
+
+
+def _stated_ratio(case: Case) -> tuple[float, float]:
+    ratio, deviation = case.boundary.stage_ratio, case.boundary.stage_ratio_uncertainty
+    assert ratio is not None and deviation is not None  # the case refuses itself without them
+    return ratio, deviation
+
+
+def run_identify_loads(context: StageContext) -> None:
+    """Identify from the loads, and write parameters, covariance and predictions."""
+    case = context.case
+    adapter = WatchedSolver(adapter_of(case, context.prepare_only), passing_of(context.log))
+    bench = build_loads_bench(context, adapter)
+    found = identify_from_loads(
+        bench.objective, bench.finer, bench.start, bench.plan, context.log
+    )  # fmt: skip
+    final, history = found.final, bench.history
+    for name in bench.plan.law:
+        context.log(f"  {value_told(name, final, bench.objective.parameters)}")
+    for warning in warnings_of(found):
+        context.log(f"  {warning}")
+    load, n_loads = bench.objective.data.load, bench.objective.data.n_load
+    chi = final.best.chi_load
+    context.log(f"  budget: noise 1, this model {chi:.2f} (loads)")
+    for sentence in doubts(chi, n_loads, final.converged):
+        context.log(f"  WARNING: {sentence}")
+    write_identification(
+        context.workdir,
+        found,
+        bench.start,
+        {
+            "time": (history.time[history.image_row], "s"),
+            "stage": (history.stage[history.image_row], "µm"),
+            "cycle": (history.cycle, "1"),
+            "force": (load, "µN"),
+            "budget/noise": (1.0, "1"),
+            "budget/load": (chi, "1"),
+            "final/load": (final.best.load, "µN"),
+            "final/load_residual": (load - final.best.load, "µN"),
+        },
+    )

@@ -1,0 +1,247 @@
+"""Stage 2: the motion of the surface by free correlation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.case.model import Case
+from driver.check.picture import boundary_trace
+from driver.common.errors import InputError
+from driver.common.splines.images import variance_gain
+from driver.dic.derived_quantities import Reading, readings
+from driver.dic.grip_check import grip_motion
+from driver.dic.series import SurfaceMotion, measure, sensitivity
+from driver.dic.surface_images import SurfaceImages, refine_gradient
+from driver.dic.temporal_smoothing import smoothed_motion
+from driver.experiment.history import phase_of_images
+from driver.experiment.images.heightmaps import ImageError, fill_off_surface
+from driver.experiment.images.noise import TemporalNoise, temporal_noise
+from driver.experiment.images.outliers import find_outliers, left_out, noise_levels
+from driver.experiment.images.region import Excluded
+from driver.experiment.reading import read_experiment
+from driver.forward.build import correlation_meshes, surface_images
+from driver.report.grip_texts import sentences
+from driver.report.measured import measured_motion
+from driver.report.measured_figures import write_figures
+from driver.results.hdf5 import read_hdf5, write_csv, write_hdf5
+from driver.workflow.engine import StageContext
+from driver.workflow.measure_messages import tell_frames, tell_readings, tell_regularisation
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.int64]
+
+_AT_A_TIME = 4096  # pixels, whose rows of a dense matrix fit into memory
+_OTHER_SURFACE = 2.0  # χ of a frame that did not converge, beyond which it shows something else
+MEASURE, MEASURE_CSV = "measure.h5", "measure.csv"
+
+
+def run_measure(context: StageContext) -> None:
+    """Measure, and draw what was measured."""
+    measure_numbers(context)
+    written = read_hdf5(context.workdir / MEASURE)
+    case = context.case
+    write_figures(
+        measured_motion(written, case.images.level_um, boundary_trace(case)), context.workdir
+    )
+
+
+def measure_numbers(context: StageContext) -> None:
+    """Correct the images, correlate every frame, and find the motion of the edges; no pictures."""
+    case = context.case
+    experiment = read_experiment(case)
+    images = surface_images(case, experiment)
+    context.log(
+        f"  {images.n_frames} frames, {len(images.xy)} pixels, noise {1e3 * images.sigma:.2f} ± "
+        f"{1e3 * images.sigma / np.sqrt(2 * images.noise_dof):.2f} nm from {images.n_reference} "
+        f"repeats, {np.count_nonzero(images.codes == Excluded.DUST)} pixels with dust"
+    )
+    pixel, history = case.images.pixel_um, experiment.history
+    rows = history.image_row
+    single = measure(
+        images,
+        *correlation_meshes(case),
+        roughness=case.dic.roughness_um(pixel),
+        workers=case.execution.processes,
+        penalty=case.dic.penalty,
+    )
+    tell_regularisation(case, single, context.log)
+    _refuse_another_surface(single)
+    rigid = single.at_pixels().mean(axis=1)
+    noise = noise_levels(_sampled(images), images.codes == Excluded.USED)
+    outliers = find_outliers(single.chi, noise, rigid, pixel, "σ")
+    left = left_out(outliers, images.n_frames) | single.lost
+    motion, smoother = _along_travel(case, single, images, history.stage[rows], ~left)
+    read = readings(single, images, case.specimen.length, motion, smoother)
+    tell_readings(single, motion, read, context.log)
+    tell_frames(single, outliers, left, read["elongation"], context.log)
+    at_pixels = motion.at_pixels()
+    refined = refine_gradient(images, at_pixels)
+    residual = images.residual(at_pixels)
+    standardised = residual / np.sqrt(images.expected_residual_variance(at_pixels))
+    # The fit has taken its degrees of freedom out of the residual: χ counts them, so does this.
+    square = np.nansum(standardised**2, axis=1) / np.maximum(
+        np.isfinite(standardised).sum(axis=1), 1
+    )
+    standardised *= (motion.chi / np.sqrt(np.where(square > 0, square, 1.0)))[:, None]
+    later = _temporal(images, refined.gradient, single, ~left)
+    if later is not None:
+        context.log(
+            f"  noise {1e3 * later.sigma:.2f} nm from frame to frame, larger than that at "
+            f"{np.count_nonzero(later.larger)} pixels"
+        )
+    nominal = case.specimen.length / case.history.grip_distance
+    grip = grip_motion(
+        history.stage[rows],
+        read["elongation"].value,
+        read["elongation"].own,
+        phase_of_images(history),
+        ~left,
+        nominal,
+    )
+    for line in sentences(grip):
+        context.log(f"  {line}")
+    nowhere = np.full(len(images.xy), np.nan)
+    write_hdf5(
+        context.workdir / MEASURE,
+        {
+            "time": (history.time[rows], "s"),
+            "stage": (history.stage[rows], "µm"),
+            "cycle": (history.cycle, "1"),
+            "force": (experiment.force, "µN"),
+            "reference": (images.reference_image, "µm"),
+            "pixel": (pixel, "µm"),
+            "origin": (np.array(experiment.origin), "pixel"),
+            "xy": (images.xy, "µm"),
+            "rows": (images.rows, "pixel"),
+            "cols": (images.cols, "pixel"),
+            "gradient": (refined.gradient, "1"),
+            "sigma": (images.sigma, "µm"),
+            "n_reference": (float(images.n_reference), "1"),
+            "noise_dof": (float(images.noise_dof), "1"),
+            "sigma_flat": (images.sigma_flat, "µm"),
+            "codes": (images.codes, ", ".join(f"{code.value} {code.name}" for code in Excluded)),
+            "noise_frame": (noise, "µm"),
+            "noise_later": (np.nan if later is None else later.sigma, "µm"),
+            "noise_later_dof": (0.0 if later is None else later.dof, "1"),
+            "noise_map": (nowhere if later is None else later.map, "µm"),
+            "noise_map_dof": (0.0 if later is None else later.map_dof, "1"),
+            "noise_larger": (np.zeros(len(nowhere)) if later is None else later.larger, "1"),
+            "rigid": (rigid, "µm"),
+            "left_out": (left.astype(np.float64), "1"),
+            "phase": (phase_of_images(history), "1"),
+            "grip/nominal": (nominal, "1"),
+            "grip/sigma": (read["elongation"].own, "µm"),
+            "grip/ratio": (grip.ratio.value, "1"),
+            "grip/ratio_sigma": (grip.ratio.sigma, "1"),
+            "grip/scatter": (grip.scatter, "1"),
+            "motion": (at_pixels, "µm"),
+            "coefficients": (motion.coefficients, "µm"),
+            "covariance_one": (motion.covariance_one, "µm²"),
+            "nodes_uv": (motion.basis_uv.nodes, "µm"),
+            "nodes_w": (motion.basis_w.nodes, "µm"),
+            "cells_uv": (motion.basis_uv.mesh.corners, "1"),
+            "cells_w": (motion.basis_w.mesh.corners, "1"),
+            "residual": (residual.astype(np.float32), "µm"),
+            "residual_over_noise": (standardised.astype(np.float32), "1"),
+            "chi": (motion.chi, "1"),
+            "iterations": (motion.iterations, "1"),
+            "converged": (motion.converged.astype(np.float64), "1"),
+            "stopped": (np.char.encode(motion.reason, "utf-8"), "text"),
+            "penalty": (np.array(case.dic.penalty.encode()), "text"),
+            "roughness": (motion.roughness, "µm"),
+            "roughness_estimated": (float(case.dic.roughness_px == "estimated"), "1"),
+            "travel_length": (case.dic.travel_um or 0.0, "µm"),
+            "smoother": (smoother, "1"),
+            **_of_readings(read),
+        },
+    )
+    write_csv(
+        context.workdir / MEASURE_CSV,
+        {
+            "image": range(images.n_frames),
+            "time_s": history.time[rows].tolist(),
+            "stage_um": history.stage[rows].tolist(),
+            "force_uN": experiment.force.tolist(),
+            "elongation_nm": (1e3 * read["elongation"].value).tolist(),
+            "tilt_nm": (1e3 * read["tilt"].value).tolist(),
+            "chi": motion.chi.tolist(),
+            "shift_X_nm": (1e3 * rigid[:, 0]).tolist(),
+            "shift_Y_nm": (1e3 * rigid[:, 1]).tolist(),
+            "shift_Z_nm": (1e3 * rigid[:, 2]).tolist(),
+            "left_out": left.astype(int).tolist(),
+            "converged": motion.converged.astype(int).tolist(),
+            "stopped": motion.reason,
+        },
+    )
+
+
+def _refuse_another_surface(motion: SurfaceMotion) -> None:
+    """Refuse a series of which more than half cannot be followed.
+
+    Raises:
+        InputError: the frames do not show the surface of the repeats.
+    """
+    astray = motion.lost | (~motion.converged & (motion.chi > _OTHER_SURFACE))
+    if 2 * np.count_nonzero(astray) > astray.size:
+        first = int(np.argmax(astray))
+        raise InputError(
+            f"images.frames: found {np.count_nonzero(astray)} of {astray.size} frames that cannot "
+            f"be followed (frame {first} {motion.reason[first]}), expected the surface of "
+            "images.repeats"
+        )
+
+
+def _along_travel(
+    case: Case, single: SurfaceMotion, images: SurfaceImages, stage: FloatArray, kept: BoolArray
+) -> tuple[SurfaceMotion, FloatArray]:
+    """The motion smoothed as the case asks for, and the smoother."""
+    if case.dic.travel_um is None:
+        return single, np.eye(images.n_frames)
+    try:
+        return smoothed_motion(single, images, stage, case.dic.travel_um, kept)
+    except ImageError as error:
+        raise InputError(f"dic.travel_um: {error}") from None
+
+
+def _of_readings(read: dict[str, Reading]) -> dict[str, tuple[FloatArray | float, str]]:
+    datasets: dict[str, tuple[FloatArray | float, str]] = {}
+    for name, reading in read.items():
+        datasets[name] = (reading.value, "µm")
+        datasets[f"{name}_sigma"] = (float(np.median(reading.sigma)), "µm")
+        datasets[f"{name}_covariance"] = (reading.covariance, "µm²")
+        datasets[f"{name}_single"] = (reading.single, "µm")
+        datasets[f"{name}_held"] = (reading.held, "µm")
+    return datasets
+
+
+def _sampled(images: SurfaceImages) -> Iterator[FloatArray]:
+    """The corrected frames as sampled, extended over gaps, one after the other."""
+    x, y = (
+        (at - start) * images.pixel
+        for at, start in zip(
+            np.indices(images.shape, dtype=np.float64), images.frames.origin, strict=True
+        )
+    )
+    seen = (images.frames.value(t, x, y) for t in range(images.n_frames))
+    return (fill_off_surface(heights, np.isfinite(heights)) for heights in seen)
+
+
+def _temporal(
+    images: SurfaceImages, gradient: FloatArray, motion: SurfaceMotion, kept: BoolArray
+) -> TemporalNoise | None:
+    """Noise of the frames that are kept, from one to the next."""
+    frames, at_pixels = np.flatnonzero(kept), motion.at_pixels()[kept]
+    moved = (images.xy + at_pixels[..., :2]) / images.pixel + images.frames.origin
+    seen = sensitivity(gradient, motion.basis_uv, motion.basis_w)
+    starts = range(0, seen.shape[0], _AT_A_TIME)
+    some = (seen[first : first + _AT_A_TIME] for first in starts)
+    taken = [((rows @ motion.covariance_one) * rows.toarray()).sum(axis=1) for rows in some]
+    return temporal_noise(
+        images.residual(at_pixels, frames),
+        variance_gain(moved[..., 0], moved[..., 1]),
+        np.concatenate(taken) / images.sigma**2,
+    )

@@ -1,0 +1,108 @@
+"""The stages of a run: mesh → measure → identify → diagnose → report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from driver.case.model import Case, load_case
+from driver.common.errors import sentence
+from driver.common.progress import Log
+from driver.diagnosis.causes.user_causes import asked_causes
+from driver.experiment.reading import history_of
+from driver.forward.build import capabilities_of, mesh_of
+from driver.results.diagnosis import DIAGNOSIS
+from driver.results.identification import IDENTIFY
+from driver.workflow.cost import cost_told, estimate
+from driver.workflow.diagnose_stage import held_out_cycle, run_diagnose
+from driver.workflow.engine import (
+    RESULTS,
+    Stage,
+    StageError,
+    diagnosed_files,
+    finished,
+    identified_files,
+    measured_files,
+    run_stages,
+)
+from driver.workflow.identify_stage import run_identify
+from driver.workflow.loads_only_stage import SKIPPED, run_identify_loads
+from driver.workflow.measure_stage import run_measure
+from driver.workflow.mesh_stage import run_mesh
+from driver.workflow.report_loads_stage import run_report_loads
+from driver.workflow.report_stage import run_report
+from driver.workflow.setup import BUNDLED
+from solver_adapters.kernels import use_threads
+
+_MESH = ("specimen",)
+_MEASURE = ("specimen", "images", "history", "dic", "sections", "loads")
+_IDENTIFY = (
+    "grains", "orientation", "material", "boundary", "solver", "identification", "extensions",
+)  # fmt: skip
+_REPORT = (*_MESH, *_MEASURE, *_IDENTIFY, "diagnosis")
+
+
+def stages(case: Case) -> Sequence[Stage]:
+    """All stages of a case, in their order; without images nothing is measured or diagnosed."""
+    if not case.with_images:
+        inputs = (*_MESH, "history", "sections", "loads", *_IDENTIFY)
+        return (
+            Stage("mesh", "2", _MESH, run_mesh),
+            Stage("identify", "3", inputs, run_identify_loads, identified_files),
+            Stage("report", "2", inputs, run_report_loads, measured_files),
+        )
+    return (
+        Stage("mesh", "2", _MESH, run_mesh),
+        Stage("measure", "6", _MEASURE, run_measure, measured_files),
+        Stage("identify", "7", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
+        Stage("diagnose", "6", ("diagnosis",), run_diagnose, diagnosed_files),
+        Stage("report", "7", _REPORT, run_report, measured_files),
+    )
+
+
+def run(
+    case_path: Path, until: str | None, force: bool, log: Log, prepare_only: bool = False
+) -> None:
+    """Run the stages of a case.
+
+    Raises:
+        PreparedError: jobs were written for another machine, which `prepare_only` asks for.
+        InputError: the case or a measured file cannot be used.
+        SolverError: a simulation could not be finished.
+    """
+    case = load_case(case_path)
+    if prepare_only and case.solver.name == BUNDLED:
+        raise StageError(
+            f'--prepare-only: found solver.name = "{BUNDLED}", which runs inside prismid, expected '
+            "a solver that is a program of its own"
+        )
+    asked_causes(case, case_path)  # refused before hours of computing, not after
+    use_threads(case.execution.processes * case.execution.threads)
+    n_cells = len(mesh_of(case, case.specimen.mesh_size).cells)
+    solver = capabilities_of(case)
+    history = history_of(case)
+    if case.with_images:
+        # Asked now, and not after the hours of the stages before the diagnosis.
+        held_out_cycle(case, case_path, history)
+    cost = estimate(case, solver, n_cells, history.n_images)
+    log(f"all stages take {cost_told(cost.seconds, cost.memory)}")
+    if not case.with_images:
+        log(SKIPPED)
+    run_stages(case_path, stages(case), until, force, log, prepare_only)
+
+
+def report(case_path: Path) -> None:
+    """Write the report page anew from the results that are there.
+
+    Raises:
+        StageError: a stage before it has no results, or such as are of another state of the case.
+    """
+    case = load_case(case_path)
+    needed = case_path.parent / RESULTS / (DIAGNOSIS if case.with_images else IDENTIFY)
+    if not needed.is_file():
+        raise StageError(
+            sentence(needed, "file", "nothing", f"the results of `prismid run {case_path}`")
+        )
+    *before, last = stages(case)
+    finished(case_path, case, (*before, last), [stage.name for stage in before])
+    run_stages(case_path, [last], None, True, print)

@@ -1,0 +1,80 @@
+"""The report page of a case without images: its law, its loads, and what the loads left open."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+
+import h5py
+import numpy as np
+
+from driver.case.model import Case
+from driver.common.formatting import chi, joined, named, number, with_sigma
+from driver.experiment.reading import fitted_loads, history_of
+from driver.forward.model import declared_parameters
+from driver.identification.loads_alone import doubts
+from driver.report import figures
+from driver.report.identified import estimates
+from driver.report.identified_tables import estimate_rows
+from driver.report.style import data_uri, png
+from driver.results.hdf5 import prismid_version, read_hdf5
+from driver.results.identification import IDENTIFY
+from driver.workflow.engine import StageContext
+from templates import render
+
+REPORT = "report.html"
+
+
+def run_report_loads(context: StageContext) -> None:
+    """Write `report.html`, and its figure as `report_loads.png`.
+
+    Raises:
+        StageError, ResultError: a result is absent or damaged.
+    """
+    found, case = read_hdf5(context.result(IDENTIFY)), context.case
+    with h5py.File(context.result(IDENTIFY), "r") as file:
+        names, warnings = json.loads(file.attrs["names"]), json.loads(file.attrs["warnings"])
+        reason, converged = str(file.attrs["reason"]), bool(file.attrs["converged"])
+    declared = declared_parameters(history_of(case).n_knots, case.material.to_material())
+    groups, knots = estimate_rows(estimates(names, declared, found))
+    loads = fitted_loads(case, found["force"])
+    picture = png(
+        figures.loads(
+            found["stage"], found["time"], loads, {"before": found["final/load"]},
+            case.loads.gamma_F, found["initial/load"],
+        )
+    )  # fmt: skip
+    (context.workdir / "report_loads.png").write_bytes(picture)
+    rest = np.delete(found["final/load_residual"], case.loads.left_out)
+    page = render(
+        "report_loads.html.j2",
+        title=context.case_path.resolve().parent.name,
+        version=prismid_version(),
+        n_loads=rest.size,
+        left_out=_left_out(case.loads.left_out),
+        chi=chi(float(found["budget/load"])),
+        rms=number(float(np.sqrt(np.mean(rest**2))), 2),
+        noise=number(case.loads.gamma_F),
+        ratio=_ratio(case),
+        reason=reason,
+        doubts=doubts(float(found["budget/load"]), rest.size, converged),
+        warnings=[named(text, names) for text in warnings],
+        groups=groups,
+        knots=knots,
+        picture=data_uri(picture),
+    )
+    (context.workdir / REPORT).write_text(page, encoding="utf-8")
+
+
+def _ratio(case: Case) -> str:
+    ratio, sigma = case.boundary.stage_ratio, case.boundary.stage_ratio_uncertainty
+    assert ratio is not None and sigma is not None  # the case refuses itself without them
+    return f"({with_sigma(1e4 * ratio, 1e4 * sigma)})·10⁻⁴"
+
+
+def _left_out(loads: Sequence[int]) -> str:
+    """What follows the word loads where the case leaves some out."""
+    if not loads:
+        return ""
+    word = "number" if len(loads) == 1 else "numbers"
+    return f" ({word} {joined([str(n) for n in sorted(loads)])} left out)"

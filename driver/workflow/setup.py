@@ -1,0 +1,281 @@
+"""What identification and diagnosis start from, put together from a case and earlier results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.case.model import Case
+from driver.dic.series import basis_on
+from driver.dic.surface_images import SurfaceImages, refine_gradient
+from driver.experiment.reading import Experiment, read_experiment
+from driver.forward.boundary_motion import LAMBDAS
+from driver.forward.build import (
+    adapter_of,
+    another_mesh_of,
+    build_model,
+    correlation_meshes,
+    surface_images,
+)
+from driver.forward.fixed_pattern import apparent_rise
+from driver.forward.model import ForwardModel
+from driver.forward.progress_adapter import WatchedSolver
+from driver.forward.surface_projection import POSE_DECLARATIONS
+from driver.identification.data import Data
+from driver.identification.identify import Plan, start_values
+from driver.identification.image_data import build_image_data, reweighted
+from driver.identification.missing_pixels import lacking_pixels
+from driver.identification.objective import Objective
+from driver.identification.priors import FREED_WIDTH, Prior, prior_of, widths
+from meshes.prism_mesh import PrismMesh
+
+BoolArray = NDArray[np.bool_]
+FloatArray = NDArray[np.float64]
+
+BUNDLED = "bundled"
+_PLACES = 25  # at which the motion of the specimen over the camera is followed
+
+
+@dataclass(frozen=True, eq=False)
+class Workbench:
+    """Models, data and starts of a case.
+
+    Attributes:
+        experiment: what was measured.
+        images: the corrected images with the low-noise gradient.
+        working: the model that is fitted.
+        finer: finer mesh and steps.
+        objective: data, priors; no correction yet.
+        start: every parameter at the start.
+        plan: which parameters are free, and how the identification is run.
+    """
+
+    experiment: Experiment
+    images: SurfaceImages
+    working: ForwardModel
+    finer: ForwardModel
+    objective: Objective
+    start: dict[str, float]
+    plan: Plan
+
+    @property
+    def law(self) -> tuple[str, ...]:
+        """Names of the free parameters of law, section and extensions."""
+        return self.plan.law
+
+    @property
+    def knots(self) -> tuple[str, ...]:
+        """Names of the free knots, and of the position of the specimen in the images."""
+        return self.plan.knots
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """An experiment with what correlation says of it, T images.
+
+    Attributes:
+        experiment: history and loads; its frames are not looked at any more.
+        images: the corrected images with the low-noise gradient.
+        mean_motion: mean motion of each image [µm], shape (T, 3).
+        places: displacement of some places of the specimen [µm], shape (T, p, 2).
+        elongation: measured v(S+) − v(S−) of each image [µm], shape (T,).
+        tilt: measured w(S+) − w(S−) of each image [µm], shape (T,).
+        left_out: frames whose images are not fitted.
+        rise: what the pattern of the flats, left in the images, would do to them, as
+            `apparent_rise` gives it [µm], shape (T, n_pix), or None without flats.
+        lacking: which pixels say nothing in which frame, (T, n_pix), or None.
+    """
+
+    experiment: Experiment
+    images: SurfaceImages
+    mean_motion: FloatArray
+    places: FloatArray
+    elongation: FloatArray
+    tilt: FloatArray
+    left_out: tuple[int, ...] = ()
+    rise: FloatArray | None = None
+    lacking: BoolArray | None = None
+
+
+def seen_by_correlation(
+    case: Case,
+    motion: FloatArray,
+    elongation: FloatArray,
+    tilt: FloatArray,
+    left_out: tuple[int, ...] = (),
+) -> Seen:
+    """The experiment of a case, its gradient refined along the measured motion.
+
+    Args:
+        case: the case.
+        motion: motion of the free correlation at the pixels [µm], shape (T, n_pix, 3).
+        elongation: as in `Seen`.
+        tilt: as in `Seen`.
+        left_out: as in `Seen`.
+    """
+    experiment = read_experiment(case)
+    images = refine_gradient(surface_images(case, experiment), motion)
+    rise = apparent_rise(images, motion)
+    lacking = lacking_pixels(images, motion)
+    some = np.linspace(0, motion.shape[1] - 1, _PLACES).astype(np.int64)
+    places = motion[:, some, :2]
+    return Seen(
+        experiment, images, motion.mean(axis=1), places, elongation, tilt, left_out, rise, lacking
+    )
+
+
+def on_another_mesh(case: Case, bench: Workbench) -> ForwardModel:
+    """The finer model on a mesh of about that size that has few nodes in common with its own.
+
+    Raises:
+        InputError: the prism cannot be meshed with such elements.
+    """
+    finer, history = bench.finer, bench.experiment.history
+    mesh = another_mesh_of(case, case.specimen.fine_mesh_size, finer.microstructure.mesh.points)
+    other = build_model(
+        case, mesh, history, bench.images.xy, finer.adapter, finer.steps_per_interval,
+        finer.workspace,
+    )  # fmt: skip
+    return replace(other, pattern=finer.pattern)
+
+
+def build_workbench(
+    case: Case,
+    mesh: PrismMesh,
+    fine_mesh: PrismMesh,
+    seen: Seen,
+    jobs: Path | None = None,
+    prepare_only: bool = False,
+    passing: Callable[[str], None] | None = None,
+) -> Workbench:
+    """Put a case together.
+
+    Args:
+        case: the case.
+        mesh: working mesh.
+        fine_mesh: finer mesh.
+        seen: what was measured.
+        jobs: folder of the jobs of a solver that is a program of its own, or None.
+        prepare_only: whether they are written for another machine instead of being run.
+        passing: takes words about a running simulation, if anyone is there to read them.
+    """
+    experiment, images, left_out = seen.experiment, seen.images, seen.left_out
+    adapter, history = adapter_of(case, prepare_only), experiment.history
+    if passing is not None:
+        adapter = WatchedSolver(adapter, passing)
+    # The checkpoints of the bundled solver are for one run at a time, and its runs are short.
+    jobs = None if case.solver.name == BUNDLED else jobs
+    steps, fine_steps = case.solver.steps_per_interval, case.solver.fine_steps_per_interval
+    working = build_model(case, mesh, history, images.xy, adapter, steps, jobs)
+    working = replace(working, pattern=seen.rise)
+    finer = build_model(case, fine_mesh, history, images.xy, adapter, fine_steps, jobs)
+    finer = replace(finer, pattern=seen.rise)
+    pixel = case.images.pixel_um
+    mesh_uv, mesh_w = correlation_meshes(case)
+    image_data = build_image_data(
+        images,
+        basis_on(images, mesh_uv),
+        basis_on(images, mesh_w),
+        seen.mean_motion,
+        case.boundary.gauge,
+        seen.places,
+        seen.lacking,
+    )
+    if experiment.noise_map is not None:
+        image_data = reweighted(image_data, experiment.noise_map[images.rows, images.cols] ** 2)
+    data = Data(
+        image_data,
+        experiment.force,
+        experiment.gamma_F,
+        case.loads.autocorrelation,
+        np.arange(history.n_images),
+        left_out=left_out,
+        stated_bad_loads=case.loads.left_out,
+    )
+    parameters = working.parameters
+    elongation, tilt = (_without(left_out, values) for values in (seen.elongation, seen.tilt))
+    start, knots = start_values(working, elongation, tilt)
+    if case.boundary.gauge == "rigid":
+        # The tilt between the edges is a rigid rotation, and is not part of the motion.
+        knots = tuple(name for name in knots if name.startswith("elongation"))
+        start |= {name: 0.0 for name in start if name.startswith("tilt_") and name[5:].isdigit()}
+    start = stated_start(case, start)
+    n_images, n_pixels = history.n_images - len(left_out), len(images.xy)
+    prior = stated_prior(case, start, working, n_images, n_pixels)
+    pose = tuple(parameter.name for parameter in POSE_DECLARATIONS)
+    half_a_pixel = case.images.origin_uncertainty_px * pixel
+    prior |= {name: (0.0, half_a_pixel / parameters[name].scale) for name in pose}
+    return Workbench(
+        experiment=experiment,
+        images=images,
+        working=working,
+        finer=finer,
+        objective=Objective(working, data, parameters, prior),
+        start=start,
+        plan=Plan(
+            law=law_of(case),
+            knots=(*pose, *knots),
+            sizes=(case.specimen.mesh_size, case.specimen.fine_mesh_size),
+            most=case.identification.max_iterations,
+            order=case.identification.order,
+            jitter=case.boundary.jitter,
+            starts=case.identification.starts,
+            spread=widths(case.identification, parameters),
+            processes=case.execution.processes,
+            threads=case.execution.threads,
+        ),
+    )
+
+
+def _without(left_out: tuple[int, ...], values: FloatArray) -> FloatArray:
+    """A series with the values of some frames taken from their neighbours, shape (T,)."""
+    frames = np.arange(values.size)
+    kept = np.setdiff1d(frames, left_out)
+    return np.asarray(np.interp(frames, kept, values[kept]))
+
+
+def stated_start(case: Case, values: Mapping[str, float]) -> dict[str, float]:
+    """Every parameter at the start: these values, and those that the case states instead."""
+    table = case.boundary.lambda_start
+    amplitudes = (table.plus_Y, table.plus_Z, table.minus_Y, table.minus_Z)
+    return {**values, **dict(zip(LAMBDAS, amplitudes, strict=True)), **case.extensions}
+
+
+def stated_prior(
+    case: Case, start: Mapping[str, float], model: ForwardModel, n_images: int, n_pixels: int
+) -> Prior:
+    """Mean (value) and standard deviation (in θ) of amplitudes, law, extensions and load cell.
+
+    Args:
+        case: the case.
+        start: every parameter at the start.
+        model: the working model.
+        n_images: images that are fitted; loads where there is no image.
+        n_pixels: pixels of each.
+    """
+    parameters, null = model.parameters, model.null_values()
+    prior = prior_of(case.identification, start, parameters, n_images, n_pixels)
+    for name in case.extensions:
+        prior[name] = (null[name], FREED_WIDTH * parameters[name].width)
+    stated = load_uncertainties(case)
+    return prior | {name: (0.0, u / parameters[name].scale) for name, u in stated.items()}
+
+
+def law_of(case: Case) -> tuple[str, ...]:
+    """Names of the free parameters of law, load cell and extensions."""
+    names = (*case.identification.parameters, *case.extensions, *load_uncertainties(case))
+    return tuple(dict.fromkeys(names))
+
+
+def load_uncertainties(case: Case) -> dict[str, float]:
+    """Stated standard deviations of what the load cell makes of the force, by parameter."""
+    stated = {
+        "load_gain": case.sections.relative_uncertainty,
+        "load_offset": case.loads.offset_uncertainty_uN,
+        "load_lag": case.loads.clock_uncertainty_s,
+    }
+    return {name: deviation for name, deviation in stated.items() if deviation}

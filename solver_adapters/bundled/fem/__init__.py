@@ -1,0 +1,1 @@
+"""Finite elements: assembly, cells, fields and states."""

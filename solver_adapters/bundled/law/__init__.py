@@ -1,0 +1,1 @@
+"""The crystal law at Gauss points, and its derivatives."""

@@ -1,0 +1,163 @@
+"""Terms of the general law beyond the baseline: hardening, second back stress, non-Schmid stress.
+
+They are called where their parameter is not null: at null the baseline is computed by the same
+operations as if they did not exist.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver_adapters.bundled.law.back_strain import gained, growth, recall_slope, share_left
+from solver_adapters.bundled.law.fast_math import decay
+from solver_adapters.bundled.law.law import (
+    FIRST_112,
+    NS,
+    P_A1,
+    P_B,
+    P_C2,
+    P_D2,
+    P_LATENT,
+    P_Q,
+    SLIP_AT_REST,
+)
+from solver_adapters.bundled.law.workspace_layout import (
+    ACC0,
+    COUPLED,
+    EXPLICIT,
+    INTERACTION,
+    LEFT2,
+    OTHER,
+    RISE,
+    SHIFT,
+    SIGN,
+    SLIP,
+    SLOPE,
+    TAU,
+    UNHARDENED,
+    X2HAT,
+    X20,
+)
+from solver_adapters.kernels import kernel
+
+FloatArray = NDArray[np.float64]
+
+
+@kernel
+def hardens(p: FloatArray) -> bool:
+    """Whether slip raises the critical resolved shear stress of any system."""
+    return bool(p[P_Q] != 0.0 or p[P_LATENT] != 0.0)
+
+
+@kernel
+def modulus_of(w: FloatArray, p: FloatArray, s: int, r: int) -> float:
+    """M_sr: how much slip on system r hardens system s in the end [MPa]; linear in p."""
+    modulus: float = p[P_Q] * w[INTERACTION + NS * s + r] + (p[P_LATENT] if s != r else 0.0)
+    return modulus
+
+
+@kernel
+def harden(w: FloatArray, p: FloatArray, coupled: bool) -> None:
+    """RISE and SLOPE of isotropic hardening; the whole slope matrix goes to COUPLED."""
+    if not coupled:
+        for s in range(NS):
+            rest = decay(p[P_B] * (w[ACC0 + s] + w[SLIP + s]))
+            w[RISE + s] = p[P_Q] * (1.0 - rest)
+            w[SLOPE + s] = p[P_Q] * p[P_B] * rest
+        return
+    for s in range(NS):
+        w[RISE + s] = 0.0
+    for r in range(NS):
+        rest = decay(p[P_B] * (w[ACC0 + r] + w[SLIP + r]))
+        rise, slope = 1.0 - rest, p[P_B] * rest
+        for s in range(NS):
+            modulus = modulus_of(w, p, s, r)
+            w[RISE + s] += modulus * rise
+            w[COUPLED + NS * s + r] = modulus * slope
+    for s in range(NS):
+        w[SLOPE + s] = w[COUPLED + (NS + 1) * s]
+
+
+@kernel
+def second_back_stress(w: FloatArray, p: FloatArray, exponential: bool) -> None:
+    """Add c2 S x2 of moving systems to RISE and SLOPE; put that of systems at rest into SHIFT."""
+    c, d = p[P_C2], p[P_D2]
+    for s in range(NS):
+        g = w[SLIP + s]
+        moving = g > SLIP_AT_REST
+        left = share_left(d * g, exponential)
+        start = w[SIGN + s] * w[X20 + s]
+        end = start * left + gained(left, g, d, exponential)
+        slope = growth(left, start, d, exponential)
+        w[X2HAT + s] = end
+        w[RISE + s] += c * end if moving else 0.0
+        w[SLOPE + s] += c * slope if moving else 0.0
+        w[SHIFT + s] = 0.0 if moving else c * w[X20 + s]
+
+
+@kernel
+def schmid_factor(p: FloatArray) -> float:
+    """Factor on τ of {110}: the part of the stress on the conjugate plane that is τ itself."""
+    factor: float = 1.0 + 0.5 * p[P_A1]
+    return factor
+
+
+@kernel
+def driving_modes(
+    w: FloatArray, p: FloatArray, schmid: int, conjugate: int, target: int, count: int
+) -> None:
+    """Tensors whose product with the stress drives slip, in modes (count, 24), at SIGN."""
+    for k in range(count):
+        for s in range(NS):
+            scale = schmid_factor(p) if s < FIRST_112 else 1.0
+            other = w[conjugate + k * NS + s]
+            w[target + k * NS + s] = scale * w[schmid + k * NS + s] + w[SIGN + s] * p[P_A1] * other
+
+
+@kernel
+def non_schmid(w: FloatArray, p: FloatArray) -> None:
+    """Resolved shear stress and RISE of {110} with the stress on the conjugate planes."""
+    factor = schmid_factor(p)
+    for s in range(FIRST_112):
+        w[TAU + s] *= factor
+        w[RISE + s] -= p[P_A1] * w[OTHER + s]
+
+
+@kernel
+def hardening_derivative(w: FloatArray, p: FloatArray, coupled: bool, dp: FloatArray) -> None:
+    """Add to EXPLICIT what isotropic hardening owes to its constants."""
+    hard = hardens(p)
+    # Without hardening, or without latent hardening, the points count as uncoupled, but the
+    # derivative may be coupled.
+    whole = coupled or not hard or dp[P_LATENT] != 0.0
+    for r in range(NS):
+        total, rest = w[ACC0 + r] + w[SLIP + r], w[UNHARDENED + r]
+        if total == 0.0:
+            continue
+        rise, change = 1.0 - rest, rest * dp[P_B] * total
+        if whole:
+            for s in range(NS):
+                w[EXPLICIT + s] -= modulus_of(w, p, s, r) * change + modulus_of(w, dp, s, r) * rise
+        else:
+            w[EXPLICIT + r] -= p[P_Q] * change + dp[P_Q] * rise
+
+
+@kernel
+def second_back_stress_derivative(
+    w: FloatArray, p: FloatArray, exponential: bool, dp: FloatArray
+) -> None:
+    """Add to EXPLICIT what the second back stress owes to its constants."""
+    c, d = p[P_C2], p[P_D2]
+    for s in range(NS):
+        g, left = w[SLIP + s], w[LEFT2 + s]
+        start = w[SIGN + s] * w[X20 + s]
+        end = start * left + gained(left, g, d, exponential)
+        change = recall_slope(left, g, d, start, exponential) * dp[P_D2]
+        w[EXPLICIT + s] -= dp[P_C2] * end + c * change
+
+
+@kernel
+def non_schmid_derivative(w: FloatArray, p: FloatArray, dp: FloatArray) -> None:
+    """Add to EXPLICIT what the driving stress owes to a1, with OTHER as it is at the solution."""
+    for s in range(FIRST_112):
+        schmid = w[TAU + s] / schmid_factor(p)
+        w[EXPLICIT + s] += dp[P_A1] * (0.5 * w[SIGN + s] * schmid + w[OTHER + s])

@@ -1,0 +1,371 @@
+"""The 24 scalar equations of a Gauss point: evaluation and Newton update.
+
+The terms of the general law stand in `law_terms`.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver_adapters.bundled.law.back_strain import gained, growth, share_left
+from solver_adapters.bundled.law.fast_math import decay, fast_exp, fast_log
+from solver_adapters.bundled.law.law import (
+    FIRST_112,
+    NS,
+    P_A1,
+    P_ASYMMETRY,
+    P_C,
+    P_C44,
+    P_D,
+    P_K,
+    P_N,
+    P_TAU110,
+    P_TAU112,
+    S_ACC,
+    S_OVER,
+    S_X,
+    S_X2,
+    SLIP_AT_REST,
+    SLIP_START,
+)
+from solver_adapters.bundled.law.law_terms import harden, hardens, non_schmid, second_back_stress
+from solver_adapters.bundled.law.relaxation import near_fall, rate_ratio, rate_slope
+from solver_adapters.bundled.law.small_lu import factor, solve
+from solver_adapters.bundled.law.workspace_layout import (
+    ACC0,
+    AHEAD,
+    ASYMMETRY,
+    COUPLED,
+    D_TAU,
+    FALL,
+    FALL_SLOPE,
+    FALLEN,
+    HAS_SECOND,
+    INTERACTION,
+    LOAD,
+    LOG_RATIO,
+    OVER0,
+    RESIDUAL,
+    RISE,
+    SENSE,
+    SHIFT,
+    SIGN,
+    SIGNED,
+    SLIP,
+    SLIP0,
+    SLOPE,
+    STEP,
+    TAU,
+    TAU0,
+    VISCOUS,
+    VISCOUS_SLOPE,
+    WEIGHT,
+    WEIGHTED,
+    WEIGHTS,
+    X0,
+    X2HAT,
+    X20,
+    XHAT,
+)
+from solver_adapters.kernels import kernel
+
+FloatArray = NDArray[np.float64]
+
+# Of numbers from 64 on: more than every system starting at once.
+_EXPONENT_OF_64 = 1029
+
+
+@kernel
+def prepare_slip(w: FloatArray, interaction: FloatArray, sense: FloatArray) -> None:
+    """Put interaction matrix (24, 24) and twinning senses (24) into a fresh workspace."""
+    for s in range(NS):
+        w[SENSE + s] = sense[s]
+        for r in range(NS):
+            w[INTERACTION + NS * s + r] = interaction[s, r]
+
+
+@kernel
+def load_point(
+    w: FloatArray,
+    state: FloatArray,
+    p: FloatArray,
+    skin: float,
+    dt: float,
+    exponential: bool,
+    guess: FloatArray,
+    solved: bool,
+) -> None:
+    """Put the state at the start of a step and the guess S Δp into the workspace.
+
+    skin: factor on τ0 at this point; solved: whether the guess is the solution, to be kept.
+    """
+    for s in range(NS):
+        w[X0 + s] = state[S_X + s]
+        w[OVER0 + s] = state[S_OVER + s]
+        w[ACC0 + s] = state[S_ACC + s]
+        w[TAU0 + s] = skin * (p[P_TAU110] if s < FIRST_112 else p[P_TAU112])
+        w[ASYMMETRY + s] = -skin * p[P_ASYMMETRY] * w[SENSE + s]
+        w[RISE + s] = 0.0
+        w[SLOPE + s] = 0.0
+        w[SHIFT + s] = 0.0
+        w[FALL + s] = 0.0
+        g = guess[s]
+        w[SLIP + s] = abs(g) if abs(g) > SLIP_AT_REST else 0.0
+        w[SIGN + s] = 1.0 if g >= 0.0 else -1.0
+    w[HAS_SECOND] = 0.0
+    if state.shape[0] > S_X2:
+        w[HAS_SECOND] = 1.0
+        for s in range(NS):
+            w[X20 + s] = state[S_X2 + s]
+    if exponential:
+        n = p[P_N]
+        for s in range(NS):
+            over = max(abs(w[OVER0 + s]), 1e-30)
+            w[SLIP0 + s] = dt * fast_exp(n * fast_log(over / p[P_K]))
+        _fall(w, n, solved)
+        _relax(w, n, solved)
+    for s in range(NS):
+        w[SIGNED + s] = w[SIGN + s] * w[SLIP + s]
+
+
+@kernel
+def _fall(w: FloatArray, n: float, solved: bool) -> None:
+    """Find the systems that begin to relax, from their slips; r becomes their unknown."""
+    falling = 0.0
+    for s in range(NS):
+        falling += 1.0 if _begins_to_fall(w, s) else 0.0
+    if falling == 0.0:
+        return
+    for s in range(NS):
+        falls = _begins_to_fall(w, s)
+        w[LOG_RATIO + s] = fast_log(w[SLIP + s] / w[SLIP0 + s]) if falls else 0.0
+        w[FALL + s] = near_fall(w[LOG_RATIO + s], n) if falls else w[FALL + s]
+    if solved:
+        # Newton's method is monotone from there: four steps reach the last digits for n from
+        # 1.5 to 100.
+        for _ in range(4):
+            for s in range(NS):
+                r = w[FALL + s]
+                e, e_a = decay(r), decay((n - 1.0) * r)
+                error = fast_log(rate_ratio(r, e, e_a, n)) - w[LOG_RATIO + s]
+                better = max(r + error / rate_slope(r, e, e_a, n), 0.0)
+                w[FALL + s] = better if w[LOG_RATIO + s] < 0.0 else r
+
+
+@kernel
+def _relax(w: FloatArray, n: float, solved: bool) -> None:
+    """Slip, overstress at the end and slope of the systems that relax, from r."""
+    for s in range(NS):
+        r = w[FALL + s]
+        falls = r > 0.0
+        e, e_a = decay(r), decay((n - 1.0) * r)
+        w[FALLEN + s] = w[SIGN + s] * w[OVER0 + s] * e
+        w[FALL_SLOPE + s] = rate_slope(r, e, e_a, n)
+        slip = w[SLIP0 + s] * rate_ratio(r, e, e_a, n)
+        w[SLIP + s] = slip if falls and not solved else w[SLIP + s]
+
+
+@kernel
+def _begins_to_fall(w: FloatArray, s: int) -> bool:
+    slip = w[SLIP + s]
+    onward = w[SIGN + s] * w[OVER0 + s] > 0.0
+    return bool(onward and slip > SLIP_AT_REST and slip < w[SLIP0 + s] and w[FALL + s] == 0.0)
+
+
+@kernel
+def _start_terms(w: FloatArray) -> None:
+    for s in range(NS):
+        w[RISE + s] = 0.0
+        w[SLOPE + s] = 0.0
+        w[SHIFT + s] = 0.0
+
+
+@kernel
+def evaluate_systems(
+    w: FloatArray, dt: float, p: FloatArray, exponential: bool, coupled: bool
+) -> float:
+    """Residuals and weights from TAU and SLIP; systems above their threshold become active.
+
+    Returns how far from solved the equations are: the sum of what each system would have to slip
+    more if it were alone, and one for each system that has become active.
+    """
+    K = p[P_K]
+    c = p[P_C]
+    d = p[P_D]
+    n_inverse = 1.0 / p[P_N]
+    n = p[P_N]
+    threshold = K * fast_exp(n_inverse * fast_log(10.0 * SLIP_AT_REST / dt))
+    largest = fast_exp(n_inverse * fast_log(SLIP_START / dt))
+    hard = hardens(p)
+    if hard or w[HAS_SECOND] != 0.0 or p[P_A1] != 0.0:
+        _start_terms(w)
+        if hard:
+            harden(w, p, coupled)
+        if w[HAS_SECOND] != 0.0:
+            second_back_stress(w, p, exponential)
+        if p[P_A1] != 0.0:
+            non_schmid(w, p)
+    started = 0.0
+    for s in range(NS):
+        g = w[SLIP + s]
+        moving = g > SLIP_AT_REST
+        drive = w[TAU + s] - c * w[X0 + s] - w[SHIFT + s]
+        sign = w[SIGN + s] if moving else (1.0 if drive > 0.0 else -1.0)
+        excess = abs(drive) - (w[TAU0 + s] + sign * w[ASYMMETRY + s] + w[RISE + s])
+        active = moving or excess > threshold
+        # (Δp/Δt)^(1/n) of a moving system; of a starting one the rate follows from its excess.
+        start = min(max(excess / K, 1e-3), largest)
+        base = g / dt if moving else start
+        power = fast_exp((n_inverse if moving else n) * fast_log(base))
+        v = power if moving else start
+        slip = max(g if moving else dt * power, 1e-30)
+        w[SIGN + s] = sign
+        # WEIGHT marks the active systems until it is known.
+        w[WEIGHT + s] = 1.0 if active else 0.0
+        w[SLIP + s] = slip if active else 0.0
+        w[VISCOUS + s] = K * v
+        w[VISCOUS_SLOPE + s] = K * n_inverse * v / slip
+        started += 1.0 if active and not moving else 0.0
+    if exponential:
+        for s in range(NS):
+            falls = w[FALL + s] > 0.0
+            slope = w[FALLEN + s] / (w[FALL_SLOPE + s] * max(w[SLIP + s], 1e-30))
+            w[VISCOUS + s] = w[FALLEN + s] if falls else w[VISCOUS + s]
+            w[VISCOUS_SLOPE + s] = slope if falls else w[VISCOUS_SLOPE + s]
+    error = started
+    for s in range(NS):
+        sign = w[SIGN + s]
+        active = w[WEIGHT + s] > 0.0
+        x0 = sign * w[X0 + s]
+        slip = max(w[SLIP + s], 1e-30)
+        left = share_left(d * slip, exponential)
+        xhat = x0 * left + gained(left, slip, d, exponential)
+        slope = c * growth(left, x0, d, exponential) + w[SLOPE + s]
+        stiffness = w[VISCOUS_SLOPE + s] + slope
+        weight = 1.0 / stiffness if active else 0.0
+        resistance = w[TAU0 + s] + sign * w[ASYMMETRY + s] + w[RISE + s]
+        residual = sign * (w[TAU + s] - w[SHIFT + s]) - c * xhat - resistance - w[VISCOUS + s]
+        w[WEIGHT + s] = weight
+        w[RESIDUAL + s] = residual if active else 0.0
+        w[XHAT + s] = xhat if active else x0
+        w[STEP + s] = weight * w[RESIDUAL + s]
+        w[LOAD + s] = sign * w[STEP + s]
+        error += abs(w[RESIDUAL + s]) / (stiffness + p[P_C44])
+    if coupled:
+        _couple(w)
+        weigh_residual(w, RESIDUAL, coupled)
+    return error
+
+
+@kernel
+def _couple(w: FloatArray) -> None:
+    """WEIGHTS: the inverse of −∂residual/∂Δp at fixed τ over the active systems, else null."""
+    for s in range(NS):
+        moves = w[WEIGHT + s] > 0.0
+        for r in range(NS):
+            both = moves and w[WEIGHT + r] > 0.0
+            if s == r:
+                w[COUPLED + NS * s + r] = 1.0 / w[WEIGHT + s] if moves else 1.0
+            elif not both:
+                w[COUPLED + NS * s + r] = 0.0
+            w[WEIGHTS + NS * s + r] = 1.0 if both and s == r else 0.0
+    factor(w, COUPLED, NS)
+    solve(w, COUPLED, NS, WEIGHTS, NS)
+
+
+@kernel
+def weigh_residual(w: FloatArray, source: int, coupled: bool) -> None:
+    """STEP = weights times the row at source, LOAD = S STEP."""
+    if coupled:
+        for s in range(NS):
+            total = 0.0
+            for r in range(NS):
+                total += w[WEIGHTS + NS * s + r] * w[source + r]
+            w[STEP + s] = total
+    else:
+        for s in range(NS):
+            w[STEP + s] = w[WEIGHT + s] * w[source + s]
+    for s in range(NS):
+        w[LOAD + s] = w[SIGN + s] * w[STEP + s]
+
+
+@kernel
+def weigh_mode(w: FloatArray, mode: int, coupled: bool) -> None:
+    """WEIGHTED = S weights S times the row at mode."""
+    if coupled:
+        for s in range(NS):
+            total = 0.0
+            for r in range(NS):
+                total += w[WEIGHTS + NS * s + r] * w[SIGN + r] * w[mode + r]
+            w[WEIGHTED + s] = w[SIGN + s] * total
+    else:
+        for s in range(NS):
+            w[WEIGHTED + s] = w[WEIGHT + s] * w[mode + s]
+
+
+@kernel
+def advance_slips(w: FloatArray, p: FloatArray, exponential: bool, coupled: bool) -> None:
+    """Newton update of the slips from STEP and D_TAU.
+
+    A decrease is taken in the variable Δp^(1/n), an increase in Δp: the residual is convex in
+    the one and concave in the other, so neither direction overshoots. Where a system relaxes, the
+    overstress v = v⁰ e^(−r) takes the step.
+    """
+    n = p[P_N]
+    if coupled:
+        for s in range(NS):
+            w[AHEAD + s] = w[RESIDUAL + s] + w[SIGN + s] * w[D_TAU + s]
+        weigh_residual(w, AHEAD, coupled)
+    else:
+        for s in range(NS):
+            w[STEP + s] += w[WEIGHT + s] * w[SIGN + s] * w[D_TAU + s]
+    for s in range(NS):
+        g = max(w[SLIP + s], 1e-30)
+        step = w[STEP + s]
+        r = w[FALL + s]
+        falls = exponential and r > 0.0
+        lowers = step < 0.0
+        power = w[FALL_SLOPE + s] if falls else n
+        change = fast_log(max(1.0 + step / (g * power), 0.1))
+        new = g * fast_exp(n * change) if lowers else w[SLIP + s] + step
+        end = r - change
+        new = max(new, w[SLIP0 + s]) if falls and end <= 0.0 else new
+        w[FALL + s] = max(end, 0.0) if falls and new > SLIP_AT_REST else 0.0
+        w[SLIP + s] = new if new > SLIP_AT_REST else 0.0
+    if exponential:
+        _fall(w, n, False)
+        _relax(w, n, False)
+        for s in range(NS):
+            rests = w[SLIP + s] <= SLIP_AT_REST
+            w[FALL + s] = 0.0 if rests else w[FALL + s]
+            w[SLIP + s] = 0.0 if rests else w[SLIP + s]
+    for s in range(NS):
+        w[SIGNED + s] = w[SIGN + s] * w[SLIP + s]
+
+
+@kernel
+def is_sound(w: FloatArray, error: float) -> bool:
+    """Whether an error is a number and no system has slipped beyond all measure.
+
+    The exponent is looked at, since compiled comparisons assume that there is no NaN.
+    """
+    total = error
+    for s in range(NS):
+        total += w[SLIP + s]
+    exponent = (np.float64(total).view(np.int64) >> 52) & 0x7FF
+    sound = bool(exponent < _EXPONENT_OF_64)
+    return sound
+
+
+@kernel
+def store_slips(w: FloatArray, state: FloatArray, slips: FloatArray) -> None:
+    """Write the state of the systems of a converged point, and S Δp."""
+    for s in range(NS):
+        active = w[WEIGHT + s] > 0.0
+        state[S_X + s] = w[SIGN + s] * w[XHAT + s]
+        state[S_OVER + s] = w[SIGN + s] * w[VISCOUS + s] if active else 0.0
+        state[S_ACC + s] = w[ACC0 + s] + w[SLIP + s]
+        slips[s] = w[SIGN + s] * w[SLIP + s]
+    if w[HAS_SECOND] != 0.0:
+        for s in range(NS):
+            moved = w[SIGN + s] * w[X2HAT + s]
+            state[S_X2 + s] = moved if w[WEIGHT + s] > 0.0 else w[X20 + s]

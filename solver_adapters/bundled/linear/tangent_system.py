@@ -1,0 +1,76 @@
+"""The linear systems of a run: assembled from the tangents of the points, solved as suits the law.
+
+Symmetric laws keep two factors, one of the last move and one of the last hold: a tangent of the
+same kind is so near that conjugate gradients need few iterations from it.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver_adapters.bundled.fem.assembly import element_stiffness
+from solver_adapters.bundled.fem.problem import Problem
+from solver_adapters.bundled.linear.split_matrix import RESIDUAL
+from solver_adapters.bundled.linear.symmetric import SymmetricSolver
+from solver_adapters.bundled.linear.unsymmetric import UnsymmetricSolver
+from solver_adapters.bundled.statistics import Statistics
+
+FloatArray = NDArray[np.float64]
+
+
+class TangentSystem:
+    """Tangent stiffness on the free degrees of freedom."""
+
+    def __init__(self, problem: Problem, statistics: Statistics) -> None:
+        self._problem = problem
+        self._statistics = statistics
+        pattern = problem.pattern
+        self._unsymmetric = problem.points.unsymmetric
+        self._skew = (
+            UnsymmetricSolver(pattern.indptr, pattern.indices) if self._unsymmetric else None
+        )
+        count = 0 if self._unsymmetric else 2
+        self._symmetric = [SymmetricSolver(pattern.indptr, pattern.indices) for _ in range(count)]
+        self._moves = False
+
+    def assemble(self, C: FloatArray, moves: bool, fresh: bool) -> None:
+        """Take the tangents (n_points, 9, 9) of a move or of a hold.
+
+        fresh: whether a new factor is wanted in any case, as many right-hand sides do.
+
+        Raises:
+            LinearSolverError: the matrix is singular or not finite.
+        """
+        p, clock = self._problem, time.perf_counter()
+        K = np.empty(p.pattern.slots.shape)
+        element_stiffness(C, p.gradients, p.weights, K, 1 if self._skew else 0)
+        values = p.pattern.values(K)
+        self._moves = moves
+        if self._skew:
+            element_stiffness(C, p.gradients, p.weights, K, -1)
+            skew = p.pattern.antisymmetric_values(K)
+            clock = self._statistics.clock("assembly", clock)
+            self._skew.factor(values, skew)
+        else:
+            clock = self._statistics.clock("assembly", clock)
+            solver = self._symmetric[moves]
+            if fresh:
+                solver.factor(values)
+            else:
+                solver.update(values)
+        self._statistics.clock("factorisation", clock)
+
+    def solve(self, rhs: FloatArray, accuracy: float = RESIDUAL) -> FloatArray:
+        """Solution for right-hand sides (n_free,) or (n_free, m).
+
+        Raises:
+            LinearSolverError: no solution passes the check of its residual.
+        """
+        clock = time.perf_counter()
+        solver = self._skew or self._symmetric[self._moves]
+        solution = solver.solve(rhs, accuracy)
+        self._statistics.clock("solution", clock)
+        return solution

@@ -1,0 +1,1 @@
+"""Checks of a simulation before it is solved."""

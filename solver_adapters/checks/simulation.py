@@ -1,0 +1,266 @@
+"""Refusal of bad simulations at the border, each in one sentence, before anything is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from numbers import Integral
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solver_adapters.checks.arrays import (
+    expect_array,
+    expect_finite,
+    expect_increasing,
+    expect_indices,
+    expect_number,
+    expect_shape,
+)
+from solver_adapters.checks.directions import refuse_bad_directions
+from solver_adapters.checks.eigenstrain import refuse_yielding_eigenstrain
+from solver_adapters.checks.mesh import refuse_bad_mesh
+from solver_adapters.checks.motion import refuse_bad_motion
+from solver_adapters.interface import (
+    BadSimulationError,
+    Integration,
+    Simulation,
+    UnsupportedError,
+)
+from solver_adapters.material import Material, StrainMeasure
+from solver_adapters.time_steps import SAME_INSTANT
+
+AnyArray = NDArray[Any]
+
+_ROUNDING = 1e-9  # of a rotation [-]
+
+
+LEAST_EXPONENT = 1.5
+"""Of n in the exponential scheme, whose relaxation has no power law at n = 1."""
+
+
+@dataclass(frozen=True)
+class _Rule:
+    holds: Callable[[float, Material], bool]
+    expected: str
+
+
+_POSITIVE = _Rule(lambda v, m: 0 < v < np.inf, "a positive number")
+_NOT_NEGATIVE = _Rule(lambda v, m: 0 <= v < np.inf, "zero or more")
+# CalculiX has −0.1; below −1 slip would soften others by more than it hardens its own system.
+_LATENT = _Rule(lambda v, m: -1 <= v < np.inf, "-1 or more")
+_FINITE = _Rule(lambda v, m: bool(np.isfinite(v)), "a finite number")
+
+_RULES: dict[str, _Rule] = {
+    "C11": _FINITE,
+    "C12": _FINITE,
+    "C44": _POSITIVE,
+    "K": _POSITIVE,
+    "n": _Rule(lambda v, m: 1 <= v < np.inf, "one or more"),
+    "tau0": _POSITIVE,
+    "c": _NOT_NEGATIVE,
+    "d": _NOT_NEGATIVE,
+    "Q": _NOT_NEGATIVE,
+    "b": _NOT_NEGATIVE,
+    "tau0_112": _POSITIVE,
+    "tau0_grain2": _POSITIVE,
+    "tau0_antitwinning": _POSITIVE,
+    "a1": _FINITE,
+    "h_latent": _LATENT,
+    "Q_latent": _NOT_NEGATIVE,
+    "c2": _NOT_NEGATIVE,
+    "d2": _NOT_NEGATIVE,
+    "x0": _Rule(lambda v, m: bool(np.isfinite(v)) and abs(v) * m.d < 1, "less than 1/d in size"),
+    "eigenstrain": _FINITE,
+    "skin_tau0": _POSITIVE,
+    "skin_thickness": _POSITIVE,
+    "elastic_scale": _POSITIVE,
+    "C44_scale": _POSITIVE,
+}
+
+
+def refuse_bad_simulation(simulation: Simulation) -> None:
+    """Raise where a simulation cannot be run, in one sentence: what was found, what was expected.
+
+    Raises:
+        UnsupportedError: a value that a solver cannot honour (constants, options, kind of cell).
+        BadSimulationError: input that is broken (mesh, orientations, motion, outputs, directions).
+    """
+    _refuse_bad_material(simulation.material)
+    refuse_bad_mesh(simulation.mesh)
+    _refuse_bad_crystals(simulation)
+    _refuse_ratios_of_no_grain(simulation)
+    refuse_yielding_eigenstrain(simulation)
+    _refuse_bad_times(simulation)
+    refuse_bad_motion(simulation)
+    _refuse_bad_outputs(simulation)
+    _refuse_bad_way(simulation)
+    refuse_bad_directions(simulation)
+
+
+def _refuse_bad_material(m: Material) -> None:
+    for name, rule in _RULES.items():
+        value = getattr(m, name)
+        expect_number(name, value)
+        if not rule.holds(value, m):
+            raise UnsupportedError(f"{name} is {value:g}; expected {rule.expected}")
+    if not (abs(m.C12) < m.C11 and m.C11 + 2 * m.C12 > 0):
+        raise UnsupportedError(
+            f"C11 = {m.C11:g}, C12 = {m.C12:g} MPa do not make a positive definite stiffness; "
+            "expected C11 > |C12| and C11 + 2 C12 > 0"
+        )
+    if not isinstance(m.tau0_grains, tuple):
+        raise BadSimulationError(f"tau0_grains is {m.tau0_grains!r}; expected a tuple of numbers")
+    for ratio in m.tau0_grains:
+        expect_number("tau0_grains", ratio)
+        if not 0 < ratio < np.inf:
+            raise UnsupportedError(f"tau0_grains holds {ratio:g}; expected positive numbers")
+    if m.interaction is not None:
+        _refuse_bad_interaction(m.interaction)
+    if m.strain_measure not in get_args(StrainMeasure):
+        raise UnsupportedError(
+            f"strain_measure is {m.strain_measure!r}; expected 'small' or 'finite'"
+        )
+
+
+def _refuse_bad_interaction(table: Any) -> None:
+    try:
+        rows = [len(row) for row in table]
+    except TypeError:
+        raise BadSimulationError(
+            f"interaction is {table!r}; expected 24 rows of 24 numbers"
+        ) from None
+    if rows != [24] * 24:
+        raise UnsupportedError(
+            f"interaction has {len(rows)} rows of {sorted(set(rows))} numbers; "
+            "expected 24 rows of 24"
+        )
+    for row in table:
+        for value in row:
+            expect_number("a number of interaction", value)
+    if not np.isfinite(table).all():
+        raise UnsupportedError(
+            "interaction holds a number that is not finite; expected 24 × 24 finite numbers"
+        )
+    least = min(min(row) for row in table)
+    if least < -1:
+        raise UnsupportedError(f"interaction holds {least:g}; expected -1 or more")
+
+
+def _refuse_bad_crystals(simulation: Simulation) -> None:
+    n, R = simulation.mesh.n_grains, simulation.orientations
+    expect_array("orientations", R)
+    if R.ndim != 3 or R.shape[1:] != (3, 3):
+        raise BadSimulationError(f"orientations has shape {R.shape}; expected ({n}, 3, 3)")
+    if len(R) != n:
+        raise BadSimulationError(
+            f"there are {len(R)} orientations for {n} grains; expected one for each grain"
+        )
+    expect_finite("orientations", R)
+    off = abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2))
+    volume = np.linalg.det(R)
+    for grain in range(n):
+        if off[grain] > _ROUNDING:
+            raise BadSimulationError(
+                f"the orientation of grain {grain + 1} is no rotation (RᵀR is {off[grain]:.2g} off "
+                "the identity); expected an orthogonal matrix"
+            )
+        if volume[grain] < 0:
+            raise BadSimulationError(
+                f"the orientation of grain {grain + 1} is a reflection, left-handed (determinant "
+                f"{volume[grain]:.3g}); expected a rotation of determinant 1"
+            )
+    if simulation.lattice_gradient is not None:
+        expect_shape("lattice_gradient", simulation.lattice_gradient, (n, 3))
+        expect_finite("lattice_gradient", simulation.lattice_gradient)
+
+
+def _refuse_ratios_of_no_grain(simulation: Simulation) -> None:
+    ratios, n = simulation.material.tau0_grains, simulation.mesh.n_grains
+    most = max(n - 2, 0)
+    if len(ratios) > most:
+        raise BadSimulationError(
+            f"tau0_grains has {len(ratios)} ratios for {n} grains; expected at most {most}, "
+            "those of the third and later grains"
+        )
+
+
+def _refuse_bad_times(simulation: Simulation) -> None:
+    times, steps = simulation.times, simulation.steps
+    expect_array("times", times)
+    if times.ndim != 1 or len(times) < 2:
+        raise BadSimulationError(
+            f"times has shape {times.shape}; expected two instants or more in a row"
+        )
+    expect_finite("times", times)
+    expect_increasing("times", times)
+    count = simulation.steps_per_interval
+    if not isinstance(count, Integral) or isinstance(count, bool) or count < 1:
+        raise BadSimulationError(
+            f"steps_per_interval is {count!r}; expected a whole number, 1 or more"
+        )
+    expect_number("tolerance", simulation.tolerance)
+    if not 0 < simulation.tolerance <= 1e-2:
+        raise BadSimulationError(
+            f"tolerance is {simulation.tolerance:g}; expected more than 0 and at most 0.01"
+        )
+    if simulation.accuracy is not None:
+        expect_number("accuracy", simulation.accuracy)
+    if simulation.accuracy is not None and not 0 < simulation.accuracy < np.inf:
+        raise BadSimulationError(
+            f"accuracy is {simulation.accuracy:g} µN; expected a positive number or None"
+        )
+    n = simulation.material.n
+    if simulation.integration == "exponential" and n < LEAST_EXPONENT:
+        raise UnsupportedError(
+            f"n is {n:g}; expected {LEAST_EXPONENT:g} or more with exponential integration "
+            "(backward_euler takes 1 or more)"
+        )
+    if simulation.integration not in get_args(Integration):
+        raise UnsupportedError(
+            f"integration is {simulation.integration!r}; expected 'backward_euler' or 'exponential'"
+        )
+    if steps is not None:
+        expect_shape("steps", steps, (None,))
+        expect_finite("steps", steps)
+        expect_increasing("steps", steps)
+        gap = np.array([abs(steps - time).min(initial=np.inf) for time in times[1:]])
+        rounding = SAME_INSTANT * (times[-1] - times[0])
+        outside = steps[(steps <= times[0] + rounding) | (steps > times[-1] + rounding)]
+        if outside.size:
+            raise BadSimulationError(
+                f"steps holds {outside.size} ends outside of the history, the first is "
+                f"{outside[0]:g} s; expected ends after {times[0]:g} s and up to {times[-1]:g} s"
+            )
+        missed = np.flatnonzero(gap > rounding)
+        if missed.size:
+            raise BadSimulationError(
+                f"steps pass over {missed.size} of {len(gap)} instants, the first is "
+                f"{times[1 + missed[0]]:g} s; expected a step that ends at every instant"
+            )
+
+
+def _refuse_bad_outputs(simulation: Simulation) -> None:
+    expect_shape("output", simulation.output, (None,))
+    expect_indices("output", simulation.output, len(simulation.times), "instants")
+    expect_increasing("output", simulation.output)
+    expect_shape("output_nodes", simulation.output_nodes, (None,))
+    expect_indices("output_nodes", simulation.output_nodes, len(simulation.mesh.points), "nodes")
+
+
+def _refuse_bad_way(simulation: Simulation) -> None:
+    near = simulation.near
+    if near is None:
+        return
+    expect_shape("near.times", near.times, (None,))
+    expect_finite("near.times", near.times)
+    expect_increasing("near.times", near.times)
+    if len(near.times) < 2:
+        raise BadSimulationError(
+            f"near.times holds {len(near.times)} instants; expected the first one and an end of a "
+            "step or more"
+        )
+    nodes = len(simulation.mesh.points)
+    expect_shape("near.displacement", near.displacement, (len(near.times), nodes, 3))
+    expect_finite("near.displacement", near.displacement)

@@ -1,0 +1,57 @@
+"""Cholesky factors of one pattern by CHOLMOD, which comes in the wheel of cvxopt."""
+
+from __future__ import annotations
+
+import numpy as np
+from cvxopt import cholmod, matrix, sparse, spmatrix
+
+from solver_adapters.bundled.linear.split_matrix import singular
+from solver_adapters.interface import FloatArray, IntArray
+
+
+class Cholesky:
+    """One symbolic analysis, many factorisations of a positive definite matrix.
+
+    Attributes:
+        values: entries of the lower triangle in the order of the pattern, shape (nnz,): write them,
+            then `factor`. The factor stays that of the values it was made of.
+    """
+
+    def __init__(self, indptr: IntArray, indices: IntArray) -> None:
+        """Analyse the pattern of the lower triangle.
+
+        Args:
+            indptr: start of each column (CSC), shape (n + 1,).
+            indices: row of each entry, increasing within a column and beginning with the
+                diagonal, shape (nnz,).
+        """
+        n = len(indptr) - 1
+        # One buffer under both CHOLMOD's matrix and `values`, which are then copied only once.
+        self._buffer = matrix(0.0, (len(indices), 1))
+        self.values: FloatArray = np.asarray(self._buffer)[:, 0]
+        columns = np.repeat(np.arange(n), np.diff(indptr))
+        rows = matrix(indices.astype(np.int64))
+        self._matrix = spmatrix(1.0, rows, matrix(columns), (n, n))
+        self._factor = cholmod.symbolic(self._matrix)
+
+    def factor(self) -> bool:
+        """Factor `values`; whether they are positive definite, and more than by rounding."""
+        self._matrix.V = self._buffer
+        try:
+            cholmod.numeric(self._matrix, self._factor)
+        except ArithmeticError:  # a pivot that is not positive
+            return False
+        return not singular(np.asarray(cholmod.diag(self._factor))[:, 0] ** 2)
+
+    def solve(self, rhs: FloatArray) -> FloatArray:
+        """Solve with the last factor, unchecked, shape (n, m).
+
+        `cholmod.solve` takes one column at a time, `spsolve` four: half the time from four columns
+        on, even though it wants (and gives) a sparse matrix.
+        """
+        solution = matrix(rhs)
+        if rhs.shape[1] < 3:
+            cholmod.solve(self._factor, solution)
+        else:
+            solution = matrix(cholmod.spsolve(self._factor, sparse(solution)))
+        return np.ascontiguousarray(solution)

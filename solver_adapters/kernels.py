@@ -1,0 +1,107 @@
+"""How kernels are compiled: one decorator, and a cache on disk keyed on all kernel sources.
+
+Numba keys its cache on the file of a function and does not notice a changed callee in another
+file, nor changed arrays that were frozen into it: the folder below carries a hash of all that.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numba
+
+# GNU's OpenMP threads spin while they wait: on a machine with other work that makes every parallel
+# loop ten times slower. It must be said before the first loop loads the library.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+_FAST = {"contract", "reassoc", "nsz", "arcp", "nnan"}
+PACKAGES = Path(__file__).parents[1]
+
+# Where kernels stand, and what they freeze: constants, layouts, tables.
+KERNEL_SOURCES = (
+    *(
+        f"solver_adapters/bundled/law/{name}.py"
+        for name in (
+            "back_strain",
+            "fast_math",
+            "finite_derivative",
+            "finite_strain",
+            "law",
+            "law_terms",
+            "point_kernels",
+            "relaxation",
+            "simd_rows",
+            "slip",
+            "slip_derivatives",
+            "small_derivative",
+            "small_lu",
+            "small_strain",
+            "tensors",
+            "workspace_layout",
+        )
+    ),
+    "solver_adapters/bundled/fem/assembly.py",
+    *(
+        f"solver_adapters/{name}.py"
+        for name in ("kernels", "constants", "crystal", "material", "parameter")
+    ),
+)
+
+
+def hash_of(sources: Iterable[Path], versions: Mapping[str, str]) -> str:
+    """16 hexadecimal digits that change with a source or the version of a library."""
+    digest = hashlib.sha256(repr(sorted(versions.items())).encode())
+    for source in sources:
+        digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def kernels_hash(packages: Path = PACKAGES) -> str:
+    """Hash of what the compiled kernels come from, in the folder that holds `solver_adapters`."""
+    sources = (packages / name for name in KERNEL_SOURCES)
+    return hash_of(sources, {"numba": numba.__version__})
+
+
+def _cache_folder() -> Path:
+    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return root / "prismid" / f"kernels-{kernels_hash()}"
+
+
+_config: Any = numba.config
+_config.CACHE_DIR = str(_cache_folder())
+
+
+def compiled_before() -> bool:
+    """Whether kernels of this version were compiled on this machine before."""
+    return any(_cache_folder().rglob("*.nbi"))
+
+
+def kernel(function: Any) -> Any:
+    """Compile a scalar kernel that is inlined into the batch loops by LLVM."""
+    return numba.njit(
+        cache=True,
+        error_model="numpy",
+        fastmath=_FAST,
+        nogil=True,
+    )(function)
+
+
+def ordered_kernel(function: Any) -> Any:
+    """Compile a scalar kernel whose sums keep their order, as cancelled digits demand."""
+    return numba.njit(cache=True, error_model="numpy", fastmath={"contract"}, nogil=True)(function)
+
+
+def batch_kernel(function: Any) -> Any:
+    """Compile a loop over Gauss points or elements that Numba spreads over threads."""
+    return numba.njit(cache=True, error_model="numpy", fastmath=_FAST, nogil=True, parallel=True)(
+        function
+    )
+
+
+def use_threads(count: int) -> None:
+    """Let the parallel loops of this process run on `count` threads, no more than there are."""
+    numba.set_num_threads(min(count, int(_config.NUMBA_NUM_THREADS)))

@@ -1,0 +1,331 @@
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from driver.case.material import MaterialTable
+from driver.case.model import CaseError, bunge_matrix, case_text, default_case, load_case, schema
+from driver.case.solver import ProfileTable
+from solver_adapters.interaction import bcc24_classes
+from solver_adapters.interface import FloatArray
+from solver_adapters.material import Material
+
+ALPHA = Path(__file__).parents[3] / "examples" / "alpha" / "case.toml"
+
+
+def write(tmp_path: Path, *changes: tuple[str, str]) -> Path:
+    """The default case with some of its text replaced."""
+    text = case_text(default_case())
+    for old, new in changes:
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    path = tmp_path / "case.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def refused(tmp_path: Path, *changes: tuple[str, str]) -> list[str]:
+    path = write(tmp_path, *changes)
+    with pytest.raises(CaseError) as error:
+        load_case(path)
+    return str(error.value).splitlines()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "found", "expected"),
+    [
+        ("pixel_size_nm = 110.0", "pixel_size_nm = -3", "images.pixel_size_nm", "-3", "> 0"),
+        ("width_um = 4.0", 'width_um = "4"', "specimen.width_um", '"4"', "a number"),
+        ("length_um = 12.0", "lenght_um = 12.0", "specimen.lenght_um", "an unknown key",
+         "one of length_um, width_um"),
+        ('frames = "images.tif"', "", "images.frames", "nothing", "a text in quotes"),
+        ('flats = "flats.tif"', 'flats = ""', "images.flats", '""', "images of a flat reference"),
+        ("euler_deg = [30.0, 0.0, 0.0]", "euler_deg = [30.0, 0.0]", "grains.2.euler_deg",
+         "[30.0, 0.0]", "a list of three numbers"),
+        ('strain_measure = "finite"', 'strain_measure = "large"', "material.strain_measure",
+         '"large"', '"small" or "finite"'),
+        ('rows_along = "+X"', 'rows_along = "-X"', "images.rows_along",
+         "rows -X, columns +Y, heights +Z", "a left-handed one mirrors the crystal"),
+        ("[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]",
+         "[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]",
+         "orientation.ebsd_to_specimen", "[[1.0, 0.0, 0.0]", "determinant +1"),
+        ("[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]",
+         "[[1.0, 0.2, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]",
+         "orientation.ebsd_to_specimen", "[[1.0, 0.2, 0.0]", "orthonormal rows"),
+        ("boundary_normal = [0.0, 1.0, 0.0]", "", "specimen.boundary_normal", "nothing",
+         "three numbers"),
+        ("boundary_normal = [0.0, 1.0, 0.0]", "boundary_normal = [0, 0, 0]",
+         "specimen.boundary_normal", "[0, 0, 0]", "other than zero"),
+        ("fine_mesh_size_um = 1.1", "fine_mesh_size_um = 2.0", "specimen.fine_mesh_size_um",
+         "2.0", "< mesh_size_um = 1.6"),
+        ('parameters = ["tau0", "c", "d"]', 'parameters = ["tau_0"]',
+         "identification.parameters", '"tau_0"', "tau0 or tau0_112, or another of the"),
+        ('parameters = ["tau0", "c", "d"]', 'parameters = ["C11"]',
+         "identification.parameters", '"C11"', "one of tau0, c, d, K"),
+        ("[extensions]", "[extensions]\ntau0_gr2 = 1.0", "extensions", 'the name "tau0_gr2"',
+         "tau0_grain2 or tau0_112, or another"),
+        ("[extensions]", '[extensions]\ntau0_grain2 = "1"', "extensions.tau0_grain2", '"1"',
+         "a number (starts of parameters"),
+        ("# interaction = [1, 1, 1, 1]", "interaction = [1, 1.4, 1]", "material.interaction",
+         "[1, 1.4, 1]", "24 rows of 24 numbers, or the four numbers [H1, H2, H3, H4]"),
+        ("# interaction = [1, 1, 1, 1]", 'interaction = "BCC24"', "material.interaction",
+         '"BCC24"', "24 rows of 24 numbers, or the four numbers [H1, H2, H3, H4]"),
+        ("# interaction = [1, 1, 1, 1]", "interaction = [1, 1, 1, nan]", "material.interaction",
+         "[1, 1, 1, NaN]", "24 rows of 24 numbers, or the four numbers [H1, H2, H3, H4]"),
+        ("# interaction = [1, 1, 1, 1]", f"interaction = {[[1.0] * 24] * 23}",
+         "material.interaction", "a list of 23 rows", "24 rows of 24 numbers, or the four"),
+        ("# interaction = [1, 1, 1, 1]", f"interaction = {[[1.0] * 24] * 23 + [[1.0, 2.0]]}",
+         "material.interaction", "row 24 as [1.0, 2.0]", "24 rows of 24 numbers, or the four"),
+        ("d2 = 150.0", "d2 = 0", "material.d2", "0", "> 0"),
+        ("tau0_antitwinning = 1.0", "tau0_antitwinning = -1", "material.tau0_antitwinning", "-1",
+         "> 0"),
+        ("c2_MPa = 0.0", "c2_MPa = -1", "material.c2_MPa", "-1", "≥ 0"),
+        ("x0 = 0.0", "x0 = -0.001", "material.x0", "-0.001", "smaller in size than 1/d = 0.000666"),
+        ("c_MPa = 40000.0", "c_MPa = 0", "material", "c = 0",
+         "a start from 1 to 1e+07, for c is identified"),
+        ("[extensions]", "[extensions]\ntau0 = 40.0", "extensions", 'the name "tau0"',
+         "a parameter that is not fitted in any case"),
+        ("[extensions]", "[extensions]\nelongation_1 = 0.1", "extensions",
+         'the name "elongation_1"', "one of K, n"),
+        ("[extensions]", "[extensions]\nboundary_tilt_x = -3", "extensions",
+         "boundary_tilt_x = -3", "a number from -1 to 1"),
+        ("# tau0 = 1.0", "n = 1.0", "identification.prior_width", 'the name "n"',
+         "one of tau0, c, d"),
+        ('prior = "gaussian"', 'prior = "tikhonov"', "identification.lambda_star", "nothing",
+         'a number above 0 with prior = "tikhonov"'),
+        ("# lambda_star = 1e-06", "lambda_star = 1e-6", "identification.lambda_star", "1e-06",
+         'nothing with prior = "gaussian"'),
+        ('order = "joint"', 'order = "both"', "identification.order", '"both"',
+         '"joint" or "paper"'),
+        ('parameters = ["tau0", "c", "d"]', 'parameters = ["tau0", "c", "tau0"]',
+         "identification.parameters", '"tau0" 2 times', "each name once"),
+        ('causes = "all"', 'causes = ["load_gain", "magic"]', "diagnosis.causes", '"magic"',
+         "one of isotropic_hardening, latent_hardening"),
+        ('causes = "all"', "causes = []", "diagnosis.causes", "[]", "at least one name"),
+        ("starts = 1", "starts = 0", "identification.starts", "0", "≥ 1"),
+        ("jitter_nm = 0.0", "jitter_nm = -1", "boundary.jitter_nm", "-1", "≥ 0"),
+        ('held_out_cycle = "last"', "held_out_cycle = 1.5", "diagnosis.held_out_cycle", "1.5",
+         '"last", "none" or the number of a cycle'),
+        ("[identification]\n", '[solver.profiles.bar]\nmemory_MB = -1\n[identification]\n',
+         "solver.profiles.bar.memory_MB", "-1", "a number > 0 (memory limit of a job)"),
+        ("[identification]\n", '[solver.profiles.bar]\ncommand = []\n[identification]\n',
+         "solver.profiles.bar.command", "[]", "a list of texts"),
+        ("[identification]\n", '[solver.profiles.bar]\nmemory = 4\n[identification]\n',
+         "solver.profiles.bar.memory", "an unknown key", "one of command, processes, threads"),
+        ("refit = 5", "refit = 2.5", "diagnosis.refit", "2.5", "a whole number"),
+        ("autocorrelation = 0.0", "autocorrelation = 1.0", "loads.autocorrelation", "1.0", "< 1"),
+        ("left_out = []", "left_out = [3, -1]", "loads.left_out", "[3, -1]", "a number ≥ 0"),
+        ("left_out = []", "left_out = [3, 7, 3]", "loads.left_out", "3 2 times",
+         "each number once"),
+        ("left_out = []", "left_out = 3", "loads.left_out", "3", "a list of whole numbers"),
+        ("noise_uN = 5.97", "noise_uN = nan", "loads.noise_uN", "NaN", "a finite number"),
+        ("C12_GPa = 135.5", "C12_GPa = 300", "material.C11_GPa", "233.5", "> C12_GPa = 300"),
+    ],
+)  # fmt: skip
+def test_a_wrong_value_is_named_with_file_key_found_and_expected(
+    tmp_path: Path, old: str, new: str, key: str, found: str, expected: str
+) -> None:
+    lines = refused(tmp_path, (old, new))
+    assert len(lines) == 1
+    assert lines[0].startswith(f"{tmp_path / 'case.toml'}: {key}: found {found}")
+    assert expected in lines[0].split(", expected ", 1)[1]
+
+
+def test_each_of_several_errors_has_its_line(tmp_path: Path) -> None:
+    lines = refused(tmp_path, ("width_um = 4.0", "width_um = 0"), ("refit = 5", "refit = 0"))
+    assert [line.split(": ")[1] for line in lines] == ["specimen.width_um", "diagnosis.refit"]
+
+
+def test_a_fixed_pattern_without_flats_is_refused(tmp_path: Path) -> None:
+    write(tmp_path, ("[extensions]", "[extensions]\nfixed_pattern = 0.1"))
+    path = tmp_path / "case.toml"
+    text = "\n".join(x for x in path.read_text("utf-8").splitlines() if "flats" not in x)
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(CaseError, match=r"fixed_pattern = 0\.1.*images\.flats as well"):
+        load_case(path)
+
+
+def test_two_grains_without_a_boundary_are_refused(tmp_path: Path) -> None:
+    (line,) = refused(
+        tmp_path,
+        ("boundary_point_um = [0.0, 6.0, 0.0]\n", ""),
+        ("boundary_normal = [0.0, 1.0, 0.0]\n", ""),
+    )
+    assert ": grains: found 2 of them, expected one table [[grains]], or specimen.boundary" in line
+
+
+def test_a_missing_file_and_a_broken_one_are_named(tmp_path: Path) -> None:
+    with pytest.raises(CaseError, match="nowhere.toml: file: found nothing, expected a case file"):
+        load_case(tmp_path / "nowhere.toml")
+    (line,) = refused(tmp_path, ("[loads]", "[loads"))
+    assert "at line" in line and line.endswith("expected a TOML file in UTF-8")
+
+
+def test_the_written_case_reads_back_equal(tmp_path: Path) -> None:
+    case = default_case().model_copy(
+        update={"sections": default_case().sections.model_copy(update={"specimen_um2": 5.15})}
+    )
+    path = tmp_path / "case.toml"
+    path.write_text(case_text(case), encoding="utf-8")
+    assert load_case(path).model_dump() == case.model_dump()
+
+
+def test_written_profiles_read_back_equal(tmp_path: Path) -> None:
+    profiles = {
+        "code_aster": ProfileTable(command=("run_aster",), memory_MB=8000.0, wall_time_s=60.0),
+        "my solver": ProfileTable(threads=2, command=("solve", "a b", 'say "x"')),
+    }
+    case = default_case()
+    solver = case.solver.model_copy(update={"profiles": profiles})
+    case = case.model_copy(update={"solver": solver})
+    path = tmp_path / "case.toml"
+    path.write_text(case_text(case), encoding="utf-8")
+    assert load_case(path).model_dump() == case.model_dump()
+
+
+@pytest.mark.parametrize(
+    "interaction",
+    [(1.0, 1.4, 1.0, 0.5), tuple(tuple(row) for row in np.where(np.eye(24) == 1, 1.0, 1.4))],
+)
+def test_a_written_interaction_reads_back_equal(
+    tmp_path: Path, interaction: tuple[float, ...] | tuple[tuple[float, ...], ...]
+) -> None:
+    case = default_case()
+    material = case.material.model_copy(update={"interaction": interaction})
+    case = case.model_copy(update={"material": material})
+    path = tmp_path / "case.toml"
+    path.write_text(case_text(case), encoding="utf-8")
+    assert load_case(path).material == material
+
+
+def test_four_numbers_are_the_classes_of_bcc24_and_24_rows_the_matrix_itself(
+    tmp_path: Path,
+) -> None:
+    line = "# interaction = [1, 1, 1, 1]"
+    classes = load_case(write(tmp_path, (line, "interaction = [1, 1.4, 0.7, 0.5]")))
+    expected = bcc24_classes(1.0, 1.4, 0.7, 0.5)
+    interaction = classes.material.to_material().interaction
+    assert interaction is not None and np.array_equal(interaction, expected)
+    rows = load_case(write(tmp_path, (line, f"interaction = {expected.tolist()}")))
+    assert rows.material.to_material() == classes.material.to_material()
+    assert load_case(write(tmp_path)).material.to_material().interaction is None
+
+
+def test_every_scalar_of_the_law_has_its_key_in_its_unit(tmp_path: Path) -> None:
+    changed = MaterialTable(
+        h_latent=0.4, Q_latent_MPa=3, tau0_antitwinning=1.2, a1=0.3, c2_MPa=1500, d2=100, x0=-1e-4,
+        eigenstrain=1e-3, skin_tau0=1.5, skin_thickness_um=0.2,
+    )  # fmt: skip
+    assert changed.to_material() == Material(
+        h_latent=0.4, Q_latent=3, tau0_antitwinning=1.2, a1=0.3, c2=1500, d2=100, x0=-1e-4,
+        eigenstrain=1e-3, skin_tau0=1.5, skin_thickness=0.2,
+    )  # fmt: skip
+
+
+def test_every_key_stands_in_the_written_case() -> None:
+    text, document = case_text(default_case()), schema()
+    tables = {**document["properties"], **document["$defs"]}
+    keys = {key for table in document["$defs"].values() for key in table.get("properties", {})}
+    assert len(keys) > 50 and tables
+    missing = [key for key in keys if not any(f"{key}{mark}" in text for mark in (" = ", "]", "."))]
+    assert missing == []
+
+
+def test_the_schema_refuses_unknown_keys_and_is_named_by_the_case() -> None:
+    assert case_text(default_case()).splitlines()[0] == "#:schema ./case.schema.json"
+    assert schema()["additionalProperties"] is False
+    assert schema()["$defs"]["Grain"]["required"] == ["name", "euler_deg"]
+
+
+def test_the_schema_beside_the_example_is_that_of_the_model() -> None:
+    assert json.loads((ALPHA.parent / "case.schema.json").read_text("utf-8")) == schema()
+
+
+def test_units_of_the_border_become_internal_units() -> None:
+    case = load_case(ALPHA)
+    assert case.material.to_material() == Material(strain_measure="small")
+    assert case.images.pixel_um == pytest.approx(0.110)
+    assert case.images.level_um == pytest.approx(0.0065)
+    assert case.images.gamma_f == pytest.approx(0.009)
+    # 4√3 µm² on 3 mm²: 2.31 µN a newton
+    assert case.force_scale == pytest.approx(4 * 3**0.5 / 3)
+    assert case.specimen.depth == pytest.approx(2 * 3**0.5)
+
+
+def test_paths_are_relative_to_the_case_file() -> None:
+    case = load_case(ALPHA)
+    assert case.images.frames is not None
+    assert case.path(case.images.frames) == ALPHA.parent / "images.tif"
+
+
+def test_a_prior_width_that_is_not_given_is_one(tmp_path: Path) -> None:
+    case = load_case(write(tmp_path, ("# tau0 = 1.0", "tau0 = 0.25")))
+    assert [case.identification.width(name) for name in ("tau0", "c")] == [0.25, 1.0]
+
+
+def young_modulus(direction: FloatArray) -> float:
+    """Young's modulus [MPa] of the cubic crystal along a direction in crystal axes (Nye 1957)."""
+    c11, c12, c44 = 233.5e3, 135.5e3, 118e3
+    det = (c11 - c12) * (c11 + 2 * c12)
+    s11, s12, s44 = (c11 + c12) / det, -c12 / det, 1 / c44
+    l2, m2, n2 = np.asarray(direction) ** 2
+    return float(1 / (s11 - 2 * (s11 - s12 - s44 / 2) * (l2 * m2 + m2 * n2 + n2 * l2)))
+
+
+def test_the_first_grain_is_as_stiff_along_Y_as_in_code_aster() -> None:
+    # Code_Aster 15.2, one HEXA8, ANGL_EULER = (281, 8, 47), uniaxial stress along Y, after the
+    # first step: stress 109.834484338433 MPa, strain 8.33333333333333e-4, of which
+    # 2.79788085082804e-4 plastic.
+    modulus = 109.834484338433 / (8.33333333333333e-4 - 2.79788085082804e-4)
+    first = load_case(ALPHA).orientations[0]
+    assert young_modulus(first[1]) == pytest.approx(modulus, rel=1e-6)
+    # The inverse rotation, the usual mistake, is another crystal.
+    assert young_modulus(first[:, 1]) != pytest.approx(modulus, rel=1e-3)
+
+
+def test_the_second_grain_is_as_stiff_along_Z_as_in_a_point_solution() -> None:
+    # Backward-Euler point solution that agrees with CalculiX 2.20, Bunge (211, 45, 150),
+    # uniaxial stress along Z: 63.764812769 MPa at a strain of 2.5e-4, still elastic.
+    second = load_case(ALPHA).orientations[1]
+    assert young_modulus(second[2]) == pytest.approx(63.764812769 / 2.5e-4, rel=1e-9)
+
+
+def test_bunge_angles_turn_the_crystal_about_Z_then_X_then_Z() -> None:
+    # φ1 turns the crystal about the sample normal: [100] from X to Y.
+    np.testing.assert_allclose(bunge_matrix((90, 0, 0)) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+    # Cube on its corner: Φ = acos(1/√3), φ2 = 45° stands [111] along Z.
+    corner = bunge_matrix((0, np.degrees(np.arccos(3**-0.5)), 45))
+    np.testing.assert_allclose(corner @ np.full(3, 3**-0.5), [0, 0, 1], atol=1e-12)
+
+
+def test_turning_the_ebsd_frame_back_restores_the_crystals(tmp_path: Path) -> None:
+    """A specimen mounted 30° askew: φ1 grows by 30°, the rotation of the frame takes it back."""
+    expected = load_case(write(tmp_path)).orientations
+    c, s = np.cos(np.radians(30)), np.sin(np.radians(30))
+    back = [[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]
+    turned = load_case(
+        write(
+            tmp_path,
+            ("[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]", json.dumps(back)),
+            ("euler_deg = [30.0, 0.0, 0.0]", "euler_deg = [60.0, 0.0, 0.0]"),
+            ("euler_deg = [0.0, 0.0, 0.0]", "euler_deg = [30.0, 0.0, 0.0]"),
+        )
+    )
+    np.testing.assert_allclose(turned.orientations, expected, atol=1e-12)
+
+
+def test_a_rounded_rotation_is_made_a_proper_one(tmp_path: Path) -> None:
+    rounded = "[[0.8660, -0.5000, 0.0], [0.5000, 0.8660, 0.0], [0.0, 0.0, 1.0]]"
+    identity = "[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]"
+    rotation = load_case(write(tmp_path, (identity, rounded))).orientation.rotation
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
+    np.testing.assert_allclose(rotation[0], [3**0.5 / 2, -0.5, 0], atol=1e-4)
+
+
+def test_the_example_states_what_its_readme_states() -> None:
+    values = tomllib.loads(ALPHA.read_text("utf-8"))
+    assert [grain["euler_deg"] for grain in values["grains"]] == [[281, 8, 47], [211, 45, 150]]
+    assert values["specimen"]["boundary_point_um"] == [0, 5.4, 0]
+    assert values["specimen"]["boundary_normal"] == [0.15, 1, 0.3]

@@ -1,0 +1,321 @@
+import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from matplotlib.image import imread
+
+from driver.case.model import load_case
+from driver.check import command as check_module
+from driver.check.command import check
+from driver.check.picture import boundary_trace
+from driver.diagnosis.causes.all_causes import NAMES
+from driver.diagnosis.causes.causes import LIBRARY
+from driver.workflow.cost import estimate, simulation_seconds
+from solver_adapters.bundled.adapter import BundledAdapter
+from solver_adapters.calculix.adapter import CalculixAdapter
+from solver_adapters.code_aster.adapter import CodeAsterAdapter
+from solver_adapters.interface import Adapter, Capabilities, Simulation, UnsupportedError
+from solver_adapters.profile import Profile
+from solver_adapters.registry import find_adapter
+from tests.solver_adapters.bar import BarAdapter
+
+ALPHA = Path(__file__).parents[3] / "examples" / "alpha"
+
+
+class SmallStrainSolver:
+    name = "bundled"
+
+    def capabilities(self) -> Capabilities:
+        return Capabilities(frozenset({"tau0", "c", "d"}), frozenset({"small"}), True)
+
+    def version(self) -> str:
+        return "1.2"
+
+
+def install(monkeypatch: pytest.MonkeyPatch, adapter: Adapter | SmallStrainSolver) -> None:
+    """Let `solver.name` find an adapter, whatever the name is."""
+    monkeypatch.setattr(check_module, "find_adapter", lambda name, profile: adapter)
+
+
+@pytest.fixture
+def case_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the example, and a solver that offers small strain only.
+
+    Its time steps are not looked at: that takes seconds (`test_check_steps`).
+    """
+    install(monkeypatch, SmallStrainSolver())
+    monkeypatch.setattr(check_module, "recommended_steps", lambda *_: iter(()))
+    for name in ("case.toml", "images.tif", "flats.tif", "repeats.tif", "history.csv"):
+        shutil.copy(ALPHA / name, tmp_path / name)
+    return tmp_path / "case.toml"
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    text = path.read_text("utf-8")
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def found(path: Path, level: str) -> list[str]:
+    # Whether the distribution is installed is not the matter of the case.
+    return [
+        finding.message
+        for finding in check(path)
+        if finding.level == level and finding.subject != "libraries"
+    ]
+
+
+def test_the_example_is_in_order_and_drawn(case_path: Path) -> None:
+    assert found(case_path, "error") == [] and found(case_path, "warning") == []
+    picture = imread(case_path.parent / "results" / "check.png")
+    assert picture.shape[0] > 400 and picture.shape[1] > 1000
+    # The grain boundary stands in the picture in its own colour.
+    orange = np.all(np.abs(picture[..., :3] - (1.0, 0.541, 0.122)) < 0.02, axis=-1)
+    assert orange.sum() > 200
+
+
+def test_the_trace_of_the_grain_boundary_lies_on_its_plane() -> None:
+    trace = boundary_trace(load_case(ALPHA / "case.toml"))
+    assert trace is not None
+    points = np.column_stack([trace, np.zeros(2)])
+    np.testing.assert_allclose((points - (0, 5.4, 0)) @ (0.15, 1, 0.30), 0.0, atol=1e-12)
+    assert trace[:, 0].tolist() == [-2.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("width_um = 4.0", "width_um = 0", "specimen.width_um: found 0, expected a number > 0"),
+        ('frames = "images.tif"', 'frames = "frames_*.tif"', "images.frames: found no image"),
+        ("origin_pixel = [35.5, 21.0]", "origin_pixel = [35.5, 60.0]",
+         "images.origin_pixel: found the measured face at rows 17.3 … 53.7, columns 60.0 … 169.1, "
+         "expected it inside 72 × 152 px"),
+        ('strain_measure = "small"', 'strain_measure = "finite"',
+         'material.strain_measure: found "finite", expected one that bundled offers: small'),
+        ('parameters = ["tau0", "c", "d"]', 'parameters = ["tau0", "n"]',
+         'identification.parameters: found "n", expected one that bundled honours: c, d, tau0'),
+        ('held_out_cycle = "last"', "held_out_cycle = 4",
+         "diagnosis.held_out_cycle: found 4, expected one of the 3 cycle(s)"),
+        ("height_element_px = 8", "height_element_px = 1",
+         "nodal values to be decided by 3672 pixels of the face, expected at most half as many"),
+        ("boundary_point_um = [0.0, 5.4, 0.0]", "boundary_point_um = [0.0, 54, 0.0]", "specimen: "),
+    ],
+)  # fmt: skip
+def test_what_would_stop_a_run_is_found_before_it(
+    case_path: Path, old: str, new: str, sentence: str
+) -> None:
+    edit(case_path, old, new)
+    (message,) = found(case_path, "error")
+    assert sentence in message
+
+
+def test_loads_that_end_early_are_found(case_path: Path) -> None:
+    history = case_path.parent / "history.csv"
+    lines = history.read_text().splitlines()
+    lines[-1] = lines[-1].rsplit(",", 1)[0] + ","
+    history.write_text("\n".join(lines))
+    (message,) = found(case_path, "error")
+    assert message.endswith(
+        "force_N: found nothing, expected the load of image 96, or loads logged shortly before "
+        "and after it"
+    )
+
+
+def test_a_face_drawn_over_a_trench_and_missing_stacks_are_warned_of(case_path: Path) -> None:
+    edit(case_path, "origin_pixel = [35.5, 21.0]", "origin_pixel = [28.0, 21.0]")
+    edit(case_path, 'repeats = "repeats.tif"', "")
+    (trench,) = found(case_path, "warning")
+    assert "of the measured face" in trench and "carries no height" in trench
+    (repeats,) = found(case_path, "error")
+    assert repeats.startswith("images.repeats: found nothing, expected repeated images")
+
+
+def test_an_element_larger_than_the_face_is_warned_of(case_path: Path) -> None:
+    edit(case_path, "element_px = 16", "element_px = 160")
+    (element,) = found(case_path, "warning")
+    assert element.startswith("dic.element_px: found 160, expected less than the 107 px")
+
+
+def test_noise_pixels_and_pattern_are_told_as_they_will_be_measured(case_path: Path) -> None:
+    told = found(case_path, "ok")
+    # 9 nm nominal, by the README of the data; 6.5 nm of quantisation add 1.9 nm in squares.
+    assert any(line.startswith("9.15 ± 0.04 nm from 10 repeats") for line in told)
+    assert any("pixels of the face are used" in line and "0 as dust" in line for line in told)
+    assert any(line.startswith("fixed pattern of 400 flats") for line in told)
+    assert not found(case_path, "warning")
+
+
+def test_bad_frames_a_wrong_scale_and_dust_are_warned_of_by_name(case_path: Path) -> None:
+    folder = case_path.parent
+    frames = tifffile.imread(folder / "images.tif")
+    frames[40, 30:40, 60:80] += 20
+    frames[0, 0, 0] = 255
+    frames[60, 35, 70:73] = frames[61, 35, 75] = 0
+    tifffile.imwrite(folder / "images.tif", frames, photometric="minisblack")
+    repeats = tifffile.imread(folder / "repeats.tif")
+    repeats[:, 36, 100] += 40
+    tifffile.imwrite(folder / "repeats.tif", repeats, photometric="minisblack")
+    edit(case_path, "height_per_level_nm = 6.5", "height_per_level_nm = 13")
+    clipped, noise, holes, frame = found(case_path, "warning")
+    assert "2 frames lack heights on the face, frame 60 at most, of 3 pixels" in holes
+    assert clipped.startswith("images.frames: 1 pixels are at the largest level")
+    assert noise.startswith("images.noise_nm: found 9, expected about the 18.29 ")
+    assert frame.startswith("frame 40 is unlike its neighbours: residual")
+    assert any("and 13 as dust" in line for line in found(case_path, "ok"))
+
+
+def test_the_estimate_grows_with_the_work() -> None:
+    case, bundled = load_case(ALPHA / "case.toml"), BundledAdapter().capabilities()
+    base = estimate(case, bundled, 264, 97)
+    assert estimate(case, bundled, 528, 97).seconds > 1.9 * base.seconds
+    assert estimate(case, bundled, 264, 194).seconds == pytest.approx(2 * base.seconds)
+    pixels = estimate(case, bundled, 264, 97, n_pixels=10**8)
+    assert pixels.memory - base.memory == pytest.approx(2.4e9)
+    fewer = case.model_copy(update={"diagnosis": case.diagnosis.model_copy(update={"refit": 1})})
+    assert estimate(fewer, bundled, 264, 97).seconds < base.seconds
+    more = case.model_copy(
+        update={"identification": case.identification.model_copy(update={"starts": 3})}
+    )
+    assert estimate(more, bundled, 264, 97).seconds > base.seconds
+    assert estimate(more, bundled, 264, 97).simulations > base.simulations
+    shaken = case.model_copy(
+        update={"boundary": case.boundary.model_copy(update={"jitter_nm": 0.1})}
+    )
+    assert estimate(shaken, bundled, 264, 97).seconds > base.seconds
+
+
+def test_the_estimate_counts_no_more_refits_than_causes_that_are_asked_for() -> None:
+    default, bundled = load_case(ALPHA / "case.toml"), BundledAdapter().capabilities()
+
+    def simulations(**asked: Any) -> int:
+        table = default.diagnosis.model_copy(update=asked)
+        case = default.model_copy(update={"diagnosis": table})
+        return estimate(case, bundled, 264, 97).simulations
+
+    assert simulations(refit=10000) == simulations(refit=len(NAMES))
+    of_one, looked_at = simulations(causes=("cold_work",)), simulations(causes=("load_lag",))
+    assert of_one < looked_at < simulations(refit=1) < simulations()
+
+
+def test_the_estimate_counts_the_simulations_that_derivatives_cost() -> None:
+    """Two for each of 31 directions, and the one that is asked for."""
+    case, bundled = load_case(ALPHA / "case.toml"), BundledAdapter().capabilities()
+    base = estimate(case, bundled, 264, 97)
+    without = estimate(case, replace(bundled, derivatives=False), 264, 97)
+    # Both sides of each bent cause are looked at in two rounds, for the motion alone.
+    looks = 2 * 2 * sum(cause.bends for cause in LIBRARY)
+    assert without.simulations - looks == 63 * (base.simulations - looks)
+    # Of 264 cells the law takes 2.4 of the 7.3 ms of an iteration.
+    slower = estimate(case, replace(bundled, cost=500.0), 264, 97)
+    assert slower.seconds > 100 * base.seconds
+
+
+def test_the_estimate_of_a_real_run_of_code_aster_is_right_within_a_factor_of_two() -> None:
+    """The run of examples/alpha itself: 480 cells, 97 images, 223 steps, 1386 CPU-s."""
+    case = load_case(ALPHA / "case.toml")
+    told = simulation_seconds(case, CodeAsterAdapter().capabilities(), 480, 97)
+    assert 0.5 < told / 1386.0 < 2.0
+    # An empty job is no job without cost.
+    assert simulation_seconds(case, CodeAsterAdapter().capabilities(), 1, 1) > 4.0
+
+
+def test_a_scheme_that_the_solver_lacks_is_an_error_with_the_remedy(case_path: Path) -> None:
+    edit(case_path, 'integration = "backward_euler"', 'integration = "exponential"')
+    (message,) = found(case_path, "error")
+    assert message.startswith('solver.integration: found "exponential", expected backward_euler')
+    assert message.endswith("or the key left out")
+
+
+def test_a_strain_measure_that_a_program_lacks_is_told_once(
+    case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = case_path.parent / "ccx"
+    program.write_text("#!/bin/sh\necho This is Version 2.20\n")
+    program.chmod(0o755)
+    install(monkeypatch, CalculixAdapter(Profile(command=(str(program),))))
+    edit(case_path, 'name = "bundled"', 'name = "calculix"')
+    edit(case_path, 'strain_measure = "small"', 'strain_measure = "finite"')
+    assert found(case_path, "error") == [
+        'material.strain_measure: found "finite", expected one that calculix offers: small'
+    ]
+
+
+def test_the_caution_of_a_solver_about_a_strain_measure_is_a_warning(
+    case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class CautiousSolver(SmallStrainSolver):
+        def capabilities(self) -> Capabilities:
+            return replace(super().capabilities(), cautions={"small": "Small is coarse."})
+
+    install(monkeypatch, CautiousSolver())
+    assert found(case_path, "warning") == ["Small is coarse."]
+
+
+def test_a_program_that_is_not_there_is_a_warning_that_says_where_to_name_it(
+    case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(check_module, "find_adapter", lambda name, profile: BarAdapter(profile))
+    monkeypatch.setenv("PRISMID_CONFIG", str(case_path.parent / "config.toml"))
+    config = case_path.parent / "config.toml"
+    config.write_text("")
+    (message,) = found(case_path, "warning")
+    assert "its program is not on this machine" in message and "[solver.profiles." in message
+    config.write_text(f"[profiles.bundled]\ncommand = [{sys.executable!r}]\n")
+    assert found(case_path, "warning") == []
+    config.write_text("[profiles.bundled]\nthreads = 0\n")
+    (message,) = found(case_path, "error")
+    assert message.startswith(f"{config}: profiles.bundled.threads: found 0, expected")
+
+
+def test_a_program_that_cannot_start_is_an_error_with_what_it_said(
+    case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = case_path.parent / "run_aster"
+    program.write_text("#!/bin/sh\necho No module named run_aster.run_aster_main >&2; exit 1\n")
+    program.chmod(0o755)
+    install(monkeypatch, CodeAsterAdapter(Profile(command=(str(program),))))
+    edit(case_path, 'name = "bundled"', 'name = "code_aster"')
+    (message,) = found(case_path, "error")
+    assert message.startswith("code_aster: broken installation (found no version in the answer to")
+    assert "No module named run_aster" in message
+
+
+def test_a_solver_that_is_not_installed_is_an_error_with_those_that_are(
+    case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(check_module, "find_adapter", find_adapter)
+    edit(case_path, 'name = "bundled"', 'name = "abaqus"')
+    (message,) = found(case_path, "error")
+    assert message.startswith('solver.name: found "abaqus", expected one of bundled')
+
+
+def test_what_each_external_solver_makes_of_the_model_is_told_and_is_no_error(
+    case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install(monkeypatch, BundledAdapter())
+    decks = [message for message in found(case_path, "ok") if "deck" in message]
+    assert decks == [
+        "no deck of this model for calculix: tau0_112 = 1: CalculiX has no {112}⟨111⟩ systems; "
+        "expected 1000 or more, which switches them off, or one of the solvers that can: bundled, "
+        "code_aster",
+        "code_aster can take this model as a deck",
+    ]
+
+
+def test_what_an_external_solver_refuses_is_found_before_it_runs(
+    case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Refusing(BarAdapter):
+        def capabilities(self) -> Capabilities:
+            return replace(super().capabilities(), material=frozenset({"tau0", "c", "d"}))
+
+        def judge(self, simulation: Simulation) -> None:
+            raise UnsupportedError("the bar has no images")
+
+    install(monkeypatch, Refusing())
+    assert "the bar has no images" in found(case_path, "error")

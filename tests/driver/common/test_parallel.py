@@ -1,0 +1,204 @@
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import psutil
+import pytest
+
+from driver.common.parallel import side_by_side
+from solver_adapters.interface import PreparedError
+from solver_adapters.kernels import PACKAGES
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_results_come_in_the_order_of_the_tasks(processes: int) -> None:
+    ended: dict[int, float] = {}
+    found = side_by_side(
+        math.sqrt, [9.0, 4.0, 1.0, 16.0], processes, done=lambda i, root: ended.update({i: root})
+    )
+    assert found == [3.0, 2.0, 1.0, 4.0]
+    assert ended == {0: 3.0, 1: 2.0, 2: 1.0, 3: 4.0}
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_a_failing_task_fails_the_whole(processes: int) -> None:
+    with pytest.raises(ValueError):
+        side_by_side(math.sqrt, [4.0, -1.0, 9.0], processes)
+
+
+def prepared_unless_even(number: int) -> int:
+    if number % 2:
+        raise PreparedError([Path("jobs/common"), Path(f"jobs/{number}")])
+    return number
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_jobs_that_are_prepared_are_those_of_all_tasks(processes: int) -> None:
+    """Else each run would prepare those of one task, and wait for another machine."""
+    ended = []
+    with pytest.raises(PreparedError) as error:
+        side_by_side(prepared_unless_even, [1, 2, 3], processes, done=lambda i, n: ended.append(n))
+    assert sorted(error.value.folders) == [Path(f"jobs/{name}") for name in ("1", "3", "common")]
+    assert len(error.value.folders) == 3 and ended == [2]
+
+
+def test_a_process_that_the_system_ends_is_told_with_what_helps() -> None:
+    with pytest.raises(
+        ChildProcessError, match="^execution.processes: one of 2 processes .* fewer"
+    ):
+        side_by_side(os._exit, [9, 9, 9], 2)
+
+
+def test_each_process_has_its_threads_and_this_one_keeps_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
+    names = ["OMP_NUM_THREADS", "MKL_NUM_THREADS"]
+    assert side_by_side(os.getenv, names, 2, threads=1) == ["1", "1"]
+    assert os.environ["OMP_NUM_THREADS"] == "7" and "MKL_NUM_THREADS" not in os.environ
+
+
+def test_more_threads_than_the_machine_has_are_as_many_as_it_has() -> None:
+    assert side_by_side(math.sqrt, [4.0, 9.0], 2, threads=4096) == [2.0, 3.0]
+
+
+def fail_or_work(task: tuple[int, bytes]) -> None:
+    number, _ = task
+    if number == 0:
+        raise ValueError("the first")
+    time.sleep(60.0)
+
+
+FAIL = """
+from tests.driver.common.test_parallel import *
+if __name__ == "__main__":
+    try:
+        side_by_side(fail_or_work, [(i, bytes(10**6)) for i in range(5)], 2)
+    except ValueError as error:
+        print(error)
+"""
+
+
+def test_what_fails_ends_the_others_whose_tasks_are_larger_than_a_pipe(tmp_path: Path) -> None:
+    """Tasks of which no process takes any more stood in the way of the end, for ever."""
+    script = tmp_path / "script.py"
+    script.write_text(FAIL)
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    ended = subprocess.run(
+        [sys.executable, script],
+        env={**os.environ, "PYTHONPATH": str(PACKAGES), "TMPDIR": str(folder)},
+        capture_output=True,
+        text=True,
+        timeout=45,
+    )
+    assert (ended.stdout, ended.stderr, ended.returncode) == ("the first\n", "", 0)
+    assert not list(folder.iterdir())
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_results_larger_than_a_pipe_come_back(processes: int) -> None:
+    assert side_by_side(bytes, [10**6, 3, 2 * 10**6], processes) == [
+        bytes(10**6),
+        bytes(3),
+        bytes(2 * 10**6),
+    ]
+
+
+def test_ctrl_c_in_a_terminal_ends_all_processes_without_a_word_of_theirs(tmp_path: Path) -> None:
+    """The terminal interrupts the whole group."""
+    with at_work(tmp_path) as (group, pids):
+        os.killpg(group.pid, signal.SIGINT)
+        said, complaints = group.communicate(timeout=30)
+        assert (said, complaints, group.returncode) == ("stopped\n", "", 0)
+        assert all(task.with_suffix(".tidy").exists() for task in marks(tmp_path))
+        for pid in pids:
+            with pytest.raises(ProcessLookupError):
+                os.kill(pid, 0)
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_processes_end_with_the_one_that_gives_the_tasks(
+    tmp_path: Path, how: signal.Signals
+) -> None:
+    """They waited for another task for ever, each with its memory."""
+    with at_work(tmp_path) as (group, pids):
+        group.send_signal(how)
+        group.wait(timeout=30)
+        _, living = psutil.wait_procs(pids_alive(pids), timeout=30)
+        assert not living
+    assert all(task.with_suffix(".tidy").exists() for task in marks(tmp_path))
+    assert not list(tmp_path.glob("prismid-*"))
+
+
+def pids_alive(pids: list[int]) -> list[psutil.Process]:
+    found = []
+    for pid in pids:
+        with suppress(psutil.NoSuchProcess):
+            found.append(psutil.Process(pid))
+    return found
+
+
+def marks(folder: Path) -> list[Path]:
+    """What tasks write: two of a minute, and one whose process waits for another."""
+    return [folder / name for name in ("first", "second", "short")]
+
+
+@contextmanager
+def at_work(folder: Path) -> Iterator[tuple[subprocess.Popen[str], list[int]]]:
+    """Three tasks side by side in a process group of their own, and the processes that do them."""
+    tasks = marks(folder)
+    script = folder / "script.py"
+    script.write_text(
+        "import signal\n"
+        "from tests.driver.common.test_parallel import *\n"
+        "if __name__ == '__main__':\n"
+        # What runs in the background of a shell ignores Ctrl-C unless it says otherwise.
+        "    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "    try:\n"
+        f"        side_by_side(mark_and_work, [Path(t) for t in {[str(t) for t in tasks]}], 3)\n"
+        "    except KeyboardInterrupt:\n"
+        "        print('stopped')\n"
+    )
+    group = subprocess.Popen(
+        [sys.executable, script],
+        env={**os.environ, "PYTHONPATH": str(PACKAGES), "TMPDIR": str(folder)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        text=True,
+    )
+    try:
+        late = time.monotonic() + 60.0
+        while not all(task.exists() for task in tasks) and time.monotonic() < late:
+            time.sleep(0.05)
+        time.sleep(0.5)  # the process of the short task waits for another one
+        yield group, [int(task.read_text()) for task in tasks]
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(group.pid, signal.SIGKILL)
+        group.communicate()
+
+
+def mark_and_work(task: Path) -> None:
+    """Say which process is at work, and be at work."""
+    aside = task.with_suffix(".part")
+    aside.write_text(str(os.getpid()))
+    aside.rename(task)
+    try:
+        time.sleep(0.0 if task.name == "short" else 60.0)
+    finally:
+        task.with_suffix(".tidy").touch()
+
+
+def test_no_tasks_have_no_results() -> None:
+    assert side_by_side(math.sqrt, [], 4) == []

@@ -1,0 +1,150 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+
+from driver.diagnosis.answer.verdict import (
+    MOST_ADDITIONS,
+    Verdict,
+    decide,
+    with_doubts,
+    with_places,
+)
+from driver.diagnosis.causes.causes import LIBRARY
+
+SENTENCES = {cause.name: cause.sentence for cause in LIBRARY}
+CHECKS = {cause.name: cause.check for cause in LIBRARY}
+SLOW, SMOOTH = "a slow part of the loads", "a smooth motion"
+CONTRAST, GAIN, DRIFT = ("grain_contrast",), ("load_gain", "section_depth"), ("tilt_drift",)
+
+
+def of(
+    *added: Sequence[str],
+    accepted: bool = True,
+    imaging: bool = False,
+    numerics: str | None = None,
+    explained: float = 0.95,
+    tried: bool = True,
+) -> Verdict:
+    left = () if accepted else (SLOW, SMOOTH)
+    return decide(added, left, imaging, numerics, SENTENCES, CHECKS, explained, tried)
+
+
+@pytest.mark.parametrize("kind", [of(), of(CONTRAST), of(GAIN)], ids=lambda one: one.kind)
+def test_what_a_single_place_shows_stands_beside_a_verdict_by_which_nothing_is_left(
+    kind: Verdict,
+) -> None:
+    missed = "the extended model misses what the loads show most in a hold (6.0 σ beyond noise)."
+    said = with_places(kind, missed)
+    assert said.kind == kind.kind and said.text == f"{kind.text} Yet {missed}"
+    assert said.next.startswith("Look at the maps") and said.next.endswith(kind.next)
+    assert with_places(kind, "") == kind
+
+
+def test_a_verdict_by_which_something_is_left_says_it_once() -> None:
+    left = of(CONTRAST, accepted=False)
+    assert with_places(left, "the extended model misses it.") == left
+
+
+def test_where_no_cause_could_be_tried_nothing_is_said_of_any() -> None:
+    found = of(tried=False)
+    assert found.kind == "nothing wrong" and found.text.endswith("No cause was tried.")
+    assert "smallest magnitude" not in found.next and "smallest magnitude" in of().next
+
+
+@pytest.mark.parametrize(
+    ("found", "kind", "causes"),
+    [
+        (of(), "nothing wrong", ()),
+        (of(accepted=False), "unexplained", ()),
+        (of(imaging=True), "imaging-limited", ()),
+        (of(imaging=True, accepted=False), "imaging-limited", ()),
+        (of(CONTRAST), "named", ("grain_contrast",)),
+        (of(CONTRAST, imaging=True), "named", ("grain_contrast",)),
+        (of(CONTRAST, DRIFT), "named", ("grain_contrast", "tilt_drift")),
+        (of(GAIN), "one of this set", GAIN),
+        (of(CONTRAST, GAIN), "one of this set", ("grain_contrast", *GAIN)),
+        (of(CONTRAST, accepted=False), "named, but something is left", ("grain_contrast",)),
+        (of(GAIN, accepted=False), "named, but something is left", GAIN),
+        (of(CONTRAST, accepted=False, explained=0.8), "unexplained", ("grain_contrast",)),
+        (of(CONTRAST, explained=0.8), "named", ("grain_contrast",)),
+        (of(CONTRAST, DRIFT, GAIN), "unexplained", ("grain_contrast", "tilt_drift", *GAIN)),
+        (of(CONTRAST, numerics="a finer mesh is needed"), "numerics", ("discretisation",)),
+    ],
+)
+def test_the_kind_of_the_answer(found: Verdict, kind: str, causes: tuple[str, ...]) -> None:
+    assert found.kind == kind and found.causes == causes
+    assert found.text[0].isupper() and found.text.endswith(".") and found.next.endswith(".")
+
+
+def test_as_many_additions_as_are_allowed_explain_nothing() -> None:
+    assert MOST_ADDITIONS == 3
+    assert "shadow of one that was not tried" in of(CONTRAST, DRIFT, GAIN).text
+
+
+def test_what_is_named_is_said_and_can_be_confirmed() -> None:
+    found = of(CONTRAST, DRIFT)
+    assert found.text.startswith("The two grains have different critical resolved shear stresses")
+    assert SENTENCES["tilt_drift"] in found.text
+    assert CHECKS["grain_contrast"] in found.next and CHECKS["tilt_drift"] in found.next
+
+
+def test_what_cannot_be_told_apart_is_said_with_the_check_of_each() -> None:
+    found = of(GAIN)
+    assert found.text.startswith(
+        f"Either {SENTENCES['load_gain']}, or {SENTENCES['section_depth']}"
+    )
+    assert found.next.startswith("These data cannot tell load_gain or section_depth.")
+    assert CHECKS["load_gain"] in found.next and CHECKS["section_depth"] in found.next
+
+
+@pytest.mark.parametrize("added", [(CONTRAST, GAIN), (GAIN, CONTRAST)])
+def test_a_cause_that_is_sure_stays_so_beside_a_set(added: tuple[Sequence[str], ...]) -> None:
+    found = of(*added)
+    assert found.kind == "one of this set" and found.sets == added
+    assert f"either {SENTENCES['load_gain']}, or" in found.text.lower()
+    assert f"either {SENTENCES['grain_contrast']}" not in found.text.lower()
+    assert f"Confirm grain_contrast: {CHECKS['grain_contrast']}." in found.next
+    assert "cannot tell load_gain or section_depth." in found.next
+
+
+def test_a_cause_that_was_added_beside_another_is_no_rival_of_it() -> None:
+    found = of(("load_gain", "tilt_drift"), DRIFT)
+    assert found.kind == "named" and found.sets == (("load_gain",), DRIFT)
+
+
+def test_what_is_left_is_said() -> None:
+    told = f"{SLOW}, and {SMOOTH}."
+    assert of(GAIN, accepted=False).text.endswith(f"still not noise: {told}")
+    assert of(GAIN, accepted=False, explained=0.5).text.endswith(f"structured as well: {told}")
+    assert of(accepted=False).text.endswith(f"no cause that was tried explains it: {told}")
+    assert "maps of what is left" in of(accepted=False).next
+
+
+def test_where_nothing_is_named_only_what_was_tried_is_spoken_of() -> None:
+    """A case may ask for a few causes of the library."""
+    for accepted in (True, False):
+        text = of(accepted=accepted).text
+        assert "no cause that was tried" in text and "library" not in text
+
+
+def test_a_coarse_simulation_says_what_it_needs() -> None:
+    found = of(CONTRAST, numerics="a mesh half as large is needed")
+    assert "a mesh half as large is needed." in found.text
+
+
+def test_a_fit_that_has_not_converged_is_told_with_the_answer() -> None:
+    answer = of(CONTRAST)
+    assert with_doubts(answer, [], []) == answer
+    told = with_doubts(answer, ["the fit of the extended model has not converged (2 σ)"], [])
+    assert told.kind == answer.kind and told.sets == answer.sets
+    assert told.text.startswith(answer.text) and told.text.endswith("not converged (2 σ).")
+    assert told.next.startswith("Let the fit converge") and told.next.endswith(answer.next)
+
+
+def test_what_could_not_be_added_is_told_with_the_answer_and_asks_for_no_other_fit() -> None:
+    answer = of(CONTRAST)
+    told = with_doubts(answer, [], ["load_lag is not added, for the rounds come to no end"])
+    assert told.text.startswith(answer.text) and told.text.endswith("come to no end.")
+    assert told.next == answer.next

@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from driver.common.progress import silent
+from driver.diagnosis.search.candidate_correction import REACH, with_own_corrections
+from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.refit import Crew, Refit, refit_causes
+from driver.diagnosis.statistics.score_test import score
+from driver.diagnosis.statistics.screening import screened
+from driver.identification.fit import Fit
+from solver_adapters.interface import NotRunError, Simulation, SolverError
+from solver_adapters.jobs.errors import JobError
+from solver_adapters.jobs.status import Status
+from tests.driver import closed_form
+from tests.driver.closed_form_diagnosis import finer, identified
+
+FloatArray = NDArray[np.float64]
+
+BENCH = closed_form.bench()
+TRUE, RIVAL = "grain_contrast", "boundary_position"
+
+
+class ErringWithContrast(closed_form.ClosedFormSolver):
+    """A working mesh that bends the face where the grains differ, as no specimen does."""
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        motion, load = super().answer(simulation)
+        x = simulation.mesh.points[simulation.output_nodes, 0]
+        grown = np.linspace(0.0, 0.0025 * np.log(simulation.material.tau0_grain2), len(motion))
+        motion[..., 2] += grown[:, None] * x**2
+        return motion, load
+
+
+class Failing(closed_form.ClosedFormSolver):
+    def __init__(self, error: Exception) -> None:
+        super().__init__()
+        self.error = error
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        raise self.error
+
+
+def failing(error: Exception) -> FinerMeshes:
+    return FinerMeshes(replace(BENCH.model, adapter=Failing(error)))
+
+
+@cache
+def refitted() -> tuple[Fit, list[Refit]]:
+    """The baseline, and the true cause and its rival refitted under its correction."""
+    working = replace(BENCH.model, adapter=ErringWithContrast())
+    made = closed_form.objective(BENCH, BENCH.truth | {"tau0_grain2": 3.0})
+    objective, baseline = identified(replace(BENCH, model=working), replace(made, model=working))
+    causes, names = screened(objective.model, baseline.best.free, (TRUE, RIVAL))
+    screening = objective.evaluate(baseline.values, names)
+    rows = {name: row for name, row in zip(screening.free, screening.jacobian, strict=True)}
+    scores = [
+        score(cause, np.array([rows[n] for n in cause.parameters]), baseline.best, len(causes))
+        for cause in causes
+    ]
+    refits = refit_causes(scores, screening, baseline.best, objective, Crew(1, 1, silent))
+    return baseline, sorted(refits, key=lambda refit: -refit.log_evidence)
+
+
+def names_of(refits: list[Refit]) -> list[str]:
+    return [refit.cause.name for refit in refits]
+
+
+def test_what_the_working_mesh_gets_wrong_at_a_cause_no_longer_speaks_against_it() -> None:
+    baseline, before = refitted()
+    assert names_of(before) == [RIVAL, TRUE]
+    crew = Crew(1, 1, silent)
+    after = with_own_corrections(before, baseline.best, FinerMeshes(finer(BENCH)), crew)
+    assert names_of(after) == [TRUE, RIVAL]
+    assert after[0].log_evidence > before[1].log_evidence + 10
+    # Where the mesh errs no more than at the baseline, nothing has changed.
+    assert after[1].log_evidence == pytest.approx(before[0].log_evidence, abs=0.2)
+
+
+def test_a_refit_that_cannot_be_simulated_finer_stays_and_the_log_says_so() -> None:
+    baseline, before = refitted()
+    lines: list[str] = []
+    never = failing(SolverError("no step is short enough\nstep 3"))
+    after = with_own_corrections(before, baseline.best, never, Crew(1, 1, lines.append))
+    assert after == before
+    assert lines[1:] == [
+        f"  {refit.cause.name}: log evidence {refit.log_evidence:+.1f} as it was, for it cannot be "
+        "simulated (no step is short enough)"
+        for refit in before
+    ]
+
+
+@pytest.mark.parametrize("error", [NotRunError("absent"), JobError("bar", Status.KILLED)], ids=str)
+def test_a_finer_simulation_that_was_not_run_is_not_done_without(error: SolverError) -> None:
+    baseline, before = refitted()
+    with pytest.raises(type(error)):
+        with_own_corrections(before, baseline.best, failing(error), Crew(1, 1, silent))
+
+
+@pytest.mark.parametrize("error", [NotRunError("absent"), JobError("bar", Status.KILLED)], ids=str)
+def test_another_mesh_that_was_not_run_is_not_done_without(error: SolverError) -> None:
+    baseline, _ = refitted()
+    meshes = FinerMeshes(finer(BENCH), lambda: failing(error).one)
+    with pytest.raises(type(error)):
+        meshes.corrections(BENCH.model, baseline, True, silent)
+
+
+def test_another_mesh_that_cannot_be_simulated_is_done_without_and_the_log_says_so() -> None:
+    baseline, _ = refitted()
+    lines: list[str] = []
+    meshes = FinerMeshes(finer(BENCH), lambda: failing(SolverError("no step")).one)
+    _, between = meshes.corrections(BENCH.model, baseline, True, lines.append)
+    assert between is None and "  one mesh has to do: no step" in lines
+
+
+def test_one_that_leads_alone_is_not_simulated() -> None:
+    baseline, (first, second) = refitted()
+    far = replace(second, log_evidence=first.log_evidence - REACH - 0.1)
+    lines: list[str] = []
+    never = failing(AssertionError())
+    crew = Crew(1, 1, lines.append)
+    assert with_own_corrections([first, far], baseline.best, never, crew) == [first, far]
+    assert with_own_corrections([], baseline.best, never, crew) == [] and not lines

@@ -1,0 +1,68 @@
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import cast
+from unittest.mock import patch
+
+import numpy as np
+
+from driver.common.progress import silent
+from driver.diagnosis.search import candidate_selection
+from driver.diagnosis.search.candidate_selection import LARGE, refits_of_likely, to_refit
+from driver.diagnosis.search.refit import Crew
+from driver.diagnosis.statistics.score_test import Score
+from tests.driver.closed_form_diagnosis import large_effect
+
+
+def scored(p: float, evidence: float, angle: float = 0.0) -> Score:
+    """A cause that does to the data what a unit vector at an angle in a plane says."""
+    along = np.array([[np.cos(angle), np.sin(angle)]])
+    return cast(
+        Score,
+        SimpleNamespace(p=p, log_evidence=evidence, directions=along, strengths=np.ones(1)),
+    )
+
+
+def test_a_cause_that_promises_as_much_as_the_seen_one_is_refitted_with_it() -> None:
+    best, seen, near, far = (
+        scored(*of) for of in ((0.015, 4.4), (0.004, 3.9), (0.05, 3.2), (0.3, 1.0))
+    )
+    assert to_refit([best, seen, near, far], 5) == [best, seen, near]
+    assert to_refit([best, seen, near, far], 2) == [best, seen]
+    assert to_refit([best, near, far], 5) == []  # where nothing is seen nothing is refitted
+
+
+def test_a_cause_that_has_nothing_to_do_with_the_seen_one_is_not_refitted_with_it() -> None:
+    seen, akin, strange = scored(0.004, 3.9), scored(0.05, 4.0, 0.9), scored(0.05, 4.1, 1.2)
+    assert to_refit([strange, akin, seen], 5) == [akin, seen]
+
+
+def test_close_rivals_of_the_best_are_refitted_however_many_they_are() -> None:
+    tried = [scored(1e-9, evidence) for evidence in (40.0, 34, 33, 32, 31, 29, 12)]
+    assert to_refit(tried, 2) == tried[:5]
+    assert to_refit(tried, 6) == tried[:6]
+
+
+def test_a_significant_cause_without_evidence_opens_the_door_for_no_other() -> None:
+    best, near, odd = (scored(*of) for of in ((0.4, 1.6), (0.5, 1.2), (0.004, 0.01)))
+    assert to_refit([best, near, odd], 5) == [odd]
+
+
+CREW = Crew(1, 1, silent)
+
+
+def test_from_a_baseline_that_is_lost_no_refit_begins() -> None:
+    """Its own next step is hundreds of σ long."""
+    objective, baseline, wide, tried = large_effect("stretch_curvature", 0.5)
+    with patch.object(candidate_selection, "refit_causes", None):
+        found = refits_of_likely(tried, (), wide, baseline.best, objective, 5, CREW)
+    assert found[0].cause.name == "stretch_not_proportional"
+    assert found[0].fit.best.chi_load < 1.3 < LARGE < baseline.best.chi_load
+
+
+def test_a_large_effect_that_refits_from_the_baseline_explain_needs_no_soft_loads() -> None:
+    objective, baseline, wide, tried = large_effect("Q", 60.0)
+    assert baseline.best.chi_load > LARGE
+    with patch.object(candidate_selection, "refit_from_soft_loads", None):
+        found = refits_of_likely(tried, (), wide, baseline.best, objective, 5, CREW)
+    assert found[0].cause.name == "isotropic_hardening"

@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from driver.common.progress import silent
+from driver.diagnosis.causes.causes import NUMERICS
+from driver.diagnosis.search.discretisation_check import gate
+from driver.identification.fit import Fit
+from driver.identification.identify import correction
+from driver.identification.objective import Correction, Objective
+from tests.driver import closed_form
+from tests.driver.closed_form_diagnosis import finer, identified
+
+BENCH = closed_form.bench()
+OTHER_STEPS = finer(BENCH, 0.5)
+
+
+@cache
+def baseline() -> tuple[Objective, Fit]:
+    return identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
+
+
+def change(times: float) -> Correction:
+    """So many times what other steps change."""
+    here = baseline()[1]
+    one = correction(BENCH.model, OTHER_STEPS, here.best.prediction, here.values, silent)
+    return Correction(times * np.asarray(one.motion), times * np.asarray(one.load))
+
+
+@pytest.mark.parametrize(
+    ("times", "steps_differ", "needed", "told"),
+    [
+        (1.0, False, "mesh", "a mesh half as large is needed"),
+        (1.0, True, "steps", "time steps half as long are needed"),
+        (2.0, True, "mesh and steps", "a mesh and time steps half as large are needed"),
+    ],
+)
+def test_what_the_steps_alone_do_not_explain_is_the_mesh(
+    times: float, steps_differ: bool, needed: str, told: str
+) -> None:
+    """The fresh correction is that of other steps, or as large by the mesh, or twice as large."""
+    fine = OTHER_STEPS if steps_differ else BENCH.model
+    found = gate(*baseline(), change(times), fine, [], ["tau0", "c"])
+    assert not found.passed and found.needed == needed
+    assert found.words is not None and found.words.endswith(f"along {found.cause}; {told}")
+
+
+def test_a_correction_that_has_not_changed_passes_without_another_simulation() -> None:
+    objective, here = baseline()
+    found = gate(objective, here, objective.correction, OTHER_STEPS, [], ["tau0"])
+    assert found.passed and found.effect == pytest.approx(0.0, abs=1e-9)
+    assert found.cause == "tau0" and found.needed is None and found.words is None
+
+
+def test_where_no_cause_could_be_tried_nothing_can_be_mistaken() -> None:
+    found = gate(*baseline(), change(1.0), OTHER_STEPS, [], [])
+    assert found.passed and found.cause == NUMERICS.name

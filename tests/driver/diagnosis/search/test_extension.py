@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from driver.common.progress import silent
+from driver.diagnosis.search.extension import Extension, extended
+from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.refit import Crew, Refit, refit_causes
+from driver.diagnosis.statistics.score_test import score
+from driver.diagnosis.statistics.screening import screened
+from driver.identification.fit import Fit
+from driver.identification.objective import Objective
+from tests.driver import closed_form
+from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
+
+BENCH = closed_form.bench()
+CAUSE = "stretch_not_proportional"
+HIDDEN = {"stretch_curvature": 0.1}
+WRONG = 12
+
+
+def refitted(objective: Objective, baseline: Fit, name: str = CAUSE) -> Refit:
+    """A cause, refitted from the baseline."""
+    causes, names = screened(objective.model, baseline.best.free, (name,))
+    wide = objective.evaluate(baseline.values, names)
+    (cause,) = causes
+    rows = [wide.free.index(name) for name in cause.parameters]
+    one = score(cause, wide.jacobian[rows], objective.restrict(wide, baseline.best.free), 1)
+    (found,) = refit_causes([one], wide, baseline.best, objective, Crew(1, 1, silent))
+    return found
+
+
+def extension(off: float) -> tuple[Fit, Extension]:
+    """The baseline, which leaves a load out, and the model that is extended from it.
+
+    Args:
+        off: by how much this load is wrong [µN].
+    """
+    made = closed_form.objective(BENCH, BENCH.truth | HIDDEN)
+    load = made.data.load.copy()
+    load[WRONG] += off
+    made = replace(made, data=replace(made.data, load=load, bad_loads=(WRONG,)))
+    objective, baseline = identified(BENCH, made)
+    begin = Extension(
+        baseline, objective, FinerMeshes(finer(BENCH)), (), {}, 0.0, baseline.best.free, ()
+    )
+    return baseline, extended(begin, refitted(objective, baseline), SETTINGS, silent)
+
+
+def test_a_load_that_was_left_out_and_that_the_extended_model_explains_is_taken_back() -> None:
+    _, found = extension(0.0)
+    assert found.objective.data.bad_loads == ()
+
+
+def test_a_load_that_is_wrong_stays_left_out() -> None:
+    _, found = extension(40 * closed_form.LOAD_NOISE)
+    assert found.objective.data.bad_loads == (WRONG,)
+    assert found.fit.values["stretch_curvature"] == pytest.approx(0.1, abs=0.015)
+
+
+def test_the_extended_model_has_its_own_correction_its_own_noise_and_a_fit_that_has_converged() -> (
+    None
+):
+    baseline, found = extension(0.0)
+    assert [cause.name for cause in found.causes] == [CAUSE]
+    assert found.surpassed == (frozenset(),)
+    assert found.fit.converged and found.fit.best.free == (*baseline.best.free, *HIDDEN)
+    data = found.objective.data
+    assert data.load_noise == pytest.approx(closed_form.LOAD_NOISE, rel=0.35)
+    assert data.image.noise_factor == pytest.approx(1.0, abs=0.05)
+    own = np.asarray(found.objective.correction.load)
+    model, at = found.objective.model, found.fit.values
+    expected = finer(BENCH).predict(at).load - model.predict(at).load
+    of_baseline = finer(BENCH).predict(baseline.values).load - model.predict(baseline.values).load
+    scale = np.abs(expected).max()
+    assert np.abs(own - expected).max() < 0.02 * scale < np.abs(of_baseline - expected).max()
+
+
+@pytest.mark.parametrize(("factor", "times"), [(1.0, 1), (2.0, 2)])
+def test_a_model_far_from_where_its_correction_was_taken_is_corrected_once_more(
+    factor: float, times: int
+) -> None:
+    """Where τ0 is twice what it is the loads are twice as large, and so is what mesh errs by."""
+    made = closed_form.objective(BENCH, BENCH.truth | HIDDEN)
+    objective, baseline = identified(BENCH, made)
+    winner = refitted(objective, baseline)
+    values = winner.fit.values | {"tau0": factor * winner.fit.values["tau0"]}
+    at = winner.objective.evaluate(values, winner.fit.best.free)
+    winner = replace(winner, fit=replace(winner.fit, best=at))
+    meshes = FinerMeshes(finer(BENCH))
+    begin = Extension(baseline, objective, meshes, (), {}, 0.0, baseline.best.free, ())
+    lines: list[str] = []
+    found = extended(begin, winner, SETTINGS, lines.append)
+    assert lines.count("finer mesh and steps at the extended model") == times
+    assert found.fit.converged
+    model, end = found.objective.model, found.fit.values
+    expected = finer(BENCH).predict(end).load - model.predict(end).load
+    own = np.asarray(found.objective.correction.load)
+    assert own == pytest.approx(expected, abs=0.02 * np.abs(expected).max())

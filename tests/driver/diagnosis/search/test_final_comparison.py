@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from driver.common.progress import silent
+from driver.diagnosis.causes.causes import LIBRARY, Cause
+from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
+from driver.diagnosis.search.final_comparison import Final, final_fits
+from driver.identification.boundary_jitter import boundary_jitter
+from driver.identification.fit import Fit, fit
+from driver.identification.objective import Objective
+from tests.driver import closed_form
+from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
+
+BENCH = closed_form.bench()
+(CURVED,) = (cause for cause in LIBRARY if cause.name == "stretch_not_proportional")
+HELD_OUT = replace(SETTINGS, held_out=2)
+
+
+@cache
+def baseline() -> tuple[Fit, Objective]:
+    objective, fitted = identified(
+        BENCH, closed_form.objective(BENCH, BENCH.truth | {"stretch_curvature": 0.1})
+    )
+    return fitted, objective
+
+
+@cache
+def extended() -> tuple[Fit, Objective]:
+    """With the curved stretch, and loads twice as noisy as the baseline was told."""
+    here, objective = baseline()
+    data = replace(objective.data, load_noise=2 * objective.data.load_noise)
+    louder = replace(objective, data=data)
+    free = (*here.best.free, *CURVED.parameters)
+    return fit(louder, here.values, free, 12, silent), louder
+
+
+def ends(last: tuple[Fit, Objective], *causes: Cause) -> Final:
+    return final_fits(baseline(), last, causes, finer(BENCH), BENCH.history.cycle, HELD_OUT)
+
+
+def test_before_and_after_are_compared_under_the_covariance_of_the_end() -> None:
+    here, objective = baseline()
+    found = ends(extended(), CURVED)
+    again = fit(extended()[1], here.values, here.best.free, 12, silent)
+    assert found.before.cost == pytest.approx(again.best.cost, rel=1e-3)
+    assert found.before.cost < 0.95 * here.best.cost  # twice the noise, fewer σ²
+    assert found.uncounted is found.before
+
+
+def test_without_a_cause_the_fit_itself_is_before_and_after() -> None:
+    here, _ = baseline()
+    found = ends(baseline())
+    assert found.before is here.best and found.uncounted is here.best
+    assert found.held_out is not None and found.held_out[0] == found.held_out[1]
+
+
+def test_the_correction_is_taken_anew_at_the_end() -> None:
+    here, objective = extended()
+    found = ends((here, objective), CURVED)
+    fine, coarse = (m.predict(here.values) for m in (finer(BENCH), BENCH.model))
+    assert found.fresh.load == pytest.approx(fine.load - coarse.load, abs=1e-9)
+    assert not np.allclose(found.fresh.load, objective.correction.load, rtol=1e-3)
+
+
+def test_what_a_noise_of_the_boundary_explains_is_an_excess_where_it_is_not_counted() -> None:
+    here, objective = baseline()
+    jitter = boundary_jitter(objective.model, objective.data.image, here.values, 1e-3)
+    noisy = replace(objective, data=replace(objective.data, jitter=jitter))
+    last = fit(noisy, here.values, here.best.free, 12, silent)
+    found = ends((last, noisy), BOUNDARY_NOISE)
+    assert found.uncounted.cost > found.before.cost + 10
+    assert found.uncounted.cost == pytest.approx(here.best.cost, rel=1e-3)
+
+
+def test_the_cycle_that_was_held_out_is_predicted_better_by_what_happened() -> None:
+    found = ends(extended(), CURVED)
+    assert found.held_out is not None
+    before, after = found.held_out
+    assert before.cycle == after.cycle == 2 and after.chi_load < 0.8 * before.chi_load

@@ -1,0 +1,321 @@
+"""A cause whose effect bends is found by its effect far from its null, and no other one is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from driver.common.progress import Log, silent
+from driver.diagnosis.causes.causes import LIBRARY
+from driver.diagnosis.search import finite_step_score
+from driver.diagnosis.search.boundary_noise import Stops
+from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.finite_step_score import FarLooks, look_from_afar
+from driver.diagnosis.search.refit import Crew, Refit, Start, refit_from
+from driver.diagnosis.search.selection_round import examine
+from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, effects_of
+from driver.diagnosis.statistics.screening import screen, screened
+from driver.identification.fit import Fit
+from driver.identification.objective import Evaluation, Objective
+from solver_adapters.interface import FloatArray, PreparedError, Simulation, SolverError
+from tests.driver import closed_form
+from tests.driver.closed_form import ClosedFormSolver
+from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
+
+TRUTH = 0.4  # four prior scales
+WANTED = ("non_schmid", "residual_stress", "cold_work")
+
+
+def as_others(a1: float) -> dict[str, float]:
+    """What a non-Schmid stress does here: one thing near its null, others far from it."""
+    return {
+        "tau0_112": float(np.exp(0.002 * a1)),
+        "tau0_grain2": float(np.exp(8.0 * a1**3)),
+        "elastic_scale": float(np.exp(40.0 * a1**6)),
+    }
+
+
+class Bent(ClosedFormSolver):
+    """A solver that knows a non-Schmid stress."""
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        m = simulation.material
+        o = as_others(m.a1)
+        m = replace(
+            m,
+            tau0_112=o["tau0_112"],
+            tau0_grain2=o["tau0_grain2"],
+            elastic_scale=o["elastic_scale"],
+        )
+        return super().answer(replace(simulation, material=m))
+
+
+class Brittle(Bent):
+    """The same where a large one has no solution."""
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        if simulation.material.a1 > 0.2:
+            raise SolverError("no solution\nat t = 1 s")
+        return super().answer(simulation)
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """First-order scores of causes of the law at a fit."""
+
+    scores: list[Score]
+    fit: Fit
+    objective: Objective
+
+
+def examined(truth: float, solver: type[Bent] = Bent, seed: int = 0) -> Examined:
+    """A fit to data in which a non-Schmid stress is hidden, and its scores."""
+    bench = closed_form.bench()
+    objective = closed_form.objective(bench, bench.truth | as_others(truth), seed)
+    objective, fitted = identified(bench, objective)
+    objective = replace(objective, model=replace(objective.model, adapter=solver()))
+    candidates, names = screened(objective.model, fitted.best.free, WANTED)
+    wide = objective.evaluate(fitted.values, names)
+    effects = effects_of(candidates, wide, objective.parameters)
+    scores, _ = screen(fitted, objective, candidates, effects, SETTINGS.sizes)
+    return Examined(scores, fitted, objective)
+
+
+def look(at: Examined, log: Log = silent, accepted: bool = True) -> FarLooks:
+    return look_from_afar(at.scores, at.fit, at.objective, 1.0, accepted, Crew(1, 1, log))
+
+
+def with_scores(at: Examined, *changed: Score) -> Examined:
+    """The same with other scores of some causes, best log evidence first."""
+    by_name = {s.cause.name: s for s in (*at.scores, *changed)}
+    return replace(at, scores=sorted(by_name.values(), key=lambda s: -s.log_evidence))
+
+
+def not_hiding(score: Score) -> Score:
+    """Of a cause that bends, and that does not hide from all others."""
+    return replace(score, cause=replace(score.cause, hides=False))
+
+
+def _of(scores: list[Score], name: str) -> Score:
+    return next(s for s in scores if s.cause.name == name)
+
+
+@pytest.fixture(scope="module")
+def hidden() -> Examined:
+    return examined(TRUTH)
+
+
+def test_an_effect_that_its_derivative_does_not_show_is_found_from_afar(hidden: Examined) -> None:
+    near = _of(hidden.scores, "non_schmid")
+    assert near.p > 0.1
+    found = look(hidden)
+    far = _of(found.scores, "non_schmid")
+    assert far is found.scores[0] and far.p < NAMING_LEVEL
+    (refit,) = found.refits
+    assert abs(refit.fit.values["a1"] - TRUTH) < 3 * refit.fit.sigma(
+        "a1", hidden.objective.parameters
+    )
+    assert refit.log_evidence == far.log_evidence > 5.0
+
+
+def test_the_end_of_a_refit_gains_more_than_the_sides_show(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The effect goes on bending beyond three prior scales."""
+    end = _of(look(hidden).scores, "non_schmid")
+    monkeypatch.setattr(finite_step_score, "refit_from", lambda tasks, crew: [])
+    side = _of(look(hidden).scores, "non_schmid")
+    assert end.statistic > side.statistic + 5.0
+    assert side.estimate[0] == pytest.approx(6.5, abs=1.0)  # by the secant to three scales
+    assert end.estimate[0] == pytest.approx(10 * TRUTH, rel=0.1)
+
+
+def test_what_a_side_promises_and_a_refit_does_not_keep_does_not_count(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def gone(refit: Refit, side: Score, task: object) -> Score:
+        return replace(side, estimate=np.zeros(1), log_evidence=-1.0)
+
+    monkeypatch.setattr(finite_step_score, "_gained", gone)
+    found, near = look(hidden), _of(hidden.scores, "non_schmid")
+    assert not found.refits
+    assert _of(found.scores, "non_schmid").log_evidence == near.log_evidence
+
+
+def test_a_refit_that_is_worth_nothing_does_not_join_the_others(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def little(tasks: Sequence[Start], crew: Crew) -> list[Refit]:
+        return [replace(refit, log_evidence=0.9 * WORTH) for refit in refit_from(tasks, crew)]
+
+    monkeypatch.setattr(finite_step_score, "refit_from", little)
+    found, near = look(hidden), _of(hidden.scores, "non_schmid")
+    assert not found.refits
+    assert _of(found.scores, "non_schmid").statistic == near.statistic
+
+
+def test_a_cause_that_does_not_hide_is_looked_at_where_something_is_wrong_alone(
+    hidden: Examined,
+) -> None:
+    near = not_hiding(_of(hidden.scores, "non_schmid"))
+    at = with_scores(hidden, near)
+    assert _of(look(at).scores, "non_schmid") is near
+    assert look(at, accepted=False).scores[0].cause == near.cause
+    seen = replace(_of(hidden.scores, "cold_work"), p=0.9 * NAMING_LEVEL)
+    assert _of(look(with_scores(at, seen)).scores, "non_schmid").p < NAMING_LEVEL
+
+
+def test_a_bent_cause_that_its_derivative_shows_is_looked_at_unless_it_leads(
+    hidden: Examined,
+) -> None:
+    """Its derivative shows a part of it, by which another cause may come first."""
+    near = not_hiding(_of(hidden.scores, "non_schmid"))
+    near = replace(near, p=1e-4, log_evidence=5.0)
+    first = replace(_of(hidden.scores, "cold_work"), p=1e-6, log_evidence=9.0)
+    found = look(with_scores(hidden, near, first))
+    assert found.scores[0].cause == near.cause and found.scores[0].log_evidence > 9.0
+    assert _of(look(with_scores(hidden, near)).scores, "non_schmid") is near
+    chance = replace(near, p=0.9, log_evidence=5.0)
+    assert look(with_scores(hidden, chance), accepted=False).refits
+
+
+def test_a_cause_that_hides_and_is_seen_from_afar_has_the_others_looked_at(
+    hidden: Examined,
+) -> None:
+    bowed = next(cause for cause in LIBRARY if cause.name == "boundary_bow")
+    other = replace(_of(hidden.scores, "cold_work"), cause=replace(bowed, parameters=("x0",)))
+    told: list[str] = []
+    look(with_scores(hidden, other), told.append)
+    assert [line for line in told if line.startswith("looking")] == [
+        "looking from afar at non_schmid", "looking from afar at boundary_bow",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(("times", "refits"), [(1.9, 1), (2.1, 0)])
+def test_a_side_that_promises_little_beside_what_is_known_is_scored_and_not_refitted(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch, times: float, refits: int
+) -> None:
+    with monkeypatch.context() as without:
+        without.setattr(finite_step_score, "refit_from", lambda starts, crew: [])
+        side = _of(look(hidden).scores, "non_schmid")
+    known = replace(_of(hidden.scores, "cold_work"), log_evidence=times * side.log_evidence)
+    found = look(with_scores(hidden, known))
+    assert len(found.refits) == refits
+    assert _of(found.scores, "non_schmid").log_evidence >= side.log_evidence > 3.0
+
+
+@pytest.mark.parametrize(("sigma", "refits"), [(0.31, 1), (0.29, 0)])
+def test_a_side_that_puts_a_cause_where_its_derivative_holds_promises_nothing(
+    hidden: Examined, monkeypatch: pytest.MonkeyPatch, sigma: float, refits: int
+) -> None:
+    """At the paper's size three such refits took twelve minutes, and gained nothing."""
+    scored, near = finite_step_score._scored, _of(hidden.scores, "non_schmid")
+
+    def at_0_4(
+        task: finite_step_score._Task, at: Evaluation, amount: float
+    ) -> finite_step_score._Side:
+        side = scored(task, at, amount)
+        estimate = np.array([np.copysign(0.4, amount)])
+        known = replace(side.score, estimate=estimate, sigma=np.array([sigma]))
+        return replace(side, score=known)
+
+    monkeypatch.setattr(finite_step_score, "_scored", at_0_4)
+    found = look(hidden)
+    assert len(found.refits) == refits
+    assert (_of(found.scores, "non_schmid").statistic == near.statistic) == (refits == 0)
+
+
+def test_what_hides_is_not_less_significant_for_looks_that_may_follow(hidden: Examined) -> None:
+    bowed = next(cause for cause in LIBRARY if cause.name == "boundary_bow")
+    spare = replace(_of(hidden.scores, "cold_work"), cause=replace(bowed, parameters=("x0",)))
+    followed = replace(
+        hidden, scores=[spare if s.cause.name == "cold_work" else s for s in hidden.scores]
+    )
+    p, again = (_of(look(at).scores, "non_schmid").p for at in (hidden, followed))
+    assert again == p
+
+
+def test_looks_side_by_side_see_what_looks_one_after_the_other_see(hidden: Examined) -> None:
+    near = _of(hidden.scores, "non_schmid")
+    twin = replace(near, cause=replace(near.cause, name="twin"))
+    at = with_scores(hidden, twin)
+    one, two = (
+        look_from_afar(at.scores, at.fit, at.objective, 1.0, True, Crew(n, 1, silent))
+        for n in (1, 2)
+    )
+    assert [s.log_evidence for s in two.scores] == [s.log_evidence for s in one.scores]
+    assert [r.fit.values for r in two.refits] == [r.fit.values for r in one.refits]
+    assert len(two.refits) == 2
+
+
+def test_from_where_on_a_bent_effect_is_seen_is_told_by_a_look() -> None:
+    right = examined(0.0)
+    near, far = (_of(s, "non_schmid") for s in (right.scores, look(right).scores))
+    assert near.visible[0] > 100.0 and 2.0 < far.visible[0] < 10.0
+
+
+def test_causes_that_do_not_bend_keep_their_scores(hidden: Examined) -> None:
+    found = look(hidden).scores
+    assert {s.cause.name for s in found} == {s.cause.name for s in hidden.scores}
+    for score in hidden.scores:
+        if not score.cause.bends:
+            assert _of(found, score.cause.name) is score
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_model_that_is_right_gets_nothing_from_afar(seed: int) -> None:
+    found = look(examined(0.0, seed=seed))
+    assert all(s.p >= NAMING_LEVEL for s in found.scores)
+    assert not found.refits
+
+
+def test_a_side_that_cannot_be_simulated_is_told_and_the_other_is_looked_at() -> None:
+    told: list[str] = []
+    found = look(examined(-TRUTH, Brittle), told.append)
+    assert "  a1 = 0.3 cannot be simulated (no solution)" in told
+    assert _of(found.scores, "non_schmid").p < NAMING_LEVEL
+
+
+class Elsewhere(Bent):
+    """A solver on another machine, where a non-Schmid stress is large."""
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        if abs(simulation.material.a1) > 0.1:
+            raise PreparedError([Path(f"jobs/{simulation.material.a1:+.1f}")])
+        return super().answer(simulation)
+
+
+def test_both_sides_are_prepared_at_once() -> None:
+    with pytest.raises(PreparedError) as error:
+        look(examined(TRUTH, Elsewhere))
+    assert sorted(error.value.folders) == [Path("jobs/+0.3"), Path("jobs/-0.3")]
+
+
+def test_a_round_names_what_only_a_look_from_afar_shows(hidden: Examined) -> None:
+    settings = replace(SETTINGS, wanted=("non_schmid",))
+    meshes = FinerMeshes(replace(finer(closed_form.bench()), adapter=Bent(0.001)))
+    found = examine(hidden.fit, hidden.objective, (), settings, Stops(None), None, meshes, silent)
+    assert found.winner is not None and found.winner.cause.name == "non_schmid"
+    assert found.winner.fit.values["a1"] == pytest.approx(TRUTH, abs=0.04)
+
+
+def test_along_a_parameter_at_its_bound_the_residual_is_seen_from_afar_as_well(
+    hidden: Examined,
+) -> None:
+    """A look is scored as if what is held at its bound were given."""
+    objective, fitted = hidden.objective, hidden.fit
+    known = objective.parameters
+    held = replace(known["tau0"], upper=fitted.values["tau0"])
+    objective = replace(objective, parameters={**known, "tau0": held})
+    assert fitted.at_bounds(objective.parameters) == ("tau0",)
+    at = replace(hidden, objective=objective)
+    given = replace(at, fit=replace(fitted, best=fitted.inside(objective)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(finite_step_score, "PROMISING", 0.0)  # no refit, which frees it again
+        one, other, free = (_of(look(seen).scores, "non_schmid") for seen in (at, given, hidden))
+    assert one.visible == pytest.approx(other.visible)
+    assert one.visible != pytest.approx(free.visible, rel=1e-3)

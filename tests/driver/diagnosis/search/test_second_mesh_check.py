@@ -1,0 +1,188 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from driver.common.progress import silent
+from driver.diagnosis.answer.result_types import Diagnosis, Settings
+from driver.diagnosis.search.diagnose import diagnose
+from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.second_mesh_check import held_against_both
+from driver.diagnosis.statistics.score_test import effects_of
+from driver.diagnosis.statistics.screening import screen, screened
+from driver.forward.model import ForwardModel
+from solver_adapters.interface import PreparedError, Simulation, SolverError
+from tests.driver import closed_form
+from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
+
+FloatArray = NDArray[np.float64]
+
+DRIFT = 4e-4
+WANTED = replace(SETTINGS, wanted=("tilt_drift",))
+BENCH = closed_form.bench()
+FINE = finer(BENCH)
+
+
+class ErringMesh(closed_form.ClosedFormSolver):
+    """A mesh whose error is a tilt that grows during the test; the mean of both has half of it."""
+
+    drift = 2 * DRIFT
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        motion, load = super().answer(simulation)
+        grown = np.linspace(0.0, self.drift, len(motion))
+        x = simulation.mesh.points[simulation.output_nodes, 0]
+        motion[..., 2] += grown[:, None] * (x - x.mean())
+        return motion, load
+
+
+ERRING = replace(BENCH.model, adapter=ErringMesh(0.001))
+
+
+def diagnosed(
+    drift: float, another: ForwardModel, settings: Settings = WANTED
+) -> tuple[Diagnosis, list[str]]:
+    """The diagnosis of a test with so much drift."""
+    made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": drift})
+    objective, baseline = identified(BENCH, made)
+    lines: list[str] = []
+    found = diagnose(
+        baseline, objective, FinerMeshes(FINE, lambda: another), BENCH.history.cycle, settings,
+        lines.append,
+    )  # fmt: skip
+    return found, lines
+
+
+def test_what_is_there_on_another_mesh_as_well_is_named() -> None:
+    found, _ = diagnosed(DRIFT, FINE)
+    assert found.verdict.kind == "named" and found.verdict.causes == ("tilt_drift",)
+
+
+class LittleErringMesh(ErringMesh):
+    """The same with a quarter of the effect that is there."""
+
+    drift = 0.5 * DRIFT
+
+
+def test_what_is_named_has_the_mean_of_both_meshes_and_what_either_is_off_is_told() -> None:
+    little = replace(BENCH.model, adapter=LittleErringMesh(0.001))
+    (one, _), (both, lines) = (diagnosed(DRIFT, mesh) for mesh in (FINE, little))
+    assert one.verdict.causes == both.verdict.causes == ("tilt_drift",)
+    half = 0.25 * DRIFT
+    moved = both.extended.values["tilt_drift"] - one.extended.values["tilt_drift"]
+    assert moved == pytest.approx(-half, rel=0.05)
+    assert both.off_by_mesh("tilt_drift") == pytest.approx(half, rel=0.05)
+    assert both.gate.effect < 0.1 and any("moved by" in line for line in lines)
+
+
+@pytest.mark.parametrize("size", [DRIFT, 3 * DRIFT])
+def test_where_both_meshes_agree_neither_is_off(size: float) -> None:
+    found, _ = diagnosed(size, FINE)
+    assert found.off_by_mesh("tilt_drift") == 0.0
+
+
+def test_what_another_mesh_takes_away_is_not_named_and_a_finer_one_is_asked_for() -> None:
+    found, lines = diagnosed(DRIFT, ERRING)
+    assert found.verdict.kind == "numerics" and not found.causes
+    assert "what looks like tilt_drift is gone on another mesh" in found.verdict.text
+    assert "a mesh half as large is needed" in found.verdict.text
+    assert found.gate.between_meshes and found.gate.needed == "mesh"
+    first = found.steps[0].scores[0]
+    assert found.gate.effect == pytest.approx(2 * np.linalg.norm(first.components), rel=0.3)
+    assert not found.steps[0].refits
+    assert any("moved by" in line for line in lines)
+
+
+class BrokenMesh(closed_form.ClosedFormSolver):
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        raise SolverError("no step is short enough")
+
+
+def test_where_the_other_mesh_cannot_be_simulated_one_has_to_do() -> None:
+    found, lines = diagnosed(DRIFT, replace(BENCH.model, adapter=BrokenMesh()))
+    assert found.verdict.kind == "named" and found.off_by_mesh("tilt_drift") is None
+    assert any("no step is short enough" in line for line in lines)
+
+
+class Elsewhere(closed_form.ClosedFormSolver):
+    """A solver on another machine."""
+
+    folder = Path("jobs/one")
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        raise PreparedError([self.folder])
+
+
+class ElsewhereToo(Elsewhere):
+    folder = Path("jobs/another")
+
+
+def test_the_jobs_of_both_meshes_are_prepared_at_once() -> None:
+    one, another = (
+        replace(BENCH.model, adapter=solver(0.001)) for solver in (Elsewhere, ElsewhereToo)
+    )
+    objective, baseline = identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
+    with pytest.raises(PreparedError) as error:
+        FinerMeshes(one, lambda: another).corrections(objective.model, baseline, True, silent)
+    assert error.value.folders == (Elsewhere.folder, ElsewhereToo.folder)
+
+
+def test_without_a_finding_no_other_mesh_is_tried() -> None:
+    found, lines = diagnosed(0.0, ERRING)
+    assert found.verdict.kind == "nothing wrong"
+    assert not any("another mesh" in line for line in lines)
+
+
+def test_what_the_derivatives_show_is_held_against_another_mesh_before_looks_from_afar() -> None:
+    """Looks at a fit that the other mesh changes would be made twice."""
+    wanted = replace(WANTED, wanted=("tilt_drift", "non_schmid"))
+    look, other = "looking from afar", "the same on another mesh"
+    for drift, expected in ((DRIFT, [other, look]), (0.0, [look])):
+        _, lines = diagnosed(drift, FINE, wanted)
+        added = [k for k, line in enumerate(lines) if line.startswith("adding")]
+        first = lines[: added[0]] if added else lines
+        assert [t for line in first for t in (look, other) if line.startswith(t)] == expected
+
+
+def test_what_no_mesh_moves_is_as_significant_as_before() -> None:
+    """By the number of tries that its own p counts: looks from afar have more than causes."""
+    made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": DRIFT})
+    objective, here = identified(BENCH, made)
+    candidates, names = screened(objective.model, here.best.free, WANTED.wanted)
+    wide = objective.evaluate(here.values, names)
+    effects = effects_of(candidates, wide, objective.parameters)
+    (one, *rest), widened = screen(here, objective, candidates, effects, SETTINGS.sizes)
+    looked = replace(one, family=4 * one.family, p=4 * one.p)
+    lines: list[str] = []
+    found = held_against_both(
+        FinerMeshes(FINE, lambda: FINE), here, objective, [looked, *rest], widened, lines.append
+    )
+    assert found is not None and found.lost is None
+    (told,) = (line for line in lines if "moved by" in line)
+    assert told.endswith(f"moved by 0.0 σ, p {looked.p:.2g} → {looked.p:.2g}")
+
+
+def test_what_no_mesh_takes_away_is_named_with_the_mean_of_both_as_well() -> None:
+    found, _ = diagnosed(4 * DRIFT, ERRING)
+    assert found.verdict.kind == "named"
+    # Of the two finer meshes one sees all of it, and the other one half of it.
+    assert found.extended.values["tilt_drift"] == pytest.approx(3 * DRIFT, rel=0.1)
+    assert found.off_by_mesh("tilt_drift") == pytest.approx(DRIFT, rel=0.1)
+
+
+def test_what_the_meshes_differ_by_is_taken_at_the_extended_model() -> None:
+    """A mesh that errs as long as the cause is not in the model, and no more when it is."""
+    meshes = [replace(BENCH.model, adapter=LittleErringMesh(0.001)), FINE]
+    made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": DRIFT})
+    objective, baseline = identified(BENCH, made)
+    both = FinerMeshes(FINE, lambda: meshes.pop(0))
+    found = diagnose(baseline, objective, both, BENCH.history.cycle, WANTED, silent)
+    assert found.verdict.causes == ("tilt_drift",) and not meshes
+    assert found.off_by_mesh("tilt_drift") == pytest.approx(0.0, abs=1e-5 * DRIFT)
+    agreeing, _ = diagnosed(DRIFT, FINE)
+    value = agreeing.extended.values["tilt_drift"]
+    assert found.extended.values["tilt_drift"] == pytest.approx(value, rel=1e-3)

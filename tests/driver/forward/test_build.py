@@ -1,0 +1,176 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from driver.case.model import Case, load_case
+from driver.common.errors import InputError
+from driver.experiment.reading import read_experiment
+from driver.forward import build
+from driver.forward.build import (
+    adapter_of,
+    another_mesh_of,
+    build_model,
+    geometry_of,
+    integration_of,
+    mesh_of,
+    surface_images,
+)
+from meshes.prism_mesh import PrismMesh
+from solver_adapters.bundled.adapter import BundledAdapter
+from solver_adapters.finite_differences import FiniteDifferences
+from solver_adapters.interface import Capabilities, UnsupportedError
+from tests.driver import closed_form
+from tests.driver.closed_form import LENGTH, PIXEL, WIDTH
+
+
+class SmallStrainSolver(closed_form.ClosedFormSolver):
+    def capabilities(self) -> Capabilities:
+        return Capabilities(frozenset({"tau0"}), frozenset({"small"}), derivatives=True)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("specimen")
+    closed_form.write_files(folder, {})
+    return folder
+
+
+def changed(case: Case, table: str, **update: object) -> Case:
+    return case.model_copy(update={table: getattr(case, table).model_copy(update=update)})
+
+
+def test_the_geometry_is_that_of_the_case() -> None:
+    geometry = geometry_of(closed_form.small_case())
+    assert (geometry.length, geometry.width) == (LENGTH, WIDTH)
+    assert geometry.depth == pytest.approx(WIDTH * np.sqrt(3) / 2)
+    assert geometry.boundary_point == (0.0, 2.0, 0.0)
+
+
+def test_a_strain_measure_that_the_solver_lacks_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(build, "find_adapter", lambda name, profile: SmallStrainSolver())
+    case = closed_form.small_case()
+    with pytest.raises(InputError) as error:
+        adapter_of(case)
+    assert str(error.value) == (
+        'material.strain_measure: found "finite", expected one of small '
+        "(what the solver bundled offers)"
+    )
+    assert adapter_of(changed(case, "material", strain_measure="small")).name == "closed form"
+
+
+class Underived(SmallStrainSolver):
+    def capabilities(self) -> Capabilities:
+        return replace(super().capabilities(), derivatives=False)
+
+
+def test_a_solver_without_derivatives_is_given_some(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = changed(closed_form.small_case(), "material", strain_measure="small")
+    monkeypatch.setattr(build, "find_adapter", lambda name, profile: Underived())
+    adapter = adapter_of(changed(case, "execution", processes=3))
+    assert isinstance(adapter, FiniteDifferences) and adapter.capabilities().derivatives
+    # Not made for threads, for all that is known.
+    assert adapter.processes == 1
+
+
+def test_an_accuracy_is_finer_as_the_steps_of_the_finer_simulation() -> None:
+    b = closed_form.bench()
+
+    def accuracy(steps: int, **solver: object) -> float | None:
+        stated = changed(b.case, "solver", steps_per_interval=2, **solver)
+        adapter, pixels = b.model.adapter, closed_form.pixels()
+        model = build_model(stated, b.mesh, b.history, pixels, adapter, steps)
+        return model.simulation(b.truth).accuracy
+
+    assert accuracy(2) is None
+    assert accuracy(2, accuracy_uN=1.5) == 1.5 and accuracy(6, accuracy_uN=1.5) == 0.5
+
+
+def test_an_unknown_solver_is_refused() -> None:
+    with pytest.raises(UnsupportedError, match='solver.name: found "none"'):
+        adapter_of(changed(closed_form.small_case(), "solver", name="none"))
+
+
+def test_the_images_show_the_face_less_a_pixel_on_each_side(folder: Path) -> None:
+    case = load_case(folder / "case.toml")
+    images = surface_images(case, read_experiment(case))
+    x, y = images.xy.T
+    assert x.min() >= PIXEL - WIDTH / 2 and x.max() <= WIDTH / 2 - PIXEL
+    assert y.min() >= PIXEL and y.max() <= LENGTH - PIXEL
+    assert x.max() > WIDTH / 2 - 2.01 * PIXEL and y.max() > LENGTH - 2.01 * PIXEL
+    assert images.sigma == pytest.approx(closed_form.SIGMA, rel=0.05)
+    assert images.n_reference == closed_form.N_REPEATS
+
+
+def test_without_repeats_there_is_no_reference(folder: Path) -> None:
+    case = load_case(folder / "case.toml")
+    experiment = replace(read_experiment(case), repeats=None)
+    with pytest.raises(InputError) as error:
+        surface_images(case, experiment)
+    assert str(error.value).startswith("images.repeats: found nothing, expected repeated images")
+
+
+def test_the_ends_of_the_mesh_are_where_the_motion_is_prescribed() -> None:
+    b = closed_form.bench()
+    motion, points = b.model.boundary, b.mesh.points
+    at = points[motion.nodes]
+    np.testing.assert_allclose(at[motion.side > 0, 1], LENGTH, atol=1e-12)
+    np.testing.assert_allclose(at[motion.side < 0, 1], 0.0, atol=1e-12)
+    for end in ("PLUS", "MINUS"):
+        rows = {name: np.isin(motion.nodes, b.mesh.nodes[f"{name}_{end}"]) for name in "LP"}
+        np.testing.assert_allclose(motion.zeta[rows["L"]], 0.0, atol=1e-12)
+        np.testing.assert_allclose(motion.zeta[rows["P"]], 1.0, atol=1e-12)
+        assert motion.across[rows["L"]].min() == pytest.approx(-1.0)
+        assert motion.across[rows["L"]].max() == pytest.approx(1.0)
+
+
+def test_the_instrument_knows_the_clock_and_the_middle_of_the_face() -> None:
+    instrument = closed_form.bench().model.instrument
+    assert instrument.progress[0] == 0.0 and instrument.progress[-1] == 1.0
+    assert instrument.centre == (0.0, LENGTH / 2)
+
+
+def test_the_scheme_is_the_one_named_or_the_best_that_the_solver_has() -> None:
+    case, solver = closed_form.small_case(), SmallStrainSolver()
+    assert integration_of(case, solver) == "backward_euler"
+    assert integration_of(case, BundledAdapter()) == "exponential"
+    named = changed(case, "solver", integration="backward_euler")
+    assert integration_of(named, BundledAdapter()) == "backward_euler"
+
+
+def test_a_scheme_that_the_solver_lacks_is_refused() -> None:
+    case = changed(closed_form.small_case(), "solver", integration="exponential")
+    with pytest.raises(InputError) as error:
+        integration_of(case, SmallStrainSolver())
+    assert str(error.value) == (
+        'solver.integration: found "exponential", expected backward_euler (what the solver '
+        "bundled offers), or the key left out"
+    )
+
+
+@pytest.mark.parametrize(("length", "width", "size"), [(8.0, 6.0, 1.8), (8.0, 4.0, 1.2)])
+def test_another_mesh_has_few_nodes_in_common_where_a_little_smaller_elements_give_the_same(
+    length: float, width: float, size: float
+) -> None:
+    case = changed(closed_form.small_case(), "specimen", length_um=length, width_um=width)
+    mesh = mesh_of(case, size)
+    nodes = cKDTree(mesh.points)
+
+    def common(other: PrismMesh) -> float:
+        return float(np.mean(nodes.query(other.points)[0] < 0.02 * size))
+
+    other = another_mesh_of(case, size, mesh.points)
+    assert common(mesh_of(case, 0.93 * size)) > 0.5 and common(other) <= 0.2
+    assert 1.0 < len(other.cells) / len(mesh.cells) < 2.4
+
+
+def test_the_largest_of_the_meshes_with_few_nodes_in_common_is_taken() -> None:
+    case = closed_form.small_case()
+    other = another_mesh_of(case, 1.0, mesh_of(case, 1.0).points)
+    np.testing.assert_array_equal(other.points, mesh_of(case, 0.93).points)

@@ -1,0 +1,41 @@
+from __future__ import annotations
+
+import pickle
+
+from driver.forward.progress_adapter import WatchedSolver, sentence_of
+from solver_adapters.bundled.adapter import BundledAdapter
+from solver_adapters.interface import Progress
+from solver_adapters.material import Material
+from tests.solver_adapters.boxes import box, pulled
+
+
+def test_each_instant_before_the_last_is_told_and_all_are_passed_on() -> None:
+    told: list[str] = []
+    seen: list[Progress] = []
+    simulation = pulled(box(), Material(strain_measure="small"), (0.001, 0.002))
+    solver = WatchedSolver(BundledAdapter(), told.append)
+    response = solver.solve(simulation, progress=seen.append)
+    assert len(seen) == 2 and told == [sentence_of(seen[0])]
+    assert (seen[-1].steps, seen[-1].iterations) == (response.steps, response.iterations)
+    assert (solver.name, solver.version()) == ("bundled", BundledAdapter().version())
+    assert solver.capabilities() == BundledAdapter().capabilities()
+
+
+def test_what_is_told_of_a_run_names_times_counts_and_what_is_left() -> None:
+    state = Progress(time=120.0, end=3840.0, steps=6, iterations=21, cuts=1, remaining=12.4)
+    assert sentence_of(state) == (
+        "simulation at 120 of 3840 s: 6 steps, 21 iterations, 1 cut, 12 s left"
+    )
+    assert sentence_of(Progress(120.0, 3840.0, 6, 21, 1)).endswith("21 iterations, 1 cut")
+
+
+def test_a_run_of_an_external_solver_is_told_by_its_instant_and_its_number() -> None:
+    first = Progress(time=0.0, end=160.0, steps=0, iterations=0, cuts=0)
+    assert sentence_of(first) == "simulation at 0 of 160 s"
+    state = Progress(40.0, 160.0, 0, 0, 0, remaining=31.2, run=7, runs=46)
+    assert sentence_of(state) == "run 7 of 46: simulation at 40 of 160 s: 31 s left"
+
+
+def test_another_process_gets_the_solver_alone() -> None:
+    sent = pickle.loads(pickle.dumps(WatchedSolver(BundledAdapter(), print)))
+    assert type(sent) is BundledAdapter

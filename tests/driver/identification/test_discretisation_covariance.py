@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from driver.identification.discretisation_covariance import SimulationError, simulation_error
+from tests.driver import closed_form
+
+FloatArray = NDArray[np.float64]
+
+T, N_Z = 9, 5
+RNG = np.random.default_rng(3)
+
+
+@pytest.fixture(scope="module")
+def error() -> SimulationError:
+    root = RNG.standard_normal((N_Z, 3))
+    field = root @ root.T
+    return SimulationError(
+        2 * RNG.standard_normal((T, 2)), field / np.trace(field), 3 * RNG.standard_normal(T)
+    )
+
+
+def matrix_of(linear: FloatArray) -> FloatArray:
+    """The matrix of a symmetric operator from its answers to unit vectors."""
+    n = len(linear)
+    return np.asarray(linear.reshape(n, n))
+
+
+def test_images_are_whitened_by_the_inverse_root_of_their_covariance(
+    error: SimulationError,
+) -> None:
+    units = np.eye(T * N_Z).reshape(T * N_Z, T, N_Z)
+    root = matrix_of(error.whiten_images(units, error.shapes))
+    covariance = np.eye(T * N_Z) + np.kron(error.shapes @ error.shapes.T, error.field)
+    np.testing.assert_allclose(root @ covariance @ root.T, np.eye(T * N_Z), atol=1e-10)
+    np.testing.assert_allclose(root, root.T, atol=1e-12)
+
+
+def test_loads_are_whitened_by_the_inverse_root_of_their_covariance(
+    error: SimulationError,
+) -> None:
+    root = matrix_of(error.whiten_loads(np.eye(T), error.load))
+    covariance = np.eye(T) + np.outer(error.load, error.load)
+    np.testing.assert_allclose(root @ covariance @ root.T, np.eye(T), atol=1e-10)
+
+
+def test_no_error_of_the_loads_changes_nothing(error: SimulationError) -> None:
+    load = RNG.standard_normal(T)
+    np.testing.assert_array_equal(error.whiten_loads(load, np.zeros(T)), load)
+
+
+def test_what_is_left_is_in_proportion_to_the_correction() -> None:
+    """κ = r/(1 − r): as much again for half the element size, and nothing is left of nothing."""
+    b = closed_form.bench()
+    image = closed_form.objective(b, b.truth).data.image
+    x, y = image.images.xy.T
+    bump = 1e-3 * np.exp(-((y - 2.0) ** 2)) * x
+    motion = np.linspace(0, 1, b.history.n_images)[:, None, None] * bump[:, None]
+    motion = motion * np.array([0.2, 1.0, 0.5])
+    load = np.linspace(0, 4, b.history.n_images)
+    half = simulation_error(image, motion, load, 0.5, 0.5)
+    np.testing.assert_allclose(half.load, load)
+    assert np.trace(half.field) == pytest.approx(1.0)
+    # The power of the shapes is that of κ times the difference, seen by the images.
+    seen = image.pixel_sensitivity(motion)
+    assert np.sum(half.shapes**2) == pytest.approx(np.sum(seen**2))
+    third = simulation_error(image, 2 * motion, load, 0.5, 0.5)
+    np.testing.assert_allclose(np.abs(third.shapes), 2 * np.abs(half.shapes), atol=1e-9)
+    none = simulation_error(image, 0 * motion, 0 * load, 0.5, 0.5)
+    z = RNG.standard_normal(seen.shape)
+    np.testing.assert_allclose(none.whiten_images(z, none.shapes), z, atol=1e-12)

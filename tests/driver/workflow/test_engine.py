@@ -1,0 +1,328 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from driver.case.model import CaseError, default_case, load_case, write_case
+from driver.workflow.engine import (
+    Stage,
+    StageContext,
+    StageError,
+    finished,
+    measured_files,
+    run_stages,
+)
+from driver.workflow.run_lock import BusyError
+
+
+class Workshop:
+    """Two stages, the second built on the first, that count how often they are run."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.case_path = folder, folder / "case.toml"
+        self.runs: list[str] = []
+        self.lines: list[str] = []
+        write_case(default_case(), self.case_path)
+        for name in ("images.tif", "flats.tif", "repeats.tif", "history.csv"):
+            (folder / name).write_text(name)
+        self.stages = [
+            Stage("mesh", "1", ("specimen",), self.mesh),
+            Stage("measure", "1", ("images", "dic"), self.measure, measured_files),
+        ]
+
+    def mesh(self, context: StageContext) -> None:
+        self.runs.append("mesh")
+        (context.workdir / "mesh.txt").write_text(str(context.case.specimen.length))
+
+    def measure(self, context: StageContext) -> None:
+        self.runs.append("measure")
+        (context.workdir / "maps").mkdir()
+        (context.workdir / "maps" / "motion.txt").write_text(
+            context.result("mesh.txt").read_text() + " motion"
+        )
+
+    def run(self, **options: Any) -> list[str]:
+        """The stages that did run."""
+        self.runs.clear()
+        run_stages(self.case_path, self.stages, report=self.lines.append, **options)
+        return list(self.runs)
+
+    def edit(self, old: str, new: str) -> None:
+        text = self.case_path.read_text("utf-8")
+        assert text.count(old) == 1
+        self.case_path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+@pytest.fixture
+def workshop(tmp_path: Path) -> Workshop:
+    return Workshop(tmp_path)
+
+
+def test_what_is_done_and_unchanged_is_not_done_again(workshop: Workshop) -> None:
+    assert workshop.run() == ["mesh", "measure"]
+    results = workshop.folder / "results"
+    assert (results / "maps" / "motion.txt").read_text() == "12.0 motion"
+    assert workshop.run() == []
+    assert workshop.lines[-2:] == ["mesh: done and unchanged", "measure: done and unchanged"]
+
+
+def test_a_change_reruns_the_stages_that_depend_on_it(workshop: Workshop) -> None:
+    workshop.run()
+    workshop.edit("element_px = 16", "element_px = 20")
+    assert workshop.run() == ["measure"]
+    (workshop.folder / "flats.tif").write_text("other flats")
+    assert workshop.run() == ["measure"]
+    workshop.edit("length_um = 12.0", "length_um = 10.0")
+    assert workshop.run() == ["mesh", "measure"]
+    workshop.edit("max_iterations = 12", "max_iterations = 3")
+    assert workshop.run() == []
+
+
+def test_comments_of_the_case_and_its_place_on_the_disk_do_not_matter(
+    workshop: Workshop, tmp_path: Path
+) -> None:
+    workshop.run()
+    workshop.edit("[dic]", "# a comment\n[dic]")
+    assert workshop.run() == []
+    workshop.case_path = workshop.folder.rename(tmp_path.with_name("moved")) / "case.toml"
+    assert workshop.run() == []
+
+
+def test_new_code_reruns_its_stage_and_those_after_it(workshop: Workshop) -> None:
+    workshop.run()
+    workshop.stages[0] = replace(workshop.stages[0], version="2")
+    assert workshop.run() == ["mesh", "measure"]
+
+
+def test_a_result_that_is_gone_is_made_again(workshop: Workshop) -> None:
+    workshop.run()
+    (workshop.folder / "results" / "mesh.txt").unlink()
+    assert workshop.run() == ["mesh"]
+
+
+def test_force_reruns_and_until_stops(workshop: Workshop) -> None:
+    assert workshop.run(until="mesh") == ["mesh"]
+    assert workshop.run() == ["measure"]
+    assert workshop.run(until="mesh", force=True) == ["mesh"]
+    assert workshop.run(force=True) == ["mesh", "measure"]
+    with pytest.raises(StageError, match='--until: found "mash", expected one of mesh, measure'):
+        workshop.run(until="mash")
+
+
+def test_a_second_run_leaves_what_the_first_is_at_work_on(workshop: Workshop) -> None:
+    def measure(context: StageContext) -> None:
+        (context.workdir / "half.txt").write_text("half")
+        with pytest.raises(BusyError, match="another run, process .* is at work on it"):
+            run_stages(workshop.case_path, workshop.stages, report=workshop.lines.append)
+        assert (context.workdir / "half.txt").is_file()
+
+    workshop.stages[1] = replace(workshop.stages[1], run=measure)
+    assert workshop.run() == ["mesh"]
+    assert (workshop.folder / "results" / "half.txt").is_file()
+
+
+def test_a_stage_that_fails_leaves_the_results_of_its_last_run(workshop: Workshop) -> None:
+    workshop.run()
+
+    def failing(context: StageContext) -> None:
+        (context.workdir / "mesh.txt").write_text("half")
+        raise RuntimeError("no convergence")
+
+    good = workshop.stages[0]
+    workshop.stages[0] = replace(good, version="2", run=failing)
+    with pytest.raises(RuntimeError, match="no convergence"):
+        workshop.run()
+    assert (workshop.folder / "results" / "mesh.txt").read_text() == "12.0"
+    workshop.stages[0] = good
+    assert workshop.run() == []
+
+
+def test_a_crash_while_results_are_replaced_makes_the_stage_count_as_not_done(
+    workshop: Workshop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workshop.run()
+    workshop.edit("length_um = 12.0", "length_um = 10.0")
+    move = __import__("os").replace
+
+    def crash(source: Path, target: Path) -> None:
+        if str(target).endswith("mesh.txt"):
+            raise OSError("disk full")
+        move(source, target)
+
+    monkeypatch.setattr("driver.workflow.engine.os.replace", crash)
+    with pytest.raises(OSError, match="disk full"):
+        workshop.run()
+    monkeypatch.undo()
+    workshop.edit("length_um = 10.0", "length_um = 12.0")
+    assert workshop.run() == ["mesh"]
+
+
+def test_results_that_are_no_longer_made_go_and_those_of_others_are_kept(
+    workshop: Workshop,
+) -> None:
+    workshop.run()
+
+    def renamed(context: StageContext) -> None:
+        (context.workdir / "prism.txt").write_text("a mesh")
+
+    workshop.stages = [replace(workshop.stages[0], version="2", run=renamed)]
+    workshop.run()
+    results = workshop.folder / "results"
+    assert not (results / "mesh.txt").exists() and (results / "maps" / "motion.txt").exists()
+    record = json.loads((results / "engine.json").read_text())
+    assert record["mesh"]["outputs"] == ["prism.txt"]
+
+
+def test_a_result_that_is_damaged_is_made_anew_and_one_for_people_may_be_edited(
+    workshop: Workshop,
+) -> None:
+    def mesh(context: StageContext) -> None:
+        workshop.mesh(context)
+        (context.workdir / "mesh.json").write_text("{}")
+
+    workshop.stages[0] = replace(workshop.stages[0], run=mesh)
+    workshop.run()
+    results = workshop.folder / "results"
+    (results / "maps" / "motion.txt").write_text("edited")
+    assert workshop.run() == []
+    (results / "mesh.json").write_text("")
+    assert workshop.run() == ["mesh"]
+    assert (results / "mesh.json").read_text() == "{}"
+
+
+def test_what_was_edited_is_kept_under_another_name_when_its_stage_runs_again(
+    workshop: Workshop,
+) -> None:
+    workshop.run()
+    motion = workshop.folder / "results" / "maps" / "motion.txt"
+    for edited in ("first", "second"):
+        motion.write_text(edited)
+        workshop.run(force=True)
+        assert motion.read_text().endswith(" motion")
+    assert motion.with_name("motion.edited.txt").read_text() == "first"
+    assert motion.with_name("motion.edited1.txt").read_text() == "second"
+    assert f"{motion} has changed since it was written: it is kept as motion.edited.txt" in (
+        workshop.lines
+    )
+    workshop.run(force=True)
+    assert len(list(motion.parent.iterdir())) == 3
+
+
+def test_what_was_edited_is_kept_where_its_stage_makes_it_no_longer(workshop: Workshop) -> None:
+    workshop.run()
+    motion = workshop.folder / "results" / "maps" / "motion.txt"
+    motion.write_text("edited")
+    workshop.stages[1] = replace(workshop.stages[1], version="2", run=lambda context: None)
+    workshop.run()
+    assert not motion.exists() and motion.with_name("motion.edited.txt").read_text() == "edited"
+
+
+def test_a_result_that_is_read_back_is_kept_as_it_was_changed_when_it_is_made_anew(
+    workshop: Workshop,
+) -> None:
+    def mesh(context: StageContext) -> None:
+        workshop.mesh(context)
+        (context.workdir / "mesh.json").write_text("{}")
+
+    workshop.stages[0] = replace(workshop.stages[0], run=mesh)
+    workshop.run()
+    result = workshop.folder / "results" / "mesh.json"
+    result.write_text('{"mine": 1}')
+    assert workshop.run() == ["mesh"] and result.read_text() == "{}"
+    assert result.with_name("mesh.edited.json").read_text() == '{"mine": 1}'
+
+
+def test_the_mesh_of_a_deck_may_be_edited_and_its_stage_stays_done(workshop: Workshop) -> None:
+    def mesh(context: StageContext) -> None:
+        workshop.mesh(context)
+        (context.workdir / "decks").mkdir()
+        (context.workdir / "decks" / "job.med").write_text("made")
+
+    workshop.stages[0] = replace(workshop.stages[0], run=mesh)
+    workshop.run()
+    deck = workshop.folder / "results" / "decks" / "job.med"
+    deck.write_text("mine")
+    assert workshop.run() == []
+    assert workshop.run(force=True, until="mesh") == ["mesh"] and deck.read_text() == "made"
+    assert deck.with_name("job.edited.med").read_text() == "mine"
+
+
+def test_results_that_link_to_nothing_are_told_as_such(workshop: Workshop) -> None:
+    (workshop.folder / "results").symlink_to(workshop.folder / "not mounted")
+    with pytest.raises(StageError, match="a link to .*not mounted, which is not there"):
+        workshop.run()
+
+
+def test_a_folder_in_the_place_of_a_result_is_refused_before_the_work(workshop: Workshop) -> None:
+    workshop.run()
+    result = workshop.folder / "results" / "mesh.txt"
+    result.unlink()
+    result.mkdir()
+    with pytest.raises(StageError, match=r"mesh.txt: result: found a folder, expected a file"):
+        workshop.run()
+    assert workshop.runs == []
+
+
+def test_results_that_cannot_be_written_are_refused_in_one_sentence(workshop: Workshop) -> None:
+    (workshop.folder / "results").write_text("a file")
+    with pytest.raises(StageError, match="results: folder: found “File exists”, expected a folder"):
+        workshop.run()
+
+
+def test_stages_that_are_done_for_the_case_as_it_is_are_known(workshop: Workshop) -> None:
+    def done(*needed: str) -> frozenset[str]:
+        case = load_case(workshop.case_path)
+        return finished(workshop.case_path, case, workshop.stages, needed)
+
+    assert done() == frozenset()
+    workshop.run()
+    assert done("mesh", "measure") == {"mesh", "measure"}
+    workshop.edit("element_px = 16", "element_px = 20")
+    assert done("mesh") == {"mesh"}
+    with pytest.raises(StageError, match="stage measure: found results of another state of the"):
+        done("mesh", "measure")
+
+
+def test_one_name_for_two_results_is_refused(workshop: Workshop) -> None:
+    workshop.stages[1] = replace(workshop.stages[1], run=workshop.mesh)
+    with pytest.raises(
+        StageError, match=r"measure: found a result mesh.txt, which belongs to mesh"
+    ):
+        workshop.run()
+    assert (workshop.folder / "results" / "mesh.txt").exists()
+
+
+def test_a_result_that_no_stage_has_made_is_named(workshop: Workshop) -> None:
+    workshop.stages = workshop.stages[1:]
+    with pytest.raises(StageError, match="mesh.txt: found nothing, expected the result of an earl"):
+        workshop.run()
+
+
+def test_a_bad_case_stops_before_anything_is_written(workshop: Workshop) -> None:
+    workshop.edit("length_um = 12.0", "length_um = -1")
+    with pytest.raises(CaseError, match="specimen.length_um"):
+        workshop.run()
+    assert not (workshop.folder / "results").exists()
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"mesh": 3}', '{"mesh": {"key": "k"}}'])
+def test_a_damaged_record_is_no_record(tmp_path: Path, text: str) -> None:
+    from driver.workflow import engine
+
+    (tmp_path / "engine.json").write_text(text, encoding="utf-8")
+    assert engine.read_record(tmp_path) == {}
+
+
+def test_a_dataset_is_known_by_the_content_of_its_file(workshop: Workshop) -> None:
+    workshop.edit('frames = "images.tif"', 'frames = "images.h5:/frames"')
+    (workshop.folder / "images.h5").write_text("heights")
+    assert workshop.run() == ["mesh", "measure"] and workshop.run() == []
+    (workshop.folder / "images.h5").write_text("other heights")
+    assert workshop.run() == ["measure"]
+
+
+def test_a_file_that_cannot_be_looked_up_is_left_to_the_stage_to_tell(workshop: Workshop) -> None:
+    workshop.edit('frames = "images.tif"', f'frames = "{"a" * 300}"')
+    assert workshop.run() == ["mesh", "measure"]

@@ -1,0 +1,382 @@
+"""All stages before the report, on files, with the solver in closed form."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from driver.case.model import Case, CaseError, load_case, schema
+from driver.common.errors import InputError
+from driver.forward import build
+from driver.forward.boundary_motion import LAMBDAS
+from driver.report.measured_figures import FIGURES
+from driver.results.hdf5 import read_hdf5
+from driver.workflow import pipeline
+from driver.workflow.engine import StageError, run_stages, stage_key
+from meshes.files import read_med
+from solver_adapters.interface import PreparedError, Progress, Response, Simulation
+from solver_adapters.profile import Profile
+from tests.driver import closed_form
+from tests.driver.closed_form import KNOTS
+
+CURVATURE = 0.1
+
+
+@dataclass
+class Run:
+    """A folder with a case, and what its stages said."""
+
+    folder: Path
+    lines: list[str] = field(default_factory=list)
+
+    @property
+    def path(self) -> Path:
+        return self.folder / "case.toml"
+
+    @property
+    def results(self) -> Path:
+        return self.folder / "results"
+
+    def __call__(self, until: str = "diagnose") -> list[str]:
+        """The stages that were run."""
+        self.lines.clear()
+        run_stages(
+            self.path, pipeline.stages(load_case(self.path)), until, report=self.lines.append
+        )
+        return [line.split(":")[0] for line in self.lines if line.endswith(": started")]
+
+    def edit(self, old: str, new: str) -> None:
+        text = self.path.read_text("utf-8")
+        assert text.count(old) == 1, old
+        self.path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def solver(name: str, profile: Profile) -> closed_form.ClosedFormSolver:
+    return closed_form.ClosedFormSolver(0.001)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A case of which mesh, measure, identify and diagnose have run."""
+    run = Run(tmp_path_factory.mktemp("curved"))
+    # A specimen whose elongation is not proportional to stage travel.
+    closed_form.write_files(run.folder, {"stretch_curvature": CURVATURE, "tau0": 44.0})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "find_adapter", solver)
+        assert run() == ["mesh", "measure", "identify", "diagnose"]
+    return run
+
+
+@pytest.fixture
+def copied(finished: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """A copy of the finished case that a test may change."""
+    monkeypatch.setattr(build, "find_adapter", solver)
+    shutil.copytree(finished.folder, tmp_path / "case")
+    return Run(tmp_path / "case")
+
+
+class Elsewhere(closed_form.ClosedFormSolver):
+    """A solver whose jobs are prepared only, and that keeps what it was asked for."""
+
+    def __init__(self, profile: Profile, asked: list[tuple[Profile, Path | None]]) -> None:
+        super().__init__(0.001)
+        self.profile, self.asked = profile, asked
+
+    def solve(
+        self,
+        simulation: Simulation,
+        workspace: Path | None = None,
+        progress: Callable[[Progress], None] | None = None,
+    ) -> Response:
+        self.asked.append((self.profile, workspace))
+        if self.profile.prepare_only and len(self.asked) > 1:
+            raise PreparedError([Path("key")])
+        return super().solve(simulation, workspace, progress)
+
+
+def test_prepared_jobs_stop_the_run_and_a_later_run_goes_on(
+    copied: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[Profile, Path | None]] = []
+    monkeypatch.setattr(build, "find_adapter", lambda name, profile: Elsewhere(profile, asked))
+    copied.edit('name = "bundled"', 'name = "elsewhere"')
+    copied.edit("# [solver.profiles.code_aster]", "[solver.profiles.elsewhere]\nthreads = 3")
+    with pytest.raises(PreparedError):
+        pipeline.run(copied.path, None, False, copied.lines.append, prepare_only=True)
+    assert len(asked) == 2 and asked[0] == asked[1]
+    assert asked[0] == (Profile(threads=3, prepare_only=True), copied.results / "jobs")
+    assert copied("identify") == ["identify"]
+    assert asked[-1] == (Profile(threads=3), copied.results / "jobs")
+    assert copied("identify") == []
+
+
+def test_how_a_program_is_called_makes_no_stage_stale(copied: Run) -> None:
+    copied.edit("# [solver.profiles.code_aster]", "[solver.profiles.bundled]\nthreads = 3")
+    assert copied() == []
+
+
+def test_the_bundled_solver_has_no_jobs_to_prepare(copied: Run) -> None:
+    with pytest.raises(StageError, match='--prepare-only: found solver.name = "bundled"'):
+        pipeline.run(copied.path, None, False, copied.lines.append, prepare_only=True)
+    assert not (copied.results / "jobs").exists()
+
+
+def test_both_meshes_are_written_for_solvers_and_for_eyes(finished: Run) -> None:
+    working, fine = (read_med(finished.results / name) for name in ("mesh.med", "mesh_fine.med"))
+    assert len(fine.cells) > len(working.cells) and working.n_grains == 2
+    assert (finished.results / "mesh.vtu").is_file()
+    assert (finished.results / "mesh_fine.vtu").is_file()
+
+
+def test_the_elongation_is_measured(finished: Run) -> None:
+    measured = read_hdf5(finished.results / "measure.h5")
+    history = closed_form.history()
+    at_knots = measured["elongation"][history.turning] - measured["elongation"][0]
+    sigma = float(measured["elongation_sigma"])
+    assert sigma < 4e-3
+    np.testing.assert_allclose(at_knots, [0, *KNOTS], atol=4.5 * sigma)
+    assert np.sqrt(np.mean(measured["chi"] ** 2)) == pytest.approx(1.0, abs=0.05)
+    np.testing.assert_array_equal(measured["cycle"], history.cycle)
+    with (finished.results / "measure.csv").open(encoding="utf-8", newline="") as file:
+        written = [float(row["elongation_nm"]) for row in csv.DictReader(file)]
+    np.testing.assert_allclose(written, 1e3 * measured["elongation"], rtol=1e-4)
+
+
+def test_the_residual_over_its_noise_is_that_of_chi(finished: Run) -> None:
+    measured = read_hdf5(finished.results / "measure.h5")
+    over = measured["residual_over_noise"]
+    np.testing.assert_allclose(np.sqrt(np.mean(over**2, axis=1)), measured["chi"], rtol=1e-5)
+    # Interpolation keeps between 0.43² and all of the variance of an image's noise; the
+    # reference adds its share.
+    sigma = np.abs(measured["residual"] / over).ravel() / float(measured["sigma"])
+    share = 1.0 / float(measured["n_reference"])
+    assert 0.95 * np.sqrt(0.43**2 + share) < sigma.min()
+    assert sigma.max() < np.sqrt(1.0 + share) + 1e-6
+
+
+def test_the_mean_height_change_is_as_sure_as_the_mean_of_that_many_pixels(finished: Run) -> None:
+    measured = read_hdf5(finished.results / "measure.h5")
+    w = measured["motion"][..., 2]
+    np.testing.assert_allclose(measured["mean_w"], w.mean(axis=1), atol=1e-12)
+    pixels = measured["sigma"] * np.sqrt((1.0 + 1.0 / measured["n_reference"]) / w.shape[1])
+    assert 1.0 <= float(measured["mean_w_sigma"] / pixels) < 1.2
+
+
+def test_the_elements_of_both_meshes_fill_the_region_once(finished: Run) -> None:
+    measured = read_hdf5(finished.results / "measure.h5")
+    for name in ("uv", "w"):
+        nodes, cells = measured[f"nodes_{name}"], measured[f"cells_{name}"]
+        x, y = np.moveaxis(nodes[cells], -1, 0)
+        areas = (x * np.roll(y, -1, 1) - y * np.roll(x, -1, 1)).sum(axis=1) / 2
+        assert np.all(areas < 0) or np.all(areas > 0)
+        assert abs(areas.sum()) == pytest.approx(np.prod(np.ptp(nodes, axis=0)))
+
+
+def test_a_run_until_the_measurement_leaves_its_pictures(finished: Run) -> None:
+    for name in FIGURES:
+        assert (finished.results / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_identification_is_written_with_its_uncertainty(finished: Run) -> None:
+    found = read_hdf5(finished.results / "identify.h5")
+    n = len(found["values"])
+    assert found["covariance"].shape == (n, n) and np.linalg.eigvalsh(found["covariance"])[0] > 0
+    np.testing.assert_allclose(np.diag(found["correlation"]), 1.0)
+    assert float(found["budget/model"]) == pytest.approx(1.0, abs=0.1)
+    assert float(found["budget/load"]) > 2  # the elongation is not proportional to stage travel
+    assert found["prior/width"].shape == found["prior/mean"].shape == (n,)
+    assert found["initial/load"].shape == found["final/load"].shape
+    text = (finished.results / "identify.csv").read_text("utf-8").splitlines()
+    assert text[0] == "parameter,value,sigma,unit" and len(text) == n + 1
+    stages = json.loads((finished.results / "identify_history.json").read_text("utf-8"))
+    assert list(stages) == ["A", "B", "C"]
+    assert all("σ" in stage["reason"] and stage["seconds"] > 0 for stage in stages.values())
+
+
+def test_the_identification_keeps_what_the_paper_shows(finished: Run) -> None:
+    found = read_hdf5(finished.results / "identify.h5")
+    names = [name.decode() for name in found["hessian_names"].tolist()]
+    assert names == [*LAMBDAS, "tau0", "c", "d"]
+    hessian = found["kinematic_hessian"]
+    np.testing.assert_allclose(hessian, hessian.T)
+    # Of the law the images of this bar may see a combination alone: null but for rounding.
+    strength = np.linalg.eigvalsh(hessian)
+    assert strength[0] > -1e-12 * strength[-1] and np.all(np.diag(hessian) > 0)
+    for key in ("chi", "chi_f", "chi_F"):
+        start, end = found[f"paper/{key}"]
+        assert start > end > 0
+        assert found[f"history/A/paper_{key}"][0] == start
+        assert found[f"history/C/paper_{key}"][-1] == end
+    last = found["values"][-1]
+    assert any(found[f"history/C/{name}"][-1] == last for name in ("tau0", "c", "d"))
+    assert "history/B/lambda_plus_Y" not in found
+    assert np.all((found["prior_share"] >= 0) & (found["prior_share"] <= 1))
+
+
+def test_boundary_noise_and_the_order_of_the_paper_go_through_to_the_diagnosis(
+    copied: Run,
+) -> None:
+    copied.edit("jitter_nm = 0.0", "jitter_nm = 0.05")
+    copied.edit('order = "joint"', 'order = "paper"')
+    copied.edit("starts = 1", "starts = 2")
+    copied.edit('causes = "all"', 'causes = ["load_gain"]')
+    assert copied() == ["identify", "diagnose"]
+    found = read_hdf5(copied.results / "identify.h5")
+    assert found["jitter/load"].shape == (44, 44) and len(found["values"]) == 3
+    assert len(found["starts/cost"]) == 2 and found["starts/tau0"][0] > 0
+    record = json.loads((copied.results / "diagnosis.json").read_text("utf-8"))
+    # What the identification held is free again: an error of a knot is none of the model.
+    baseline = record["baseline"]["values"]
+    assert {"tau0", "c", "d", "lambda_plus_Y", "elongation_1", "tilt_1"} <= set(baseline)
+
+
+def test_a_parameter_that_nothing_sees_ends_the_run_in_one_sentence(copied: Run) -> None:
+    """The closed form knows no second back stress while c2 is 0: d2 changes nothing."""
+    copied.edit('parameters = ["tau0", "c", "d"]', 'parameters = ["tau0", "c", "d", "d2"]')
+    copied.edit('prior = "gaussian"', 'prior = "none"')
+    with pytest.raises(InputError, match="^identification: found that d2 changes nothing that"):
+        copied("identify")
+    copied.edit('prior = "none"', 'prior = "gaussian"')
+    copied("identify")
+    told = [line for line in copied.lines if "hardly see" in line]
+    assert any("d2: the data hardly see it; 100% of its variance is that of" in t for t in told)
+
+
+def test_the_cause_is_named_in_the_record(finished: Run) -> None:
+    record = json.loads((finished.results / "diagnosis.json").read_text("utf-8"))
+    assert record["verdict"] == "named" and record["causes"] == ["stretch_not_proportional"]
+    added = record["added"]["stretch_curvature"]
+    assert added["value"] == pytest.approx(CURVATURE, abs=4 * added["sigma"] + 0.005)
+    gain = record["gain"]
+    assert gain["share_of_excess_explained"] == pytest.approx(1.0, abs=0.2)
+    assert gain["budget_before"]["load"] > 2 > gain["budget_after"]["load"]
+    assert gain["held_out"]["chi_load_after"] < gain["held_out"]["chi_load_before"]
+    assert set(gain["shift_in_sigma"]) == {"tau0", "c", "d"}
+    scored = {cause["cause"]: cause for cause in record["steps"][0]["causes"]}
+    assert scored["boundary_tilt"]["smallest_visible"] == [None, None]
+    assert scored["stretch_not_proportional"]["refit"]["values"]["stretch_curvature"] > 0.05
+    arrays = read_hdf5(finished.results / "diagnosis.h5")
+    assert arrays["before/load"].shape == arrays["after/load"].shape == (44,)
+
+
+def test_the_extended_case_stands_by_itself(copied: Run) -> None:
+    extended = copied.results / "extended.toml"
+    case = load_case(extended)
+    assert case.extensions == {"stretch_curvature": pytest.approx(CURVATURE, abs=0.01)}
+    assert case.images.frames is not None
+    assert case.path(case.images.frames).is_file() and case.path(case.history.file).is_file()
+    beside = json.loads((copied.results / "case.schema.json").read_text("utf-8"))
+    assert extended.read_text("utf-8").startswith("#:schema ./case.schema.json")
+    assert beside == schema()
+    # It can be run: the cause is part of the model now, and nothing is wrong any more.
+    again = copied.folder / "results" / "extended.toml"
+    lines: list[str] = []
+    run_stages(again, pipeline.stages(case), "diagnose", report=lines.append)
+    record = json.loads((copied.results / "results" / "diagnosis.json").read_text("utf-8"))
+    assert record["verdict"] == "nothing wrong"
+    assert record["baseline"]["values"]["stretch_curvature"]["value"] == pytest.approx(
+        CURVATURE, abs=0.01
+    )
+
+
+def test_a_changed_diagnosis_reruns_nothing_before_it(copied: Run) -> None:
+    assert copied() == []
+    copied.edit("refit = 2", "refit = 1")
+    assert copied() == ["diagnose"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('causes = "all"', 'causes = ["load_gain", "magic"]',
+         'diagnosis.causes: found "magic", expected one of isotropic_hardening, latent_hard'),
+        ('held_out_cycle = "last"', "held_out_cycle = 4",
+         "diagnosis.held_out_cycle: found 4, expected one of the 2 cycle(s)"),
+        ("left_out = []", f"left_out = {list(range(18, 44))}",
+         "loads.left_out: found all loads of cycle 2, which is held out, expected some that it"),
+    ],
+)  # fmt: skip
+def test_a_diagnosis_that_cannot_be_asked_for_is_one_sentence(
+    copied: Run, old: str, new: str, sentence: str
+) -> None:
+    copied.edit(old, new)
+    with pytest.raises(CaseError) as error:
+        pipeline.run(copied.path, None, True, copied.lines.append)
+    assert str(error.value).startswith(f"{copied.path}: {sentence}")
+    assert not any("started" in line for line in copied.lines)
+    # What was found before is still there.
+    assert (copied.results / "diagnosis.json").is_file()
+
+
+def test_a_lost_result_of_an_earlier_stage_is_made_again(copied: Run) -> None:
+    (copied.results / "measure.h5").unlink()
+    assert copied("identify")[0] == "measure"
+
+
+def test_the_stages_are_known_by_name(copied: Run) -> None:
+    with pytest.raises(StageError, match='found "fit", expected one of mesh, measure, identify'):
+        pipeline.run(copied.path, "fit", False, copied.lines.append)
+
+
+def test_a_run_takes_the_case_and_its_threads_from_the_file(
+    copied: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    threads: list[int] = []
+    monkeypatch.setattr(pipeline, "use_threads", threads.append)
+    copied.edit("threads = 1", "threads = 3")
+    copied.edit("processes = 1", "processes = 2")
+    pipeline.run(copied.path, "mesh", True, copied.lines.append)
+    assert copied.lines[0].startswith("all stages take about") and threads == [6]
+    assert copied.lines[1] == "mesh: started"
+    assert copied.lines[-1].startswith("mesh: finished in")
+
+
+# Which tables of the case each stage depends on, and with it all stages after it.
+FIRST_STAGE = {
+    "specimen": "mesh", "images": "measure", "history": "measure", "sections": "measure",
+    "loads": "measure", "dic": "measure", "grains": "identify", "orientation": "identify",
+    "material": "identify", "boundary": "identify", "solver": "identify",
+    "identification": "identify", "extensions": "identify", "diagnosis": "diagnose",
+}  # fmt: skip
+CHANGES: dict[str, dict[str, object]] = {
+    "specimen": {"mesh_size_um": 1.3}, "images": {"noise_nm": 8.0}, "history": {"file": "h.csv"},
+    "sections": {"macroscopic_mm2": 2.9}, "loads": {"noise_uN": 5.0}, "dic": {"element_px": 11},
+    "orientation": {"ebsd_to_specimen": ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))},
+    "material": {"tau0_MPa": 41.0}, "boundary": {"U_X": "free"}, "solver": {"name": "other"},
+    "identification": {"max_iterations": 7}, "diagnosis": {"refit": 1},
+    "execution": {"processes": 7},
+}  # fmt: skip
+
+
+def keys(case: Case) -> dict[str, str]:
+    found: dict[str, str] = {}
+    key = ""
+    for stage in pipeline.stages(case):
+        key = found[stage.name] = stage_key(stage, case, key)
+    return found
+
+
+@pytest.mark.parametrize("table", Case.model_fields)
+def test_a_stage_and_those_after_it_depend_on_its_tables_and_no_others(table: str) -> None:
+    case = closed_form.small_case()
+    if table == "grains":
+        grain = case.grains[0].model_copy(update={"euler_deg": (1.0, 2.0, 3.0)})
+        changed = case.model_copy(update={"grains": (grain, case.grains[1])})
+    elif table == "extensions":
+        changed = case.model_copy(update={"extensions": {"load_gain": 0.01}})
+    else:
+        update = getattr(case, table).model_copy(update=CHANGES[table])
+        changed = case.model_copy(update={table: update})
+    before, after = keys(case), keys(changed)
+    names = list(before)
+    assert names == ["mesh", "measure", "identify", "diagnose", "report"]
+    stale = [name for name in names if before[name] != after[name]]
+    first = FIRST_STAGE.get(table)  # how the machine is used changes no result
+    assert stale == (names[names.index(first) :] if first else [])
