@@ -33,10 +33,10 @@ from driver.dic.elongation import edge_motion
 from driver.dic.series import measure
 from driver.experiment.history import History
 from driver.experiment.reading import read_experiment
-from driver.forward.boundary_motion import LAMBDAS, elongation_names, tilt_names
 from driver.forward.build import mesh_of, surface_images
 from driver.identification.identify import identify
 from driver.identification.priors import LAMBDA_PRIOR
+from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.virtual.command import true_case
 from driver.virtual.settings import Discretisation, Virtual
 from driver.virtual.truth import pull, stage_program

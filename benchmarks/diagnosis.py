@@ -21,7 +21,7 @@ import numpy as np
 from driver.case.model import load_case
 from driver.diagnosis.statistics.screening import screened
 from driver.experiment.history import knot_weights, read_history
-from driver.forward.boundary_motion import LAMBDAS
+from driver.parameters.boundary import LAMBDAS
 from driver.results.hdf5 import read_hdf5
 from driver.workflow import pipeline
 from driver.workflow.engine import RESULTS, StageContext

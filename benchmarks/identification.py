@@ -21,7 +21,7 @@ from benchmarks.diagnosis import ALPHA, TRUTH
 from benchmarks.identified import Found, identify_case, variant
 from benchmarks.measuring import show
 from benchmarks.updating import Updated, update
-from driver.forward.boundary_motion import LAMBDAS
+from driver.parameters.boundary import LAMBDAS
 
 RESULTS = Path(__file__).parent / "results"
 DRAWS = RESULTS / "coverage.jsonl"

@@ -14,9 +14,9 @@ import numpy as np
 from benchmarks.identified import Found, identify_case, read_truth, variant
 from benchmarks.measuring import show
 from driver.case.model import load_case
-from driver.forward.boundary_motion import LAMBDAS
-from driver.forward.surface_projection import POSE_DECLARATIONS
 from driver.identification.fit import fit
+from driver.parameters.boundary import LAMBDAS
+from driver.parameters.pose import POSE_DECLARATIONS
 from driver.results.hdf5 import read_hdf5
 from driver.virtual.command import virtual
 from driver.workflow.engine import RESULTS, StageContext

@@ -13,7 +13,7 @@ from driver.case.model import Case
 from driver.case.solver import Solver
 from driver.case.specimen import Grain, Specimen
 from driver.experiment.history import History
-from driver.forward.boundary_motion import elongation_names, tilt_names
+from driver.parameters.boundary import elongation_names, tilt_names
 
 CYCLES = ((8, 2), (8, 2))
 """Images during loading and during unloading of each cycle."""

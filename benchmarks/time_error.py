@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.diagnosis import ALPHA, TRUTH
 from driver.case.model import load_case
-from driver.forward.boundary_motion import LAMBDAS
+from driver.parameters.boundary import LAMBDAS
 from driver.workflow import pipeline
 from driver.workflow.engine import StageContext
 from driver.workflow.identify_stage import load_workbench

@@ -19,10 +19,10 @@ from scipy.optimize import least_squares
 
 from driver.case.model import load_case
 from driver.experiment.reading import read_experiment
-from driver.forward.boundary_motion import LAMBDAS
 from driver.forward.build import adapter_of, build_model
 from driver.forward.model import ForwardModel
 from driver.identification.identify import start_values
+from driver.parameters.boundary import LAMBDAS
 from driver.results.hdf5 import read_hdf5
 from driver.workflow.engine import RESULTS
 from driver.workflow.mesh_stage import MESH

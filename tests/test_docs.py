@@ -13,7 +13,7 @@ from driver.diagnosis.answer.verdict import Kind
 from driver.diagnosis.causes.all_causes import EVERY
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.causes.noise_causes import COVARIANCE
-from driver.forward.model import declared_parameters
+from driver.parameters.registry import declared_parameters
 from driver.report.findings import FILES
 from solver_adapters.jobs.status import CACHED, Status
 from solver_adapters.material import MATERIAL_PARAMETERS

@@ -8,7 +8,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from driver.case.messages import refusal
 from driver.case.values import FileName, Frame, NonNegative, Number, Positive, Table
-from driver.forward.load_lag import LARGEST_LAG
+from driver.parameters.instrument import LARGEST_LAG
 
 
 def _each_once(numbers: tuple[int, ...]) -> tuple[int, ...]:

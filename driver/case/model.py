@@ -20,9 +20,9 @@ from driver.case.specimen import Grain, Orientation, Specimen
 from driver.case.toml import read_toml
 from driver.case.values import Number, Table, Vector
 from driver.common.errors import InputError, one_of
-from driver.forward.boundary_motion import LAMBDAS
-from driver.forward.model import declared_parameters
-from driver.forward.surface_projection import POSE_DECLARATIONS
+from driver.parameters.boundary import LAMBDAS
+from driver.parameters.pose import POSE_DECLARATIONS
+from driver.parameters.registry import declared_parameters
 from templates import render
 
 FloatArray = NDArray[np.float64]

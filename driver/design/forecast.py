@@ -20,12 +20,12 @@ from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.user_causes import own_causes
 from driver.diagnosis.statistics.screening import screened
 from driver.experiment.history import History, knot_weights
-from driver.forward.boundary_motion import LAMBDAS, elongation_names, tilt_names
 from driver.forward.build import mesh_of
-from driver.forward.model import declared_parameters
 from driver.forward.prediction import Prediction
 from driver.identification.identify import correction, with_correction
 from driver.identification.objective import Correction, Objective
+from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
+from driver.parameters.registry import declared_parameters
 from driver.virtual.truth import knots, refuse_unknown
 from driver.workflow.setup import Seen, Workbench, build_workbench
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from driver.design.settings import Schedule
 from driver.experiment.history import History, turning_points
-from driver.forward.boundary_motion import elongation_names, tilt_names
+from driver.parameters.boundary import elongation_names, tilt_names
 
 FloatArray = NDArray[np.float64]
 

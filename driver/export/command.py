@@ -17,7 +17,7 @@ from driver.experiment.history import History, read_history
 from driver.export.readme import README, exported_files, write_readme
 from driver.export.surface import SERIES, FittedModel, aligned, write_surface
 from driver.export.volume import offers_volume, volume_files, write_volumes
-from driver.forward.boundary_motion import elongation_names, tilt_names
+from driver.parameters.boundary import elongation_names, tilt_names
 from driver.results.hdf5 import write_csv
 from driver.results.reader import ExportError as ExportError
 from driver.results.reader import FinishedResults, read_finished

@@ -14,38 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.parameters.boundary import BOUNDARY_DECLARATIONS, elongation_names, tilt_names
 from driver.parameters.user_terms import BoundaryTerm, EndFaces
-from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-LAMBDAS = ("lambda_plus_Y", "lambda_plus_Z", "lambda_minus_Y", "lambda_minus_Z")
 _TINY = 1e-30  # complex step: the motion is a rational function of its parameters
-
-BOUNDARY_DECLARATIONS: tuple[Parameter, ...] = (
-    *(Parameter(name, "", 1.0, 0.1, -3.0, 5.0) for name in LAMBDAS),
-    Parameter("apex_curvature", "", 0.0, 0.2, -3.0, 3.0),
-    Parameter("end_rotation", "", 0.0, 0.1, -2.0, 2.0),
-    Parameter("end_shear", "", 0.0, 0.1, -2.0, 2.0),
-    Parameter("stretch_curvature", "", 0.0, 0.03, -0.8, 0.8),
-)
-
-
-def elongation_names(n_knots: int) -> tuple[str, ...]:
-    """Names of the free elongation knots; the first knot is the unloaded state."""
-    return tuple(f"elongation_{k}" for k in range(1, n_knots))
-
-
-def tilt_names(n_knots: int) -> tuple[str, ...]:
-    """Names of the free tilt knots, U_Z(S+) − U_Z(S−)."""
-    return tuple(f"tilt_{k}" for k in range(1, n_knots))
-
-
-def knot_declarations(n_knots: int) -> tuple[Parameter, ...]:
-    """The knots [µm]; their scale is the elongation that an image resolves."""
-    names = elongation_names(n_knots) + tilt_names(n_knots)
-    return tuple(Parameter(name, "µm", 0.0, 0.01) for name in names)
 
 
 def knots_of_stage(

@@ -9,13 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from solver_adapters.parameter import Parameter
-
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-HOLD = "hold_time_error"
-HOLD_DECLARATIONS: tuple[Parameter, ...] = (Parameter(HOLD, "s", 0.0, 5.0, -600.0, 600.0),)
 
 _SHORTEST = 0.05  # share of its stamped length that a hold keeps at least
 _STILL = 1e-9  # change of the knot weights below which the stage stands

@@ -12,12 +12,8 @@ from numpy.typing import NDArray
 
 from driver.common.splines.images import spline_images
 from driver.dic.surface_images import SurfaceImages
-from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
-
-PATTERN_DECLARATIONS: tuple[Parameter, ...] = (Parameter("fixed_pattern", "", 0.0, 0.2, -3.0, 3.0),)
-"""Share of the flat pattern that is left in the images."""
 
 
 def apparent_rise(images: SurfaceImages, motion: FloatArray) -> FloatArray | None:

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
+from driver.parameters.instrument import LARGEST_LAG
+
 FloatArray = NDArray[np.float64]
 
-LARGEST_LAG = 60.0
-"""Largest lag that is considered [s]: two holds."""
 _MOMENT = 0.5  # half of the time in which the rate changes at a row [s]
 
 

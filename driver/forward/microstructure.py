@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.parameters.microstructure import GRADIENTS, OF_BOUNDARY
 from meshes.prism import PrismGeometry
 from meshes.prism_mesh import PrismMesh
 from meshes.velocity import (
@@ -21,33 +22,8 @@ from meshes.velocity import (
 )
 from solver_adapters.crystal import rotation_vector_matrix
 from solver_adapters.interface import SolverError
-from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
-
-_DEGREE = np.pi / 180
-
-GEOMETRY_DECLARATIONS: tuple[Parameter, ...] = (
-    Parameter("boundary_shift", "µm", 0.0, 0.3, -3.0, 3.0),
-    Parameter("boundary_tilt_x", "", 0.0, 0.15, -1.0, 1.0),
-    Parameter("boundary_tilt_z", "", 0.0, 0.15, -1.0, 1.0),
-    Parameter("boundary_bow", "µm", 0.0, 0.3, -2.0, 2.0),
-    Parameter("depth_scale", "", 0.0, 0.05, -0.4, 0.4),
-    Parameter("apex_shift", "µm", 0.0, 0.2, -1.0, 1.0),
-)
-ORIENTATION_DECLARATIONS: tuple[Parameter, ...] = tuple(
-    Parameter(f"{what}_{axis}", "rad", 0.0, 2 * _DEGREE, -0.5, 0.5)
-    for what in ("rotation_grain1", "rotation_grain2", "rotation_frame")
-    for axis in "xyz"
-)
-_GRADIENTS = ("lattice_gradient_grain1", "lattice_gradient_grain2")
-LATTICE_DECLARATIONS: tuple[Parameter, ...] = tuple(
-    Parameter(f"{what}_{axis}", "rad/µm", 0.0, 0.7 * _DEGREE / 12, -0.02, 0.02)
-    for what in _GRADIENTS
-    for axis in "xyz"
-)
-"""How the lattice of a grain turns along Y; the scale is 0.7° over the 12 µm of the paper."""
-_OF_BOUNDARY = ("boundary_shift", "boundary_tilt_x", "boundary_tilt_z", "boundary_bow")
 
 
 def _vector(values: Mapping[str, float], what: str) -> FloatArray:
@@ -86,7 +62,7 @@ class Microstructure:
             names |= {f"{what}_{axis}" for axis in "xyz"}
         if len(self.orientations) > 1:
             names |= {f"rotation_frame_{axis}" for axis in "xyz"}
-        for what in _GRADIENTS[: len(self.orientations)]:
+        for what in GRADIENTS[: len(self.orientations)]:
             names |= {f"{what}_{axis}" for axis in "xyz"}
         return frozenset(names)
 
@@ -120,7 +96,7 @@ class Microstructure:
     def lattice_gradient(self, values: Mapping[str, float]) -> FloatArray | None:
         """Rotation vector of the lattice per µm along Y [rad/µm], (n_grains, 3); None if null."""
         gradient = np.zeros((len(self.orientations), 3))
-        for grain, what in enumerate(_GRADIENTS[: len(self.orientations)]):
+        for grain, what in enumerate(GRADIENTS[: len(self.orientations)]):
             gradient[grain] = _vector(values, what)
         return gradient if gradient.any() else None
 
@@ -128,7 +104,7 @@ class Microstructure:
         """Its derivative with respect to one parameter, shape (n_grains, 3)."""
         what, axis = name.rsplit("_", 1)
         rate = np.zeros((len(self.orientations), 3))
-        rate[_GRADIENTS.index(what), "xyz".index(axis)] = 1.0
+        rate[GRADIENTS.index(what), "xyz".index(axis)] = 1.0
         return rate
 
     def rotation_rate(self, values: Mapping[str, float], name: str) -> FloatArray:
@@ -161,5 +137,5 @@ def build_microstructure(
             boundary_tilt(mesh, geometry, "z"),
             boundary_bow(mesh, geometry),
         )
-        velocities |= dict(zip(_OF_BOUNDARY, fields, strict=True))
+        velocities |= dict(zip(OF_BOUNDARY, fields, strict=True))
     return Microstructure(mesh, orientations, velocities)

@@ -9,24 +9,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.forward.boundary_motion import (
-    BOUNDARY_DECLARATIONS,
-    BoundaryMotion,
-    knot_declarations,
-)
-from driver.forward.dwell_time import HOLD, HOLD_DECLARATIONS, holds, holds_tangent, with_holds
-from driver.forward.fixed_pattern import PATTERN_DECLARATIONS
-from driver.forward.instrument import IMAGE_DECLARATIONS, LOAD_DECLARATIONS, Instrument
+from driver.forward.boundary_motion import BoundaryMotion
+from driver.forward.dwell_time import holds, holds_tangent, with_holds
+from driver.forward.instrument import Instrument
 from driver.forward.load_lag import load_at
-from driver.forward.microstructure import (
-    GEOMETRY_DECLARATIONS,
-    LATTICE_DECLARATIONS,
-    ORIENTATION_DECLARATIONS,
-    Microstructure,
-)
+from driver.forward.microstructure import Microstructure
 from driver.forward.prediction import Prediction
-from driver.forward.surface_projection import POSE_DECLARATIONS, Look, SurfaceView, apply
-from driver.parameters.user_terms import installed_terms, refuse_doubles
+from driver.forward.surface_projection import Look, SurfaceView, apply
+from driver.parameters.history import HOLD
+from driver.parameters.instrument import IMAGE_DECLARATIONS, LOAD_DECLARATIONS, PATTERN_DECLARATIONS
+from driver.parameters.pose import POSE_DECLARATIONS
+from driver.parameters.registry import declared_parameters
 from solver_adapters.interface import (
     Adapter,
     Direction,
@@ -40,7 +33,6 @@ from solver_adapters.material import (
     MATERIAL_DECLARATIONS,
     MATERIAL_PARAMETERS,
     Material,
-    declarations_at,
     with_parameters,
 )
 from solver_adapters.parameter import Parameter
@@ -51,27 +43,6 @@ IntArray = NDArray[np.int64]
 Values = Mapping[str, float]
 
 _SHIFT = 0.01  # s, by which the rows of a reading are moved for a difference
-_OF_THE_PAPER = Material()
-
-
-def declared_parameters(n_knots: int, material: Material = _OF_THE_PAPER) -> dict[str, Parameter]:
-    """Every parameter of the general model by name, with its scale at a material."""
-    declared = (
-        *declarations_at(material),
-        *BOUNDARY_DECLARATIONS,
-        *knot_declarations(n_knots),
-        *HOLD_DECLARATIONS,
-        *GEOMETRY_DECLARATIONS,
-        *ORIENTATION_DECLARATIONS,
-        *LATTICE_DECLARATIONS,
-        *LOAD_DECLARATIONS,
-        *IMAGE_DECLARATIONS,
-        *PATTERN_DECLARATIONS,
-        *POSE_DECLARATIONS,
-        *(term.parameter for term in installed_terms()),
-    )
-    refuse_doubles(declared)
-    return {parameter.name: parameter for parameter in declared}
 
 
 @dataclass(frozen=True, eq=False)

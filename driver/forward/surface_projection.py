@@ -10,18 +10,11 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from meshes.surface import SurfaceMesh, interpolation
-from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
 
 _STEP = 1e-3  # half step of the difference quotient of the shape functions [µm]
 _INSET = 2e-3  # pixels stay this far inside the face [µm]
-
-POSE_DECLARATIONS: tuple[Parameter, ...] = (
-    Parameter("origin_X", "µm", 0.0, 0.05, -1.0, 1.0),
-    Parameter("origin_Y", "µm", 0.0, 0.05, -1.0, 1.0),
-)
-"""By how much the pixels lie further along X and Y on the specimen than the case says."""
 
 
 @dataclass(frozen=True, eq=False)

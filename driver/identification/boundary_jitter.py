@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.forward.boundary_motion import elongation_names, knot_declarations
 from driver.forward.model import ForwardModel
+from driver.parameters.boundary import elongation_names, knot_declarations
 from solver_adapters.interface import Direction
 from solver_adapters.time_steps import once_more
 

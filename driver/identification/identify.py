@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from driver.common.parallel import side_by_side
 from driver.common.progress import Log, silent
-from driver.forward.boundary_motion import LAMBDAS, elongation_names, tilt_names
 from driver.forward.model import ForwardModel
 from driver.forward.prediction import Prediction
 from driver.identification.boundary_jitter import boundary_jitter
@@ -36,6 +35,7 @@ from driver.identification.step_error import (
     in_parts_of,
     parts_of,
 )
+from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
 
 FloatArray = NDArray[np.float64]
 Stage = Literal["A", "B", "C"]

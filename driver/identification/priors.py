@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from math import sqrt
 
 from driver.case.inference import Identification
-from driver.forward.boundary_motion import LAMBDAS
+from driver.parameters.boundary import LAMBDAS
 from solver_adapters.parameter import Parameter
 
 LAMBDA_PRIOR = 0.2  # standard deviation about the start: the paper found 0.81, 1.02, 0.98, 1.02

@@ -16,7 +16,7 @@ from driver.check.picture import boundary_trace
 from driver.dic.surface_images import residual_variance
 from driver.experiment.history import History, knot_weights, read_history
 from driver.forward.boundary_motion import BoundaryMotion
-from driver.forward.model import declared_parameters
+from driver.parameters.registry import declared_parameters
 from driver.report.identified import IdentifiedParameter, estimates
 from driver.report.measured import DATASETS, MeasuredMotion, measured_motion, peaks
 from driver.report.measured_figures import FIGURES

@@ -22,8 +22,8 @@ from driver.common.formatting import (
     signed,
     with_sigma,
 )
-from driver.forward.boundary_motion import LAMBDAS
 from driver.identification.identifiability import INSENSITIVE
+from driver.parameters.boundary import LAMBDAS
 from driver.report.identified import IdentifiedParameter
 from solver_adapters.material import MATERIAL_DECLARATIONS
 

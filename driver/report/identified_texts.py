@@ -16,7 +16,7 @@ from driver.common.formatting import (
     with_sigma,
     with_unit,
 )
-from driver.forward.boundary_motion import LAMBDAS
+from driver.parameters.boundary import LAMBDAS
 from driver.report.findings import Findings
 from driver.report.identified import interval_of
 from driver.report.identified_tables import (

@@ -19,7 +19,7 @@ from driver.common.formatting import (
 )
 from driver.diagnosis.causes.noise_causes import COVARIANCE_PARAMETERS
 from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
-from driver.forward.boundary_motion import LAMBDAS
+from driver.parameters.boundary import LAMBDAS
 from driver.report.evidence_figures import signed_evidence
 from driver.report.findings import Findings
 from solver_adapters.material import MATERIAL_DECLARATIONS

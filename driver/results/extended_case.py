@@ -19,8 +19,8 @@ from driver.diagnosis.answer.result_types import Diagnosis
 from driver.diagnosis.causes.ebsd_flips import half_turn
 from driver.diagnosis.causes.noise_causes import COVARIANCE, NOISE_RATIO, SIGMA_E
 from driver.experiment.reading import as_in_files
-from driver.forward.boundary_motion import LAMBDAS
 from driver.forward.build import TRACE
+from driver.parameters.boundary import LAMBDAS
 from driver.workflow.engine import RESULTS
 from solver_adapters.material import MATERIAL_PARAMETERS, declarations_at
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.common.formatting import with_sigma
-from driver.forward.surface_projection import POSE_DECLARATIONS
 from driver.identification.fit import Fit
 from driver.identification.identifiability import prior_shares, ruled_by_prior
 from driver.identification.identify import Identification
 from driver.identification.objective import Correction
+from driver.parameters.pose import POSE_DECLARATIONS
 from driver.results.hdf5 import write_csv, write_hdf5
 from solver_adapters.parameter import Parameter
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from driver.case.model import Case
 from driver.common.errors import InputError, one_of
 from driver.experiment.history import History, turning_points
-from driver.forward.boundary_motion import elongation_names, tilt_names
 from driver.forward.build import adapter_of, build_model, mesh_of
 from driver.forward.model import ForwardModel
+from driver.parameters.boundary import elongation_names, tilt_names
 from driver.virtual.settings import Program
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import SurfaceMesh, trace

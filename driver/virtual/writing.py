@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from driver.case.model import Case, schema_text, write_case
 from driver.common.errors import InputError
 from driver.experiment.history import COLUMNS, History
-from driver.forward.model import declared_parameters
+from driver.parameters.registry import declared_parameters
 from driver.results.hdf5 import prismid_version, write_hdf5
 from driver.virtual.microscope.camera import Camera
 from driver.virtual.microscope.face_motion import Face, NodalMotion

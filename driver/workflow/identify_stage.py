@@ -13,13 +13,13 @@ from driver.case.model import CaseError
 from driver.common.errors import sentence
 from driver.common.progress import passing_of
 from driver.experiment.history import History
-from driver.forward.boundary_motion import LAMBDAS, elongation_names
 from driver.identification.boundary_jitter import BoundaryJitter
 from driver.identification.fit import Fit
 from driver.identification.identify import Identification, identify, with_correction
 from driver.identification.kinematic_hessian import kinematic_hessian
 from driver.identification.objective import Correction, Evaluation, Objective
 from driver.identification.step_error import StepError
+from driver.parameters.boundary import LAMBDAS, elongation_names
 from driver.results.hdf5 import read_hdf5
 from driver.results.identification import Arrays, value_told, warnings_of, write_identification
 from driver.workflow.engine import StageContext

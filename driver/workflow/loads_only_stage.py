@@ -11,7 +11,7 @@ from driver.case.model import Case
 from driver.common.progress import passing_of
 from driver.experiment.history import History
 from driver.experiment.reading import history_of
-from driver.forward.boundary_motion import elongation_names, knots_of_stage
+from driver.forward.boundary_motion import knots_of_stage
 from driver.forward.build import adapter_of, build_model
 from driver.forward.model import ForwardModel
 from driver.forward.progress_adapter import WatchedSolver
@@ -20,6 +20,7 @@ from driver.identification.identify import Plan
 from driver.identification.loads_alone import doubts, identify_from_loads
 from driver.identification.no_images import no_images
 from driver.identification.objective import Objective
+from driver.parameters.boundary import elongation_names
 from driver.results.identification import value_told, warnings_of, write_identification
 from driver.workflow.engine import StageContext
 from driver.workflow.identify_stage import JOBS

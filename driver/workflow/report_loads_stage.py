@@ -11,8 +11,8 @@ import numpy as np
 from driver.case.model import Case
 from driver.common.formatting import chi, joined, named, number, with_sigma
 from driver.experiment.reading import fitted_loads, history_of
-from driver.forward.model import declared_parameters
 from driver.identification.loads_alone import doubts
+from driver.parameters.registry import declared_parameters
 from driver.report import figures
 from driver.report.identified import estimates
 from driver.report.identified_tables import estimate_rows

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from driver.common.formatting import cause_label, label, reading_unit, short_label
 from driver.experiment.reading import fitted_loads
-from driver.forward.boundary_motion import LAMBDAS
+from driver.parameters.boundary import LAMBDAS
 from driver.report import evidence_figures, figures, history_figures, maps, matrix_figures
 from driver.report.findings import FILES, Findings, Record, read_findings
 from driver.report.identified_tables import core

@@ -13,7 +13,6 @@ from driver.case.model import Case
 from driver.dic.series import basis_on
 from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.experiment.reading import Experiment, read_experiment
-from driver.forward.boundary_motion import LAMBDAS
 from driver.forward.build import (
     adapter_of,
     another_mesh_of,
@@ -24,13 +23,14 @@ from driver.forward.build import (
 from driver.forward.fixed_pattern import apparent_rise
 from driver.forward.model import ForwardModel
 from driver.forward.progress_adapter import WatchedSolver
-from driver.forward.surface_projection import POSE_DECLARATIONS
 from driver.identification.data import Data
 from driver.identification.identify import Plan, start_values
 from driver.identification.image_data import build_image_data, reweighted
 from driver.identification.missing_pixels import lacking_pixels
 from driver.identification.objective import Objective
 from driver.identification.priors import FREED_WIDTH, Prior, prior_of, widths
+from driver.parameters.boundary import LAMBDAS
+from driver.parameters.pose import POSE_DECLARATIONS
 from meshes.prism_mesh import PrismMesh
 
 BoolArray = NDArray[np.bool_]

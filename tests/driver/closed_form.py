@@ -20,12 +20,13 @@ from driver.case.model import Case, default_case, write_case
 from driver.dic.basis import grid_basis
 from driver.dic.surface_images import SurfaceImages, prepare
 from driver.experiment.history import History, turning_points
-from driver.forward.boundary_motion import elongation_names, tilt_names
 from driver.forward.build import build_model, geometry_of
-from driver.forward.model import ForwardModel, declared_parameters
+from driver.forward.model import ForwardModel
 from driver.identification.data import Data
 from driver.identification.image_data import build_image_data
 from driver.identification.objective import Objective
+from driver.parameters.boundary import elongation_names, tilt_names
+from driver.parameters.registry import declared_parameters
 from meshes.prism import generate
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.crystal import rotation_vector_matrix

@@ -17,13 +17,14 @@ from driver.diagnosis.search.diagnose import diagnose
 from driver.diagnosis.search.fine_models import FinerMeshes
 from driver.diagnosis.statistics.score_test import Score, score
 from driver.diagnosis.statistics.screening import screened
-from driver.forward.boundary_motion import LAMBDAS, elongation_names, tilt_names
-from driver.forward.model import ForwardModel, declared_parameters
-from driver.forward.surface_projection import POSE_DECLARATIONS
+from driver.forward.model import ForwardModel
 from driver.identification.fit import Fit, fit
 from driver.identification.identify import correction, with_correction
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.priors import LAMBDA_PRIOR
+from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
+from driver.parameters.pose import POSE_DECLARATIONS
+from driver.parameters.registry import declared_parameters
 from tests.driver import closed_form
 from tests.driver.closed_form import KNOTS, LAW, SIZES, Bench, ClosedFormSolver, bench
 

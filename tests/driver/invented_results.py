@@ -15,7 +15,7 @@ from driver.case.model import default_case, load_case, write_case
 from driver.diagnosis.causes.causes import LIBRARY, NUMERICS
 from driver.dic.basis import grid_basis
 from driver.forward.build import geometry_of
-from driver.forward.model import declared_parameters
+from driver.parameters.registry import declared_parameters
 from driver.report.measured import MeasuredMotion, measured_motion
 from driver.report.measured_figures import FIGURES
 from driver.results.hdf5 import read_hdf5, write_hdf5

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from driver.forward.model import declared_parameters
+from driver.parameters.registry import declared_parameters
 from solver_adapters.parameter import Parameter
 
 LOG = Parameter("tau0", "MPa", 40.0, 1.0, 0.1, 2000.0, True)

@@ -15,9 +15,9 @@ from driver.case.values import Table
 from driver.common.errors import InputError, one_of, sentence
 from driver.diagnosis.causes.all_causes import EVERY, NAMES
 from driver.diagnosis.causes.causes import LIBRARY, Cause
-from driver.forward.boundary_motion import LAMBDAS
-from driver.forward.model import declared_parameters
-from driver.forward.surface_projection import POSE_DECLARATIONS
+from driver.parameters.boundary import LAMBDAS
+from driver.parameters.pose import POSE_DECLARATIONS
+from driver.parameters.registry import declared_parameters
 
 _ALWAYS_FITTED = {*LAMBDAS, *(parameter.name for parameter in POSE_DECLARATIONS)}
 

@@ -17,11 +17,11 @@ from driver.diagnosis.answer.result_types import Settings
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.search.held_out import HeldOut, HeldOutTask, knots_of_cycle, predict_held_out
-from driver.forward.boundary_motion import elongation_names, tilt_names
 from driver.forward.model import ForwardModel
 from driver.identification.fit import POLISH, Fit, fit_from
 from driver.identification.identify import correction
 from driver.identification.objective import Correction, Evaluation, Objective
+from driver.parameters.boundary import elongation_names, tilt_names
 
 IntArray = NDArray[np.int64]
 

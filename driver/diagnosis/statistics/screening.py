@@ -11,12 +11,13 @@ from driver.diagnosis.causes.candidates import causes_of
 from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.statistics.discretisation_variance import score_variance
 from driver.diagnosis.statistics.score_test import Score, score
-from driver.forward.dwell_time import HOLD, holds
-from driver.forward.fixed_pattern import PATTERN_DECLARATIONS
-from driver.forward.microstructure import LATTICE_DECLARATIONS
+from driver.forward.dwell_time import holds
 from driver.forward.model import ForwardModel
 from driver.identification.fit import Fit
 from driver.identification.objective import Correction, Objective
+from driver.parameters.history import HOLD
+from driver.parameters.instrument import PATTERN_DECLARATIONS
+from driver.parameters.microstructure import LATTICE_DECLARATIONS
 from solver_adapters.material import MATERIAL_PARAMETERS
 
 FloatArray = NDArray[np.float64]

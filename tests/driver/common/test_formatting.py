@@ -22,7 +22,7 @@ from driver.common.formatting import (
 )
 from driver.diagnosis.causes.causes import LIBRARY
 from driver.diagnosis.causes.ebsd_flips import FLIPS
-from driver.forward.model import declared_parameters
+from driver.parameters.registry import declared_parameters
 from driver.report.style import INDEXED
 
 

@@ -8,7 +8,7 @@ import pytest
 from driver.design.schedule import carried_on, changed, compressed, with_holds, with_stops
 from driver.design.settings import Schedule
 from driver.experiment.history import knot_weights
-from driver.forward.boundary_motion import elongation_names, tilt_names
+from driver.parameters.boundary import elongation_names, tilt_names
 from driver.virtual.settings import Program
 from driver.virtual.truth import knots, stage_program
 

@@ -13,8 +13,8 @@ import pytest
 
 from benchmarks.short_specimen import small_case, true_case
 from driver.case.model import Case
-from driver.forward.model import declared_parameters
 from driver.identification.priors import FREED_WIDTH
+from driver.parameters.registry import declared_parameters
 from driver.virtual.truth import Course
 from driver.virtual.writing import record
 from driver.workflow.pipeline import run

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.case.model import default_case, load_case, write_case
-from driver.forward.boundary_motion import LAMBDAS
 from driver.forward.build import mesh_of
-from driver.forward.model import declared_parameters
+from driver.parameters.boundary import LAMBDAS
+from driver.parameters.registry import declared_parameters
 from driver.results.hdf5 import write_hdf5
 from driver.workflow import pipeline
 from driver.workflow.engine import stage_key

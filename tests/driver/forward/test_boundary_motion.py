@@ -5,15 +5,14 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.experiment.history import knot_weights
-from driver.forward.boundary_motion import (
+from driver.forward.boundary_motion import BoundaryMotion, knots_of_stage
+from driver.forward.build import build_model
+from driver.parameters.boundary import (
     BOUNDARY_DECLARATIONS,
-    BoundaryMotion,
     elongation_names,
     knot_declarations,
-    knots_of_stage,
     tilt_names,
 )
-from driver.forward.build import build_model
 from tests.driver import closed_form
 
 FloatArray = NDArray[np.float64]

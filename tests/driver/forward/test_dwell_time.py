@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from driver.diagnosis.answer.result_types import Diagnosis
 from driver.diagnosis.statistics.screening import honoured, parameters_of_the_specimen
-from driver.forward.dwell_time import HOLD, holds, holds_tangent, with_holds
+from driver.forward.dwell_time import holds, holds_tangent, with_holds
+from driver.parameters.history import HOLD
 from solver_adapters.interface import Capabilities, Simulation
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import diagnosis_of, identified

@@ -10,10 +10,10 @@ from scipy import ndimage
 
 from driver.common.progress import silent
 from driver.diagnosis.answer.result_types import Diagnosis
-from driver.forward.boundary_motion import LAMBDAS
 from driver.forward.fixed_pattern import apparent_rise
 from driver.identification.identify import Plan, identify
 from driver.identification.objective import Correction, Objective
+from driver.parameters.boundary import LAMBDAS
 from tests.driver import closed_form
 from tests.driver.closed_form import LAW, SIZES
 from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, finer, identified

@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from driver.forward.instrument import IMAGE_DECLARATIONS, LOAD_DECLARATIONS, Instrument
+from driver.forward.instrument import Instrument
+from driver.parameters.instrument import IMAGE_DECLARATIONS, LOAD_DECLARATIONS
 
 NULL = {p.name: p.null for p in (*LOAD_DECLARATIONS, *IMAGE_DECLARATIONS)}
 OFF = {

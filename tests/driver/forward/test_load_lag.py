@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.forward.boundary_motion import LAMBDAS, elongation_names, tilt_names
-from driver.forward.load_lag import LARGEST_LAG, load_at
+from driver.forward.load_lag import load_at
 from driver.identification.fit import fit
+from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
+from driver.parameters.instrument import LARGEST_LAG
 from tests.driver import closed_form
 from tests.driver.closed_form import KNOTS, LAW
 from tests.driver.closed_form_diagnosis import priors

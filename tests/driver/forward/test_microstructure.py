@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.forward.microstructure import (
+from driver.forward.microstructure import Microstructure, build_microstructure
+from driver.parameters.microstructure import (
     GEOMETRY_DECLARATIONS,
     LATTICE_DECLARATIONS,
     ORIENTATION_DECLARATIONS,
-    Microstructure,
-    build_microstructure,
 )
 from meshes.prism import PrismGeometry, generate
 from solver_adapters.crystal import bunge_matrix

@@ -10,12 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.experiment.history import History, turning_points
-from driver.forward.boundary_motion import elongation_names, tilt_names
 from driver.forward.build import build_model, geometry_of
-from driver.forward.dwell_time import HOLD
-from driver.forward.model import ForwardModel, declared_parameters
+from driver.forward.model import ForwardModel
 from driver.forward.prediction import Prediction
 from driver.forward.surface_projection import apply
+from driver.parameters.boundary import elongation_names, tilt_names
+from driver.parameters.history import HOLD
+from driver.parameters.registry import declared_parameters
 from meshes.prism import generate
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.interface import Progress, Response, Simulation

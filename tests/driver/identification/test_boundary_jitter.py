@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.forward.boundary_motion import elongation_names
 from driver.forward.model import ForwardModel
 from driver.identification.boundary_jitter import (
     BoundaryJitter,
@@ -21,6 +20,7 @@ from driver.identification.boundary_jitter import (
 from driver.identification.data import Data
 from driver.identification.fit import fit
 from driver.identification.objective import Objective
+from driver.parameters.boundary import elongation_names
 from solver_adapters.interface import Progress, Response, Simulation, Way
 from tests.driver import closed_form
 from tests.driver.closed_form import KNOTS, LAW, Bench

@@ -9,8 +9,6 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.experiment.history import knot_weights
-from driver.forward.boundary_motion import LAMBDAS, elongation_names, tilt_names
-from driver.forward.surface_projection import POSE_DECLARATIONS
 from driver.identification.data import Data
 from driver.identification.fit import Fit, fit
 from driver.identification.identify import (
@@ -25,6 +23,8 @@ from driver.identification.identify import (
     unload_elastically,
 )
 from driver.identification.objective import Correction
+from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
+from driver.parameters.pose import POSE_DECLARATIONS
 from solver_adapters.interface import Response, Simulation
 from tests.driver import closed_form
 from tests.driver.analytic import evaluation

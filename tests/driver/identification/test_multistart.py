@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from driver.forward.model import declared_parameters
 from driver.identification.fit import Fit, fit
 from driver.identification.multistart import FARTHEST, draw_starts, from_each_start
+from driver.parameters.registry import declared_parameters
 from solver_adapters.interface import NotRunError, PreparedError, SolverError
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import formula

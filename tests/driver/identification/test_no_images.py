@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from driver.forward.model import declared_parameters
 from driver.identification.data import Data
 from driver.identification.no_images import no_images
 from driver.identification.objective import Objective
+from driver.parameters.registry import declared_parameters
 from tests.driver import closed_form
 from tests.driver.closed_form import KNOTS, LOAD_NOISE
 

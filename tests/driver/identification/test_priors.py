@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from driver.case.inference import Identification
-from driver.forward.boundary_motion import LAMBDAS
-from driver.forward.model import declared_parameters
 from driver.identification.fit import fit
 from driver.identification.priors import LAMBDA_PRIOR, prior_of, tikhonov_width, widths
+from driver.parameters.boundary import LAMBDAS
+from driver.parameters.registry import declared_parameters
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import formula
 

@@ -12,7 +12,7 @@ import pytest
 from driver.case.model import Case, default_case, load_case, write_case
 from driver.common.errors import InputError
 from driver.diagnosis.causes.user_causes import read_causes
-from driver.forward.model import declared_parameters
+from driver.parameters.registry import declared_parameters
 from driver.parameters.user_terms import GROUP, BoundaryTerm, ReadingTerm, installed_terms, terms_of
 from driver.workflow.engine import stage_key
 from driver.workflow.pipeline import stages

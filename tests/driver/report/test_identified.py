@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from driver.forward.model import declared_parameters
+from driver.parameters.registry import declared_parameters
 from driver.report.identified import COVERED, IdentifiedParameter, estimates
 from solver_adapters.parameter import Parameter
 

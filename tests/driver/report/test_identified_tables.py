@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from driver.forward.model import declared_parameters
+from driver.parameters.registry import declared_parameters
 from driver.report.identified import IdentifiedParameter
 from driver.report.identified_tables import (
     apex_table,

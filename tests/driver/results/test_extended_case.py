@@ -16,8 +16,8 @@ from driver.diagnosis.causes.ebsd_flips import FLIPS, half_turn
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE, NOISE_NOT_UNIFORM
 from driver.diagnosis.search.load_outliers import BadLoad
 from driver.experiment.reading import arrange
-from driver.forward.model import declared_parameters
 from driver.identification.image_data import reweighted
+from driver.parameters.registry import declared_parameters
 from driver.results.extended_case import NOISE_MAP, added_parameters, extended_case, write_noise_map
 from solver_adapters.material import MATERIAL_DECLARATIONS, declarations_at
 from tests.driver import closed_form

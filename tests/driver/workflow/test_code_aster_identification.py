@@ -15,8 +15,9 @@ from driver.case.model import Case, load_case, write_case
 from driver.case.solver import Execution, Solver
 from driver.case.specimen import Grain, Specimen
 from driver.experiment.history import read_history
-from driver.forward.boundary_motion import elongation_names, knots_of_stage
+from driver.forward.boundary_motion import knots_of_stage
 from driver.forward.build import build_model, mesh_of
+from driver.parameters.boundary import elongation_names
 from driver.results.hdf5 import read_hdf5
 from driver.workflow import pipeline
 from solver_adapters.bundled.adapter import BundledAdapter

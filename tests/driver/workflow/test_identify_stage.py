@@ -9,7 +9,7 @@ import pytest
 
 from driver.case.model import CaseError
 from driver.experiment.history import History
-from driver.forward.boundary_motion import elongation_names
+from driver.parameters.boundary import elongation_names
 from driver.workflow.identify_stage import refuse_large_jitter
 
 

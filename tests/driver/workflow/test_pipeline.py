@@ -15,7 +15,7 @@ import pytest
 from driver.case.model import Case, CaseError, load_case, schema
 from driver.common.errors import InputError
 from driver.forward import build
-from driver.forward.boundary_motion import LAMBDAS
+from driver.parameters.boundary import LAMBDAS
 from driver.report.measured_figures import FIGURES
 from driver.results.hdf5 import read_hdf5
 from driver.workflow import pipeline

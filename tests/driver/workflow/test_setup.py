@@ -8,8 +8,8 @@ import tifffile
 
 from driver.case.model import Case, load_case
 from driver.forward import build
-from driver.forward.boundary_motion import LAMBDAS
 from driver.identification.priors import LAMBDA_PRIOR
+from driver.parameters.boundary import LAMBDAS
 from driver.workflow.setup import Workbench, build_workbench, seen_by_correlation
 from meshes.prism import generate
 from tests.driver import closed_form

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from driver.diagnosis.causes.candidates import causes_of, not_examined
 from driver.diagnosis.causes.causes import LIBRARY, Cause
-from driver.forward.model import declared_parameters
+from driver.parameters.registry import declared_parameters
 
 DECLARED = declared_parameters(5)
 NAMES = [cause.name for cause in LIBRARY]

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from driver.diagnosis.causes.causes import LIBRARY, NUMERICS, Cause
-from driver.forward.model import declared_parameters
+from driver.parameters.registry import declared_parameters
 
 DECLARED = declared_parameters(5)
 NAMES = [cause.name for cause in LIBRARY]

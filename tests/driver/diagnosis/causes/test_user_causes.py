@@ -18,7 +18,7 @@ from driver.diagnosis.causes.all_causes import NAMES
 from driver.diagnosis.causes.candidates import causes_of, not_examined
 from driver.diagnosis.causes.causes import LIBRARY, Cause
 from driver.diagnosis.causes.user_causes import asked_causes, own_causes, read_causes
-from driver.forward.model import declared_parameters
+from driver.parameters.registry import declared_parameters
 from driver.workflow.pipeline import run
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified

@@ -13,8 +13,8 @@ from driver.diagnosis.search.held_out import (
     trained_on_others,
 )
 from driver.experiment.history import knot_weights
-from driver.forward.boundary_motion import elongation_names, tilt_names
 from driver.identification.fit import fit
+from driver.parameters.boundary import elongation_names, tilt_names
 from tests.driver import closed_form
 
 NAMES = (*elongation_names(5), *tilt_names(5))
