@@ -27,12 +27,12 @@ from driver.diagnosis.statistics.score_test import Score, effects_of, likeness
 from driver.diagnosis.statistics.screening import screen, screened
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
+from driver.results.files import IDENTIFY, RESULTS
 from driver.results.hdf5 import read_hdf5
-from driver.results.identification import IDENTIFY
 from driver.virtual.microscope.face_motion import Face, NodalMotion
 from driver.virtual.truth import Course
 from driver.virtual.writing import record
-from driver.workflow.engine import RESULTS, StageContext
+from driver.workflow.engine import StageContext
 from driver.workflow.identify_stage import load_workbench, saved_objective
 from driver.workflow.pipeline import run
 from solver_adapters.interface import SolverError

@@ -22,9 +22,10 @@ from driver.case.model import load_case
 from driver.diagnosis.statistics.screening import screened
 from driver.experiment.history import knot_weights, read_history
 from driver.parameters.boundary import LAMBDAS
+from driver.results.files import RESULTS
 from driver.results.hdf5 import read_hdf5
 from driver.workflow import pipeline
-from driver.workflow.engine import RESULTS, StageContext
+from driver.workflow.engine import StageContext
 from driver.workflow.identify_stage import load_workbench
 
 ALPHA = Path(__file__).parents[1] / "examples" / "alpha"

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.case.model import load_case, write_case
+from driver.results.files import RESULTS
 from driver.results.hdf5 import read_hdf5
 from driver.workflow import pipeline
-from driver.workflow.engine import RESULTS
 
 FloatArray = NDArray[np.float64]
 

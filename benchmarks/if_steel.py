@@ -17,9 +17,10 @@ from driver.case.model import load_case
 from driver.identification.fit import fit
 from driver.parameters.boundary import LAMBDAS
 from driver.parameters.pose import POSE_DECLARATIONS
+from driver.results.files import RESULTS
 from driver.results.hdf5 import read_hdf5
 from driver.virtual.command import virtual
-from driver.workflow.engine import RESULTS, StageContext
+from driver.workflow.engine import StageContext
 from driver.workflow.identify_stage import load_workbench, saved_objective
 
 FOLDER = Path(__file__).parents[1] / "examples" / "if_steel"

@@ -23,9 +23,8 @@ from driver.forward.build import adapter_of, build_model
 from driver.forward.model import ForwardModel
 from driver.identification.identify import start_values
 from driver.parameters.boundary import LAMBDAS
+from driver.results.files import MESH, RESULTS
 from driver.results.hdf5 import read_hdf5
-from driver.workflow.engine import RESULTS
-from driver.workflow.mesh_stage import MESH
 from meshes.files import read_med
 from solver_adapters.interface import SolverError
 

@@ -15,9 +15,9 @@ from rich.console import Console
 from rich.markup import escape
 
 from driver.case.model import CaseError, default_case, schema_text, write_case
+from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError, sentence
 from driver.common.progress import LiveLog, seldom
-from driver.workflow.engine import write_whole
 from meshes.system_libraries import SystemLibraryError
 from solver_adapters.interface import PreparedError, SolverError
 

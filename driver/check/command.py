@@ -21,6 +21,7 @@ from driver.check.steps import recommended_steps
 from driver.common.errors import InputError
 from driver.diagnosis.causes.user_causes import asked_causes
 from driver.dic.region import within
+from driver.experiment.held_out import held_out_cycle
 from driver.experiment.history import History
 from driver.experiment.reading import Experiment, fitted_loads, history_of, read_experiment
 from driver.forward.build import (
@@ -32,9 +33,8 @@ from driver.forward.build import (
     used_face,
 )
 from driver.results.extended_decks import rendered_decks
+from driver.results.files import RESULTS
 from driver.workflow.cost import cost_told, estimate
-from driver.workflow.diagnose_stage import held_out_cycle
-from driver.workflow.engine import RESULTS
 from meshes.plane_mesh import PlaneMesh
 from meshes.prism import generate
 from solver_adapters.external import ABSENT, ExternalAdapter

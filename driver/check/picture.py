@@ -17,6 +17,7 @@ from driver.case.model import Case
 from driver.experiment.history import History
 from driver.experiment.images.region import CodeArray, Excluded
 from driver.experiment.reading import Experiment, fitted_loads
+from driver.forward.geometry import boundary_trace
 
 FloatArray = NDArray[np.float64]
 _ROI, _BOUNDARY, _AXES = "#ffe14d", "#ff8a1f", "#35d0ff"
@@ -46,19 +47,6 @@ def draw(case: Case, experiment: Experiment, path: Path, codes: CodeArray | None
     load = fitted_loads(case, experiment.force)
     _draw_load(figure.add_subplot(grid[1, 1]), experiment.history, load)
     figure.savefig(path, dpi=110)
-
-
-def boundary_trace(case: Case) -> FloatArray | None:
-    """Ends (X, Y) of the trace of the grain boundary on the measured face [µm], shape (2, 2).
-
-    None where there is no boundary or it is parallel to the loading axis.
-    """
-    point, normal = case.specimen.boundary_point_um, case.specimen.boundary_normal
-    if point is None or normal is None or normal[1] == 0:
-        return None
-    x = case.specimen.width / 2 * np.array([-1.0, 1.0])
-    y = point[1] - (normal[0] * (x - point[0]) - normal[2] * point[2]) / normal[1]
-    return np.column_stack([x, y])
 
 
 def _draw_image(axes: Axes, case: Case, experiment: Experiment, codes: CodeArray | None) -> None:

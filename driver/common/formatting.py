@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+
+from driver.common.progress import Log
+from solver_adapters.interface import Progress
 
 _DEGREE = 180.0 / math.pi
 
@@ -282,3 +285,19 @@ def _scientific(value: float, digits: int) -> str:
 
 def _power(exponent: int) -> str:
     return "10" + str(exponent).translate(_SUPERSCRIPT)
+
+
+def tenths(prefix: str, log: Log) -> Callable[[Progress], None]:
+    """Progress of a simulation as a line for each tenth of its time."""
+    told = 0
+
+    def tell(progress: Progress) -> None:
+        nonlocal told
+        tenths = int(10 * progress.time / progress.end)
+        if tenths > told:
+            told = tenths
+            left = progress.remaining
+            to_go = "" if math.isnan(left) else f", {duration(left)} to go"
+            log(f"{prefix}{10 * tenths} %{to_go}")
+
+    return tell

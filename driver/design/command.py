@@ -9,6 +9,7 @@ from pathlib import Path
 from time import perf_counter
 
 from driver.case.model import Case, load_case
+from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError
 from driver.common.outcomes import first_line
 from driver.common.parallel import side_by_side
@@ -34,9 +35,9 @@ from driver.diagnosis.causes.user_causes import asked_causes
 from driver.experiment.history import History, HistoryError, read_history
 from driver.forward.build import capabilities_of, mesh_of
 from driver.report.style import png
+from driver.results.files import RESULTS
 from driver.virtual.truth import stage_program
 from driver.workflow.cost import cost_told, simulation_seconds
-from driver.workflow.engine import RESULTS, write_whole
 from driver.workflow.identify_stage import JOBS
 from solver_adapters.interface import SolverError
 from solver_adapters.kernels import use_threads

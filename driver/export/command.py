@@ -15,13 +15,13 @@ from driver.common.errors import sentence
 from driver.common.progress import Log
 from driver.experiment.history import History, read_history
 from driver.export.readme import README, exported_files, write_readme
-from driver.export.surface import SERIES, FittedModel, aligned, write_surface
+from driver.export.surface import SERIES, aligned, write_surface
 from driver.export.volume import offers_volume, volume_files, write_volumes
 from driver.parameters.boundary import elongation_names, tilt_names
+from driver.results.files import RESULTS
 from driver.results.hdf5 import write_csv
 from driver.results.reader import ExportError as ExportError
-from driver.results.reader import FinishedResults, read_finished
-from driver.workflow.engine import RESULTS
+from driver.results.reader import FinishedResults, FittedModel, read_finished
 from driver.workflow.identify_stage import JOBS
 from driver.workflow.setup import BUNDLED
 from meshes.files import write_vtu

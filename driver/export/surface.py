@@ -3,42 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import meshio
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.results.reader import FittedModel
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 SERIES, FRAMES = "surface.pvd", "surface"
-
-
-@dataclass(frozen=True, eq=False)
-class FittedModel:
-    """A fitted model as its results tell it, T images and n_pix pixels.
-
-    Attributes:
-        label: "model" as identified, "extended" with the causes that the diagnosis added.
-        load: predicted load [µN], shape (T,).
-        load_residual: measured − predicted load [µN], shape (T,).
-        motion: predicted motion at the pixels [µm], shape (T, n_pix, 3).
-        rho: image residual f + w − g(x + u) [µm], shape (T, n_pix).
-        values: value of every parameter.
-        sigma: standard deviation of each free parameter.
-        units: unit of each free parameter.
-    """
-
-    label: str
-    load: FloatArray
-    load_residual: FloatArray
-    motion: FloatArray
-    rho: FloatArray
-    values: Mapping[str, float]
-    sigma: Mapping[str, float]
-    units: Mapping[str, str]
 
 
 def write_surface(

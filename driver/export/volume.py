@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.case.model import Case
-from driver.common.formatting import duration
+from driver.common.formatting import tenths
 from driver.common.progress import Log
 from driver.experiment.history import History
-from driver.export.surface import FittedModel
 from driver.export.vtkhdf import write_vtkhdf
 from driver.forward.build import adapter_of, build_model, capabilities_of
+from driver.results.reader import FittedModel
 from driver.workflow.cost import cost_told, simulation_memory, simulation_seconds
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.interface import CellFields, Progress
@@ -153,19 +152,3 @@ def write_volumes(
         write_vtkhdf(for_paraview, found.mesh, found.times, found.point_data, found.cell_data)
         if med:
             write_results(for_salome, found.mesh, found.times, found.displacement, found.cells)
-
-
-def tenths(prefix: str, log: Log) -> Callable[[Progress], None]:
-    """Progress of a simulation as a line for each tenth of its time."""
-    told = 0
-
-    def tell(progress: Progress) -> None:
-        nonlocal told
-        tenths = int(10 * progress.time / progress.end)
-        if tenths > told:
-            told = tenths
-            left = progress.remaining
-            to_go = "" if math.isnan(left) else f", {duration(left)} to go"
-            log(f"{prefix}{10 * tenths} %{to_go}")
-
-    return tell

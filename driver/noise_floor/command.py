@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from driver.case.model import load_case
+from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError
 from driver.common.progress import Log
 from driver.dic.slope_noise import squared_slopes
@@ -30,9 +31,9 @@ from driver.noise_floor.laboratory import DRAWS, QUANTITIES, SERIES, errors, lab
 from driver.noise_floor.motions import known_motions
 from driver.noise_floor.picture import draw
 from driver.report.style import png
+from driver.results.files import RESULTS
 from driver.results.hdf5 import prismid_version, write_csv
 from driver.workflow.cost import cost_told
-from driver.workflow.engine import RESULTS, write_whole
 
 FILES = ("noise_floor.json", "noise_floor.csv", "noise_floor.png")
 _UNITS = {"strain": (1e2, "%")}  # factor and unit of a table; nm for what is not named

@@ -12,21 +12,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.case.model import Case
-from driver.check.picture import boundary_trace
 from driver.dic.surface_images import residual_variance
 from driver.experiment.history import History, knot_weights, read_history
 from driver.forward.boundary_motion import BoundaryMotion
+from driver.forward.geometry import boundary_trace
 from driver.parameters.registry import declared_parameters
 from driver.report.identified import IdentifiedParameter, estimates
 from driver.report.measured import DATASETS, MeasuredMotion, measured_motion, peaks
 from driver.report.measured_figures import FIGURES
-from driver.results.diagnosis import DIAGNOSIS, DIAGNOSIS_H5, OMNIBUS
-from driver.results.extended_case import EXTENDED
+from driver.results.diagnosis import OMNIBUS
+from driver.results.files import (
+    DIAGNOSIS,
+    DIAGNOSIS_H5,
+    EXTENDED,
+    FINE_MESH,
+    HISTORY_JSON,
+    IDENTIFY,
+    IDENTIFY_CSV,
+    MEASURE,
+    MEASURE_CSV,
+    MESH,
+)
 from driver.results.hdf5 import damaged, read_hdf5
-from driver.results.identification import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
 from driver.workflow.engine import StageContext, read_record
-from driver.workflow.measure_stage import MEASURE, MEASURE_CSV
-from driver.workflow.mesh_stage import FINE_MESH, MESH
 from meshes.files import read_med
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.parameter import Parameter

@@ -21,7 +21,6 @@ from driver.workflow.setup import Workbench
 
 Budget = dict[str, float]
 
-DIAGNOSIS, DIAGNOSIS_H5 = "diagnosis.json", "diagnosis.h5"
 # Entries of `omnibus` by name, and what each is of the tests.
 OMNIBUS = {
     "load_slow_p": "load_slow",

@@ -21,10 +21,8 @@ from driver.diagnosis.causes.noise_causes import COVARIANCE, NOISE_RATIO, SIGMA_
 from driver.experiment.reading import as_in_files
 from driver.forward.build import TRACE
 from driver.parameters.boundary import LAMBDAS
-from driver.workflow.engine import RESULTS
+from driver.results.files import NOISE_MAP, RESULTS
 from solver_adapters.material import MATERIAL_PARAMETERS, declarations_at
-
-EXTENDED, NOISE_MAP = "extended.toml", "noise_map.tif"
 
 
 def extended_case(case: Case, found: Diagnosis) -> Case:

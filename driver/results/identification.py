@@ -15,10 +15,10 @@ from driver.identification.identifiability import prior_shares, ruled_by_prior
 from driver.identification.identify import Identification
 from driver.identification.objective import Correction
 from driver.parameters.pose import POSE_DECLARATIONS
+from driver.results.files import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
 from driver.results.hdf5 import write_csv, write_hdf5
 from solver_adapters.parameter import Parameter
 
-IDENTIFY, IDENTIFY_CSV, HISTORY_JSON = "identify.h5", "identify.csv", "identify_history.json"
 Arrays = dict[str, tuple[NDArray[np.generic] | float, str]]
 
 

@@ -14,13 +14,9 @@ from numpy.typing import NDArray
 
 from driver.case.model import Case
 from driver.common.errors import InputError, sentence
-from driver.export.surface import FittedModel
-from driver.results.diagnosis import DIAGNOSIS, DIAGNOSIS_H5
+from driver.results.files import DIAGNOSIS, DIAGNOSIS_H5, IDENTIFY, MEASURE, MESH, RESULTS
 from driver.results.hdf5 import damaged, read_hdf5
-from driver.results.identification import IDENTIFY
-from driver.workflow.engine import RESULTS, finished, read_record
-from driver.workflow.measure_stage import MEASURE
-from driver.workflow.mesh_stage import MESH
+from driver.workflow.engine import finished, read_record
 from driver.workflow.pipeline import stages
 from meshes.files import read_med
 from meshes.prism_mesh import PrismMesh
@@ -171,3 +167,28 @@ def _expect(
         if shape != wanted:
             words = ", ".join(map(str, wanted))
             raise damaged(path, f"{name} of shape {shape} in place of ({words})")
+
+
+@dataclass(frozen=True, eq=False)
+class FittedModel:
+    """A fitted model as its results tell it, T images and n_pix pixels.
+
+    Attributes:
+        label: "model" as identified, "extended" with the causes that the diagnosis added.
+        load: predicted load [µN], shape (T,).
+        load_residual: measured − predicted load [µN], shape (T,).
+        motion: predicted motion at the pixels [µm], shape (T, n_pix, 3).
+        rho: image residual f + w − g(x + u) [µm], shape (T, n_pix).
+        values: value of every parameter.
+        sigma: standard deviation of each free parameter.
+        units: unit of each free parameter.
+    """
+
+    label: str
+    load: FloatArray
+    load_residual: FloatArray
+    motion: FloatArray
+    rho: FloatArray
+    values: Mapping[str, float]
+    sigma: Mapping[str, float]
+    units: Mapping[str, str]

@@ -7,9 +7,9 @@ from tempfile import TemporaryDirectory
 
 from driver.case.model import Case, load_case
 from driver.common.errors import InputError, sentence
+from driver.common.formatting import tenths
 from driver.common.progress import Log
 from driver.experiment.history import read_history
-from driver.export.volume import tenths
 from driver.forward.build import adapter_of, mesh_of
 from driver.virtual.settings import Virtual, read_virtual
 from driver.virtual.truth import knots, pull, stage_program

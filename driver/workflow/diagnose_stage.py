@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import h5py
 import numpy as np
 
-from driver.case.model import Case, CaseError, schema_text, write_case
-from driver.common.errors import sentence
+from driver.case.model import schema_text, write_case
 from driver.common.outcomes import Failure, attempt
 from driver.common.progress import Log
 from driver.design.model_discrimination import Telling, advice, most_telling
@@ -28,23 +26,29 @@ from driver.diagnosis.causes.user_causes import own_causes
 from driver.diagnosis.search.diagnose import diagnose
 from driver.diagnosis.search.fine_models import FinerMeshes
 from driver.diagnosis.statistics.screening import screened
-from driver.experiment.history import History
-from driver.experiment.reading import fitted_loads
+from driver.experiment.held_out import held_out_cycle
 from driver.forward.build import geometry_of
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Evaluation
-from driver.results.diagnosis import DIAGNOSIS, DIAGNOSIS_H5, diagnosis_record
+from driver.results.diagnosis import diagnosis_record
 from driver.results.extended_case import (
-    EXTENDED,
-    NOISE_MAP,
     added_parameters,
     extended_case,
     with_flips,
     write_noise_map,
 )
-from driver.results.extended_decks import DECKS, write_decks
+from driver.results.extended_decks import write_decks
+from driver.results.files import (
+    DECKS,
+    DIAGNOSIS,
+    DIAGNOSIS_H5,
+    EXTENDED,
+    IDENTIFY,
+    MEASURE,
+    NOISE_MAP,
+)
 from driver.results.hdf5 import read_hdf5, write_hdf5
-from driver.results.identification import IDENTIFY, value_told
+from driver.results.identification import value_told
 from driver.workflow.engine import StageContext
 from driver.workflow.identify_stage import (
     error_budget,
@@ -53,7 +57,6 @@ from driver.workflow.identify_stage import (
     same_simulation,
     saved_objective,
 )
-from driver.workflow.measure_stage import MEASURE
 from driver.workflow.setup import Workbench, on_another_mesh
 
 SCHEMA = "case.schema.json"  # the name by which every case file knows its schema
@@ -186,32 +189,3 @@ def _telling(found: Diagnosis, context: StageContext, bench: Workbench) -> tuple
         context.log(f"  not found out: {ranked.why}")
         return ()
     return ranked
-
-
-def held_out_cycle(case: Case, case_path: Path, history: History) -> int | None:
-    """The cycle that is held out, if any.
-
-    Args:
-        case: the case.
-        case_path: its file.
-        history: its history.
-
-    Raises:
-        CaseError: it asks for a cycle that there is not, or of which it leaves out all loads.
-    """
-    cycles = int(history.cycle.max())
-    asked = case.diagnosis.held_out_cycle
-    if isinstance(asked, int) and asked > cycles:
-        raise CaseError(
-            sentence(case_path, "diagnosis.held_out_cycle", str(asked),
-                     f"one of the {cycles} cycle(s)")
-        )  # fmt: skip
-    if asked == "none" or cycles < 2:
-        return None
-    cycle = cycles if asked == "last" else asked
-    if not np.isfinite(fitted_loads(case, history.force)[history.cycle == cycle]).any():
-        raise CaseError(
-            sentence(case_path, "loads.left_out", f"all loads of cycle {cycle}, which is held out",
-                     "some that it can be predicted for, or another diagnosis.held_out_cycle")
-        )  # fmt: skip
-    return cycle

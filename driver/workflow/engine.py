@@ -16,13 +16,14 @@ from pathlib import Path
 from typing import NotRequired, TypedDict
 
 from driver.case.model import Case, load_case
+from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError, sentence, why
 from driver.common.progress import Log
 from driver.experiment.images.files import split_dataset
 from driver.parameters.user_terms import files_of_terms, installed_terms
+from driver.results.files import RESULTS
 from driver.workflow.run_lock import sole_run
 
-RESULTS = "results"
 _RECORD = "stages.json"
 _READ_BACK = (".h5", ".json", ".med")  # of results that later stages read
 
@@ -358,13 +359,6 @@ def _is_entry(entry: object) -> bool:
 
 def _write_record(results: Path, record: Record) -> None:
     write_whole(results / _RECORD, json.dumps(record, indent=2) + "\n")
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file so that it is there whole or as it was before."""
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(text, encoding="utf-8")
-    os.replace(partial, path)
 
 
 def _content_hash(path: Path) -> str:

@@ -20,11 +20,10 @@ from driver.identification.kinematic_hessian import kinematic_hessian
 from driver.identification.objective import Correction, Evaluation, Objective
 from driver.identification.step_error import StepError
 from driver.parameters.boundary import LAMBDAS, elongation_names
+from driver.results.files import FINE_MESH, MEASURE, MESH
 from driver.results.hdf5 import read_hdf5
 from driver.results.identification import Arrays, value_told, warnings_of, write_identification
 from driver.workflow.engine import StageContext
-from driver.workflow.measure_stage import MEASURE
-from driver.workflow.mesh_stage import FINE_MESH, MESH
 from driver.workflow.setup import Workbench, build_workbench, seen_by_correlation
 from meshes.files import read_med
 from solver_adapters.interface import Way

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.case.model import Case
-from driver.check.picture import boundary_trace
 from driver.common.errors import InputError
 from driver.common.splines.images import variance_gain
 from driver.dic.derived_quantities import Reading, readings
@@ -23,9 +22,11 @@ from driver.experiment.images.outliers import find_outliers, left_out, noise_lev
 from driver.experiment.images.region import Excluded
 from driver.experiment.reading import read_experiment
 from driver.forward.build import correlation_meshes, surface_images
+from driver.forward.geometry import boundary_trace
 from driver.report.grip_texts import sentences
 from driver.report.measured import measured_motion
 from driver.report.measured_figures import write_figures
+from driver.results.files import MEASURE, MEASURE_CSV
 from driver.results.hdf5 import read_hdf5, write_csv, write_hdf5
 from driver.workflow.engine import StageContext
 from driver.workflow.measure_messages import tell_frames, tell_readings, tell_regularisation
@@ -36,7 +37,6 @@ IntArray = NDArray[np.int64]
 
 _AT_A_TIME = 4096  # pixels, whose rows of a dense matrix fit into memory
 _OTHER_SURFACE = 2.0  # χ of a frame that did not converge, beyond which it shows something else
-MEASURE, MEASURE_CSV = "measure.h5", "measure.csv"
 
 
 def run_measure(context: StageContext) -> None:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from driver.forward.build import mesh_of
+from driver.results.files import FINE_MESH, MESH
 from driver.workflow.engine import StageContext
 from meshes.files import write_med, write_vtu
-
-MESH, FINE_MESH = "mesh.med", "mesh_fine.med"
 
 
 def run_mesh(context: StageContext) -> None:

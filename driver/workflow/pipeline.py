@@ -9,14 +9,13 @@ from driver.case.model import Case, load_case
 from driver.common.errors import sentence
 from driver.common.progress import Log
 from driver.diagnosis.causes.user_causes import asked_causes
+from driver.experiment.held_out import held_out_cycle
 from driver.experiment.reading import history_of
 from driver.forward.build import capabilities_of, mesh_of
-from driver.results.diagnosis import DIAGNOSIS
-from driver.results.identification import IDENTIFY
+from driver.results.files import DIAGNOSIS, IDENTIFY, RESULTS
 from driver.workflow.cost import cost_told, estimate
-from driver.workflow.diagnose_stage import held_out_cycle, run_diagnose
+from driver.workflow.diagnose_stage import run_diagnose
 from driver.workflow.engine import (
-    RESULTS,
     Stage,
     StageError,
     diagnosed_files,

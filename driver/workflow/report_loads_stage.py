@@ -17,8 +17,8 @@ from driver.report import figures
 from driver.report.identified import estimates
 from driver.report.identified_tables import estimate_rows
 from driver.report.style import data_uri, png
+from driver.results.files import IDENTIFY
 from driver.results.hdf5 import prismid_version, read_hdf5
-from driver.results.identification import IDENTIFY
 from driver.workflow.engine import StageContext
 from templates import render
 

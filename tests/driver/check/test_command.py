@@ -12,9 +12,9 @@ from matplotlib.image import imread
 from driver.case.model import load_case
 from driver.check import command as check_module
 from driver.check.command import check
-from driver.check.picture import boundary_trace
 from driver.diagnosis.causes.all_causes import NAMES
 from driver.diagnosis.causes.causes import LIBRARY
+from driver.forward.geometry import boundary_trace
 from driver.workflow.cost import estimate, simulation_seconds
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.calculix.adapter import CalculixAdapter

@@ -27,7 +27,7 @@ from driver.design.surface import expected_surface
 from driver.design.variants import base_variant, variant
 from driver.experiment.history import read_history
 from driver.forward import build
-from driver.results.identification import IDENTIFY
+from driver.results.files import IDENTIFY
 from driver.workflow import pipeline
 from driver.workflow.engine import run_stages
 from tests.driver import closed_form

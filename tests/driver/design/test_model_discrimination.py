@@ -14,10 +14,10 @@ from driver.design.forecast import Forecast
 from driver.design.model_discrimination import Telling, advice, apart
 from driver.diagnosis.statistics.score_test import SEEN_AT
 from driver.forward import build
-from driver.results.diagnosis import DIAGNOSIS
+from driver.results.files import DIAGNOSIS, RESULTS
 from driver.workflow import diagnose_stage, pipeline
 from driver.workflow.diagnose_stage import run_diagnose
-from driver.workflow.engine import RESULTS, StageContext, run_stages
+from driver.workflow.engine import StageContext, run_stages
 from solver_adapters.interface import SolverError
 from tests.driver import closed_form
 

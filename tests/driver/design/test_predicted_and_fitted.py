@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.short_specimen import small_case, true_case
 from driver.design.command import FILES, design
-from driver.results.identification import IDENTIFY
+from driver.results.files import IDENTIFY
 from driver.virtual.writing import record
 from driver.workflow.pipeline import run
 from tests.driver.virtual_experiment import pull

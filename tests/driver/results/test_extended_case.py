@@ -18,7 +18,8 @@ from driver.diagnosis.search.load_outliers import BadLoad
 from driver.experiment.reading import arrange
 from driver.identification.image_data import reweighted
 from driver.parameters.registry import declared_parameters
-from driver.results.extended_case import NOISE_MAP, added_parameters, extended_case, write_noise_map
+from driver.results.extended_case import added_parameters, extended_case, write_noise_map
+from driver.results.files import NOISE_MAP
 from solver_adapters.material import MATERIAL_DECLARATIONS, declarations_at
 from tests.driver import closed_form
 

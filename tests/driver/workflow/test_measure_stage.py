@@ -13,8 +13,8 @@ import tifffile
 from driver.case.model import load_case, write_case
 from driver.common.errors import InputError
 from driver.experiment.images.region import Excluded
+from driver.results.files import MEASURE
 from driver.results.hdf5 import read_hdf5
-from driver.workflow.measure_stage import MEASURE
 from driver.workflow.pipeline import run
 from meshes.plane_cells import CellKind
 from tests.driver import closed_form

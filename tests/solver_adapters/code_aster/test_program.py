@@ -19,7 +19,8 @@ import pytest
 
 from benchmarks.short_specimen import small_case as short_specimen
 from driver.forward.build import adapter_of, build_model, mesh_of
-from driver.results.extended_decks import DECKS, write_decks
+from driver.results.extended_decks import write_decks
+from driver.results.files import DECKS
 from driver.virtual.truth import stage_program
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
