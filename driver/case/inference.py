@@ -9,7 +9,6 @@ from pydantic import AfterValidator, Field, model_validator
 from driver.case.messages import refusal
 from driver.case.values import Count, FileName, Positive, Table
 from driver.common.errors import one_of
-from driver.diagnosis.causes.all_causes import NAMES
 from solver_adapters.material import MATERIAL_DECLARATIONS
 
 
@@ -105,12 +104,3 @@ class DiagnosisTable(Table):
         default=(), description="a list of files with causes of your own"
     )
     refit: Count = Field(default=5, description="number of causes refitted nonlinearly")
-
-    @model_validator(mode="after")
-    def _causes_of_the_library(self) -> Self:
-        if self.causes == "all" or self.cause_files:  # `asked_causes` looks into the files
-            return self
-        for name in self.causes:
-            if name not in NAMES:
-                raise refusal(one_of(name, NAMES), "causes", f'"{name}"')
-        return self

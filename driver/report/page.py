@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from driver.common.formatting import cause_label, chi, joined, label, number, probability, readable
-from driver.diagnosis.answer.result_types import IMAGING
-from driver.diagnosis.search.discretisation_check import GATE
+from driver.diagnosis.answer.result_types import GATE, IMAGING
 from driver.experiment.reading import fitted_loads
 from driver.report.evidence_figures import signed_evidence
 from driver.report.findings import Findings

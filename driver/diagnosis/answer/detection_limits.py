@@ -10,9 +10,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from driver.diagnosis.answer.result_types import Step
-from driver.diagnosis.causes.noise_causes import NOISE_NOT_UNIFORM
-from driver.diagnosis.search.selection_round import level_of
-from driver.diagnosis.statistics.score_test import WORTH, Score
+from driver.diagnosis.causes.causes import Cause
+from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE, NOISE_NOT_UNIFORM
+from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
+from driver.diagnosis.statistics.score_test import (
+    NAMING_LEVEL,
+    WORTH,
+    Score,
+)
 from solver_adapters.parameter import Parameter
 
 UNDETECTABLE = 3.0
@@ -77,3 +82,8 @@ def _size(scales: float, parameter: Parameter) -> str:
         return f"a factor {np.exp(scales * parameter.scale):.3g}"
     unit = f" {parameter.unit}" if parameter.unit not in ("", "1") else ""
     return f"{scales * parameter.scale:.3g}{unit}"
+
+
+def level_of(cause: Cause) -> float:
+    """The level of the family at which a cause is named, or suspected first."""
+    return FAMILY_LEVEL if cause == BOUNDARY_NOISE else NAMING_LEVEL

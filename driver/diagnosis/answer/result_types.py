@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
 from driver.diagnosis.answer.verdict import Verdict
 from driver.diagnosis.causes.candidates import NotExamined
 from driver.diagnosis.causes.causes import Cause
-from driver.diagnosis.search.discretisation_check import Gate
-from driver.diagnosis.search.held_out import HeldOut
-from driver.diagnosis.search.load_outliers import BadLoad
-from driver.diagnosis.search.refit import Refit
 from driver.diagnosis.statistics.goodness_of_fit import Omnibus
 from driver.diagnosis.statistics.score_test import Score
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
 
+GATE = 1.0  # effect of the change of the correction on a score [σ]
+Refinement = Literal["mesh", "steps", "mesh and steps"]
 IMAGING = 1.2  # χ of free correlation beyond which imaging errors dominate
 
 
@@ -133,3 +132,102 @@ class Diagnosis:
         row = fit_.covariance[fit_.best.free.index(name)]
         slope = self.objective.parameters[name].slope(fit_.values[name])
         return float(abs(row @ (fit_.best.jacobian @ change) * slope))
+
+
+@dataclass(frozen=True, eq=False)
+class Gate:
+    """Change of the finer-minus-working difference from where it was taken to the result.
+
+    Attributes:
+        effect: largest effect on the score of any cause [σ].
+        cause: the cause whose score it would change most.
+        needed: what has to be refined, None where the gate is passed.
+        between_meshes: whether it is the change from one finer mesh to another.
+    """
+
+    effect: float
+    cause: str
+    needed: Refinement | None = None
+    between_meshes: bool = False
+
+    @property
+    def passed(self) -> bool:
+        """Whether no score could have been moved by more than one σ."""
+        return self.effect <= GATE
+
+    @property
+    def words(self) -> str | None:
+        """What is wrong and what is needed, None where the gate is passed."""
+        if self.needed is None:
+            return None
+        finer = {
+            "mesh": "a mesh half as large is needed",
+            "steps": "time steps half as long are needed",
+            "mesh and steps": "a mesh and time steps half as large are needed",
+        }[self.needed]
+        if self.between_meshes:
+            return (
+                f"what looks like {self.cause} is gone on another mesh of the same size, which "
+                f"moves it by {self.effect:.1f} σ; {finer}"
+            )
+        return (
+            f"close to the result its own error still changes by {self.effect:.1f} σ "
+            f"along {self.cause}; {finer}"
+        )
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Residual of a held-out cycle.
+
+    Attributes:
+        cycle: its number.
+        chi_load: χ_F of its loads, degrees of freedom of its knots counted.
+        chi_image: χ of its images on the correlation basis.
+    """
+
+    cycle: int
+    chi_load: float
+    chi_image: float
+
+
+@dataclass(frozen=True)
+class BadLoad:
+    """A load that belongs to no smooth course.
+
+    Attributes:
+        frame: its image.
+        off: by how much it is off [µN].
+        sigmas: the same over its standard deviation, by the noise of the other loads.
+    """
+
+    frame: int
+    off: float
+    sigmas: float
+
+
+@dataclass(frozen=True, eq=False)
+class Refit:
+    """A cause freed and everything fitted again.
+
+    Attributes:
+        cause: the cause.
+        objective: the objective with the cause's prior, as wide as its effect or wider.
+        fit: the fit, with the prior of a refit.
+        log_evidence: natural log of the Bayes factor against the baseline (`evidence`), and of the
+            prior odds of the cause.
+        levels: of a covariance cause its level and the standard deviation of it by name.
+    """
+
+    cause: Cause
+    objective: Objective
+    fit: Fit
+    log_evidence: float
+    levels: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def own_misfit(self) -> float:
+        """‖r‖² with the prior as wide as the effect, to first order from where the fit ended."""
+        at = self.fit.inside(self.objective)
+        rest = at.residual - np.linalg.solve(at.hessian, at.gradient) @ at.jacobian
+        return float(rest @ rest)

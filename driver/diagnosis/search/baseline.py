@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from driver.common.progress import Log
-from driver.diagnosis.answer.result_types import Settings
+from driver.diagnosis.answer.result_types import BadLoad, Settings
 from driver.diagnosis.causes.candidates import NotExamined
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.search.boundary_noise import Stops, explains_better, score_boundary_noise
 from driver.diagnosis.search.image_noise import Unevenness, examine_noise
-from driver.diagnosis.search.load_outliers import BadLoad, bad_loads, load_noise
+from driver.diagnosis.search.load_outliers import bad_loads, load_noise
 from driver.diagnosis.search.refit import TOLERANCE
 from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
 from driver.diagnosis.statistics.score_test import effects_of

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from driver.common.progress import Log, silent
+from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.candidates import NotExamined
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE, SIGMA_E
-from driver.diagnosis.search.refit import MOST_ITERATIONS, TOLERANCE, Refit
+from driver.diagnosis.search.refit import MOST_ITERATIONS, TOLERANCE
 from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
 from driver.diagnosis.statistics.high_pass_loads import FEWEST, LEFT, fast_loads
 from driver.diagnosis.statistics.score_test import Score

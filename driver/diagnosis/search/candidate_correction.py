@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
 from driver.common.progress import silent
+from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.fine_models import FinerMeshes
-from driver.diagnosis.search.refit import TOLERANCE, Crew, Refit, refit_of, with_prior
+from driver.diagnosis.search.refit import TOLERANCE, Crew, refit_of, with_prior
 from driver.forward.model import ForwardModel
 from driver.identification.fit import fit_from
 from driver.identification.identify import correction

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.causes.noise_causes import COVARIANCE
 from driver.diagnosis.search.noise_continuation import refit_from_soft_loads
-from driver.diagnosis.search.refit import HOPEFUL, Crew, Refit, refit_causes, refit_from_afar
+from driver.diagnosis.search.refit import HOPEFUL, Crew, refit_causes, refit_from_afar
 from driver.diagnosis.statistics.model_comparison import is_excess, share_explained
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, Score, likeness
 from driver.identification.line_search import newton

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from driver.common.progress import silent
+from driver.diagnosis.answer.result_types import Gate, Refinement
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.statistics.score_test import Score
 from driver.diagnosis.statistics.screening import whitened_difference
@@ -19,52 +19,8 @@ from driver.identification.identify import correction
 from driver.identification.objective import Correction, Evaluation, Objective
 
 FloatArray = NDArray[np.float64]
-Refinement = Literal["mesh", "steps", "mesh and steps"]
 
-GATE = 1.0  # effect of the change of the correction on a score [σ]
 _MATTERS = 0.5  # of the larger of two effects, from which the smaller one counts, too
-
-
-@dataclass(frozen=True, eq=False)
-class Gate:
-    """Change of the finer-minus-working difference from where it was taken to the result.
-
-    Attributes:
-        effect: largest effect on the score of any cause [σ].
-        cause: the cause whose score it would change most.
-        needed: what has to be refined, None where the gate is passed.
-        between_meshes: whether it is the change from one finer mesh to another.
-    """
-
-    effect: float
-    cause: str
-    needed: Refinement | None = None
-    between_meshes: bool = False
-
-    @property
-    def passed(self) -> bool:
-        """Whether no score could have been moved by more than one σ."""
-        return self.effect <= GATE
-
-    @property
-    def words(self) -> str | None:
-        """What is wrong and what is needed, None where the gate is passed."""
-        if self.needed is None:
-            return None
-        finer = {
-            "mesh": "a mesh half as large is needed",
-            "steps": "time steps half as long are needed",
-            "mesh and steps": "a mesh and time steps half as large are needed",
-        }[self.needed]
-        if self.between_meshes:
-            return (
-                f"what looks like {self.cause} is gone on another mesh of the same size, which "
-                f"moves it by {self.effect:.1f} σ; {finer}"
-            )
-        return (
-            f"close to the result its own error still changes by {self.effect:.1f} σ "
-            f"along {self.cause}; {finer}"
-        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from driver.common.progress import Log
-from driver.diagnosis.answer.result_types import Settings
+from driver.diagnosis.answer.result_types import Refit, Settings
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.search.backward_elimination import eliminate
@@ -16,7 +16,6 @@ from driver.diagnosis.search.baseline import noise_of_images, with_load_noise
 from driver.diagnosis.search.boundary_noise import Level, level_again
 from driver.diagnosis.search.fine_models import FinerMeshes
 from driver.diagnosis.search.load_outliers import bad_loads
-from driver.diagnosis.search.refit import Refit
 from driver.diagnosis.statistics.screening import whitened_difference
 from driver.identification.fit import POLISH, Fit, fit_from
 from driver.identification.identify import with_correction

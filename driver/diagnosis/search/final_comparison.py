@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from driver.common.parallel import side_by_side
 from driver.common.progress import silent
-from driver.diagnosis.answer.result_types import Settings
+from driver.diagnosis.answer.result_types import HeldOut, Settings
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
-from driver.diagnosis.search.held_out import HeldOut, HeldOutTask, knots_of_cycle, predict_held_out
+from driver.diagnosis.search.held_out import HeldOutTask, knots_of_cycle, predict_held_out
 from driver.forward.model import ForwardModel
 from driver.identification.fit import POLISH, Fit, fit_from
 from driver.identification.identify import correction

@@ -19,17 +19,10 @@ from scipy.stats import chi2
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
 from driver.common.progress import Log
+from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.causes.noise_causes import COVARIANCE
-from driver.diagnosis.search.refit import (
-    FAR,
-    MOST_FROM_AFAR,
-    Crew,
-    Refit,
-    Start,
-    refit_from,
-    with_prior,
-)
+from driver.diagnosis.search.refit import FAR, MOST_FROM_AFAR, Crew, Start, refit_from, with_prior
 from driver.diagnosis.statistics.bayes_factor import amounts_of
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, score, significance
 from driver.identification.fit import Fit

@@ -9,17 +9,11 @@ import numpy as np
 
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
+from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.candidates import NotExamined
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.ebsd_flips import half_turn
-from driver.diagnosis.search.refit import (
-    MOST_FROM_AFAR,
-    Crew,
-    Refit,
-    Start,
-    nominal,
-    refit_from,
-)
+from driver.diagnosis.search.refit import MOST_FROM_AFAR, Crew, Start, nominal, refit_from
 from driver.diagnosis.statistics.score_test import Score
 from driver.forward.model import ForwardModel
 from driver.identification.line_search import promised

@@ -7,14 +7,13 @@ from functools import partial
 
 from driver.common.outcomes import Failure, attempt
 from driver.common.progress import Log
-from driver.diagnosis.answer.result_types import Settings, Step
+from driver.diagnosis.answer.result_types import Refit, Settings, Step
 from driver.diagnosis.answer.verdict import MOST_ADDITIONS
 from driver.diagnosis.causes.noise_causes import COVARIANCE
 from driver.diagnosis.search.baseline import Prepared
 from driver.diagnosis.search.boundary_noise import Stops
 from driver.diagnosis.search.extension import Extension, extended
 from driver.diagnosis.search.fine_models import FinerMeshes
-from driver.diagnosis.search.refit import Refit
 from driver.diagnosis.search.selection_round import (
     WITHIN,
     Round,

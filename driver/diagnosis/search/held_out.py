@@ -14,27 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.common.progress import silent
+from driver.diagnosis.answer.result_types import HeldOut
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Objective
 
 IntArray = NDArray[np.int64]
 MOST_ITERATIONS = 5
 TOLERANCE = 0.3
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """Residual of a held-out cycle.
-
-    Attributes:
-        cycle: its number.
-        chi_load: χ_F of its loads, degrees of freedom of its knots counted.
-        chi_image: χ of its images on the correlation basis.
-    """
-
-    cycle: int
-    chi_load: float
-    chi_image: float
 
 
 @dataclass(frozen=True, eq=False)

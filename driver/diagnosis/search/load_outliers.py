@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm, t
 
+from driver.diagnosis.answer.result_types import BadLoad
 from driver.diagnosis.statistics.high_pass_loads import FEWEST, LEFT, fast_loads, freed
 from driver.identification.data import Data
 from driver.identification.objective import Evaluation
@@ -23,21 +24,6 @@ IntArray = NDArray[np.int64]
 LEVEL = 0.01  # of all loads together
 MOST = 0.05  # share of the loads beyond which they are no outliers but noise of another kind
 _SUSPECT = 3.5  # robust standard deviations
-
-
-@dataclass(frozen=True)
-class BadLoad:
-    """A load that belongs to no smooth course.
-
-    Attributes:
-        frame: its image.
-        off: by how much it is off [µN].
-        sigmas: the same over its standard deviation, by the noise of the other loads.
-    """
-
-    frame: int
-    off: float
-    sigmas: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,13 +17,13 @@ import numpy as np
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
 from driver.common.progress import Log, silent
+from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.refit import (
     HOPEFUL,
     MOST_FROM_AFAR,
     MOST_ITERATIONS,
     TOLERANCE,
     Crew,
-    Refit,
     freed_with,
     nominal,
     refit_of,

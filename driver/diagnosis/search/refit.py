@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
 from driver.common.progress import Log, silent
+from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.statistics.bayes_factor import log_bayes_factor
 from driver.diagnosis.statistics.score_test import Score
@@ -23,33 +24,6 @@ MOST_FROM_AFAR = 8
 FAR = (1.0, 3.0)  # prior scales
 HOPEFUL = 0.5  # of what the best gains, that a rival has to promise or to gain on its way
 TOLERANCE = 0.3  # Newton decrement [σ]: a log evidence is then right to 0.05
-
-
-@dataclass(frozen=True, eq=False)
-class Refit:
-    """A cause freed and everything fitted again.
-
-    Attributes:
-        cause: the cause.
-        objective: the objective with the cause's prior, as wide as its effect or wider.
-        fit: the fit, with the prior of a refit.
-        log_evidence: natural log of the Bayes factor against the baseline (`evidence`), and of the
-            prior odds of the cause.
-        levels: of a covariance cause its level and the standard deviation of it by name.
-    """
-
-    cause: Cause
-    objective: Objective
-    fit: Fit
-    log_evidence: float
-    levels: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-
-    @property
-    def own_misfit(self) -> float:
-        """‖r‖² with the prior as wide as the effect, to first order from where the fit ended."""
-        at = self.fit.inside(self.objective)
-        rest = at.residual - np.linalg.solve(at.hessian, at.gradient) @ at.jacobian
-        return float(rest @ rest)
 
 
 @dataclass(frozen=True)

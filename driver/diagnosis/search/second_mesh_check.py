@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from driver.common.progress import Log
+from driver.diagnosis.answer.result_types import GATE, Gate
 from driver.diagnosis.causes.causes import NUMERICS
-from driver.diagnosis.search.discretisation_check import GATE, Gate
 from driver.diagnosis.search.fine_models import FinerMeshes
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, Score, significance
 from driver.diagnosis.statistics.screening import whitened_difference

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.common.progress import Log
-from driver.diagnosis.answer.result_types import Settings, Step
+from driver.diagnosis.answer.detection_limits import level_of
+from driver.diagnosis.answer.result_types import Gate, Refit, Settings, Step
 from driver.diagnosis.answer.verdict import MOST_ADDITIONS
 from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.causes.ebsd_flips import FLIPS, flips_of
@@ -23,13 +24,12 @@ from driver.diagnosis.search.candidate_selection import (
     leaves_unexplained,
     refits_of_likely,
 )
-from driver.diagnosis.search.discretisation_check import Gate
 from driver.diagnosis.search.fine_models import FinerMeshes
 from driver.diagnosis.search.finite_step_score import look_from_afar
 from driver.diagnosis.search.flip_trial import FlipTrial, not_warranted, try_flips
-from driver.diagnosis.search.refit import Crew, Refit
+from driver.diagnosis.search.refit import Crew
 from driver.diagnosis.search.second_mesh_check import held_against_both, with_both
-from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL, Omnibus, omnibus
+from driver.diagnosis.statistics.goodness_of_fit import Omnibus, omnibus
 from driver.diagnosis.statistics.score_test import (
     NAMING_LEVEL,
     PARALLEL,
@@ -164,11 +164,6 @@ def is_settled(step: Step) -> bool:
     """Whether nothing is left: the tests accept, and no cause is significant."""
     causes = [s for s in step.scores if s.degrees and s.cause != NUMERICS]
     return step.omnibus.accepted and all(s.p >= level_of(s.cause) for s in causes)
-
-
-def level_of(cause: Cause) -> float:
-    """The level of the family at which a cause is named, or suspected first."""
-    return FAMILY_LEVEL if cause == BOUNDARY_NOISE else NAMING_LEVEL
 
 
 @dataclass(frozen=True, eq=False)

@@ -101,8 +101,6 @@ def refused(tmp_path: Path, *changes: tuple[str, str]) -> list[str]:
          '"joint" or "paper"'),
         ('parameters = ["tau0", "c", "d"]', 'parameters = ["tau0", "c", "tau0"]',
          "identification.parameters", '"tau0" 2 times', "each name once"),
-        ('causes = "all"', 'causes = ["load_gain", "magic"]', "diagnosis.causes", '"magic"',
-         "one of isotropic_hardening, latent_hardening"),
         ('causes = "all"', "causes = []", "diagnosis.causes", "[]", "at least one name"),
         ("starts = 1", "starts = 0", "identification.starts", "0", "≥ 1"),
         ("jitter_nm = 0.0", "jitter_nm = -1", "boundary.jitter_nm", "-1", "≥ 0"),

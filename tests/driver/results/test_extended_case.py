@@ -11,10 +11,10 @@ import tifffile
 from driver.case.images import Axis
 from driver.case.model import Case, load_case, write_case
 from driver.case.solver import ProfileTable
+from driver.diagnosis.answer.result_types import BadLoad
 from driver.diagnosis.causes.causes import LIBRARY, Cause
 from driver.diagnosis.causes.ebsd_flips import FLIPS, half_turn
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE, NOISE_NOT_UNIFORM
-from driver.diagnosis.search.load_outliers import BadLoad
 from driver.experiment.reading import arrange
 from driver.identification.image_data import reweighted
 from driver.parameters.registry import declared_parameters

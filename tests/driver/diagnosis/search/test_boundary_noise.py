@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from driver.common.progress import Log, silent
-from driver.diagnosis.answer.result_types import Diagnosis
+from driver.diagnosis.answer.result_types import Diagnosis, Refit
 from driver.diagnosis.causes.all_causes import NAMES
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE, SIGMA_E
 from driver.diagnosis.search import selection_round as one_round
@@ -23,7 +23,6 @@ from driver.diagnosis.search.boundary_noise import (
     stops_where_they_pay,
 )
 from driver.diagnosis.search.load_outliers import bad_loads
-from driver.diagnosis.search.refit import Refit
 from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
 from driver.diagnosis.statistics.score_test import effects_of
 from driver.diagnosis.statistics.screening import screened

@@ -8,9 +8,10 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.common.progress import silent
+from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.candidate_correction import REACH, with_own_corrections
 from driver.diagnosis.search.fine_models import FinerMeshes
-from driver.diagnosis.search.refit import Crew, Refit, refit_causes
+from driver.diagnosis.search.refit import Crew, refit_causes
 from driver.diagnosis.statistics.score_test import score
 from driver.diagnosis.statistics.screening import screened
 from driver.identification.fit import Fit

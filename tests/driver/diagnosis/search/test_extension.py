@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from driver.common.progress import silent
+from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.extension import Extension, extended
 from driver.diagnosis.search.fine_models import FinerMeshes
-from driver.diagnosis.search.refit import Crew, Refit, refit_causes
+from driver.diagnosis.search.refit import Crew, refit_causes
 from driver.diagnosis.statistics.score_test import score
 from driver.diagnosis.statistics.screening import screened
 from driver.identification.fit import Fit

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from driver.common.progress import Log, silent
+from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import LIBRARY
 from driver.diagnosis.search import finite_step_score
 from driver.diagnosis.search.boundary_noise import Stops
 from driver.diagnosis.search.fine_models import FinerMeshes
 from driver.diagnosis.search.finite_step_score import FarLooks, look_from_afar
-from driver.diagnosis.search.refit import Crew, Refit, Start, refit_from
+from driver.diagnosis.search.refit import Crew, Start, refit_from
 from driver.diagnosis.search.selection_round import examine
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, effects_of
 from driver.diagnosis.statistics.screening import screen, screened

@@ -7,14 +7,13 @@ from unittest.mock import patch
 import pytest
 
 from driver.common.progress import Log
-from driver.diagnosis.answer.result_types import Diagnosis, Settings
+from driver.diagnosis.answer.result_types import Diagnosis, Gate, Refit, Settings
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.search import forward_selection
 from driver.diagnosis.search.boundary_noise import Stops
-from driver.diagnosis.search.discretisation_check import Gate
 from driver.diagnosis.search.extension import Extension, extended
 from driver.diagnosis.search.fine_models import FinerMeshes
-from driver.diagnosis.search.refit import Crew, Refit, refit_causes
+from driver.diagnosis.search.refit import Crew, refit_causes
 from driver.diagnosis.search.selection_round import Round, at_first_sight, examine
 from driver.diagnosis.statistics.screening import screened
 from driver.identification.fit import Fit

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from driver.diagnosis.answer.result_types import HeldOut
 from driver.diagnosis.search.held_out import (
-    HeldOut,
     HeldOutTask,
     knots_of_cycle,
     predict_held_out,

@@ -7,8 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.common.progress import silent
+from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.noise_continuation import refit_from_soft_loads
-from driver.diagnosis.search.refit import Crew, Refit, refit_causes
+from driver.diagnosis.search.refit import Crew, refit_causes
 from solver_adapters.interface import Simulation, SolverError
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import large_effect

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from driver.common.progress import silent
+from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search import candidate_selection
 from driver.diagnosis.search.boundary_noise import Stops
 from driver.diagnosis.search.fine_models import FinerMeshes
-from driver.diagnosis.search.refit import Refit
 from driver.diagnosis.search.selection_round import WITHIN, examine, set_of
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score
 from driver.identification.fit import Fit
