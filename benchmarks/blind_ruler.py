@@ -168,7 +168,7 @@ def _made(cache: Path) -> Ruler:
 def identified(path: Path) -> tuple[Objective, dict[str, float], tuple[str, ...]]:
     """Objective, values and fitted parameters of a case that has been identified."""
     results = path.parent / RESULTS
-    bench = load_workbench(StageContext(load_case(path), path, results, results, silent, False))
+    bench = load_workbench(StageContext(load_case(path), results, results, silent, False))
     with h5py.File(results / IDENTIFY, "r") as file:
         values: dict[str, float] = json.loads(file.attrs["all_values"])
         free = tuple(json.loads(file.attrs["names"]))

@@ -223,7 +223,7 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
         path = record(Path(folder), case, truth.course, trial.seed, settings)
         stated = stated_by(trial, load_case(path))
         write_case(stated, path)
-        run_stages(path, _chain(stated), "diagnose", report=silent)
+        run_stages(load_case(path), _chain(stated), "diagnose", report=silent)
         known = tuple(BY_NAME[n] for n in trial.truths if n in BY_NAME)
         left = left_of(path, truth.course, known) if trial.truths else Left(0.0, (), ())
         found = json.loads((path.parent / "results" / "diagnosis.json").read_text("utf-8"))

@@ -72,7 +72,7 @@ def screening(case: Path) -> None:
     The diagnosis repeats the simulation of the identification by the way that it took.
     """
     results = case.parent / RESULTS
-    context = StageContext(load_case(case), case, results, results, lambda line: None)
+    context = StageContext(load_case(case), results, results, lambda line: None)
     bench = load_workbench(context)
     free = (*LAMBDAS, *bench.knots, *bench.law)
     _, names = screened(bench.working, free, None)

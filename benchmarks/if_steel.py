@@ -95,7 +95,7 @@ def cost(found: Found) -> None:
 def without_prior(found: Found, truth: dict[str, float]) -> None:
     """Stage C once more from its end, with no prior of law and λ's."""
     path = DATA / "case.toml"
-    context = StageContext(load_case(path), path, DATA / RESULTS, DATA / RESULTS, print)
+    context = StageContext(load_case(path), DATA / RESULTS, DATA / RESULTS, print)
     bench = load_workbench(context)
     objective = saved_objective(bench, dict(found.arrays))
     nuisances = {p.name for p in POSE_DECLARATIONS}

@@ -56,7 +56,7 @@ def time_errors() -> list[TimeError]:
         shutil.copytree(ALPHA, path.parent, ignore=shutil.ignore_patterns("results"))
         pipeline.run(path, "measure", False, lambda line: None)
         results = path.parent / "results"
-        context = StageContext(load_case(path), path, results, results, lambda line: None)
+        context = StageContext(load_case(path), results, results, lambda line: None)
         bench = load_workbench(context)
     values = bench.start | TRUTH
     free = (*LAMBDAS, *bench.law, *bench.knots)

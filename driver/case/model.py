@@ -66,12 +66,17 @@ class Case(Table):
     dic: Dic = Dic()
     execution: Execution = Execution()
 
-    _folder: Path = PrivateAttr(default=Path())
+    _file: Path = PrivateAttr(default=Path("case.toml"))
 
     def model_post_init(self, context: Any) -> None:
-        """Keep the folder of the case file, against which its paths are resolved."""
+        """Keep the case file, against whose folder its paths are resolved."""
         if context:
-            self._folder = context["folder"]
+            self._file = context["file"]
+
+    @property
+    def file(self) -> Path:
+        """The case file."""
+        return self._file
 
     @model_validator(mode="after")
     def _boundary_parts_the_grains(self) -> Self:
@@ -165,7 +170,7 @@ class Case(Table):
 
     def path(self, name: str) -> Path:
         """A path of the case file, relative to the folder of the case."""
-        return self._folder / name
+        return self._file.parent / name
 
     @property
     def section(self) -> float:
@@ -210,7 +215,7 @@ def load_case(path: Path) -> Case:
     """
     data = read_toml(path, "a case file (`prismid init DIR` writes one)", CaseError)
     try:
-        return Case.model_validate(data, context={"folder": path.parent})
+        return Case.model_validate(data, context={"file": path})
     except ValidationError as error:
         raise CaseError(sentences(path, Case, data, error)) from None
 

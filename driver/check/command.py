@@ -33,7 +33,7 @@ from driver.forward.build import (
     used_face,
 )
 from driver.results.extended_decks import rendered_decks
-from driver.results.files import RESULTS
+from driver.results.files import results_of
 from driver.workflow.cost import cost_told, estimate
 from meshes.plane_mesh import PlaneMesh
 from meshes.prism import generate
@@ -61,7 +61,7 @@ def check(case_path: Path) -> list[Finding]:
         return findings + [Finding("error", "case", line) for line in str(error).splitlines()]
     findings.append(Finding("ok", "case", f"{case_path} is valid"))
     findings += _orientation(case)
-    findings += _causes(case, case_path)
+    findings += _causes(case)
     adapter: Adapter | None = None
     of_solver: list[Finding] = []
     try:
@@ -81,7 +81,7 @@ def check(case_path: Path) -> list[Finding]:
     except InputError as error:
         lines = str(error).splitlines()
         return [*findings, *(Finding("error", "experiment", line) for line in lines)]
-    findings += _history(case, case_path, experiment)
+    findings += _history(case, experiment)
     if adapter is not None and not any(finding.level == "error" for finding in of_solver):
         findings += recommended_steps(case, adapter, experiment.history)
     seen, reference = look_at_images(case, experiment)
@@ -95,7 +95,7 @@ def check(case_path: Path) -> list[Finding]:
         told = any(finding.level == "error" for finding in of_solver)
         if not told:
             findings += _decks(case, adapter, experiment)
-    picture = case_path.parent / RESULTS / "check.png"
+    picture = results_of(case) / "check.png"
     picture.parent.mkdir(exist_ok=True)
     draw(case, experiment, picture, None if reference is None else reference.codes)
     findings.append(
@@ -137,9 +137,9 @@ def _orientation(case: Case) -> Iterator[Finding]:
         yield Finding("ok", "orientation", f"{grain.name}: loading axis along crystal [{along}]")
 
 
-def _causes(case: Case, case_path: Path) -> Iterator[Finding]:
+def _causes(case: Case) -> Iterator[Finding]:
     try:
-        asked_causes(case, case_path)
+        asked_causes(case)
     except InputError as error:
         for line in str(error).splitlines():
             yield Finding("error", "causes", line)
@@ -259,12 +259,12 @@ def _course(case: Case, history: History, force: FloatArray, what: str) -> Findi
     )
 
 
-def _history(case: Case, case_path: Path, experiment: Experiment) -> Iterator[Finding]:
+def _history(case: Case, experiment: Experiment) -> Iterator[Finding]:
     history = experiment.history
     yield _course(case, history, experiment.force, "images")
     yield from strange_loads(case, history, experiment.force)
     try:
-        held_out_cycle(case, case_path, history)
+        held_out_cycle(case, history)
     except InputError as error:
         yield Finding("error", "history", str(error))
     if case.diagnosis.held_out_cycle == "last" and history.cycle.max() == 1:

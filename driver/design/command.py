@@ -35,10 +35,9 @@ from driver.diagnosis.causes.user_causes import asked_causes
 from driver.experiment.history import History, HistoryError, read_history
 from driver.forward.build import capabilities_of, mesh_of
 from driver.report.style import png
-from driver.results.files import RESULTS
+from driver.results.files import JOBS, results_of
 from driver.virtual.truth import stage_program
 from driver.workflow.cost import cost_told, simulation_seconds
-from driver.workflow.identify_stage import JOBS
 from solver_adapters.interface import SolverError
 from solver_adapters.kernels import use_threads
 
@@ -71,14 +70,14 @@ def design(
         SolverError: the experiment of the case could not be simulated.
     """
     case = load_case(case_path)
-    refuse_without_images(case, case_path)
-    asked_causes(case, case_path)
+    refuse_without_images(case)
+    asked_causes(case)
     settings = Settings() if settings_path is None else read_settings(settings_path)
     history = _history(case, settings)
     surface = expected_surface(case, settings, history)
     if settings.test.repeats is not None:
         surface = replace(surface, images=surface.with_noise(1.0, settings.test.repeats))
-    results = case_path.parent / RESULTS
+    results = results_of(case)
     base = Plan(base_variant(case, settings), history, surface, settings, results / JOBS)
     asked = variants(
         base.variant,

@@ -100,7 +100,7 @@ def variant(base: Variant, name: str, change: dict[str, Any], path: Path) -> Var
         ) from None
     tests = merged(base.test.model_dump(), change.get("test", {}))
     try:
-        case = Case.model_validate(data, context={"folder": base.case.path("")})
+        case = Case.model_validate(data, context={"file": base.case.file})
         test = Settings.model_validate({"test": tests}).test
     except ValidationError as error:
         of_case = error.title == Case.__name__
@@ -116,7 +116,7 @@ def variant(base: Variant, name: str, change: dict[str, Any], path: Path) -> Var
     return Variant(name, label(change), case, test)
 
 
-def refuse_without_images(case: Case, path: Path) -> None:
+def refuse_without_images(case: Case, path: Path | None = None) -> None:
     """Refuse a case of which nothing that images tell will be known.
 
     Raises:
@@ -124,7 +124,7 @@ def refuse_without_images(case: Case, path: Path) -> None:
     """
     if not case.with_images:
         expected = '"images": a design counts on them'
-        raise InputError(sentence(path, "boundary.motion", '"stage"', expected))
+        raise InputError(sentence(path or case.file, "boundary.motion", '"stage"', expected))
 
 
 def variants(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from driver.case.model import Case, CaseError
@@ -12,12 +10,11 @@ from driver.experiment.history import History
 from driver.experiment.reading import fitted_loads
 
 
-def held_out_cycle(case: Case, case_path: Path, history: History) -> int | None:
+def held_out_cycle(case: Case, history: History) -> int | None:
     """The cycle that is held out, if any.
 
     Args:
         case: the case.
-        case_path: its file.
         history: its history.
 
     Raises:
@@ -27,7 +24,7 @@ def held_out_cycle(case: Case, case_path: Path, history: History) -> int | None:
     asked = case.diagnosis.held_out_cycle
     if isinstance(asked, int) and asked > cycles:
         raise CaseError(
-            sentence(case_path, "diagnosis.held_out_cycle", str(asked),
+            sentence(case.file, "diagnosis.held_out_cycle", str(asked),
                      f"one of the {cycles} cycle(s)")
         )  # fmt: skip
     if asked == "none" or cycles < 2:
@@ -35,7 +32,7 @@ def held_out_cycle(case: Case, case_path: Path, history: History) -> int | None:
     cycle = cycles if asked == "last" else asked
     if not np.isfinite(fitted_loads(case, history.force)[history.cycle == cycle]).any():
         raise CaseError(
-            sentence(case_path, "loads.left_out", f"all loads of cycle {cycle}, which is held out",
+            sentence(case.file, "loads.left_out", f"all loads of cycle {cycle}, which is held out",
                      "some that it can be predicted for, or another diagnosis.held_out_cycle")
         )  # fmt: skip
     return cycle

@@ -11,18 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.case.model import Case, load_case
-from driver.common.errors import sentence
+from driver.common.errors import InputError, sentence
 from driver.common.progress import Log
 from driver.experiment.history import History, read_history
 from driver.export.readme import README, exported_files, write_readme
 from driver.export.surface import SERIES, aligned, write_surface
 from driver.export.volume import offers_volume, volume_files, write_volumes
 from driver.parameters.boundary import elongation_names, tilt_names
-from driver.results.files import RESULTS
+from driver.results.files import JOBS, STAGES, results_of
 from driver.results.hdf5 import write_csv
-from driver.results.reader import ExportError as ExportError
-from driver.results.reader import FinishedResults, FittedModel, read_finished
-from driver.workflow.identify_stage import JOBS
+from driver.results.reader import FinishedResults, FittedModel, read_results
+from driver.results.stage_record import read_record
+from driver.workflow.engine import finished
+from driver.workflow.pipeline import stages
 from driver.workflow.setup import BUNDLED
 from meshes.files import write_vtu
 from solver_adapters.jobs.errors import CommandMissingError
@@ -31,6 +32,11 @@ from solver_adapters.kernels import use_threads
 FloatArray = NDArray[np.float64]
 
 _MESH_VTU = "mesh.vtu"
+_NEEDED, _OPTIONAL = ("mesh", "measure", "identify"), "diagnose"
+
+
+class ExportError(InputError):
+    """Results that cannot be exported: what was found and what was expected."""
 
 
 def export_case(
@@ -69,7 +75,7 @@ def export_case(
         expected = '"images": the fields that are exported are those of images and models'
         raise ExportError(sentence(case_path, "boundary.motion", '"stage"', expected))
     use_threads(case.execution.processes * case.execution.threads)
-    found = read_finished(case_path, case)
+    found = _finished_results(case)
     history = read_history(case.path(case.history.file))
     _make_folder(folder)
     with tempfile.TemporaryDirectory(prefix="partial-", dir=folder) as aside:
@@ -84,12 +90,29 @@ def export_case(
         if volume:
             # Told before the simulations, which take their time.
             _refuse_foreign(folder, _volume_names(found, med))
-            jobs = None if case.solver.name == BUNDLED else case_path.parent / RESULTS / JOBS
+            jobs = None if case.solver.name == BUNDLED else results_of(case) / JOBS
             volume = _write_volume(written, case, found, history, med, log, jobs)
         names = [*_names(written), Path(README)]
         write_readme(written / README, case_path, found.diagnosed, volume, volume and med, names)
         _refuse_foreign(folder, names)
         _move(written, folder)
+
+
+def _finished_results(case: Case) -> FinishedResults:
+    """The results of the case as it is.
+
+    Raises:
+        ExportError: a stage has none, or a run replaces them.
+        ResultError: one of them cannot be read.
+    """
+    folder = results_of(case)
+    record = read_record(folder)
+    done = finished(case, stages(case), _NEEDED, ExportError)
+    found = read_results(folder, diagnosed=_OPTIONAL in done)
+    if read_record(folder) != record:
+        replaced, expected = "a run that replaces results", "one that has ended: export again"
+        raise ExportError(sentence(folder, STAGES, replaced, expected))
+    return found
 
 
 def _volume_names(found: FinishedResults, med: bool) -> list[Path]:

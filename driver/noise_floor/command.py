@@ -31,7 +31,7 @@ from driver.noise_floor.laboratory import DRAWS, QUANTITIES, SERIES, errors, lab
 from driver.noise_floor.motions import known_motions
 from driver.noise_floor.picture import draw
 from driver.report.style import png
-from driver.results.files import RESULTS
+from driver.results.files import results_of
 from driver.results.hdf5 import prismid_version, write_csv
 from driver.workflow.cost import cost_told
 
@@ -106,7 +106,7 @@ def noise_floor(case_path: Path, log: Log) -> None:
     take = chosen(rows)
     for line in table(rows, take, freedom):
         log(line)
-    folder = case_path.parent / RESULTS
+    folder = results_of(case)
     folder.mkdir(exist_ok=True)
     summary = {
         "prismid": prismid_version(),

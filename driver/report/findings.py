@@ -32,9 +32,10 @@ from driver.results.files import (
     MEASURE,
     MEASURE_CSV,
     MESH,
+    present,
 )
 from driver.results.hdf5 import damaged, read_hdf5
-from driver.workflow.engine import StageContext, read_record
+from driver.results.stage_record import read_record
 from meshes.files import read_med
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.parameter import Parameter
@@ -170,18 +171,22 @@ class Findings:
         return peaks(self.measured["stage"], self.measured["cycle"].astype(np.int64))
 
 
-def read_findings(context: StageContext) -> Findings:
+def read_findings(case: Case, results: Path) -> Findings:
     """Read all results that the report shows.
 
+    Args:
+        case: the case.
+        results: the folder of its results.
+
     Raises:
-        StageError: a result is absent.
+        AbsentError: a result is absent.
         ResultError: a result is damaged or lacks what the report shows.
         HistoryError: the history cannot be used.
     """
-    paths = {name: context.result(name) for name in _READ}
+    paths = {name: present(results, name) for name in _READ}
     identified = _datasets(paths[IDENTIFY], _IDENTIFIED)
     names, warnings, values = _texts(paths[IDENTIFY], ("names", "warnings", "all_values"))
-    case, measured = context.case, _datasets(paths[MEASURE], _MEASURED)
+    measured = _datasets(paths[MEASURE], _MEASURED)
     history = read_history(case.path(case.history.file))
     # A term of the user's own that was installed since the identification is at its null.
     null = {name: parameter.null for name, parameter in _declared(case, history).items()}
@@ -192,13 +197,13 @@ def read_findings(context: StageContext) -> Findings:
         history=history,
         measured=measured,
         motion=measured_motion(measured, case.images.level_um, boundary_trace(case)),
-        pictures={name: context.result(f"{name}.png").read_bytes() for name in FIGURES},
+        pictures={name: present(results, f"{name}.png").read_bytes() for name in FIGURES},
         fitted=_datasets(paths[DIAGNOSIS_H5], _FITTED),
         estimates=estimates(names, _declared(case, history), identified),
         identified=identified,
         hessian_names=tuple(name.decode() for name in identified["hessian_names"].tolist()),
         warnings=tuple(warnings),
-        seconds=_seconds(context.results, iterations),
+        seconds=_seconds(results, iterations),
         values=null | values,
         noise_factor=float(identified["noise_factor"]),
         iterations=iterations,

@@ -2,21 +2,39 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+from driver.case.model import Case
+from driver.common.errors import InputError
+
 RESULTS = "results"
-
-
+"""The folder of the results, beside the case."""
+STAGES = "stages.json"
 MESH, FINE_MESH = "mesh.med", "mesh_fine.med"
-
-
 MEASURE, MEASURE_CSV = "measure.h5", "measure.csv"
-
-
 IDENTIFY, IDENTIFY_CSV, HISTORY_JSON = "identify.h5", "identify.csv", "identify_history.json"
-
-
 DIAGNOSIS, DIAGNOSIS_H5 = "diagnosis.json", "diagnosis.h5"
-
-
 EXTENDED, NOISE_MAP = "extended.toml", "noise_map.tif"
+DECKS, JOBS = "extended_decks", "jobs"
+REPORT = "report.html"
 
-DECKS = "extended_decks"
+
+def results_of(case: Case) -> Path:
+    """The folder of the results of a case, which stands beside its file."""
+    return case.file.parent / RESULTS
+
+
+class AbsentError(InputError):
+    """A result of an earlier stage that is not there."""
+
+
+def present(results: Path, name: str) -> Path:
+    """The file of a result of an earlier stage.
+
+    Raises:
+        AbsentError: there is no such file.
+    """
+    path = results / name
+    if not path.is_file():
+        raise AbsentError(f"{path}: found nothing, expected the result of an earlier stage")
+    return path

@@ -12,19 +12,14 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.case.model import Case
-from driver.common.errors import InputError, sentence
-from driver.results.files import DIAGNOSIS, DIAGNOSIS_H5, IDENTIFY, MEASURE, MESH, RESULTS
+from driver.results.files import DIAGNOSIS, DIAGNOSIS_H5, IDENTIFY, MEASURE, MESH
 from driver.results.hdf5 import damaged, read_hdf5
-from driver.workflow.engine import finished, read_record
-from driver.workflow.pipeline import stages
 from meshes.files import read_med
 from meshes.prism_mesh import PrismMesh
 
 FloatArray = NDArray[np.float64]
 
 LABELS = ("model", "extended")
-_NEEDED, _OPTIONAL = ("mesh", "measure", "identify"), "diagnose"
 # Sizes by letter: T images, P pixels, K free parameters, R rows and C columns of the reference.
 _MEASURED = {
     **dict.fromkeys(("time", "stage", "cycle", "force", "chi", "elongation", "tilt"), "T"),
@@ -36,10 +31,6 @@ _MEASURED = {
 }
 _PREDICTED = {"load": "T", "load_residual": "T", "motion": "TP3", "rho": "TP"}
 _DAMAGE = (KeyError, TypeError, ValueError, AttributeError)
-
-
-class ExportError(InputError):
-    """Results that cannot be exported: what was found and what was expected."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,36 +55,24 @@ class FinishedResults:
         return len(self.models) > 1
 
 
-def read_finished(case_path: Path, case: Case) -> FinishedResults:
-    """Read the results of a case back.
+def read_results(results: Path, diagnosed: bool) -> FinishedResults:
+    """Read the results of finished stages back.
 
     Args:
-        case_path: the case file; its results are in `results/` beside it.
-        case: the case.
+        results: their folder.
+        diagnosed: whether the diagnosis is finished.
 
     Raises:
-        ExportError: a stage has no results for the case as it is, or a run replaces them.
         ResultError: a result file cannot be read, or is not what its stage writes.
     """
-    results = case_path.parent / RESULTS
-    record = read_record(results)
-    done = finished(case_path, case, stages(case), _NEEDED, ExportError)
     sizes = {"2": 2, "3": 3}
     measured = read_hdf5(results / MEASURE)
     _expect(results / MEASURE, measured, _MEASURED, sizes)
     identified, start = _identified(results / IDENTIFY, sizes)
     models = [identified]
-    if _OPTIONAL in done:
+    if diagnosed:
         models.append(_extended(results, identified, sizes))
-    mesh = _mesh(results / MESH)
-    if read_record(results) != record:
-        raise ExportError(
-            sentence(
-                results, "stages.json", "a run that replaces results", "one that has ended: "
-                "export again"
-            )
-        )  # fmt: skip
-    return FinishedResults(mesh, measured, tuple(models), start)
+    return FinishedResults(_mesh(results / MESH), measured, tuple(models), start)
 
 
 def _identified(path: Path, sizes: dict[str, int]) -> tuple[FittedModel, dict[str, float]]:

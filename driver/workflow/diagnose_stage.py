@@ -101,7 +101,7 @@ def run_diagnose(context: StageContext, advise: bool = True) -> None:
     settings = Settings(
         wanted=wanted,
         refit=case.diagnosis.refit,
-        held_out=held_out_cycle(case, context.case_path, bench.experiment.history),
+        held_out=held_out_cycle(case, bench.experiment.history),
         processes=case.execution.processes,
         threads=case.execution.threads,
         free_chi=float(np.sqrt(np.mean(free_chi[measured["left_out"] == 0] ** 2))),

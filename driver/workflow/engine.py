@@ -13,18 +13,16 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
-from typing import NotRequired, TypedDict
 
-from driver.case.model import Case, load_case
-from driver.common.atomic_write import write_whole
+from driver.case.model import Case
 from driver.common.errors import InputError, sentence, why
 from driver.common.progress import Log
 from driver.experiment.images.files import split_dataset
 from driver.parameters.user_terms import files_of_terms, installed_terms
-from driver.results.files import RESULTS
+from driver.results.files import present, results_of
+from driver.results.stage_record import Done, read_record, write_record
 from driver.workflow.run_lock import sole_run
 
-_RECORD = "stages.json"
 _READ_BACK = (".h5", ".json", ".med")  # of results that later stages read
 
 
@@ -38,7 +36,6 @@ class StageContext:
 
     Attributes:
         case: the case.
-        case_path: its file.
         results: the folder of the finished results of all stages.
         workdir: an empty folder; every file left in it becomes a result of the stage.
         log: takes one line of progress.
@@ -46,7 +43,6 @@ class StageContext:
     """
 
     case: Case
-    case_path: Path
     results: Path
     workdir: Path
     log: Log
@@ -56,12 +52,9 @@ class StageContext:
         """A result of an earlier stage.
 
         Raises:
-            StageError: there is no such file.
+            AbsentError: there is no such file.
         """
-        path = self.results / name
-        if not path.is_file():
-            raise StageError(f"{path}: found nothing, expected the result of an earlier stage")
-        return path
+        return present(self.results, name)
 
 
 def _no_files(case: Case) -> Sequence[Path]:
@@ -85,22 +78,6 @@ class Stage:
     sections: tuple[str, ...]
     run: Callable[[StageContext], None]
     files: Callable[[Case], Sequence[Path]] = field(default=_no_files)
-
-
-class Done(TypedDict):
-    """What is kept of a finished stage.
-
-    Its key, names of its results, the hashes of their content, when it ended, how long it took.
-    """
-
-    key: str
-    outputs: list[str]
-    digests: NotRequired[dict[str, str]]
-    finished: str
-    seconds: float
-
-
-Record = dict[str, Done]
 
 
 def measured_files(case: Case) -> tuple[Path, ...]:
@@ -128,7 +105,7 @@ def diagnosed_files(case: Case) -> tuple[Path, ...]:
 
 
 def run_stages(
-    case_path: Path,
+    case: Case,
     stages: Sequence[Stage],
     until: str | None = None,
     force: bool = False,
@@ -145,7 +122,7 @@ def run_stages(
     what somebody has edited since is kept under another name.
 
     Args:
-        case_path: the case file.
+        case: the case.
         stages: all stages, each building on the ones before it.
         until: name of the last stage to run, None for all.
         force: run the stages even if they are done and unchanged.
@@ -154,15 +131,13 @@ def run_stages(
 
     Raises:
         PreparedError: such jobs were written.
-        CaseError: the case cannot be used.
         BusyError: another run is at work on the results.
         StageError: there is no stage of the name `until`, or two results have one name.
     """
     names = [stage.name for stage in stages]
     if until is not None and until not in names:
         raise StageError(f'--until: found "{until}", expected one of {", ".join(names)}')
-    case = load_case(case_path)
-    results = case_path.parent / RESULTS
+    results = results_of(case)
     _make_folder(results)
     last = len(names) if until is None else names.index(until) + 1
     key = ""
@@ -175,7 +150,7 @@ def run_stages(
                 report(f"{stage.name}: done and unchanged")
                 continue
             _refuse_folders(entry, results)
-            _run_stage(stage, case, case_path, results, key, report, prepare_only)
+            _run_stage(stage, case, results, key, report, prepare_only)
 
 
 def stage_key(stage: Stage, case: Case, key_before: str) -> str:
@@ -196,7 +171,6 @@ def stage_key(stage: Stage, case: Case, key_before: str) -> str:
 def _run_stage(
     stage: Stage,
     case: Case,
-    case_path: Path,
     results: Path,
     key: str,
     report: Log,
@@ -207,7 +181,7 @@ def _run_stage(
     workdir.mkdir()
     report(f"{stage.name}: started")
     start = time.perf_counter()
-    stage.run(StageContext(case, case_path, results, workdir, report, prepare_only))
+    stage.run(StageContext(case, results, workdir, report, prepare_only))
     seconds = time.perf_counter() - start
     outputs = sorted(
         str(path.relative_to(workdir)) for path in workdir.rglob("*") if path.is_file()
@@ -223,7 +197,7 @@ def _run_stage(
             )
     _set_edited_aside(old, results, report)
     # Until the record is written anew, a stage whose files are being replaced counts as not done.
-    _write_record(results, done)
+    write_record(results, done)
     for name in outputs:
         (results / name).parent.mkdir(parents=True, exist_ok=True)
         os.replace(workdir / name, results / name)
@@ -236,7 +210,7 @@ def _run_stage(
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         "seconds": round(seconds, 2),
     }
-    _write_record(results, done)
+    write_record(results, done)
     shutil.rmtree(workdir)
     report(f"{stage.name}: finished in {seconds:.1f} s")
 
@@ -273,7 +247,6 @@ def is_done(entry: Done | None, key: str, results: Path) -> bool:
 
 
 def finished(
-    case_path: Path,
     case: Case,
     stages: Sequence[Stage],
     needed: Collection[str],
@@ -282,7 +255,6 @@ def finished(
     """Names of the stages that are done for the case as it is.
 
     Args:
-        case_path: the case file.
         case: the case.
         stages: all its stages, in their order.
         needed: names of those without which nothing can be done.
@@ -291,7 +263,7 @@ def finished(
     Raises:
         InputError: one of them has no results, or such as are of another state or damaged.
     """
-    results = case_path.parent / RESULTS
+    results = results_of(case)
     record, key, found = read_record(results), "", set()
     for stage in stages:
         key = stage_key(stage, case, key)
@@ -307,7 +279,7 @@ def finished(
             raise refuse(
                 sentence(
                     results, f"stage {stage.name}", state,
-                    f"those of the case as it is (`prismid run {case_path} --until {last}` makes "
+                    f"those of the case as it is (`prismid run {case.file} --until {last}` makes "
                     "them)",
                 )
             )  # fmt: skip
@@ -332,33 +304,6 @@ def _refuse_folders(entry: Done | None, results: Path) -> None:
             raise StageError(
                 sentence(results / name, "result", "a folder", "a file, or nothing: move it away")
             )
-
-
-def read_record(results: Path) -> Record:
-    """The finished stages by name, as `stages.json` tells them."""
-    path = results / _RECORD
-    if not path.is_file():
-        return {}
-    try:
-        record: Record = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError:
-        record = {}
-    # A damaged record is no record: the stages are run again.
-    whole = isinstance(record, dict) and all(map(_is_entry, record.values()))
-    return record if whole else {}
-
-
-def _is_entry(entry: object) -> bool:
-    return (
-        isinstance(entry, dict)
-        and isinstance(entry.get("key"), str)
-        and isinstance(entry.get("outputs"), list)
-        and all(isinstance(name, str) for name in entry["outputs"])
-    )
-
-
-def _write_record(results: Path, record: Record) -> None:
-    write_whole(results / _RECORD, json.dumps(record, indent=2) + "\n")
 
 
 def _content_hash(path: Path) -> str:

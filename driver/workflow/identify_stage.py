@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.case.model import CaseError
+from driver.case.model import Case, CaseError
 from driver.common.errors import sentence
 from driver.common.progress import passing_of
 from driver.experiment.history import History
@@ -20,7 +19,7 @@ from driver.identification.kinematic_hessian import kinematic_hessian
 from driver.identification.objective import Correction, Evaluation, Objective
 from driver.identification.step_error import StepError
 from driver.parameters.boundary import LAMBDAS, elongation_names
-from driver.results.files import FINE_MESH, MEASURE, MESH
+from driver.results.files import FINE_MESH, JOBS, MEASURE, MESH
 from driver.results.hdf5 import read_hdf5
 from driver.results.identification import Arrays, value_told, warnings_of, write_identification
 from driver.workflow.engine import StageContext
@@ -28,7 +27,6 @@ from driver.workflow.setup import Workbench, build_workbench, seen_by_correlatio
 from meshes.files import read_med
 from solver_adapters.interface import Way
 
-JOBS = "jobs"
 FloatArray = NDArray[np.float64]
 
 
@@ -52,7 +50,7 @@ def load_workbench(context: StageContext) -> Workbench:
 def run_identify(context: StageContext) -> None:
     """Identify, and write parameters, covariance, budget and predictions."""
     bench = load_workbench(context)
-    refuse_large_jitter(context.case_path, bench.plan.jitter, bench.start, bench.experiment.history)
+    refuse_large_jitter(context.case, bench.plan.jitter, bench.start, bench.experiment.history)
     found = identify(
         bench.working, bench.finer, bench.objective, bench.start, bench.plan, context.log
     )  # fmt: skip
@@ -70,7 +68,7 @@ def run_identify(context: StageContext) -> None:
 
 
 def refuse_large_jitter(
-    case_path: Path, jitter: float, start: Mapping[str, float], history: History
+    case: Case, jitter: float, start: Mapping[str, float], history: History
 ) -> None:
     """Refuse a noise of the boundary motion that is not small against the travel between stops.
 
@@ -78,7 +76,7 @@ def refuse_large_jitter(
     loading into unloading.
 
     Args:
-        case_path: the case file.
+        case: the case.
         jitter: σ_e [µm].
         start: every parameter where the identification starts, knots as correlation found them.
         history: the history.
@@ -91,7 +89,7 @@ def refuse_large_jitter(
     if jitter > travel:
         expected = f"well below {1e3 * travel:.2g}, the mean elongation from one stop to the next"
         found = f"{1e3 * jitter:g}"
-        raise CaseError(sentence(case_path, "boundary.jitter_nm", found, expected))
+        raise CaseError(sentence(case.file, "boundary.jitter_nm", found, expected))
 
 
 def error_budget(bench: Workbench, best: Evaluation, free_chi: FloatArray) -> dict[str, float]:

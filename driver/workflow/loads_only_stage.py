@@ -21,10 +21,9 @@ from driver.identification.loads_alone import doubts, identify_from_loads
 from driver.identification.no_images import no_images
 from driver.identification.objective import Objective
 from driver.parameters.boundary import elongation_names
-from driver.results.files import FINE_MESH, MESH
+from driver.results.files import FINE_MESH, JOBS, MESH
 from driver.results.identification import value_told, warnings_of, write_identification
 from driver.workflow.engine import StageContext
-from driver.workflow.identify_stage import JOBS
 from driver.workflow.setup import BUNDLED, law_of, stated_prior, stated_start
 from meshes.files import read_med
 from solver_adapters.interface import Adapter

@@ -12,7 +12,7 @@ from driver.diagnosis.causes.user_causes import asked_causes
 from driver.experiment.held_out import held_out_cycle
 from driver.experiment.reading import history_of
 from driver.forward.build import capabilities_of, mesh_of
-from driver.results.files import DIAGNOSIS, IDENTIFY, RESULTS
+from driver.results.files import DIAGNOSIS, IDENTIFY, results_of
 from driver.workflow.cost import cost_told, estimate
 from driver.workflow.diagnose_stage import run_diagnose
 from driver.workflow.engine import (
@@ -75,19 +75,19 @@ def run(
             f'--prepare-only: found solver.name = "{BUNDLED}", which runs inside prismid, expected '
             "a solver that is a program of its own"
         )
-    asked_causes(case, case_path)  # refused before hours of computing, not after
+    asked_causes(case)  # refused before hours of computing, not after
     use_threads(case.execution.processes * case.execution.threads)
     n_cells = len(mesh_of(case, case.specimen.mesh_size).cells)
     solver = capabilities_of(case)
     history = history_of(case)
     if case.with_images:
         # Asked now, and not after the hours of the stages before the diagnosis.
-        held_out_cycle(case, case_path, history)
+        held_out_cycle(case, history)
     cost = estimate(case, solver, n_cells, history.n_images)
     log(f"all stages take {cost_told(cost.seconds, cost.memory)}")
     if not case.with_images:
         log(SKIPPED)
-    run_stages(case_path, stages(case), until, force, log, prepare_only)
+    run_stages(case, stages(case), until, force, log, prepare_only)
 
 
 def report(case_path: Path) -> None:
@@ -97,11 +97,11 @@ def report(case_path: Path) -> None:
         StageError: a stage before it has no results, or such as are of another state of the case.
     """
     case = load_case(case_path)
-    needed = case_path.parent / RESULTS / (DIAGNOSIS if case.with_images else IDENTIFY)
+    needed = results_of(case) / (DIAGNOSIS if case.with_images else IDENTIFY)
     if not needed.is_file():
         raise StageError(
             sentence(needed, "file", "nothing", f"the results of `prismid run {case_path}`")
         )
     *before, last = stages(case)
-    finished(case_path, case, (*before, last), [stage.name for stage in before])
-    run_stages(case_path, [last], None, True, print)
+    finished(case, (*before, last), [stage.name for stage in before])
+    run_stages(case, [last], None, True, print)

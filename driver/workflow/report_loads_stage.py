@@ -17,19 +17,17 @@ from driver.report import figures
 from driver.report.identified import estimates
 from driver.report.identified_tables import estimate_rows
 from driver.report.style import data_uri, png
-from driver.results.files import IDENTIFY
+from driver.results.files import IDENTIFY, REPORT
 from driver.results.hdf5 import prismid_version, read_hdf5
 from driver.workflow.engine import StageContext
 from templates import render
-
-REPORT = "report.html"
 
 
 def run_report_loads(context: StageContext) -> None:
     """Write `report.html`, and its figure as `report_loads.png`.
 
     Raises:
-        StageError, ResultError: a result is absent or damaged.
+        AbsentError, ResultError: a result is absent or damaged.
     """
     found, case = read_hdf5(context.result(IDENTIFY)), context.case
     with h5py.File(context.result(IDENTIFY), "r") as file:
@@ -48,7 +46,7 @@ def run_report_loads(context: StageContext) -> None:
     rest = np.delete(found["final/load_residual"], case.loads.left_out)
     page = render(
         "report_loads.html.j2",
-        title=context.case_path.resolve().parent.name,
+        title=context.case.file.resolve().parent.name,
         version=prismid_version(),
         n_loads=rest.size,
         left_out=_left_out(case.loads.left_out),

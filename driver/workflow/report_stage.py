@@ -18,12 +18,12 @@ from driver.report.identified_tables import core
 from driver.report.page import report_page
 from driver.report.style import png
 from driver.report.tables import ordered
+from driver.results.files import REPORT
 from driver.results.hdf5 import prismid_version
 from driver.workflow.engine import StageContext
 
 FloatArray = NDArray[np.float64]
 
-REPORT = "report.html"
 _STAGE_NAMES = {
     "A": "A: images",
     "B": "B: law, loads",
@@ -35,14 +35,14 @@ def run_report(context: StageContext) -> None:
     """Write `report.html`, and its figures as `report_….png`.
 
     Raises:
-        StageError, ResultError: a result is absent or damaged.
+        AbsentError, ResultError: a result is absent or damaged.
         HistoryError: the history cannot be used.
     """
-    findings = read_findings(context)
+    findings = read_findings(context.case, context.results)
     images = {name: png(figure) for name, figure in draw(findings)}
     for name, image in images.items():
         (context.workdir / f"report_{name}.png").write_bytes(image)
-    path, now = context.case_path.resolve(), datetime.now().astimezone()
+    path, now = context.case.file.resolve(), datetime.now().astimezone()
     page = report_page(
         findings,
         images | findings.pictures,

@@ -31,7 +31,7 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path,
     path = folder / "case.toml"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build, "find_adapter", lambda name, profile: closed_form.ClosedFormSolver())
-        run_stages(path, stages(load_case(path)), "identify", report=silent)
+        run_stages(load_case(path), stages(load_case(path)), "identify", report=silent)
         model = bench.model
         yield path, seen_course(model, model.simulation(truth), bench.history, truth)
 

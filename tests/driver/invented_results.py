@@ -16,6 +16,7 @@ from driver.diagnosis.causes.causes import LIBRARY, NUMERICS
 from driver.dic.basis import grid_basis
 from driver.forward.build import geometry_of
 from driver.parameters.registry import declared_parameters
+from driver.report.findings import Findings, read_findings
 from driver.report.measured import MeasuredMotion, measured_motion
 from driver.report.measured_figures import FIGURES
 from driver.results.hdf5 import read_hdf5, write_hdf5
@@ -52,7 +53,10 @@ class Results:
     def context(self, workdir: Path) -> StageContext:
         workdir.mkdir(exist_ok=True)
         path = self.folder / "case.toml"
-        return StageContext(load_case(path), path, self.results, workdir, lambda line: None)
+        return StageContext(load_case(path), self.results, workdir, lambda line: None)
+
+    def findings(self) -> Findings:
+        return read_findings(load_case(self.folder / "case.toml"), self.results)
 
     def edit_diagnosis(self, **changes: Any) -> None:
         """Replace entries of `diagnosis.json`."""

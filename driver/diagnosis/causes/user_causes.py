@@ -129,12 +129,12 @@ def own_causes(case: Case) -> tuple[Cause, ...]:
     return tuple(found.values())
 
 
-def asked_causes(case: Case, path: Path) -> tuple[Cause, ...]:
+def asked_causes(case: Case, path: Path | None = None) -> tuple[Cause, ...]:
     """The causes of all files that a case names, once every cause that it asks for is found.
 
     Args:
         case: the case.
-        path: where it stands, to be told.
+        path: where it stands, to be told; None for its own file.
 
     Raises:
         InputError: as `own_causes`; or a name is of no cause of the library or of the files.
@@ -144,7 +144,7 @@ def asked_causes(case: Case, path: Path) -> tuple[Cause, ...]:
     for name in case.diagnosis.causes if case.diagnosis.causes != "all" else ():
         if name not in known:
             expected = one_of(name, known)
-            raise CaseError(sentence(path, "diagnosis.causes", f'"{name}"', expected))
+            raise CaseError(sentence(path or case.file, "diagnosis.causes", f'"{name}"', expected))
     return own
 
 

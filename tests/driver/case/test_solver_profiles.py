@@ -65,7 +65,7 @@ def test_the_file_of_the_user_is_where_the_system_keeps_such_files(nothing: Path
 
 
 @pytest.mark.usefixtures("nothing")
-def test_files_of_a_call_are_sought_from_the_folder_of_the_case(tmp_path: Path) -> None:
+def test_files_of_a_call_are_sought_from_the_file_of_the_case(tmp_path: Path) -> None:
     folder = tmp_path / "cases"
     (folder / "bin").mkdir(parents=True)
     for name in ("bin/solve", "wrapper.py", "python3"):
@@ -73,7 +73,7 @@ def test_files_of_a_call_are_sought_from_the_folder_of_the_case(tmp_path: Path) 
 
     def command(*words: str) -> tuple[str, ...]:
         stated = case(command=words)
-        stated._folder = folder
+        stated._file = folder
         return profile_of(stated).command
 
     wrapper, solve = str(folder / "wrapper.py"), str(folder / "bin" / "solve")
@@ -115,7 +115,7 @@ def test_an_empty_variable_names_no_file(nothing: Path, monkeypatch: pytest.Monk
     assert profile_of(case()) == Profile()
 
 
-def test_a_folder_in_the_place_of_the_file_is_told_in_one_sentence(config: Path) -> None:
+def test_a_file_in_the_place_of_the_file_is_told_in_one_sentence(config: Path) -> None:
     config.unlink()
     config.mkdir()
     with pytest.raises(ConfigError, match=f"^{config}: file: found “Is a directory”, expected a"):

@@ -56,9 +56,9 @@ def stiffer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StageContext]:
         closed_form.write_files(folder, {"elastic_scale": 1.2})
         path = folder / "case.toml"
         case = load_case(path)
-        run_stages(path, pipeline.stages(case), "identify", report=silent)
+        run_stages(load_case(path), pipeline.stages(case), "identify", report=silent)
         results = folder / RESULTS
-        yield StageContext(case, path, results, results, silent, False)
+        yield StageContext(case, results, results, silent, False)
 
 
 def told(context: StageContext) -> dict[str, Any]:

@@ -101,7 +101,9 @@ def test_a_run_of_the_folder_measures_the_true_elongation(made: tuple[Path, list
     path = folder / "case.toml"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build, "find_adapter", solver)
-        run_stages(path, pipeline.stages(load_case(path)), "measure", report=lambda line: None)
+        run_stages(
+            load_case(path), pipeline.stages(load_case(path)), "measure", report=lambda line: None
+        )
     measured, truth = read_hdf5(folder / "results" / "measure.h5"), read_hdf5(folder / "truth.h5")
     assert float(measured["sigma"]) == pytest.approx(float(truth["noise"].mean()), rel=0.03)
     ends = [

@@ -6,6 +6,8 @@ from typing import Any
 import pytest
 
 from driver.case.model import CaseError, default_case, load_case, write_case
+from driver.results.files import AbsentError
+from driver.results.stage_record import read_record
 from driver.workflow.engine import (
     Stage,
     StageContext,
@@ -46,7 +48,7 @@ class Workshop:
     def run(self, **options: Any) -> list[str]:
         """The stages that did run."""
         self.runs.clear()
-        run_stages(self.case_path, self.stages, report=self.lines.append, **options)
+        run_stages(load_case(self.case_path), self.stages, report=self.lines.append, **options)
         return list(self.runs)
 
     def edit(self, old: str, new: str) -> None:
@@ -115,7 +117,7 @@ def test_a_second_run_leaves_what_the_first_is_at_work_on(workshop: Workshop) ->
     def measure(context: StageContext) -> None:
         (context.workdir / "half.txt").write_text("half")
         with pytest.raises(BusyError, match="another run, process .* is at work on it"):
-            run_stages(workshop.case_path, workshop.stages, report=workshop.lines.append)
+            run_stages(load_case(workshop.case_path), workshop.stages, report=workshop.lines.append)
         assert (context.workdir / "half.txt").is_file()
 
     workshop.stages[1] = replace(workshop.stages[1], run=measure)
@@ -274,7 +276,7 @@ def test_results_that_cannot_be_written_are_refused_in_one_sentence(workshop: Wo
 def test_stages_that_are_done_for_the_case_as_it_is_are_known(workshop: Workshop) -> None:
     def done(*needed: str) -> frozenset[str]:
         case = load_case(workshop.case_path)
-        return finished(workshop.case_path, case, workshop.stages, needed)
+        return finished(case, workshop.stages, needed)
 
     assert done() == frozenset()
     workshop.run()
@@ -296,7 +298,9 @@ def test_one_name_for_two_results_is_refused(workshop: Workshop) -> None:
 
 def test_a_result_that_no_stage_has_made_is_named(workshop: Workshop) -> None:
     workshop.stages = workshop.stages[1:]
-    with pytest.raises(StageError, match="mesh.txt: found nothing, expected the result of an earl"):
+    with pytest.raises(
+        AbsentError, match="mesh.txt: found nothing, expected the result of an earl"
+    ):
         workshop.run()
 
 
@@ -309,10 +313,9 @@ def test_a_bad_case_stops_before_anything_is_written(workshop: Workshop) -> None
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"mesh": 3}', '{"mesh": {"key": "k"}}'])
 def test_a_damaged_record_is_no_record(tmp_path: Path, text: str) -> None:
-    from driver.workflow import engine
 
     (tmp_path / "engine.json").write_text(text, encoding="utf-8")
-    assert engine.read_record(tmp_path) == {}
+    assert read_record(tmp_path) == {}
 
 
 def test_a_dataset_is_known_by_the_content_of_its_file(workshop: Workshop) -> None:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from driver.case.model import CaseError
+from driver.case.model import CaseError, default_case
 from driver.experiment.history import History
 from driver.parameters.boundary import elongation_names
 from driver.workflow.identify_stage import refuse_large_jitter
@@ -21,9 +19,9 @@ def test_noise_of_the_boundary_beyond_the_travel_between_stops_is_refused() -> N
     )  # fmt: skip
     # 20 nm up and 4 nm down in four steps.
     start = dict(zip(elongation_names(3), (0.020, 0.016), strict=True))
-    refuse_large_jitter(Path("case.toml"), 0.0059, start, history)
+    refuse_large_jitter(default_case(), 0.0059, start, history)
     with pytest.raises(CaseError) as error:
-        refuse_large_jitter(Path("case.toml"), 0.02, start, history)
+        refuse_large_jitter(default_case(), 0.02, start, history)
     assert str(error.value) == (
         "case.toml: boundary.jitter_nm: found 20, expected well below 6, the mean elongation from "
         "one stop to the next"

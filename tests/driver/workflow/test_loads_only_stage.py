@@ -229,9 +229,7 @@ def test_loads_and_priors_that_leave_a_combination_open_are_refused(
     path = write(tmp_path)
     case, results = load_case(path), path.parent / "results"
     pipeline.run(path, "mesh", False, print)
-    bench = build_loads_bench(
-        StageContext(case, path, results, results, print), solver("", Profile())
-    )
+    bench = build_loads_bench(StageContext(case, results, results, print), solver("", Profile()))
     held = {name: both for name, both in bench.objective.prior.items() if "lambda" not in name}
     open_ = replace(bench.objective, prior=held)
     with pytest.raises(InputError, match="lambda_plus_Z changes nothing that images and loads"):

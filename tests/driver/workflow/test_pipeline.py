@@ -48,7 +48,10 @@ class Run:
         """The stages that were run."""
         self.lines.clear()
         run_stages(
-            self.path, pipeline.stages(load_case(self.path)), until, report=self.lines.append
+            load_case(self.path),
+            pipeline.stages(load_case(self.path)),
+            until,
+            report=self.lines.append,
         )
         return [line.split(":")[0] for line in self.lines if line.endswith(": started")]
 
@@ -278,7 +281,7 @@ def test_the_extended_case_stands_by_itself(copied: Run) -> None:
     # It can be run: the cause is part of the model now, and nothing is wrong any more.
     again = copied.folder / "results" / "extended.toml"
     lines: list[str] = []
-    run_stages(again, pipeline.stages(case), "diagnose", report=lines.append)
+    run_stages(load_case(again), pipeline.stages(case), "diagnose", report=lines.append)
     record = json.loads((copied.results / "results" / "diagnosis.json").read_text("utf-8"))
     assert record["verdict"] == "nothing wrong"
     assert record["baseline"]["values"]["stretch_curvature"]["value"] == pytest.approx(

@@ -11,13 +11,13 @@ from driver.case.model import load_case, write_case
 from driver.common.formatting import cause_label
 from driver.diagnosis.causes.causes import LIBRARY
 from driver.diagnosis.causes.ebsd_flips import FLIPS
-from driver.report.findings import FILES, read_findings
+from driver.report.findings import FILES
 from driver.report.measured import MeasuredMotion
 from driver.report.measured_texts import texts
 from driver.report.page import gain_text, headline
 from driver.report.tables import cause_rows
+from driver.results.files import AbsentError
 from driver.results.hdf5 import ResultError
-from driver.workflow.engine import StageError
 from driver.workflow.report_stage import run_report
 from solver_adapters.interface import FloatArray
 from tests.driver.invented_results import Results
@@ -219,7 +219,7 @@ def test_a_missing_result_is_named_in_one_sentence(
     results: Results, tmp_path: Path, name: str
 ) -> None:
     (results.results / name).unlink()
-    with pytest.raises(StageError, match=rf"{name}: found nothing, expected the result of"):
+    with pytest.raises(AbsentError, match=rf"{name}: found nothing, expected the result of"):
         run_report(results.context(tmp_path / "work"))
 
 
@@ -271,7 +271,7 @@ def test_a_parameter_that_the_identification_did_not_have_was_at_its_null(
         values = json.loads(file.attrs["all_values"])
         del values["tau0_grain2"]
         file.attrs["all_values"] = json.dumps(values)
-    assert read_findings(results.context(tmp_path / "work")).values["tau0_grain2"] == 1.0
+    assert results.findings().values["tau0_grain2"] == 1.0
 
 
 def test_a_damaged_verdict_is_named_in_one_sentence(results: Results, tmp_path: Path) -> None:
@@ -293,7 +293,7 @@ def test_the_residual_of_pure_noise_is_one_wherever_the_stage_has_moved(
     with h5py.File(results.results / "diagnosis.h5", "a") as file:
         noise = rng.standard_normal(file["before/rho"].shape)
         file["before/rho"][...] = 0.009 * np.sqrt(gain + 0.1)[:, None] * noise
-    residual = read_findings(results.context(tmp_path / "work")).residual("before")
+    residual = results.findings().residual("before")
     rms = np.sqrt(np.mean(residual**2, axis=1))
     assert rms == pytest.approx(np.ones(len(rms)), abs=0.04)
 
@@ -310,7 +310,7 @@ def spline_gain() -> float:
 
 
 def test_the_identified_motion_passes_through_its_knots(written: Results, tmp_path: Path) -> None:
-    findings = read_findings(written.context(tmp_path / "work"))
+    findings = written.findings()
     at_knots = findings.edges("before")[findings.history.turning]
     assert at_knots[:, 0] == pytest.approx([0.0, 0.030, 0.018, 0.060, 0.042])
     assert at_knots[:, 1] == pytest.approx(np.zeros(5))
@@ -362,7 +362,7 @@ def test_parameters_are_scaled_at_the_constants_of_the_case(
     case = load_case(path)
     material = case.material.model_copy(update={"d": 2.0 * case.material.d})
     write_case(case.model_copy(update={"material": material}), path)
-    declared = read_findings(results.context(tmp_path / "work")).declared
+    declared = results.findings().declared
     assert declared["x0"].scale == pytest.approx(0.1 / material.d)
 
 

@@ -165,7 +165,7 @@ def asking(folder: Path, *causes: str) -> Path:
 
 def test_a_cause_of_the_files_can_be_asked_for_by_name(tmp_path: Path) -> None:
     path = asking(tmp_path, "load_gain", "twisted_grip")
-    assert asked_causes(load_case(path), path) == (TWISTED,)
+    assert asked_causes(load_case(path)) == (TWISTED,)
     assert not [finding for finding in check(path) if finding.subject == "causes"]
 
 

@@ -1,0 +1,54 @@
+"""Which stages of a run are finished, as `stages.json` tells it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import NotRequired, TypedDict
+
+from driver.common.atomic_write import write_whole
+from driver.results.files import STAGES
+
+
+class Done(TypedDict):
+    """What is kept of a finished stage.
+
+    Its key, names of its results, the hashes of their content, when it ended, how long it took.
+    """
+
+    key: str
+    outputs: list[str]
+    digests: NotRequired[dict[str, str]]
+    finished: str
+    seconds: float
+
+
+Record = dict[str, Done]
+
+
+def read_record(results: Path) -> Record:
+    """The finished stages by name, as `stages.json` tells them."""
+    path = results / STAGES
+    if not path.is_file():
+        return {}
+    try:
+        record: Record = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        record = {}
+    # A damaged record is no record: the stages are run again.
+    whole = isinstance(record, dict) and all(map(_is_entry, record.values()))
+    return record if whole else {}
+
+
+def _is_entry(entry: object) -> bool:
+    return (
+        isinstance(entry, dict)
+        and isinstance(entry.get("key"), str)
+        and isinstance(entry.get("outputs"), list)
+        and all(isinstance(name, str) for name in entry["outputs"])
+    )
+
+
+def write_record(results: Path, record: Record) -> None:
+    """Write the finished stages by name, whole or not at all."""
+    write_whole(results / STAGES, json.dumps(record, indent=2) + "\n")
