@@ -20,7 +20,7 @@ from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identifie
 BUDGET = 32.0  # CPU-s, after which no further trial starts
 LEVEL = 8.0  # projected misfit of a hidden effect [σ]
 SHARE_OF_NULLS = 4  # one trial in so many
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 FIVE = replace(SETTINGS, refit=5)
 
 

@@ -33,7 +33,7 @@ from driver.virtual.microscope.face_motion import Face, NodalMotion
 from driver.virtual.truth import Course
 from driver.virtual.writing import record
 from driver.workflow.engine import StageContext
-from driver.workflow.identify_stage import load_workbench, saved_objective
+from driver.workflow.identify_stage import load_problem, saved_objective
 from driver.workflow.pipeline import run
 from solver_adapters.interface import SolverError
 
@@ -168,11 +168,11 @@ def _made(cache: Path) -> Ruler:
 def identified(path: Path) -> tuple[Objective, dict[str, float], tuple[str, ...]]:
     """Objective, values and fitted parameters of a case that has been identified."""
     results = path.parent / RESULTS
-    bench = load_workbench(StageContext(load_case(path), results, results, silent, False))
+    problem = load_problem(StageContext(load_case(path), results, results, silent, False))
     with h5py.File(results / IDENTIFY, "r") as file:
         values: dict[str, float] = json.loads(file.attrs["all_values"])
         free = tuple(json.loads(file.attrs["names"]))
-    return saved_objective(bench, read_hdf5(results / IDENTIFY)), values, free
+    return saved_objective(problem, read_hdf5(results / IDENTIFY)), values, free
 
 
 @dataclass(frozen=True, eq=False)

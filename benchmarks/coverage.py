@@ -36,12 +36,12 @@ from driver.experiment.reading import read_experiment
 from driver.forward.build import mesh_of, surface_images
 from driver.identification.identify import identify
 from driver.identification.priors import LAMBDA_PRIOR
+from driver.identification.problem import IdentificationProblem, build_problem, seen_by_correlation
 from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.virtual.command import true_case
 from driver.virtual.settings import Discretisation, Virtual
 from driver.virtual.truth import pull, stage_program
 from driver.virtual.writing import record
-from driver.workflow.setup import Workbench, build_workbench, seen_by_correlation
 from meshes.prism_mesh import PrismMesh
 
 FloatArray = NDArray[np.float64]
@@ -109,10 +109,17 @@ def draw(seed: int) -> Draw:
     microscope = SETTINGS.microscope.model_copy(update={"origin_error_px": 0.0})
     settings = SETTINGS.model_copy(update={"microscope": microscope})
     with tempfile.TemporaryDirectory() as folder:
-        bench = measured_bench(load_case(record(Path(folder), believed(), course, seed, settings)))
+        problem = measured_problem(
+            load_case(record(Path(folder), believed(), course, seed, settings))
+        )
     measured = time.process_time()
     found = identify(
-        bench.working, bench.finer, bench.objective, bench.start, bench.plan, lambda line: None
+        problem.working,
+        problem.finer,
+        problem.objective,
+        problem.start,
+        problem.plan,
+        lambda line: None,
     )
     final = found.final
     return {
@@ -120,7 +127,7 @@ def draw(seed: int) -> Draw:
         "seed": seed,
         "truth": {name: truth[name] for name in final.best.free},
         "value": {name: final.values[name] for name in final.best.free},
-        "sigma": {n: final.sigma(n, bench.objective.parameters) for n in final.best.free},
+        "sigma": {n: final.sigma(n, problem.objective.parameters) for n in final.best.free},
         "chi_load": final.best.chi_load,
         "chi_image": final.best.chi_image,
         "converged": final.converged,
@@ -129,7 +136,7 @@ def draw(seed: int) -> Draw:
     }
 
 
-def measured_bench(case: Case) -> Workbench:
+def measured_problem(case: Case) -> IdentificationProblem:
     """Correlate the images of a case, and put its identification together."""
     images = surface_images(case, read_experiment(case))
     pixel = case.images.pixel_um
@@ -140,7 +147,7 @@ def measured_bench(case: Case) -> Workbench:
     seen = seen_by_correlation(
         case, motion.at_pixels(), reach * edges.elongation, reach * edges.tilt
     )
-    return build_workbench(case, *_meshes(), seen)
+    return build_problem(case, *_meshes(), seen)
 
 
 @cache

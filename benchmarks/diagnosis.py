@@ -26,7 +26,7 @@ from driver.results.files import RESULTS
 from driver.results.hdf5 import read_hdf5
 from driver.workflow import pipeline
 from driver.workflow.engine import StageContext
-from driver.workflow.identify_stage import load_workbench
+from driver.workflow.identify_stage import load_problem
 
 ALPHA = Path(__file__).parents[1] / "examples" / "alpha"
 TRUTH = {
@@ -73,10 +73,10 @@ def screening(case: Path) -> None:
     """
     results = case.parent / RESULTS
     context = StageContext(load_case(case), results, results, lambda line: None)
-    bench = load_workbench(context)
-    free = (*LAMBDAS, *bench.knots, *bench.law)
-    _, names = screened(bench.working, free, None)
-    model, start = bench.working, bench.start
+    problem = load_problem(context)
+    free = (*LAMBDAS, *problem.knots, *problem.law)
+    _, names = screened(problem.working, free, None)
+    model, start = problem.working, problem.start
     first = model.predict(start).response  # and kernels are loaded
     again = model.in_steps_of(first.ends, start).near(first.way, start)
     works = {

@@ -21,7 +21,7 @@ from driver.results.files import RESULTS
 from driver.results.hdf5 import read_hdf5
 from driver.virtual.command import virtual
 from driver.workflow.engine import StageContext
-from driver.workflow.identify_stage import load_workbench, saved_objective
+from driver.workflow.identify_stage import load_problem, saved_objective
 
 FOLDER = Path(__file__).parents[1] / "examples" / "if_steel"
 DATA = FOLDER / "data"
@@ -96,8 +96,8 @@ def without_prior(found: Found, truth: dict[str, float]) -> None:
     """Stage C once more from its end, with no prior of law and λ's."""
     path = DATA / "case.toml"
     context = StageContext(load_case(path), DATA / RESULTS, DATA / RESULTS, print)
-    bench = load_workbench(context)
-    objective = saved_objective(bench, dict(found.arrays))
+    problem = load_problem(context)
+    objective = saved_objective(problem, dict(found.arrays))
     nuisances = {p.name for p in POSE_DECLARATIONS}
     prior = {name: known for name, known in objective.prior.items() if name in nuisances}
     free = fit(replace(objective, prior=prior), found.values, found.names, 4, print)

@@ -18,11 +18,11 @@ import numpy as np
 
 from benchmarks.diagnosis import ALPHA, TRUTH
 from driver.case.model import load_case
+from driver.identification.problem import IdentificationProblem
 from driver.parameters.boundary import LAMBDAS
 from driver.workflow import pipeline
 from driver.workflow.engine import StageContext
-from driver.workflow.identify_stage import load_workbench
-from driver.workflow.setup import Workbench
+from driver.workflow.identify_stage import load_problem
 from solver_adapters.interface import FloatArray, Integration
 
 REFERENCE_STEPS = 32
@@ -57,16 +57,16 @@ def time_errors() -> list[TimeError]:
         pipeline.run(path, "measure", False, lambda line: None)
         results = path.parent / "results"
         context = StageContext(load_case(path), results, results, lambda line: None)
-        bench = load_workbench(context)
-    values = bench.start | TRUTH
-    free = (*LAMBDAS, *bench.law, *bench.knots)
-    exact, _ = _predict(bench, values, "exponential", REFERENCE_STEPS)
-    best = bench.objective.evaluate(values, free)
+        problem = load_problem(context)
+    values = problem.start | TRUTH
+    free = (*LAMBDAS, *problem.law, *problem.knots)
+    exact, _ = _predict(problem, values, "exponential", REFERENCE_STEPS)
+    best = problem.objective.evaluate(values, free)
     jacobian = best.jacobian
     hessian = best.hessian
     found = []
     for integration, steps in VARIANTS:
-        (residual, load), seconds = _predict(bench, values, integration, steps)
+        (residual, load), seconds = _predict(problem, values, integration, steps)
         change = residual - exact[0]
         shift = np.linalg.solve(hessian, jacobian @ change)
         rest = change - jacobian.T @ shift
@@ -88,14 +88,14 @@ def time_errors() -> list[TimeError]:
 
 
 def _predict(
-    bench: Workbench, values: dict[str, float], integration: Integration, steps: int
+    problem: IdentificationProblem, values: dict[str, float], integration: Integration, steps: int
 ) -> tuple[tuple[FloatArray, FloatArray], float]:
     """Whitened residual and load of a prediction, and its CPU time [s]."""
-    model = replace(bench.working, integration=integration, steps_per_interval=steps)
+    model = replace(problem.working, integration=integration, steps_per_interval=steps)
     start = time.process_time()
     prediction = model.predict(values)
     seconds = time.process_time() - start
-    residual, _, _ = bench.objective.data.residual(prediction.motion, prediction.load)
+    residual, _, _ = problem.objective.data.residual(prediction.motion, prediction.load)
     return (residual, prediction.load), seconds
 
 

@@ -19,6 +19,7 @@ from driver.check.loads import stated_motion, strange_loads
 from driver.check.picture import draw
 from driver.check.steps import recommended_steps
 from driver.common.errors import InputError
+from driver.common.formatting import cost_told
 from driver.diagnosis.causes.user_causes import asked_causes
 from driver.dic.region import within
 from driver.experiment.held_out import held_out_cycle
@@ -34,7 +35,7 @@ from driver.forward.build import (
 )
 from driver.results.extended_decks import rendered_decks
 from driver.results.files import results_of
-from driver.workflow.cost import cost_told, estimate
+from driver.workflow.cost import estimate
 from meshes.plane_mesh import PlaneMesh
 from meshes.prism import generate
 from solver_adapters.external import ABSENT, ExternalAdapter

@@ -19,9 +19,9 @@ from driver.common.errors import InputError
 from driver.experiment.history import History
 from driver.forward.boundary_motion import knots_of_stage
 from driver.forward.build import build_model, integration_of, mesh_of
+from driver.identification.problem import BUNDLED
 from driver.identification.step_error import FIRST_ORDER
 from driver.parameters.boundary import elongation_names
-from driver.workflow.setup import BUNDLED
 from solver_adapters.interface import Adapter, SolverError
 from solver_adapters.registry import find_adapter
 

@@ -301,3 +301,13 @@ def tenths(prefix: str, log: Log) -> Callable[[Progress], None]:
             log(f"{prefix}{10 * tenths} %{to_go}")
 
     return tell
+
+
+def cost_told(seconds: float, memory: float) -> str:
+    """What a job will cost, in words.
+
+    Args:
+        seconds: wall-clock time on cores that do nothing else [s].
+        memory: largest resident memory of all its processes together [bytes].
+    """
+    return f"about {duration(seconds)} on free cores and {memory / 1e9:.1f} GB of memory"

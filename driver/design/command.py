@@ -11,6 +11,7 @@ from time import perf_counter
 from driver.case.model import Case, load_case
 from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError
+from driver.common.formatting import cost_told
 from driver.common.outcomes import first_line
 from driver.common.parallel import side_by_side
 from driver.common.progress import Log, passing_of
@@ -34,10 +35,10 @@ from driver.design.variants import base_variant, refuse_without_images, usual_ch
 from driver.diagnosis.causes.user_causes import asked_causes
 from driver.experiment.history import History, HistoryError, read_history
 from driver.forward.build import capabilities_of, mesh_of
+from driver.forward.cost import simulation_seconds
 from driver.report.style import png
 from driver.results.files import JOBS, results_of
 from driver.virtual.truth import stage_program
-from driver.workflow.cost import cost_told, simulation_seconds
 from solver_adapters.interface import SolverError
 from solver_adapters.kernels import use_threads
 

@@ -24,10 +24,10 @@ from driver.forward.build import mesh_of
 from driver.forward.prediction import Prediction
 from driver.identification.identify import correction, with_correction
 from driver.identification.objective import Correction, Objective
+from driver.identification.problem import IdentificationProblem, MeasuredSeries, build_problem
 from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.parameters.registry import declared_parameters
 from driver.virtual.truth import knots, refuse_unknown
-from driver.workflow.setup import Seen, Workbench, build_workbench
 
 FloatArray = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ class Prepared:
 
     Attributes:
         plan: the plan.
-        bench: models, data without images, and priors, as the identification has them.
+        problem: models, data without images, and priors, as the identification has them.
         values: every parameter, where the model is linearised.
         fitted: names of the parameters that the identification fits.
         causes: those that the specimen can have.
@@ -108,7 +108,7 @@ class Prepared:
     """
 
     plan: Plan
-    bench: Workbench
+    problem: IdentificationProblem
     values: dict[str, float]
     fitted: tuple[str, ...]
     causes: tuple[Cause, ...]
@@ -140,11 +140,11 @@ def prepare(plan: Plan, passing: Callable[[str], None] | None = None) -> Prepare
     )
     # What was wrong in a test that was made is not wrong in one that is planned.
     whole = case.model_copy(update={"loads": case.loads.model_copy(update={"left_out": ()})})
-    bench = build_workbench(
+    problem = build_problem(
         whole,
         mesh_of(case, case.specimen.mesh_size),
         mesh_of(case, case.specimen.fine_mesh_size),
-        Seen(
+        MeasuredSeries(
             experiment,
             images,
             np.zeros((history.n_images, 3)),
@@ -154,14 +154,14 @@ def prepare(plan: Plan, passing: Callable[[str], None] | None = None) -> Prepare
         plan.jobs,
         passing=passing,
     )
-    fitted = (*LAMBDAS, *bench.knots, *bench.law)
+    fitted = (*LAMBDAS, *problem.knots, *problem.law)
     # A knot that is not fitted (a tilt, in the rigid gauge) stays where the identification has it.
-    known = {name: value for name, value in assumed.items() if name in bench.knots}
+    known = {name: value for name, value in assumed.items() if name in problem.knots}
     truth = {name: v for name, v in plan.settings.truth.items() if name not in assumed}
-    values = bench.start | truth | known
+    values = problem.start | truth | known
     wanted = None if case.diagnosis.causes == "all" else case.diagnosis.causes
-    causes, names = screened(bench.working, fitted, wanted, own_causes(case))
-    return Prepared(plan, bench, values, fitted, causes, names, history)
+    causes, names = screened(problem.working, fitted, wanted, own_causes(case))
+    return Prepared(plan, problem, values, fitted, causes, names, history)
 
 
 def simulate(own: Prepared) -> Simulated:
@@ -170,9 +170,9 @@ def simulate(own: Prepared) -> Simulated:
     Raises:
         SolverError: a simulation could not be finished.
     """
-    prediction = own.bench.working.predict(own.values, own.names)
+    prediction = own.problem.working.predict(own.values, own.names)
     change = correction(
-        own.bench.working, own.bench.finer, prediction, own.values, silent, with_steps=True
+        own.problem.working, own.problem.finer, prediction, own.values, silent, with_steps=True
     )
     return Simulated(prediction, own.names, change)
 
@@ -187,8 +187,8 @@ def forecast(own: Prepared, simulated: Simulated) -> Forecast:
     test, case = own.plan.variant.test, own.plan.variant.case
     n_images = own.history.n_images
     index = np.repeat(np.arange(n_images), test.images_per_stop)
-    data = own.bench.objective.data.frames(index)
-    objective = replace(own.bench.objective, data=data, prior=_priors(own))
+    data = own.problem.objective.data.frames(index)
+    objective = replace(own.problem.objective, data=data, prior=_priors(own))
     if not test.exact_simulation:
         sizes = (case.specimen.mesh_size, case.specimen.fine_mesh_size)
         objective = with_correction(objective, 1.0, simulated.change, sizes)
@@ -217,7 +217,7 @@ def whole_forecast(plan: Plan) -> Forecast:
 
 def _priors(own: Prepared) -> dict[str, tuple[float, float]]:
     """Those of the identification, and a loose one where it has none."""
-    objective: Objective = own.bench.objective
+    objective: Objective = own.problem.objective
     loose = {name: (own.values[name], LOOSE) for name in own.fitted}
     return loose | dict(objective.prior)
 

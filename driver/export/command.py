@@ -17,6 +17,7 @@ from driver.experiment.history import History, read_history
 from driver.export.readme import README, exported_files, write_readme
 from driver.export.surface import SERIES, aligned, write_surface
 from driver.export.volume import offers_volume, volume_files, write_volumes
+from driver.identification.problem import BUNDLED
 from driver.parameters.boundary import elongation_names, tilt_names
 from driver.results.files import JOBS, STAGES, results_of
 from driver.results.hdf5 import write_csv
@@ -24,7 +25,6 @@ from driver.results.reader import FinishedResults, FittedModel, read_results
 from driver.results.stage_record import read_record
 from driver.workflow.engine import finished
 from driver.workflow.pipeline import stages
-from driver.workflow.setup import BUNDLED
 from meshes.files import write_vtu
 from solver_adapters.jobs.errors import CommandMissingError
 from solver_adapters.kernels import use_threads

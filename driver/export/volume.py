@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.case.model import Case
-from driver.common.formatting import tenths
+from driver.common.formatting import cost_told, tenths
 from driver.common.progress import Log
 from driver.experiment.history import History
 from driver.export.vtkhdf import write_vtkhdf
 from driver.forward.build import adapter_of, build_model, capabilities_of
+from driver.forward.cost import simulation_memory, simulation_seconds
 from driver.results.reader import FittedModel
-from driver.workflow.cost import cost_told, simulation_memory, simulation_seconds
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.interface import CellFields, Progress
 from solver_adapters.med_results import write_results

@@ -13,6 +13,7 @@ import numpy as np
 from driver.case.model import load_case
 from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError
+from driver.common.formatting import cost_told
 from driver.common.progress import Log
 from driver.dic.slope_noise import squared_slopes
 from driver.experiment.reading import read_experiment
@@ -33,7 +34,6 @@ from driver.noise_floor.picture import draw
 from driver.report.style import png
 from driver.results.files import results_of
 from driver.results.hdf5 import prismid_version, write_csv
-from driver.workflow.cost import cost_told
 
 FILES = ("noise_floor.json", "noise_floor.csv", "noise_floor.png")
 _UNITS = {"strain": (1e2, "%")}  # factor and unit of a table; nm for what is not named

@@ -15,9 +15,9 @@ from driver.diagnosis.statistics.goodness_of_fit import Omnibus
 from driver.diagnosis.statistics.score_test import Score
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation
+from driver.identification.problem import IdentificationProblem
 from driver.results.extended_case import added_parameters
 from driver.results.hdf5 import json_number
-from driver.workflow.setup import Workbench
 
 Budget = dict[str, float]
 
@@ -35,7 +35,7 @@ OMNIBUS = {
 
 def diagnosis_record(
     found: Diagnosis,
-    bench: Workbench,
+    problem: IdentificationProblem,
     budgets: tuple[Budget, Budget],
     decks: Mapping[str, str | None] | None,
     telling: Sequence[Telling],
@@ -45,14 +45,14 @@ def diagnosis_record(
 
     Args:
         found: the diagnosis.
-        bench: the data and the model that it was made with.
+        problem: the data and the model that it was made with.
         budgets: the error budgets (`error_budget`) before and after.
         decks: of the extended model by solver: None where it was written, else why it was not.
             None where nothing was added.
         telling: the changes of the experiment that would part the causes of a set.
         where: where and when the fits miss the data.
     """
-    parameters = bench.objective.parameters
+    parameters = problem.objective.parameters
     added = {
         name: {"value": level, "sigma": sigma, "unit": COVARIANCE_PARAMETERS[name].unit}
         for name, (level, sigma) in found.levels.items()
@@ -82,7 +82,7 @@ def diagnosis_record(
             "before": [_excess_record(one) for one in where.before],
             "after": [_excess_record(one) for one in where.after],
         },
-        "gain": _gain_record(found, bench, budgets),
+        "gain": _gain_record(found, problem, budgets),
         "numerics": {
             "effect_sigma": found.gate.effect,
             "on": found.gate.cause,
@@ -92,18 +92,18 @@ def diagnosis_record(
             "off_by_mesh": {n: found.off_by_mesh(n) for n in added_parameters(found)},
         },
         "load_noise": {
-            "stated_uN": bench.objective.data.load_noise,
+            "stated_uN": problem.objective.data.load_noise,
             "found_uN": found.objective.data.load_noise,
             "degrees": json_number(found.objective.data.load_degrees),
         },
         "bad_loads": [
             {"image": bad.frame, "off_uN": bad.off, "sigmas": bad.sigmas} for bad in found.bad_loads
         ],
-        "not_found": _not_found(found, bench),
+        "not_found": _not_found(found, problem),
         "not_examined": {left.cause: left.why for left in found.not_examined},
         "baseline": {"values": fitted(before), **_end(before)},
         "extended": {"values": fitted(after), **_end(after)},
-        "steps": [_step_record(step, bench) for step in found.steps],
+        "steps": [_step_record(step, problem) for step in found.steps],
     }
     if decks is not None:
         record["decks"] = dict(decks)
@@ -112,13 +112,13 @@ def diagnosis_record(
 
 
 def _gain_record(
-    found: Diagnosis, bench: Workbench, budgets: tuple[Budget, Budget]
+    found: Diagnosis, problem: IdentificationProblem, budgets: tuple[Budget, Budget]
 ) -> dict[str, Any]:
-    parameters = bench.objective.parameters
+    parameters = problem.objective.parameters
     before, after = found.baseline, found.extended
     shifts = {
         name: (after.values[name] - before.values[name]) / before.sigma(name, parameters)
-        for name in bench.law
+        for name in problem.law
     }
     gain: dict[str, Any] = {
         "share_of_excess_explained": json_number(found.explained),
@@ -146,9 +146,9 @@ def _end(fit_: Fit) -> dict[str, Any]:
     return {"converged": fit_.converged, "reason": fit_.reason}
 
 
-def _not_found(found: Diagnosis, bench: Workbench) -> dict[str, str]:
+def _not_found(found: Diagnosis, problem: IdentificationProblem) -> dict[str, str]:
     """Each cause that was tried and is not named: what the last round would have seen of it."""
-    parameters = {**bench.objective.parameters, **COVARIANCE_PARAMETERS}
+    parameters = {**problem.objective.parameters, **COVARIANCE_PARAMETERS}
     named = set(found.verdict.causes)
     flips = [s for step in found.steps for s in step.scores if s.cause in FLIPS]
     return {
@@ -158,9 +158,9 @@ def _not_found(found: Diagnosis, bench: Workbench) -> dict[str, str]:
     }
 
 
-def _step_record(step: Step, bench: Workbench) -> dict[str, Any]:
+def _step_record(step: Step, problem: IdentificationProblem) -> dict[str, Any]:
     refits = {refit.cause.name: refit for refit in step.refits}
-    parameters = {**bench.objective.parameters, **COVARIANCE_PARAMETERS}
+    parameters = {**problem.objective.parameters, **COVARIANCE_PARAMETERS}
 
     def refitted(name: str) -> dict[str, Any] | None:
         if name not in refits:

@@ -7,14 +7,14 @@ from tempfile import TemporaryDirectory
 
 from driver.case.model import Case, load_case
 from driver.common.errors import InputError, sentence
-from driver.common.formatting import tenths
+from driver.common.formatting import cost_told, tenths
 from driver.common.progress import Log
 from driver.experiment.history import read_history
 from driver.forward.build import adapter_of, mesh_of
+from driver.forward.cost import simulation_memory, simulation_seconds
 from driver.virtual.settings import Virtual, read_virtual
 from driver.virtual.truth import knots, pull, stage_program
 from driver.virtual.writing import record
-from driver.workflow.cost import cost_told, simulation_memory, simulation_seconds
 
 _FINER = 0.9  # of the finer mesh of a case
 # Seconds of one core for one pixel of one image, with slip steps and without.

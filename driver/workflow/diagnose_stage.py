@@ -30,6 +30,7 @@ from driver.experiment.held_out import held_out_cycle
 from driver.forward.build import geometry_of
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Evaluation
+from driver.identification.problem import IdentificationProblem, on_another_mesh
 from driver.results.diagnosis import diagnosis_record
 from driver.results.extended_case import (
     added_parameters,
@@ -53,11 +54,10 @@ from driver.workflow.engine import StageContext
 from driver.workflow.identify_stage import (
     error_budget,
     fit_arrays,
-    load_workbench,
+    load_problem,
     same_simulation,
     saved_objective,
 )
-from driver.workflow.setup import Workbench, on_another_mesh
 
 SCHEMA = "case.schema.json"  # the name by which every case file knows its schema
 
@@ -72,64 +72,64 @@ def run_diagnose(context: StageContext, advise: bool = True) -> None:
     case = context.case
     own = own_causes(case)
     wanted = None if case.diagnosis.causes == "all" else case.diagnosis.causes
-    bench = load_workbench(context)
+    problem = load_problem(context)
     identified = read_hdf5(context.result(IDENTIFY))
     measured = read_hdf5(context.result(MEASURE))
     free_chi = measured["chi"]
     with h5py.File(context.result(IDENTIFY), "r") as file:
         # A term that was installed since is at its null.
-        values = bench.objective.model.null_values() | json.loads(file.attrs["all_values"])
+        values = problem.objective.model.null_values() | json.loads(file.attrs["all_values"])
         free = tuple(json.loads(file.attrs["names"]))
         converged, reason = bool(file.attrs["converged"]), str(file.attrs["reason"])
     if not converged:
         context.log(f"  the baseline has not converged ({reason}): read the verdict with care")
-    objective = saved_objective(bench, identified)
+    objective = saved_objective(problem, identified)
     # One simulation gives the baseline and the sensitivities of every cause: that of the
     # identification, once more.
     again = same_simulation(objective, identified, values)
     wide = again.evaluate(values, screened(objective.model, free, wanted, own)[1])
     objective, wide = objective.reading_pattern_along(wide)
-    bench = replace(bench, finer=replace(bench.finer, pattern=objective.model.pattern))
+    problem = replace(problem, finer=replace(problem.finer, pattern=objective.model.pattern))
     baseline = Fit(objective.restrict(wide, free), converged, reason, ())
     known: Evaluation | None = wide
-    if held := [name for name in bench.plan.every if name not in free]:
+    if held := [name for name in problem.plan.every if name not in free]:
         # An error of a held knot would be found as one of the model.
         context.log(f"fitted again with what the identification held: {', '.join(held)}")
-        baseline = fit(objective, values, bench.plan.every, bench.plan.most, context.log)
+        baseline = fit(objective, values, problem.plan.every, problem.plan.most, context.log)
         known = None
-    cycles = bench.experiment.history.cycle
+    cycles = problem.experiment.history.cycle
     settings = Settings(
         wanted=wanted,
         refit=case.diagnosis.refit,
-        held_out=held_out_cycle(case, bench.experiment.history),
+        held_out=held_out_cycle(case, problem.experiment.history),
         processes=case.execution.processes,
         threads=case.execution.threads,
         free_chi=float(np.sqrt(np.mean(free_chi[measured["left_out"] == 0] ** 2))),
-        sizes=bench.plan.sizes,
+        sizes=problem.plan.sizes,
         own=own,
     )
     found = diagnose(
-        baseline, objective, FinerMeshes(bench.finer, lambda: on_another_mesh(case, bench)),
+        baseline, objective, FinerMeshes(problem.finer, lambda: on_another_mesh(case, problem)),
         cycles, settings, context.log, known,
     )  # fmt: skip
-    telling = _telling(found, context, bench) if advise else ()
+    telling = _telling(found, context, problem) if advise else ()
     if telling:
         advised = f"{found.verdict.next} {advice(telling)}"
         found = replace(found, verdict=replace(found.verdict, next=advised))
-    where = whereabouts(found, geometry_of(case), bench.experiment.history)
+    where = whereabouts(found, geometry_of(case), problem.experiment.history)
     found = replace(found, verdict=with_places(found.verdict, still_missed(where)))
-    _tell(found, where, bench, context.log)
+    _tell(found, where, problem, context.log)
     decks = _decks(found, context) if found.causes else None
     budgets = (
-        error_budget(bench, found.baseline.best, free_chi),
-        error_budget(bench, found.extended.best, free_chi),
+        error_budget(problem, found.baseline.best, free_chi),
+        error_budget(problem, found.extended.best, free_chi),
     )
-    record = diagnosis_record(found, bench, budgets, decks, telling, where)
+    record = diagnosis_record(found, problem, budgets, decks, telling, where)
     (context.workdir / DIAGNOSIS).write_text(
         json.dumps(record, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
     )
-    arrays = fit_arrays(found.baseline, bench, "before") | fit_arrays(
-        found.extended, bench, "after"
+    arrays = fit_arrays(found.baseline, problem, "before") | fit_arrays(
+        found.extended, problem, "after"
     )
     write_hdf5(context.workdir / DIAGNOSIS_H5, arrays)
     if NOISE_RATIO.name in found.levels:
@@ -138,14 +138,14 @@ def run_diagnose(context: StageContext, advise: bool = True) -> None:
     (context.workdir / SCHEMA).write_text(schema_text(), encoding="utf-8")
 
 
-def _tell(found: Diagnosis, where: Whereabouts, bench: Workbench, log: Log) -> None:
+def _tell(found: Diagnosis, where: Whereabouts, problem: IdentificationProblem, log: Log) -> None:
     """The verdict, where the model misses the data, what was added for it, what to do next."""
     log(f"verdict: {found.verdict.kind}. {found.verdict.text}")
     log(f"  {told(where)}")
     for name in added_parameters(found):
-        log(f"  {value_told(name, found.extended, bench.objective.parameters)}")
+        log(f"  {value_told(name, found.extended, problem.objective.parameters)}")
         if (off := found.off_by_mesh(name)) is not None:
-            unit = bench.objective.parameters[name].unit
+            unit = problem.objective.parameters[name].unit
             by = f"{off:.2g} {unit}" if unit else f"{off:.2g}"
             log(f"    either of two finer meshes alone would put it off by {by}: not in its σ")
     for name, (level, sigma) in found.levels.items():
@@ -167,7 +167,9 @@ def _decks(found: Diagnosis, context: StageContext) -> dict[str, str | None]:
     return decks
 
 
-def _telling(found: Diagnosis, context: StageContext, bench: Workbench) -> tuple[Telling, ...]:
+def _telling(
+    found: Diagnosis, context: StageContext, problem: IdentificationProblem
+) -> tuple[Telling, ...]:
     """Which change of the experiment would part the first set; empty if there is none.
 
     Sizes are those of the scores, in the prior scales of each cause.
@@ -183,7 +185,7 @@ def _telling(found: Diagnosis, context: StageContext, bench: Workbench) -> tuple
     scores = {s.cause.name: s for s in last.scores}
     sizes = {name: float(np.max(np.abs(scores[name].estimate))) for name in group}
     law = {name: found.baseline.values[name] for name in found.baseline.best.free}
-    case, history = with_flips(context.case, found), bench.experiment.history
+    case, history = with_flips(context.case, found), problem.experiment.history
     ranked = attempt(lambda: most_telling(case, history, sizes, law, context.log))
     if isinstance(ranked, Failure):
         context.log(f"  not found out: {ranked.why}")

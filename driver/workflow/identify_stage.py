@@ -17,24 +17,24 @@ from driver.identification.fit import Fit
 from driver.identification.identify import Identification, identify, with_correction
 from driver.identification.kinematic_hessian import kinematic_hessian
 from driver.identification.objective import Correction, Evaluation, Objective
+from driver.identification.problem import IdentificationProblem, build_problem, seen_by_correlation
 from driver.identification.step_error import StepError
 from driver.parameters.boundary import LAMBDAS, elongation_names
 from driver.results.files import FINE_MESH, JOBS, MEASURE, MESH
 from driver.results.hdf5 import read_hdf5
 from driver.results.identification import Arrays, value_told, warnings_of, write_identification
 from driver.workflow.engine import StageContext
-from driver.workflow.setup import Workbench, build_workbench, seen_by_correlation
 from meshes.files import read_med
 from solver_adapters.interface import Way
 
 FloatArray = NDArray[np.float64]
 
 
-def load_workbench(context: StageContext) -> Workbench:
+def load_problem(context: StageContext) -> IdentificationProblem:
     """The workbench of a case from the results of the first two stages."""
     measured = read_hdf5(context.result(MEASURE))
     left_out = tuple(map(int, np.flatnonzero(measured["left_out"])))
-    return build_workbench(
+    return build_problem(
         context.case,
         read_med(context.result(MESH)),
         read_med(context.result(FINE_MESH)),
@@ -49,22 +49,24 @@ def load_workbench(context: StageContext) -> Workbench:
 
 def run_identify(context: StageContext) -> None:
     """Identify, and write parameters, covariance, budget and predictions."""
-    bench = load_workbench(context)
-    refuse_large_jitter(context.case, bench.plan.jitter, bench.start, bench.experiment.history)
+    problem = load_problem(context)
+    refuse_large_jitter(
+        context.case, problem.plan.jitter, problem.start, problem.experiment.history
+    )
     found = identify(
-        bench.working, bench.finer, bench.objective, bench.start, bench.plan, context.log
+        problem.working, problem.finer, problem.objective, problem.start, problem.plan, context.log
     )  # fmt: skip
     final = found.final
-    budget = error_budget(bench, final.best, read_hdf5(context.result(MEASURE))["chi"])
-    for name in (n for n in (*LAMBDAS, *bench.law) if n in final.best.free):
-        context.log(f"  {value_told(name, final, bench.objective.parameters)}")
+    budget = error_budget(problem, final.best, read_hdf5(context.result(MEASURE))["chi"])
+    for name in (n for n in (*LAMBDAS, *problem.law) if n in final.best.free):
+        context.log(f"  {value_told(name, final, problem.objective.parameters)}")
     for warning in warnings_of(found):
         context.log(f"  {warning}")
     context.log(
         f"  budget: noise 1, free correlation {budget['free']:.2f}, "
         f"this model {budget['model']:.2f} (images), {budget['load']:.2f} (loads)"
     )
-    _write(context, bench, found, budget)
+    _write(context, problem, found, budget)
 
 
 def refuse_large_jitter(
@@ -92,13 +94,15 @@ def refuse_large_jitter(
         raise CaseError(sentence(case.file, "boundary.jitter_nm", found, expected))
 
 
-def error_budget(bench: Workbench, best: Evaluation, free_chi: FloatArray) -> dict[str, float]:
+def error_budget(
+    problem: IdentificationProblem, best: Evaluation, free_chi: FloatArray
+) -> dict[str, float]:
     """χ at pixel level from noise over free correlation to the model, and χ_F of the loads.
 
     Images that are not fitted do not count.
     """
-    images = bench.images
-    data = bench.objective.data
+    images = problem.images
+    data = problem.objective.data
     seen = data.with_image
     found = best.motion[data.index] + np.einsum("tr,rpc->tpc", best.shift, data.image.rigid)
     variance = images.expected_residual_variance(found)
@@ -111,9 +115,9 @@ def error_budget(bench: Workbench, best: Evaluation, free_chi: FloatArray) -> di
     }
 
 
-def saved_objective(bench: Workbench, results: dict[str, FloatArray]) -> Objective:
+def saved_objective(problem: IdentificationProblem, results: dict[str, FloatArray]) -> Objective:
     """The objective of the last stage of a finished identification."""
-    objective = bench.objective
+    objective = problem.objective
     if "jitter/load" in results:
         jitter = BoundaryJitter(results["jitter/load"], results["jitter/image"])
         objective = replace(objective, data=replace(objective.data, jitter=jitter))
@@ -126,7 +130,9 @@ def saved_objective(bench: Workbench, results: dict[str, FloatArray]) -> Objecti
         left,
         int(results["correction/parts"]),
     )
-    return with_correction(objective, float(results["noise_factor"]), correction, bench.plan.sizes)
+    return with_correction(
+        objective, float(results["noise_factor"]), correction, problem.plan.sizes
+    )
 
 
 def same_simulation(
@@ -146,9 +152,9 @@ def same_simulation(
     return replace(objective, model=model)
 
 
-def fit_arrays(fit: Fit, bench: Workbench, prefix: str) -> Arrays:
+def fit_arrays(fit: Fit, problem: IdentificationProblem, prefix: str) -> Arrays:
     """Predictions and residuals of a fit for the results file."""
-    best, data = fit.best, bench.objective.data
+    best, data = fit.best, problem.objective.data
     return {
         f"{prefix}/load": (best.load, "µN"),
         f"{prefix}/load_residual": (data.load - best.load, "µN"),
@@ -158,13 +164,16 @@ def fit_arrays(fit: Fit, bench: Workbench, prefix: str) -> Arrays:
 
 
 def _write(
-    context: StageContext, bench: Workbench, found: Identification, budget: dict[str, float]
+    context: StageContext,
+    problem: IdentificationProblem,
+    found: Identification,
+    budget: dict[str, float],
 ) -> None:
     correction = found.objective.correction
     write_identification(
         context.workdir,
         found,
-        bench.start,
+        problem.start,
         {
             "correction/motion": (np.asarray(correction.motion), "µm"),
             "noise_factor": (found.objective.data.image.noise_factor, "1"),
@@ -173,7 +182,7 @@ def _write(
             **_starts(found),
             **_jitter(found.objective.data.jitter),
             **_way(found.final.best.prediction.response.way),
-            **fit_arrays(found.final, bench, "final"),
+            **fit_arrays(found.final, problem, "final"),
         },
     )
 

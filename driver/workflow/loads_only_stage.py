@@ -20,11 +20,11 @@ from driver.identification.identify import Plan
 from driver.identification.loads_alone import doubts, identify_from_loads
 from driver.identification.no_images import no_images
 from driver.identification.objective import Objective
+from driver.identification.problem import BUNDLED, law_of, stated_prior, stated_start
 from driver.parameters.boundary import elongation_names
 from driver.results.files import FINE_MESH, JOBS, MESH
 from driver.results.identification import value_told, warnings_of, write_identification
 from driver.workflow.engine import StageContext
-from driver.workflow.setup import BUNDLED, law_of, stated_prior, stated_start
 from meshes.files import read_med
 from solver_adapters.interface import Adapter
 
@@ -104,16 +104,16 @@ def run_identify_loads(context: StageContext) -> None:
     """Identify from the loads, and write parameters, covariance and predictions."""
     case = context.case
     adapter = WatchedSolver(adapter_of(case, context.prepare_only), passing_of(context.log))
-    bench = build_loads_bench(context, adapter)
+    problem = build_loads_bench(context, adapter)
     found = identify_from_loads(
-        bench.objective, bench.finer, bench.start, bench.plan, context.log
+        problem.objective, problem.finer, problem.start, problem.plan, context.log
     )  # fmt: skip
-    final, history = found.final, bench.history
-    for name in bench.plan.law:
-        context.log(f"  {value_told(name, final, bench.objective.parameters)}")
+    final, history = found.final, problem.history
+    for name in problem.plan.law:
+        context.log(f"  {value_told(name, final, problem.objective.parameters)}")
     for warning in warnings_of(found):
         context.log(f"  {warning}")
-    load, n_loads = bench.objective.data.load, bench.objective.data.n_load
+    load, n_loads = problem.objective.data.load, problem.objective.data.n_load
     chi = final.best.chi_load
     context.log(f"  budget: noise 1, this model {chi:.2f} (loads)")
     for sentence in doubts(chi, n_loads, final.converged):
@@ -121,7 +121,7 @@ def run_identify_loads(context: StageContext) -> None:
     write_identification(
         context.workdir,
         found,
-        bench.start,
+        problem.start,
         {
             "time": (history.time[history.image_row], "s"),
             "stage": (history.stage[history.image_row], "µm"),

@@ -7,13 +7,15 @@ from pathlib import Path
 
 from driver.case.model import Case, load_case
 from driver.common.errors import sentence
+from driver.common.formatting import cost_told
 from driver.common.progress import Log
 from driver.diagnosis.causes.user_causes import asked_causes
 from driver.experiment.held_out import held_out_cycle
 from driver.experiment.reading import history_of
 from driver.forward.build import capabilities_of, mesh_of
+from driver.identification.problem import BUNDLED
 from driver.results.files import DIAGNOSIS, IDENTIFY, results_of
-from driver.workflow.cost import cost_told, estimate
+from driver.workflow.cost import estimate
 from driver.workflow.diagnose_stage import run_diagnose
 from driver.workflow.engine import (
     Stage,
@@ -30,7 +32,6 @@ from driver.workflow.measure_stage import run_measure
 from driver.workflow.mesh_stage import run_mesh
 from driver.workflow.report_loads_stage import run_report_loads
 from driver.workflow.report_stage import run_report
-from driver.workflow.setup import BUNDLED
 from solver_adapters.kernels import use_threads
 
 _MESH = ("specimen",)

@@ -25,15 +25,15 @@ HIDDEN = {"stretch_curvature": 0.03}  # small enough for the first order to hold
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, Course]]:
     """A specimen whose elongation is not proportional to stage travel, identified without that."""
-    folder, bench = tmp_path_factory.mktemp("curved"), closed_form.bench()
-    truth = bench.truth | HIDDEN
+    folder, problem = tmp_path_factory.mktemp("curved"), closed_form.problem()
+    truth = problem.truth | HIDDEN
     closed_form.write_files(folder, HIDDEN)
     path = folder / "case.toml"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build, "find_adapter", lambda name, profile: closed_form.ClosedFormSolver())
         run_stages(load_case(path), stages(load_case(path)), "identify", report=silent)
-        model = bench.model
-        yield path, seen_course(model, model.simulation(truth), bench.history, truth)
+        model = problem.model
+        yield path, seen_course(model, model.simulation(truth), problem.history, truth)
 
 
 def left(experiment: tuple[Path, Course], *causes: Cause) -> Left:

@@ -289,7 +289,7 @@ def pixels() -> FloatArray:
     return np.asarray(xy[inside])
 
 
-def bench(case: Case | None = None) -> Bench:
+def problem(case: Case | None = None) -> Bench:
     """The specimen of a case (`small_case`), with every parameter at its null but the knots."""
     case, h = case or small_case(), history()
     mesh = generate(geometry_of(case), case.specimen.mesh_size)
@@ -393,7 +393,7 @@ def objective(b: Bench, values: Mapping[str, float], seed: int = 0) -> Objective
 
 def write_files(folder: Path, injected: Mapping[str, float]) -> None:
     """Case, images and history of the specimen with some parameters off their null."""
-    b = bench()
+    b = problem()
     case = b.case.model_copy(
         update={
             "images": b.case.images.model_copy(update={"flats": None}),

@@ -26,7 +26,7 @@ from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.parameters.registry import declared_parameters
 from tests.driver import closed_form
-from tests.driver.closed_form import KNOTS, LAW, SIZES, Bench, ClosedFormSolver, bench
+from tests.driver.closed_form import KNOTS, LAW, SIZES, Bench, ClosedFormSolver, problem
 
 PRECISE = 0.2  # µN
 SETTINGS = Settings(
@@ -79,7 +79,7 @@ def large_effect(name: str, value: float) -> tuple[Objective, Fit, Evaluation, l
 
     Effects are hundreds of times as large as its noise.
     """
-    b = bench()
+    b = problem()
     with patch.object(closed_form, "LOAD_NOISE", PRECISE):
         made = closed_form.objective(b, b.truth | {name: value})
         objective, baseline = identified(b, made)

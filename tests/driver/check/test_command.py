@@ -14,8 +14,9 @@ from driver.check import command as check_module
 from driver.check.command import check
 from driver.diagnosis.causes.all_causes import NAMES
 from driver.diagnosis.causes.causes import LIBRARY
+from driver.forward.cost import simulation_seconds
 from driver.forward.geometry import boundary_trace
-from driver.workflow.cost import estimate, simulation_seconds
+from driver.workflow.cost import estimate
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.calculix.adapter import CalculixAdapter
 from solver_adapters.code_aster.adapter import CodeAsterAdapter

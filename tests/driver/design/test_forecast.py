@@ -113,7 +113,7 @@ def test_a_planned_test_has_no_wrong_loads(base: Plan) -> None:
     loads = case.loads.model_copy(update={"left_out": (0, 1, 2, 999)})
     asked = replace(base.variant, case=case.model_copy(update={"loads": loads}))
     whole, less = (
-        prepare(plan).bench.objective.data for plan in (base, replace(base, variant=asked))
+        prepare(plan).problem.objective.data for plan in (base, replace(base, variant=asked))
     )
     assert less.n_load == whole.n_load > 0
 

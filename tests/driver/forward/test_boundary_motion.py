@@ -111,7 +111,7 @@ def test_the_ends_move_sideways_by_shear_alone(motion: BoundaryMotion) -> None:
 
 @pytest.mark.parametrize(("U_X", "held"), [("held", "all"), ("free", "one")])
 def test_free_ends_pin_one_node_along_x(U_X: str, held: str) -> None:
-    b = closed_form.bench()
+    b = closed_form.problem()
     boundary = b.case.boundary.model_copy(update={"U_X": U_X})
     case = b.case.model_copy(update={"boundary": boundary})
     mask = build_model(

@@ -80,7 +80,7 @@ def test_a_solver_without_derivatives_is_given_some(monkeypatch: pytest.MonkeyPa
 
 
 def test_an_accuracy_is_finer_as_the_steps_of_the_finer_simulation() -> None:
-    b = closed_form.bench()
+    b = closed_form.problem()
 
     def accuracy(steps: int, **solver: object) -> float | None:
         stated = changed(b.case, "solver", steps_per_interval=2, **solver)
@@ -117,7 +117,7 @@ def test_without_repeats_there_is_no_reference(folder: Path) -> None:
 
 
 def test_the_ends_of_the_mesh_are_where_the_motion_is_prescribed() -> None:
-    b = closed_form.bench()
+    b = closed_form.problem()
     motion, points = b.model.boundary, b.mesh.points
     at = points[motion.nodes]
     np.testing.assert_allclose(at[motion.side > 0, 1], LENGTH, atol=1e-12)
@@ -131,7 +131,7 @@ def test_the_ends_of_the_mesh_are_where_the_motion_is_prescribed() -> None:
 
 
 def test_the_instrument_knows_the_clock_and_the_middle_of_the_face() -> None:
-    instrument = closed_form.bench().model.instrument
+    instrument = closed_form.problem().model.instrument
     assert instrument.progress[0] == 0.0 and instrument.progress[-1] == 1.0
     assert instrument.centre == (0.0, LENGTH / 2)
 

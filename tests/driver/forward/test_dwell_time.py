@@ -18,7 +18,7 @@ from tests.driver.closed_form_diagnosis import diagnosis_of, identified
 
 FloatArray = NDArray[np.float64]
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 RECALLED = closed_form.time_signals
 TIMES = np.array([0.0, 10, 20, 26, 30, 45, 50, 60])
 STILL = np.array([False, True, True, False, False, True, False])

@@ -20,7 +20,7 @@ from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, finer, id
 
 FloatArray = NDArray[np.float64]
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 SHARE = 0.5
 RECORD = closed_form.height_maps
 
@@ -57,8 +57,8 @@ def seen(share: float) -> Objective:
 def diagnosed(share: float) -> Diagnosis:
     objective, baseline = identified(BENCH, seen(share))
     objective, here = objective.reading_pattern_along(baseline.best)
-    bench = replace(BENCH, model=objective.model)
-    return diagnosis_of(bench, (objective, replace(baseline, best=here)))
+    problem = replace(BENCH, model=objective.model)
+    return diagnosis_of(problem, (objective, replace(baseline, best=here)))
 
 
 def test_a_pattern_does_nothing_where_nothing_moves_and_is_the_difference_of_places_else() -> None:

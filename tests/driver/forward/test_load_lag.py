@@ -69,12 +69,12 @@ def test_rows_closer_than_a_second_are_read_as_well() -> None:
 @pytest.mark.parametrize(("lag", "seed"), [(2.0, 0), (-2.0, 1), (0.0, 2), (0.0, 3)])
 def test_a_fit_finds_the_lag_from_none_with_the_knots_free(lag: float, seed: int) -> None:
     """Images and loads of the closed-form specimen; the start is where the force bends."""
-    bench = closed_form.bench()
-    made = closed_form.objective(bench, bench.truth | {"load_lag": lag}, seed)
-    prior = priors(bench.truth) | {"load_lag": (0.0, 1.0)}
+    problem = closed_form.problem()
+    made = closed_form.objective(problem, problem.truth | {"load_lag": lag}, seed)
+    prior = priors(problem.truth) | {"load_lag": (0.0, 1.0)}
     n = len(KNOTS) + 1
     free = (*LAMBDAS, *elongation_names(n), *tilt_names(n), *LAW, "load_lag")
-    found = fit(replace(made, prior=prior), bench.truth, free, 15, print)
+    found = fit(replace(made, prior=prior), problem.truth, free, 15, print)
     assert found.converged
     sigma = found.sigma("load_lag", made.parameters)
     assert abs(found.values["load_lag"] - lag) < 3 * sigma

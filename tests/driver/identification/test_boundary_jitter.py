@@ -30,7 +30,7 @@ FloatArray = NDArray[np.float64]
 
 def one_image_a_stop() -> Bench:
     """The small specimen with an image at the end of each hold only."""
-    whole = closed_form.bench()
+    whole = closed_form.problem()
     stage = whole.history.stage
     rows = np.flatnonzero(np.append(np.diff(stage) != 0, True))
     history = replace(whole.history, image_row=rows, cycle=whole.history.cycle[rows])

@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 
 T = 6
 SIGMA, N_REFERENCE, LOAD_NOISE, AUTOCORRELATION = 0.001, 4, 3.0, 0.6
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 
 
 def coordinates() -> tuple[FloatArray, FloatArray]:

@@ -53,7 +53,7 @@ def test_no_error_of_the_loads_changes_nothing(error: SimulationError) -> None:
 
 def test_what_is_left_is_in_proportion_to_the_correction() -> None:
     """κ = r/(1 − r): as much again for half the element size, and nothing is left of nothing."""
-    b = closed_form.bench()
+    b = closed_form.problem()
     image = closed_form.objective(b, b.truth).data.image
     x, y = image.images.xy.T
     bump = 1e-3 * np.exp(-((y - 2.0) ** 2)) * x

@@ -33,7 +33,7 @@ from tests.driver.closed_form_diagnosis import priors
 
 FloatArray = NDArray[np.float64]
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 WEIGHTS = knot_weights(BENCH.history)
 NAMES = elongation_names(5)
 TRUE = {"tau0": 46.0, "c": 34e3, "d": 1300.0, "lambda_plus_Y": 0.9, "lambda_minus_Z": 1.1}

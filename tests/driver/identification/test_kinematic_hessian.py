@@ -5,7 +5,7 @@ import numpy as np
 from driver.identification.kinematic_hessian import kinematic_hessian
 from tests.driver import closed_form
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 NAMES = ("lambda_plus_Y", "tau0", "depth_scale")
 
 

@@ -14,17 +14,17 @@ from tests.driver.closed_form import KNOTS, LOAD_NOISE
 @pytest.fixture(scope="module")
 def objective() -> Objective:
     """The loads of the closed-form specimen, and nothing else."""
-    bench = closed_form.bench()
-    load = closed_form.readings(bench, bench.truth, 0)
+    problem = closed_form.problem()
+    load = closed_form.readings(problem, problem.truth, 0)
     data = Data(no_images(load.size), load, LOAD_NOISE, 0.0, np.arange(load.size))
-    return Objective(bench.model, data, declared_parameters(len(KNOTS) + 1))
+    return Objective(problem.model, data, declared_parameters(len(KNOTS) + 1))
 
 
 def test_the_residual_is_that_of_the_loads_alone(objective: Objective) -> None:
-    bench = closed_form.bench()
+    problem = closed_form.problem()
     free = ("tau0", "load_gain", "origin_Y", "elongation_2")
-    found = objective.evaluate(bench.truth, free)
-    beside = closed_form.objective(bench, bench.truth).evaluate(bench.truth, free)
+    found = objective.evaluate(problem.truth, free)
+    beside = closed_form.objective(problem, problem.truth).evaluate(problem.truth, free)
     np.testing.assert_array_equal(found.residual, beside.residual[: beside.n_load])
     np.testing.assert_array_equal(found.jacobian, beside.jacobian[:, : beside.n_load])
     assert found.chi_image == 0.0 and found.chi_load == pytest.approx(1.0, abs=0.3)

@@ -38,8 +38,8 @@ class Watched(BundledAdapter):
 @pytest.fixture(scope="module")
 def objective() -> Objective:
     """Data in closed form, held against the bundled solver in steps that refine themselves."""
-    bench = closed_form.bench()
-    known = closed_form.objective(bench, bench.truth)
+    problem = closed_form.problem()
+    known = closed_form.objective(problem, problem.truth)
     return replace(known, model=replace(known.model, adapter=Watched(), accuracy=1.0))
 
 
@@ -52,7 +52,7 @@ def watched(objective: Objective) -> list[tuple[Simulation, Response]]:
 def test_what_an_evaluation_lacks_is_added_without_iterations_and_in_its_steps(
     objective: Objective,
 ) -> None:
-    values = objective.model.null_values() | closed_form.bench().truth
+    values = objective.model.null_values() | closed_form.problem().truth
     fitted = objective.evaluate(values, FITTED)
     completed = objective.complete(fitted, (*FURTHER, *FITTED))
     simulation, response = watched(objective)[-1]
@@ -72,7 +72,7 @@ def test_what_an_evaluation_lacks_is_added_without_iterations_and_in_its_steps(
 def test_near_an_evaluation_others_take_fewer_iterations_and_find_the_same(
     objective: Objective,
 ) -> None:
-    values = objective.model.null_values() | closed_form.bench().truth
+    values = objective.model.null_values() | closed_form.problem().truth
     here = objective.in_steps_of(objective.evaluate(values, FITTED))
     there = values | {"tau0": 1.01 * values["tau0"]}
     cold = here.evaluate(there, ())
@@ -85,7 +85,7 @@ def test_near_an_evaluation_others_take_fewer_iterations_and_find_the_same(
 def test_a_finished_identification_is_simulated_once_more_without_iterations(
     objective: Objective,
 ) -> None:
-    values = objective.model.null_values() | closed_form.bench().truth
+    values = objective.model.null_values() | closed_form.problem().truth
     response = objective.evaluate(values, ()).prediction.response
     assert response.way is not None
     written = {"way/times": response.way.times, "way/displacement": response.way.displacement}

@@ -8,7 +8,7 @@ import pytest
 from driver.identification.paper_chi import paper_chi
 from tests.driver import closed_form
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 
 
 def test_chi_is_that_of_the_equations_of_the_paper() -> None:

@@ -9,7 +9,7 @@ from scipy import ndimage
 from driver.identification.reference_noise import shared_noise
 from tests.driver import closed_form
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 IMAGES = closed_form.surface_images(BENCH, BENCH.truth, 0)
 RNG = np.random.default_rng(3)
 FLAT = 0.4  # of the noise of an image

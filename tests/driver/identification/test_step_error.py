@@ -113,7 +113,7 @@ def test_the_error_of_the_steps_is_one_standard_deviation_of_its_own_pattern() -
 
     The pattern p has covariance I + p pᵀ, in which p itself has |p|²/(1 + |p|²) for |p|².
     """
-    b = closed_form.bench()
+    b = closed_form.problem()
     data = closed_form.objective(b, b.truth).data
     T = b.history.n_images
     course = np.linspace(0.0, 1.0, T) ** 2

@@ -68,26 +68,26 @@ def test_the_terms_of_an_installed_package_join_the_general_model() -> None:
     assert [t.parameter.name for t in terms_of(BoundaryTerm)] == ["swing"]
     assert [t.parameter.name for t in terms_of(ReadingTerm)] == ["cell_warming"]
     assert {"swing", "cell_warming"} <= set(declared_parameters(3))
-    model = closed_form.bench().model
+    model = closed_form.problem().model
     assert model.simulated("swing") and not model.simulated("cell_warming")
 
 
 @pytest.mark.usefixtures("documented")
 def test_a_term_moves_the_ends_as_its_formula_says() -> None:
-    bench = closed_form.bench()
-    boundary = bench.model.boundary
-    added = boundary.evaluate(bench.truth | {"swing": 0.2}) - boundary.evaluate(bench.truth)
+    problem = closed_form.problem()
+    boundary = problem.model.boundary
+    added = boundary.evaluate(problem.truth | {"swing": 0.2}) - boundary.evaluate(problem.truth)
     knots = np.array([0.0, *closed_form.KNOTS])
     stretch = boundary.weights @ knots
     plus = boundary.side > 0
     expected = 0.2 * np.outer(stretch, boundary.across[plus])
     np.testing.assert_allclose(added[:, plus, 2], expected, atol=1e-12)
     assert not added[..., :2].any() and not added[:, ~plus].any()
-    along = boundary.derivative(bench.truth, "swing")
+    along = boundary.derivative(problem.truth, "swing")
     np.testing.assert_allclose(along[:, plus, 2], expected / 0.2, atol=1e-12)
     # The formula of the term follows the knots, and so do their derivatives.
-    with_term = boundary.derivative(bench.truth | {"swing": 0.2}, "elongation_2")
-    change = with_term - boundary.derivative(bench.truth, "elongation_2")
+    with_term = boundary.derivative(problem.truth | {"swing": 0.2}, "elongation_2")
+    change = with_term - boundary.derivative(problem.truth, "elongation_2")
     of_knot = 0.2 * np.outer(boundary.weights[:, 2], boundary.across[plus])
     np.testing.assert_allclose(change[:, plus, 2], of_knot, atol=1e-12)
 
@@ -96,12 +96,12 @@ def test_a_term_moves_the_ends_as_its_formula_says() -> None:
 @pytest.mark.parametrize("name", ["cell_warming", "elongation_2", "tau0", "load_lag"])
 def test_derivatives_with_terms_are_those_of_differences(name: str) -> None:
     """Central differences of the whole prediction, with both terms off their null."""
-    bench = closed_form.bench()
+    problem = closed_form.problem()
     # Without a lag derivatives at the corners of the history have two sides.
-    values = bench.truth | {"swing": 0.2, "cell_warming": 0.5, "load_lag": 1.5}
-    exact = bench.model.predict(values, (name,))
+    values = problem.truth | {"swing": 0.2, "cell_warming": 0.5, "load_lag": 1.5}
+    exact = problem.model.predict(values, (name,))
     h = 1e-4 * max(abs(values[name]), 1e-2)
-    above, below = (bench.model.predict(values | {name: values[name] + s}) for s in (h, -h))
+    above, below = (problem.model.predict(values | {name: values[name] + s}) for s in (h, -h))
     for found, one, other in (
         (exact.d_load[0], above.load, below.load),
         (exact.d_surface[0], above.surface, below.surface),
@@ -113,13 +113,13 @@ def test_derivatives_with_terms_are_those_of_differences(name: str) -> None:
 
 def test_an_effect_of_a_term_is_named_by_a_cause_of_ones_own(documented: Path) -> None:
     own = read_causes(documented / "my_causes.toml")
-    bench = closed_form.bench()
-    made = closed_form.objective(bench, bench.truth)
-    progress = bench.model.instrument.progress
+    problem = closed_form.problem()
+    made = closed_form.objective(problem, problem.truth)
+    progress = problem.model.instrument.progress
     read = made.data.load * (1 + 0.5 * np.exp(-8 * progress))
     made = replace(made, data=replace(made.data, load=read))
     cell = replace(own[0], name="cell", category="instrument", parameters=("cell_warming",))
-    found = diagnosis_of(bench, identified(bench, made), replace(SETTINGS, own=(*own, cell)))
+    found = diagnosis_of(problem, identified(problem, made), replace(SETTINGS, own=(*own, cell)))
     assert found.verdict.causes[0] == "cell"
     assert found.extended.values["cell_warming"] == pytest.approx(0.5, rel=0.3)
     scored = {score.cause.name for score in found.steps[0].scores}

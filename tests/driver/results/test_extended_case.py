@@ -92,8 +92,8 @@ def test_a_noise_of_the_boundary_is_stated_by_the_extended_case(tmp_path: Path) 
 def test_uneven_noise_is_stated_by_the_extended_case_as_its_images_lie(
     rows: Axis, columns: Axis, tmp_path: Path
 ) -> None:
-    bench = closed_form.bench()
-    image = closed_form.objective(bench, bench.truth).data.image
+    problem = closed_form.problem()
+    image = closed_form.objective(problem, problem.truth).data.image
     variance = np.random.default_rng(3).uniform(0.5, 2.0, len(image.images.xy))
     seen = SimpleNamespace(data=SimpleNamespace(image=reweighted(image, variance)))
     levels = {"noise_ratio": (1.8, 0.1)}

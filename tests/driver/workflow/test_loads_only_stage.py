@@ -229,8 +229,10 @@ def test_loads_and_priors_that_leave_a_combination_open_are_refused(
     path = write(tmp_path)
     case, results = load_case(path), path.parent / "results"
     pipeline.run(path, "mesh", False, print)
-    bench = build_loads_bench(StageContext(case, results, results, print), solver("", Profile()))
-    held = {name: both for name, both in bench.objective.prior.items() if "lambda" not in name}
-    open_ = replace(bench.objective, prior=held)
+    problem = build_loads_bench(StageContext(case, results, results, print), solver("", Profile()))
+    held = {name: both for name, both in problem.objective.prior.items() if "lambda" not in name}
+    open_ = replace(problem.objective, prior=held)
     with pytest.raises(InputError, match="lambda_plus_Z changes nothing that images and loads"):
-        identify_from_loads(open_, bench.finer, bench.start, replace(bench.plan, most=3), print)
+        identify_from_loads(
+            open_, problem.finer, problem.start, replace(problem.plan, most=3), print
+        )

@@ -73,7 +73,7 @@ def test_the_rigid_motion_of_each_frame_is_kept(
 ) -> None:
     results, _ = measured
     kept = results["left_out"] == 0
-    stage = closed_form.stage_error(closed_form.bench())
+    stage = closed_form.stage_error(closed_form.problem())
     # The stage's random shift is seen beside the mean motion of the specimen, which is smooth.
     rest = (results["rigid"] - stage)[kept]
     roughness = np.std(np.diff(rest[:, 0], 2)) / np.sqrt(6)

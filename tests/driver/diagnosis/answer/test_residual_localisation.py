@@ -26,7 +26,7 @@ from driver.identification.objective import Evaluation, Objective
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import diagnosis_of, identified
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 GEOMETRY = geometry_of(BENCH.case)
 XY = closed_form.pixels()
 PLACES, PHASES = places_on(GEOMETRY, XY), phases_of(BENCH.history)

@@ -202,9 +202,9 @@ def test_an_own_cause_that_cannot_be_tried_is_listed_with_the_reason() -> None:
 
 
 def test_an_effect_of_two_parameters_is_named_by_the_own_cause_that_has_both() -> None:
-    bench = closed_form.bench()
-    made = closed_form.objective(bench, bench.truth | {"end_rotation": 0.4, "end_shear": 0.4})
-    found = diagnosis_of(bench, identified(bench, made), replace(SETTINGS, own=(TWISTED,)))
+    problem = closed_form.problem()
+    made = closed_form.objective(problem, problem.truth | {"end_rotation": 0.4, "end_shear": 0.4})
+    found = diagnosis_of(problem, identified(problem, made), replace(SETTINGS, own=(TWISTED,)))
     assert found.verdict.causes[0] == "twisted_grip"
     assert found.verdict.text.startswith("The grip is mounted askew")
     assert TWISTED.check in found.verdict.next

@@ -16,7 +16,7 @@ from driver.identification.objective import Evaluation, Objective
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import SETTINGS, identified
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 WRONG, OFF = 12, 40 * closed_form.LOAD_NOISE
 
 

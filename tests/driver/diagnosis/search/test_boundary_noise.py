@@ -42,7 +42,7 @@ from solver_adapters.interface import Simulation
 from tests.driver import closed_form, closed_form_diagnosis
 from tests.driver.closed_form_diagnosis import diagnosis_of, identified
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 SETTINGS = replace(closed_form_diagnosis.SETTINGS, refit=5, held_out=2)
 NOISE = 1e-4  # µm: this stiff specimen answers to it with ten times the noise of its loads
 RUN = ForwardModel.simulation

@@ -23,7 +23,7 @@ from tests.driver.closed_form_diagnosis import finer, identified
 
 FloatArray = NDArray[np.float64]
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 TRUE, RIVAL = "grain_contrast", "boundary_position"
 
 

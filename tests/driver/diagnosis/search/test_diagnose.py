@@ -20,7 +20,7 @@ from tests.driver.closed_form_diagnosis import diagnosis_of, identified
 
 FloatArray = NDArray[np.float64]
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 SETTINGS = replace(closed_form_diagnosis.SETTINGS, refit=5, held_out=2)
 NONE_HELD_OUT = replace(SETTINGS, held_out=None)
 
@@ -194,7 +194,7 @@ def flipped(flip: Cause) -> Diagnosis:
         grain.model_copy(update={"euler_deg": degrees})
         for grain, degrees in zip(case.grains, TURNED_GRAINS, strict=True)
     )
-    believed = closed_form.bench(case.model_copy(update={"grains": grains}))
+    believed = closed_form.problem(case.model_copy(update={"grains": grains}))
     true = replace(believed, model=turned(believed.model, (flip,)))
     made = replace(closed_form.objective(true, true.truth), model=believed.model)
     wanted = (*RIVALS, *(one.name for one in FLIPS))

@@ -14,7 +14,7 @@ from driver.identification.objective import Correction, Objective
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import finer, identified
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 OTHER_STEPS = finer(BENCH, 0.5)
 
 

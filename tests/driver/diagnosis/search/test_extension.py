@@ -17,7 +17,7 @@ from driver.identification.objective import Objective
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 CAUSE = "stretch_not_proportional"
 HIDDEN = {"stretch_curvature": 0.1}
 WRONG = 12

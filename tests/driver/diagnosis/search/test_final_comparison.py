@@ -16,7 +16,7 @@ from driver.identification.objective import Objective
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 (CURVED,) = (cause for cause in LIBRARY if cause.name == "stretch_not_proportional")
 HELD_OUT = replace(SETTINGS, held_out=2)
 

@@ -16,7 +16,7 @@ from solver_adapters.interface import PreparedError, SolverError
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import finer, identified
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 ONE, ANOTHER = finer(BENCH, 0.001), finer(BENCH, 0.003)
 
 

@@ -75,9 +75,9 @@ class Examined:
 
 def examined(truth: float, solver: type[Bent] = Bent, seed: int = 0) -> Examined:
     """A fit to data in which a non-Schmid stress is hidden, and its scores."""
-    bench = closed_form.bench()
-    objective = closed_form.objective(bench, bench.truth | as_others(truth), seed)
-    objective, fitted = identified(bench, objective)
+    problem = closed_form.problem()
+    objective = closed_form.objective(problem, problem.truth | as_others(truth), seed)
+    objective, fitted = identified(problem, objective)
     objective = replace(objective, model=replace(objective.model, adapter=solver()))
     candidates, names = screened(objective.model, fitted.best.free, WANTED)
     wide = objective.evaluate(fitted.values, names)
@@ -298,7 +298,7 @@ def test_both_sides_are_prepared_at_once() -> None:
 
 def test_a_round_names_what_only_a_look_from_afar_shows(hidden: Examined) -> None:
     settings = replace(SETTINGS, wanted=("non_schmid",))
-    meshes = FinerMeshes(replace(finer(closed_form.bench()), adapter=Bent(0.001)))
+    meshes = FinerMeshes(replace(finer(closed_form.problem()), adapter=Bent(0.001)))
     found = examine(hidden.fit, hidden.objective, (), settings, Stops(None), None, meshes, silent)
     assert found.winner is not None and found.winner.cause.name == "non_schmid"
     assert found.winner.fit.values["a1"] == pytest.approx(TRUTH, abs=0.04)

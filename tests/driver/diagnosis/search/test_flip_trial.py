@@ -18,7 +18,7 @@ from tests.driver import closed_form
 from tests.driver.closed_form import ClosedFormSolver
 from tests.driver.closed_form_diagnosis import identified
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 GRAINS = BENCH.model.microstructure.orientations
 
 

@@ -22,7 +22,7 @@ from solver_adapters.interface import NotRunError, SolverError
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 TRUE, WRONG, OTHER = "tilt_drift", "magnification_drift", "end_rotation"
 
 

@@ -34,7 +34,7 @@ def test_knots_are_of_a_cycle_if_they_move_no_other() -> None:
 
 def task(drift: float, stiff: float) -> HeldOutTask:
     """Cycle 2 from cycle 1, with a wrong stiffness in the model and a drift in the loads."""
-    b = closed_form.bench()
+    b = closed_form.problem()
     truth = b.truth | {"elastic_scale": stiff}
     objective = closed_form.objective(b, truth, seed=3)
     load = objective.data.load + drift * (b.history.cycle == 2)
@@ -76,7 +76,7 @@ def test_the_held_out_loads_teach_nothing() -> None:
 
 def test_a_held_out_middle_makes_no_neighbours_of_the_frames_around_it() -> None:
     """Whitened unit loads of the frames around the gap, AR(1) noise of 0.8 a frame."""
-    b = closed_form.bench()
+    b = closed_form.problem()
     data = replace(closed_form.objective(b, b.truth).data, autocorrelation=0.8)
     frames = np.concatenate([np.arange(10), np.arange(20, 30)])
     around = data.frames(frames)

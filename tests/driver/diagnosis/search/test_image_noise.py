@@ -20,7 +20,7 @@ from tests.driver.closed_form_diagnosis import diagnosis_of, identified
 
 FloatArray = NDArray[np.float64]
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 RECORD = closed_form.height_maps
 
 

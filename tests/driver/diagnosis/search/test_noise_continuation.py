@@ -16,7 +16,7 @@ from tests.driver.closed_form_diagnosis import large_effect
 
 FloatArray = NDArray[np.float64]
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 CREW = Crew(1, 1, silent)
 
 

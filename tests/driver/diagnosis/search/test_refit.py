@@ -42,9 +42,9 @@ ZERO = {p.name: 0.0 for p in PARAMETERS}
 
 
 def test_priors_of_a_refit_stand_about_the_case_three_scales_of_the_library_wide() -> None:
-    b = closed_form.bench()
+    b = closed_form.problem()
     material = b.case.material.model_copy(update={"n": 20.0})
-    model = closed_form.bench(b.case.model_copy(update={"material": material})).model
+    model = closed_form.problem(b.case.model_copy(update={"material": material})).model
     objective = closed_form.objective(b, b.truth)
     rates = Cause("rates", "material", ("n", "K"), "", "", companions=("b",))
     prior = with_prior(type(objective)(model, objective.data, objective.parameters), rates).prior

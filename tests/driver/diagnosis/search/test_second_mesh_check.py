@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 
 DRIFT = 4e-4
 WANTED = replace(SETTINGS, wanted=("tilt_drift",))
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 FINE = finer(BENCH)
 
 

@@ -21,7 +21,7 @@ from driver.identification.objective import Objective
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 EVERY = replace(SETTINGS, refit=5)
 TILT = replace(EVERY, wanted=("tilt_drift",))
 NO_STOPS = Stops(None)

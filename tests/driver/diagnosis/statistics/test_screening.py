@@ -10,7 +10,7 @@ from driver.diagnosis.statistics.screening import screen, screened
 from tests.driver import closed_form
 from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 
 
 def test_scores_of_small_effects_are_what_a_refit_finds() -> None:

@@ -18,7 +18,7 @@ from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identifie
 
 FloatArray = NDArray[np.float64]
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 MOTION = BENCH.model.predict(BENCH.truth).motion
 
 
@@ -97,9 +97,9 @@ class Converging(closed_form.ClosedFormSolver):
 
 def diagnosed(solver: closed_form.ClosedFormSolver) -> Diagnosis:
     """The diagnosis of a test that the solver simulates as it was, but for what it gets wrong."""
-    bench = replace(BENCH, model=replace(BENCH.model, adapter=solver))
-    made = replace(closed_form.objective(BENCH, BENCH.truth), model=bench.model)
-    return diagnosis_of(bench, identified(bench, made))
+    problem = replace(BENCH, model=replace(BENCH.model, adapter=solver))
+    made = replace(closed_form.objective(BENCH, BENCH.truth), model=problem.model)
+    return diagnosis_of(problem, identified(problem, made))
 
 
 def test_what_moves_the_face_smoothly_and_is_like_no_cause_is_unexplained() -> None:
@@ -113,10 +113,10 @@ def test_what_moves_the_face_smoothly_and_is_like_no_cause_is_unexplained() -> N
 def test_what_looks_like_the_error_of_the_mesh_is_no_smooth_motion() -> None:
     """The fit has half of the error of the mesh, 0.8 nm, and the correction the other half."""
     sizes = (1.2, 0.6)
-    bench = replace(BENCH, model=replace(BENCH.model, adapter=Converging()))
-    made = replace(closed_form.objective(BENCH, BENCH.truth), model=bench.model)
+    problem = replace(BENCH, model=replace(BENCH.model, adapter=Converging()))
+    made = replace(closed_form.objective(BENCH, BENCH.truth), model=problem.model)
     settings = replace(SETTINGS, sizes=sizes)
-    found = diagnosis_of(bench, identified(bench, made, sizes), settings)
+    found = diagnosis_of(problem, identified(problem, made, sizes), settings)
     (step,) = found.steps
     assert found.verdict.kind == "nothing wrong" and step.omnibus.smooth > 0.05
     # It is there, and is told as what it is.

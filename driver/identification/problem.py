@@ -41,7 +41,7 @@ _PLACES = 25  # at which the motion of the specimen over the camera is followed
 
 
 @dataclass(frozen=True, eq=False)
-class Workbench:
+class IdentificationProblem:
     """Models, data and starts of a case.
 
     Attributes:
@@ -74,7 +74,7 @@ class Workbench:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class MeasuredSeries:
     """An experiment with what correlation says of it, T images.
 
     Attributes:
@@ -107,15 +107,15 @@ def seen_by_correlation(
     elongation: FloatArray,
     tilt: FloatArray,
     left_out: tuple[int, ...] = (),
-) -> Seen:
+) -> MeasuredSeries:
     """The experiment of a case, its gradient refined along the measured motion.
 
     Args:
         case: the case.
         motion: motion of the free correlation at the pixels [µm], shape (T, n_pix, 3).
-        elongation: as in `Seen`.
-        tilt: as in `Seen`.
-        left_out: as in `Seen`.
+        elongation: as in `MeasuredSeries`.
+        tilt: as in `MeasuredSeries`.
+        left_out: as in `MeasuredSeries`.
     """
     experiment = read_experiment(case)
     images = refine_gradient(surface_images(case, experiment), motion)
@@ -123,35 +123,35 @@ def seen_by_correlation(
     lacking = lacking_pixels(images, motion)
     some = np.linspace(0, motion.shape[1] - 1, _PLACES).astype(np.int64)
     places = motion[:, some, :2]
-    return Seen(
+    return MeasuredSeries(
         experiment, images, motion.mean(axis=1), places, elongation, tilt, left_out, rise, lacking
     )
 
 
-def on_another_mesh(case: Case, bench: Workbench) -> ForwardModel:
+def on_another_mesh(case: Case, problem: IdentificationProblem) -> ForwardModel:
     """The finer model on a mesh of about that size that has few nodes in common with its own.
 
     Raises:
         InputError: the prism cannot be meshed with such elements.
     """
-    finer, history = bench.finer, bench.experiment.history
+    finer, history = problem.finer, problem.experiment.history
     mesh = another_mesh_of(case, case.specimen.fine_mesh_size, finer.microstructure.mesh.points)
     other = build_model(
-        case, mesh, history, bench.images.xy, finer.adapter, finer.steps_per_interval,
+        case, mesh, history, problem.images.xy, finer.adapter, finer.steps_per_interval,
         finer.workspace,
     )  # fmt: skip
     return replace(other, pattern=finer.pattern)
 
 
-def build_workbench(
+def build_problem(
     case: Case,
     mesh: PrismMesh,
     fine_mesh: PrismMesh,
-    seen: Seen,
+    seen: MeasuredSeries,
     jobs: Path | None = None,
     prepare_only: bool = False,
     passing: Callable[[str], None] | None = None,
-) -> Workbench:
+) -> IdentificationProblem:
     """Put a case together.
 
     Args:
@@ -209,7 +209,7 @@ def build_workbench(
     pose = tuple(parameter.name for parameter in POSE_DECLARATIONS)
     half_a_pixel = case.images.origin_uncertainty_px * pixel
     prior |= {name: (0.0, half_a_pixel / parameters[name].scale) for name in pose}
-    return Workbench(
+    return IdentificationProblem(
         experiment=experiment,
         images=images,
         working=working,

@@ -9,13 +9,13 @@ import tifffile
 from driver.case.model import Case, load_case
 from driver.forward import build
 from driver.identification.priors import LAMBDA_PRIOR
+from driver.identification.problem import IdentificationProblem, build_problem, seen_by_correlation
 from driver.parameters.boundary import LAMBDAS
-from driver.workflow.setup import Workbench, build_workbench, seen_by_correlation
 from meshes.prism import generate
 from tests.driver import closed_form
 from tests.driver.closed_form import KNOTS, LAW, TILTS
 
-BENCH = closed_form.bench()
+BENCH = closed_form.problem()
 
 
 @pytest.fixture(scope="module")
@@ -30,13 +30,13 @@ def solver(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(build, "find_adapter", lambda name, profile: closed_form.ClosedFormSolver())
 
 
-def built(case: Case, **tables: dict[str, object]) -> Workbench:
+def built(case: Case, **tables: dict[str, object]) -> IdentificationProblem:
     update = {name: getattr(case, name).model_copy(update=u) for name, u in tables.items()}
     weights = BENCH.model.boundary.weights
     changed = case.model_copy(update=update)
     motion = BENCH.model.predict(BENCH.truth).motion
     edges = (weights @ [0.0, *KNOTS], weights @ [0.0, *TILTS])
-    return build_workbench(
+    return build_problem(
         changed,
         BENCH.mesh,
         generate(build.geometry_of(case), 1.0),
@@ -45,16 +45,16 @@ def built(case: Case, **tables: dict[str, object]) -> Workbench:
 
 
 def test_knots_start_as_measured_and_all_else_at_its_null(case: Case) -> None:
-    bench = built(case)
-    assert bench.start == pytest.approx(BENCH.truth)
-    assert bench.law == LAW and set(bench.knots) >= {"elongation_4", "tilt_4", "origin_X"}
-    assert bench.finer.steps_per_interval == 2 and bench.working.steps_per_interval == 1
-    assert bench.finer.surface_nodes.size > bench.working.surface_nodes.size
+    problem = built(case)
+    assert problem.start == pytest.approx(BENCH.truth)
+    assert problem.law == LAW and set(problem.knots) >= {"elongation_4", "tilt_4", "origin_X"}
+    assert problem.finer.steps_per_interval == 2 and problem.working.steps_per_interval == 1
+    assert problem.finer.surface_nodes.size > problem.working.surface_nodes.size
 
 
 def test_at_the_truth_only_noise_is_left(case: Case) -> None:
-    bench = built(case)
-    found = bench.objective.evaluate(BENCH.truth, ())
+    problem = built(case)
+    found = problem.objective.evaluate(BENCH.truth, ())
     assert found.chi_load == pytest.approx(1.0, abs=0.3)
     assert found.chi_image == pytest.approx(1.0, abs=0.1)
 
@@ -76,10 +76,10 @@ def test_flats_show_what_their_pattern_would_do(case: Case) -> None:
     images: dict[str, object] = {"flats": "flats.tif"}
     levels = 1e3 * flats / case.images.height_per_level_nm
     tifffile.imwrite(case.path("flats.tif"), levels, photometric="minisblack")
-    bench = built(case, images=images)
-    rise = bench.working.pattern
-    assert rise is not None and rise.shape == (BENCH.history.n_images, len(bench.images.xy))
-    assert bench.finer.pattern is rise and bench.objective.model.pattern is rise
+    problem = built(case, images=images)
+    rise = problem.working.pattern
+    assert rise is not None and rise.shape == (BENCH.history.n_images, len(problem.images.xy))
+    assert problem.finer.pattern is rise and problem.objective.model.pattern is rise
     assert np.abs(rise).max() > 1e-3 and built(case).working.pattern is None
 
 
@@ -101,37 +101,37 @@ def test_priors_have_the_widths_of_the_case(case: Case) -> None:
 
 
 def test_a_poorly_known_section_is_a_free_gain_of_the_load(case: Case) -> None:
-    bench = built(case, sections={"relative_uncertainty": 0.3})
-    assert bench.law == (*LAW, "load_gain")
+    problem = built(case, sections={"relative_uncertainty": 0.3})
+    assert problem.law == (*LAW, "load_gain")
     # A gain has a scale of 0.03: 30 % are ten of them.
-    assert bench.objective.prior["load_gain"] == pytest.approx((0.0, 10.0))
+    assert problem.objective.prior["load_gain"] == pytest.approx((0.0, 10.0))
 
 
 def test_what_is_stated_of_zero_and_clock_of_the_load_is_a_prior(case: Case) -> None:
-    bench = built(case, loads={"offset_uncertainty_uN": 5.0, "clock_uncertainty_s": 1.5})
-    assert bench.law == (*LAW, "load_offset", "load_lag")
+    problem = built(case, loads={"offset_uncertainty_uN": 5.0, "clock_uncertainty_s": 1.5})
+    assert problem.law == (*LAW, "load_offset", "load_lag")
     # Their scales are 10 µN and 3 s.
-    assert bench.objective.prior["load_offset"] == pytest.approx((0.0, 0.5))
-    assert bench.objective.prior["load_lag"] == pytest.approx((0.0, 0.5))
+    assert problem.objective.prior["load_offset"] == pytest.approx((0.0, 0.5))
+    assert problem.objective.prior["load_lag"] == pytest.approx((0.0, 0.5))
 
 
 def test_extensions_are_freed_from_their_start_with_a_prior_about_their_null(case: Case) -> None:
     extended = case.model_copy(update={"extensions": {"tau0_112": 1.2, "tilt_drift": 1e-3}})
-    bench = built(extended, material={"tau0_112": 1.05})
-    assert bench.law == (*LAW, "tau0_112", "tilt_drift")
-    assert bench.start["tau0_112"] == 1.2 and bench.start["tilt_drift"] == 1e-3
-    prior = bench.objective.prior
+    problem = built(extended, material={"tau0_112": 1.05})
+    assert problem.law == (*LAW, "tau0_112", "tilt_drift")
+    assert problem.start["tau0_112"] == 1.2 and problem.start["tilt_drift"] == 1e-3
+    prior = problem.objective.prior
     assert prior["tau0_112"][0] == 1.05 and prior["tau0_112"][1] == pytest.approx(3 * 0.10)
     assert prior["tilt_drift"] == (0.0, 3.0)
 
 
 def test_in_the_rigid_gauge_there_is_no_tilt_to_find(case: Case) -> None:
-    bench = built(case, boundary={"gauge": "rigid"})
-    assert not [name for name in bench.knots if name.startswith("tilt")]
-    assert all(bench.start[f"tilt_{k}"] == 0.0 for k in range(1, 5))
-    assert bench.objective.data.image.rigid.shape[0] == 6
-    turned = replace(bench.objective).evaluate(bench.start | {"tilt_2": 0.004}, ())
-    still = bench.objective.evaluate(bench.start, ())
+    problem = built(case, boundary={"gauge": "rigid"})
+    assert not [name for name in problem.knots if name.startswith("tilt")]
+    assert all(problem.start[f"tilt_{k}"] == 0.0 for k in range(1, 5))
+    assert problem.objective.data.image.rigid.shape[0] == 6
+    turned = replace(problem.objective).evaluate(problem.start | {"tilt_2": 0.004}, ())
+    still = problem.objective.evaluate(problem.start, ())
     assert np.abs(turned.residual - still.residual).max() < 0.1
 
 
@@ -149,10 +149,12 @@ def test_the_plan_is_that_of_the_case(case: Case) -> None:
 
 
 def test_lambda_star_counts_the_images_that_are_fitted(case: Case) -> None:
-    bench = built(case, identification={"prior": "tikhonov", "lambda_star": 1e-6})
-    n_pixels = len(bench.images.xy)
-    assert bench.objective.prior["c"][1] == pytest.approx((2 * 44 * (1 + n_pixels) * 1e-6) ** -0.5)
-    assert "origin_X" in bench.objective.prior
+    problem = built(case, identification={"prior": "tikhonov", "lambda_star": 1e-6})
+    n_pixels = len(problem.images.xy)
+    assert problem.objective.prior["c"][1] == pytest.approx(
+        (2 * 44 * (1 + n_pixels) * 1e-6) ** -0.5
+    )
+    assert "origin_X" in problem.objective.prior
     assert set(built(case, identification={"prior": "none"}).objective.prior) == {
         "origin_X", "origin_Y",
     }  # fmt: skip
