@@ -19,7 +19,6 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -49,7 +48,6 @@ from driver.diagnosis.causes.ebsd_flips import flips_of
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
 from driver.virtual.settings import Microscope, Virtual
 from driver.virtual.writing import record
-from driver.workflow.diagnose_stage import run_diagnose
 from driver.workflow.engine import Stage, StageContext, run_stages
 from driver.workflow.measure_stage import measure_numbers
 from driver.workflow.pipeline import stages
@@ -256,11 +254,8 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
 
 
 def _chain(case: Case) -> tuple[Stage, ...]:
-    """The stages of `prismid run`, without pictures of the measurement and further experiments."""
-    short: dict[str, Callable[[StageContext], None]] = {
-        "measure": measure_numbers,
-        "diagnose": partial(run_diagnose, advise=False),
-    }
+    """The stages of `prismid run`, without pictures of the measurement."""
+    short: dict[str, Callable[[StageContext], None]] = {"measure": measure_numbers}
     return tuple(replace(stage, run=short.get(stage.name, stage.run)) for stage in stages(case))
 
 

@@ -102,7 +102,7 @@ def run(
     ],
     until: Annotated[
         str | None,
-        typer.Option(help="last stage to run: mesh, measure, identify, diagnose or report"),
+        typer.Option(help="last stage to run: mesh, measure, identify, diagnose, advise or report"),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="run finished stages again")] = False,
     prepare_only: Annotated[

@@ -23,7 +23,7 @@ from driver.experiment.history import History
 
 
 @dataclass(frozen=True)
-class Telling:
+class Discrimination:
     """An experiment and how far it would part a set of causes.
 
     Attributes:
@@ -35,13 +35,13 @@ class Telling:
     apart: float
 
 
-def most_telling(
+def discriminating_changes(
     case: Case,
     history: History,
     sizes: Mapping[str, float],
     values: Mapping[str, float],
     log: Log,
-) -> tuple[Telling, ...]:
+) -> tuple[Discrimination, ...]:
     """How far each of the usual changes of an experiment would part a set of causes.
 
     Args:
@@ -52,7 +52,7 @@ def most_telling(
         log: takes one line of progress.
 
     Returns:
-        The experiment as it was, then the changes, the most telling first.
+        The experiment as it was, then the changes, the one that parts them most first.
 
     Raises:
         InputError: a file of the case cannot be used.
@@ -72,9 +72,9 @@ def most_telling(
     simulated = simulate(prepared)
     before = forecast(prepared, simulated)
     others = changed_forecasts(plans, base, simulated, log)
-    found = [Telling(other.variant.name, apart(other, sizes)) for other in others]
-    found.sort(key=lambda telling: -telling.apart)
-    return (Telling("", apart(before, sizes)), *found)
+    found = [Discrimination(other.variant.name, apart(other, sizes)) for other in others]
+    found.sort(key=lambda change: -change.apart)
+    return (Discrimination("", apart(before, sizes)), *found)
 
 
 def apart(expected: Forecast, sizes: Mapping[str, float]) -> float:
@@ -90,7 +90,7 @@ def apart(expected: Forecast, sizes: Mapping[str, float]) -> float:
     )
 
 
-def advice(found: Sequence[Telling]) -> str:
+def advice(found: Sequence[Discrimination]) -> str:
     """What to measure, in a sentence."""
     now, best = found[0], found[1]
     if best.apart < max(2.0 * now.apart, 1.0):

@@ -22,6 +22,7 @@ from driver.report.measured import DATASETS, MeasuredMotion, measured_motion, pe
 from driver.report.measured_figures import FIGURES
 from driver.results.diagnosis import OMNIBUS
 from driver.results.files import (
+    ADVICE,
     DIAGNOSIS,
     DIAGNOSIS_H5,
     EXTENDED,
@@ -52,11 +53,12 @@ FILES = {
     IDENTIFY_CSV: "parameters with standard deviations",
     HISTORY_JSON: "iterations of each stage",
     DIAGNOSIS: "verdict, evidence of every cause, gain",
+    ADVICE: "changes of the experiment that would part a set of causes",
     DIAGNOSIS_H5: "loads, motion and image residuals before and after",
     EXTENDED: "the case with the causes that were added",
 }
 
-_READ = (MESH, MEASURE, IDENTIFY, HISTORY_JSON, DIAGNOSIS, DIAGNOSIS_H5)
+_READ = (MESH, MEASURE, IDENTIFY, HISTORY_JSON, DIAGNOSIS, DIAGNOSIS_H5, ADVICE)
 _MEASURED = (
     "time", "force", "xy", "left_out", "sigma_flat", *DATASETS)  # fmt: skip
 _IDENTIFIED = (
@@ -88,6 +90,7 @@ class Findings:
         noise_factor: noise on the correlation basis over that of the repeats.
         iterations: iterations of each stage of the identification.
         diagnosis: content of `diagnosis.json`.
+        advice: which change of the experiment would part a set of causes, in words, or empty.
     """
 
     case: Case
@@ -106,6 +109,7 @@ class Findings:
     noise_factor: float
     iterations: Record
     diagnosis: Record
+    advice: str
 
     @property
     def extended(self) -> bool:
@@ -208,6 +212,7 @@ def read_findings(case: Case, results: Path) -> Findings:
         noise_factor=float(identified["noise_factor"]),
         iterations=iterations,
         diagnosis=_diagnosis(paths[DIAGNOSIS]),
+        advice=_record(paths[ADVICE], ("text",))["text"],
     )
 
 

@@ -71,7 +71,7 @@ def report_page(
         tone=_TONES[diagnosis["verdict"]],
         headline=said[0],
         paragraphs=said[1:],
-        next=readable(diagnosis["next"], causes),
+        next=" ".join(filter(None, (readable(diagnosis["next"], causes), findings.advice))),
         added=added_rows(findings),
         law=law_tiles(findings),
         tiles=tiles(diagnosis),

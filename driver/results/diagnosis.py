@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from driver.design.model_discrimination import Telling
 from driver.diagnosis.answer.detection_limits import not_found
 from driver.diagnosis.answer.residual_localisation import Excess, Whereabouts, told
 from driver.diagnosis.answer.result_types import Diagnosis, Step
@@ -14,8 +13,7 @@ from driver.diagnosis.causes.noise_causes import COVARIANCE_PARAMETERS
 from driver.diagnosis.statistics.goodness_of_fit import Omnibus
 from driver.diagnosis.statistics.score_test import Score
 from driver.identification.fit import Fit
-from driver.identification.objective import Evaluation
-from driver.identification.problem import IdentificationProblem
+from driver.identification.objective import Evaluation, Objective
 from driver.results.extended_case import added_parameters
 from driver.results.hdf5 import json_number
 
@@ -35,24 +33,24 @@ OMNIBUS = {
 
 def diagnosis_record(
     found: Diagnosis,
-    problem: IdentificationProblem,
+    objective: Objective,
+    law: Sequence[str],
     budgets: tuple[Budget, Budget],
     decks: Mapping[str, str | None] | None,
-    telling: Sequence[Telling],
     where: Whereabouts,
 ) -> dict[str, Any]:
     """What `diagnosis.json` holds.
 
     Args:
         found: the diagnosis.
-        problem: the data and the model that it was made with.
+        objective: the data and the model that it was made with.
+        law: names of the free parameters of law, section and extensions.
         budgets: the error budgets (`error_budget`) before and after.
         decks: of the extended model by solver: None where it was written, else why it was not.
             None where nothing was added.
-        telling: the changes of the experiment that would part the causes of a set.
         where: where and when the fits miss the data.
     """
-    parameters = problem.objective.parameters
+    parameters = objective.parameters
     added = {
         name: {"value": level, "sigma": sigma, "unit": COVARIANCE_PARAMETERS[name].unit}
         for name, (level, sigma) in found.levels.items()
@@ -82,7 +80,7 @@ def diagnosis_record(
             "before": [_excess_record(one) for one in where.before],
             "after": [_excess_record(one) for one in where.after],
         },
-        "gain": _gain_record(found, problem, budgets),
+        "gain": _gain_record(found, objective, law, budgets),
         "numerics": {
             "effect_sigma": found.gate.effect,
             "on": found.gate.cause,
@@ -92,33 +90,32 @@ def diagnosis_record(
             "off_by_mesh": {n: found.off_by_mesh(n) for n in added_parameters(found)},
         },
         "load_noise": {
-            "stated_uN": problem.objective.data.load_noise,
+            "stated_uN": objective.data.load_noise,
             "found_uN": found.objective.data.load_noise,
             "degrees": json_number(found.objective.data.load_degrees),
         },
         "bad_loads": [
             {"image": bad.frame, "off_uN": bad.off, "sigmas": bad.sigmas} for bad in found.bad_loads
         ],
-        "not_found": _not_found(found, problem),
+        "not_found": _not_found(found, objective),
         "not_examined": {left.cause: left.why for left in found.not_examined},
         "baseline": {"values": fitted(before), **_end(before)},
         "extended": {"values": fitted(after), **_end(after)},
-        "steps": [_step_record(step, problem) for step in found.steps],
+        "steps": [_step_record(step, objective) for step in found.steps],
     }
     if decks is not None:
         record["decks"] = dict(decks)
-    record["telling"] = [{"change": one.name, "apart_sigma": one.apart} for one in telling]
     return record
 
 
 def _gain_record(
-    found: Diagnosis, problem: IdentificationProblem, budgets: tuple[Budget, Budget]
+    found: Diagnosis, objective: Objective, law: Sequence[str], budgets: tuple[Budget, Budget]
 ) -> dict[str, Any]:
-    parameters = problem.objective.parameters
+    parameters = objective.parameters
     before, after = found.baseline, found.extended
     shifts = {
         name: (after.values[name] - before.values[name]) / before.sigma(name, parameters)
-        for name in problem.law
+        for name in law
     }
     gain: dict[str, Any] = {
         "share_of_excess_explained": json_number(found.explained),
@@ -146,9 +143,9 @@ def _end(fit_: Fit) -> dict[str, Any]:
     return {"converged": fit_.converged, "reason": fit_.reason}
 
 
-def _not_found(found: Diagnosis, problem: IdentificationProblem) -> dict[str, str]:
+def _not_found(found: Diagnosis, objective: Objective) -> dict[str, str]:
     """Each cause that was tried and is not named: what the last round would have seen of it."""
-    parameters = {**problem.objective.parameters, **COVARIANCE_PARAMETERS}
+    parameters = {**objective.parameters, **COVARIANCE_PARAMETERS}
     named = set(found.verdict.causes)
     flips = [s for step in found.steps for s in step.scores if s.cause in FLIPS]
     return {
@@ -158,9 +155,9 @@ def _not_found(found: Diagnosis, problem: IdentificationProblem) -> dict[str, st
     }
 
 
-def _step_record(step: Step, problem: IdentificationProblem) -> dict[str, Any]:
+def _step_record(step: Step, objective: Objective) -> dict[str, Any]:
     refits = {refit.cause.name: refit for refit in step.refits}
-    parameters = {**problem.objective.parameters, **COVARIANCE_PARAMETERS}
+    parameters = {**objective.parameters, **COVARIANCE_PARAMETERS}
 
     def refitted(name: str) -> dict[str, Any] | None:
         if name not in refits:

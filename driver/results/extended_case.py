@@ -5,6 +5,7 @@ What the diagnosis left out of the loads stays out of them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from driver.case.model import Case
 from driver.case.solver import ProfileTable
 from driver.case.solver_profiles import with_files_of
 from driver.diagnosis.answer.result_types import Diagnosis
+from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.ebsd_flips import half_turn
 from driver.diagnosis.causes.noise_causes import COVARIANCE, NOISE_RATIO, SIGMA_E
 from driver.experiment.reading import as_in_files
@@ -70,7 +72,7 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
         for key in ("mesh", "height_mesh")
         if (name := getattr(case.dic, key)) is not None and name != TRACE
     }
-    return with_flips(case, found).model_copy(
+    return with_half_turns(case, found.causes).model_copy(
         update={
             "material": material,
             "boundary": case.boundary.model_copy(update=boundary),
@@ -103,10 +105,10 @@ def added_parameters(found: Diagnosis) -> tuple[str, ...]:
     return tuple(name for name in dict.fromkeys(every) if name not in found.baseline.best.free)
 
 
-def with_flips(case: Case, found: Diagnosis) -> Case:
-    """The case with the EBSD frame turned as the flips that were named turn it."""
+def with_half_turns(case: Case, causes: Sequence[Cause]) -> Case:
+    """The case with its EBSD frame turned as those of the causes that are flips turn it."""
     given = np.array(case.orientation.ebsd_to_specimen)
-    rows = tuple(map(tuple, (half_turn(found.causes) @ given + 0.0).tolist()))
+    rows = tuple(map(tuple, (half_turn(causes) @ given + 0.0).tolist()))
     return case.model_copy(
         update={"orientation": case.orientation.model_copy(update={"ebsd_to_specimen": rows})}
     )

@@ -9,9 +9,7 @@ import h5py
 import numpy as np
 
 from driver.case.model import schema_text, write_case
-from driver.common.outcomes import Failure, attempt
 from driver.common.progress import Log
-from driver.design.model_discrimination import Telling, advice, most_telling
 from driver.diagnosis.answer.residual_localisation import (
     Whereabouts,
     still_missed,
@@ -20,7 +18,6 @@ from driver.diagnosis.answer.residual_localisation import (
 )
 from driver.diagnosis.answer.result_types import Diagnosis, Settings
 from driver.diagnosis.answer.verdict import with_places
-from driver.diagnosis.causes.ebsd_flips import FLIPS
 from driver.diagnosis.causes.noise_causes import COVARIANCE_PARAMETERS, NOISE_RATIO
 from driver.diagnosis.causes.user_causes import own_causes
 from driver.diagnosis.search.diagnose import diagnose
@@ -35,7 +32,6 @@ from driver.results.diagnosis import diagnosis_record
 from driver.results.extended_case import (
     added_parameters,
     extended_case,
-    with_flips,
     write_noise_map,
 )
 from driver.results.extended_decks import write_decks
@@ -62,13 +58,8 @@ from driver.workflow.identify_stage import (
 SCHEMA = "case.schema.json"  # the name by which every case file knows its schema
 
 
-def run_diagnose(context: StageContext, advise: bool = True) -> None:
-    """Diagnose the identified model; write `diagnosis.json` and `extended.toml`.
-
-    Args:
-        context: case, folders and log.
-        advise: whether changed experiments that would part the causes of a set are simulated.
-    """
+def run_diagnose(context: StageContext) -> None:
+    """Diagnose the identified model; write `diagnosis.json` and `extended.toml`."""
     case = context.case
     own = own_causes(case)
     wanted = None if case.diagnosis.causes == "all" else case.diagnosis.causes
@@ -112,10 +103,6 @@ def run_diagnose(context: StageContext, advise: bool = True) -> None:
         baseline, objective, FinerMeshes(problem.finer, lambda: on_another_mesh(case, problem)),
         cycles, settings, context.log, known,
     )  # fmt: skip
-    telling = _telling(found, context, problem) if advise else ()
-    if telling:
-        advised = f"{found.verdict.next} {advice(telling)}"
-        found = replace(found, verdict=replace(found.verdict, next=advised))
     where = whereabouts(found, geometry_of(case), problem.experiment.history)
     found = replace(found, verdict=with_places(found.verdict, still_missed(where)))
     _tell(found, where, problem, context.log)
@@ -124,7 +111,7 @@ def run_diagnose(context: StageContext, advise: bool = True) -> None:
         error_budget(problem, found.baseline.best, free_chi),
         error_budget(problem, found.extended.best, free_chi),
     )
-    record = diagnosis_record(found, problem, budgets, decks, telling, where)
+    record = diagnosis_record(found, problem.objective, problem.law, budgets, decks, where)
     (context.workdir / DIAGNOSIS).write_text(
         json.dumps(record, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
     )
@@ -165,29 +152,3 @@ def _decks(found: Diagnosis, context: StageContext) -> dict[str, str | None]:
         # Why others cannot take it is in the record, and `check` says it before a run.
         context.log(f"  the extended model as a deck: {', '.join(written)}")
     return decks
-
-
-def _telling(
-    found: Diagnosis, context: StageContext, problem: IdentificationProblem
-) -> tuple[Telling, ...]:
-    """Which change of the experiment would part the first set; empty if there is none.
-
-    Sizes are those of the scores, in the prior scales of each cause.
-    """
-    group = next((one for one in found.verdict.sets if len(one) > 1), ())
-    if found.verdict.kind != "one of this set" or not group:
-        return ()
-    if set(group) & {flip.name for flip in FLIPS}:
-        return ()  # a flip has no size to be parted by
-    context.log(f"which added measurement would part {', '.join(group)}")
-    # What was dropped and added again stands in two rounds.
-    last = next(step for step in reversed(found.steps) if step.named[:1] == group[:1])
-    scores = {s.cause.name: s for s in last.scores}
-    sizes = {name: float(np.max(np.abs(scores[name].estimate))) for name in group}
-    law = {name: found.baseline.values[name] for name in found.baseline.best.free}
-    case, history = with_flips(context.case, found), problem.experiment.history
-    ranked = attempt(lambda: most_telling(case, history, sizes, law, context.log))
-    if isinstance(ranked, Failure):
-        context.log(f"  not found out: {ranked.why}")
-        return ()
-    return ranked

@@ -1,4 +1,4 @@
-"""The stages of a run: mesh → measure → identify → diagnose → report."""
+"""The stages of a run: mesh → measure → identify → diagnose → advise → report."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from driver.experiment.reading import history_of
 from driver.forward.build import capabilities_of, mesh_of
 from driver.identification.problem import BUNDLED
 from driver.results.files import DIAGNOSIS, IDENTIFY, results_of
+from driver.workflow.advise_stage import run_advise
 from driver.workflow.cost import estimate
 from driver.workflow.diagnose_stage import run_diagnose
 from driver.workflow.engine import (
@@ -55,8 +56,9 @@ def stages(case: Case) -> Sequence[Stage]:
         Stage("mesh", "2", _MESH, run_mesh),
         Stage("measure", "6", _MEASURE, run_measure, measured_files),
         Stage("identify", "7", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
-        Stage("diagnose", "6", ("diagnosis",), run_diagnose, diagnosed_files),
-        Stage("report", "7", _REPORT, run_report, measured_files),
+        Stage("diagnose", "7", ("diagnosis",), run_diagnose, diagnosed_files),
+        Stage("advise", "1", (), run_advise),
+        Stage("report", "8", _REPORT, run_report, measured_files),
     )
 
 

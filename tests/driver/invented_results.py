@@ -277,6 +277,8 @@ def _write_diagnosed(folder: Path, rng: np.random.Generator) -> None:
         rho = noise * rng.standard_normal((T, rows.size))
         arrays[f"{side}/rho"] = (rho.astype(np.float32), "µm")
     write_hdf5(folder / "diagnosis.h5", arrays)
+    advice = {"causes": [], "changes": [], "text": ""}
+    (folder / "advice.json").write_text(json.dumps(advice), "utf-8")
     (folder / "diagnosis.json").write_text(json.dumps(diagnosis()), "utf-8")
 
 

@@ -1,0 +1,80 @@
+"""Stage 5: which change of the experiment would part causes that its data cannot tell apart."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from driver.common.outcomes import Failure, attempt
+from driver.design.model_discrimination import Discrimination, advice, discriminating_changes
+from driver.diagnosis.causes.ebsd_flips import FLIPS
+from driver.experiment.reading import history_of
+from driver.parameters.registry import declared_parameters
+from driver.results.extended_case import with_half_turns
+from driver.results.files import ADVICE, DIAGNOSIS
+from driver.workflow.engine import StageContext
+from solver_adapters.parameter import Parameter
+
+Record = dict[str, Any]
+
+
+def run_advise(context: StageContext) -> None:
+    """Simulate the usual changes of the experiment where they may help; write `advice.json`."""
+    diagnosis = json.loads(context.result(DIAGNOSIS).read_text(encoding="utf-8"))
+    causes = _inseparable(diagnosis)
+    changes = _changes(context, diagnosis, causes) if causes else ()
+    text = advice(changes) if changes else ""
+    if text:
+        context.log(f"  {text}")
+    record = {
+        "causes": list(causes),
+        "changes": [{"change": one.name, "apart_sigma": one.apart} for one in changes],
+        "text": text,
+    }
+    (context.workdir / ADVICE).write_text(
+        json.dumps(record, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+    )
+
+
+def _inseparable(diagnosis: Record) -> tuple[str, ...]:
+    """The first set of causes that a diagnosis ends with; empty where it ends otherwise."""
+    group = next((one for one in diagnosis["sets"] if len(one) > 1), ())
+    if diagnosis["verdict"] != "one of this set":
+        return ()
+    if set(group) & {flip.name for flip in FLIPS}:
+        return ()  # a flip has no size to be parted by
+    return tuple(group)
+
+
+def _changes(
+    context: StageContext, diagnosis: Record, causes: Sequence[str]
+) -> tuple[Discrimination, ...]:
+    """How far changes of the experiment would part these causes; empty if that fails.
+
+    Sizes are those of the scores, in the prior scales of each cause.
+    """
+    context.log(f"  which added measurement would part {', '.join(causes)}")
+    flips = [flip for flip in FLIPS if flip.name in diagnosis["flips"]]
+    case = with_half_turns(context.case, flips)
+    history = history_of(case)
+    declared = declared_parameters(history.n_knots, case.material.to_material())
+    # What was dropped and added again stands in two rounds.
+    last = next(s for s in reversed(diagnosis["steps"]) if s["named"][:1] == list(causes[:1]))
+    scores = {score["cause"]: score for score in last["causes"]}
+    sizes = {name: _size(scores[name], declared) for name in causes}
+    values = {name: entry["value"] for name, entry in diagnosis["baseline"]["values"].items()}
+    ranked = attempt(lambda: discriminating_changes(case, history, sizes, values, context.log))
+    if isinstance(ranked, Failure):
+        context.log(f"  not found out: {ranked.why}")
+        return ()
+    return ranked
+
+
+def _size(score: Record, declared: Mapping[str, Parameter]) -> float:
+    """Largest estimate of the parameters of a cause [prior scales]."""
+    # Parameters of noise are told in their own scale.
+    scales = [declared[n].scale if n in declared else 1.0 for n in score["parameters"]]
+    return float(np.max(np.abs(score["estimate"]) / scales))

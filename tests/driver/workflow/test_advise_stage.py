@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from driver.case.model import load_case
+from driver.common.progress import silent
+from driver.forward import build
+from driver.results.files import ADVICE, DIAGNOSIS, RESULTS
+from driver.workflow import advise_stage, pipeline
+from driver.workflow.advise_stage import run_advise
+from driver.workflow.diagnose_stage import run_diagnose
+from driver.workflow.engine import StageContext, run_stages
+from solver_adapters.interface import SolverError
+from tests.driver import closed_form
+
+
+@pytest.fixture(scope="module")
+def stiffer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StageContext]:
+    """A specimen of a stiffer crystal, identified without that."""
+    folder = tmp_path_factory.mktemp("stiffer")
+    with pytest.MonkeyPatch.context() as patch:
+        solver = closed_form.ClosedFormSolver(0.001)
+        patch.setattr(build, "find_adapter", lambda name, profile: solver)
+        closed_form.write_files(folder, {"elastic_scale": 1.2})
+        path = folder / "case.toml"
+        case = load_case(path)
+        run_stages(load_case(path), pipeline.stages(case), "identify", report=silent)
+        results = folder / RESULTS
+        yield StageContext(case, results, results, silent, False)
+
+
+def answer(context: StageContext, name: str) -> dict[str, Any]:
+    record: dict[str, Any] = json.loads((context.results / name).read_text("utf-8"))
+    return record
+
+
+@pytest.fixture(scope="module")
+def diagnosed(stiffer: StageContext) -> StageContext:
+    run_diagnose(stiffer)
+    assert answer(stiffer, DIAGNOSIS)["verdict"] == "one of this set"
+    return stiffer
+
+
+@pytest.mark.slow
+def test_a_set_of_causes_comes_with_the_measurement_that_would_part_them(
+    diagnosed: StageContext,
+) -> None:
+    run_advise(diagnosed)
+    advised, diagnosis = answer(diagnosed, ADVICE), answer(diagnosed, DIAGNOSIS)
+    assert advised["causes"] in diagnosis["sets"]
+    assert advised["changes"][0]["change"] == "" and len(advised["changes"]) > 4
+    apart = [one["apart_sigma"] for one in advised["changes"][1:]]
+    assert apart == sorted(apart, reverse=True)
+    assert "usual changes of the experiment" in advised["text"]
+    assert diagnosis["not_found"]["tilt_drift"].startswith("not seen here")
+
+
+@pytest.mark.slow
+def test_advice_that_cannot_be_simulated_is_told_and_ends_nothing(
+    diagnosed: StageContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*asked: object) -> None:
+        raise SolverError("no step is short enough\nat t = 1 s")
+
+    monkeypatch.setattr(advise_stage, "discriminating_changes", fails)
+    lines: list[str] = []
+    run_advise(replace(diagnosed, log=lines.append))
+    advised = answer(diagnosed, ADVICE)
+    assert advised["causes"] and not advised["changes"] and not advised["text"]
+    assert "  not found out: no step is short enough" in lines
+
+
+@pytest.mark.parametrize("verdict", ["named", "nothing wrong", "unexplained"])
+def test_where_no_set_is_left_no_change_is_simulated(
+    tmp_path: Path, verdict: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sets = [["load_gain", "elastic_stiffness"]]
+    (tmp_path / DIAGNOSIS).write_text(json.dumps({"verdict": verdict, "sets": sets}), "utf-8")
+    monkeypatch.setattr(advise_stage, "discriminating_changes", None)
+    context = StageContext(closed_form.small_case(), tmp_path, tmp_path, silent)
+    run_advise(context)
+    assert answer(context, ADVICE) == {"causes": [], "changes": [], "text": ""}
