@@ -290,6 +290,8 @@ class Capabilities:
             scheme does.
         runs_per_direction: simulations that a direction costs beside the asked one: none for a
             solver with derivatives of its own, some where they are differences of runs.
+        in_process: whether it simulates inside prismid, without a program of its own.
+        uses_workspace: whether it keeps files of its runs in the folder that `solve` names.
     """
 
     material: frozenset[str]
@@ -309,6 +311,8 @@ class Capabilities:
     tet10_points: frozenset[int] = frozenset()
     least_steps: int = 1
     runs_per_direction: int = 0
+    in_process: bool = False
+    uses_workspace: bool = True
 
 
 class Adapter(Protocol):

@@ -7,7 +7,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from importlib.metadata import EntryPoint, entry_points
 
-from solver_adapters.interface import Adapter, Capabilities, SolverError, UnsupportedError
+from solver_adapters.interface import (
+    Adapter,
+    Capabilities,
+    Integration,
+    SolverError,
+    UnsupportedError,
+)
 from solver_adapters.profile import Profile
 
 GROUP = "prismid.solvers"
@@ -33,6 +39,24 @@ def find_adapter(name: str, profile: Profile | None = None) -> Adapter:
             return _made(point, profile)
     known = ", ".join(adapter_names()) or "none: is prismid installed?"
     raise UnsupportedError(f'solver.name: found "{name}", expected one of {known}')
+
+
+def find_in_process(integration: Integration) -> Adapter:
+    """The first solver that simulates inside prismid, and by a scheme.
+
+    Args:
+        integration: the scheme.
+
+    Raises:
+        UnsupportedError: none is installed.
+    """
+    for name, solver in installed_capabilities().items():
+        if solver.in_process and integration in solver.integrations:
+            return find_adapter(name)
+    known = ", ".join(adapter_names()) or "none"
+    raise UnsupportedError(
+        f"{GROUP}: found {known}, expected a solver that simulates inside prismid by {integration}"
+    )
 
 
 def _made(point: EntryPoint, profile: Profile | None) -> Adapter:

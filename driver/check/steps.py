@@ -19,11 +19,10 @@ from driver.common.errors import InputError
 from driver.experiment.history import History
 from driver.forward.boundary_motion import knots_of_stage
 from driver.forward.build import build_model, integration_of, mesh_of
-from driver.identification.problem import BUNDLED
 from driver.identification.step_error import FIRST_ORDER
 from driver.parameters.boundary import elongation_names
 from solver_adapters.interface import Adapter, SolverError
-from solver_adapters.registry import find_adapter
+from solver_adapters.registry import find_in_process
 
 FloatArray = NDArray[np.float64]
 
@@ -81,7 +80,7 @@ def load_error_of_steps(case: Case, history: History, steps: int) -> float:
         InputError: the case describes no prism.
         SolverError: the specimen cannot be simulated.
     """
-    bundled = find_adapter(BUNDLED)
+    solver = find_in_process(FIRST_ORDER)
     first_order = case.model_copy(
         update={"solver": case.solver.model_copy(update={"integration": FIRST_ORDER})}
     )
@@ -89,7 +88,7 @@ def load_error_of_steps(case: Case, history: History, steps: int) -> float:
     no_pixels = np.zeros((0, 2))
     tried = min(steps, _MOST_TRIED)
     halves, quarters = (
-        build_model(first_order, mesh, history, no_pixels, bundled, n * tried) for n in (2, 4)
+        build_model(first_order, mesh, history, no_pixels, solver, n * tried) for n in (2, 4)
     )
     ratio = case.boundary.stage_ratio or case.specimen.length / case.history.grip_distance
     travel = history.stage[history.turning]

@@ -17,7 +17,7 @@ from driver.experiment.history import History, read_history
 from driver.export.readme import README, exported_files, write_readme
 from driver.export.surface import SERIES, aligned, write_surface
 from driver.export.volume import offers_volume, volume_files, write_volumes
-from driver.identification.problem import BUNDLED
+from driver.forward.build import capabilities_of
 from driver.parameters.boundary import elongation_names, tilt_names
 from driver.results.files import JOBS, STAGES, results_of
 from driver.results.hdf5 import write_csv
@@ -90,7 +90,8 @@ def export_case(
         if volume:
             # Told before the simulations, which take their time.
             _refuse_foreign(folder, _volume_names(found, med))
-            jobs = None if case.solver.name == BUNDLED else results_of(case) / JOBS
+            workspace = capabilities_of(case).uses_workspace
+            jobs = results_of(case) / JOBS if workspace else None
             volume = _write_volume(written, case, found, history, med, log, jobs)
         names = [*_names(written), Path(README)]
         write_readme(written / README, case_path, found.diagnosed, volume, volume and med, names)

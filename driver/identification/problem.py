@@ -36,7 +36,6 @@ from meshes.prism_mesh import PrismMesh
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 
-BUNDLED = "bundled"
 _PLACES = 25  # at which the motion of the specimen over the camera is followed
 
 
@@ -167,8 +166,7 @@ def build_problem(
     adapter, history = adapter_of(case, prepare_only), experiment.history
     if passing is not None:
         adapter = WatchedSolver(adapter, passing)
-    # The checkpoints of the bundled solver are for one run at a time, and its runs are short.
-    jobs = None if case.solver.name == BUNDLED else jobs
+    jobs = jobs if adapter.capabilities().uses_workspace else None
     steps, fine_steps = case.solver.steps_per_interval, case.solver.fine_steps_per_interval
     working = build_model(case, mesh, history, images.xy, adapter, steps, jobs)
     working = replace(working, pattern=seen.rise)

@@ -12,7 +12,7 @@ from driver.common.progress import passing_of
 from driver.experiment.history import History
 from driver.experiment.reading import history_of
 from driver.forward.boundary_motion import knots_of_stage
-from driver.forward.build import adapter_of, build_model
+from driver.forward.build import adapter_of, build_model, capabilities_of
 from driver.forward.model import ForwardModel
 from driver.forward.progress_adapter import WatchedSolver
 from driver.identification.data import Data
@@ -20,7 +20,7 @@ from driver.identification.identify import Plan
 from driver.identification.loads_alone import doubts, identify_from_loads
 from driver.identification.no_images import no_images
 from driver.identification.objective import Objective
-from driver.identification.problem import BUNDLED, law_of, stated_prior, stated_start
+from driver.identification.problem import law_of, stated_prior, stated_start
 from driver.parameters.boundary import elongation_names
 from driver.results.files import FINE_MESH, JOBS, MESH
 from driver.results.identification import value_told, warnings_of, write_identification
@@ -58,7 +58,7 @@ def build_loads_bench(context: StageContext, adapter: Adapter) -> LoadsBench:
     """
     case, no_pixels = context.case, np.zeros((0, 2))
     history = history_of(case)
-    jobs: Path | None = None if case.solver.name == BUNDLED else context.results / JOBS
+    jobs: Path | None = context.results / JOBS if capabilities_of(case).uses_workspace else None
     steps = case.solver.steps_per_interval, case.solver.fine_steps_per_interval
     working, finer = (
         build_model(case, read_med(context.result(name)), history, no_pixels, adapter, n, jobs)

@@ -13,7 +13,6 @@ from driver.diagnosis.causes.user_causes import asked_causes
 from driver.experiment.held_out import held_out_cycle
 from driver.experiment.reading import history_of
 from driver.forward.build import capabilities_of, mesh_of
-from driver.identification.problem import BUNDLED
 from driver.results.files import DIAGNOSIS, IDENTIFY, results_of
 from driver.workflow.advise_stage import run_advise
 from driver.workflow.cost import estimate
@@ -73,15 +72,15 @@ def run(
         SolverError: a simulation could not be finished.
     """
     case = load_case(case_path)
-    if prepare_only and case.solver.name == BUNDLED:
+    solver = capabilities_of(case)
+    if prepare_only and solver.in_process:
         raise StageError(
-            f'--prepare-only: found solver.name = "{BUNDLED}", which runs inside prismid, expected '
-            "a solver that is a program of its own"
+            f'--prepare-only: found solver.name = "{case.solver.name}", which runs inside prismid, '
+            "expected a solver that is a program of its own"
         )
     asked_causes(case)  # refused before hours of computing, not after
     use_threads(case.execution.processes * case.execution.threads)
     n_cells = len(mesh_of(case, case.specimen.mesh_size).cells)
-    solver = capabilities_of(case)
     history = history_of(case)
     if case.with_images:
         # Asked now, and not after the hours of the stages before the diagnosis.

@@ -55,6 +55,9 @@ class BundledAdapter:
             cells=frozenset((10, 15)),
             tet10_points=frozenset((4, 5)),
             integrations=frozenset(("exponential", "backward_euler")),
+            in_process=True,
+            # Its checkpoints are for one run at a time, and its runs are short.
+            uses_workspace=False,
         )
 
     def version(self) -> str:

@@ -65,7 +65,7 @@ class ClosedFormSolver:
 
     def capabilities(self) -> Capabilities:
         law, measures = frozenset(MATERIAL_PARAMETERS), frozenset({"small", "finite"})
-        return Capabilities(law, measures, derivatives=True, times=True)
+        return Capabilities(law, measures, derivatives=True, times=True, in_process=True)
 
     def version(self) -> str:
         return "1"

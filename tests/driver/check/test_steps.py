@@ -45,7 +45,7 @@ def test_the_error_is_that_of_the_limit_of_small_steps_within_a_factor_of_two() 
             return response
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("driver.check.steps.find_adapter", lambda name: Loads())
+        patch.setattr("driver.check.steps.find_in_process", lambda scheme: Loads())
         told = load_error_of_steps(case("code_aster"), HISTORY, 1)
         load_error_of_steps(case("code_aster"), HISTORY, 16)
         # Of the first call steps in halves and quarters, of the second 1/32 and 1/64 of them.
@@ -88,6 +88,6 @@ def test_a_specimen_that_cannot_be_simulated_is_told_and_stops_no_check(
         def solve(self, simulation: Simulation, *others: object) -> object:  # type: ignore[override]
             raise SolverError("no step is short enough")
 
-    monkeypatch.setattr("driver.check.steps.find_adapter", lambda name: Failing())
+    monkeypatch.setattr("driver.check.steps.find_in_process", lambda scheme: Failing())
     (found,) = finding(case("code_aster"), CodeAsterAdapter())
     assert found.level == "warning" and "no step is short enough" in found.message
