@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from cvxopt import cholmod, matrix, sparse, spmatrix
 
-from solver_adapters.bundled.linear.split_matrix import singular
 from solver_adapters.interface import FloatArray, IntArray
 
 
@@ -55,3 +54,8 @@ class Cholesky:
         else:
             solution = matrix(cholmod.spsolve(self._factor, sparse(solution)))
         return np.ascontiguousarray(solution)
+
+
+def singular(pivots: FloatArray) -> bool:
+    """Whether a pivot is no more than rounding (a small residual alone cannot tell)."""
+    return bool(pivots.min() <= pivots.size * np.finfo(np.float64).eps * pivots.max())

@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 # Loaded for its folder of compiled kernels.
+from solver_adapters import kernels as kernels
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from driver.forward.model import ForwardModel
 from driver.forward.prediction import Prediction
+from solver_adapters.interface import Integration
 
 FloatArray = NDArray[np.float64]
 
-FIRST_ORDER = "backward_euler"
+FIRST_ORDER: Integration = "backward_euler"
 """The scheme whose error falls with the length of the steps."""
 
 

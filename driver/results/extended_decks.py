@@ -10,6 +10,7 @@ from driver.case.model import Case
 from driver.case.solver_profiles import profile_of
 from driver.forward.model import ForwardModel
 from driver.results.files import DECKS
+from solver_adapters.external import ExternalAdapter
 from solver_adapters.interface import Capabilities, Simulation, SolverError
 from solver_adapters.registry import adapter_names, find_adapter
 

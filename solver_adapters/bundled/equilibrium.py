@@ -14,8 +14,8 @@ from solver_adapters.bundled.fem.state import Increment, Instant
 from solver_adapters.bundled.law.law import NS, P_C11
 from solver_adapters.bundled.linear.residual_check import LinearSolverError
 from solver_adapters.bundled.linear.split_matrix import RESIDUAL
-from solver_adapters.bundled.linear.tangent_system import TangentSystem
 from solver_adapters.bundled.statistics import Statistics
+from solver_adapters.bundled.tangent_system import TangentSystem
 
 FloatArray = NDArray[np.float64]
 

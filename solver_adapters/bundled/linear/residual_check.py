@@ -5,12 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse.linalg import splu
 
-from solver_adapters.bundled.linear.split_matrix import (
-    Backsolve,
-    TwoTriangles,
-    column_norms,
-    singular,
-)
+from solver_adapters.bundled.linear.split_matrix import Backsolve, TwoTriangles, column_norms
+from solver_adapters.cholesky import singular
 from solver_adapters.interface import FloatArray, SolverError
 
 REFINEMENTS = 2

@@ -112,8 +112,3 @@ def column_norms(x: FloatArray) -> FloatArray:
     scaled = x / np.where(largest > 0, largest, 1.0)
     norms: FloatArray = largest * np.sqrt(np.einsum("ij,ij->j", scaled, scaled))
     return norms
-
-
-def singular(pivots: FloatArray) -> bool:
-    """Whether a pivot is no more than rounding (a small residual alone cannot tell)."""
-    return bool(pivots.min() <= pivots.size * np.finfo(np.float64).eps * pivots.max())

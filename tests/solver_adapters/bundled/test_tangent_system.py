@@ -8,8 +8,8 @@ from scipy.linalg import solve
 
 from solver_adapters.bundled.fem.assembly import displacement_gradients, element_forces
 from solver_adapters.bundled.fem.problem import Problem, build_problem
-from solver_adapters.bundled.linear.tangent_system import TangentSystem
 from solver_adapters.bundled.statistics import Statistics
+from solver_adapters.bundled.tangent_system import TangentSystem
 from solver_adapters.interface import FloatArray
 from solver_adapters.material import Material, StrainMeasure
 from tests.solver_adapters.boxes import BOXES, pulled
