@@ -18,25 +18,20 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import calculix_prism, code_aster_prism, quadrature
+from benchmarks import quadrature
 from solver_adapters.agreement import Agreement, force_error, motion_error, table
 from solver_adapters.bundled.adapter import BundledAdapter
-from solver_adapters.calculix.adapter import CalculixAdapter
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
 from solver_adapters.code_aster.result import read
-from solver_adapters.interface import FloatArray, Response, Simulation
+from solver_adapters.interface import Response, Simulation
 from solver_adapters.material import Material
-from tests.solver_adapters.boxes import ORIENTATIONS, box
-from tests.solver_adapters.code_aster import adapter_runs
-from tests.solver_adapters.code_aster.cases import three_grains
+from tools import calculix_prism, code_aster_prism
+from tools import code_aster_runs as adapter_runs
+from tools.boxes import ORIENTATIONS, uniaxial
+from tools.calculix_agreement import GOALS, calculix_forces, run_calculix
+from tools.code_aster_cases import three_grains
 
-FIRST_LOADING = 10.0  # s, of the prism of CalculiX
 ONSET = 3.5  # s, at which it flows as a whole
-GOALS = {
-    "calculix force": 0.5, "calculix face": 1.0, "element": 1e-4, "force": 0.1, "face": 0.2,
-    "job": 5e-7,
-}  # fmt: skip
-"""Largest differences: of forces in percent, of faces in nm."""
 
 
 def stored_calculix() -> Iterator[Agreement]:
@@ -45,41 +40,10 @@ def stored_calculix() -> Iterator[Agreement]:
     times = np.append(0.0, reference.times)
     own = BundledAdapter().solve(calculix_prism.simulation(reference.mesh, times, "backward_euler"))
     pair = "CalculiX 2.20 (stored), prism of 484 cells, its 90 steps"
-    yield from _calculix_forces(pair, times[1:], own.force[1:], reference.force)
+    yield from calculix_forces(pair, times[1:], own.force[1:], reference.force)
     rows = 1 + np.searchsorted(reference.times, reference.instants - 1e-6)
     face = motion_error(own.displacement[rows][:, reference.front], reference.displacement)
     yield Agreement(pair, "face [nm]", face, GOALS["calculix face"])
-
-
-def run_calculix(end: float, step: float) -> Iterator[Agreement]:
-    """CalculiX through its adapter at steps of one length [s], up to an instant [s]."""
-    reference = calculix_prism.read_reference()
-    corners = [corner for corner in calculix_prism.CORNERS if corner < end]
-    times = np.unique(np.round(np.append(np.arange(0.0, end + step / 2, step), corners), 9))
-    asked = replace(
-        calculix_prism.simulation(reference.mesh, times, "backward_euler"),
-        output_nodes=reference.front,
-    )
-    found = CalculixAdapter().solve(asked)
-    own = BundledAdapter().solve(replace(asked, steps=found.ends))
-    pair = f"CalculiX (run here), the same to {end:g} s, {found.steps} steps"
-    yield from _calculix_forces(pair, times[1:], own.force[1:], found.force[1:])
-    face = motion_error(own.displacement, found.displacement)
-    yield Agreement(pair, "face [nm]", face, GOALS["calculix face"])
-    # The limit is known every 0.1 s.
-    rows = np.flatnonzero(np.isin(times.round(6), reference.fine_times.round(6)))
-    exact = np.interp(times[rows], reference.fine_times, reference.fine_force)
-    pair = f"limit of small steps, the same to {end:g} s at {step:g} s a step"
-    yield Agreement(pair, "CalculiX: force [% of peak]", force_error(found.force[rows], exact))
-    yield Agreement(
-        pair, "bundled backward Euler: force [% of peak]", force_error(own.force[rows], exact)
-    )
-    default = replace(asked, integration="exponential", output_nodes=np.arange(0))
-    yield Agreement(
-        pair,
-        "bundled exponential: force [% of peak]",
-        force_error(BundledAdapter().solve(default).force[rows], exact),
-    )
 
 
 def stored_code_aster() -> Iterator[Agreement]:
@@ -141,58 +105,6 @@ def _jobs(
         motion = max(motion, motion_error(own.displacement, found.displacement))
     yield Agreement(pair, "largest force [% of peak]", force, goal)
     yield Agreement(pair, "largest displacement [nm]", motion, goal)
-
-
-def uniaxial(
-    material: Material, rotation: FloatArray, times: FloatArray, strains: FloatArray
-) -> Simulation:
-    """One crystal of 1 µm² under uniaxial stress along Y: its ends stay flat, the rest is free.
-
-    Args:
-        material: the law.
-        rotation: crystal → specimen, shape (3, 3).
-        times: instants [s], shape (n_times,).
-        strains: strain along Y at the instants, shape (n_times,).
-    """
-    mesh = box(size=(1.0, 2.0, 1.0))
-    mesh = replace(mesh, grain=np.zeros_like(mesh.grain))
-    low, high = mesh.nodes["S_MINUS"], mesh.nodes["S_PLUS"]
-    nodes = np.concatenate([low, high])
-    mask = np.zeros((len(nodes), 3), dtype=np.bool_)
-    mask[:, 1] = True
-    # A corner pins X and Z; a second one along X stops the turn about Y.
-    x, z = mesh.points[low][:, [0, 2]].T
-    mask[np.flatnonzero((x < 1e-9) & (z < 1e-9)), ::2] = True
-    mask[np.flatnonzero((x > 1 - 1e-9) & (z < 1e-9)), 2] = True
-    motion = np.zeros((len(times), len(nodes), 3))
-    motion[:, len(low) :, 1] = 2.0 * strains[:, None]
-    return Simulation(
-        mesh=mesh,
-        material=material,
-        orientations=rotation[None],
-        times=times,
-        motion_nodes=nodes,
-        motion_mask=mask,
-        motion=motion,
-        output=np.arange(len(times)),
-        output_nodes=np.arange(0),
-        tolerance=1e-9,
-        integration="backward_euler",
-    )
-
-
-def _calculix_forces(
-    pair: str, times: FloatArray, own: FloatArray, expected: FloatArray
-) -> Iterator[Agreement]:
-    first = times <= FIRST_LOADING
-    peak = abs(expected).max()
-    goal = GOALS["calculix force"]
-    differences = 100 * abs(own - expected) / peak
-    yield Agreement(
-        pair, "force in first loading [% of peak]", float(differences[first].max()), goal
-    )
-    if not first.all():
-        yield Agreement(pair, "force after it [% of peak]", float(differences[~first].max()))
 
 
 def figures(quick: bool) -> Iterator[Agreement]:

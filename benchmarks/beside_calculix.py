@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import calculix_prism
 from benchmarks.measuring import SCHEMES, Run, in_child, show, show_parts, solve, warm
 from solver_adapters.interface import FloatArray, Integration
+from tools import calculix_prism
 
 
 def own_run(times: FloatArray, integration: Integration) -> Run:

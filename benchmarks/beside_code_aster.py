@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from benchmarks import code_aster_prism
 from benchmarks.measuring import ALPHA_SIZE, Run, in_child, show, show_parts, solve, warm
 from benchmarks.specimens import alpha_history, specimen
+from tools import code_aster_prism
 
 # CPU-s of Code_Aster 15.2 (sequential, MUMPS) on these cases.
 CODE_ASTER_PRISM = 311.0

@@ -14,8 +14,8 @@ from benchmarks.blind_figures import show_share
 from benchmarks.blind_ruler import MOST_SCALES
 from driver.diagnosis.answer.result_types import Diagnosis
 from driver.diagnosis.statistics.score_test import SEEN_AT
-from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
+from tools import closed_form
+from tools.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
 BUDGET = 32.0  # CPU-s, after which no further trial starts
 LEVEL = 8.0  # projected misfit of a hidden effect [σ]

@@ -20,18 +20,20 @@ Record = dict[str, Any]
 
 # Of what makes truths and tells their size, beside the solver and the two cases.
 TRUTHS = (
-    *(
-        f"benchmarks/{name}.py"
-        for name in ("blind_plan", "blind_ruler", "blind_specimen", "short_specimen")
-    ),
+    "tools/short_specimen.py",
+    *(f"benchmarks/blind_{name}.py" for name in ("plan", "ruler", "specimen")),
     *(
         f"driver/{name}.py"
         for name in (
-            "boundary", "fixed_pattern", "history", "hold_time", "instrument", "load_clock",
-            "microstructure", "model", "own_terms", "prediction", "specimen", "surface_view",
-            "virtual_course", "diagnosis/ebsd_flips", "microscope/face_motion",
-            "dic/surface_images", "identification/data", "identification/image_data",
-            "identification/objective", "identification/shared_noise",
+            "diagnosis/causes/ebsd_flips", "dic/surface_images", "experiment/history",
+            "forward/boundary_motion", "forward/build", "forward/dwell_time",
+            "forward/fixed_pattern", "forward/instrument", "forward/load_lag",
+            "forward/microstructure", "forward/model", "forward/prediction",
+            "forward/surface_projection", "identification/data", "identification/image_data",
+            "identification/objective", "identification/reference_noise",
+            "parameters/boundary", "parameters/history", "parameters/instrument",
+            "parameters/microstructure", "parameters/pose", "parameters/registry",
+            "parameters/user_terms", "virtual/microscope/face_motion", "virtual/truth",
         )
     ),
 )  # fmt: skip

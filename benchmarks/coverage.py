@@ -22,7 +22,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.short_specimen import GRAINS, short_prism
 from driver.case.images import Images
 from driver.case.inference import Identification
 from driver.case.material import MaterialTable
@@ -43,6 +42,7 @@ from driver.virtual.settings import Discretisation, Virtual
 from driver.virtual.truth import pull, stage_program
 from driver.virtual.writing import record
 from meshes.prism_mesh import PrismMesh
+from tools.short_specimen import GRAINS, short_prism
 
 FloatArray = NDArray[np.float64]
 Draw = dict[str, Any]

@@ -13,7 +13,7 @@ from solver_adapters.bundled.fem.problem import build_problem
 from solver_adapters.crystal import N_SYSTEMS, rotation_vector_matrix
 from solver_adapters.interface import FloatArray, Integration
 from solver_adapters.material import Material, StrainMeasure
-from tests.solver_adapters.boxes import ORIENTATIONS, box, pulled
+from tools.boxes import ORIENTATIONS, box, pulled
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "solver" / "crystal_point.npz"
 KERNEL_GOAL = {"small": 2.5, "finite": 6.0}  # µs

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.interface import Direction, FloatArray, Integration, Simulation
 from solver_adapters.material import Material, StrainMeasure
-from tests.solver_adapters.boxes import box, pulled
+from tools.boxes import box, pulled
 
 T = TypeVar("T")
 MEASURES: tuple[StrainMeasure, ...] = ("small", "finite")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from benchmarks.short_specimen import CYCLES, true_knots
 from driver.case.model import Case
 from driver.virtual.truth import Course, stage_program
 from driver.virtual.truth import pull as pull_case
+from tools.short_specimen import CYCLES, true_knots
 
 
 def pull(truth: Case, hidden: Mapping[str, float]) -> Course:

@@ -7,7 +7,7 @@ import pytest
 
 from meshes import tet10, wedge15
 from meshes.cells import EDGES, outer_triangles
-from tests.solver_adapters.boxes import BOXES
+from tools.boxes import BOXES
 
 CORNERS = {
     10: np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),

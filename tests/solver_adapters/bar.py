@@ -14,7 +14,7 @@ import numpy as np
 from solver_adapters.external import ExternalAdapter, Profile, ResultFileError, Status
 from solver_adapters.interface import Capabilities, Response, Simulation
 from solver_adapters.material import Material
-from tests.solver_adapters.boxes import box, pulled
+from tools.boxes import box, pulled
 
 SCRIPT = """\
 import json, sys

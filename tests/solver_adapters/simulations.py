@@ -17,7 +17,7 @@ from solver_adapters.interface import (
     Simulation,
 )
 from solver_adapters.material import Material
-from tests.solver_adapters.boxes import box, pulled
+from tools.boxes import box, pulled
 
 GOOD = pulled(box(), Material(), (0.002, 0.004))
 MESH = GOOD.mesh

@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.adapters import run_calculix
 from solver_adapters.agreement import Agreement, force_error, motion_error, table
 from tests.solver_adapters.calculix.runs import needs_ccx
+from tools.calculix_agreement import run_calculix
 
 
 def test_forces_are_compared_with_the_peak_of_the_reference() -> None:

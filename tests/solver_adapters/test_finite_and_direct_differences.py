@@ -21,7 +21,7 @@ from solver_adapters.interface import (
     Simulation,
 )
 from solver_adapters.material import Material
-from tests.solver_adapters.boxes import box, pulled
+from tools.boxes import box, pulled
 
 Report = Callable[[Progress], None]
 

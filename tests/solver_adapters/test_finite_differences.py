@@ -33,7 +33,7 @@ from solver_adapters.jobs.errors import JobError
 from solver_adapters.jobs.status import CACHED, Status
 from solver_adapters.material import Material
 from solver_adapters.result_files import ResultFileError
-from tests.solver_adapters.boxes import box, pulled
+from tools.boxes import box, pulled
 
 Report = Callable[[Progress], None]
 

@@ -11,7 +11,7 @@ import pytest
 from solver_adapters.interface import Direction, Way
 from solver_adapters.material import Material
 from solver_adapters.simulation_key import simulation_key
-from tests.solver_adapters.boxes import box, pulled
+from tools.boxes import box, pulled
 
 SIMULATION = pulled(box(), Material(), (0.002, 0.004))
 

@@ -14,7 +14,7 @@ from solver_adapters.checks.simulation import refuse_bad_simulation
 from solver_adapters.interface import BadSimulationError, FloatArray, Simulation
 from solver_adapters.material import Material
 from solver_adapters.time_steps import between_instants, step_ends
-from tests.solver_adapters.boxes import box, pulled
+from tools.boxes import box, pulled
 
 TIMES = np.array([0.7, 2.9, 3.4])
 PLAIN = replace(

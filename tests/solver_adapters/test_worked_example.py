@@ -25,7 +25,7 @@ from solver_adapters.external import Profile
 from solver_adapters.interface import UnsupportedError
 from solver_adapters.material import Material
 from solver_adapters.registry import adapter_names, find_adapter
-from tests.solver_adapters.boxes import box, pulled
+from tools.boxes import box, pulled
 
 adapter = find_adapter("bar", Profile(command=(sys.executable,)))
 small = Material(strain_measure="small")

@@ -23,8 +23,8 @@ from solver_adapters.interaction import bcc24_classes
 from solver_adapters.interface import Simulation
 from solver_adapters.jobs.key import what_is_computed
 from solver_adapters.material import Material
-from tests.solver_adapters.boxes import box, pulled
-from tests.solver_adapters.code_aster.cases import small_case
+from tools.boxes import box, pulled
+from tools.code_aster_cases import small_case
 
 DECKS = Path(__file__).parents[1] / "data" / "decks"
 CHANGES = "CHANGES"

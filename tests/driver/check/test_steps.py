@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.short_specimen import small_case
 from driver.case.model import Case
 from driver.check.check_result import Finding
 from driver.check.steps import load_error_of_steps, recommended_steps
@@ -14,6 +13,7 @@ from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.calculix.adapter import CalculixAdapter
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
 from solver_adapters.interface import Adapter, Simulation, SolverError
+from tools.short_specimen import small_case
 
 HISTORY = stage_program([(4, 1)])
 

@@ -18,7 +18,7 @@ from driver.design.command import FILES, design
 from driver.design.forecast import Forecast, Plan, whole_forecast
 from driver.forward import build
 from solver_adapters.interface import SolverError
-from tests.driver import closed_form
+from tools import closed_form
 
 RESULTS = Path(__file__).resolve().parents[3] / "docs" / "results.md"
 SETTINGS = """

@@ -30,7 +30,7 @@ from driver.forward import build
 from driver.results.files import IDENTIFY
 from driver.workflow import pipeline
 from driver.workflow.engine import run_stages
-from tests.driver import closed_form
+from tools import closed_form
 
 PATH = Path("--change")
 

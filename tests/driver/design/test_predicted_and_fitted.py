@@ -8,12 +8,12 @@ from pathlib import Path
 import h5py
 import pytest
 
-from benchmarks.short_specimen import small_case, true_case
 from driver.design.command import FILES, design
 from driver.results.files import IDENTIFY
 from driver.virtual.writing import record
 from driver.workflow.pipeline import run
 from tests.driver.virtual_experiment import pull
+from tools.short_specimen import small_case, true_case
 
 
 @pytest.mark.slow

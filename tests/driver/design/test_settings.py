@@ -11,7 +11,7 @@ from driver.case.model import Case
 from driver.common.errors import InputError
 from driver.design.settings import Schedule, Settings, label, merged, read_change, read_settings
 from driver.design.variants import base_variant, usual_changes, variant, variants
-from tests.driver import closed_form
+from tools import closed_form
 
 DOCS = Path(__file__).resolve().parents[3] / "docs" / "design.md"
 BASE = base_variant(closed_form.small_case(), Settings())

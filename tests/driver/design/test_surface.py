@@ -11,8 +11,8 @@ from driver.design.settings import Settings
 from driver.design.surface import expected_surface
 from driver.dic.slope_noise import SLOPE_GAIN
 from driver.virtual.settings import Face, Microscope
-from tests.driver import closed_form
-from tests.driver.closed_form import PIXEL
+from tools import closed_form
+from tools.closed_form import PIXEL
 
 
 def own_case(folder: Path) -> Case:

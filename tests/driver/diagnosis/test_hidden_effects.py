@@ -11,7 +11,6 @@ from typing import Any
 
 import pytest
 
-from benchmarks.short_specimen import small_case, true_case
 from driver.case.model import Case
 from driver.identification.priors import FREED_WIDTH
 from driver.parameters.registry import declared_parameters
@@ -19,6 +18,7 @@ from driver.virtual.truth import Course
 from driver.virtual.writing import record
 from driver.workflow.pipeline import run
 from tests.driver.virtual_experiment import pull
+from tools.short_specimen import small_case, true_case
 
 Record = dict[str, Any]
 Diagnose = Callable[[str, int], Record]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from driver.export.vtkhdf import write_vtkhdf
-from tests.solver_adapters.boxes import BOXES
+from tools.boxes import BOXES
 
 
 @pytest.mark.parametrize(("element", "kind"), [("tet10", 24), ("wedge15", 26)])

@@ -13,7 +13,7 @@ from driver.parameters.boundary import (
     knot_declarations,
     tilt_names,
 )
-from tests.driver import closed_form
+from tools import closed_form
 
 FloatArray = NDArray[np.float64]
 

@@ -24,8 +24,8 @@ from meshes.prism_mesh import PrismMesh
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import Capabilities, UnsupportedError
-from tests.driver import closed_form
-from tests.driver.closed_form import LENGTH, PIXEL, WIDTH
+from tools import closed_form
+from tools.closed_form import LENGTH, PIXEL, WIDTH
 
 
 class SmallStrainSolver(closed_form.ClosedFormSolver):

@@ -13,8 +13,8 @@ from driver.diagnosis.statistics.screening import honoured, parameters_of_the_sp
 from driver.forward.dwell_time import holds, holds_tangent, with_holds
 from driver.parameters.history import HOLD
 from solver_adapters.interface import Capabilities, Simulation
-from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import diagnosis_of, identified
+from tools import closed_form
+from tools.closed_form_diagnosis import diagnosis_of, identified
 
 FloatArray = NDArray[np.float64]
 

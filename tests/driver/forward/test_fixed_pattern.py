@@ -14,9 +14,9 @@ from driver.forward.fixed_pattern import apparent_rise
 from driver.identification.identify import Plan, identify
 from driver.identification.objective import Correction, Objective
 from driver.parameters.boundary import LAMBDAS
-from tests.driver import closed_form
-from tests.driver.closed_form import LAW, SIZES
-from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, finer, identified
+from tools import closed_form
+from tools.closed_form import LAW, SIZES
+from tools.closed_form_diagnosis import SETTINGS, diagnosis_of, finer, identified
 
 FloatArray = NDArray[np.float64]
 

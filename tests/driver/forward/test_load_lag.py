@@ -10,9 +10,9 @@ from driver.forward.load_lag import load_at
 from driver.identification.fit import fit
 from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.parameters.instrument import LARGEST_LAG
-from tests.driver import closed_form
-from tests.driver.closed_form import KNOTS, LAW
-from tests.driver.closed_form_diagnosis import priors
+from tools import closed_form
+from tools.closed_form import KNOTS, LAW
+from tools.closed_form_diagnosis import priors
 
 FloatArray = NDArray[np.float64]
 

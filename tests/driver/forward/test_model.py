@@ -21,7 +21,7 @@ from meshes.prism import generate
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.interface import Progress, Response, Simulation
 from solver_adapters.material import MATERIAL_DECLARATIONS
-from tests.driver import closed_form
+from tools import closed_form
 
 FloatArray = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from driver.forward.progress_adapter import WatchedSolver, sentence_of
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.interface import Progress
 from solver_adapters.material import Material
-from tests.solver_adapters.boxes import box, pulled
+from tools.boxes import box, pulled
 
 
 def test_each_instant_before_the_last_is_told_and_all_are_passed_on() -> None:

@@ -22,8 +22,8 @@ from driver.identification.fit import fit
 from driver.identification.objective import Objective
 from driver.parameters.boundary import elongation_names
 from solver_adapters.interface import Progress, Response, Simulation, Way
-from tests.driver import closed_form
-from tests.driver.closed_form import KNOTS, LAW, Bench
+from tools import closed_form
+from tools.closed_form import KNOTS, LAW, Bench
 
 FloatArray = NDArray[np.float64]
 

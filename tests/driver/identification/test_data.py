@@ -15,8 +15,8 @@ from driver.identification.identify import with_correction
 from driver.identification.image_data import Gauge, build_image_data
 from driver.identification.missing_pixels import lacking_pixels
 from driver.identification.objective import Correction
-from tests.driver import closed_form
-from tests.driver.closed_form import BOUNDS, ORIGIN, PIXEL, SHAPE
+from tools import closed_form
+from tools.closed_form import BOUNDS, ORIGIN, PIXEL, SHAPE
 
 FloatArray = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.identification.discretisation_covariance import SimulationError, simulation_error
-from tests.driver import closed_form
+from tools import closed_form
 
 FloatArray = NDArray[np.float64]
 

@@ -26,10 +26,10 @@ from driver.identification.objective import Correction
 from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.parameters.pose import POSE_DECLARATIONS
 from solver_adapters.interface import Response, Simulation
-from tests.driver import closed_form
 from tests.driver.analytic import evaluation
-from tests.driver.closed_form import KNOTS, LAW, LENGTH, SIZES, TILTS, WIDTH
-from tests.driver.closed_form_diagnosis import priors
+from tools import closed_form
+from tools.closed_form import KNOTS, LAW, LENGTH, SIZES, TILTS, WIDTH
+from tools.closed_form_diagnosis import priors
 
 FloatArray = NDArray[np.float64]
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 
 from driver.identification.kinematic_hessian import kinematic_hessian
-from tests.driver import closed_form
+from tools import closed_form
 
 BENCH = closed_form.problem()
 NAMES = ("lambda_plus_Y", "tau0", "depth_scale")

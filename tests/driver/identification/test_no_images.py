@@ -7,8 +7,8 @@ from driver.identification.data import Data
 from driver.identification.no_images import no_images
 from driver.identification.objective import Objective
 from driver.parameters.registry import declared_parameters
-from tests.driver import closed_form
-from tests.driver.closed_form import KNOTS, LOAD_NOISE
+from tools import closed_form
+from tools.closed_form import KNOTS, LOAD_NOISE
 
 
 @pytest.fixture(scope="module")

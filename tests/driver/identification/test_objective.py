@@ -13,7 +13,7 @@ from driver.identification.objective import Objective
 from driver.workflow.identify_stage import same_simulation
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.interface import Progress, Response, Simulation
-from tests.driver import closed_form
+from tools import closed_form
 
 FITTED, FURTHER = ("tau0", "elongation_2"), ("c", "tau0_grain2")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from driver.identification.paper_chi import paper_chi
-from tests.driver import closed_form
+from tools import closed_form
 
 BENCH = closed_form.problem()
 

@@ -12,8 +12,8 @@ from driver.identification.priors import LAMBDA_PRIOR
 from driver.identification.problem import IdentificationProblem, build_problem, seen_by_correlation
 from driver.parameters.boundary import LAMBDAS
 from meshes.prism import generate
-from tests.driver import closed_form
-from tests.driver.closed_form import KNOTS, LAW, TILTS
+from tools import closed_form
+from tools.closed_form import KNOTS, LAW, TILTS
 
 BENCH = closed_form.problem()
 

@@ -7,7 +7,7 @@ import scipy.sparse as sp
 from scipy import ndimage
 
 from driver.identification.reference_noise import shared_noise
-from tests.driver import closed_form
+from tools import closed_form
 
 BENCH = closed_form.problem()
 IMAGES = closed_form.surface_images(BENCH, BENCH.truth, 0)

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.short_specimen import small_case
 from driver.common.progress import silent
 from driver.forward.build import build_model, mesh_of
 from driver.forward.model import ForwardModel
@@ -21,7 +20,8 @@ from driver.identification.step_error import (
 )
 from driver.virtual.truth import stage_program
 from solver_adapters.bundled.adapter import BundledAdapter
-from tests.driver import closed_form
+from tools import closed_form
+from tools.short_specimen import small_case
 
 CASE = small_case()
 HISTORY = stage_program([(4, 1)])

@@ -19,7 +19,7 @@ from driver.noise_floor.command import FILES, noise_floor
 from driver.virtual.settings import Face, Microscope, Virtual
 from driver.virtual.truth import pull, stage_program
 from driver.virtual.writing import record
-from tests.driver import closed_form
+from tools import closed_form
 
 NOISE = 3.0  # nm
 

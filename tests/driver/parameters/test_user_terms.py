@@ -16,8 +16,8 @@ from driver.parameters.registry import declared_parameters
 from driver.parameters.user_terms import GROUP, BoundaryTerm, ReadingTerm, installed_terms, terms_of
 from driver.workflow.engine import stage_key
 from driver.workflow.pipeline import stages
-from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
+from tools import closed_form
+from tools.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
 METHOD = Path(__file__).resolve().parents[3] / "docs" / "method.md"
 SECTION = METHOD.read_text(encoding="utf-8").split("### Terms of your own")[1].split("\n### ")[0]

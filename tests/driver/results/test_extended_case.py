@@ -21,7 +21,7 @@ from driver.parameters.registry import declared_parameters
 from driver.results.extended_case import added_parameters, extended_case, write_noise_map
 from driver.results.files import NOISE_MAP
 from solver_adapters.material import MATERIAL_DECLARATIONS, declarations_at
-from tests.driver import closed_form
+from tools import closed_form
 
 LAW = [p.name for p in MATERIAL_DECLARATIONS]
 BY_NAME = {cause.name: cause for cause in LIBRARY}

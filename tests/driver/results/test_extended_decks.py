@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.short_specimen import small_case
 from driver.forward.build import adapter_of, build_model, mesh_of
 from driver.forward.model import ForwardModel
 from driver.results.extended_decks import write_decks
 from driver.results.files import DECKS
 from driver.virtual.truth import stage_program
 from solver_adapters import registry
+from tools.short_specimen import small_case
 
 CASE = small_case()
 

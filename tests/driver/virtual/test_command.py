@@ -18,7 +18,7 @@ from driver.virtual.writing import FILES
 from driver.workflow import pipeline
 from driver.workflow.engine import run_stages
 from solver_adapters.profile import Profile
-from tests.driver import closed_form
+from tools import closed_form
 
 SETTINGS = """
 [face]

@@ -15,7 +15,7 @@ from driver.virtual.settings import Face, Program, Virtual
 from driver.virtual.truth import course_of, knots, pull, stage_program
 from driver.virtual.writing import record
 from solver_adapters.interface import Capabilities, CellFields, Progress, Response, Simulation
-from tests.driver import closed_form
+from tools import closed_form
 
 
 @pytest.fixture(autouse=True)

@@ -15,7 +15,7 @@ from driver.results.hdf5 import read_hdf5
 from driver.virtual.settings import Face, Microscope, Virtual
 from driver.virtual.truth import Course, pull, stage_program
 from driver.virtual.writing import correlated, record
-from tests.driver import closed_form
+from tools import closed_form
 
 CASE = closed_form.small_case()
 SMALL = Microscope(repeats=4, flats=6)

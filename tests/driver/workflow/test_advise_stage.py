@@ -17,7 +17,7 @@ from driver.workflow.advise_stage import run_advise
 from driver.workflow.diagnose_stage import run_diagnose
 from driver.workflow.engine import StageContext, run_stages
 from solver_adapters.interface import SolverError
-from tests.driver import closed_form
+from tools import closed_form
 
 
 @pytest.fixture(scope="module")

@@ -24,8 +24,8 @@ from driver.workflow import pipeline
 from driver.workflow.engine import StageContext
 from driver.workflow.loads_only_stage import SKIPPED, build_loads_bench
 from solver_adapters.profile import Profile
-from tests.driver import closed_form
-from tests.driver.closed_form import KNOTS, LAW
+from tools import closed_form
+from tools.closed_form import KNOTS, LAW
 
 TRUTH = {"tau0": 44.0}
 RATIO, UNCERTAINTY = 4.5e-4, 1e-4

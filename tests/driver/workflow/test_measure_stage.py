@@ -17,8 +17,8 @@ from driver.results.files import MEASURE
 from driver.results.hdf5 import read_hdf5
 from driver.workflow.pipeline import run
 from meshes.plane_cells import CellKind
-from tests.driver import closed_form
 from tests.meshes.plane_examples import distorted
+from tools import closed_form
 
 BAD, DUST = 20, (15, 25)
 

@@ -23,8 +23,8 @@ from driver.workflow.engine import StageError, run_stages, stage_key
 from meshes.files import read_med
 from solver_adapters.interface import PreparedError, Progress, Response, Simulation
 from solver_adapters.profile import Profile
-from tests.driver import closed_form
-from tests.driver.closed_form import KNOTS
+from tools import closed_form
+from tools.closed_form import KNOTS
 
 CURVATURE = 0.1
 

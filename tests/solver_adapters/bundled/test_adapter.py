@@ -30,7 +30,7 @@ from solver_adapters.interface import (
 )
 from solver_adapters.material import Material, StrainMeasure
 from solver_adapters.time_steps import once_more
-from tests.solver_adapters.boxes import BOXES, ORIENTATIONS, box, moved, one_grain, pulled
+from tools.boxes import BOXES, ORIENTATIONS, box, moved, one_grain, pulled
 
 HISTORY = (0.002, 0.004, 0.008, 0.007)
 

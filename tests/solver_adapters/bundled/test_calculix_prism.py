@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.adapters import uniaxial
-from benchmarks.calculix_prism import (
+from solver_adapters.bundled.adapter import BundledAdapter
+from solver_adapters.interface import Response
+from tools.boxes import uniaxial
+from tools.calculix_prism import (
     MATERIAL,
     ORIENTATIONS,
     Reference,
     read_reference,
     simulation,
 )
-from solver_adapters.bundled.adapter import BundledAdapter
-from solver_adapters.interface import Response
 
 DATA = Path(__file__).parents[2] / "data" / "solver"
 
@@ -57,7 +57,7 @@ def test_a_free_face_moves_as_in_calculix_within_a_nanometre(
 def test_the_force_before_the_first_reversal_is_that_of_small_steps_within_half_a_percent(
     reference: Reference,
 ) -> None:
-    """Reference: own solution, `python -m benchmarks.calculix_prism`; its own error is 1e-4."""
+    """Reference: own solution, `python -m tools.calculix_prism`; its own error is 1e-4."""
     times = np.concatenate([np.arange(0.0, 4.0, 0.1), np.arange(4.0, 10.1, 0.5)])
     force = BundledAdapter().solve(simulation(reference.mesh, times, "exponential")).force
     expected = np.interp(times, reference.fine_times, reference.fine_force)

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.code_aster_prism import forces, reference, simulation
 from solver_adapters.bundled.adapter import BundledAdapter
+from tools.code_aster_prism import forces, reference, simulation
 
 
 # Code_Aster integrates this element with five points, prismid with four: hence the 0.05 %.

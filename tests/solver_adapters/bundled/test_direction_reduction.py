@@ -12,7 +12,7 @@ from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.bundled.direction_reduction import spanned
 from solver_adapters.interface import Direction, Simulation
 from solver_adapters.material import Material, StrainMeasure
-from tests.solver_adapters.boxes import box, pulled
+from tools.boxes import box, pulled
 
 HISTORY = (0.002, 0.004)
 RNG = np.random.default_rng(11)

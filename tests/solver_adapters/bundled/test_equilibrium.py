@@ -15,8 +15,8 @@ from solver_adapters.bundled.fem.problem import Problem
 from solver_adapters.bundled.fem.state import Increment, Instant
 from solver_adapters.bundled.statistics import Statistics
 from solver_adapters.material import Material
-from tests.solver_adapters.boxes import box, pulled
 from tests.solver_adapters.bundled.troubled_law import calls, troubled_problem
+from tools.boxes import box, pulled
 
 FloatArray = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from solver_adapters.bundled.fem.problem import build_problem
 from solver_adapters.crystal import rotation_vector_matrix
 from solver_adapters.interface import FloatArray, Response, Simulation
 from solver_adapters.material import Material, StrainMeasure
-from tests.solver_adapters.boxes import BOXES, ORIENTATIONS, moved, one_grain, pulled, skin
 from tests.solver_adapters.bundled.elasticity import stiffness
+from tools.boxes import BOXES, ORIENTATIONS, moved, one_grain, pulled, skin
 
 R = ORIENTATIONS[1]
 

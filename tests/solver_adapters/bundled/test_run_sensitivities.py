@@ -24,7 +24,7 @@ from solver_adapters.material import (
     Material,
     StrainMeasure,
 )
-from tests.solver_adapters.boxes import box, pulled, wedge_box
+from tools.boxes import box, pulled, wedge_box
 
 RNG = np.random.default_rng(11)
 TOLERANCE = 1e-5

@@ -18,7 +18,7 @@ from solver_adapters.bundled.sensitivities import Differentiation
 from solver_adapters.bundled.statistics import Statistics
 from solver_adapters.interface import Direction, FloatArray
 from solver_adapters.material import Material, StrainMeasure
-from tests.solver_adapters.boxes import box, pulled
+from tools.boxes import box, pulled
 
 STEPS = 6
 

@@ -15,8 +15,8 @@ from solver_adapters.bundled.fem.state import Instant
 from solver_adapters.bundled.stepping import Stepper
 from solver_adapters.interface import FloatArray, SolverError
 from solver_adapters.material import Material
-from tests.solver_adapters.boxes import box, pulled
 from tests.solver_adapters.bundled.troubled_law import troubled_problem
+from tools.boxes import box, pulled
 
 ELASTIC, PLASTIC = 1e-4, 8e-3
 PARTS = 2.0**-10

@@ -12,7 +12,7 @@ from solver_adapters.bundled.fem.problem import build_problem
 from solver_adapters.crystal import rotation_vector_matrix
 from solver_adapters.interface import FloatArray, IntArray, Response, Simulation
 from solver_adapters.material import Material, StrainMeasure
-from tests.solver_adapters.boxes import BOXES, ORIENTATIONS, pulled
+from tools.boxes import BOXES, ORIENTATIONS, pulled
 
 R = ORIENTATIONS[1]
 HISTORY = (0.002, 0.006)

@@ -12,8 +12,8 @@ from solver_adapters.bundled.statistics import Statistics
 from solver_adapters.bundled.tangent_system import TangentSystem
 from solver_adapters.interface import FloatArray
 from solver_adapters.material import Material, StrainMeasure
-from tests.solver_adapters.boxes import BOXES, pulled
 from tests.solver_adapters.bundled.elasticity import stiffness
+from tools.boxes import BOXES, pulled
 
 LAWS = {
     "symmetric": Material(),

@@ -13,8 +13,8 @@ from solver_adapters.bundled.law.gauss_points import PointSolution
 from solver_adapters.crystal import rotation_vector_matrix, schmid_tensors, slip_systems
 from solver_adapters.interface import FloatArray, Simulation
 from solver_adapters.material import Material, StrainMeasure
-from tests.solver_adapters.boxes import BOXES, one_grain, pulled
 from tests.solver_adapters.bundled.elasticity import stiffness
+from tools.boxes import BOXES, one_grain, pulled
 
 
 def _uniaxial(problem_of: Simulation, stretches: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -14,7 +14,7 @@ from meshes.prism_mesh import PrismMesh
 from solver_adapters.calculix.adapter import CalculixAdapter
 from solver_adapters.interface import Response, Simulation
 from solver_adapters.material import Material
-from tests.solver_adapters.boxes import box, pulled
+from tools.boxes import box, pulled
 
 needs_ccx = pytest.mark.skipif(
     shutil.which("ccx") is None, reason="there is no ccx on the PATH (package calculix-ccx)"

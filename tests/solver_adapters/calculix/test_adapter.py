@@ -17,7 +17,6 @@ from solver_adapters.external import Profile, Status
 from solver_adapters.interface import Response, Simulation
 from solver_adapters.jobs.errors import JobError
 from solver_adapters.result_files import ResultFileError
-from tests.solver_adapters.boxes import box, moved, pulled, skin, wedge_box
 from tests.solver_adapters.calculix.results import ASKED, DATA
 from tests.solver_adapters.calculix.runs import (
     OCTAHEDRAL,
@@ -26,6 +25,7 @@ from tests.solver_adapters.calculix.runs import (
     run,
     simulation,
 )
+from tools.boxes import box, moved, pulled, skin, wedge_box
 
 LOADING = tuple(np.linspace(0.0, 0.002, 21)[1:])
 """Steps of 0.25 s at 4e-4 /s, through the onset of flow."""

@@ -15,8 +15,8 @@ import templates
 from solver_adapters.calculix import deck
 from solver_adapters.crystal import bunge_matrix
 from solver_adapters.interface import Simulation
-from tests.solver_adapters.boxes import box, pulled, wedge_box
 from tests.solver_adapters.calculix.runs import OCTAHEDRAL, simulation
+from tools.boxes import box, pulled, wedge_box
 
 
 def texts(asked: Simulation) -> dict[str, str]:

@@ -11,7 +11,7 @@ import pytest
 from solver_adapters.checks.capabilities import BASE, refuse_unsupported
 from solver_adapters.interface import Capabilities, Direction, Simulation, UnsupportedError
 from solver_adapters.material import Material
-from tests.solver_adapters.boxes import box, pulled, wedge_box
+from tools.boxes import box, pulled, wedge_box
 
 PLAIN = replace(
     pulled(box(), Material(strain_measure="small"), (0.01,)), integration="backward_euler"

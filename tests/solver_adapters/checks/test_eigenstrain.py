@@ -13,7 +13,7 @@ from solver_adapters.interface import (
     UnsupportedError,
 )
 from solver_adapters.material import Material
-from tests.solver_adapters.boxes import BOXES, pulled
+from tools.boxes import BOXES, pulled
 
 # Along ⟨001⟩ and ⟨111⟩: 1/E is S11 and (1/3)/(C11 + 2 C12) + 1/(3 C44); the largest Schmid factors
 # are √2/3 and √8/9 on {112}, 1/√6 and √(2/27) on {110}.

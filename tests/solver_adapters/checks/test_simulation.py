@@ -16,7 +16,6 @@ from solver_adapters.interface import (
     Way,
 )
 from solver_adapters.material import MATERIAL_PARAMETERS, Material
-from tests.solver_adapters.boxes import ORIENTATIONS, box, moved, pulled, skin
 from tests.solver_adapters.simulations import (
     GOOD,
     INF,
@@ -32,6 +31,7 @@ from tests.solver_adapters.simulations import (
     refused,
     with_value,
 )
+from tools.boxes import ORIENTATIONS, box, moved, pulled, skin
 
 UNSUPPORTED: list[tuple[Simulation, str]] = [
     (of_mesh(cells=MESH.cells[:, :4]), "mesh.cells has shape (12, 4); expected (n, 10) for tet10"),

@@ -12,7 +12,7 @@ from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
 from solver_adapters.external import Profile
 from solver_adapters.interface import Simulation
-from tests.solver_adapters.code_aster.cases import small_case
+from tools.code_aster_cases import small_case
 
 ADAPTER = CodeAsterAdapter()
 

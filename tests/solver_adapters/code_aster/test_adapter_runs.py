@@ -13,7 +13,7 @@ from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
 from solver_adapters.code_aster.result import read
 from solver_adapters.interface import Simulation
-from tests.solver_adapters.code_aster.adapter_runs import (
+from tools.code_aster_runs import (
     NAMES,
     RUNS,
     at_the_end,

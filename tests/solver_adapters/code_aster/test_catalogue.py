@@ -13,9 +13,9 @@ from solver_adapters.crystal import bunge_matrix
 from solver_adapters.interaction import bcc24_classes
 from solver_adapters.interface import Simulation
 from solver_adapters.material import Material
-from tests.solver_adapters.boxes import box, one_grain, pulled
-from tests.solver_adapters.code_aster.cases import small_case
 from tests.solver_adapters.code_aster.catalogue import faults
+from tools.boxes import box, one_grain, pulled
+from tools.code_aster_cases import small_case
 
 MODEL = """\
 MESH = LIRE_MAILLAGE(FORMAT='MED', UNITE=20)

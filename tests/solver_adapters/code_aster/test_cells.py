@@ -13,7 +13,7 @@ from meshes.files import write_med
 from solver_adapters.code_aster.cells import mean_fields
 from solver_adapters.crystal import rotation_vector_matrix, schmid_tensors
 from solver_adapters.interface import FloatArray, Simulation
-from tests.solver_adapters.code_aster.cases import small_case
+from tools.code_aster_cases import small_case
 
 WEIGHTS = [-2 / 15, 3 / 40, 3 / 40, 3 / 40, 3 / 40]
 POINTS = [[0.25] * 3, [1 / 6] * 3, [1 / 6, 1 / 6, 0.5], [1 / 6, 0.5, 1 / 6], [0.5, 1 / 6, 1 / 6]]

@@ -20,7 +20,7 @@ from solver_adapters.code_aster.deck import render_files
 from solver_adapters.code_aster.limits import FINITE_CAUTION
 from solver_adapters.external import Profile
 from solver_adapters.interface import Simulation
-from tests.solver_adapters.code_aster.cases import small_case
+from tools.code_aster_cases import small_case
 
 ADAPTER = CodeAsterAdapter()
 

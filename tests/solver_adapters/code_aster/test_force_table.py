@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.code_aster_prism import forces
 from solver_adapters.code_aster.force_table import read_resultants
 from solver_adapters.result_files import ResultFileError
-from tests.solver_adapters.code_aster.cases import unpacked
+from tools.code_aster_cases import unpacked
+from tools.code_aster_prism import forces
 
 
 @pytest.fixture

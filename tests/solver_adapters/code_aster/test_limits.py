@@ -12,8 +12,8 @@ from solver_adapters.code_aster.limits import CAPABILITIES
 from solver_adapters.interaction import self_and_latent
 from solver_adapters.interface import Simulation, UnsupportedError
 from solver_adapters.material import MATERIAL_PARAMETERS, Material
-from tests.solver_adapters.boxes import pulled, wedge_box
-from tests.solver_adapters.code_aster.cases import small_case
+from tools.boxes import pulled, wedge_box
+from tools.code_aster_cases import small_case
 
 ADAPTER = CodeAsterAdapter()
 

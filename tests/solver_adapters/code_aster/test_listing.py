@@ -8,10 +8,10 @@ import time
 import numpy as np
 import pytest
 
-from benchmarks.code_aster_prism import forces
 from solver_adapters.code_aster.listing import cause, diagnose, steps_taken
 from solver_adapters.external import Status
-from tests.solver_adapters.code_aster.cases import DATA
+from tools.code_aster_cases import DATA
+from tools.code_aster_prism import forces
 
 
 def listing(name: str) -> str:

@@ -17,7 +17,6 @@ import numpy as np
 import psutil
 import pytest
 
-from benchmarks.short_specimen import small_case as short_specimen
 from driver.forward.build import adapter_of, build_model, mesh_of
 from driver.results.extended_decks import write_decks
 from driver.results.files import DECKS
@@ -29,9 +28,10 @@ from solver_adapters.external import Profile, Status
 from solver_adapters.interface import PreparedError, Progress, Response, Simulation
 from solver_adapters.jobs.errors import JobError
 from solver_adapters.jobs.key import job_key
-from tests.solver_adapters.code_aster.adapter_runs import NAMES, simulation
-from tests.solver_adapters.code_aster.cases import small_case, three_grains
 from tests.templates.golden_decks import CASES
+from tools.code_aster_cases import small_case, three_grains
+from tools.code_aster_runs import NAMES, simulation
+from tools.short_specimen import small_case as short_specimen
 
 ADAPTER = CodeAsterAdapter()
 pytestmark = pytest.mark.skipif(

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.code_aster_prism import KEPT, forces, reference, simulation
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
 from solver_adapters.code_aster.deck import FORCES, LISTING, NODES
 from solver_adapters.interface import Simulation
 from solver_adapters.result_files import ResultFileError
-from tests.solver_adapters.code_aster.cases import unpacked
+from tools.code_aster_cases import unpacked
+from tools.code_aster_prism import KEPT, forces, reference, simulation
 
 ADAPTER = CodeAsterAdapter()
 

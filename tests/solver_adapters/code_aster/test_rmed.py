@@ -11,7 +11,7 @@ import pytest
 from solver_adapters.code_aster.rmed import ResultFile
 from solver_adapters.crystal import bunge_matrix, schmid_tensors
 from solver_adapters.result_files import ResultFileError
-from tests.solver_adapters.code_aster.cases import DATA, unpacked
+from tools.code_aster_cases import DATA, unpacked
 
 INSTANTS = np.array([0.0, 10.0, 50.0])
 POINT = DATA.parent / "code_aster_point.npz"

@@ -11,7 +11,7 @@ from solver_adapters.interface import FloatArray, Response, Simulation
 from solver_adapters.jobs.answer import refuse_bad_response
 from solver_adapters.material import Material
 from solver_adapters.result_files import ResultFileError
-from tests.solver_adapters.boxes import box, pulled
+from tools.boxes import box, pulled
 
 PULLED = pulled(box(), Material(), (0.0011, 0.0023))
 

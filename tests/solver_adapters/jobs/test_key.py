@@ -9,7 +9,7 @@ import pytest
 
 from solver_adapters.jobs.key import job_key, what_is_computed
 from solver_adapters.material import Material
-from tests.solver_adapters.boxes import box, pulled
+from tools.boxes import box, pulled
 
 SIMULATION = pulled(box(), Material(), (0.002,))
 LIMITS = b"# prismid limits: begin\nP time_limit 60\n# prismid limits: end\n"

@@ -23,8 +23,8 @@ from driver.experiment.history import History, turning_points
 from driver.forward.build import geometry_of
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
-from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import diagnosis_of, identified
+from tools import closed_form
+from tools.closed_form_diagnosis import diagnosis_of, identified
 
 BENCH = closed_form.problem()
 GEOMETRY = geometry_of(BENCH.case)

@@ -7,7 +7,7 @@ from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.ebsd_flips import FLIPS, disorientation, flips_of, half_turn
 from solver_adapters.crystal import bunge_matrix, rotation_vector_matrix, schmid_tensors
 from solver_adapters.interface import FloatArray
-from tests.driver import closed_form
+from tools import closed_form
 
 X, Y, Z = FLIPS
 MIRRORS = {X: [-1.0, 1.0, 1.0], Y: [1.0, -1.0, 1.0], Z: [1.0, 1.0, -1.0]}

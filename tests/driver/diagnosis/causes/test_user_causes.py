@@ -20,8 +20,8 @@ from driver.diagnosis.causes.causes import LIBRARY, Cause
 from driver.diagnosis.causes.user_causes import asked_causes, own_causes, read_causes
 from driver.parameters.registry import declared_parameters
 from driver.workflow.pipeline import run
-from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
+from tools import closed_form
+from tools.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
 METHOD = Path(__file__).resolve().parents[4] / "docs" / "method.md"
 TWISTED = Cause(

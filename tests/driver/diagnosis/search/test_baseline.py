@@ -13,8 +13,8 @@ from driver.diagnosis.statistics.screening import screened
 from driver.identification.fit import Fit
 from driver.identification.line_search import newton
 from driver.identification.objective import Evaluation, Objective
-from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import SETTINGS, identified
+from tools import closed_form
+from tools.closed_form_diagnosis import SETTINGS, identified
 
 BENCH = closed_form.problem()
 WRONG, OFF = 12, 40 * closed_form.LOAD_NOISE

@@ -39,8 +39,8 @@ from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import Simulation
-from tests.driver import closed_form, closed_form_diagnosis
-from tests.driver.closed_form_diagnosis import diagnosis_of, identified
+from tools import closed_form, closed_form_diagnosis
+from tools.closed_form_diagnosis import diagnosis_of, identified
 
 BENCH = closed_form.problem()
 SETTINGS = replace(closed_form_diagnosis.SETTINGS, refit=5, held_out=2)

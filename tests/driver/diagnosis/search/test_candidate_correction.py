@@ -18,8 +18,8 @@ from driver.identification.fit import Fit
 from solver_adapters.interface import NotRunError, Simulation, SolverError
 from solver_adapters.jobs.errors import JobError
 from solver_adapters.jobs.status import Status
-from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import finer, identified
+from tools import closed_form
+from tools.closed_form_diagnosis import finer, identified
 
 FloatArray = NDArray[np.float64]
 

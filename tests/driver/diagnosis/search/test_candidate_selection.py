@@ -11,7 +11,7 @@ from driver.diagnosis.search import candidate_selection
 from driver.diagnosis.search.candidate_selection import LARGE, refits_of_likely, to_refit
 from driver.diagnosis.search.refit import Crew
 from driver.diagnosis.statistics.score_test import Score
-from tests.driver.closed_form_diagnosis import large_effect
+from tools.closed_form_diagnosis import large_effect
 
 
 def scored(p: float, evidence: float, angle: float = 0.0) -> Score:

@@ -15,8 +15,8 @@ from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.causes.ebsd_flips import FLIPS
 from driver.diagnosis.search.flip_trial import turned
 from driver.identification.fit import fit
-from tests.driver import closed_form, closed_form_diagnosis
-from tests.driver.closed_form_diagnosis import diagnosis_of, identified
+from tools import closed_form, closed_form_diagnosis
+from tools.closed_form_diagnosis import diagnosis_of, identified
 
 FloatArray = NDArray[np.float64]
 

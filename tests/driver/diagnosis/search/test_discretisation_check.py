@@ -11,8 +11,8 @@ from driver.diagnosis.search.discretisation_check import gate
 from driver.identification.fit import Fit
 from driver.identification.identify import correction
 from driver.identification.objective import Correction, Objective
-from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import finer, identified
+from tools import closed_form
+from tools.closed_form_diagnosis import finer, identified
 
 BENCH = closed_form.problem()
 OTHER_STEPS = finer(BENCH, 0.5)

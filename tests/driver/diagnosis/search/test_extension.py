@@ -14,8 +14,8 @@ from driver.diagnosis.statistics.score_test import score
 from driver.diagnosis.statistics.screening import screened
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
-from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
+from tools import closed_form
+from tools.closed_form_diagnosis import SETTINGS, finer, identified
 
 BENCH = closed_form.problem()
 CAUSE = "stretch_not_proportional"

@@ -13,8 +13,8 @@ from driver.diagnosis.search.final_comparison import Final, final_fits
 from driver.identification.boundary_jitter import boundary_jitter
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Objective
-from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
+from tools import closed_form
+from tools.closed_form_diagnosis import SETTINGS, finer, identified
 
 BENCH = closed_form.problem()
 (CURVED,) = (cause for cause in LIBRARY if cause.name == "stretch_not_proportional")

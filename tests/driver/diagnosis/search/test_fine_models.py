@@ -13,8 +13,8 @@ from driver.diagnosis.search.fine_models import FinerMeshes
 from driver.forward.model import ForwardModel
 from driver.identification.fit import Fit
 from solver_adapters.interface import PreparedError, SolverError
-from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import finer, identified
+from tools import closed_form
+from tools.closed_form_diagnosis import finer, identified
 
 BENCH = closed_form.problem()
 ONE, ANOTHER = finer(BENCH, 0.001), finer(BENCH, 0.003)

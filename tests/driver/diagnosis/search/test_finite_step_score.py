@@ -23,9 +23,9 @@ from driver.diagnosis.statistics.screening import screen, screened
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from solver_adapters.interface import FloatArray, PreparedError, Simulation, SolverError
-from tests.driver import closed_form
-from tests.driver.closed_form import ClosedFormSolver
-from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
+from tools import closed_form
+from tools.closed_form import ClosedFormSolver
+from tools.closed_form_diagnosis import SETTINGS, finer, identified
 
 TRUTH = 0.4  # four prior scales
 WANTED = ("non_schmid", "residual_stress", "cold_work")

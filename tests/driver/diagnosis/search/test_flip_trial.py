@@ -14,9 +14,9 @@ from driver.diagnosis.search.refit import Crew
 from solver_adapters.interface import FloatArray, NotRunError, Simulation, SolverError
 from solver_adapters.jobs.errors import JobError
 from solver_adapters.jobs.status import Status
-from tests.driver import closed_form
-from tests.driver.closed_form import ClosedFormSolver
-from tests.driver.closed_form_diagnosis import identified
+from tools import closed_form
+from tools.closed_form import ClosedFormSolver
+from tools.closed_form_diagnosis import identified
 
 BENCH = closed_form.problem()
 GRAINS = BENCH.model.microstructure.orientations

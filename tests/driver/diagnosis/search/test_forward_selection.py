@@ -19,8 +19,8 @@ from driver.diagnosis.statistics.screening import screened
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from solver_adapters.interface import NotRunError, SolverError
-from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
+from tools import closed_form
+from tools.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
 BENCH = closed_form.problem()
 TRUE, WRONG, OTHER = "tilt_drift", "magnification_drift", "end_rotation"

@@ -15,7 +15,7 @@ from driver.diagnosis.search.held_out import (
 from driver.experiment.history import knot_weights
 from driver.identification.fit import fit
 from driver.parameters.boundary import elongation_names, tilt_names
-from tests.driver import closed_form
+from tools import closed_form
 
 NAMES = (*elongation_names(5), *tilt_names(5))
 

@@ -15,8 +15,8 @@ from driver.diagnosis.search.image_noise import examine_noise, unevenness
 from driver.identification.fit import Fit
 from driver.identification.image_data import reweighted
 from driver.identification.objective import Objective
-from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import diagnosis_of, identified
+from tools import closed_form
+from tools.closed_form_diagnosis import diagnosis_of, identified
 
 FloatArray = NDArray[np.float64]
 

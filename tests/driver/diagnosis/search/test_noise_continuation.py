@@ -11,8 +11,8 @@ from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.noise_continuation import refit_from_soft_loads
 from driver.diagnosis.search.refit import Crew, refit_causes
 from solver_adapters.interface import Simulation, SolverError
-from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import large_effect
+from tools import closed_form
+from tools.closed_form_diagnosis import large_effect
 
 FloatArray = NDArray[np.float64]
 

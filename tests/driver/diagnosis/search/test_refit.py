@@ -27,8 +27,8 @@ from solver_adapters.interface import NotRunError, SolverError
 from solver_adapters.jobs.errors import JobError
 from solver_adapters.jobs.status import Status
 from solver_adapters.parameter import Parameter
-from tests.driver import closed_form
 from tests.driver.analytic import formula
+from tools import closed_form
 
 FloatArray = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from driver.diagnosis.statistics.score_test import effects_of
 from driver.diagnosis.statistics.screening import screen, screened
 from driver.forward.model import ForwardModel
 from solver_adapters.interface import PreparedError, Simulation, SolverError
-from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
+from tools import closed_form
+from tools.closed_form_diagnosis import SETTINGS, finer, identified
 
 FloatArray = NDArray[np.float64]
 

@@ -18,8 +18,8 @@ from driver.diagnosis.search.selection_round import WITHIN, examine, set_of
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
-from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import SETTINGS, finer, identified
+from tools import closed_form
+from tools.closed_form_diagnosis import SETTINGS, finer, identified
 
 BENCH = closed_form.problem()
 EVERY = replace(SETTINGS, refit=5)

@@ -7,8 +7,8 @@ import pytest
 from driver.diagnosis.causes.causes import LIBRARY
 from driver.diagnosis.statistics.score_test import effects_of
 from driver.diagnosis.statistics.screening import screen, screened
-from tests.driver import closed_form
-from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
+from tools import closed_form
+from tools.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
 BENCH = closed_form.problem()
 

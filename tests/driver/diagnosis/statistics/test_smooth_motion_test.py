@@ -12,9 +12,9 @@ from driver.dic.basis import grid_basis
 from driver.identification.data import Data
 from driver.identification.image_data import build_image_data
 from solver_adapters.interface import Simulation
-from tests.driver import closed_form
-from tests.driver.closed_form import LENGTH, PIXEL
-from tests.driver.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
+from tools import closed_form
+from tools.closed_form import LENGTH, PIXEL
+from tools.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
 FloatArray = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from meshes.prism_mesh import PrismMesh
 from solver_adapters.bundled.fem import assembly
 from solver_adapters.bundled.fem.element import element_of, shape_gradients
 from solver_adapters.interface import FloatArray, IntArray
-from tests.solver_adapters.boxes import BOXES
+from tools.boxes import BOXES
 
 RNG = np.random.default_rng(5)
 

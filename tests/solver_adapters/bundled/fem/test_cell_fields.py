@@ -27,7 +27,7 @@ from solver_adapters.interface import (
     UnfinishedError,
 )
 from solver_adapters.material import Material, StrainMeasure
-from tests.solver_adapters.boxes import BOXES, ORIENTATIONS, box, moved, pulled, skin
+from tools.boxes import BOXES, ORIENTATIONS, box, moved, pulled, skin
 
 HISTORY = (0.002, 0.004, 0.008, 0.007)
 YY = 1

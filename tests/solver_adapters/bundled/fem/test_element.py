@@ -14,7 +14,7 @@ from solver_adapters.bundled.fem.element import (
     shape_gradient_velocity,
     shape_gradients,
 )
-from tests.solver_adapters.boxes import BOXES, box
+from tools.boxes import BOXES, box
 
 
 @pytest.fixture(params=list(BOXES))

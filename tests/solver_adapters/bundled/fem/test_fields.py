@@ -19,7 +19,7 @@ from solver_adapters.bundled.fem.fields import (
 from solver_adapters.bundled.law.law import N_STATE, S_OVER, S_X, S_X2, STRAIN_MODES
 from solver_adapters.interface import Direction, FloatArray, Simulation
 from solver_adapters.material import Material
-from tests.solver_adapters.boxes import BOXES, ORIENTATIONS, one_grain, pulled
+from tools.boxes import BOXES, ORIENTATIONS, one_grain, pulled
 
 GRADIENT = np.array([[0.02, -0.01, 0.03], [-0.015, 0.04, 0.01]])  # rad/µm
 SIZE = (2.0, 4.0, 3.0)

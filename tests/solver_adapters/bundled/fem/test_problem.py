@@ -13,7 +13,7 @@ from solver_adapters.bundled.fem.problem import Problem, build_problem, build_ta
 from solver_adapters.bundled.law.law import N_STATE, S_ACC, local_parameters, longer_step_tangent
 from solver_adapters.interface import Direction, Simulation
 from solver_adapters.material import Material
-from tests.solver_adapters.boxes import BOXES, ORIENTATIONS, box, pulled
+from tools.boxes import BOXES, ORIENTATIONS, box, pulled
 
 SIZE = (2.0, 4.0, 3.0)
 

@@ -64,10 +64,12 @@ class ClosedFormSolver:
         self.finer = finer
 
     def capabilities(self) -> Capabilities:
+        """What the closed form honours: every parameter, with derivatives."""
         law, measures = frozenset(MATERIAL_PARAMETERS), frozenset({"small", "finite"})
         return Capabilities(law, measures, derivatives=True, times=True, in_process=True)
 
     def version(self) -> str:
+        """The same for ever."""
         return "1"
 
     def solve(
@@ -76,6 +78,7 @@ class ClosedFormSolver:
         workspace: Path | None = None,
         progress: Callable[[Progress], None] | None = None,
     ) -> Response:
+        """Evaluate the closed form, and its directions by central differences."""
         u, force = self.answer(simulation)
         n = len(simulation.directions)
         du, df = np.zeros((n, *u.shape)), np.zeros((n, *force.shape))

@@ -12,9 +12,9 @@ import numpy as np
 from solver_adapters.crystal import bunge_matrix
 from solver_adapters.interface import Simulation
 from solver_adapters.material import Material
-from tests.solver_adapters.boxes import ORIENTATIONS, box, pulled
+from tools.boxes import ORIENTATIONS, box, pulled
 
-DATA = Path(__file__).parents[2] / "data" / "solver" / "code_aster"
+DATA = Path(__file__).parents[1] / "tests" / "data" / "solver" / "code_aster"
 
 
 def small_case(**material: Any) -> Simulation:

@@ -25,8 +25,8 @@ from driver.identification.priors import LAMBDA_PRIOR
 from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.parameters.registry import declared_parameters
-from tests.driver import closed_form
-from tests.driver.closed_form import KNOTS, LAW, SIZES, Bench, ClosedFormSolver, problem
+from tools import closed_form
+from tools.closed_form import KNOTS, LAW, SIZES, Bench, ClosedFormSolver, problem
 
 PRECISE = 0.2  # µN
 SETTINGS = Settings(

@@ -15,7 +15,7 @@ import numpy as np
 from solver_adapters.code_aster.deck import CELLS, FORCES, LISTING, NODES
 from solver_adapters.interaction import bcc24_classes, self_and_latent
 from solver_adapters.interface import Simulation
-from tests.solver_adapters.code_aster.cases import DATA, small_case
+from tools.code_aster_cases import DATA, small_case
 
 RUNS = DATA / "adapter_runs"
 _CLASSES = tuple(map(tuple, bcc24_classes(1.1, 0.9, 1.6, 1.3).tolist()))

@@ -2,7 +2,7 @@
 
 CalculiX loads along its z axis; its frame turns into the specimen frame by x → X, z → Y, −y → Z.
 
-    python -m benchmarks.calculix_prism    recompute the limit of small steps (3 CPU-minutes)
+    python -m tools.calculix_prism    recompute the limit of small steps (3 CPU-minutes)
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from driver.forward import build
 from driver.virtual.truth import Course, seen_course
 from driver.workflow.engine import run_stages
 from driver.workflow.pipeline import stages
-from tests.driver import closed_form
+from tools import closed_form
 
 BY_NAME = {cause.name: cause for cause in LIBRARY}
 CURVED, DRIFT = BY_NAME["stretch_not_proportional"], BY_NAME["magnification_drift"]

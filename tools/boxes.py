@@ -145,3 +145,41 @@ def wedge_box(
 
 
 BOXES = {"tet10": box, "wedge15": wedge_box}
+
+
+def uniaxial(
+    material: Material, rotation: FloatArray, times: FloatArray, strains: FloatArray
+) -> Simulation:
+    """One crystal of 1 µm² under uniaxial stress along Y: its ends stay flat, the rest is free.
+
+    Args:
+        material: the law.
+        rotation: crystal → specimen, shape (3, 3).
+        times: instants [s], shape (n_times,).
+        strains: strain along Y at the instants, shape (n_times,).
+    """
+    mesh = box(size=(1.0, 2.0, 1.0))
+    mesh = replace(mesh, grain=np.zeros_like(mesh.grain))
+    low, high = mesh.nodes["S_MINUS"], mesh.nodes["S_PLUS"]
+    nodes = np.concatenate([low, high])
+    mask = np.zeros((len(nodes), 3), dtype=np.bool_)
+    mask[:, 1] = True
+    # A corner pins X and Z; a second one along X stops the turn about Y.
+    x, z = mesh.points[low][:, [0, 2]].T
+    mask[np.flatnonzero((x < 1e-9) & (z < 1e-9)), ::2] = True
+    mask[np.flatnonzero((x > 1 - 1e-9) & (z < 1e-9)), 2] = True
+    motion = np.zeros((len(times), len(nodes), 3))
+    motion[:, len(low) :, 1] = 2.0 * strains[:, None]
+    return Simulation(
+        mesh=mesh,
+        material=material,
+        orientations=rotation[None],
+        times=times,
+        motion_nodes=nodes,
+        motion_mask=mask,
+        motion=motion,
+        output=np.arange(len(times)),
+        output_nodes=np.arange(0),
+        tolerance=1e-9,
+        integration="backward_euler",
+    )

@@ -1,6 +1,6 @@
 """A short specimen of two grains: what its user knows of it, and what it truly is.
 
-Nothing of the truth is shared with what identifies it: driver/microscope says how.
+Nothing of the truth is shared with what identifies it: driver/virtual/microscope says how.
 """
 
 from __future__ import annotations

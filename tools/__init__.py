@@ -1,0 +1,1 @@
+"""Specimens, references and programs that tests and benchmarks share."""
