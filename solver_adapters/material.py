@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
-from solver_adapters.parameter import Parameter
+from solver_adapters.parameter import GIGAPASCALS, Parameter
 
 StrainMeasure = Literal["small", "finite"]
 
@@ -114,27 +114,68 @@ def declarations_at(material: Material) -> tuple[Parameter, ...]:
     """
     d = max(material.d, 1.0)
     return (
-        Parameter("tau0", "MPa", 40.0, 1.0, 0.1, 2000.0, True),
-        Parameter("c", "MPa", 40e3, 1.0, 1.0, 1e7, True),
+        Parameter("tau0", "MPa", 40.0, 1.0, 0.1, 2000.0, True, label="τ₀", key="tau0_MPa"),
+        Parameter("c", "MPa", 40e3, 1.0, 1.0, 1e7, True, key="c_MPa", read_in=GIGAPASCALS),
         Parameter("d", "", 1500.0, 1.0, 1.0, 1e6, True),
         Parameter("K", "MPa·s^(1/n)", 12.0, 0.3, 0.1, 1e3, True),
         Parameter("n", "", 10.0, 0.3, 1.5, 60.0, True),
-        Parameter("Q", "MPa", 0.0, 10.0, 0.0, 2000.0),
+        Parameter("Q", "MPa", 0.0, 10.0, 0.0, 2000.0, key="Q_MPa"),
         Parameter("b", "", 30.0, 0.47, 1.0, 3000.0, True),
-        Parameter("tau0_112", "", 1.0, 0.10, 0.3, 3.0, True),
-        Parameter("tau0_grain2", "", 1.0, 0.10, 0.3, 3.0, True),
-        Parameter("tau0_antitwinning", "", 1.0, 0.10, 0.3, 3.0, True),
-        Parameter("a1", "", 0.0, 0.10, -0.9, 0.9),
-        Parameter("h_latent", "", 0.0, 0.2, -1.0, 10.0),
-        Parameter("Q_latent", "MPa", 0.0, 2.0, 0.0, 500.0),
-        Parameter("c2", "MPa", 0.0, _SLOW_STRESS * material.d2, 0.0, 1e6),
-        Parameter("d2", "", 150.0, 0.5, 1.0, max(d / 10, material.d2), True),
-        Parameter("x0", "", 0.0, 0.1 / d, -0.3 / d, 0.3 / d),
-        Parameter("eigenstrain", "", 0.0, 2e-4, -5e-3, 5e-3),
-        Parameter("skin_tau0", "", 1.0, 0.15, 0.3, 5.0, True),
-        Parameter("skin_thickness", "µm", 0.3, 0.5, 0.01, 2.0, True),
-        Parameter("elastic_scale", "", 1.0, 0.05, 0.3, 3.0, True),
-        Parameter("C44_scale", "", 1.0, 0.10, 0.5, 2.0, True),
+        Parameter("tau0_112", "", 1.0, 0.10, 0.3, 3.0, True, label="τ₀ of {112} / τ₀ of {110}"),
+        Parameter(
+            "tau0_grain2", "", 1.0, 0.10, 0.3, 3.0, True, label="τ₀ of grain 2 / τ₀ of grain 1"
+        ),
+        Parameter(
+            "tau0_antitwinning",
+            "",
+            1.0,
+            0.10,
+            0.3,
+            3.0,
+            True,
+            label="τ₀ of {112}, antitwinning / twinning",
+        ),
+        Parameter("a1", "", 0.0, 0.10, -0.9, 0.9, label="non-Schmid factor a₁"),
+        Parameter("h_latent", "", 0.0, 0.2, -1.0, 10.0, label="latent hardening h"),
+        Parameter(
+            "Q_latent", "MPa", 0.0, 2.0, 0.0, 500.0, label="latent hardening Q", key="Q_latent_MPa"
+        ),
+        Parameter(
+            "c2",
+            "MPa",
+            0.0,
+            _SLOW_STRESS * material.d2,
+            0.0,
+            1e6,
+            label="c of the second back stress",
+            key="c2_MPa",
+        ),
+        Parameter(
+            "d2",
+            "",
+            150.0,
+            0.5,
+            1.0,
+            max(d / 10, material.d2),
+            True,
+            label="d of the second back stress",
+        ),
+        Parameter("x0", "", 0.0, 0.1 / d, -0.3 / d, 0.3 / d, label="initial back strain x₀"),
+        Parameter("eigenstrain", "", 0.0, 2e-4, -5e-3, 5e-3, label="eigenstrain, apex less face"),
+        Parameter("skin_tau0", "", 1.0, 0.15, 0.3, 5.0, True, label="τ₀ of the skin / τ₀ inside"),
+        Parameter(
+            "skin_thickness",
+            "µm",
+            0.3,
+            0.5,
+            0.01,
+            2.0,
+            True,
+            label="thickness of the skin",
+            key="skin_thickness_um",
+        ),
+        Parameter("elastic_scale", "", 1.0, 0.05, 0.3, 3.0, True, label="factor on C₁₁, C₁₂, C₄₄"),
+        Parameter("C44_scale", "", 1.0, 0.10, 0.5, 2.0, True, label="factor on C₄₄"),
     )
 
 

@@ -1,9 +1,28 @@
-"""How a parameter of the general model is declared: null, unit, scale, bounds."""
+"""How a parameter of the general model is declared: null, unit, scale, bounds, label, place."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, inf, log
+from math import exp, inf, log, pi
+from typing import Literal
+
+Place = Literal[
+    "law", "knots", "ends", "clock", "nodes", "orientations", "lattice", "load", "images",
+    "pixels", "pattern", "covariance",
+]  # fmt: skip
+"""Where a parameter enters: the crystal law, the knots of the boundary motion, the rest of that
+motion, the instants of the history, node coordinates, grain orientations, gradients of the lattice,
+what the load cell reads, what images show, where pixels lie, the pattern left in images, or the
+covariance of the data."""
+
+Reading = tuple[float, str]
+"""Factor and unit in which a value is read."""
+NANOMETRES: Reading = (1e3, "nm")
+GIGAPASCALS: Reading = (1e-3, "GPa")
+PERCENT: Reading = (100.0, "%")
+MILLIRADIANS: Reading = (1e3, "mrad")
+_DEGREES = 180.0 / pi
+_OF_ANGLES = {"rad": (_DEGREES, "°"), "rad/µm": (_DEGREES, "°/µm")}
 
 
 @dataclass(frozen=True)
@@ -20,6 +39,11 @@ class Parameter:
         scale: prior scale; of log p for logarithmic parameters, else in the parameter's unit.
         lower, upper: bounds of the value.
         logarithmic: whether the parameter is positive and identified by its logarithm.
+        enters: where it enters the model.
+        label: as it is written in tables and figures; empty where the name is.
+        short: the same where there is little room; empty where the label is short.
+        key: its key in the table [material] of the case; empty for its name.
+        read_in: factor and unit in which it is read, where that is not the internal unit.
     """
 
     name: str
@@ -29,6 +53,16 @@ class Parameter:
     lower: float = -inf
     upper: float = inf
     logarithmic: bool = False
+    enters: Place = "law"
+    label: str = ""
+    short: str = ""
+    key: str = ""
+    read_in: Reading | None = None
+
+    @property
+    def reading(self) -> Reading:
+        """Factor and unit in which the value is read: degrees, nanometres, GPa or percent."""
+        return self.read_in or _OF_ANGLES.get(self.unit, (1.0, self.unit))
 
     @property
     def width(self) -> float:

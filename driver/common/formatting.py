@@ -1,157 +1,15 @@
-"""How parameters, causes and numbers are written for a reader."""
+"""How numbers are written for a reader."""
 
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 
 from driver.common.progress import Log
 from solver_adapters.interface import Progress
 
-_DEGREE = 180.0 / math.pi
-
-_LABELS = {
-    "tau0": "τ₀",
-    "tau0_112": "τ₀ of {112} / τ₀ of {110}",
-    "tau0_grain2": "τ₀ of grain 2 / τ₀ of grain 1",
-    "tau0_antitwinning": "τ₀ of {112}, antitwinning / twinning",
-    "a1": "non-Schmid factor a₁",
-    "h_latent": "latent hardening h",
-    "Q_latent": "latent hardening Q",
-    "c2": "c of the second back stress",
-    "d2": "d of the second back stress",
-    "x0": "initial back strain x₀",
-    "eigenstrain": "eigenstrain, apex less face",
-    "skin_tau0": "τ₀ of the skin / τ₀ inside",
-    "skin_thickness": "thickness of the skin",
-    "elastic_scale": "factor on C₁₁, C₁₂, C₄₄",
-    "C44_scale": "factor on C₄₄",
-    "apex_curvature": "apex amplitude growing with strain",
-    "origin_X": "error of the image origin along X",
-    "origin_Y": "error of the image origin along Y",
-    "end_rotation": "in-plane turn of S⁺",
-    "end_shear": "sideways motion of S⁺ / half elongation",
-    "stretch_curvature": "bow of the elongation over stage travel",
-    "boundary_shift": "shift of the boundary along Y",
-    "boundary_tilt_x": "slope of the boundary along X",
-    "boundary_tilt_z": "slope of the boundary along Z",
-    "boundary_bow": "bow of the boundary",
-    "depth_scale": "change of depth",
-    "apex_shift": "X of the apex line",
-    "load_gain": "error of the load gain",
-    "load_offset": "load offset",
-    "load_drift": "load drift over the test",
-    "load_lag": "lag of the load behind the image",
-    "height_scale": "error of the height scale",
-    "hold_time_error": "holds longer than stamped by",
-    "fixed_pattern": "share of the flat pattern left",
-    "height_drift": "drift of the heights",
-    "magnification_drift": "drift of magnification",
-    "scan_shear_drift": "drift of the shear of the field",
-    "tilt_drift": "drift of the tilt of the field",
-    "sigma_e": "σ_e, noise of the elongation",
-    "noise_ratio": "σ of noisy pixels / σ of quiet ones",
-    "discretisation": "share of the finer-minus-working difference",
-}
-_CAUSES = {
-    "non_schmid": "non-Schmid stress",
-    "hold_time": "length of the holds",
-    "lattice_gradient_grain1": "lattice gradient in grain 1",
-    "lattice_gradient_grain2": "lattice gradient in grain 2",
-    "noise_not_uniform": "uneven noise of the images",
-    "family_112": "{112} family",
-    "misorientation_grain1": "misorientation of grain 1",
-    "misorientation_grain2": "misorientation of grain 2",
-    "ebsd_frame": "EBSD frame",
-    "boundary_noise": "noise of the boundary motion",
-    "ebsd_flip_x": "EBSD frame turned by half a turn about X",
-    "ebsd_flip_y": "EBSD frame turned by half a turn about Y",
-    "ebsd_flip_z": "EBSD frame turned by half a turn about Z",
-    "boundary_position": "position of the grain boundary",
-    "boundary_tilt": "tilt of the grain boundary",
-    "boundary_bow": "bow of the grain boundary",
-    "apex_off_centre": "apex off centre",
-    "section_depth": "depth of the section",
-}
-_LABELS |= {
-    f"lambda_{side}_{axis}": f"λ{sign}_{axis}"
-    for side, sign in (("plus", "⁺"), ("minus", "⁻"))
-    for axis in "YZ"
-}
-_LABELS |= {
-    f"rotation_{what}_{axis}": f"turn of {turned} about {axis.upper()}"
-    for what, turned in (("grain1", "grain 1"), ("grain2", "grain 2"), ("frame", "the EBSD frame"))
-    for axis in "xyz"
-}
-_LABELS |= {
-    f"lattice_gradient_grain{grain}_{axis}": f"gradient of grain {grain} about {axis.upper()}"
-    for grain in (1, 2)
-    for axis in "xyz"
-}
-_SHORT = {"origin_X": "origin X", "origin_Y": "origin Y", "load_gain": "load gain"}
-_KNOTS = {"elongation": "ΔU_Y", "tilt": "ΔU_Z"}
-_PERCENT = frozenset(
-    ("load_gain", "depth_scale", "height_scale", "stretch_curvature", "magnification_drift")
-)
-_SLOPES = frozenset(("scan_shear_drift", "tilt_drift"))
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SMALLEST_P = 1e-99
-
-
-def label(name: str) -> str:
-    """A parameter as it is written in tables and figures; K, n, c, d stand for themselves."""
-    what, _, count = name.partition("_")
-    if what in _KNOTS and count.isdigit():
-        return f"{_KNOTS[what]}, knot {count}"
-    return _LABELS.get(name, name)
-
-
-def short_label(name: str) -> str:
-    """A parameter where there is little room, as beside a matrix."""
-    return _SHORT.get(name) or label(name).replace(", knot ", " ")
-
-
-def cause_label(name: str) -> str:
-    """A cause as it is written in text."""
-    return _CAUSES.get(name, name.replace("_", " "))
-
-
-def readable(text: str, causes: Iterable[str]) -> str:
-    """A text with the names of these causes as they are written."""
-    for name in sorted(causes, key=len, reverse=True):
-        text = re.sub(rf"\b{name}\b", cause_label(name), text)
-    return text
-
-
-def named(text: str, parameters: Iterable[str]) -> str:
-    """A text with these parameters as they are written."""
-    for name in sorted(parameters, key=len, reverse=True):
-        if len(name) > 1:
-            text = re.sub(rf"\b{name}\b", label(name), text)
-    return text
-
-
-def reading_unit(name: str, unit: str) -> tuple[float, str]:
-    """Factor and unit in which a parameter is read: degrees, nanometres, GPa or percent.
-
-    Args:
-        name: the parameter.
-        unit: its internal unit.
-    """
-    if unit == "rad":
-        return _DEGREE, "°"
-    if unit == "rad/µm":
-        return _DEGREE, "°/µm"
-    if re.fullmatch(r"(elongation|tilt)_\d+|origin_[XY]|sigma_e|height_drift", name):
-        return 1e3, "nm"
-    if name == "c":
-        return 1e-3, "GPa"
-    if name in _PERCENT:
-        return 100.0, "%"
-    if name in _SLOPES:
-        return 1e3, "mrad"
-    return 1.0, unit
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -232,34 +90,6 @@ def probability(p: float) -> str:
     if p >= 1e-3:
         return f"{p:.2g}"
     return _scientific(p, 1)
-
-
-def change(name: str, unit: str, amount: float, logarithmic: bool) -> str:
-    """A departure from the null with its sign: in percent for parameters known by their log.
-
-    Args:
-        name: the parameter.
-        unit: its internal unit.
-        amount: departure in that unit, or of the logarithm.
-        logarithmic: whether it is one of the logarithm.
-    """
-    if logarithmic:
-        return f"{signed(100.0 * math.expm1(amount))} %"
-    factor, shown = reading_unit(name, unit)
-    return with_unit(signed(factor * amount), shown)
-
-
-def smallest(name: str, unit: str, amount: float | None, logarithmic: bool) -> str:
-    """The smallest magnitude that would have been seen, “not visible” if none would."""
-    if amount is None:
-        return "not visible"
-    if logarithmic:
-        relative = math.expm1(amount) if amount < 20.0 else math.inf
-        if relative > 2.0:
-            return "not visible below a factor of 3"
-        return f"{number(100.0 * relative, 2)} %"
-    factor, shown = reading_unit(name, unit)
-    return with_unit(number(factor * amount, 2), shown)
 
 
 def with_unit(text: str, unit: str) -> str:

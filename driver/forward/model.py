@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,6 @@ from driver.forward.microstructure import Microstructure
 from driver.forward.prediction import Prediction
 from driver.forward.surface_projection import Look, SurfaceView, apply
 from driver.parameters.history import HOLD
-from driver.parameters.instrument import IMAGE_DECLARATIONS, LOAD_DECLARATIONS, PATTERN_DECLARATIONS
-from driver.parameters.pose import POSE_DECLARATIONS
 from driver.parameters.registry import declared_parameters
 from solver_adapters.interface import (
     Adapter,
@@ -31,11 +30,10 @@ from solver_adapters.interface import (
 )
 from solver_adapters.material import (
     MATERIAL_DECLARATIONS,
-    MATERIAL_PARAMETERS,
     Material,
     with_parameters,
 )
-from solver_adapters.parameter import Parameter
+from solver_adapters.parameter import Parameter, Place
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -90,7 +88,7 @@ class ForwardModel:
     pattern: FloatArray | None = None
     way: Way | None = None
 
-    @property
+    @cached_property
     def parameters(self) -> dict[str, Parameter]:
         """Every parameter by name, with its scale at the material of the case."""
         return declared_parameters(self.boundary.weights.shape[1], self.material)
@@ -198,9 +196,9 @@ class ForwardModel:
                 d_surface[index, ..., 2] *= 1 + values["height_scale"]
                 d_load[index] = self.instrument.reading_rate(force, d_force[row], values)
                 row += 1
-            elif name in _PIXEL_NAMES:
+            elif self._enters(name, "pixels", "pattern"):
                 continue
-            elif name in self._load_names:
+            elif self._enters(name, "load"):
                 d_load[index] = self.instrument.reading_derivative(name, force, rate, values)
             else:
                 d_surface[index] = self.instrument.appearance_derivative(name, displacement)
@@ -224,7 +222,7 @@ class ForwardModel:
         """A prediction of this model that was made with another `pattern`."""
         carried = dict(prediction.carried)
         for index, name in enumerate(free):
-            if name in _PATTERN_NAMES and self.pattern is not None:
+            if self._enters(name, "pattern") and self.pattern is not None:
                 carried[index] = _as_motion(self.pattern)
         return replace(prediction, rise=self._rise(values), carried=carried)
 
@@ -262,12 +260,12 @@ class ForwardModel:
         """∂(motion at the pixels) from moving the pixels over the surface, or it under them."""
         carried: dict[int, FloatArray] = {}
         for index, name in enumerate(free):
-            if name in _POSE_NAMES:
+            if self._enters(name, "pixels"):
                 slope = look.slope_X if name == "origin_X" else look.slope_Y
                 carried[index] = apply(slope, surface)
-            elif name in _PATTERN_NAMES and self.pattern is not None:
+            elif self._enters(name, "pattern") and self.pattern is not None:
                 carried[index] = _as_motion(self.pattern)
-            elif name in self.microstructure.velocities:
+            elif self._enters(name, "nodes"):
                 flow = look.value @ self.microstructure.velocities[name][self.surface_nodes, :2]
                 if np.any(flow):
                     along_X = apply(look.slope_X, surface) * flow[None, :, :1]
@@ -276,24 +274,23 @@ class ForwardModel:
 
     def simulated(self, name: str) -> bool:
         """Whether a parameter enters the simulation (and not only the observation)."""
-        return name not in self._load_names | _IMAGE_NAMES | _PIXEL_NAMES
+        return not self._enters(name, "load", "images", "pixels", "pattern")
 
-    @property
-    def _load_names(self) -> frozenset[str]:
-        return _LOAD_NAMES | {term.parameter.name for term in self.instrument.terms}
+    def _enters(self, name: str, *places: Place) -> bool:
+        return self.parameters[name].enters in places
 
     def _direction(self, values: Values, name: str) -> Direction:
         scale = self.parameters[name].change(values[name])
-        if name == HOLD:
+        if self._enters(name, "clock"):
             return Direction(name, times=self._clock_rate(values), scale=scale)
-        if name in MATERIAL_PARAMETERS:
+        if self._enters(name, "law"):
             return Direction(name, material={name: 1.0}, scale=scale)
-        if name in self.microstructure.velocities:
+        if self._enters(name, "nodes"):
             return Direction(name, points=self.microstructure.velocities[name], scale=scale)
-        if name.startswith("rotation_"):
+        if self._enters(name, "orientations"):
             rate = self.microstructure.rotation_rate(values, name)
             return Direction(name, rotation=rate, scale=scale)
-        if name.startswith("lattice_gradient_"):
+        if self._enters(name, "lattice"):
             gradient = self.microstructure.lattice_gradient_rate(name)
             return Direction(name, lattice_gradient=gradient, scale=scale)
         return Direction(name, motion=self.boundary.derivative(values, name), scale=scale)
@@ -314,10 +311,3 @@ def _on_clock(way: Way, of_way: FloatArray, wanted: FloatArray) -> Way:
 def _lagging(values: Values, free: Sequence[str]) -> bool:
     """Whether the load may be read at another time than the image."""
     return values["load_lag"] != 0.0 or "load_lag" in free
-
-
-_LOAD_NAMES = frozenset(p.name for p in LOAD_DECLARATIONS)
-_IMAGE_NAMES = frozenset(p.name for p in IMAGE_DECLARATIONS)
-_POSE_NAMES = frozenset(p.name for p in POSE_DECLARATIONS)
-_PATTERN_NAMES = frozenset(p.name for p in PATTERN_DECLARATIONS)
-_PIXEL_NAMES = _POSE_NAMES | _PATTERN_NAMES

@@ -2,17 +2,35 @@
 
 from __future__ import annotations
 
-from solver_adapters.parameter import Parameter
+from solver_adapters.parameter import NANOMETRES, PERCENT, Parameter
 
-LAMBDAS = ("lambda_plus_Y", "lambda_plus_Z", "lambda_minus_Y", "lambda_minus_Z")
+_SIGNS = {
+    "lambda_plus_Y": "λ⁺_Y", "lambda_plus_Z": "λ⁺_Z",
+    "lambda_minus_Y": "λ⁻_Y", "lambda_minus_Z": "λ⁻_Z",
+}  # fmt: skip
+LAMBDAS = tuple(_SIGNS)
 
 BOUNDARY_DECLARATIONS: tuple[Parameter, ...] = (
-    *(Parameter(name, "", 1.0, 0.1, -3.0, 5.0) for name in LAMBDAS),
-    Parameter("apex_curvature", "", 0.0, 0.2, -3.0, 3.0),
-    Parameter("end_rotation", "", 0.0, 0.1, -2.0, 2.0),
-    Parameter("end_shear", "", 0.0, 0.1, -2.0, 2.0),
-    Parameter("stretch_curvature", "", 0.0, 0.03, -0.8, 0.8),
-)
+    *(
+        Parameter(name, "", 1.0, 0.1, -3.0, 5.0, enters="ends", label=sign)
+        for name, sign in _SIGNS.items()
+    ),
+    Parameter(
+        "apex_curvature", "", 0.0, 0.2, -3.0, 3.0, enters="ends",
+        label="apex amplitude growing with strain",
+    ),
+    Parameter(
+        "end_rotation", "", 0.0, 0.1, -2.0, 2.0, enters="ends", label="in-plane turn of S⁺"
+    ),
+    Parameter(
+        "end_shear", "", 0.0, 0.1, -2.0, 2.0, enters="ends",
+        label="sideways motion of S⁺ / half elongation",
+    ),
+    Parameter(
+        "stretch_curvature", "", 0.0, 0.03, -0.8, 0.8, enters="ends",
+        label="bow of the elongation over stage travel", read_in=PERCENT,
+    ),
+)  # fmt: skip
 
 
 def elongation_names(n_knots: int) -> tuple[str, ...]:
@@ -27,5 +45,11 @@ def tilt_names(n_knots: int) -> tuple[str, ...]:
 
 def knot_declarations(n_knots: int) -> tuple[Parameter, ...]:
     """The knots [µm]; their scale is the elongation that an image resolves."""
-    names = elongation_names(n_knots) + tilt_names(n_knots)
-    return tuple(Parameter(name, "µm", 0.0, 0.01) for name in names)
+    return tuple(
+        Parameter(
+            name, "µm", 0.0, 0.01, enters="knots", label=f"{sign}, knot {k}",
+            short=f"{sign} {k}", read_in=NANOMETRES,
+        )
+        for names, sign in ((elongation_names(n_knots), "ΔU_Y"), (tilt_names(n_knots), "ΔU_Z"))
+        for k, name in enumerate(names, start=1)
+    )  # fmt: skip

@@ -11,7 +11,7 @@ from driver.parameters.microstructure import (
     ORIENTATION_DECLARATIONS,
 )
 from driver.parameters.pose import POSE_DECLARATIONS
-from driver.parameters.user_terms import installed_terms, refuse_doubles
+from driver.parameters.user_terms import declaration, installed_terms, refuse_doubles
 from solver_adapters.material import (
     Material,
     declarations_at,
@@ -35,7 +35,7 @@ def declared_parameters(n_knots: int, material: Material = _OF_THE_PAPER) -> dic
         *IMAGE_DECLARATIONS,
         *PATTERN_DECLARATIONS,
         *POSE_DECLARATIONS,
-        *(term.parameter for term in installed_terms()),
+        *map(declaration, installed_terms()),
     )
     refuse_doubles(declared)
     return {parameter.name: parameter for parameter in declared}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
@@ -133,6 +133,11 @@ def files_of_terms(parameters: Iterable[str]) -> tuple[Path, ...]:
 def terms_of(kind: type[Term]) -> tuple[Term, ...]:
     """The installed terms of a kind."""
     return tuple(term for term in installed_terms() if isinstance(term, kind))
+
+
+def declaration(term: BoundaryTerm | ReadingTerm) -> Parameter:
+    """The parameter of a term with the place where terms of its kind enter."""
+    return replace(term.parameter, enters="ends" if isinstance(term, BoundaryTerm) else "load")
 
 
 def refuse_doubles(parameters: Sequence[Parameter]) -> None:

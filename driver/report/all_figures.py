@@ -8,12 +8,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from driver.common.formatting import cause_label, label, reading_unit, short_label
 from driver.experiment.reading import fitted_loads
 from driver.parameters.boundary import LAMBDAS
 from driver.report import evidence_figures, figures, history_figures, maps, matrix_figures
 from driver.report.findings import Findings, Record
 from driver.report.identified_tables import core
+from driver.report.labels import cause_label, label, reading_unit, short_label
 from driver.report.tables import ordered
 
 FloatArray = NDArray[np.float64]

@@ -14,17 +14,15 @@ from driver.common.formatting import (
     duration,
     interval,
     joined,
-    label,
     number,
     percent,
-    reading_unit,
-    short_label,
     signed,
     with_sigma,
 )
 from driver.identification.identifiability import INSENSITIVE
 from driver.parameters.boundary import LAMBDAS
 from driver.report.identified import IdentifiedParameter
+from driver.report.labels import label, reading_unit, short_label
 from solver_adapters.material import MATERIAL_DECLARATIONS
 
 FloatArray = NDArray[np.float64]

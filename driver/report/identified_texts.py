@@ -6,16 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from driver.common.formatting import (
-    chi,
-    interval,
-    label,
-    named,
-    number,
-    reading_unit,
-    with_sigma,
-    with_unit,
-)
+from driver.common.formatting import chi, interval, number, with_sigma, with_unit
 from driver.parameters.boundary import LAMBDAS
 from driver.report.findings import Findings
 from driver.report.identified import interval_of
@@ -28,6 +19,7 @@ from driver.report.identified_tables import (
     strongest,
     time_table,
 )
+from driver.report.labels import label, named, reading_unit
 
 Row = dict[str, Any]
 

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from driver.common.formatting import cause_label, chi, joined, label, number, probability, readable
+from driver.common.formatting import chi, joined, number, probability
 from driver.diagnosis.answer.result_types import GATE, IMAGING
 from driver.experiment.reading import fitted_loads
 from driver.report.evidence_figures import signed_evidence
 from driver.report.findings import Findings
 from driver.report.identified_texts import identification, law_tiles
+from driver.report.labels import cause_label, label, readable
 from driver.report.measured_texts import texts
 from driver.report.references import REFERENCES
 from driver.report.style import INDEXED, data_uri

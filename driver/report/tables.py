@@ -5,23 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from driver.common.formatting import (
-    cause_label,
-    change,
-    label,
-    number,
-    probability,
-    reading_unit,
-    signed,
-    smallest,
-    with_sigma,
-    with_unit,
-)
+from driver.common.formatting import number, probability, signed, with_sigma, with_unit
 from driver.diagnosis.causes.noise_causes import COVARIANCE_PARAMETERS
 from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
 from driver.parameters.boundary import LAMBDAS
 from driver.report.evidence_figures import signed_evidence
 from driver.report.findings import Findings
+from driver.report.labels import cause_label, change, label, reading_unit, smallest
 from solver_adapters.material import MATERIAL_DECLARATIONS
 from solver_adapters.parameter import Parameter
 

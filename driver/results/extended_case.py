@@ -24,7 +24,7 @@ from driver.experiment.reading import as_in_files
 from driver.forward.build import TRACE
 from driver.parameters.boundary import LAMBDAS
 from driver.results.files import NOISE_MAP, RESULTS
-from solver_adapters.material import MATERIAL_PARAMETERS, declarations_at
+from solver_adapters.material import MATERIAL_DECLARATIONS, declarations_at
 
 
 def extended_case(case: Case, found: Diagnosis) -> Case:
@@ -33,15 +33,9 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     It stands in `results/`: its paths lead one folder up, or are absolute where that is a link.
     """
     values = found.extended.values
-    names = {
-        "tau0": "tau0_MPa", "c": "c_MPa", "Q": "Q_MPa", "Q_latent": "Q_latent_MPa",
-        "c2": "c2_MPa",
-        "skin_thickness": "skin_thickness_um",
-    }  # fmt: skip
+    keys = {parameter.name: parameter.key or parameter.name for parameter in MATERIAL_DECLARATIONS}
     constants = {
-        names.get(name, name): values[name]
-        for name in MATERIAL_PARAMETERS
-        if name in case.identification.parameters
+        keys[name]: values[name] for name in keys if name in case.identification.parameters
     }
     lambdas = dict(
         zip(("plus_Y", "plus_Z", "minus_Y", "minus_Z"), (values[n] for n in LAMBDAS), strict=True)

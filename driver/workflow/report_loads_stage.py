@@ -9,13 +9,14 @@ import h5py
 import numpy as np
 
 from driver.case.model import Case
-from driver.common.formatting import chi, joined, named, number, with_sigma
+from driver.common.formatting import chi, joined, number, with_sigma
 from driver.experiment.reading import fitted_loads, history_of
 from driver.identification.loads_alone import doubts
 from driver.parameters.registry import declared_parameters
 from driver.report import figures
 from driver.report.identified import estimates
 from driver.report.identified_tables import estimate_rows
+from driver.report.labels import named
 from driver.report.style import data_uri, png
 from driver.results.files import IDENTIFY, REPORT
 from driver.results.hdf5 import prismid_version, read_hdf5

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from solver_adapters.parameter import Parameter
+
 Category = Literal["material", "microstructure", "boundary", "instrument", "numerics"]
 
 
@@ -20,6 +22,7 @@ class Cause:
         one_sided: whether the (single) parameter can only be above its null.
         unseen: why the data leave no trace of it, where they leave none.
         sentence: what a person would say.
+        label: as it is written in tables and figures; empty where the words of the name are.
         check: the physical check that would confirm it.
         odds: prior odds against the baseline, over those of the other causes.
         bends: whether the (single) parameter does something else to the data far from its null
@@ -40,6 +43,12 @@ class Cause:
     odds: float = 1.0
     bends: bool = False
     hides: bool = False
+    label: str = ""
+
+    @property
+    def title(self) -> str:
+        """The cause as it is written in tables, figures and text."""
+        return self.label or self.name.replace("_", " ")
 
 
 def _axes(what: str) -> tuple[str, ...]:
@@ -86,6 +95,7 @@ LIBRARY: tuple[Cause, ...] = (
         "stresses other than the resolved shear stress move the dislocations",
         "specimens of two orientations with the same Schmid factor",
         bends=True, hides=True,
+        label="non-Schmid stress",
     ),
     Cause(
         "damaged_skin", "material", ("skin_tau0",),
@@ -98,6 +108,7 @@ LIBRARY: tuple[Cause, ...] = (
         "the {112} systems have another critical resolved shear stress than the {110} systems",
         "slip traces on the deformed face: which planes carry the steps",
         bends=True, hides=True,
+        label="{112} family",
     ),
     Cause(
         "grain_contrast", "material", ("tau0_grain2",),
@@ -114,6 +125,7 @@ LIBRARY: tuple[Cause, ...] = (
         "hold_time", "material", ("hold_time_error",),
         "the holds last longer or shorter than stamped, and the load relaxes for as long",
         "the log of the stage controller beside the time stamps of the images",
+        label="length of the holds",
     ),
     Cause(
         "elastic_stiffness", "material", ("elastic_scale",),
@@ -129,53 +141,63 @@ LIBRARY: tuple[Cause, ...] = (
         "misorientation_grain1", "microstructure", _axes("rotation_grain1"),
         "grain 1 is oriented otherwise than its EBSD says",
         "EBSD of grain 1 anew, on the prism itself",
+        label="misorientation of grain 1",
     ),
     Cause(
         "misorientation_grain2", "microstructure", _axes("rotation_grain2"),
         "grain 2 is oriented otherwise than its EBSD says",
         "EBSD of grain 2 anew, on the prism itself",
+        label="misorientation of grain 2",
     ),
     Cause(
         "ebsd_frame", "microstructure", _axes("rotation_frame"),
         "the EBSD frame is turned against the specimen",
         "the angle between the EBSD map and the edges of the prism",
+        label="EBSD frame",
     ),
     Cause(
         "lattice_gradient_grain1", "microstructure", _axes("lattice_gradient_grain1"),
         "the lattice of grain 1 turns along the specimen",
         "EBSD of grain 1 on a fine grid along the face",
+        label="lattice gradient in grain 1",
     ),
     Cause(
         "lattice_gradient_grain2", "microstructure", _axes("lattice_gradient_grain2"),
         "the lattice of grain 2 turns along the specimen",
         "EBSD of grain 2 on a fine grid along the face",
+        label="lattice gradient in grain 2",
     ),
     Cause(
         "boundary_position", "microstructure", ("boundary_shift",),
         "the grain boundary lies elsewhere along the specimen",
         "EBSD of the face and of both sides of the prism",
         bends=True,
+        label="position of the grain boundary",
     ),
     Cause(
         "boundary_tilt", "microstructure", ("boundary_tilt_x", "boundary_tilt_z"),
         "the grain boundary is inclined otherwise",
         "the trace of the boundary on the sides of the prism",
+        label="tilt of the grain boundary",
     ),
     Cause(
         "boundary_bow", "microstructure", ("boundary_bow",),
         "the grain boundary is curved",
         "the trace of the boundary on the sides of the prism",
         bends=True,
+        label="bow of the grain boundary",
     ),
     Cause(
         "section_depth", "microstructure", ("depth_scale",),
         "the section is deeper or shallower than drawn",
         "an image of the broken section, or of the end of the prism",
+        label="depth of the section",
     ),
     Cause(
         "apex_off_centre", "microstructure", ("apex_shift",),
         "the apex line is not below the middle of the face",
         "an image of the broken section, or of the end of the prism",
+        label="apex off centre",
     ),
     Cause(
         "apex_not_proportional", "boundary", ("apex_curvature",),
@@ -251,8 +273,12 @@ LIBRARY: tuple[Cause, ...] = (
     ),
 )  # fmt: skip
 
+DISCRETISATION = Parameter(
+    "discretisation", "", 0.0, 1.0, enters="covariance",
+    label="share of the finer-minus-working difference",
+)  # fmt: skip
 NUMERICS = Cause(
-    "discretisation", "numerics", ("discretisation",),
+    "discretisation", "numerics", (DISCRETISATION.name,),
     "the mesh or the time steps of the simulation are too coarse",
     "the same simulation on a finer mesh and with smaller steps",
 )  # fmt: skip

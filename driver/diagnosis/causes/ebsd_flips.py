@@ -32,6 +32,7 @@ FLIPS: tuple[Cause, ...] = tuple(
         "a mark on the specimen that EBSD map and images both show, and the sign conventions of "
         "the EBSD software",
         odds=ODDS,
+        label=f"EBSD frame turned by half a turn about {axis.upper()}",
     )
     for axis in "xyz"
 )  # fmt: skip

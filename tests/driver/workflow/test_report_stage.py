@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from driver.case.model import load_case, write_case
-from driver.common.formatting import cause_label
 from driver.diagnosis.causes.causes import LIBRARY
 from driver.diagnosis.causes.ebsd_flips import FLIPS
 from driver.report.findings import FILES
+from driver.report.labels import cause_label
 from driver.report.measured import MeasuredMotion
 from driver.report.measured_texts import texts
 from driver.report.page import gain_text, headline
