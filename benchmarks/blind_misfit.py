@@ -49,7 +49,7 @@ def left_of(path: Path, course: Course, causes: tuple[Cause, ...]) -> Left:
     objective, values, free = identified(path)
     names = [name for cause in causes for name in cause.parameters]
     wide = objective.evaluate(values, tuple(dict.fromkeys([*free, *names])))
-    objective, wide = objective.reading_pattern_along(wide)
+    objective, wide = objective.with_pattern_at(wide)
     here = objective.restrict(wide, free)
     data, known = objective.data, objective.parameters
     true = shown(course, objective)

@@ -23,7 +23,7 @@ from driver.case.model import load_case
 from driver.common.errors import InputError
 from driver.common.progress import silent
 from driver.diagnosis.causes.causes import Cause
-from driver.diagnosis.statistics.score_test import Score, effects_of, likeness
+from driver.diagnosis.statistics.score_test import Score, effects_of, subspace_similarity
 from driver.diagnosis.statistics.screening import screen, screened
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
@@ -131,7 +131,9 @@ class Ruler:
         """The causes that do the same to these data, each with itself among them."""
         scores = self._scores.values()
         return {
-            s.cause.name: tuple(o.cause.name for o in scores if o is s or likeness(s, o) > ALIKE)
+            s.cause.name: tuple(
+                o.cause.name for o in scores if o is s or subspace_similarity(s, o) > ALIKE
+            )
             for s in scores
         }
 
@@ -161,7 +163,7 @@ def _made(cache: Path) -> Ruler:
     run(path, "identify", False, silent)
     objective, values, free = identified(path)
     causes, names = screened(objective.model, free, None)
-    objective, wide = objective.reading_pattern_along(objective.evaluate(values, names))
+    objective, wide = objective.with_pattern_at(objective.evaluate(values, names))
     return Ruler(objective, objective.restrict(wide, free), wide, causes, unaffected)
 
 

@@ -78,7 +78,7 @@ def screening(case: Path) -> None:
     _, names = screened(problem.working, free, None)
     model, start = problem.working, problem.start
     first = model.predict(start).response  # and kernels are loaded
-    again = model.in_steps_of(first.ends, start).near(first.way, start)
+    again = model.with_time_steps_of(first.ends, start).warm_started_from(first.trajectory, start)
     works = {
         "plain": lambda: model.predict(start),
         "fitted": lambda: again.predict(start, free),

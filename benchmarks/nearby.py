@@ -21,12 +21,12 @@ def iterations_beside(
     warm("finite")
     solver = BundledAdapter()
     known = beginning(specimen(ALPHA_SIZE, "finite", stops(SHORT_CYCLES)), n_images)
-    way = solver.solve(known).way
+    trajectory = solver.solve(known).trajectory
     counts, off = [], 0.0
     for change in changes:
         law = replace(known.material, tau0=(1 + change) * known.material.tau0)
         other = replace(known, material=law, motion=(1 - change) * known.motion)
-        cold, near = solver.solve(other), solver.solve(replace(other, near=way))
+        cold, near = solver.solve(other), solver.solve(replace(other, warm_start=trajectory))
         counts.append((near.iterations, cold.iterations))
         off = max(off, float(np.abs(near.force - cold.force).max() / np.abs(cold.force).max()))
     return counts, off

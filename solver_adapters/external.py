@@ -80,9 +80,9 @@ class ExternalAdapter(ABC):
     """An adapter whose solver is a program of its own.
 
     A subclass says what it can honour, by its capabilities and, where they do not say all, by
-    `judge`, and has three functions, each of which can be tested alone: `write` renders the files
-    of a job, `read` understands the files that the program leaves, and `diagnose` its log. Where
-    it can, it also tells the version (`version_call`, `version_in`), the lines of the log that say
+    `check_supported`, and has three functions, each of which can be tested alone: `write` renders
+    the files of a job, `read` understands the files that the program leaves, and `diagnose` its
+    log. Where it can, it also tells the version (`version_call`, `version_in`), the lines of the log that say
     why a run failed (`cause`) and the instant that a run has reached (`reached`).
 
     Attributes:
@@ -118,10 +118,10 @@ class ExternalAdapter(ABC):
         """
         refuse_bad_simulation(simulation)
         refuse_unsupported(simulation, self.name, self.capabilities(), installed_capabilities)
-        self.judge(simulation)
+        self.check_supported(simulation)
         return self.write(simulation)
 
-    def judge(self, simulation: Simulation) -> None:
+    def check_supported(self, simulation: Simulation) -> None:
         """Refuse values that the capabilities leave open; by default none.
 
         Raises:

@@ -333,7 +333,7 @@ def shifted(simulation: Simulation, direction: Direction, amount: float) -> Simu
     s, m = simulation, simulation.material
     changes = {name: getattr(m, name) + amount * rate for name, rate in direction.material.items()}
     mesh, orientations, motion, gradient = s.mesh, s.orientations, s.motion, s.lattice_gradient
-    times, steps, near = s.times, s.steps, s.near
+    times, steps, warm_start = s.times, s.steps, s.warm_start
     if direction.rotation is not None:
         turns = [rotation_vector_matrix(amount * rate) for rate in direction.rotation]
         orientations = np.stack(turns) @ orientations
@@ -347,7 +347,8 @@ def shifted(simulation: Simulation, direction: Direction, amount: float) -> Simu
         times = s.times + amount * direction.times
         # Each step keeps its share of its interval.
         steps = None if steps is None else np.interp(steps, s.times, times)
-        near = None if near is None else replace(near, times=np.interp(near.times, s.times, times))
+        if warm_start is not None:
+            warm_start = replace(warm_start, times=np.interp(warm_start.times, s.times, times))
     return replace(
         s,
         mesh=mesh,
@@ -357,7 +358,7 @@ def shifted(simulation: Simulation, direction: Direction, amount: float) -> Simu
         motion=motion,
         lattice_gradient=gradient,
         steps=steps,
-        near=near,
+        warm_start=warm_start,
         directions=(),
         cell_fields=False,
     )

@@ -109,7 +109,7 @@ class Direction:
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class Trajectory:
     """The way that a simulation took.
 
     Attributes:
@@ -156,8 +156,8 @@ class Simulation:
         cell_fields: whether stress, slips and lattice rotation of the cells are wanted.
         tet10_points: Gauss points of a tetrahedron of ten nodes, 4 or 5, or None for those that
             the solver takes by itself.
-        near: the way of a simulation of this mesh with other parameters, by which a solver may
-            begin its iterations; in the same time steps no result depends on it by more than
+        warm_start: the trajectory of a simulation of this mesh with other parameters, by which a
+            solver may begin its iterations; in the same time steps no result depends on it by more than
             `tolerance`.
     """
 
@@ -179,7 +179,7 @@ class Simulation:
     tolerance: float = 1e-7
     cell_fields: bool = False
     tet10_points: int | None = None
-    near: Way | None = None
+    warm_start: Trajectory | None = None
 
 
 @dataclass(frozen=True)
@@ -244,7 +244,7 @@ class Response:
         seconds: wall-clock time by component [s], of the last part of a run that was resumed.
         cells: fields of the cells where `Simulation.cell_fields` asks for them, else None.
         notes: sentences on what the user should know of this answer.
-        way: the way that the simulation took, None of a solver that does not tell it.
+        trajectory: the trajectory that the simulation took, None of a solver that does not tell it.
     """
 
     displacement: FloatArray
@@ -259,7 +259,7 @@ class Response:
     seconds: Mapping[str, float] = field(default_factory=dict)
     cells: CellFields | None = None
     notes: tuple[str, ...] = ()
-    way: Way | None = None
+    trajectory: Trajectory | None = None
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 
 from solver_adapters.crystal import N_SYSTEMS
-from solver_adapters.interface import CellFields, Response, Way
+from solver_adapters.interface import CellFields, Response, Trajectory
 from solver_adapters.result_files import ResultFileError
 
 _FORMAT, _REVISION = "prismid response", 2
@@ -41,7 +41,7 @@ _CELLS = {
     "accumulated_slip": ("1", "slip without signs (output instant, cell, slip system)"),
     "rotation": ("rad", "rotation vector of the lattice (output instant, cell, X Y Z)"),
 }
-_WAY = {
+_TRAJECTORY = {
     "times": ("s", "the first instant and the ends of the time steps"),
     "displacement": ("µm", "displacement of all nodes there (instant, node, X Y Z)"),
 }
@@ -91,10 +91,10 @@ def write_response(path: Path, response: Response, provenance: Provenance) -> No
             cells = file.create_group("cells")
             for name, (unit, description) in _CELLS.items():
                 _put(cells, name, getattr(response.cells, name), unit, description)
-        if response.way is not None:
-            way = file.create_group("way")
-            for name, (unit, description) in _WAY.items():
-                _put(way, name, getattr(response.way, name), unit, description)
+        if response.trajectory is not None:
+            trajectory = file.create_group("trajectory")
+            for name, (unit, description) in _TRAJECTORY.items():
+                _put(trajectory, name, getattr(response.trajectory, name), unit, description)
     os.replace(aside, path)
 
 
@@ -114,8 +114,10 @@ def read_response(path: Path) -> Response:
         if "cells" in file:
             taken = {name: _take(path, file, f"cells/{name}") for name in _CELLS}
             values["cells"] = CellFields(**taken)
-        if "way" in file:
-            values["way"] = Way(**{name: _take(path, file, f"way/{name}") for name in _WAY})
+        if "trajectory" in file:
+            values["trajectory"] = Trajectory(
+                **{name: _take(path, file, f"trajectory/{name}") for name in _TRAJECTORY}
+            )
     response = Response(**values)
     _refuse_unfit(path, response)
     return response
@@ -163,13 +165,17 @@ def _refuse_unfit(path: Path, response: Response) -> None:
         for name, width in _CELLS_WIDTH.items():
             shapes[f"cells/{name}"] = (instants, cells, width)
             arrays[f"cells/{name}"] = getattr(response.cells, name)
-    if response.way is not None:
-        way = response.way
-        everywhere = way.displacement.shape[1] if way.displacement.ndim == 3 else 0
+    if response.trajectory is not None:
+        trajectory = response.trajectory
+        everywhere = trajectory.displacement.shape[1] if trajectory.displacement.ndim == 3 else 0
         shapes |= {
-            "way/times": (way.times.size,), "way/displacement": (way.times.size, everywhere, 3)
+            "trajectory/times": (trajectory.times.size,),
+            "trajectory/displacement": (trajectory.times.size, everywhere, 3),
         }  # fmt: skip
-        arrays |= {"way/times": way.times, "way/displacement": way.displacement}
+        arrays |= {
+            "trajectory/times": trajectory.times,
+            "trajectory/displacement": trajectory.displacement,
+        }
     for name, array in arrays.items():
         if array.shape != shapes[name]:
             raise ResultFileError(

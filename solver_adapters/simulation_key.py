@@ -19,7 +19,7 @@ def simulation_key(simulation: Simulation, version: str) -> str:
     """
     digest = hashlib.sha256(version.encode())
     for item in fields(simulation):
-        if item.name != "near":
+        if item.name != "warm_start":
             _feed_field(digest, simulation, item.name)
     return digest.hexdigest()
 

@@ -40,8 +40,8 @@ def once_more(simulation: Simulation, response: Response) -> Simulation:
     It begins its iterations by the way of its response, and takes the steps that this one chose for
     itself: other steps have other errors, which would be taken for an effect of a parameter.
     """
-    if response.way is not None:
-        simulation = replace(simulation, near=response.way)
+    if response.trajectory is not None:
+        simulation = replace(simulation, warm_start=response.trajectory)
     if response.ends.size and (response.cuts or simulation.accuracy is not None):
         simulation = replace(simulation, steps=response.ends, accuracy=None)
     return simulation

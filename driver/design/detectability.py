@@ -15,8 +15,8 @@ from driver.diagnosis.statistics.score_test import (
     PARALLEL,
     SEEN_AT,
     Score,
-    likeness,
     score,
+    subspace_similarity,
 )
 from driver.identification.objective import Evaluation
 from solver_adapters.parameter import Parameter
@@ -115,7 +115,7 @@ def outlooks(
             scored.cause,
             visible,
             {
-                other.cause.name: likeness(scored, other)
+                other.cause.name: subspace_similarity(scored, other)
                 for other, _ in found
                 if other is not scored
             },

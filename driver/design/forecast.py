@@ -17,7 +17,7 @@ from driver.design.settings import Settings
 from driver.design.surface import Surface, expected_surface
 from driver.design.variants import Variant
 from driver.diagnosis.causes.causes import Cause
-from driver.diagnosis.causes.user_causes import own_causes
+from driver.diagnosis.causes.user_causes import user_causes
 from driver.diagnosis.statistics.screening import screened
 from driver.experiment.history import History, knot_weights
 from driver.forward.build import mesh_of
@@ -160,7 +160,7 @@ def prepare(plan: Plan, passing: Callable[[str], None] | None = None) -> Prepare
     truth = {name: v for name, v in plan.settings.truth.items() if name not in assumed}
     values = problem.start | truth | known
     wanted = None if case.diagnosis.causes == "all" else case.diagnosis.causes
-    causes, names = screened(problem.working, fitted, wanted, own_causes(case))
+    causes, names = screened(problem.working, fitted, wanted, user_causes(case))
     return Prepared(plan, problem, values, fitted, causes, names, history)
 
 

@@ -21,12 +21,12 @@ class Equations:
 
     Attributes:
         whole: of the frames that have every pixel, weighed.
-        bends: penalty of w, which holds it only where a frame has no pixel, shape (n, n).
-        weight: of `bends`, for a roughness as large as the relief: nothing beside a pixel.
+        bending: penalty of w, which holds it only where a frame has no pixel, shape (n, n).
+        weight: of `bending`, for a roughness as large as the relief: nothing beside a pixel.
     """
 
     whole: System
-    bends: Matrix
+    bending: Matrix
     weight: float
 
     def of(self, kept: BoolArray) -> System:
@@ -46,7 +46,7 @@ class Equations:
             some,
             _part(self.whole.basis_uv, kept),
             _part(self.whole.basis_w, kept),
-            (*self.whole.parts, self.bends),
+            (*self.whole.parts, self.bending),
         )
         system.weigh((*self.whole.weights, self.weight))
         return system

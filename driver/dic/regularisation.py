@@ -144,8 +144,12 @@ def second_differences(cells: tuple[int, int]) -> csc_array:
     first = [_differences(n + 1, 1) for n in cells]
     second = [_differences(n + 1, 2) for n in cells]
     eye = [eye_array(n + 1) for n in cells]
-    bends = (kron(second[0], eye[1]), kron(eye[0], second[1]), kron(first[0], first[1]))
-    return csc_array(sum(bend.T @ bend for bend in bends))
+    bending = (
+        kron(second[0], eye[1]),
+        kron(eye[0], second[1]),
+        kron(first[0], first[1]),
+    )
+    return csc_array(sum(bend.T @ bend for bend in bending))
 
 
 def plane_stress(mesh: PlaneMesh) -> csc_array:

@@ -148,8 +148,8 @@ def measure(
     images = refine_gradient(images, _expand(basis_uv, basis_w, starts))
     system = _system(images, basis_uv, basis_w, penalty)
     relief = float(np.var(images.reference))
-    bends = penalties(basis_uv, basis_w, penalty)[1]
-    equations = Equations(system, bends, variance / relief)
+    bending = penalties(basis_uv, basis_w, penalty)[1]
+    equations = Equations(system, bending, variance / relief)
 
     def solve(starts: FloatArray, tolerance: float) -> list[End]:
         def one(spline: FloatArray, start: FloatArray) -> End:

@@ -83,9 +83,9 @@ def smooth_along_travel(
         rows.append(row * 2 / (before + after) * length**2)
     if not rows:
         raise ImageError("the stage did not travel on over any three images in turn.")
-    bends = np.array(rows)
+    bending = np.array(rows)
     heard = np.ones(n) if kept is None else np.where(kept, 1.0, _UNHEARD)
-    smoother = np.linalg.solve(np.diag(heard) + bends.T @ bends, np.diag(heard))
+    smoother = np.linalg.solve(np.diag(heard) + bending.T @ bending, np.diag(heard))
     once = np.eye(n) + np.ones((n, n)) / n_reference
     return Smoothed(
         coefficients=smoother @ coefficients,

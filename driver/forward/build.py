@@ -21,7 +21,7 @@ from driver.forward.boundary_motion import BoundaryMotion
 from driver.forward.instrument import Instrument
 from driver.forward.microstructure import build_microstructure
 from driver.forward.model import ForwardModel
-from driver.forward.surface_projection import SurfaceView
+from driver.forward.surface_projection import PixelProjection
 from driver.parameters.user_terms import BoundaryTerm, ReadingTerm, terms_of
 from meshes.plane_files import read_plane_mesh
 from meshes.plane_mesh import PlaneMesh
@@ -258,7 +258,7 @@ def build_model(
         integration=integration_of(case, adapter),
         steps_per_interval=steps_per_interval,
         accuracy=None if solver.accuracy_uN is None else solver.accuracy_uN / finer,
-        view=SurfaceView(surface, pixels, (-half, half, 0.0, case.specimen.length)),
+        projection=PixelProjection(surface, pixels, (-half, half, 0.0, case.specimen.length)),
         tet10_points=solver.gauss_points,
         workspace=workspace,
     )

@@ -61,9 +61,9 @@ def simulation_memory(
     """
     of_image = 24.0 * n_images * n_cells * _NODES_PER_CELL
     # A move and a hold for each image.
-    response, way = of_image * (directions + 1), 2 * steps_per_interval * of_image
+    response, trajectory = of_image * (directions + 1), 2 * steps_per_interval * of_image
     points = 8.0 * n_cells * _POINTS_PER_CELL * _POINT_NUMBERS * directions
-    return _PROCESS_BYTES + points + _RESPONSE_COPIES * response + _WAYS * way
+    return _PROCESS_BYTES + points + _RESPONSE_COPIES * response + _WAYS * trajectory
 
 
 def simulation_seconds(

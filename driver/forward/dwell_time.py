@@ -17,7 +17,7 @@ _SHORTEST = 0.05  # share of its stamped length that a hold keeps at least
 _STILL = 1e-9  # change of the knot weights below which the stage stands
 
 
-def holds(weights: FloatArray) -> BoolArray:
+def dwells(weights: FloatArray) -> BoolArray:
     """The intervals between two instants over which the stage stands, shape (n_times − 1,).
 
     Args:
@@ -26,7 +26,7 @@ def holds(weights: FloatArray) -> BoolArray:
     return np.asarray(np.abs(np.diff(weights, axis=0)).max(axis=1, initial=0.0) < _STILL)
 
 
-def with_holds(times: FloatArray, still: BoolArray, error: float) -> FloatArray:
+def stretch_dwells(times: FloatArray, still: BoolArray, error: float) -> FloatArray:
     """The instants of a history whose holds last longer [s], shape (n_times,).
 
     Args:
@@ -41,8 +41,8 @@ def with_holds(times: FloatArray, still: BoolArray, error: float) -> FloatArray:
     return np.asarray(times[0] + np.concatenate([[0.0], np.cumsum(lengths)]))
 
 
-def holds_tangent(times: FloatArray, still: BoolArray, error: float) -> FloatArray:
-    """Derivative of `with_holds` by the error, shape (n_times,).
+def dwells_tangent(times: FloatArray, still: BoolArray, error: float) -> FloatArray:
+    """Derivative of `stretch_dwells` by the error, shape (n_times,).
 
     A hold of which only a twentieth is left does not follow the error.
 

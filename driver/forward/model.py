@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.forward.boundary_motion import BoundaryMotion
-from driver.forward.dwell_time import holds, holds_tangent, with_holds
+from driver.forward.dwell_time import dwells, dwells_tangent, stretch_dwells
 from driver.forward.instrument import Instrument
 from driver.forward.load_lag import load_at
 from driver.forward.microstructure import Microstructure
 from driver.forward.prediction import Prediction
-from driver.forward.surface_projection import Look, SurfaceView, apply
+from driver.forward.surface_projection import PixelProjection, Projection, apply
 from driver.parameters.history import HOLD
 from driver.parameters.registry import declared_parameters
 from solver_adapters.interface import (
@@ -26,7 +26,7 @@ from solver_adapters.interface import (
     Progress,
     Response,
     Simulation,
-    Way,
+    Trajectory,
 )
 from solver_adapters.material import (
     MATERIAL_DECLARATIONS,
@@ -59,15 +59,15 @@ class ForwardModel:
         integration: how the law is integrated over a time step.
         steps_per_interval: time steps between two instants.
         accuracy: error of the force that a time step may make [µN], or None for steps as given.
-        view: where the pixels are on the face.
+        projection: where the pixels are on the face.
         tet10_points: Gauss points of a tetrahedron, None for those that the solver takes.
         workspace: where the solver keeps files of its runs, or None.
         steps: ends of the time steps [s] on the clock of the history, as another response had
             them, or None for steps of its own.
         pattern: by how much the pattern of the flats would make the surface rise at the pixels
             were it left in the images [µm], shape (T, n_pix), or None where it is not known.
-        way: the way of a nearby simulation on the clock of the history, by which simulations may
-            begin their iterations, or None.
+        trajectory: that of a nearby simulation on the clock of the history, by which simulations
+            may begin their iterations, or None.
     """
 
     material: Material
@@ -81,12 +81,12 @@ class ForwardModel:
     integration: Integration
     steps_per_interval: int
     accuracy: float | None
-    view: SurfaceView
+    projection: PixelProjection
     tet10_points: int | None = None
     workspace: Path | None = None
     steps: FloatArray | None = None
     pattern: FloatArray | None = None
-    way: Way | None = None
+    trajectory: Trajectory | None = None
 
     @cached_property
     def parameters(self) -> dict[str, Parameter]:
@@ -123,10 +123,12 @@ class ForwardModel:
             accuracy=self.accuracy if steps is None else None,
             steps=steps,
             tet10_points=self.tet10_points,
-            near=None if self.way is None else _on_clock(self.way, self.times, times),
+            warm_start=None
+            if self.trajectory is None
+            else _on_clock(self.trajectory, self.times, times),
         )
 
-    def in_steps_of(self, ends: FloatArray, values: Values) -> ForwardModel:
+    def with_time_steps_of(self, ends: FloatArray, values: Values) -> ForwardModel:
         """The model that takes the time steps of a response of its own.
 
         Steps that refine themselves jump from one to the next parameters, and with them the
@@ -147,16 +149,16 @@ class ForwardModel:
         stated = (self.times.size - 1) * self.steps_per_interval
         return max(response.ends.size - stated, 0) if self.accuracy is None else 0
 
-    def near(self, way: Way | None, values: Values) -> ForwardModel:
+    def warm_started_from(self, trajectory: Trajectory | None, values: Values) -> ForwardModel:
         """The model whose simulations begin their iterations by one of its own.
 
         Args:
-            way: the way of that one, None of a solver that does not tell it.
+            trajectory: the trajectory of that one, None of a solver that does not tell it.
             values: the parameters that it was made with.
         """
-        if way is None:
+        if trajectory is None:
             return self
-        return replace(self, way=_on_clock(way, self.clock(values), self.times))
+        return replace(self, trajectory=_on_clock(trajectory, self.clock(values), self.times))
 
     def predict(
         self,
@@ -176,11 +178,11 @@ class ForwardModel:
 
     def clock(self, values: Values) -> FloatArray:
         """The instants of the history [s], shape (n_times,)."""
-        return with_holds(self.times, holds(self.boundary.weights), values[HOLD])
+        return stretch_dwells(self.times, dwells(self.boundary.weights), values[HOLD])
 
     def _clock_rate(self, values: Values) -> FloatArray:
         """Derivative of the instants by the length of the holds, shape (n_times,)."""
-        return holds_tangent(self.times, holds(self.boundary.weights), values[HOLD])
+        return dwells_tangent(self.times, dwells(self.boundary.weights), values[HOLD])
 
     def observe(self, response: Response, values: Values, free: Sequence[str]) -> Prediction:
         """What the instruments make of the response to `simulation(values, free)`."""
@@ -204,7 +206,7 @@ class ForwardModel:
                 d_surface[index] = self.instrument.appearance_derivative(name, displacement)
         surface = self.instrument.appearance(displacement, values)
         points = self.microstructure.moved_mesh(values).points[self.surface_nodes, :2]
-        look = self.view.look(points, values)
+        look = self.projection.at(points, values)
         return Prediction(
             surface=surface,
             load=self.instrument.reading(force, values),
@@ -255,7 +257,7 @@ class ForwardModel:
         return force, rate, d_force
 
     def _carried(
-        self, surface: FloatArray, look: Look, free: Sequence[str]
+        self, surface: FloatArray, look: Projection, free: Sequence[str]
     ) -> dict[int, FloatArray]:
         """∂(motion at the pixels) from moving the pixels over the surface, or it under them."""
         carried: dict[int, FloatArray] = {}
@@ -303,9 +305,9 @@ def _as_motion(rise: FloatArray) -> FloatArray:
     return motion
 
 
-def _on_clock(way: Way, of_way: FloatArray, wanted: FloatArray) -> Way:
+def _on_clock(trajectory: Trajectory, of_trajectory: FloatArray, wanted: FloatArray) -> Trajectory:
     """A way on another clock: instants of the one (n_times,) become those of the other."""
-    return replace(way, times=np.interp(way.times, of_way, wanted))
+    return replace(trajectory, times=np.interp(trajectory.times, of_trajectory, wanted))
 
 
 def _lagging(values: Values, free: Sequence[str]) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.forward.surface_projection import Look, apply
+from driver.forward.surface_projection import Projection, apply
 from solver_adapters.interface import Response
 
 FloatArray = NDArray[np.float64]
@@ -37,7 +37,7 @@ class Prediction:
     d_surface: FloatArray
     d_load: FloatArray
     carried: Mapping[int, FloatArray]
-    look: Look
+    look: Projection
     response: Response
     rise: FloatArray | float = 0.0
 

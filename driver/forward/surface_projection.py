@@ -18,7 +18,7 @@ _INSET = 2e-3  # pixels stay this far inside the face [µm]
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class Projection:
     """Operators from nodes of the face to pixels, each of shape (n_pix, n_nodes).
 
     Attributes:
@@ -32,7 +32,7 @@ class Look:
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceView:
+class PixelProjection:
     """Where the pixels are.
 
     Attributes:
@@ -45,7 +45,7 @@ class SurfaceView:
     pixels: FloatArray
     bounds: tuple[float, float, float, float]
 
-    def look(self, points: FloatArray, values: Mapping[str, float]) -> Look:
+    def at(self, points: FloatArray, values: Mapping[str, float]) -> Projection:
         """Operators for nodes of the face at `points` (n_nodes, 2) and the pose in `values`."""
         surface = SurfaceMesh(points, self.surface.cells, self.surface.nodes)
         x0, x1, y0, y1 = self.bounds
@@ -59,7 +59,7 @@ class SurfaceView:
             ahead = interpolation(surface, places + _STEP * axis)[0]
             behind = interpolation(surface, places - _STEP * axis)[0]
             slopes.append(((ahead - behind) * (0.5 / _STEP)).tocsr())
-        return Look(interpolation(surface, places)[0], slopes[0], slopes[1])
+        return Projection(interpolation(surface, places)[0], slopes[0], slopes[1])
 
 
 def apply(operator: sp.csr_array, nodal: FloatArray) -> FloatArray:

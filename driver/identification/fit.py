@@ -143,7 +143,9 @@ def fit(
             reason = f"the limit of {most} iterations, decrement {decrement:.2g} σ"
             return ended(False, reason)
         flat = decrement < FLAT
-        tried = (objective.in_steps_of(here) if decrement < NEAR else objective).near(here)
+        tried = (
+            objective.with_time_steps_of(here) if decrement < NEAR else objective
+        ).warm_started_from(here)
         ahead = descend(tried, here, step, decrement, log)
         if ahead is None and flat:
             return ended(True, f"a step of {decrement:.2g} σ does not lower the cost")

@@ -137,7 +137,7 @@ def identify(
         first, outcomes = _best_start(task, log)
     objective, stage_b = first.objective, first.stage_b
     if "fixed_pattern" in stage_b.best.free:
-        objective, here = objective.reading_pattern_along(stage_b.best)
+        objective, here = objective.with_pattern_at(stage_b.best)
         stage_b = replace(stage_b, best=here)
         working, finer = (replace(m, pattern=objective.model.pattern) for m in (working, finer))
     if plan.jitter:

@@ -104,7 +104,7 @@ def _corrected(
         if ahead.cost - further**2 > here.cost - KEPT * decrement**2:
             return None
         values = trial_values(ahead.values, ahead.free, step, objective.parameters)
-        following = _tried(objective.near(ahead), values, here, log)
+        following = _tried(objective.warm_started_from(ahead), values, here, log)
         if following is None or following.cost >= ahead.cost:
             return None
         if following.cost < here.cost - SUFFICIENT * decrement**2:

@@ -90,7 +90,7 @@ class Objective:
         prediction = self.model.predict(values, free)
         return self.compare(prediction, values, free)
 
-    def reading_pattern_along(self, here: Evaluation) -> tuple[Objective, Evaluation]:
+    def with_pattern_at(self, here: Evaluation) -> tuple[Objective, Evaluation]:
         """The objective that reads the fixed pattern where an evaluation sees the specimen.
 
         Free correlation knows less well where that is, and errs with the noise of the images.
@@ -108,14 +108,17 @@ class Objective:
         prediction = there.model.with_pattern(here.prediction, here.values, here.free)
         return there, there.compare(prediction, here.values, here.free)
 
-    def in_steps_of(self, here: Evaluation) -> Objective:
+    def with_time_steps_of(self, here: Evaluation) -> Objective:
         """The objective whose simulations take the time steps of an evaluation."""
-        model = self.model.in_steps_of(here.prediction.response.ends, here.values)
+        model = self.model.with_time_steps_of(here.prediction.response.ends, here.values)
         return replace(self, model=model)
 
-    def near(self, here: Evaluation) -> Objective:
+    def warm_started_from(self, here: Evaluation) -> Objective:
         """The objective whose simulations begin their iterations by that of an evaluation."""
-        return replace(self, model=self.model.near(here.prediction.response.way, here.values))
+        return replace(
+            self,
+            model=self.model.warm_started_from(here.prediction.response.trajectory, here.values),
+        )
 
     def compare(
         self, prediction: Prediction, values: Mapping[str, float], free: Sequence[str]
@@ -173,7 +176,7 @@ class Objective:
         missing = tuple(name for name in free if name not in evaluation.free)
         prediction, names = evaluation.prediction, evaluation.free + missing
         if missing:
-            same = self.in_steps_of(evaluation).near(evaluation).model
+            same = self.with_time_steps_of(evaluation).warm_started_from(evaluation).model
             prediction = prediction.joined(same.predict(evaluation.values, missing))
         rows = [names.index(name) for name in free]
         return self.compare(prediction.restrict(rows), evaluation.values, free)

@@ -73,7 +73,7 @@ def in_parts_of(
     begins = np.concatenate([[first], ends[:-1]])
     shares = np.arange(1, parts + 1) / parts
     divided = begins[:, None] + (ends - begins)[:, None] * shares
-    return model.in_steps_of(divided.ravel(), values)
+    return model.with_time_steps_of(divided.ravel(), values)
 
 
 def parts_of(working: ForwardModel, finer: ForwardModel) -> int:

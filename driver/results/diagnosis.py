@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from driver.diagnosis.answer.detection_limits import not_found
-from driver.diagnosis.answer.residual_localisation import Excess, Whereabouts, told
+from driver.diagnosis.answer.residual_localisation import Excess, ResidualLocalisation, told
 from driver.diagnosis.answer.result_types import Diagnosis, Step
 from driver.diagnosis.causes.ebsd_flips import FLIPS
 from driver.diagnosis.causes.noise_causes import COVARIANCE_PARAMETERS
@@ -37,7 +37,7 @@ def diagnosis_record(
     law: Sequence[str],
     budgets: tuple[Budget, Budget],
     decks: Mapping[str, str | None] | None,
-    where: Whereabouts,
+    where: ResidualLocalisation,
 ) -> dict[str, Any]:
     """What `diagnosis.json` holds.
 

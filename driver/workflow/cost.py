@@ -97,4 +97,4 @@ def _causes(case: Case) -> int:
 def _bent_causes(case: Case) -> int:
     """How many of them may be looked at from afar."""
     asked = NAMES if case.diagnosis.causes == "all" else case.diagnosis.causes
-    return sum(cause.bends for cause in EVERY if cause.name in asked)
+    return sum(cause.strongly_nonlinear for cause in EVERY if cause.name in asked)

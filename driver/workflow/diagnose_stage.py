@@ -11,7 +11,7 @@ import numpy as np
 from driver.case.model import schema_text, write_case
 from driver.common.progress import Log
 from driver.diagnosis.answer.residual_localisation import (
-    Whereabouts,
+    ResidualLocalisation,
     still_missed,
     told,
     whereabouts,
@@ -19,7 +19,7 @@ from driver.diagnosis.answer.residual_localisation import (
 from driver.diagnosis.answer.result_types import Diagnosis, Settings
 from driver.diagnosis.answer.verdict import with_places
 from driver.diagnosis.causes.noise_causes import COVARIANCE_PARAMETERS, NOISE_RATIO
-from driver.diagnosis.causes.user_causes import own_causes
+from driver.diagnosis.causes.user_causes import user_causes
 from driver.diagnosis.search.diagnose import diagnose
 from driver.diagnosis.search.fine_models import FinerMeshes
 from driver.diagnosis.statistics.screening import screened
@@ -61,7 +61,7 @@ SCHEMA = "case.schema.json"  # the name by which every case file knows its schem
 def run_diagnose(context: StageContext) -> None:
     """Diagnose the identified model; write `diagnosis.json` and `extended.toml`."""
     case = context.case
-    own = own_causes(case)
+    own = user_causes(case)
     wanted = None if case.diagnosis.causes == "all" else case.diagnosis.causes
     problem = load_problem(context)
     identified = read_hdf5(context.result(IDENTIFY))
@@ -79,7 +79,7 @@ def run_diagnose(context: StageContext) -> None:
     # identification, once more.
     again = same_simulation(objective, identified, values)
     wide = again.evaluate(values, screened(objective.model, free, wanted, own)[1])
-    objective, wide = objective.reading_pattern_along(wide)
+    objective, wide = objective.with_pattern_at(wide)
     problem = replace(problem, finer=replace(problem.finer, pattern=objective.model.pattern))
     baseline = Fit(objective.restrict(wide, free), converged, reason, ())
     known: Evaluation | None = wide
@@ -125,7 +125,9 @@ def run_diagnose(context: StageContext) -> None:
     (context.workdir / SCHEMA).write_text(schema_text(), encoding="utf-8")
 
 
-def _tell(found: Diagnosis, where: Whereabouts, problem: IdentificationProblem, log: Log) -> None:
+def _tell(
+    found: Diagnosis, where: ResidualLocalisation, problem: IdentificationProblem, log: Log
+) -> None:
     """The verdict, where the model misses the data, what was added for it, what to do next."""
     log(f"verdict: {found.verdict.kind}. {found.verdict.text}")
     log(f"  {told(where)}")

@@ -25,7 +25,7 @@ from driver.results.hdf5 import read_hdf5
 from driver.results.identification import Arrays, value_told, warnings_of, write_identification
 from driver.workflow.engine import StageContext
 from meshes.files import read_med
-from solver_adapters.interface import Way
+from solver_adapters.interface import Trajectory
 
 FloatArray = NDArray[np.float64]
 
@@ -145,10 +145,12 @@ def same_simulation(
         results: what was written of it.
         values: every parameter as it was identified.
     """
-    if "way/times" not in results:  # of a solver that does not tell it
+    if "trajectory/times" not in results:  # of a solver that does not tell it
         return objective
-    way = Way(results["way/times"], results["way/displacement"])
-    model = objective.model.in_steps_of(way.times[1:], values).near(way, values)
+    trajectory = Trajectory(results["trajectory/times"], results["trajectory/displacement"])
+    model = objective.model.with_time_steps_of(trajectory.times[1:], values).warm_started_from(
+        trajectory, values
+    )
     return replace(objective, model=model)
 
 
@@ -181,7 +183,7 @@ def _write(
             **_as_in_the_paper(found),
             **_starts(found),
             **_jitter(found.objective.data.jitter),
-            **_way(found.final.best.prediction.response.way),
+            **_way(found.final.best.prediction.response.trajectory),
             **fit_arrays(found.final, problem, "final"),
         },
     )
@@ -220,11 +222,14 @@ def _starts(found: Identification) -> Arrays:
     }
 
 
-def _way(way: Way | None) -> Arrays:
+def _way(trajectory: Trajectory | None) -> Arrays:
     """By which the simulation can be repeated without its iterations."""
-    if way is None:
+    if trajectory is None:
         return {}
-    return {"way/times": (way.times, "s"), "way/displacement": (way.displacement, "µm")}
+    return {
+        "trajectory/times": (trajectory.times, "s"),
+        "trajectory/displacement": (trajectory.displacement, "µm"),
+    }
 
 
 def _jitter(jitter: BoundaryJitter | None) -> Arrays:

@@ -24,8 +24,8 @@ from solver_adapters.interface import (
     Response,
     Simulation,
     SolverError,
+    Trajectory,
     UnfinishedError,
-    Way,
 )
 from solver_adapters.material import MATERIAL_PARAMETERS
 from solver_adapters.simulation_key import simulation_key
@@ -144,7 +144,7 @@ class Run:
             simulation.tolerance,
             simulation.accuracy,
             simulation.cell_fields,
-            simulation.near,
+            simulation.warm_start,
         )
         self._ends = step_ends(simulation, simulation.steps_per_interval)
         self._row = {int(index): row for row, index in enumerate(simulation.output)}
@@ -233,7 +233,7 @@ class Run:
             np.array(s.ends),
             s.seconds,
             cells,
-            way=Way(
+            trajectory=Trajectory(
                 np.array([self._start.time, *s.ends]),
                 np.stack([self._start.u, *self.stepper.course]),
             ),

@@ -15,7 +15,7 @@ from solver_adapters.bundled.law.integration_error import stress_error
 from solver_adapters.bundled.law.law import NS
 from solver_adapters.bundled.sensitivities import Differentiation
 from solver_adapters.bundled.statistics import Statistics
-from solver_adapters.interface import SolverError, Way
+from solver_adapters.interface import SolverError, Trajectory
 from solver_adapters.time_steps import between_instants
 
 FloatArray = NDArray[np.float64]
@@ -35,7 +35,7 @@ class Stepper:
         tolerance: float,
         accuracy: float | None = None,
         cell_fields: bool = False,
-        near: Way | None = None,
+        near: Trajectory | None = None,
     ) -> None:
         self.problem = problem
         self.tangents = tangents

@@ -10,7 +10,7 @@ import numpy as np
 from solver_adapters.calculix import deck, limits
 from solver_adapters.calculix.dat import read_force
 from solver_adapters.calculix.frd import read_displacements
-from solver_adapters.calculix.log import cause, understand, version_in
+from solver_adapters.calculix.log import cause, parse_status, version_in
 from solver_adapters.calculix.sta import reached, read_increments
 from solver_adapters.external import ExternalAdapter, Status
 from solver_adapters.interface import Capabilities, Response, Simulation
@@ -29,13 +29,13 @@ class CalculixAdapter(ExternalAdapter):
         """Small strain and {110}⟨111⟩ only; Q where h_latent is that of CalculiX."""
         return limits.CAPABILITIES
 
-    def judge(self, simulation: Simulation) -> None:
+    def check_supported(self, simulation: Simulation) -> None:
         """Refuse processes, {112} systems and hardening that CalculiX does not have.
 
         Raises:
             UnsupportedError: what CalculiX cannot do, by name.
         """
-        limits.judge(simulation, self.profile)
+        limits.check_supported(simulation, self.profile)
 
     def write(self, simulation: Simulation) -> Mapping[str, bytes]:
         """The files of a job."""
@@ -75,7 +75,7 @@ class CalculixAdapter(ExternalAdapter):
 
     def diagnose(self, log: str) -> Status:
         """What CalculiX has printed."""
-        return understand(log)
+        return parse_status(log)
 
     def cause(self, log: str) -> str:
         """The first error that CalculiX has printed."""

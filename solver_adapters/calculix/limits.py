@@ -36,7 +36,7 @@ _OFF = 1000.0
 _ROUNDING = 1e-12
 
 
-def judge(simulation: Simulation, profile: Profile) -> None:
+def check_supported(simulation: Simulation, profile: Profile) -> None:
     """Raise where a value of what CalculiX has is one that it cannot do.
 
     Raises:

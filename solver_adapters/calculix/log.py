@@ -36,7 +36,7 @@ def version_in(answer: str) -> str | None:
     return found and f"CalculiX {found[1]}"
 
 
-def understand(log: str) -> Status:
+def parse_status(log: str) -> Status:
     """Status of a run from what it has printed; DONE where nothing of a failure is said."""
     for status, pattern in _SIGNS:
         if re.search(pattern, log):

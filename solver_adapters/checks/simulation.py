@@ -250,17 +250,17 @@ def _refuse_bad_outputs(simulation: Simulation) -> None:
 
 
 def _refuse_bad_way(simulation: Simulation) -> None:
-    near = simulation.near
+    near = simulation.warm_start
     if near is None:
         return
-    expect_shape("near.times", near.times, (None,))
-    expect_finite("near.times", near.times)
-    expect_increasing("near.times", near.times)
+    expect_shape("warm_start.times", near.times, (None,))
+    expect_finite("warm_start.times", near.times)
+    expect_increasing("warm_start.times", near.times)
     if len(near.times) < 2:
         raise BadSimulationError(
-            f"near.times holds {len(near.times)} instants; expected the first one and an end of a "
-            "step or more"
+            f"warm_start.times holds {len(near.times)} instants; expected the first one and an end "
+            "of a step or more"
         )
     nodes = len(simulation.mesh.points)
-    expect_shape("near.displacement", near.displacement, (len(near.times), nodes, 3))
-    expect_finite("near.displacement", near.displacement)
+    expect_shape("warm_start.displacement", near.displacement, (len(near.times), nodes, 3))
+    expect_finite("warm_start.displacement", near.displacement)

@@ -29,13 +29,13 @@ class CodeAsterAdapter(ExternalAdapter):
         """The law without the terms that Code_Aster lacks, both strain measures."""
         return limits.CAPABILITIES
 
-    def judge(self, simulation: Simulation) -> None:
+    def check_supported(self, simulation: Simulation) -> None:
         """Refuse interactions that Code_Aster cannot say.
 
         Raises:
             UnsupportedError: the interaction is not symmetric, or of two families.
         """
-        limits.judge(simulation)
+        limits.check_supported(simulation)
 
     def write(self, simulation: Simulation) -> Mapping[str, bytes]:
         """Command file, export file, mesh and prescribed motion."""

@@ -32,7 +32,7 @@ CAPABILITIES = Capabilities(
 )
 
 
-def judge(simulation: Simulation) -> None:
+def check_supported(simulation: Simulation) -> None:
     """Raise where systems harden each other in a way that Code_Aster cannot say.
 
     Raises:

@@ -76,7 +76,7 @@ class Formula(Objective):
     curve: Curve = field(kw_only=True)
     tried: list[dict[str, float]] = field(default_factory=list)
 
-    def in_steps_of(self, here: Evaluation) -> Formula:
+    def with_time_steps_of(self, here: Evaluation) -> Formula:
         """A formula takes no time steps."""
         return self
 

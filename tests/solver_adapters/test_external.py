@@ -228,7 +228,7 @@ def test_what_it_cannot_honour_is_refused_by_name_before_anything_runs(
 
 
 class _NoHardening(BarAdapter):
-    def judge(self, simulation: Simulation) -> None:
+    def check_supported(self, simulation: Simulation) -> None:
         if simulation.material.Q > 5:
             raise UnsupportedError("Q is too much")
 

@@ -26,8 +26,8 @@ from solver_adapters.interface import (
     Response,
     Simulation,
     SolverError,
+    Trajectory,
     UnsupportedError,
-    Way,
 )
 from solver_adapters.jobs.errors import JobError
 from solver_adapters.jobs.status import CACHED, Status
@@ -121,16 +121,16 @@ def test_runs_beside_begin_by_the_way_of_the_asked_one_on_their_own_clock() -> N
         ) -> Response:  # fmt: skip
             still = np.zeros((len(simulation.times), len(simulation.mesh.points), 3))
             found = super().solve(simulation, workspace, progress)
-            return replace(found, way=Way(simulation.times, still))
+            return replace(found, trajectory=Trajectory(simulation.times, still))
 
     solver, later = Telling(), np.array([0.0, 0.5, 1.5])
     longer = Direction("hold", times=later, scale=1.0)
     FiniteDifferences(solver).solve(along(ALONG_TAU0, longer))
-    assert solver.asked[0].near is None
+    assert solver.asked[0].warm_start is None
     assert len(solver.asked) > 4
     for simulation in solver.asked[1:]:
-        assert simulation.near is not None
-        np.testing.assert_allclose(simulation.near.times, simulation.times)
+        assert simulation.warm_start is not None
+        np.testing.assert_allclose(simulation.warm_start.times, simulation.times)
     assert any(not np.array_equal(s.times, solver.asked[0].times) for s in solver.asked)
 
 

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
-from solver_adapters.interface import CellFields, Response, Way
+from solver_adapters.interface import CellFields, Response, Trajectory
 from solver_adapters.response_file import (
     Provenance,
     prismid_version,
@@ -28,13 +28,13 @@ CELLS = CellFields(
 RESPONSE = Response(
     RNG.random((3, 500, 3)), RNG.random(3), RNG.random((2, 3, 500, 3)), RNG.random((2, 3)),
     9, 31, 2, 1, RNG.random(9), {"assembly": 1.5, "read": 0.25}, CELLS,
-    way=Way(RNG.random(10), RNG.random((10, 30, 3))),
+    trajectory=Trajectory(RNG.random(10), RNG.random((10, 30, 3))),
 )  # fmt: skip
 ORIGIN = Provenance("bar", "bar 1.0", "0123")
 
 
 @pytest.mark.parametrize(
-    "response", [RESPONSE, replace(RESPONSE, cells=None, way=None, seconds={})]
+    "response", [RESPONSE, replace(RESPONSE, cells=None, trajectory=None, seconds={})]
 )
 def test_a_response_comes_back_as_it_was(tmp_path: Path, response: Response) -> None:
     path = tmp_path / "response.h5"
@@ -42,7 +42,7 @@ def test_a_response_comes_back_as_it_was(tmp_path: Path, response: Response) -> 
     found = read_response(path)
     for item in fields(Response):
         there, here = getattr(found, item.name), getattr(response, item.name)
-        if item.name in ("cells", "way") and here is not None:
+        if item.name in ("cells", "trajectory") and here is not None:
             for part in fields(here):
                 np.testing.assert_array_equal(getattr(there, part.name), getattr(here, part.name))
         else:
@@ -63,8 +63,8 @@ def test_every_dataset_has_unit_and_description(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "r.h5") as file:
         file.visititems(look)
     expected = {f"cells/{item.name}" for item in fields(CellFields)}
-    expected |= {f"way/{item.name}" for item in fields(Way)}
-    expected |= {item.name for item in fields(Response)} - {"cells", "seconds", "way"}
+    expected |= {f"trajectory/{item.name}" for item in fields(Trajectory)}
+    expected |= {item.name for item in fields(Response)} - {"cells", "seconds", "trajectory"}
     assert set(units) == expected | {"seconds/assembly", "seconds/read"}
     assert (units["displacement"], units["force"]) == ("µm", "µN")
     assert (units["cells/stress"], units["cells/rotation"]) == ("MPa", "rad")
@@ -100,10 +100,10 @@ def _other_shape(path: Path) -> None:
         file["displacement"] = np.zeros((2, 500, 3))
 
 
-def _other_way(path: Path) -> None:
+def _other_trajectory(path: Path) -> None:
     with h5py.File(path, "r+") as file:
-        del file["way/displacement"]
-        file["way/displacement"] = np.zeros((9, 30, 3))
+        del file["trajectory/displacement"]
+        file["trajectory/displacement"] = np.zeros((9, 30, 3))
 
 
 def _other_type(path: Path) -> None:
@@ -123,7 +123,10 @@ def _other_type(path: Path) -> None:
         (_incomplete, "found no readable dataset d_force, expected a whole response"),
         (_not_finite, "found values of force that are no finite numbers, expected such"),
         (_other_shape, "found displacement of shape (2, 500, 3), expected (3, 500, 3)"),
-        (_other_way, "found way/displacement of shape (9, 30, 3), expected (10, 30, 3)"),
+        (
+            _other_trajectory,
+            "found trajectory/displacement of shape (9, 30, 3), expected (10, 30, 3)",
+        ),
         (_other_type, "found damaged HDF5 (TypeError), expected a response"),
     ],
     ids=[
@@ -135,7 +138,7 @@ def _other_type(path: Path) -> None:
         "incomplete",
         "not finite",
         "shape",
-        "way",
+        "trajectory",
         "type",
     ],
 )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver_adapters.interface import Direction, Way
+from solver_adapters.interface import Direction, Trajectory
 from solver_adapters.material import Material
 from solver_adapters.simulation_key import simulation_key
 from tools.boxes import box, pulled
@@ -37,8 +37,10 @@ def test_the_key_tells_simulations_apart(change: dict[str, Any]) -> None:
 
 def test_the_key_does_not_know_how_the_iterations_begin() -> None:
     key = simulation_key(SIMULATION, "1")
-    way = Way(SIMULATION.times, np.ones((len(SIMULATION.times), len(SIMULATION.mesh.points), 3)))
-    assert simulation_key(replace(SIMULATION, near=way), "1") == key
+    trajectory = Trajectory(
+        SIMULATION.times, np.ones((len(SIMULATION.times), len(SIMULATION.mesh.points), 3))
+    )
+    assert simulation_key(replace(SIMULATION, warm_start=trajectory), "1") == key
 
 
 def test_the_key_does_not_know_the_byte_order_nor_the_layout_in_memory() -> None:

@@ -54,7 +54,7 @@ class Excess:
 
 
 @dataclass(frozen=True)
-class Whereabouts:
+class ResidualLocalisation:
     """Where and when fits miss the data.
 
     Attributes:
@@ -147,7 +147,9 @@ def excess(
     return tuple(found)
 
 
-def whereabouts(found: Diagnosis, geometry: PrismGeometry, history: History) -> Whereabouts:
+def whereabouts(
+    found: Diagnosis, geometry: PrismGeometry, history: History
+) -> ResidualLocalisation:
     """Where and when the identified and the extended model miss the data.
 
     Args:
@@ -161,13 +163,13 @@ def whereabouts(found: Diagnosis, geometry: PrismGeometry, history: History) -> 
     objective = found.baseline_objective
     before = excess(found.baseline.inside(objective), objective, places, phases, first)
     if not found.causes:
-        return Whereabouts(before, ())
+        return ResidualLocalisation(before, ())
     objective = found.objective
     after = excess(found.extended.inside(objective), objective, places, phases, last)
-    return Whereabouts(before, after)
+    return ResidualLocalisation(before, after)
 
 
-def told(where: Whereabouts) -> str:
+def told(where: ResidualLocalisation) -> str:
     """The same in words."""
     text = _most_of("The identified model", where.before)
     if not where.after or not any(one.seen for one in where.before):
@@ -177,7 +179,7 @@ def told(where: Whereabouts) -> str:
     return f"{text} {_most_of('The extended model', where.after)}"
 
 
-def still_missed(where: Whereabouts) -> str:
+def still_missed(where: ResidualLocalisation) -> str:
     """What the last of both models misses, in words; nothing where no place or phase shows any."""
     last = where.after or where.before
     if not any(one.seen for one in last):

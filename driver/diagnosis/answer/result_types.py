@@ -76,7 +76,7 @@ class Step:
     chi_image: float
     widened: float = 1.0
     untried: tuple[NotExamined, ...] = ()
-    lost: Gate | None = None
+    lost: DiscretisationCheck | None = None
     left_something: tuple[str, ...] = ()
 
 
@@ -111,7 +111,7 @@ class Diagnosis:
     bad_loads: tuple[BadLoad, ...]
     steps: tuple[Step, ...]
     causes: tuple[Cause, ...]
-    gate: Gate
+    gate: DiscretisationCheck
     held_out: tuple[HeldOut, HeldOut] | None
     explained: float
     log_evidence: float
@@ -135,7 +135,7 @@ class Diagnosis:
 
 
 @dataclass(frozen=True, eq=False)
-class Gate:
+class DiscretisationCheck:
     """Change of the finer-minus-working difference from where it was taken to the result.
 
     Attributes:

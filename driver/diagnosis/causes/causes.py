@@ -25,11 +25,11 @@ class Cause:
         label: as it is written in tables and figures; empty where the words of the name are.
         check: the physical check that would confirm it.
         odds: prior odds against the baseline, over those of the other causes.
-        bends: whether the (single) parameter does something else to the data far from its null
-            than near it, so that it is looked at from afar as well where something is wrong
-            (`far_looks`).
-        hides: whether it is looked at from afar also where nothing seems wrong: of a few prior
-            scales neither the tests nor the scores of other causes see anything.
+        strongly_nonlinear: whether the (single) parameter does something else to the data far
+            from its null than near it, so that it is looked at from afar as well where something
+            is wrong (`finite_step_score`).
+        check_always: whether it is looked at from afar also where nothing seems wrong: of a few
+            prior scales neither the tests nor the scores of other causes see anything.
     """
 
     name: str
@@ -41,8 +41,8 @@ class Cause:
     one_sided: bool = False
     unseen: str = "it does nothing to the data that the fitted parameters do not do"
     odds: float = 1.0
-    bends: bool = False
-    hides: bool = False
+    strongly_nonlinear: bool = False
+    check_always: bool = False
     label: str = ""
 
     @property
@@ -88,13 +88,13 @@ LIBRARY: tuple[Cause, ...] = (
         "twinning_asymmetry", "material", ("tau0_antitwinning",),
         "the {112} systems slip more easily in the twinning sense than against it",
         "a test in compression: the flow stresses differ",
-        bends=True, hides=True,
+        strongly_nonlinear=True, check_always=True,
     ),
     Cause(
         "non_schmid", "material", ("a1",),
         "stresses other than the resolved shear stress move the dislocations",
         "specimens of two orientations with the same Schmid factor",
-        bends=True, hides=True,
+        strongly_nonlinear=True, check_always=True,
         label="non-Schmid stress",
     ),
     Cause(
@@ -107,14 +107,14 @@ LIBRARY: tuple[Cause, ...] = (
         "family_112", "material", ("tau0_112",),
         "the {112} systems have another critical resolved shear stress than the {110} systems",
         "slip traces on the deformed face: which planes carry the steps",
-        bends=True, hides=True,
+        strongly_nonlinear=True, check_always=True,
         label="{112} family",
     ),
     Cause(
         "grain_contrast", "material", ("tau0_grain2",),
         "the two grains have different critical resolved shear stresses",
         "nano-indentation of both grains, or their chemistry (interstitials) by atom probe",
-        bends=True,
+        strongly_nonlinear=True,
     ),
     Cause(
         "rate_sensitivity", "material", ("n", "K"),
@@ -171,7 +171,7 @@ LIBRARY: tuple[Cause, ...] = (
         "boundary_position", "microstructure", ("boundary_shift",),
         "the grain boundary lies elsewhere along the specimen",
         "EBSD of the face and of both sides of the prism",
-        bends=True,
+        strongly_nonlinear=True,
         label="position of the grain boundary",
     ),
     Cause(
@@ -184,7 +184,7 @@ LIBRARY: tuple[Cause, ...] = (
         "boundary_bow", "microstructure", ("boundary_bow",),
         "the grain boundary is curved",
         "the trace of the boundary on the sides of the prism",
-        bends=True,
+        strongly_nonlinear=True,
         label="bow of the grain boundary",
     ),
     Cause(
@@ -238,7 +238,7 @@ LIBRARY: tuple[Cause, ...] = (
         "load_lag", "instrument", ("load_lag",),
         "the clocks of the load cell and of the images differ",
         "a jerk of the stage that both record, or one clock for both",
-        bends=True,
+        strongly_nonlinear=True,
     ),
     Cause(
         "height_scale", "instrument", ("height_scale",),

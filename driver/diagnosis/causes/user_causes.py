@@ -108,7 +108,7 @@ def read_causes(path: Path) -> tuple[Cause, ...]:
     return tuple(table.cause() for table in tables.causes)
 
 
-def own_causes(case: Case) -> tuple[Cause, ...]:
+def user_causes(case: Case) -> tuple[Cause, ...]:
     """The causes of all files that a case names.
 
     Raises:
@@ -137,9 +137,9 @@ def asked_causes(case: Case, path: Path | None = None) -> tuple[Cause, ...]:
         path: where it stands, to be told; None for its own file.
 
     Raises:
-        InputError: as `own_causes`; or a name is of no cause of the library or of the files.
+        InputError: as `user_causes`; or a name is of no cause of the library or of the files.
     """
-    own = own_causes(case)
+    own = user_causes(case)
     known = [*NAMES, *(cause.name for cause in own)]
     for name in case.diagnosis.causes if case.diagnosis.causes != "all" else ():
         if name not in known:

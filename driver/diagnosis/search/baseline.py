@@ -9,7 +9,11 @@ from driver.common.progress import Log
 from driver.diagnosis.answer.result_types import BadLoad, Settings
 from driver.diagnosis.causes.candidates import NotExamined
 from driver.diagnosis.causes.causes import Cause
-from driver.diagnosis.search.boundary_noise import Stops, explains_better, score_boundary_noise
+from driver.diagnosis.search.boundary_noise import (
+    BoundaryNoiseSensitivities,
+    explains_better,
+    score_boundary_noise,
+)
 from driver.diagnosis.search.image_noise import Unevenness, examine_noise
 from driver.diagnosis.search.load_outliers import bad_loads, load_noise
 from driver.diagnosis.search.refit import TOLERANCE
@@ -91,7 +95,11 @@ def prepared(
 
 
 def loads_taken_back(
-    begin: Prepared, stops: Stops, candidates: Sequence[Cause], names: Sequence[str], log: Log
+    begin: Prepared,
+    stops: BoundaryNoiseSensitivities,
+    candidates: Sequence[Cause],
+    names: Sequence[str],
+    log: Log,
 ) -> Prepared:
     """The same with the loads that were left out, where noise of the boundary explains them.
 

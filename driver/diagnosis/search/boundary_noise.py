@@ -40,7 +40,7 @@ _SETTLED = 0.03  # relative change of the level with which they end
 
 
 @dataclass(frozen=True, eq=False)
-class Stops:
+class BoundaryNoiseSensitivities:
     """The answers to an elongation of one prior scale at each stop, or why there are none.
 
     Attributes:
@@ -52,9 +52,9 @@ class Stops:
     why: NotExamined | None = None
 
 
-def stops_where_they_pay(
+def sensitivities_where_they_pay(
     baseline: Evaluation, objective: Objective, stated: float, wanted: tuple[str, ...] | None
-) -> Stops:
+) -> BoundaryNoiseSensitivities:
     """The answers to each stop where the fast loads are worse than stated, else the reason.
 
     Args:
@@ -68,11 +68,11 @@ def stops_where_they_pay(
     """
     model, data = objective.model, objective.data
 
-    def none(why: str) -> Stops:
-        return Stops(None, NotExamined(BOUNDARY_NOISE.name, why))
+    def none(why: str) -> BoundaryNoiseSensitivities:
+        return BoundaryNoiseSensitivities(None, NotExamined(BOUNDARY_NOISE.name, why))
 
     if wanted is not None and BOUNDARY_NOISE.name not in wanted:
-        return Stops(None)
+        return BoundaryNoiseSensitivities(None)
     if data.jitter is not None:
         return none("boundary.jitter_nm states it, and the covariance holds it")
     if not data.with_loads:
@@ -89,7 +89,9 @@ def stops_where_they_pay(
         return none(
             f"the loads scatter by {factor:.2f} of their stated noise (p {p:.2g}): none is seen"
         )
-    return Stops(boundary_jitter(model, data.image, baseline.values, SIGMA_E.scale))
+    return BoundaryNoiseSensitivities(
+        boundary_jitter(model, data.image, baseline.values, SIGMA_E.scale)
+    )
 
 
 def score_boundary_noise(

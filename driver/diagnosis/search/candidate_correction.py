@@ -15,7 +15,7 @@ from driver.common.parallel import side_by_side
 from driver.common.progress import silent
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.fine_models import FinerMeshes
-from driver.diagnosis.search.refit import TOLERANCE, Crew, refit_of, with_prior
+from driver.diagnosis.search.refit import TOLERANCE, Executor, refit_of, with_prior
 from driver.forward.model import ForwardModel
 from driver.identification.fit import fit_from
 from driver.identification.identify import correction
@@ -42,7 +42,7 @@ class _Task:
 
 
 def with_own_corrections(
-    refits: Sequence[Refit], baseline: Evaluation, finer: FinerMeshes, crew: Crew
+    refits: Sequence[Refit], baseline: Evaluation, finer: FinerMeshes, executor: Executor
 ) -> list[Refit]:
     """Refits, best evidence first, those that lead under the correction at their own end.
 
@@ -53,7 +53,7 @@ def with_own_corrections(
         refits: the refits, best evidence first.
         baseline: the baseline at its optimum.
         finer: the finer models.
-        crew: who refits.
+        executor: who refits.
     """
     if not refits:
         return []
@@ -61,18 +61,18 @@ def with_own_corrections(
     leading = [refit for refit in refits if refit.log_evidence > bar]
     if len(leading) < 2:
         return list(refits)
-    crew.log("finer mesh and steps at the end of each refit that leads")
+    executor.log("finer mesh and steps at the end of each refit that leads")
     tasks = [_Task(refit, finer.turned((refit.cause,)).one, baseline) for refit in leading]
 
     def done(index: int, result: Refit | Failure) -> None:
         name, before = leading[index].cause.name, leading[index].log_evidence
         if isinstance(result, Failure):
             why = f"for it cannot be simulated ({result.why})"
-            crew.log(f"  {name}: log evidence {before:+.1f} as it was, {why}")
+            executor.log(f"  {name}: log evidence {before:+.1f} as it was, {why}")
         else:
-            crew.log(f"  {name}: log evidence {before:+.1f} → {result.log_evidence:+.1f}")
+            executor.log(f"  {name}: log evidence {before:+.1f} → {result.log_evidence:+.1f}")
 
-    ends = side_by_side(_under_its_own, tasks, crew.processes, crew.threads, done)
+    ends = side_by_side(_under_its_own, tasks, executor.processes, executor.threads, done)
     own = [a if isinstance(b, Failure) else b for a, b in zip(leading, ends, strict=True)]
     others = [refit for refit in refits if refit not in leading]
     return sorted([*own, *others], key=lambda refit: -refit.log_evidence)

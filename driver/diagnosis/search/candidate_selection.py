@@ -8,9 +8,9 @@ from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.causes.noise_causes import COVARIANCE
 from driver.diagnosis.search.noise_continuation import refit_from_soft_loads
-from driver.diagnosis.search.refit import HOPEFUL, Crew, refit_causes, refit_from_afar
+from driver.diagnosis.search.refit import HOPEFUL, Executor, refit_causes, refit_from_afar
 from driver.diagnosis.statistics.model_comparison import is_excess, share_explained
-from driver.diagnosis.statistics.score_test import NAMING_LEVEL, Score, likeness
+from driver.diagnosis.statistics.score_test import NAMING_LEVEL, Score, subspace_similarity
 from driver.identification.line_search import newton
 from driver.identification.objective import Evaluation, Objective
 
@@ -29,7 +29,7 @@ def refits_of_likely(
     baseline: Evaluation,
     objective: Objective,
     most: int,
-    crew: Crew,
+    executor: Executor,
 ) -> list[Refit]:
     """Refits of the causes that may have done it, the best of each, best evidence first.
 
@@ -40,7 +40,7 @@ def refits_of_likely(
         baseline: the baseline at its optimum.
         objective: its objective.
         most: largest number of causes that are refitted first.
-        crew: who refits.
+        executor: who refits.
 
     Raises:
         SolverError: a simulation could not be finished.
@@ -51,19 +51,19 @@ def refits_of_likely(
     lost = large and newton(objective, baseline)[1] > LOST
     best: list[Refit] = []
     if chosen and not lost:
-        crew.log(f"refitting {_listed(chosen)}")
-        refits = refit_causes(chosen, screening, baseline, objective, crew)
+        executor.log(f"refitting {_listed(chosen)}")
+        refits = refit_causes(chosen, screening, baseline, objective, executor)
         best = best_of_each([*refits, *(r for r in afar if r.cause in [s.cause for s in chosen])])
     if large and tried and not _explained(baseline, best):
-        soft = refit_from_soft_loads(tried, screening.free, baseline, objective, most, crew)
+        soft = refit_from_soft_loads(tried, screening.free, baseline, objective, most, executor)
         best = best_of_each([*best, *afar, *soft])
     every = (large and not lost) or bool(best and not _explained(baseline, best))
     if every:
         known = {refit.cause for refit in best}
         others = [s for s in tried if s.cause not in known]
-        crew.log(f"a large effect, or one half explained: refitting {_listed(others)}")
+        executor.log(f"a large effect, or one half explained: refitting {_listed(others)}")
         bar = cost_to_promise(best, baseline)
-        more = refit_causes(others, screening, baseline, objective, crew, bar)
+        more = refit_causes(others, screening, baseline, objective, executor, bar)
         best = best_of_each([*best, *afar, *more])
     if not best:
         return []
@@ -73,9 +73,9 @@ def refits_of_likely(
     leading = {r.cause.name for r in best[:most]} if far else set()
     again = [s for s in tried if s.cause.name in stalled | leading]
     if again:
-        crew.log(f"from other starts: {_listed(again)}")
+        executor.log(f"from other starts: {_listed(again)}")
         bar = cost_to_promise(best, baseline)
-        best = best_of_each([*best, *refit_from_afar(again, baseline, objective, crew, bar)])
+        best = best_of_each([*best, *refit_from_afar(again, baseline, objective, executor, bar)])
     return best
 
 
@@ -99,7 +99,7 @@ def to_refit(tried: Sequence[Score], most: int) -> list[Score]:
     if all(s.log_evidence <= bar for s in seen):
         return seen  # they are of a size beyond all that is usual, and vouch for no other
     hopeful = [s for s in tried[:most] if s not in seen and s.log_evidence > bar]
-    akin = [s for s in hopeful if any(likeness(s, one) > _AKIN for one in seen)]
+    akin = [s for s in hopeful if any(subspace_similarity(s, one) > _AKIN for one in seen)]
     return [s for s in tried if s in seen or s in akin]
 
 

@@ -16,7 +16,7 @@ from driver.diagnosis.causes.candidates import NotExamined, not_examined
 from driver.diagnosis.causes.ebsd_flips import flips_of
 from driver.diagnosis.causes.noise_causes import COVARIANCE, NOISE_NOT_UNIFORM, NOISE_RATIO
 from driver.diagnosis.search.baseline import loads_taken_back, prepared
-from driver.diagnosis.search.boundary_noise import stops_where_they_pay
+from driver.diagnosis.search.boundary_noise import sensitivities_where_they_pay
 from driver.diagnosis.search.discretisation_check import gate
 from driver.diagnosis.search.extension import Extension
 from driver.diagnosis.search.final_comparison import final_fits
@@ -69,7 +69,9 @@ def diagnose(
         wide = objective.evaluate(baseline.values, names)
     begin = prepared(baseline, objective, wide, candidates, settings, log)
     stated, uneven = objective.data.load_noise, begin.uneven
-    stops = stops_where_they_pay(begin.baseline.best, begin.objective, stated, settings.wanted)
+    stops = sensitivities_where_they_pay(
+        begin.baseline.best, begin.objective, stated, settings.wanted
+    )
     begin = loads_taken_back(begin, stops, candidates, names, log)
     left += begin.left + (() if stops.why is None else (stops.why,))
     for one in left:

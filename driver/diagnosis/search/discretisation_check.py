@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.common.progress import silent
-from driver.diagnosis.answer.result_types import Gate, Refinement
+from driver.diagnosis.answer.result_types import DiscretisationCheck, Refinement
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.statistics.score_test import Score
 from driver.diagnosis.statistics.screening import whitened_difference
@@ -47,7 +47,7 @@ def gate(
     finer: ForwardModel,
     scores: Sequence[Score],
     named: Sequence[str],
-) -> Gate:
+) -> DiscretisationCheck:
     """Effect of a fresh correction on the score of any cause, and on the parameters named.
 
     Where it is too large, one more simulation, with the steps of the finer model on the working
@@ -69,9 +69,9 @@ def gate(
     directions = _directions(at, scores, named)
     effects = [direction.effect(change) for direction in directions]
     if not effects:
-        return Gate(0.0, NUMERICS.name)
+        return DiscretisationCheck(0.0, NUMERICS.name)
     worst = int(np.argmax(effects))
-    found = Gate(effects[worst], directions[worst].name)
+    found = DiscretisationCheck(effects[worst], directions[worst].name)
     if found.passed:
         return found
     needed = _refinement(objective, here, fresh, finer, directions[worst])

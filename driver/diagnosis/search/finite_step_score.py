@@ -22,7 +22,14 @@ from driver.common.progress import Log
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.causes.noise_causes import COVARIANCE
-from driver.diagnosis.search.refit import FAR, MOST_FROM_AFAR, Crew, Start, refit_from, with_prior
+from driver.diagnosis.search.refit import (
+    FAR,
+    MOST_FROM_AFAR,
+    Executor,
+    Start,
+    refit_from,
+    with_prior,
+)
 from driver.diagnosis.statistics.bayes_factor import amounts_of
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, score, significance
 from driver.identification.fit import Fit
@@ -100,7 +107,7 @@ def look_from_afar(
     objective: Objective,
     variance: float,
     accepted: bool,
-    crew: Crew,
+    executor: Executor,
 ) -> FarLooks:
     """Score causes that bend from afar.
 
@@ -115,27 +122,27 @@ def look_from_afar(
         objective: its objective.
         variance: of whitened numbers along the causes, 1 for noise alone.
         accepted: whether the tests of the residual against no particular cause accept.
-        crew: who looks, cause by cause; its log takes their names, refits, and sides that fail.
+        executor: who looks, cause by cause; its log takes their names, refits, and sides that fail.
 
     Raises:
         NotRunError: a simulation was not run.
         JobError, ResultFileError: one was killed, ran out of time or left no result.
     """
-    hiding = [s for s in scores if s.cause.hides and not _shows(s)]
-    others = [s for s in scores if s.cause.bends and not s.cause.hides]
+    hiding = [s for s in scores if s.cause.check_always and not _shows(s)]
+    others = [s for s in scores if s.cause.strongly_nonlinear and not s.cause.check_always]
 
     def looked(bent: Sequence[Score], before: int, rivals: Sequence[Score]) -> list[_Look]:
         family = len(scores) + _LOOKS * (before + len(bent))
         least = max([WORTH, *(HOPEFUL * s.log_evidence for s in rivals)])
         tasks = [_Task(near, here, objective, family, variance, least) for near in bent]
         if tasks:
-            crew.log(f"looking from afar at {', '.join(near.cause.name for near in bent)}")
+            executor.log(f"looking from afar at {', '.join(near.cause.name for near in bent)}")
 
         def done(index: int, result: _Look) -> None:
             for line in result.told:
-                crew.log(line)
+                executor.log(line)
 
-        return side_by_side(_look, tasks, crew.processes, crew.threads, done)
+        return side_by_side(_look, tasks, executor.processes, executor.threads, done)
 
     causes = [s for s in scores if s.cause != NUMERICS]
     looks = looked(hiding, 0, _of_the_mean(causes))
@@ -175,7 +182,7 @@ def _look(task: _Task) -> _Look:
         start = Start(
             near.cause, extended, begin.at.values, None, here.best, np.inf, MOST_FROM_AFAR
         )
-        for refit in refit_from([start], Crew(1, 1, told.append)):
+        for refit in refit_from([start], Executor(1, 1, told.append)):
             end = _gained(refit, begin.score, task)
             # What the sides promise the refit has tried.
             found = [near]
@@ -233,7 +240,7 @@ def _sides(near: Score, here: Fit, extended: Objective, log: Log) -> list[tuple[
     """The fit with a cause far off its null, and how far, where that can be simulated."""
     (name,) = near.cause.parameters
     null, parameter = extended.prior[name][0], extended.parameters[name]
-    model = extended.near(here.best).model
+    model = extended.warm_started_from(here.best).model
 
     def side(amount: float) -> tuple[Evaluation, float] | None:
         values = here.values | {name: parameter.value(amount * parameter.width, null)}

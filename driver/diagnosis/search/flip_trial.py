@@ -13,7 +13,7 @@ from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.candidates import NotExamined
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.ebsd_flips import half_turn
-from driver.diagnosis.search.refit import MOST_FROM_AFAR, Crew, Start, nominal, refit_from
+from driver.diagnosis.search.refit import MOST_FROM_AFAR, Executor, Start, nominal, refit_from
 from driver.diagnosis.statistics.score_test import Score
 from driver.forward.model import ForwardModel
 from driver.identification.line_search import promised
@@ -52,7 +52,7 @@ def try_flips(
     flips: Sequence[Cause],
     baseline: Evaluation,
     objective: Objective,
-    crew: Crew,
+    executor: Executor,
     bar: float,
 ) -> FlipTrial:
     """Evaluate each flip from two starts, and refit where a first step promises enough.
@@ -65,7 +65,7 @@ def try_flips(
         flips: the flips.
         baseline: the baseline at its optimum.
         objective: the objective of the baseline.
-        crew: who tries them.
+        executor: who tries them.
         bar: cost which the first step has to promise.
 
     Raises:
@@ -74,7 +74,7 @@ def try_flips(
     """
     if not flips:
         return FlipTrial()
-    crew.log(f"other frames of the EBSD: {', '.join(flip.name for flip in flips)}")
+    executor.log(f"other frames of the EBSD: {', '.join(flip.name for flip in flips)}")
     starts = [
         Start(flip, replace(objective, model=turned(objective.model, (flip,))), values, None,
               baseline, bar, MOST_FROM_AFAR)
@@ -84,7 +84,7 @@ def try_flips(
     scores: list[Score] = []
     hopeful: list[Start] = []
     failed: list[NotExamined] = []
-    ends = side_by_side(_first_look, starts, crew.processes, crew.threads)
+    ends = side_by_side(_first_look, starts, executor.processes, executor.threads)
     looks = list(zip(starts, ends, strict=True))
     for flip in flips:
         mine = [(start, look) for start, look in looks if start.cause is flip]
@@ -92,20 +92,20 @@ def try_flips(
         seen = [replace(s, start=look) for s, look in mine if not isinstance(look, Failure)]
         if not seen:
             why = f"it cannot be simulated ({failures[0].why})"
-            crew.log(f"  {flip.name}: {why}")
+            executor.log(f"  {flip.name}: {why}")
             failed.append(NotExamined(flip.name, why))
             continue
         promises = [_promise(start) for start in seen]
         promise = min(promises)
         scores.append(_score(flip, baseline.cost - promise))
         if promise > bar:
-            crew.log(
+            executor.log(
                 f"  {flip.name}: given up, for its first step promises too little "
                 f"(cost {promise:.0f}, {bar:.0f} is asked for)"
             )
         else:
             hopeful.append(seen[promises.index(promise)])
-    refits = refit_from(hopeful, crew)
+    refits = refit_from(hopeful, executor)
     return FlipTrial(tuple(scores), tuple(refits), tuple(failed))
 
 

@@ -11,7 +11,7 @@ from driver.diagnosis.answer.result_types import Refit, Settings, Step
 from driver.diagnosis.answer.verdict import MOST_ADDITIONS
 from driver.diagnosis.causes.noise_causes import COVARIANCE
 from driver.diagnosis.search.baseline import Prepared
-from driver.diagnosis.search.boundary_noise import Stops
+from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
 from driver.diagnosis.search.extension import Extension, extended
 from driver.diagnosis.search.fine_models import FinerMeshes
 from driver.diagnosis.search.selection_round import (
@@ -45,7 +45,11 @@ class Rounds:
 
 
 def rounds(
-    begin: Prepared, finer: FinerMeshes, stops: Stops, settings: Settings, log: Log
+    begin: Prepared,
+    finer: FinerMeshes,
+    stops: BoundaryNoiseSensitivities,
+    settings: Settings,
+    log: Log,
 ) -> Rounds:
     """Add one cause after the other, until none stands out, or not on another mesh.
 
@@ -138,7 +142,7 @@ def _leaves_something(found: Round, here: Extension) -> bool:
 
 
 def _by_a_rival(
-    before: Extension, last: Step, stops: Stops, settings: Settings, log: Log
+    before: Extension, last: Step, stops: BoundaryNoiseSensitivities, settings: Settings, log: Log
 ) -> tuple[Extension, Step, Step] | None:
     """The last addition exchanged for one that cannot be told from it, where that leaves nothing.
 
@@ -182,7 +186,7 @@ def _by_a_rival(
 
 
 def _exchanged(
-    before: Extension, rival: Refit, stops: Stops, settings: Settings, log: Log
+    before: Extension, rival: Refit, stops: BoundaryNoiseSensitivities, settings: Settings, log: Log
 ) -> tuple[Extension, Step]:
     """The model with a rival, and what is left there at first sight."""
     tried = extended(before, rival, settings, log)

@@ -23,7 +23,7 @@ from driver.diagnosis.search.refit import (
     MOST_FROM_AFAR,
     MOST_ITERATIONS,
     TOLERANCE,
-    Crew,
+    Executor,
     freed_with,
     nominal,
     refit_of,
@@ -52,7 +52,7 @@ def refit_from_soft_loads(
     baseline: Evaluation,
     objective: Objective,
     most: int,
-    crew: Crew,
+    executor: Executor,
 ) -> list[Refit]:
     """Refits of the causes that show below soft loads, by the way that these leave free.
 
@@ -62,27 +62,27 @@ def refit_from_soft_loads(
         baseline: the baseline at its optimum.
         objective: its objective.
         most: how many causes are refitted below soft loads, close rivals of the best aside.
-        crew: who refits.
+        executor: who refits.
 
     Raises:
         SolverError: a simulation could not be finished.
     """
     softness = baseline.chi_load
     soft = softened(objective, softness)
-    crew.log(f"loads of {softness:.3g} times their noise, as far as the model is off")
-    begin = _by_the_images(softened(objective, SOFTER * softness), baseline, crew.log)
-    here = fit_from(begin.best, soft, POLISH, crew.log, TOLERANCE)
+    executor.log(f"loads of {softness:.3g} times their noise, as far as the model is off")
+    begin = _by_the_images(softened(objective, SOFTER * softness), baseline, executor.log)
+    here = fit_from(begin.best, soft, POLISH, executor.log, TOLERANCE)
     wide = soft.complete(here.best, names)
     tasks = [_task(one, objective, soft, wide, baseline) for one in tried]
     promises = [here.best.cost - promised(task.soft, task.start) for task in tasks]
     order = np.argsort(promises)[::-1]
     bar = HOPEFUL * max(promises)
     chosen = [tasks[k] for n, k in enumerate(order) if n < most or promises[k] > bar]
-    crew.log(f"refitting {', '.join(task.score.cause.name for task in chosen)}")
-    ends = side_by_side(_below_soft_loads, chosen, crew.processes, crew.threads)
+    executor.log(f"refitting {', '.join(task.score.cause.name for task in chosen)}")
+    ends = side_by_side(_below_soft_loads, chosen, executor.processes, executor.threads)
     gained = [here.best.cost - end.best.cost for end in ends]
     for task, gain in zip(chosen, gained, strict=True):
-        crew.log(f"  {task.score.cause.name}: gains {gain:.0f} σ² there")
+        executor.log(f"  {task.score.cause.name}: gains {gain:.0f} σ² there")
     hopeful = [
         replace(task, start=end.best)
         for task, end, gain in zip(chosen, ends, gained, strict=True)
@@ -90,9 +90,11 @@ def refit_from_soft_loads(
     ]
 
     def done(index: int, result: Refit) -> None:
-        crew.log(told(result))
+        executor.log(told(result))
 
-    return side_by_side(_as_precise_as_they_are, hopeful, crew.processes, crew.threads, done)
+    return side_by_side(
+        _as_precise_as_they_are, hopeful, executor.processes, executor.threads, done
+    )
 
 
 def _by_the_images(objective: Objective, baseline: Evaluation, log: Log) -> Fit:

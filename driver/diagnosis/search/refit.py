@@ -27,7 +27,7 @@ TOLERANCE = 0.3  # Newton decrement [σ]: a log evidence is then right to 0.05
 
 
 @dataclass(frozen=True)
-class Crew:
+class Executor:
     """Who refits.
 
     Attributes:
@@ -104,7 +104,7 @@ def refit_causes(
     screening: Evaluation,
     baseline: Evaluation,
     objective: Objective,
-    crew: Crew,
+    executor: Executor,
     bar: float = np.inf,
 ) -> list[Refit]:
     """Refit causes side by side, each from the biased optimum of the baseline.
@@ -114,7 +114,7 @@ def refit_causes(
         screening: evaluation at the baseline with the parameters of every cause free.
         baseline: the baseline at its optimum.
         objective: the objective of the baseline.
-        crew: who refits.
+        executor: who refits.
         bar: cost which each step has to promise; a cause of which one does not is left out.
     """
     tasks, hopeless = [], []
@@ -127,15 +127,15 @@ def refit_causes(
         start = Start(scored.cause, extended, begin.values, begin, baseline, bar, MOST_ITERATIONS)
         tasks.append(start)
     if hopeless:
-        crew.log(f"  the first step promises too little of {', '.join(hopeless)}")
-    return refit_from(tasks, crew)
+        executor.log(f"  the first step promises too little of {', '.join(hopeless)}")
+    return refit_from(tasks, executor)
 
 
 def refit_from_afar(
     scores: Sequence[Score],
     baseline: Evaluation,
     objective: Objective,
-    crew: Crew,
+    executor: Executor,
     bar: float,
 ) -> list[Refit]:
     """Refit causes from the nominal model with ±1 and ±3 prior scales of each.
@@ -147,7 +147,7 @@ def refit_from_afar(
         scores: the causes to refit.
         baseline: the baseline at its optimum.
         objective: the objective of the baseline.
-        crew: who refits.
+        executor: who refits.
         bar: cost which each step has to promise; a start of which one does not is given up.
     """
     tasks = []
@@ -155,7 +155,7 @@ def refit_from_afar(
         extended, cause = with_prior(objective, scored.cause), scored.cause
         for values in nominal_starts(scored, baseline, extended):
             tasks.append(Start(cause, extended, values, None, baseline, bar, MOST_FROM_AFAR))
-    return refit_from(tasks, crew)
+    return refit_from(tasks, executor)
 
 
 def nominal_starts(
@@ -205,7 +205,7 @@ def freed_with(baseline: Evaluation, cause: Cause) -> tuple[str, ...]:
     return (*baseline.free, *added_by(cause, baseline))
 
 
-def refit_from(tasks: Sequence[Start], crew: Crew) -> list[Refit]:
+def refit_from(tasks: Sequence[Start], executor: Executor) -> list[Refit]:
     """Refits side by side; starts that are given up are told and left out.
 
     Raises:
@@ -216,11 +216,11 @@ def refit_from(tasks: Sequence[Start], crew: Crew) -> list[Refit]:
     def done(index: int, result: Refit | str) -> None:
         name = tasks[index].cause.name
         if isinstance(result, str):
-            crew.log(f"  {name}: a start is given up, {result}")
+            executor.log(f"  {name}: a start is given up, {result}")
             return
-        crew.log(told(result))
+        executor.log(told(result))
 
-    ends = side_by_side(_refit, tasks, crew.processes, crew.threads, done)
+    ends = side_by_side(_refit, tasks, executor.processes, executor.threads, done)
     return [end for end in ends if isinstance(end, Refit)]
 
 
@@ -237,7 +237,10 @@ def _refit(task: Start) -> Refit | str:
     """The refit, or why the start was given up."""
     objective, here = task.objective, task.start
     if here is None:
-        beside, free = objective.near(task.baseline), freed_with(task.baseline, task.cause)
+        beside, free = (
+            objective.warm_started_from(task.baseline),
+            freed_with(task.baseline, task.cause),
+        )
         first = attempt(lambda: beside.evaluate(task.values, free))
         if isinstance(first, Failure):
             return f"for it cannot be simulated ({first.why})"

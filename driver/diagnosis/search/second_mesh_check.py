@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from driver.common.progress import Log
-from driver.diagnosis.answer.result_types import GATE, Gate
+from driver.diagnosis.answer.result_types import GATE, DiscretisationCheck
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.search.fine_models import FinerMeshes
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, Score, significance
@@ -33,7 +33,7 @@ class OnBoth:
         spread: half of what the other one adds.
     """
 
-    lost: Gate | None
+    lost: DiscretisationCheck | None
     first: Correction
     spread: Correction
 
@@ -86,7 +86,7 @@ def held_against_both(
         log(f"  {one.cause.name}: moved by {effects[-1]:.1f} σ, p {one.p:.2g} → {p:.2g}")
         if p < NAMING_LEVEL or effects[-1] <= GATE:
             return OnBoth(None, first, spread)
-    lost = Gate(effects[0], seen[0].cause.name, "mesh", between_meshes=True)
+    lost = DiscretisationCheck(effects[0], seen[0].cause.name, "mesh", between_meshes=True)
     return OnBoth(lost, first, spread)
 
 

@@ -10,12 +10,16 @@ from numpy.typing import NDArray
 
 from driver.common.progress import Log
 from driver.diagnosis.answer.detection_limits import level_of
-from driver.diagnosis.answer.result_types import Gate, Refit, Settings, Step
+from driver.diagnosis.answer.result_types import DiscretisationCheck, Refit, Settings, Step
 from driver.diagnosis.answer.verdict import MOST_ADDITIONS
 from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.causes.ebsd_flips import FLIPS, flips_of
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE, COVARIANCE
-from driver.diagnosis.search.boundary_noise import Stops, refit_boundary_noise, score_boundary_noise
+from driver.diagnosis.search.boundary_noise import (
+    BoundaryNoiseSensitivities,
+    refit_boundary_noise,
+    score_boundary_noise,
+)
 from driver.diagnosis.search.candidate_correction import with_own_corrections
 from driver.diagnosis.search.candidate_selection import (
     LARGE,
@@ -27,7 +31,7 @@ from driver.diagnosis.search.candidate_selection import (
 from driver.diagnosis.search.fine_models import FinerMeshes
 from driver.diagnosis.search.finite_step_score import look_from_afar
 from driver.diagnosis.search.flip_trial import FlipTrial, not_warranted, try_flips
-from driver.diagnosis.search.refit import Crew
+from driver.diagnosis.search.refit import Executor
 from driver.diagnosis.search.second_mesh_check import held_against_both, with_both
 from driver.diagnosis.statistics.goodness_of_fit import Omnibus, omnibus
 from driver.diagnosis.statistics.score_test import (
@@ -36,7 +40,7 @@ from driver.diagnosis.statistics.score_test import (
     WORTH,
     Score,
     effects_of,
-    likeness,
+    subspace_similarity,
 )
 from driver.diagnosis.statistics.screening import own_error_shapes, screen, screened
 from driver.diagnosis.statistics.smooth_motion_test import smooth_fields
@@ -70,7 +74,7 @@ def examine(
     objective: Objective,
     added: Sequence[Cause],
     settings: Settings,
-    stops: Stops,
+    stops: BoundaryNoiseSensitivities,
     wide: Evaluation | None,
     finer: FinerMeshes,
     log: Log,
@@ -98,19 +102,19 @@ def examine(
     seen = _first_order(here, objective, candidates, screening, settings, stops, log)
     refits: list[Refit] = []
     trial = FlipTrial()
-    lost: Gate | None = None
+    lost: DiscretisationCheck | None = None
     noise = seen.noise
     if noise is not None and noise.p < level_of(BOUNDARY_NOISE) and stops.effect is not None:
         refits = [refit_boundary_noise(stops.effect, here.best, objective, log)]
     counted_first = bool(refits) and refits[0].log_evidence > WORTH
     room = len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS
     if room and not counted_first:
-        crew = Crew(settings.processes, settings.threads, log)
+        executor = Executor(settings.processes, settings.threads, log)
         both = held_against_both(finer, here, objective, seen.scores, seen.widened, log)
         # Where both meshes agree on a finding, looks follow at the fit with both alone.
         if both is None or both.lost is not None:
             near = _significant(seen.scores)
-            seen = _looked(seen, here, objective, crew)
+            seen = _looked(seen, here, objective, executor)
             if _significant(seen.scores) - near:
                 both = held_against_both(finer, here, objective, seen.scores, seen.widened, log)
         if both is not None:
@@ -123,14 +127,16 @@ def examine(
                 )
                 log("  with the mean of both meshes:")
                 seen = _first_order(here, objective, candidates, screening, settings, stops, log)
-                seen = _looked(seen, here, objective, crew)
+                seen = _looked(seen, here, objective, executor)
         if lost is None:
             likely = refits_of_likely(
-                seen.scores, seen.afar, screening, here.best, objective, settings.refit, crew
+                seen.scores, seen.afar, screening, here.best, objective, settings.refit, executor
             )  # fmt: skip
-            trial = _flips(likely, seen.tests, here.best, objective, added, settings.wanted, crew)
+            trial = _flips(
+                likely, seen.tests, here.best, objective, added, settings.wanted, executor
+            )
             likely = best_of_each([*likely, *trial.refits])
-            refits = with_own_corrections(likely, here.best, finer, crew) or refits
+            refits = with_own_corrections(likely, here.best, finer, executor) or refits
     scores = sorted([*seen.scores, *trial.scores], key=lambda s: -s.log_evidence)
     winner = refits[0] if refits and refits[0].log_evidence > WORTH else None
     named = set_of(refits, scores) if winner is not None else ()
@@ -142,7 +148,7 @@ def examine(
 
 
 def at_first_sight(
-    here: Fit, objective: Objective, settings: Settings, stops: Stops, log: Log
+    here: Fit, objective: Objective, settings: Settings, stops: BoundaryNoiseSensitivities, log: Log
 ) -> Step:
     """Screen all causes, and refit none.
 
@@ -191,7 +197,7 @@ def _first_order(
     candidates: Sequence[Cause],
     screening: Evaluation,
     settings: Settings,
-    stops: Stops,
+    stops: BoundaryNoiseSensitivities,
     log: Log,
 ) -> _Seen:
     """Scores and tests of a fit; the best five are told."""
@@ -211,9 +217,11 @@ def _first_order(
     return _Seen(scores, (), float(np.sqrt(variance)), tests, noise)
 
 
-def _looked(seen: _Seen, here: Fit, objective: Objective, crew: Crew) -> _Seen:
+def _looked(seen: _Seen, here: Fit, objective: Objective, executor: Executor) -> _Seen:
     """What is seen, from afar as well."""
-    found = look_from_afar(seen.scores, here, objective, seen.widened**2, seen.tests.accepted, crew)
+    found = look_from_afar(
+        seen.scores, here, objective, seen.widened**2, seen.tests.accepted, executor
+    )
     return replace(seen, scores=found.scores, afar=tuple(found.refits))
 
 
@@ -228,7 +236,7 @@ def _flips(
     objective: Objective,
     added: Sequence[Cause],
     wanted: tuple[str, ...] | None,
-    crew: Crew,
+    executor: Executor,
 ) -> FlipTrial:
     """Trial of the EBSD flips where it is warranted: each costs a simulation, or a refit."""
     if set(added) & set(FLIPS):  # two half turns make the third
@@ -239,7 +247,7 @@ def _flips(
     turns = not nothing and _turns_a_lattice(refits[0])
     if not (baseline.chi_load > LARGE or unexplained or turns):
         return not_warranted(flips)
-    return try_flips(flips, baseline, objective, crew, cost_to_promise(refits, baseline))
+    return try_flips(flips, baseline, objective, executor, cost_to_promise(refits, baseline))
 
 
 def _turns_a_lattice(best: Refit) -> bool:
@@ -252,7 +260,10 @@ def _turns_a_lattice(best: Refit) -> bool:
 
 
 def _noise_of_boundary(
-    here: Fit, objective: Objective, effects: Sequence[FloatArray], stops: Stops
+    here: Fit,
+    objective: Objective,
+    effects: Sequence[FloatArray],
+    stops: BoundaryNoiseSensitivities,
 ) -> Score | None:
     """Its score, None where the answers to it are not known or it is counted already."""
     if stops.effect is None or objective.data.jitter is not None:
@@ -276,7 +287,7 @@ def set_of(refits: Sequence[Refit], scores: Sequence[Score]) -> tuple[str, ...]:
     close = [r for r in refits if refits[0].log_evidence - r.log_evidence < WITHIN]
 
     def parallel(member: Refit, name: str) -> bool:
-        return likeness(by_name[member.cause.name], by_name[name]) > PARALLEL
+        return subspace_similarity(by_name[member.cause.name], by_name[name]) > PARALLEL
 
     def does_as_well(other: Refit) -> bool:
         return any(

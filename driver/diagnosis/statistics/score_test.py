@@ -236,7 +236,7 @@ def _tail(statistic: float, degrees: int, load_degrees: float, share: float) -> 
     return float(f.sf(statistic / degrees, degrees, load_degrees / share**2))
 
 
-def likeness(first: Score, second: Score) -> float:
+def subspace_similarity(first: Score, second: Score) -> float:
     """How much two causes do alike to the data, from 0 to 1; |cos| for a parameter each.
 
     A cause whose effects, in prior scales, are alike in all directions is expected to leave a

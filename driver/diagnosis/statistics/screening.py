@@ -11,7 +11,7 @@ from driver.diagnosis.causes.candidates import causes_of
 from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.statistics.discretisation_variance import score_variance
 from driver.diagnosis.statistics.score_test import Score, score
-from driver.forward.dwell_time import holds
+from driver.forward.dwell_time import dwells
 from driver.forward.model import ForwardModel
 from driver.identification.fit import Fit
 from driver.identification.objective import Correction, Objective
@@ -46,7 +46,7 @@ def parameters_of_the_specimen(model: ForwardModel) -> frozenset[str]:
     law = frozenset(MATERIAL_PARAMETERS)
     if len(model.microstructure.orientations) < 2:
         law -= {"tau0_grain2"}
-    if holds(model.boundary.weights).any():
+    if dwells(model.boundary.weights).any():
         law |= {HOLD}
     return seen | law | model.boundary.parameters | model.microstructure.parameters
 

@@ -209,7 +209,7 @@ def test_the_estimate_counts_the_simulations_that_derivatives_cost() -> None:
     base = estimate(case, bundled, 264, 97)
     without = estimate(case, replace(bundled, derivatives=False), 264, 97)
     # Both sides of each bent cause are looked at in two rounds, for the motion alone.
-    looks = 2 * 2 * sum(cause.bends for cause in LIBRARY)
+    looks = 2 * 2 * sum(cause.strongly_nonlinear for cause in LIBRARY)
     assert without.simulations - looks == 63 * (base.simulations - looks)
     # Of 264 cells the law takes 2.4 of the 7.3 ms of an iteration.
     slower = estimate(case, replace(bundled, cost=500.0), 264, 97)
@@ -315,7 +315,7 @@ def test_what_an_external_solver_refuses_is_found_before_it_runs(
         def capabilities(self) -> Capabilities:
             return replace(super().capabilities(), material=frozenset({"tau0", "c", "d"}))
 
-        def judge(self, simulation: Simulation) -> None:
+        def check_supported(self, simulation: Simulation) -> None:
             raise UnsupportedError("the bar has no images")
 
     install(monkeypatch, Refusing())

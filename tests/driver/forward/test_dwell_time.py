@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from driver.diagnosis.answer.result_types import Diagnosis
 from driver.diagnosis.statistics.screening import honoured, parameters_of_the_specimen
-from driver.forward.dwell_time import holds, holds_tangent, with_holds
+from driver.forward.dwell_time import dwells, dwells_tangent, stretch_dwells
 from driver.parameters.history import HOLD
 from solver_adapters.interface import Capabilities, Simulation
 from tools import closed_form
@@ -47,32 +47,32 @@ def diagnosed(error: float) -> Diagnosis:
 
 
 def test_each_hold_is_longer_and_all_that_follows_later() -> None:
-    longer = with_holds(TIMES, STILL, 4.0)
+    longer = stretch_dwells(TIMES, STILL, 4.0)
     # 10 to 26 s is one hold of two intervals, 30 to 45 none, 45 to 50 another.
     np.testing.assert_allclose(longer, [0, 10, 22.5, 30, 34, 49, 58, 68])
-    assert with_holds(TIMES, STILL, 0.0) is TIMES
-    assert np.all(np.diff(with_holds(TIMES, STILL, -600.0)) > 0)
+    assert stretch_dwells(TIMES, STILL, 0.0) is TIMES
+    assert np.all(np.diff(stretch_dwells(TIMES, STILL, -600.0)) > 0)
     no_hold = np.zeros(7, dtype=bool)
-    np.testing.assert_allclose(with_holds(TIMES, no_hold, 9.0), TIMES)
+    np.testing.assert_allclose(stretch_dwells(TIMES, no_hold, 9.0), TIMES)
 
 
 @pytest.mark.parametrize("error", [0.0, 4.0, -3.0, -10.0, -600.0])
 def test_the_tangent_of_the_clock_is_its_difference_quotient(error: float) -> None:
     """Of holds of 16 and 5 s; −10 s cuts the short one to its twentieth, −600 s both."""
-    high, low = (with_holds(TIMES, STILL, error + h) for h in (1e-3, -1e-3))
-    tangent = holds_tangent(TIMES, STILL, error)
+    high, low = (stretch_dwells(TIMES, STILL, error + h) for h in (1e-3, -1e-3))
+    tangent = dwells_tangent(TIMES, STILL, error)
     np.testing.assert_allclose(tangent, (high - low) / 2e-3, atol=1e-10)
     assert tangent[-1] == pytest.approx({-10.0: 1.0, -600.0: 0.0}.get(error, 2.0), abs=1e-14)
 
 
 def test_a_history_without_holds_has_no_tangent() -> None:
-    assert not holds_tangent(TIMES, np.zeros(7, dtype=bool), 9.0).any()
+    assert not dwells_tangent(TIMES, np.zeros(7, dtype=bool), 9.0).any()
 
 
 def test_a_hold_is_where_no_knot_gains_weight() -> None:
     weights = np.array([[1.0, 0], [0.5, 0.5], [0.5, 0.5], [0, 1]])
-    assert holds(weights).tolist() == [False, True, False]
-    still = holds(BENCH.model.boundary.weights)
+    assert dwells(weights).tolist() == [False, True, False]
+    still = dwells(BENCH.model.boundary.weights)
     assert np.count_nonzero(still) == 4  # two at each peak
     assert HOLD in parameters_of_the_specimen(BENCH.model)
 

@@ -56,7 +56,7 @@ def seen(share: float) -> Objective:
 @cache
 def diagnosed(share: float) -> Diagnosis:
     objective, baseline = identified(BENCH, seen(share))
-    objective, here = objective.reading_pattern_along(baseline.best)
+    objective, here = objective.with_pattern_at(baseline.best)
     problem = replace(BENCH, model=objective.model)
     return diagnosis_of(problem, (objective, replace(baseline, best=here)))
 
@@ -99,7 +99,7 @@ def test_the_pattern_is_read_where_the_fit_sees_the_specimen() -> None:
         * np.random.default_rng(8).standard_normal((len(truly_moved()), 1, 3))
     )
     model = replace(objective.model, pattern=apparent_rise(images, truly_moved() + noise))
-    there, here = replace(objective, model=model).reading_pattern_along(baseline.best)
+    there, here = replace(objective, model=model).with_pattern_at(baseline.best)
     assert true is not None and model.pattern is not None and there.model.pattern is not None
     scale = np.std(true)
     assert np.std(model.pattern - true) > 0.2 * scale
@@ -133,7 +133,7 @@ def test_an_evaluation_follows_the_pattern_to_where_it_is_read() -> None:
     values, free = BENCH.truth | {"fixed_pattern": 0.3}, ("tau0", "fixed_pattern")
     images = objective.data.image.images
     model = replace(objective.model, pattern=apparent_rise(images, 1.2 * truly_moved()))
-    there, here = replace(objective, model=model).reading_pattern_along(
+    there, here = replace(objective, model=model).with_pattern_at(
         replace(objective, model=model).evaluate(values, free)
     )
     anew = there.evaluate(values, free)

@@ -200,15 +200,15 @@ def test_in_the_steps_of_a_response_other_parameters_take_the_same_steps(
     refined = replace(model, accuracy=1.0)
     response = refined.predict(values).response
     other = values | {"tau0": 1.1 * values["tau0"], HOLD: 3.0}
-    held = refined.in_steps_of(response.ends, values)
+    held = refined.with_time_steps_of(response.ends, values)
     simulation = held.simulation(other)
     assert simulation.accuracy is None and simulation.steps is not None
     ends = np.interp(response.ends, refined.clock(values), refined.clock(other))
     np.testing.assert_allclose(simulation.steps, ends, rtol=1e-12)
     assert held.predict(other).response.steps == response.steps > len(model.times) - 1
     as_given = model.predict(values).response.ends
-    assert model.in_steps_of(as_given, values) is model
-    cut = model.in_steps_of(np.append(as_given[:1] / 2, as_given), values)
+    assert model.with_time_steps_of(as_given, values) is model
+    cut = model.with_time_steps_of(np.append(as_given[:1] / 2, as_given), values)
     assert cut.steps is not None and cut.steps.size == as_given.size + 1
 
 
@@ -216,19 +216,21 @@ def test_near_a_response_simulations_begin_by_it_on_their_own_clock(
     model: ForwardModel, values: dict[str, float]
 ) -> None:
     known = model.predict(values)
-    beside = model.near(known.response.way, values)
+    beside = model.warm_started_from(known.response.trajectory, values)
     assert beside.predict(values).response.iterations < 0.1 * known.response.iterations
     other = values | {"tau0": 1.01 * values["tau0"], HOLD: 3.0}
     near, cold = beside.predict(other), model.predict(other)
     assert near.response.iterations < cold.response.iterations
     np.testing.assert_allclose(near.load, cold.load, atol=1e-5 * abs(cold.load).max())
-    way = beside.simulation(other).near
-    assert way is not None
-    np.testing.assert_allclose(way.times, model.simulation(other).times)  # a step an interval
-    longer = model.near(model.predict(other).response.way, other).way
+    trajectory = beside.simulation(other).warm_start
+    assert trajectory is not None
+    np.testing.assert_allclose(
+        trajectory.times, model.simulation(other).times
+    )  # a step an interval
+    longer = model.warm_started_from(model.predict(other).response.trajectory, other).trajectory
     assert longer is not None
     np.testing.assert_allclose(longer.times, model.times)
-    assert model.near(None, values) is model  # of a solver that does not tell it
+    assert model.warm_started_from(None, values) is model  # of a solver that does not tell it
 
 
 def test_nulls_are_those_of_the_declarations_but_for_the_constants_of_the_case(
@@ -243,39 +245,39 @@ def test_nulls_are_those_of_the_declarations_but_for_the_constants_of_the_case(
 
 
 def test_a_quadratic_motion_is_exact_at_the_pixels(model: ForwardModel) -> None:
-    look = model.view.look(model.view.surface.points, model.null_values())
+    look = model.projection.at(model.projection.surface.points, model.null_values())
 
     def field(xy: FloatArray) -> FloatArray:
         x, y = xy.T
         u = np.column_stack([1 + x * y, y**2 - 3 * x, x**2 + 0.5 * x * y - y])
         return np.asarray(np.arange(1, 4)[:, None, None] * u)
 
-    seen = apply(look.value, field(model.view.surface.points))
-    np.testing.assert_allclose(seen, field(model.view.pixels), atol=1e-12)
+    seen = apply(look.value, field(model.projection.surface.points))
+    np.testing.assert_allclose(seen, field(model.projection.pixels), atol=1e-12)
     # Slopes are differences over 2 nm; a pixel on an edge of the mesh sees both of its sides.
-    x, y = model.view.pixels.T
-    slope = apply(look.slope_X, field(model.view.surface.points))[0]
+    x, y = model.projection.pixels.T
+    slope = apply(look.slope_X, field(model.projection.surface.points))[0]
     np.testing.assert_allclose(slope[:, 1], -3.0, atol=1e-9)
     np.testing.assert_allclose(slope[:, 0], y, atol=1e-9)
-    slope = apply(look.slope_Y, field(model.view.surface.points))[0]
+    slope = apply(look.slope_Y, field(model.projection.surface.points))[0]
     np.testing.assert_allclose(slope[:, 2], 0.5 * x - 1, atol=1e-9)
 
 
 def test_a_shift_of_the_nodes_alone_is_no_motion(model: ForwardModel) -> None:
     """The grain boundary of a specimen that strains uniformly can be anywhere."""
-    surface, shifted = model.view.surface, model.view.surface.points.copy()
+    surface, shifted = model.projection.surface, model.projection.surface.points.copy()
     velocity = model.microstructure.velocities["boundary_shift"][surface.nodes, :2]
     shifted += 0.3 * velocity
-    look = model.view.look(shifted, model.null_values())
+    look = model.projection.at(shifted, model.null_values())
     strain = np.column_stack([-0.3 * shifted[:, 0], shifted[:, 1], 0 * shifted[:, 0]])[None]
     seen = apply(look.value, strain)[0]
-    np.testing.assert_allclose(seen[:, :2], model.view.pixels * [-0.3, 1.0], atol=1e-12)
+    np.testing.assert_allclose(seen[:, :2], model.projection.pixels * [-0.3, 1.0], atol=1e-12)
 
 
 def test_pixels_off_the_face_see_its_rim(model: ForwardModel) -> None:
     pose = model.null_values() | {"origin_Y": 0.3}
-    look = model.view.look(model.view.surface.points, pose)
+    look = model.projection.at(model.projection.surface.points, pose)
     np.testing.assert_allclose(look.value.sum(axis=1), 1.0, atol=1e-12)
-    ys = look.value @ model.view.surface.points[:, 1]
-    expected = np.minimum(model.view.pixels[:, 1] + 0.3, closed_form.LENGTH - 2e-3)
+    ys = look.value @ model.projection.surface.points[:, 1]
+    expected = np.minimum(model.projection.pixels[:, 1] + 0.3, closed_form.LENGTH - 2e-3)
     np.testing.assert_allclose(ys, expected, atol=1e-12)

@@ -21,7 +21,7 @@ from driver.identification.data import Data
 from driver.identification.fit import fit
 from driver.identification.objective import Objective
 from driver.parameters.boundary import elongation_names
-from solver_adapters.interface import Progress, Response, Simulation, Way
+from solver_adapters.interface import Progress, Response, Simulation, Trajectory
 from tools import closed_form
 from tools.closed_form import KNOTS, LAW, Bench
 
@@ -102,7 +102,7 @@ def test_the_answer_to_a_stop_is_the_derivative_of_the_simulation(stop: int) -> 
 def test_stops_beyond_the_first_ones_begin_by_the_simulation_of_those(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    begun: list[Way | None] = []
+    begun: list[Trajectory | None] = []
 
     class Telling(closed_form.ClosedFormSolver):
         """It tells a way, and remembers by which it was asked to begin."""
@@ -113,15 +113,17 @@ def test_stops_beyond_the_first_ones_begin_by_the_simulation_of_those(
             workspace: Path | None = None,
             progress: Callable[[Progress], None] | None = None,
         ) -> Response:
-            begun.append(simulation.near)
+            begun.append(simulation.warm_start)
             still = np.zeros((len(simulation.times), len(simulation.mesh.points), 3))
-            return replace(super().solve(simulation), way=Way(simulation.times, still))
+            return replace(
+                super().solve(simulation), trajectory=Trajectory(simulation.times, still)
+            )
 
     monkeypatch.setattr("driver.identification.boundary_jitter._TOGETHER", 20)
     model = replace(BENCH.model, adapter=Telling())
     found = boundary_jitter(model, plain().data.image, BENCH.truth, SIGMA_E)
     assert begun[0] is None and len(begun) == -(-T // 20) > 1
-    assert all(way is not None for way in begun[1:])
+    assert all(trajectory is not None for trajectory in begun[1:])
     np.testing.assert_allclose(found.load, jitter().load, rtol=1e-9)
 
 

@@ -223,8 +223,8 @@ def test_the_sensitivity_is_the_change_of_the_residual(
     """On images without noise, to the error of the spline's gradient."""
     own = data_of().images_alone()
     model = BENCH.model
-    look = model.view.look(model.view.surface.points, BENCH.truth)
-    X, Y = model.view.surface.points.T
+    look = model.projection.at(model.projection.surface.points, BENCH.truth)
+    X, Y = model.projection.surface.points.T
     field = np.zeros((T, X.size, 3))
     field[..., component] = np.arange(1, T + 1)[:, None] * (1 + X - 0.5 * Y + 0.3 * X * Y)
     at_pixels = np.einsum("pn,tnc->tpc", look.value.toarray(), field)

@@ -73,10 +73,10 @@ def test_near_an_evaluation_others_take_fewer_iterations_and_find_the_same(
     objective: Objective,
 ) -> None:
     values = objective.model.null_values() | closed_form.problem().truth
-    here = objective.in_steps_of(objective.evaluate(values, FITTED))
+    here = objective.with_time_steps_of(objective.evaluate(values, FITTED))
     there = values | {"tau0": 1.01 * values["tau0"]}
     cold = here.evaluate(there, ())
-    near = here.near(objective.evaluate(values, ())).evaluate(there, ())
+    near = here.warm_started_from(objective.evaluate(values, ())).evaluate(there, ())
     fewer, many = (e.prediction.response.iterations for e in (near, cold))
     assert fewer < 0.8 * many
     np.testing.assert_allclose(near.residual, cold.residual, atol=1e-4)
@@ -87,8 +87,11 @@ def test_a_finished_identification_is_simulated_once_more_without_iterations(
 ) -> None:
     values = objective.model.null_values() | closed_form.problem().truth
     response = objective.evaluate(values, ()).prediction.response
-    assert response.way is not None
-    written = {"way/times": response.way.times, "way/displacement": response.way.displacement}
+    assert response.trajectory is not None
+    written = {
+        "trajectory/times": response.trajectory.times,
+        "trajectory/displacement": response.trajectory.displacement,
+    }
     again = same_simulation(objective, written, values).evaluate(values, FITTED)
     simulation, _ = watched(objective)[-1]
     assert again.prediction.response.iterations < 0.05 * response.iterations

@@ -161,9 +161,11 @@ def test_a_run_that_is_interrupted_goes_on_from_its_last_instant(tmp_path: Path)
     assert [p.time for p in told] == [4.0]
     assert resumed.steps == whole.steps
     np.testing.assert_array_equal(resumed.ends, whole.ends)
-    assert resumed.way is not None and whole.way is not None
-    np.testing.assert_array_equal(resumed.way.times, whole.way.times)
-    np.testing.assert_allclose(resumed.way.displacement, whole.way.displacement, atol=1e-9)
+    assert resumed.trajectory is not None and whole.trajectory is not None
+    np.testing.assert_array_equal(resumed.trajectory.times, whole.trajectory.times)
+    np.testing.assert_allclose(
+        resumed.trajectory.displacement, whole.trajectory.displacement, atol=1e-9
+    )
     for name in ("force", "displacement", "d_force", "d_displacement"):
         expected = getattr(whole, name)
         np.testing.assert_allclose(
@@ -288,12 +290,12 @@ def test_recorded_steps_are_taken_again_as_they_were() -> None:
 def test_the_way_of_a_run_holds_every_node_at_the_end_of_every_step() -> None:
     refined = replace(pulled(box(), Material(), HISTORY), accuracy=5.0)
     found = solve(refined)
-    assert found.way is not None
-    np.testing.assert_array_equal(found.way.times, [refined.times[0], *found.ends])
-    assert found.way.displacement.shape == (1 + found.steps, len(refined.mesh.points), 3)
-    rows = np.searchsorted(found.way.times, refined.times[refined.output])
+    assert found.trajectory is not None
+    np.testing.assert_array_equal(found.trajectory.times, [refined.times[0], *found.ends])
+    assert found.trajectory.displacement.shape == (1 + found.steps, len(refined.mesh.points), 3)
+    rows = np.searchsorted(found.trajectory.times, refined.times[refined.output])
     np.testing.assert_array_equal(
-        found.way.displacement[rows][:, refined.output_nodes], found.displacement
+        found.trajectory.displacement[rows][:, refined.output_nodes], found.displacement
     )
 
 
@@ -318,10 +320,12 @@ def test_a_run_beside_a_known_one_answers_the_same_in_fewer_iterations(
         pulled(box(), Material(strain_measure=measure), HISTORY), directions=(direction,)
     )
     cold = solve(simulation)
-    assert solve(replace(simulation, near=cold.way)).iterations == 0
+    assert solve(replace(simulation, warm_start=cold.trajectory)).iterations == 0
     weaker = replace(simulation, material=Material(tau0=39.5, strain_measure=measure))
     faster = replace(simulation, motion=2.0 * simulation.motion)
-    beside, far = (solve(replace(simulation, near=solve(s).way)) for s in (weaker, faster))
+    beside, far = (
+        solve(replace(simulation, warm_start=solve(s).trajectory)) for s in (weaker, faster)
+    )
     assert beside.iterations < 0.7 * cold.iterations
     for near in (beside, far):
         for name in ("force", "displacement", "d_force", "d_displacement"):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from solver_adapters.calculix.log import cause, understand, version_in
+from solver_adapters.calculix.log import cause, parse_status, version_in
 from solver_adapters.external import Status
 
 LOGS = Path(__file__).parents[2] / "data" / "solver" / "calculix"
@@ -25,7 +25,7 @@ EXPECTED = {
 @pytest.mark.parametrize("name", EXPECTED)
 def test_a_log_says_how_the_run_ended(name: str) -> None:
     text = gzip.decompress((LOGS / f"{name}.log.gz").read_bytes()).decode()
-    assert understand(text) is EXPECTED[name]
+    assert parse_status(text) is EXPECTED[name]
 
 
 CAUSES = {
@@ -56,5 +56,5 @@ def test_every_stored_log_is_understood_here() -> None:
 def test_a_log_that_breaks_off_says_nothing_of_a_failure() -> None:
     """A killed run: its exit code tells, and its files are truncated."""
     text = gzip.decompress((LOGS / "done.log.gz").read_bytes()).decode()
-    assert understand(text[: len(text) // 2]) is Status.DONE
-    assert understand("") is Status.DONE
+    assert parse_status(text[: len(text) // 2]) is Status.DONE
+    assert parse_status("") is Status.DONE

@@ -12,8 +12,8 @@ from solver_adapters.interface import (
     BadSimulationError,
     FloatArray,
     Simulation,
+    Trajectory,
     UnsupportedError,
-    Way,
 )
 from solver_adapters.material import MATERIAL_PARAMETERS, Material
 from tests.solver_adapters.simulations import (
@@ -188,20 +188,23 @@ BROKEN: list[tuple[Simulation, str]] = [
         "steps holds 1 values that are not finite; expected finite numbers",
     ),
     (
-        replace(GOOD, near=Way(np.array([0.0, 1.0]), np.zeros((2, 5, 3)))),
-        f"near.displacement has shape (2, 5, 3); expected (2, {len(GOOD.mesh.points)}, 3)",
+        replace(GOOD, warm_start=Trajectory(np.array([0.0, 1.0]), np.zeros((2, 5, 3)))),
+        f"warm_start.displacement has shape (2, 5, 3); expected (2, {len(GOOD.mesh.points)}, 3)",
     ),
     (
-        replace(GOOD, near=Way(np.zeros(1), np.zeros((1, len(GOOD.mesh.points), 3)))),
-        "near.times holds 1 instants; expected the first one and an end of a step or more",
+        replace(GOOD, warm_start=Trajectory(np.zeros(1), np.zeros((1, len(GOOD.mesh.points), 3)))),
+        "warm_start.times holds 1 instants; expected the first one and an end of a step or more",
     ),
     (
-        replace(GOOD, near=Way(np.array([0.0, 1.0, 1.0]), np.zeros((3, 5, 3)))),
-        "near.times goes from 1 to 1 at place 2; expected increasing values",
+        replace(GOOD, warm_start=Trajectory(np.array([0.0, 1.0, 1.0]), np.zeros((3, 5, 3)))),
+        "warm_start.times goes from 1 to 1 at place 2; expected increasing values",
     ),
     (
-        replace(GOOD, near=Way(GOOD.times, np.full((3, len(GOOD.mesh.points), 3), NAN))),
-        f"near.displacement holds {9 * len(GOOD.mesh.points)} values that are not finite; expected",
+        replace(
+            GOOD, warm_start=Trajectory(GOOD.times, np.full((3, len(GOOD.mesh.points), 3), NAN))
+        ),
+        f"warm_start.displacement holds {9 * len(GOOD.mesh.points)} values that are not finite; "
+        "expected",
     ),
     (
         replace(GOOD, output=np.array([0, 3])),
@@ -264,7 +267,7 @@ def _turn(time: float, points: FloatArray) -> FloatArray:
         pulled(box((2, 2, 2), jitter=0.2), Material(strain_measure="small"), (0.01,), steps=3),
         moved(box(), Material(), skin(box()), _turn, np.array([0.0, 0.5, 1.0])),
         replace(GOOD, steps=np.array([0.5, 1.0, 1.5, 2.0]), accuracy=1.0),
-        replace(GOOD, near=Way(GOOD.times, np.zeros((3, len(GOOD.mesh.points), 3)))),
+        replace(GOOD, warm_start=Trajectory(GOOD.times, np.zeros((3, len(GOOD.mesh.points), 3)))),
         replace(GOOD, motion=np.where(GOOD.motion_mask, GOOD.motion, NAN)),
         along(material={"tau0": 1.0}, rotation=np.ones((2, 3)), motion=GOOD.motion),
         held(

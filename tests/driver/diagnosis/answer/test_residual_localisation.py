@@ -11,7 +11,7 @@ from driver.diagnosis.answer.residual_localisation import (
     LOADS,
     WHOLE,
     Excess,
-    Whereabouts,
+    ResidualLocalisation,
     excess,
     phases_of,
     places_on,
@@ -87,7 +87,7 @@ def test_a_motion_that_no_model_has_is_found_where_and_when_it_was(place: str) -
     assert (worst.place, worst.phase) == (place, "loading again") and worst.seen
     loads = [one for one in found(at) if one.place == LOADS]
     assert not any(one.seen for one in loads)
-    text = told(Whereabouts(found(at), ()))
+    text = told(ResidualLocalisation(found(at), ()))
     assert f"the images show most at {place} in loading again" in text
     assert text.endswith("the loads show nothing beyond noise.")
 
@@ -148,4 +148,4 @@ def test_what_is_still_missed_is_that_of_the_last_model() -> None:
         ((silent,), (), ""),
     )
     for before, after, words in cases:
-        assert still_missed(Whereabouts(before, after)) == words
+        assert still_missed(ResidualLocalisation(before, after)) == words

@@ -15,8 +15,8 @@ def test_a_cause_names_parameters_of_the_general_model(cause: Cause) -> None:
     assert cause.parameters and set(named) <= set(DECLARED)
     assert len(set(named)) == len(named)
     assert cause.sentence and cause.check and not cause.sentence.endswith(".")
-    assert not cause.bends or len(cause.parameters) == 1
-    assert not cause.hides or cause.bends
+    assert not cause.strongly_nonlinear or len(cause.parameters) == 1
+    assert not cause.check_always or cause.strongly_nonlinear
     if cause.one_sided:
         (name,) = cause.parameters
         assert DECLARED[name].lower == DECLARED[name].null
@@ -32,10 +32,10 @@ def test_a_cause_that_does_something_else_at_four_prior_scales_is_looked_at_from
         "fixed_pattern": 0.97,
     }  # fmt: skip
     bent = {name for name, share in share_along_derivative.items() if share < 0.7}
-    assert bent == {cause.name for cause in LIBRARY if cause.bends}
+    assert bent == {cause.name for cause in LIBRARY if cause.strongly_nonlinear}
     # Of these nothing was seen, by no cause and no test.
     unseen = {"non_schmid", "family_112", "twinning_asymmetry"}
-    assert unseen == {cause.name for cause in LIBRARY if cause.hides}
+    assert unseen == {cause.name for cause in LIBRARY if cause.check_always}
 
 
 def test_names_are_unique_and_every_category_is_there() -> None:

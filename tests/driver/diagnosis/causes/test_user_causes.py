@@ -17,7 +17,7 @@ from driver.design.variants import base_variant, variant
 from driver.diagnosis.causes.all_causes import NAMES
 from driver.diagnosis.causes.candidates import causes_of, not_examined
 from driver.diagnosis.causes.causes import LIBRARY, Cause
-from driver.diagnosis.causes.user_causes import asked_causes, own_causes, read_causes
+from driver.diagnosis.causes.user_causes import asked_causes, read_causes, user_causes
 from driver.parameters.registry import declared_parameters
 from driver.workflow.pipeline import run
 from tools import closed_form
@@ -72,7 +72,7 @@ def test_the_example_of_the_documentation_is_a_cause(tmp_path: Path) -> None:
 def test_causes_of_all_files_are_read(tmp_path: Path) -> None:
     written(tmp_path / "a.toml")
     written(tmp_path / "b.toml", name="other", parameters=["K"], one_sided=True)
-    first, second = own_causes(case_with(tmp_path, "a.toml", "b.toml"))
+    first, second = user_causes(case_with(tmp_path, "a.toml", "b.toml"))
     assert first == TWISTED
     assert (second.name, second.one_sided) == ("other", True)
 
@@ -144,14 +144,14 @@ def test_one_name_in_two_files_is_refused(tmp_path: Path) -> None:
     written(tmp_path / "a.toml")
     written(tmp_path / "b.toml")
     with pytest.raises(InputError, match='found "twisted_grip" again, expected a name for each'):
-        own_causes(case_with(tmp_path, "a.toml", "b.toml"))
+        user_causes(case_with(tmp_path, "a.toml", "b.toml"))
 
 
 def test_two_causes_of_the_same_parameters_are_refused(tmp_path: Path) -> None:
     written(tmp_path / "a.toml", parameters=["K", "a1"], companions=[])
     written(tmp_path / "b.toml", name="other", parameters=["a1", "K"], companions=[])
     with pytest.raises(InputError, match="other of a1, K, expected other parameters than those of"):
-        own_causes(case_with(tmp_path, "a.toml", "b.toml"))
+        user_causes(case_with(tmp_path, "a.toml", "b.toml"))
 
 
 def asking(folder: Path, *causes: str) -> Path:

@@ -7,7 +7,7 @@ import pytest
 
 from driver.common.progress import silent
 from driver.diagnosis.search.baseline import Prepared, loads_taken_back, prepared
-from driver.diagnosis.search.boundary_noise import Stops
+from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
 from driver.diagnosis.search.refit import TOLERANCE
 from driver.diagnosis.statistics.screening import screened
 from driver.identification.fit import Fit
@@ -84,7 +84,7 @@ def test_images_that_free_correlation_cannot_follow_count_by_what_it_leaves() ->
 
 def test_without_the_answers_to_a_noise_of_the_boundary_no_load_is_taken_back() -> None:
     found = begin(OFF)
-    assert loads_taken_back(found, Stops(None, None), (), (), silent) is found
+    assert loads_taken_back(found, BoundaryNoiseSensitivities(None, None), (), (), silent) is found
 
 
 def test_what_is_prepared_is_fitted_to_first_order() -> None:

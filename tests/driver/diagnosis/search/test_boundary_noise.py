@@ -20,7 +20,7 @@ from driver.diagnosis.search.boundary_noise import (
     level_again,
     refit_boundary_noise,
     score_boundary_noise,
-    stops_where_they_pay,
+    sensitivities_where_they_pay,
 )
 from driver.diagnosis.search.load_outliers import bad_loads
 from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
@@ -268,7 +268,7 @@ def test_it_is_not_examined_where_it_is_stated_unwanted_or_beyond_the_solver() -
     objective = replace(objective, data=data)
 
     def why(one: Objective) -> str:
-        stops = stops_where_they_pay(fitted.best, one, stated_noise, None)
+        stops = sensitivities_where_they_pay(fitted.best, one, stated_noise, None)
         assert stops.effect is None and stops.why is not None
         return stops.why.why
 
@@ -280,9 +280,9 @@ def test_it_is_not_examined_where_it_is_stated_unwanted_or_beyond_the_solver() -
         assert "the solver has none" in why(replace(objective, model=beyond))
     assert "no loads" in why(replace(objective, data=data.images_alone()))
     assert "too few" in why(replace(objective, data=replace(data, load_degrees=np.inf)))
-    unwanted = stops_where_they_pay(fitted.best, objective, stated_noise, ("load_gain",))
+    unwanted = sensitivities_where_they_pay(fitted.best, objective, stated_noise, ("load_gain",))
     assert unwanted.effect is None and unwanted.why is None
-    wanted = stops_where_they_pay(fitted.best, objective, stated_noise, ("boundary_noise",))
+    wanted = sensitivities_where_they_pay(fitted.best, objective, stated_noise, ("boundary_noise",))
     assert wanted.effect is not None
     assert wanted.effect.load.shape == (BENCH.history.n_images,) * 2
     assert np.diag(wanted.effect.load)[5] == pytest.approx(3 * np.diag(stated.load)[5], rel=1e-6)

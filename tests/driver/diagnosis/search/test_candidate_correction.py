@@ -11,7 +11,7 @@ from driver.common.progress import silent
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.candidate_correction import REACH, with_own_corrections
 from driver.diagnosis.search.fine_models import FinerMeshes
-from driver.diagnosis.search.refit import Crew, refit_causes
+from driver.diagnosis.search.refit import Executor, refit_causes
 from driver.diagnosis.statistics.score_test import score
 from driver.diagnosis.statistics.screening import screened
 from driver.identification.fit import Fit
@@ -64,7 +64,7 @@ def refitted() -> tuple[Fit, list[Refit]]:
         score(cause, np.array([rows[n] for n in cause.parameters]), baseline.best, len(causes))
         for cause in causes
     ]
-    refits = refit_causes(scores, screening, baseline.best, objective, Crew(1, 1, silent))
+    refits = refit_causes(scores, screening, baseline.best, objective, Executor(1, 1, silent))
     return baseline, sorted(refits, key=lambda refit: -refit.log_evidence)
 
 
@@ -75,8 +75,8 @@ def names_of(refits: list[Refit]) -> list[str]:
 def test_what_the_working_mesh_gets_wrong_at_a_cause_no_longer_speaks_against_it() -> None:
     baseline, before = refitted()
     assert names_of(before) == [RIVAL, TRUE]
-    crew = Crew(1, 1, silent)
-    after = with_own_corrections(before, baseline.best, FinerMeshes(finer(BENCH)), crew)
+    executor = Executor(1, 1, silent)
+    after = with_own_corrections(before, baseline.best, FinerMeshes(finer(BENCH)), executor)
     assert names_of(after) == [TRUE, RIVAL]
     assert after[0].log_evidence > before[1].log_evidence + 10
     # Where the mesh errs no more than at the baseline, nothing has changed.
@@ -87,7 +87,7 @@ def test_a_refit_that_cannot_be_simulated_finer_stays_and_the_log_says_so() -> N
     baseline, before = refitted()
     lines: list[str] = []
     never = failing(SolverError("no step is short enough\nstep 3"))
-    after = with_own_corrections(before, baseline.best, never, Crew(1, 1, lines.append))
+    after = with_own_corrections(before, baseline.best, never, Executor(1, 1, lines.append))
     assert after == before
     assert lines[1:] == [
         f"  {refit.cause.name}: log evidence {refit.log_evidence:+.1f} as it was, for it cannot be "
@@ -100,7 +100,7 @@ def test_a_refit_that_cannot_be_simulated_finer_stays_and_the_log_says_so() -> N
 def test_a_finer_simulation_that_was_not_run_is_not_done_without(error: SolverError) -> None:
     baseline, before = refitted()
     with pytest.raises(type(error)):
-        with_own_corrections(before, baseline.best, failing(error), Crew(1, 1, silent))
+        with_own_corrections(before, baseline.best, failing(error), Executor(1, 1, silent))
 
 
 @pytest.mark.parametrize("error", [NotRunError("absent"), JobError("bar", Status.KILLED)], ids=str)
@@ -124,6 +124,6 @@ def test_one_that_leads_alone_is_not_simulated() -> None:
     far = replace(second, log_evidence=first.log_evidence - REACH - 0.1)
     lines: list[str] = []
     never = failing(AssertionError())
-    crew = Crew(1, 1, lines.append)
-    assert with_own_corrections([first, far], baseline.best, never, crew) == [first, far]
-    assert with_own_corrections([], baseline.best, never, crew) == [] and not lines
+    executor = Executor(1, 1, lines.append)
+    assert with_own_corrections([first, far], baseline.best, never, executor) == [first, far]
+    assert with_own_corrections([], baseline.best, never, executor) == [] and not lines

@@ -9,7 +9,7 @@ import numpy as np
 from driver.common.progress import silent
 from driver.diagnosis.search import candidate_selection
 from driver.diagnosis.search.candidate_selection import LARGE, refits_of_likely, to_refit
-from driver.diagnosis.search.refit import Crew
+from driver.diagnosis.search.refit import Executor
 from driver.diagnosis.statistics.score_test import Score
 from tools.closed_form_diagnosis import large_effect
 
@@ -48,7 +48,7 @@ def test_a_significant_cause_without_evidence_opens_the_door_for_no_other() -> N
     assert to_refit([best, near, odd], 5) == [odd]
 
 
-CREW = Crew(1, 1, silent)
+CREW = Executor(1, 1, silent)
 
 
 def test_from_a_baseline_that_is_lost_no_refit_begins() -> None:

@@ -9,7 +9,7 @@ from driver.common.progress import silent
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.extension import Extension, extended
 from driver.diagnosis.search.fine_models import FinerMeshes
-from driver.diagnosis.search.refit import Crew, refit_causes
+from driver.diagnosis.search.refit import Executor, refit_causes
 from driver.diagnosis.statistics.score_test import score
 from driver.diagnosis.statistics.screening import screened
 from driver.identification.fit import Fit
@@ -30,7 +30,7 @@ def refitted(objective: Objective, baseline: Fit, name: str = CAUSE) -> Refit:
     (cause,) = causes
     rows = [wide.free.index(name) for name in cause.parameters]
     one = score(cause, wide.jacobian[rows], objective.restrict(wide, baseline.best.free), 1)
-    (found,) = refit_causes([one], wide, baseline.best, objective, Crew(1, 1, silent))
+    (found,) = refit_causes([one], wide, baseline.best, objective, Executor(1, 1, silent))
     return found
 
 

@@ -13,10 +13,10 @@ from driver.common.progress import Log, silent
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import LIBRARY
 from driver.diagnosis.search import finite_step_score
-from driver.diagnosis.search.boundary_noise import Stops
+from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
 from driver.diagnosis.search.fine_models import FinerMeshes
 from driver.diagnosis.search.finite_step_score import FarLooks, look_from_afar
-from driver.diagnosis.search.refit import Crew, Start, refit_from
+from driver.diagnosis.search.refit import Executor, Start, refit_from
 from driver.diagnosis.search.selection_round import examine
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, effects_of
 from driver.diagnosis.statistics.screening import screen, screened
@@ -87,7 +87,7 @@ def examined(truth: float, solver: type[Bent] = Bent, seed: int = 0) -> Examined
 
 
 def look(at: Examined, log: Log = silent, accepted: bool = True) -> FarLooks:
-    return look_from_afar(at.scores, at.fit, at.objective, 1.0, accepted, Crew(1, 1, log))
+    return look_from_afar(at.scores, at.fit, at.objective, 1.0, accepted, Executor(1, 1, log))
 
 
 def with_scores(at: Examined, *changed: Score) -> Examined:
@@ -98,7 +98,7 @@ def with_scores(at: Examined, *changed: Score) -> Examined:
 
 def not_hiding(score: Score) -> Score:
     """Of a cause that bends, and that does not hide from all others."""
-    return replace(score, cause=replace(score.cause, hides=False))
+    return replace(score, cause=replace(score.cause, check_always=False))
 
 
 def _of(scores: list[Score], name: str) -> Score:
@@ -128,7 +128,7 @@ def test_the_end_of_a_refit_gains_more_than_the_sides_show(
 ) -> None:
     """The effect goes on bending beyond three prior scales."""
     end = _of(look(hidden).scores, "non_schmid")
-    monkeypatch.setattr(finite_step_score, "refit_from", lambda tasks, crew: [])
+    monkeypatch.setattr(finite_step_score, "refit_from", lambda tasks, executor: [])
     side = _of(look(hidden).scores, "non_schmid")
     assert end.statistic > side.statistic + 5.0
     assert side.estimate[0] == pytest.approx(6.5, abs=1.0)  # by the secant to three scales
@@ -150,8 +150,8 @@ def test_what_a_side_promises_and_a_refit_does_not_keep_does_not_count(
 def test_a_refit_that_is_worth_nothing_does_not_join_the_others(
     hidden: Examined, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def little(tasks: Sequence[Start], crew: Crew) -> list[Refit]:
-        return [replace(refit, log_evidence=0.9 * WORTH) for refit in refit_from(tasks, crew)]
+    def little(tasks: Sequence[Start], executor: Executor) -> list[Refit]:
+        return [replace(refit, log_evidence=0.9 * WORTH) for refit in refit_from(tasks, executor)]
 
     monkeypatch.setattr(finite_step_score, "refit_from", little)
     found, near = look(hidden), _of(hidden.scores, "non_schmid")
@@ -201,7 +201,7 @@ def test_a_side_that_promises_little_beside_what_is_known_is_scored_and_not_refi
     hidden: Examined, monkeypatch: pytest.MonkeyPatch, times: float, refits: int
 ) -> None:
     with monkeypatch.context() as without:
-        without.setattr(finite_step_score, "refit_from", lambda starts, crew: [])
+        without.setattr(finite_step_score, "refit_from", lambda starts, executor: [])
         side = _of(look(hidden).scores, "non_schmid")
     known = replace(_of(hidden.scores, "cold_work"), log_evidence=times * side.log_evidence)
     found = look(with_scores(hidden, known))
@@ -245,7 +245,7 @@ def test_looks_side_by_side_see_what_looks_one_after_the_other_see(hidden: Exami
     twin = replace(near, cause=replace(near.cause, name="twin"))
     at = with_scores(hidden, twin)
     one, two = (
-        look_from_afar(at.scores, at.fit, at.objective, 1.0, True, Crew(n, 1, silent))
+        look_from_afar(at.scores, at.fit, at.objective, 1.0, True, Executor(n, 1, silent))
         for n in (1, 2)
     )
     assert [s.log_evidence for s in two.scores] == [s.log_evidence for s in one.scores]
@@ -263,7 +263,7 @@ def test_causes_that_do_not_bend_keep_their_scores(hidden: Examined) -> None:
     found = look(hidden).scores
     assert {s.cause.name for s in found} == {s.cause.name for s in hidden.scores}
     for score in hidden.scores:
-        if not score.cause.bends:
+        if not score.cause.strongly_nonlinear:
             assert _of(found, score.cause.name) is score
 
 
@@ -299,7 +299,16 @@ def test_both_sides_are_prepared_at_once() -> None:
 def test_a_round_names_what_only_a_look_from_afar_shows(hidden: Examined) -> None:
     settings = replace(SETTINGS, wanted=("non_schmid",))
     meshes = FinerMeshes(replace(finer(closed_form.problem()), adapter=Bent(0.001)))
-    found = examine(hidden.fit, hidden.objective, (), settings, Stops(None), None, meshes, silent)
+    found = examine(
+        hidden.fit,
+        hidden.objective,
+        (),
+        settings,
+        BoundaryNoiseSensitivities(None),
+        None,
+        meshes,
+        silent,
+    )
     assert found.winner is not None and found.winner.cause.name == "non_schmid"
     assert found.winner.fit.values["a1"] == pytest.approx(TRUTH, abs=0.04)
 

@@ -7,13 +7,13 @@ from unittest.mock import patch
 import pytest
 
 from driver.common.progress import Log
-from driver.diagnosis.answer.result_types import Diagnosis, Gate, Refit, Settings
+from driver.diagnosis.answer.result_types import Diagnosis, DiscretisationCheck, Refit, Settings
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.search import forward_selection
-from driver.diagnosis.search.boundary_noise import Stops
+from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
 from driver.diagnosis.search.extension import Extension, extended
 from driver.diagnosis.search.fine_models import FinerMeshes
-from driver.diagnosis.search.refit import Crew, refit_causes
+from driver.diagnosis.search.refit import Executor, refit_causes
 from driver.diagnosis.search.selection_round import Round, at_first_sight, examine
 from driver.diagnosis.statistics.screening import screened
 from driver.identification.fit import Fit
@@ -27,13 +27,13 @@ TRUE, WRONG, OTHER = "tilt_drift", "magnification_drift", "end_rotation"
 
 
 def misled(
-    refitted: Sequence[str], named: tuple[str, ...], lost: Gate | None
+    refitted: Sequence[str], named: tuple[str, ...], lost: DiscretisationCheck | None
 ) -> Callable[..., Round]:
     """A round that prefers the first of these causes, after which nothing can be added."""
 
     def examined(
-        here: Fit, objective: Objective, added: Sequence[Cause], settings: Settings, stops: Stops,
-        wide: Evaluation | None, finer: FinerMeshes, log: Log,
+        here: Fit, objective: Objective, added: Sequence[Cause], settings: Settings,
+        stops: BoundaryNoiseSensitivities, wide: Evaluation | None, finer: FinerMeshes, log: Log,
     ) -> Round:  # fmt: skip
         if added:
             seen = at_first_sight(here, objective, settings, stops, log)
@@ -43,7 +43,7 @@ def misled(
         screening = objective.evaluate(here.values, names)
         by_name = {score.cause.name: score for score in found.step.scores}
         chosen = [by_name[name] for name in refitted]
-        refits = refit_causes(chosen, screening, here.best, objective, Crew(1, 1, log))
+        refits = refit_causes(chosen, screening, here.best, objective, Executor(1, 1, log))
         # As near to the best as causes are that evidence does not part.
         refits = [replace(refit, log_evidence=20.0 - k) for k, refit in enumerate(refits)]
         return replace(
@@ -54,7 +54,7 @@ def misled(
 
 
 def diagnosed(
-    refitted: Sequence[str], named: tuple[str, ...], lost: Gate | None = None
+    refitted: Sequence[str], named: tuple[str, ...], lost: DiscretisationCheck | None = None
 ) -> Diagnosis:
     made = closed_form.objective(BENCH, BENCH.truth | {TRUE: 4e-4})
     with patch.object(forward_selection, "examine", misled(refitted, named, lost)):
@@ -91,7 +91,7 @@ def test_where_each_of_a_set_leaves_something_the_one_of_most_evidence_stays() -
 
 
 def test_what_another_mesh_takes_away_asks_for_no_other_cause() -> None:
-    gone = Gate(2.0, OTHER, "mesh", between_meshes=True)
+    gone = DiscretisationCheck(2.0, OTHER, "mesh", between_meshes=True)
     found = diagnosed((WRONG, TRUE), (WRONG, TRUE), gone)
     assert found.steps[0].named == (WRONG, TRUE) and not found.steps[0].left_something
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from driver.common.progress import silent
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.noise_continuation import refit_from_soft_loads
-from driver.diagnosis.search.refit import Crew, refit_causes
+from driver.diagnosis.search.refit import Executor, refit_causes
 from solver_adapters.interface import Simulation, SolverError
 from tools import closed_form
 from tools.closed_form_diagnosis import large_effect
@@ -17,7 +17,7 @@ from tools.closed_form_diagnosis import large_effect
 FloatArray = NDArray[np.float64]
 
 BENCH = closed_form.problem()
-CREW = Crew(1, 1, silent)
+CREW = Executor(1, 1, silent)
 
 
 def best_of(refits: list[Refit]) -> Refit:
@@ -39,8 +39,8 @@ def test_a_large_effect_is_found_and_measured_where_refits_from_the_baseline_are
     near = best_of(refit_causes(tried[:5], wide, baseline.best, objective, CREW))
     assert near.fit.best.chi_load > 3
     lines: list[str] = []
-    crew = Crew(1, 1, lines.append)
-    found = best_of(refit_from_soft_loads(tried, wide.free, baseline.best, objective, 5, crew))
+    executor = Executor(1, 1, lines.append)
+    found = best_of(refit_from_soft_loads(tried, wide.free, baseline.best, objective, 5, executor))
     assert found.cause.name == cause and found.fit.best.chi_load < 1.3
     sigma = found.fit.sigma(name, objective.parameters)
     assert abs(found.fit.values[name] - value) < max(4 * sigma, 0.01 * value)
@@ -68,7 +68,7 @@ def test_where_the_nominal_model_cannot_be_simulated_the_baseline_is_begun_with(
 
     shy = replace(objective, model=replace(objective.model, adapter=Refusing()))
     lines: list[str] = []
-    crew = Crew(1, 1, lines.append)
-    found = best_of(refit_from_soft_loads(tried, wide.free, baseline.best, shy, 5, crew))
+    executor = Executor(1, 1, lines.append)
+    found = best_of(refit_from_soft_loads(tried, wide.free, baseline.best, shy, 5, executor))
     assert "  not from the nominal model (no step is short enough)" in lines
     assert found.cause.name == "stretch_not_proportional" and found.fit.best.chi_load < 1.3

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from driver.common.progress import silent
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.search.refit import (
-    Crew,
+    Executor,
     Start,
     as_wide_as_found,
     nominal_starts,
@@ -95,8 +95,8 @@ def test_a_fit_that_stalls_by_its_null_is_found_from_afar() -> None:
     objective, scored = two_valleys()
     baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5, lambda line: None).best
     screening = objective.evaluate(baseline.values, ("a", "x"))
-    (near,) = refit_causes([scored], screening, baseline, objective, Crew(1, 1, silent))
-    far = refit_from_afar([scored], baseline, objective, Crew(1, 1, silent), np.inf)
+    (near,) = refit_causes([scored], screening, baseline, objective, Executor(1, 1, silent))
+    far = refit_from_afar([scored], baseline, objective, Executor(1, 1, silent), np.inf)
     best = min(far, key=lambda refit: refit.fit.best.cost)
     assert near.fit.best.cost > 300 and best.fit.best.cost < 25
     assert best.fit.values["x"] == pytest.approx(0.3, abs=0.02)
@@ -106,7 +106,7 @@ def test_a_start_whose_first_step_promises_too_little_is_given_up() -> None:
     objective, scored = two_valleys()
     baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5, lambda line: None).best
     lines: list[str] = []
-    assert refit_from_afar([scored], baseline, objective, Crew(1, 1, lines.append), -1.0) == []
+    assert refit_from_afar([scored], baseline, objective, Executor(1, 1, lines.append), -1.0) == []
     assert len(lines) == 4 and all("promises too little" in line for line in lines)
 
 
@@ -126,13 +126,13 @@ def where_nothing_answers(error: Exception) -> list[Start]:
 def test_a_start_that_was_not_run_ends_the_refits(error: SolverError) -> None:
     """It was told as given up, and the answer was made without it."""
     with pytest.raises(type(error)):
-        refit_from(where_nothing_answers(error), Crew(1, 1, silent))
+        refit_from(where_nothing_answers(error), Executor(1, 1, silent))
 
 
 def test_a_start_that_cannot_be_simulated_is_given_up_and_told() -> None:
     lines: list[str] = []
     starts = where_nothing_answers(SolverError("no step is short enough\nat t = 1 s"))
-    assert refit_from(starts, Crew(1, 1, lines.append)) == []
+    assert refit_from(starts, Executor(1, 1, lines.append)) == []
     told = "a start is given up, for it cannot be simulated (no step is short enough)"
     assert lines == [f"  x: {told}"]
 
@@ -152,7 +152,7 @@ def test_a_companion_that_is_free_already_is_freed_once() -> None:
     for companions in ((), ("b",)):
         cause = Cause("x", "material", ("Q",), "", "", companions)
         scored = score(cause, screening.jacobian[2:], baseline, 1)
-        (refit,) = refit_causes([scored], screening, baseline, objective, Crew(1, 1, silent))
+        (refit,) = refit_causes([scored], screening, baseline, objective, Executor(1, 1, silent))
         assert refit.fit.best.free == ("a", "b", "Q")
         evidence.append(refit.log_evidence)
     assert evidence[0] == pytest.approx(evidence[1], abs=1e-9)
@@ -164,7 +164,7 @@ def test_prior_odds_count_in_the_evidence() -> None:
     screening = objective.evaluate(baseline.values, ("a", "x"))
     unlikely: Any = SimpleNamespace(cause=replace(scored.cause, odds=0.01))
     (even,), (odd,) = (
-        refit_causes([one], screening, baseline, objective, Crew(1, 1, silent))
+        refit_causes([one], screening, baseline, objective, Executor(1, 1, silent))
         for one in (scored, cast(Score, unlikely))
     )
     assert odd.log_evidence == pytest.approx(even.log_evidence - np.log(100))

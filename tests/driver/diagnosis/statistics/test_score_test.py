@@ -9,7 +9,7 @@ from scipy.stats import kstest, multivariate_normal, multivariate_t
 
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.statistics.bayes_factor import prior_scaled
-from driver.diagnosis.statistics.score_test import Score, likeness, score
+from driver.diagnosis.statistics.score_test import Score, score, subspace_similarity
 from driver.identification.objective import Evaluation
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import evaluation
@@ -125,7 +125,7 @@ def test_what_the_data_cannot_show_is_said_to_be_invisible(hidden: FloatArray) -
     found = score(ONE, hidden[None], fitted(RNG.standard_normal(N)), family=1)
     assert found.degrees == 0 and found.p == 1.0 and np.isinf(found.visible).all()
     assert found.log_evidence == pytest.approx(0, abs=1e-9)
-    assert likeness(found, score(ONE, C[:1], fitted(RNG.standard_normal(N)), 1)) == 0.0
+    assert subspace_similarity(found, score(ONE, C[:1], fitted(RNG.standard_normal(N)), 1)) == 0.0
 
 
 def test_an_effect_as_large_as_the_visible_one_is_found() -> None:
@@ -155,10 +155,10 @@ def test_causes_are_parallel_if_they_differ_by_what_is_fitted() -> None:
         return score(ONE if len(sensitivity) == 1 else TWO, sensitivity, baseline, 1)
 
     one = of(C[:1])
-    assert likeness(one, of(-0.3 * C[:1] + 5 * J[2])) == pytest.approx(1.0)
+    assert subspace_similarity(one, of(-0.3 * C[:1] + 5 * J[2])) == pytest.approx(1.0)
     residue = np.linalg.lstsq(np.concatenate([J, C[:1]]).T, C[1], rcond=None)[0]
     across = C[1] - residue @ np.concatenate([J, C[:1]])
-    assert likeness(one, of(across[None])) == pytest.approx(0.0, abs=1e-9)
+    assert subspace_similarity(one, of(across[None])) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_cause_of_several_parameters_is_not_parallel_to_one_of_its_effects() -> None:
@@ -170,10 +170,10 @@ def test_a_cause_of_several_parameters_is_not_parallel_to_one_of_its_effects() -
     def of(*effects: FloatArray) -> Score:
         return score(ONE if len(effects) == 1 else TWO, np.stack(effects), baseline, 1)
 
-    assert likeness(of(a), of(a, b)) == pytest.approx(np.sqrt(0.5))
-    assert likeness(of(a, b), of(a, b + 0.3 * a)) == pytest.approx(1.0)
+    assert subspace_similarity(of(a), of(a, b)) == pytest.approx(np.sqrt(0.5))
+    assert subspace_similarity(of(a, b), of(a, b + 0.3 * a)) == pytest.approx(1.0)
     # What it does besides counts by how much of it the data show.
-    assert likeness(of(a), of(a, 0.1 * b)) == pytest.approx(np.sqrt(1 / 1.01))
+    assert subspace_similarity(of(a), of(a, 0.1 * b)) == pytest.approx(np.sqrt(1 / 1.01))
 
 
 def test_a_noise_level_from_few_degrees_makes_a_large_statistic_likelier() -> None:
