@@ -82,8 +82,8 @@ class ExternalAdapter(ABC):
     A subclass says what it can honour, by its capabilities and, where they do not say all, by
     `check_supported`, and has three functions, each of which can be tested alone: `write` renders
     the files of a job, `read` understands the files that the program leaves, and `diagnose` its
-    log. Where it can, it also tells the version (`version_call`, `version_in`), the lines of the log that say
-    why a run failed (`cause`) and the instant that a run has reached (`reached`).
+    log. Where it can, it also tells the version (`version_call`, `version_in`), the lines of
+    the log that say why a run failed (`cause`) and the instant that a run has reached (`reached`).
 
     Attributes:
         name: word of the case file.

@@ -157,8 +157,8 @@ class Simulation:
         tet10_points: Gauss points of a tetrahedron of ten nodes, 4 or 5, or None for those that
             the solver takes by itself.
         warm_start: the trajectory of a simulation of this mesh with other parameters, by which a
-            solver may begin its iterations; in the same time steps no result depends on it by more than
-            `tolerance`.
+            solver may begin its iterations; in the same time steps no result depends on it by more
+            than `tolerance`.
     """
 
     mesh: PrismMesh

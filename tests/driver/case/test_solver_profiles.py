@@ -73,7 +73,7 @@ def test_files_of_a_call_are_sought_from_the_file_of_the_case(tmp_path: Path) ->
 
     def command(*words: str) -> tuple[str, ...]:
         stated = case(command=words)
-        stated._file = folder
+        stated._file = folder / "case.toml"
         return profile_of(stated).command
 
     wrapper, solve = str(folder / "wrapper.py"), str(folder / "bin" / "solve")
