@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import lzma
 import os
 import pickle
 from collections.abc import Callable, Collection
@@ -76,11 +77,14 @@ def kept(path: Path, make: Callable[[], Kept]) -> Kept:
 
 
 def read(results: Path) -> list[Record]:
-    """The lines of a results file; one that a kill cut short is left out."""
+    """The lines of a results file, compressed or not; one that a kill cut short is left out."""
     if not results.is_file():
         return []
+    content = results.read_bytes()
+    if results.suffix == ".xz":
+        content = lzma.decompress(content)
     lines = []
-    for text in results.read_text(encoding="utf-8").splitlines():
+    for text in content.decode("utf-8").splitlines():
         try:
             lines.append(json.loads(text))
         except json.JSONDecodeError:

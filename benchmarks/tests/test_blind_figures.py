@@ -32,7 +32,7 @@ def told() -> list[str]:
 def test_the_table_tells_the_figures_of_the_lines(
     told: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    print_figures(read(BENCHMARKS / "blind_trial.jsonl"))
+    print_figures(read(BENCHMARKS / "blind_trial.jsonl.xz"))
     printed = capsys.readouterr().out
     shares = dict(re.findall(r"^(.+) \[%\] = [\d.]+ (\[.+\] of \d+) \(", printed, re.MULTILINE))
     for figure, beginning in ROWS.items():
@@ -43,7 +43,7 @@ def test_the_table_tells_the_figures_of_the_lines(
 
 
 def test_each_line_is_another_trial_of_a_program_that_is_told(told: list[str]) -> None:
-    lines = read(BENCHMARKS / "blind_trial.jsonl")
+    lines = read(BENCHMARKS / "blind_trial.jsonl.xz")
     (command,) = (line for line in told if "--figures --also" in line)
     assert {line["program"] for line in lines} == set(re.findall(r"\b[0-9a-f]{12}\b", command))
     assert len({line["trial"]["name"] for line in lines}) == len(lines)
