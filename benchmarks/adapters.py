@@ -35,7 +35,7 @@ ONSET = 3.5  # s, at which it flows as a whole
 
 
 def stored_calculix() -> Iterator[Agreement]:
-    """The stored run of CalculiX with default tolerances, at its own 90 steps."""
+    """Yield the stored run of CalculiX with default tolerances, at its own 90 steps."""
     reference = calculix_prism.read_reference()
     times = np.append(0.0, reference.times)
     own = BundledAdapter().solve(calculix_prism.simulation(reference.mesh, times, "backward_euler"))
@@ -47,7 +47,7 @@ def stored_calculix() -> Iterator[Agreement]:
 
 
 def stored_code_aster() -> Iterator[Agreement]:
-    """The stored runs of Code_Aster: one element, and a prism with both rules of integration."""
+    """Yield stored runs of Code_Aster: one element, and a prism with both rules of integration."""
     with np.load(calculix_prism.REFERENCE.with_name("code_aster_point.npz")) as data:
         times, strains, _, stress = data["table"][:, :4].T
     law = Material(strain_measure="small")
@@ -70,7 +70,7 @@ def stored_code_aster() -> Iterator[Agreement]:
 
 
 def stored_jobs() -> Iterator[Agreement]:
-    """The jobs of the adapter that Code_Aster ran, a box of 12 cells under each term of the law."""
+    """Compare the jobs that Code_Aster ran, a box of 12 cells under each term of the law."""
     answers = []
     for name in adapter_runs.NAMES:
         asked = replace(adapter_runs.simulation(name), cell_fields=False)
@@ -82,7 +82,7 @@ def stored_jobs() -> Iterator[Agreement]:
 
 
 def run_jobs() -> Iterator[Agreement]:
-    """The same jobs and three grains with a free end, run here."""
+    """Yield the same jobs and three grains with a free end, run here."""
     adapter = CodeAsterAdapter()
     simulations = [
         *(replace(adapter_runs.simulation(n), cell_fields=False) for n in adapter_runs.NAMES),
@@ -96,7 +96,7 @@ def run_jobs() -> Iterator[Agreement]:
 def _jobs(
     pair: str, answers: Sequence[tuple[Simulation, Response]], points: int, goal: float | None
 ) -> Iterator[Agreement]:
-    """The largest differences of all jobs from the bundled solver in the steps that they took."""
+    """Yield largest differences of all jobs from the bundled solver in the steps that they took."""
     force = motion = 0.0
     for asked, found in answers:
         same = replace(asked, steps=found.ends, tet10_points=points)

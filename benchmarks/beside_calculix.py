@@ -15,7 +15,7 @@ from tools import calculix_prism
 
 
 def own_run(times: FloatArray, integration: Integration) -> Run:
-    """The prism of CalculiX at given instants, one step each."""
+    """Return the prism of CalculiX at given instants, one step each."""
     warm("small")
     mesh = calculix_prism.read_reference().mesh
     simulation = calculix_prism.simulation(mesh, times, integration)
@@ -67,7 +67,7 @@ def beside_calculix(quick: bool) -> None:
 def as_accurate(
     integration: Integration, common: FloatArray, rms: float, largest: float
 ) -> tuple[FloatArray, Run]:
-    """The run of fewest steps with no larger errors: its instants, and the best of three.
+    """Return the run of fewest steps with no larger errors: its instants, and the best of three.
 
     Raises:
         RuntimeError: not even the finest run is that accurate.

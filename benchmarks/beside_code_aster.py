@@ -12,14 +12,14 @@ CODE_ASTER_ALPHA = 1386.0 / 223  # a step
 
 
 def code_aster_run(repeats: int) -> Run:
-    """The prism of Code_Aster at its own 45 steps."""
+    """Return the prism of Code_Aster at its own 45 steps."""
     warm("small")
     simulation = code_aster_prism.simulation(code_aster_prism.forces()[0])
     return min((solve(simulation) for _ in range(repeats)), key=lambda run: run.cpu)
 
 
 def alpha_run() -> Run:
-    """The demo's specimen and history."""
+    """Return the demo's specimen and history."""
     warm("small")
     return solve(specimen(ALPHA_SIZE, "small", alpha_history()))
 

@@ -11,7 +11,7 @@ HELD_OUT = 3  # one cause in so many has a cycle held out
 
 
 def measured_with(trial: Trial) -> Case:
-    """The case with the noise of the loads as it truly is."""
+    """Return the case with the noise of the loads as it truly is."""
     case, change = known_case(), {}
     if trial.kind == "noise level":
         change = {"noise_uN": trial.level * case.loads.noise_uN}
@@ -28,7 +28,7 @@ def uneven(trial: Trial) -> float:
 
 
 def stated_by(trial: Trial, recorded: Case) -> Case:
-    """The case as its user states it: the noise of the loads as in every case, the jitter known.
+    """Return case as its user states it: the noise of the loads as in every case, the jitter known.
 
     A quieter load cell and the b that is tried are told, too. In the elastic trials K is
     identified, too: known, it would tell a load gain from an elastic scale. A held-out cycle is

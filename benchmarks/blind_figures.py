@@ -186,7 +186,7 @@ def _alike(line: Record) -> list[str]:
 
 
 def _sets(line: Record) -> list[list[str]]:
-    """The sets that the answer names; one that explains nothing or doubts itself names none."""
+    """Return sets that the answer names; one that explains nothing or doubts itself names none."""
     return list(line["sets"]) if line["verdict"] in NAMING else []
 
 

@@ -78,7 +78,7 @@ class Trial:
 
 
 def aims(seed: int, causes: Mapping[str, tuple[int, bool]]) -> dict[str, tuple[float, ...]]:
-    """A direction for each cause, a unit vector in prior scales.
+    """Return a direction for each cause, a unit vector in prior scales.
 
     Args:
         seed: of the plan.
@@ -161,7 +161,7 @@ def plan(
 
 
 def magnitudes(most: float) -> tuple[float, float]:
-    """The two sizes at which a cause is hidden, of which the larger one may be its largest [σ]."""
+    """Return the two sizes at which a cause is hidden; the larger may be its largest [σ]."""
     high = max(min(HIGH, most), FAINTEST)
     low = LOW if high > LOW + 1 else high / 2
     return round(low, 2), round(high, 2)

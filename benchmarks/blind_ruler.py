@@ -71,7 +71,7 @@ class Ruler:
     unaffected: Course
 
     def misfit(self, course: Course, cause: str | None = None) -> float:
-        """What a fit of the baseline leaves of the effect of a course [σ].
+        """Return what a fit of the baseline leaves of the effect of a course [σ].
 
         Args:
             course: what happened.
@@ -98,7 +98,7 @@ class Ruler:
         return self._left_of(np.asarray(step))
 
     def reach(self, cause: Cause, direction: FloatArray) -> float:
-        """The largest effect along a direction within the prior, to first order [σ]."""
+        """Return the largest effect along a direction within the prior, to first order [σ]."""
         most = min(MOST_SCALES, self.largest(cause, direction))
         return most * self.length(cause, direction)
 
@@ -149,7 +149,7 @@ class Ruler:
 
 @lru_cache(maxsize=1)
 def ruler(cache: Path) -> Ruler:
-    """The ruler, made if it is not there: about a minute of one core."""
+    """Return the ruler, made if it is not there: about a minute of one core."""
     return kept(cache / "ruler.pickle", lambda: _made(cache))
 
 
@@ -202,7 +202,7 @@ def sized(
     cause: str | None = None,
     most: float = np.inf,
 ) -> Truth:
-    """A truth of a wanted size, from the cache or by some trials.
+    """Return a truth of a wanted size, from the cache or by some trials.
 
     Args:
         cache: the cache.
@@ -240,7 +240,7 @@ def truth_of_cause(
     cache: Path, cause: Cause, direction: FloatArray, level: float,
     companions: Mapping[str, float], most: float,
 ) -> Truth:  # fmt: skip
-    """A cause of the library, along a direction in prior scales.
+    """Return a cause of the library, along a direction in prior scales.
 
     Where `most` prior scales are not enough it is as large as it may be.
     """
@@ -258,7 +258,7 @@ def truth_of_cause(
 
 
 def truth_outside(cache: Path, effect: str, level: float) -> Truth:
-    """An effect that the library does not know."""
+    """Return an effect that the library does not know."""
     return sized(
         cache,
         effect,
@@ -270,7 +270,7 @@ def truth_outside(cache: Path, effect: str, level: float) -> Truth:
 
 
 def shown(course: Course, objective: Objective) -> FloatArray:
-    """What the images of a course show to happen at the pixels [µm], shape (T, n_pix, 3)."""
+    """Return what the images of a course show to happen at the pixels [µm], shape (T, n_pix, 3)."""
     face, xy = Face(course.face), objective.data.image.images.xy
     motion = np.array([NodalMotion(face, nodal)(*xy.T)[0] for nodal in course.motion])
     if objective.model.pattern is not None:

@@ -36,7 +36,7 @@ LARGEST = {"soft_slice": 8.0, "notch": 2.0}
 
 
 def known_case() -> Case:
-    """What the user knows and believes, with the starts of the paper."""
+    """Return what the user knows and believes, with the starts of the paper."""
     case = small_case()
     mesh = {"mesh_size_um": 2.0, "fine_mesh_size_um": 1.3}
     return case.model_copy(
@@ -49,12 +49,12 @@ def known_case() -> Case:
 
 
 def true_case() -> Case:
-    """The specimen as it is: another law, other apex amplitudes, finer mesh and steps."""
+    """Return the specimen as it is: another law, other apex amplitudes, finer mesh and steps."""
     return as_it_is(known_case())
 
 
 def stage_history(dense: int = 1) -> History:
-    """The stage moves on slowly from image to image, and holds at each peak before its image.
+    """Return stage moves on slowly from image to image, and holds at each peak before its image.
 
     A hold before every image, as a microscope that scans needs it, would double the intervals
     that each simulation has to go through.
@@ -106,7 +106,7 @@ def pulled(hidden: Mapping[str, float], change: Change | None = None, dense: int
 
 
 def jittered(sigma: float, seed: int, dense: int = 1) -> Course:
-    """Ends that stop a little off, σ [µm] at each stop anew; the specimen feels every one."""
+    """Let the ends stop a little off, σ [µm] at each stop anew; the specimen feels every one."""
     rng = np.random.default_rng(seed)
 
     def change(simulation: Simulation, history: History) -> Simulation:
@@ -121,7 +121,7 @@ def jittered(sigma: float, seed: int, dense: int = 1) -> Course:
 
 
 def flipped(flip: str) -> Course:
-    """The test of a specimen whose lattices are half a turn off those that the case states."""
+    """Return test of a specimen whose lattices are half a turn off those that the case states."""
     turn = half_turn([cause for cause in FLIPS if cause.name == flip])
 
     def change(simulation: Simulation, history: History) -> Simulation:
@@ -131,7 +131,7 @@ def flipped(flip: str) -> Course:
 
 
 def outside(effect: str, amplitude: float) -> Course:
-    """The test of a specimen with an effect of `PER_SIGMA`."""
+    """Return the test of a specimen with an effect of `PER_SIGMA`."""
     shown = {"lens": _through_a_lens, "blister": _blistered, "slip_band": _slipped}
     if effect in shown:
         return shown[effect](pulled({}), amplitude)
@@ -142,7 +142,7 @@ def outside(effect: str, amplitude: float) -> Course:
 
 
 def _with_soft_slice(simulation: Simulation, history: History, amplitude: float) -> Simulation:
-    """A slice of the second grain, 1.6 µm long, yields early: τ0 is e^(−0.3·amplitude) of it."""
+    """Let a slice of grain 2, 1.6 µm long, yield early: τ0 is e^(−0.3·amplitude) of it."""
     mesh = simulation.mesh
     middle = mesh.points[mesh.cells[:, :4], 1].mean(axis=1)
     inside = (mesh.grain == 1) & (middle > 0.60 * LENGTH) & (middle < 0.80 * LENGTH)
@@ -157,7 +157,7 @@ def _with_soft_slice(simulation: Simulation, history: History, amplitude: float)
 
 
 def _notched(simulation: Simulation, history: History, amplitude: float) -> Simulation:
-    """A notch across the apex line, about 2 µm wide, takes 0.3·amplitude of the depth.
+    """Return a notch across the apex line, about 2 µm wide, takes 0.3·amplitude of the depth.
 
     A deeper or narrower one would turn cells of this mesh inside out.
     """
@@ -169,12 +169,12 @@ def _notched(simulation: Simulation, history: History, amplitude: float) -> Simu
 
 
 def _creeping(simulation: Simulation, history: History, amplitude: float) -> Simulation:
-    """The ends go on apart by amplitude·2 nm for each factor e in time after the first minute."""
+    """Let the ends go on apart by amplitude·2 nm for each factor e in time after a minute."""
     return _elongated(simulation, amplitude * 0.002 * np.log1p(simulation.times / 60.0))
 
 
 def _elongated(simulation: Simulation, more: FloatArray) -> Simulation:
-    """The ends further apart, by so much at each instant [µm], shape (n_times,)."""
+    """Return the ends further apart, by so much at each instant [µm], shape (n_times,)."""
     y = simulation.mesh.points[simulation.motion_nodes, 1]
     side = np.where(y > LENGTH / 2, 0.5, -0.5)
     motion = simulation.motion.copy()
@@ -183,7 +183,7 @@ def _elongated(simulation: Simulation, more: FloatArray) -> Simulation:
 
 
 def _through_a_lens(course: Course, amplitude: float) -> Course:
-    """A radial distortion that grows with time, amplitude·2·10⁻⁴ of r³ at its end [µm⁻²]."""
+    """Return a radial distortion that grows with time, amplitude·2·10⁻⁴ of r³ at its end [µm⁻²]."""
     at = course.face.points - course.face.points.mean(axis=0)
     grown = np.linspace(0.0, 1.0, len(course.motion))
     motion = course.motion.copy()
@@ -202,7 +202,7 @@ def _blistered(course: Course, amplitude: float) -> Course:
 
 
 def _slipped(course: Course, amplitude: float) -> Course:
-    """A slip band crosses grain 1: amplitude·10 nm at the first peak, and as much after it.
+    """Return a slip band crosses grain 1: amplitude·10 nm at the first peak, and as much after it.
 
     What lies beyond it slides along it, and sinks by half of that.
     """

@@ -64,7 +64,7 @@ def program() -> str:
 
 
 def kept(path: Path, make: Callable[[], Kept]) -> Kept:
-    """What a file of the cache holds, made and written if it is not there."""
+    """Return what a file of the cache holds, made and written if it is not there."""
     if path.is_file():
         with path.open("rb") as file:
             found: Kept = pickle.load(file)
@@ -77,7 +77,7 @@ def kept(path: Path, make: Callable[[], Kept]) -> Kept:
 
 
 def read(results: Path) -> list[Record]:
-    """The lines of a results file, compressed or not; one that a kill cut short is left out."""
+    """Return lines of a results file, compressed or not; one that a kill cut short is left out."""
     if not results.is_file():
         return []
     content = results.read_bytes()
@@ -93,7 +93,7 @@ def read(results: Path) -> list[Record]:
 
 
 def of_programs(lines: list[Record], wanted: Collection[str]) -> list[Record]:
-    """The lines of some programs, the last of each trial; those of others are counted and told."""
+    """Return the lines of some programs, the last of each trial; others are counted and told."""
     others: dict[str, int] = {}
     for line in lines:
         if line["program"] not in wanted:

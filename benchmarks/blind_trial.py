@@ -185,7 +185,7 @@ def carried_out(task: Task) -> Record:
 
 
 def truth_of(trial: Trial, cache: Path) -> Truth:
-    """What happens in a trial."""
+    """Return what happens in a trial."""
     dense = DENSE if trial.kind == "noise" else 1
     if trial.kind == "jitter" or trial.truths == (BOUNDARY_NOISE.name,):
         course = jittered(1e-3 * trial.level, trial.seed, dense)
@@ -214,7 +214,7 @@ def truth_of(trial: Trial, cache: Path) -> Truth:
 
 
 def diagnosed(truth: Truth, trial: Trial) -> Record:
-    """The whole chain on one set of images; what its `diagnosis.json` says, in short."""
+    """Return the whole chain on one set of images; what its `diagnosis.json` says, in short."""
     with tempfile.TemporaryDirectory() as folder:
         case, microscope = measured_with(trial), Microscope(noise_ratio=uneven(trial))
         settings = Virtual(microscope=microscope)
@@ -254,7 +254,7 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
 
 
 def _chain(case: Case) -> tuple[Stage, ...]:
-    """The stages of `prismid run`, without pictures of the measurement."""
+    """Return the stages of `prismid run`, without pictures of the measurement."""
     short: dict[str, Callable[[StageContext], None]] = {"measure": measure_numbers}
     return tuple(replace(stage, run=short.get(stage.name, stage.run)) for stage in stages(case))
 
@@ -274,7 +274,7 @@ def spent(lines: Sequence[Record]) -> dict[str, float]:
 
 
 def _as_told(trial: Trial) -> Record:
-    """A trial as a line of the results has it."""
+    """Return a trial as a line of the results has it."""
     told: Record = json.loads(json.dumps(asdict(trial)))
     return told
 

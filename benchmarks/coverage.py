@@ -57,7 +57,7 @@ GOAL = (0.90, 0.98)
 
 
 def believed() -> Case:
-    """The case that every draw is identified with."""
+    """Return the case that every draw is identified with."""
     return Case(
         specimen=short_prism(6.0, 1.4),
         grains=GRAINS,
@@ -72,14 +72,14 @@ SETTINGS = Virtual(discretisation=Discretisation(mesh_size_um=1.0, steps_per_int
 
 
 def study() -> str:
-    """A name of the study that changes with all that a draw depends on beside the program."""
+    """Return name of the study that changes with all that a draw depends on beside the program."""
     ranges = [CYCLES, LARGEST, RECOVERED, TILT]
     parts = [believed().model_dump(mode="json"), SETTINGS.model_dump(mode="json"), ranges]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:12]
 
 
 def drawn_truth(rng: np.random.Generator, history: History) -> dict[str, float]:
-    """True values: law, λ's and origin by the prior, knots in their ranges."""
+    """Return true values: law, λ's and origin by the prior, knots in their ranges."""
     case = believed()
     start = case.material.to_material()
     values = {name: getattr(start, name) * np.exp(WIDTH * rng.normal()) for name in LAW}
@@ -158,7 +158,7 @@ def _meshes() -> tuple[PrismMesh, PrismMesh]:
 
 
 def finished(path: Path) -> list[Draw]:
-    """The draws of this study that a file holds, one for each seed."""
+    """Return the draws of this study that a file holds, one for each seed."""
     if not path.is_file():
         return []
     lines = [json.loads(line) for line in path.read_text("utf-8").splitlines() if line.strip()]

@@ -20,7 +20,7 @@ from benchmarks.specimens import EIGHT, SHORT_CYCLES, THIRTY, beginning, specime
 def sensitivity_runs(
     size: float, n_images: int, frees: Sequence[Sequence[str]], repeats: int
 ) -> list[Run]:
-    """The best of a few runs with each set of free parameters."""
+    """Return the best of a few runs with each set of free parameters."""
     warm("finite")
     simulations = [
         beginning(specimen(size, "finite", stops(SHORT_CYCLES), free), n_images) for free in frees
@@ -30,7 +30,7 @@ def sensitivity_runs(
 
 
 def sensitivities(quick: bool) -> None:
-    """What derivatives add to the forward run."""
+    """Time what derivatives add to the forward run."""
     n_images, repeats = (5, 1) if quick else (15, 3)
     for size in (SMALL_SIZE,) if quick else (SMALL_SIZE, LARGE_SIZE):
         frees = ((), EIGHT, THIRTY)

@@ -67,7 +67,7 @@ def measured(case: Path) -> None:
 
 
 def screening(case: Path) -> None:
-    """What the sensitivities of all causes cost, in simulations without any.
+    """Time the sensitivities of all causes, in simulations without any.
 
     The diagnosis repeats the simulation of the identification by the way that it took.
     """

@@ -126,7 +126,7 @@ def sample14(folder: Path) -> None:
 
 
 def shear(folder: Path) -> None:
-    """A speckle sheared by 0.01 about (250, 250)."""
+    """Correlate a speckle sheared by 0.01 about (250, 250)."""
     names = ("Pattern_1.bmp", "Pattern_1_Shear.bmp")
     images = [np.asarray(mpl_image.imread(folder / "opencorr_shear" / n), float) for n in names]
     f, g = (i if i.ndim == 2 else i[..., 0] for i in images)
@@ -139,7 +139,7 @@ def shear(folder: Path) -> None:
 
 
 def repeat_scans(folder: Path) -> None:
-    """The rigid motion: of an AFM texture of known shift, and of two AFM scans of one area."""
+    """Measure rigid motions: of AFM texture of known shift, and of two AFM scans of one area."""
     pair = read_pair(folder / "semi_afm", "semi_afm_TN")
     truth = np.array([pair["v"].mean(), pair["u"].mean()])
     f, g = pair["f"], pair["g"]
@@ -260,7 +260,7 @@ def large_pair() -> float:
 
 
 def peers(pair: dict[str, Any], python: str) -> list[dict[str, Any]]:
-    """What the other programs make of the pair."""
+    """Return what the other programs make of the pair."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "pair.npz"
         np.savez(file, **{k: pair[k] for k in ("f", "g", "u", "v", "roi")})
@@ -299,7 +299,7 @@ def inset(shape: tuple[int, ...], margin: int) -> NDArray[np.bool_]:
 
 
 def strips(shape: tuple[int, ...], margin: int, width: float) -> PlaneMesh:
-    """A row of quad8 as high as the image."""
+    """Return a row of quad8 as high as the image."""
     n = round((shape[1] - 2 * margin) / width)
     x = np.linspace(margin, shape[0] - 1 - margin, 3)
     y = np.linspace(margin, shape[1] - 1 - margin, 2 * n + 1)

@@ -29,7 +29,7 @@ Answer = tuple[float, float, float]
 
 
 def timed(work: Callable[[], Any], repeats: int = REPEATS) -> tuple[Any, float]:
-    """Result of the last call, CPU time of the fastest [s]."""
+    """Return result of the last call, CPU time of the fastest [s]."""
     best = np.inf
     for _ in range(repeats):
         start = time.process_time()
@@ -127,7 +127,7 @@ def sundic(pair: Any) -> Iterator[tuple[str, Answer]]:
 
 
 def at(field: Any, x: Any, y: Any) -> Any:
-    """A field at positions, linear between pixels."""
+    """Return a field at positions, linear between pixels."""
     column, row = np.clip(x, 0, field.shape[1] - 1.001), np.clip(y, 0, field.shape[0] - 1.001)
     i, j = row.astype(int), column.astype(int)
     s, t = row - i, column - j

@@ -57,7 +57,7 @@ def main() -> None:
 
 
 def demo(found: Found) -> None:
-    """The demo with the ratio of the grains free, against its truth."""
+    """Identify the demo with the ratio of the grains free, against its truth."""
     off = found.deviations(TRUTH)
     for name, deviation in off.items():
         value, sigma = found.of(name)

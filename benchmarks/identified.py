@@ -98,7 +98,7 @@ def identify_case(case_path: Path) -> Found:
 
 
 def read_found(case_path: Path) -> Found:
-    """What the results beside a case say."""
+    """Return what the results beside a case say."""
     results = case_path.parent / RESULTS
     arrays = read_hdf5(results / "identify.h5")
     with h5py.File(results / "identify.h5") as file:
@@ -116,14 +116,14 @@ def read_found(case_path: Path) -> Found:
 
 
 def read_truth(path: Path) -> dict[str, float]:
-    """The truth of a virtual experiment, the origin that the stage displaced among it."""
+    """Return the truth of a virtual experiment, the origin that the stage displaced among it."""
     record = json.loads(path.read_text("utf-8"))
     values = {name: entry["value"] for name, entry in record["values"].items()}
     return values | dict(zip(("origin_X", "origin_Y"), record["origin_error_um"], strict=True))
 
 
 def variant(case_path: Path, folder: Path, tables: Mapping[str, Mapping[str, object]]) -> Path:
-    """The same case with other keys in some of its tables; its files stay where they are."""
+    """Return the same case with other keys in some of its tables; its files stay where they are."""
     case = load_case(case_path)
     here = {key: str(case.path(getattr(case.images, key)))
             for key in ("frames", "flats", "repeats")}  # fmt: skip

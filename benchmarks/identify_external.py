@@ -43,7 +43,7 @@ lambda_plus_Y = 0.85
 
 
 def small_case() -> Case:
-    """A short prism of one grain with {110} systems alone, which CalculiX has."""
+    """Return a short prism of one grain with {110} systems alone, which CalculiX has."""
     return Case(
         specimen=Specimen(length_um=6.0, mesh_size_um=4.0, fine_mesh_size_um=3.0),
         grains=(Grain(name="grain", euler_deg=(281.0, 8.0, 47.0)),),
@@ -72,7 +72,7 @@ class Identified:
 
 
 def identified(folder: Path, solver: str) -> Identified:
-    """The identification of a case by a solver."""
+    """Return the identification of a case by a solver."""
     case = load_case(folder / "case.toml")
     own = folder.parent / solver
     shutil.copytree(folder, own)

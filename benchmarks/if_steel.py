@@ -57,7 +57,7 @@ def against(found: Found, truth: dict[str, float], title: str) -> None:
 
 
 def tables(found: Found) -> None:
-    """The analogues of tables 4 and 5 of the paper, the budget, and its figure 12b."""
+    """Show the analogues of tables 4 and 5 of the paper, the budget, and its figure 12b."""
     measured = read_hdf5(DATA / RESULTS / "measure.h5")
     n = float(measured["n_reference"])
     noise = np.sqrt((1 + 1 / n) / 2)
@@ -84,7 +84,7 @@ def tables(found: Found) -> None:
 
 
 def cost(found: Found) -> None:
-    """Iterations, and CPU time by stage."""
+    """Show iterations, and CPU time by stage."""
     for stage, goal in (("A", "<= 10"), ("B", "<= 6"), ("C", None)):
         show(f"iterations of {stage}", len(found.history[stage]["iterations"]) - 1, goal)
     for stage, seconds in found.seconds.items():
@@ -113,7 +113,7 @@ def without_prior(found: Found, truth: dict[str, float]) -> None:
 
 
 def in_the_papers_order(found: Found, truth: dict[str, float]) -> None:
-    """What it costs to hold the knots where correlation found them."""
+    """Show what it costs to hold the knots where correlation found them."""
     against(found, truth, "knots held, ")
     for name in LAW:
         bias = found.of(name)[0] / truth[name] - 1

@@ -67,7 +67,7 @@ def _gradient(measure: StrainMeasure, e: float) -> FloatArray:
 
 
 def kernels(quick: bool) -> None:
-    """The crystal law alone."""
+    """Time the crystal law alone."""
     for (measure, integration), value in in_child(kernel_times, 1 if quick else 6).items():
         goal = f"<= {KERNEL_GOAL[measure]:g}"
         show(f"kernel {measure} {integration} [us/point/step]", value, goal)

@@ -33,7 +33,7 @@ def iterations_beside(
 
 
 def nearby(quick: bool) -> None:
-    """Iterations of a simulation whose neighbour is known."""
+    """Count the iterations of a simulation whose neighbour is known."""
     n_images, changes = (5, CHANGES[2:3]) if quick else (46, CHANGES)
     counts, off = in_child(iterations_beside, n_images, changes)
     for change, (near, cold) in zip(changes, counts, strict=True):

@@ -61,7 +61,7 @@ def rows() -> Iterator[Row]:
 
 
 def predicted(size: float, points: int) -> tuple[int, Prediction]:
-    """Number of cells, and loads and motion of the face at the truth."""
+    """Return number of cells, and loads and motion of the face at the truth."""
     case = load_case(ALPHA)
     mesh = mesh_of(case, size)
     across, along = np.linspace(-1.8, 1.8, 19), np.linspace(0.3, 11.7, 58)
@@ -79,7 +79,7 @@ def _both(pair: Iterator[float]) -> tuple[float, float]:
 
 
 def table(found: list[Row]) -> str:
-    """The rows as a Markdown table."""
+    """Return the rows as a Markdown table."""
     lines = [
         "| element [µm] | cells | load [µN]: 4 points | 5 points | face [nm]: 4 points | 5 |",
         "|---|---|---|---|---|---|",

@@ -17,13 +17,13 @@ SCALING_SIZES = (1.2, 0.65, 0.42, 0.275)
 def specimen_run(
     size: float, phases: Sequence[int], n_images: int, free: Sequence[str] = ()
 ) -> Run:
-    """The demo's prism in finite strain up to an image."""
+    """Return the demo's prism in finite strain up to an image."""
     warm("finite")
     return solve(beginning(specimen(size, "finite", stops(phases), free), n_images))
 
 
 def whole_test(quick: bool) -> None:
-    """A test of 320 images in finite strain."""
+    """Time a test of 320 images in finite strain."""
     if not quick:
         run = in_child(specimen_run, LARGE_SIZE, CYCLES, sum(CYCLES))
         show(f"{run.cells} cells, {sum(CYCLES)} images [CPU-s]", run.cpu, "<= 150")

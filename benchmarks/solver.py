@@ -23,7 +23,7 @@ from benchmarks.sizes import scaling, threads, whole_test
 
 
 def compilation(quick: bool) -> None:
-    """The first run ever, in an empty cache."""
+    """Time the first run ever, in an empty cache."""
     if not quick:
         for measure in MEASURES:
             with tempfile.TemporaryDirectory() as folder:

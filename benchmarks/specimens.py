@@ -69,14 +69,14 @@ def stops(images: Sequence[int]) -> History:
 
 
 def alpha_history() -> History:
-    """The history of the demo: 97 images."""
+    """Return the history of the demo: 97 images."""
     return read_history(ALPHA / "history.csv")
 
 
 def specimen(
     size: float, measure: StrainMeasure, history: History, free: Sequence[str] = ()
 ) -> Simulation:
-    """The demo's prism under the boundary motion of its truth.
+    """Return the demo's prism under the boundary motion of its truth.
 
     The material is that of the demo's truth in small strain, as its reference run had it, and the
     default one in finite strain.
@@ -95,7 +95,7 @@ def specimen(
 
 
 def beginning(simulation: Simulation, n_images: int) -> Simulation:
-    """The part of a simulation up to an image; the directions keep their number."""
+    """Return the part of a simulation up to an image; the directions keep their number."""
     end = int(simulation.output[n_images]) + 1
     return replace(
         simulation,

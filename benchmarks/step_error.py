@@ -39,7 +39,7 @@ _TRUE_STEPS = 32
 
 
 def case(steps: int) -> Case:
-    """What the user states."""
+    """Return what the user states."""
     return Case(
         specimen=Specimen(length_um=6.0, mesh_size_um=SIZE, fine_mesh_size_um=0.999 * SIZE),
         grains=(Grain(name="grain", euler_deg=(281.0, 8.0, 47.0)),),
@@ -62,7 +62,7 @@ def write_history(path: Path, force: FloatArray) -> None:
 
 
 def true_load(folder: Path) -> FloatArray:
-    """The load of the truth [µN]."""
+    """Return the load of the truth [µN]."""
     path = folder / "history.csv"
     write_history(path, np.zeros(len(STAGE)))
     truth = case(1).model_copy(update={"solver": Solver()})

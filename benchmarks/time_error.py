@@ -50,7 +50,7 @@ class TimeError:
 
 
 def time_errors() -> list[TimeError]:
-    """The errors of `VARIANTS`."""
+    """Return the errors of `VARIANTS`."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "alpha" / "case.toml"
         shutil.copytree(ALPHA, path.parent, ignore=shutil.ignore_patterns("results"))

@@ -31,7 +31,7 @@ app = typer.Typer(
 
 
 def _path(text: str) -> Path:
-    """A path that is not empty: an empty one would be the folder of the call."""
+    """Return a path that is not empty: an empty one would be the folder of the call."""
     if not text:
         raise typer.BadParameter('found "", expected the name of a file or a folder')
     return Path(text)
@@ -218,7 +218,7 @@ def design(
 
 
 def _case_file(case: Path) -> Path:
-    """The case file, where the folder of the case was given."""
+    """Return the case file, where the folder of the case was given."""
     return case / "case.toml" if case.is_dir() else case
 
 
@@ -239,7 +239,7 @@ def _told_in_one_line() -> Iterator[None]:
 
 @contextmanager
 def _progress(case: Path, alone: bool) -> Iterator[LiveLog]:
-    """A log of lines; on a terminal with the running step and its time below them."""
+    """Return a log of lines; on a terminal with the running step and its time below them."""
     from solver_adapters.kernels import compiled_before
 
     console = Console(highlight=False, markup=False, soft_wrap=True)

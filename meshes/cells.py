@@ -40,7 +40,7 @@ def jacobians(points: FloatArray, cells: IntArray) -> FloatArray:
 
 
 def inverted_cells(points: FloatArray, cells: IntArray) -> IntArray:
-    """Indices of the cells with a Jacobian that is not positive (NaN included), shape (n,)."""
+    """Find the cells with a Jacobian that is not positive (NaN included), shape (n,)."""
     return np.flatnonzero(~(jacobians(points, cells) > 0).all(axis=1))
 
 

@@ -197,7 +197,7 @@ def _groups(file: Any, level: int) -> list[str]:
 
 
 def _kind(path: Path, file: Any) -> _Kind:
-    """The kind of all cells of a file."""
+    """Return the kind of all cells of a file."""
     cells, faces = (_kinds(file, level) for level in (_CELLS, _FACES))
     for kind in _KINDS.values():
         if cells == [kind.med] and set(faces) <= set(kind.faces):

@@ -31,7 +31,7 @@ def load_gmsh() -> ModuleType:
 
 @contextmanager
 def running_gmsh() -> Iterator[ModuleType]:
-    """The module `gmsh`, initialised inside, in whatever thread; signals stay as set.
+    """Return the module `gmsh`, initialised inside, in whatever thread; signals stay as set.
 
     Raises:
         SystemLibraryError: as `load_gmsh`.

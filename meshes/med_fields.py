@@ -133,7 +133,7 @@ def read_med_fields(
 
 
 def read_med_field(file: MedFile, name: str) -> MedField | None:
-    """A field of an open file at all its instants, see `read_med_fields`; None if it is of faces.
+    """Read a field of an open file at all instants, see `read_med_fields`; None of faces.
 
     Raises:
         ValueError: the field is damaged, changes its places in time, or has different points in

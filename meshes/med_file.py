@@ -86,7 +86,7 @@ def write_as_med_4_0(data: Any, path: Path, replace: bool) -> None:
 
 @contextmanager
 def quiet_library() -> Iterator[None]:
-    """The terminal without what the MED library prints before medcoupling raises an error.
+    """Return the terminal without what the MED library prints before medcoupling raises an error.
 
     The stream of C alone is exchanged: Python and programs started meanwhile keep theirs.
     """
@@ -101,7 +101,7 @@ def quiet_library() -> Iterator[None]:
 
 @cache
 def _nowhere() -> int:
-    """The stream of C that leads nowhere."""
+    """Return the stream of C that leads nowhere."""
     opened: int = _C.fopen(os.devnull.encode(), b"w")
     return opened
 

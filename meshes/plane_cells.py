@@ -75,7 +75,7 @@ class PlaneCell:
         return np.hstack([corner * (x * xi + y * eta - 1), middle])
 
     def gradient(self, at: FloatArray) -> FloatArray:
-        """Reference derivatives of the shape functions at (n, 2), shape (n, n_nodes, 2)."""
+        """Return reference derivatives of the shape functions at (n, 2), shape (n, n_nodes, 2)."""
         # The functions are polynomials: a complex step is exact to rounding.
         columns = [self.shape(at + 1e-30j * axis).imag / 1e-30 for axis in np.eye(2)]
         return np.stack(columns, axis=-1)

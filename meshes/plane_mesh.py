@@ -124,7 +124,7 @@ class PlaneMesh:
 
 
 def _inverse_map(cell: PlaneCell, nodes: FloatArray, xy: FloatArray) -> FloatArray:
-    """Reference coordinates of points (n, 2) by Newton's method on the map of one cell."""
+    """Return reference coordinates of points (n, 2) by Newton's method on the map of one cell."""
     at = np.tile(cell.centre, (len(xy), 1))
     scale = float(np.ptp(nodes, axis=0).max())
     for _ in range(NEWTON_STEPS):

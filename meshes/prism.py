@@ -183,7 +183,7 @@ def _layers(geometry: PrismGeometry, size: float) -> PrismMesh:
 
 
 def _corners(geometry: PrismGeometry) -> FloatArray:
-    """The six corners of the prism [µm], those at Y = 0 first, shape (6, 3)."""
+    """Return the six corners of the prism [µm], those at Y = 0 first, shape (6, 3)."""
     x, z = geometry.section().T
     ends = [np.column_stack([x, np.full(3, y), z]) for y in (0.0, geometry.length)]
     return np.concatenate(ends)
@@ -273,7 +273,7 @@ def _tet10(gmsh: ModuleType) -> tuple[FloatArray, IntArray]:
 
 
 def _faces(geometry: PrismGeometry, points: FloatArray, cells: IntArray) -> dict[str, IntArray]:
-    """The named faces; their nodes, off by gmsh's round-off, are put exactly on the planes."""
+    """Return named faces; their nodes, off by gmsh's round-off, are put exactly on the planes."""
     outer = outer_faces(cells)
     planes = {"S_PLUS": (1, geometry.length), "S_MINUS": (1, 0.0), "TOP": (2, 0.0)}
     faces = {}

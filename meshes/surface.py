@@ -41,7 +41,7 @@ class SurfaceMesh:
 
 
 def trace(mesh: PrismMesh, group: str = "TOP") -> SurfaceMesh:
-    """The mesh of a face that is not seen edge-on along Z.
+    """Return the mesh of a face that is not seen edge-on along Z.
 
     Args:
         mesh: the prism, whose face is of tri6 or, as TOP in a mesh of wedges, of quad8.

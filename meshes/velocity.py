@@ -110,7 +110,7 @@ def apex_shift(mesh: PrismMesh, geometry: PrismGeometry) -> FloatArray:
 
 
 def moved(mesh: PrismMesh, displacement: FloatArray) -> PrismMesh:
-    """The mesh with its nodes moved; cells, grains and groups stay.
+    """Return the mesh with its nodes moved; cells, grains and groups stay.
 
     Args:
         mesh: the prism.

@@ -60,7 +60,7 @@ def shape_functions(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def swept(divisions: int, layers: int) -> tuple[IntArray, IntArray, dict[str, IntArray]]:
-    """The grid of a triangle, swept.
+    """Return the grid of a triangle, swept.
 
     Args:
         divisions: cells along each side of the triangle.

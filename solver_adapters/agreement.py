@@ -29,12 +29,12 @@ class Agreement:
     cause: str = ""
 
     def line(self) -> str:
-        """The figure on a line, as the command prints it."""
+        """Return the figure on a line, as the command prints it."""
         goal = "" if self.goal is None else f" (goal: <= {self.goal:g}{self._missed()})"
         return f"{self.pair}: {self.quantity} = {self.found:.2g}{goal}"
 
     def row(self) -> str:
-        """The figure as a row of the table."""
+        """Return the figure as a row of the table."""
         goal = "" if self.goal is None else f"≤ {self.goal:g}{self._missed()}"
         return f"| {self.pair} | {self.quantity} | {self.found:.2g} | {goal} |"
 
@@ -55,6 +55,6 @@ def motion_error(found: FloatArray, expected: FloatArray) -> float:
 
 
 def table(rows: Sequence[Agreement]) -> str:
-    """The figures as a Markdown table."""
+    """Return the figures as a Markdown table."""
     lines = ["| pair | quantity | found | goal |", "|---|---|---|---|"]
     return "\n".join([*lines, *(row.row() for row in rows)]) + "\n"

@@ -28,7 +28,7 @@ def grain_ratios(material: Material, n_grains: int) -> FloatArray:
 
 
 def interaction_matrix(material: Material) -> FloatArray:
-    """The interaction matrix without h_latent, shape (24, 24)."""
+    """Return the interaction matrix without h_latent, shape (24, 24)."""
     if material.interaction is None:
         return np.eye(N_SYSTEMS)
     return np.array(material.interaction, dtype=np.float64)

@@ -40,7 +40,7 @@ _NORMALS_DIRECTIONS = (
 
 
 def slip_systems() -> tuple[FloatArray, FloatArray]:
-    """Unit slip directions m and plane normals n in crystal axes, each of shape (24, 3)."""
+    """Return unit slip directions m and plane normals n in crystal axes, each of shape (24, 3)."""
     table = np.array(_NORMALS_DIRECTIONS, dtype=np.float64)
     unit = table / np.linalg.norm(table, axis=2, keepdims=True)
     return unit[:, 1], unit[:, 0]

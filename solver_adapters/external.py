@@ -107,7 +107,7 @@ class ExternalAdapter(ABC):
 
     @abstractmethod
     def capabilities(self) -> Capabilities:
-        """What this solver can honour."""
+        """Return what this solver can honour."""
 
     def files(self, simulation: Simulation) -> Mapping[str, bytes]:
         """Files of the job by name, of a simulation that can be honoured.
@@ -140,11 +140,11 @@ class ExternalAdapter(ABC):
 
     @abstractmethod
     def command(self, program: tuple[str, ...]) -> tuple[str, ...]:
-        """The call, made in the folder of the job; `program` as found on this machine."""
+        """Return the call, made in the folder of the job; `program` as found on this machine."""
 
     @abstractmethod
     def read(self, simulation: Simulation, folder: Path) -> Response:
-        """The response from the files that the program has left in the folder of the job.
+        """Return the response from the files that the program has left in the folder of the job.
 
         Raises:
             ResultFileError: a file is missing, truncated, empty or not what it should be.
@@ -152,14 +152,14 @@ class ExternalAdapter(ABC):
 
     @abstractmethod
     def diagnose(self, log: str) -> Status:
-        """What the log says: DONE where it says nothing of a failure."""
+        """Return what the log says: DONE where it says nothing of a failure."""
 
     def cause(self, log: str) -> str:
-        """The lines of a log that say why the run failed; "" where its last ones have to do."""
+        """Return lines of a log that say why the run failed; "" where its last ones have to do."""
         return ""
 
     def reached(self, simulation: Simulation, folder: Path) -> float | None:
-        """The instant that the running job has reached [s], None where its files do not tell."""
+        """Return instant that the running job has reached [s], None where its files do not tell."""
         return None
 
     def version_in(self, answer: str) -> str | None:
@@ -195,7 +195,7 @@ class ExternalAdapter(ABC):
         return found
 
     def _identity(self) -> str:
-        """The version, which a program of this machine need not tell for jobs of another one."""
+        """Return version, which a program of this machine need not tell for jobs of another one."""
         try:
             return self.version()
         except JobError:
@@ -204,7 +204,7 @@ class ExternalAdapter(ABC):
             raise
 
     def program(self) -> tuple[str, ...] | None:
-        """The program on this machine with its leading arguments; None if it is absent."""
+        """Return the program on this machine with its leading arguments; None if it is absent."""
         if self.profile.command:
             name, *arguments = self.profile.command
             found = shutil.which(name)
@@ -271,7 +271,7 @@ class ExternalAdapter(ABC):
         files: Mapping[str, bytes],
         statuses: Collection[str],
     ) -> Response | None:
-        """The response of a finished job; None where there is none, or one beyond repair.
+        """Return the response of a finished job; None where there is none, or one beyond repair.
 
         Where the stored response is damaged, or of another job, the result files are read again.
         Where these are no better, the folder gets another name: nobody's results are removed.
@@ -364,7 +364,7 @@ class ExternalAdapter(ABC):
     def _collect(
         self, simulation: Simulation, folder: Path, record: Record, files: Mapping[str, bytes]
     ) -> Response:
-        """The response of a job that was computed elsewhere; its files stay as they are."""
+        """Return the response of a job that was computed elsewhere; its files stay as they are."""
         try:
             found = self._read_again(simulation, folder, record, files)
         except ResultFileError as error:
@@ -378,7 +378,7 @@ class ExternalAdapter(ABC):
     def _read_again(
         self, simulation: Simulation, folder: Path, record: Record, files: Mapping[str, bytes]
     ) -> Response | Failure:
-        """The response from the result files in a folder, stored there once more.
+        """Return the response from the result files in a folder, stored there once more.
 
         Raises:
             ResultFileError: the files are of another job, or their exit code is not known.
@@ -393,7 +393,7 @@ class ExternalAdapter(ABC):
         return found
 
     def _outcome(self, simulation: Simulation, folder: Path, ended: Ended) -> Response | Failure:
-        """What a program that has ended leaves: first the system's word, then its log's."""
+        """Return what a program that has ended leaves: first the system's word, then its log's."""
         if ended.status is not None:
             return Failure(ended.status, limit_told(ended, self.profile))
         code, log = f"exit code {ended.code}" if ended.code else "", log_of(folder)
@@ -419,7 +419,7 @@ def _progress(simulation: Simulation, reached: float, spent: float) -> Progress:
 
 
 def _fault(code: int, log: str) -> Status:
-    """What a program failed by whose log tells nothing that its adapter knows."""
+    """Return what a program failed by whose log tells nothing that its adapter knows."""
     if _NO_LIBRARY.search(log):
         return Status.BROKEN
     if code in KILL_CODES:
@@ -432,7 +432,7 @@ def _provenance(record: Record) -> Provenance:
 
 
 def _stored(simulation: Simulation, folder: Path) -> Response:
-    """The response that was stored in the folder of a job, if it is that of this job."""
+    """Return the response that was stored in the folder of a job, if it is that of this job."""
     path = folder / RESPONSE
     key = read_provenance(path).key
     if key != folder.name:

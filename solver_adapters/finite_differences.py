@@ -70,7 +70,7 @@ class FiniteDifferences:
         return replace(own, derivatives=True, times=True, runs_per_direction=RUNS_PER_DIRECTION)
 
     def version(self) -> str:
-        """That of the solver, which keeps its jobs by it."""
+        """Return that of the solver, which keeps its jobs by it."""
         return self.adapter.version()
 
     def solve(
@@ -165,7 +165,7 @@ class FiniteDifferences:
         workspace: Path | None,
         count: _Count,
     ) -> Slope:
-        """A derivative from three runs in the steps of the one that took most, if all take them.
+        """Return a derivative by three runs in the steps of the one that took most, if all can.
 
         Args:
             simulation: the asked one, in these steps.
@@ -244,7 +244,7 @@ class FiniteDifferences:
     def _outcomes(
         self, simulation: Simulation, runs: Sequence[_Run], workspace: Path | None, count: _Count
     ) -> list[Response | SolverError]:
-        """What became of each run, in their order."""
+        """Return what became of each run, in their order."""
         stop = Event()
 
         def heed(state: Progress) -> None:
@@ -291,12 +291,12 @@ class _Count:
         self._runs, self._done, self._progress, self._lock = runs, 0, progress, Lock()
 
     def more(self, runs: int) -> None:
-        """Some runs come on top."""
+        """Count runs that come on top."""
         with self._lock:
             self._runs += runs
 
     def ended(self) -> None:
-        """A run has ended."""
+        """Count a run that has ended."""
         with self._lock:
             self._done += 1
 
@@ -329,7 +329,7 @@ def _moves(direction: Direction) -> bool:
 
 
 def shifted(simulation: Simulation, direction: Direction, amount: float) -> Simulation:
-    """The simulation at a distance along a direction, without directions and fields of cells."""
+    """Return simulation at a distance along a direction, without directions and fields of cells."""
     s, m = simulation, simulation.material
     changes = {name: getattr(m, name) + amount * rate for name, rate in direction.material.items()}
     mesh, orientations, motion, gradient = s.mesh, s.orientations, s.motion, s.lattice_gradient

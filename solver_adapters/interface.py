@@ -321,7 +321,7 @@ class Adapter(Protocol):
     name: str
 
     def capabilities(self) -> Capabilities:
-        """What this solver can honour."""
+        """Return what this solver can honour."""
         ...
 
     def version(self) -> str:

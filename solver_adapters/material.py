@@ -97,7 +97,7 @@ MATERIAL_PARAMETERS: tuple[str, ...] = tuple(
 
 
 def with_parameters(material: Material, values: Mapping[str, float]) -> Material:
-    """The material with some of its constants replaced; other names are left alone."""
+    """Return the material with some of its constants replaced; other names are left alone."""
     changes: dict[str, Any] = {name: values[name] for name in MATERIAL_PARAMETERS if name in values}
     return replace(material, **changes)
 
@@ -106,7 +106,7 @@ _SLOW_STRESS = 10.0  # saturated second back stress that a prior scale of c2 sta
 
 
 def declarations_at(material: Material) -> tuple[Parameter, ...]:
-    """The parameters that can be identified or tried as a cause, scaled at the constants of a case.
+    """Return the parameters that can be identified or tried, scaled at a case's constants.
 
     A back strain saturates at 1/d: the scale of x0 is a tenth of it, its bounds are three. The
     scale of c2 is that of a saturated stress c2/d2 of 10 MPa, and the second back stress is

@@ -83,5 +83,5 @@ class Parameter:
         return value if self.logarithmic else self.scale
 
     def change(self, value: float) -> float:
-        """A typical change of the value: one prior scale."""
+        """Return a typical change of the value: one prior scale."""
         return self.scale * value if self.logarithmic else self.scale

@@ -36,6 +36,6 @@ class Profile:
 
 
 def config_path() -> Path:
-    """The user's configuration, for all cases: PRISMID_CONFIG or prismid/config.toml."""
+    """Return the user's configuration, for all cases: PRISMID_CONFIG or prismid/config.toml."""
     stated = os.environ.get(CONFIG_VARIABLE)
     return Path(stated) if stated else user_config_path("prismid") / "config.toml"

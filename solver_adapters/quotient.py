@@ -45,7 +45,7 @@ class Slope:
     seen: bool
 
     def better_step(self, scale: float) -> float | None:
-        """A step that leaves half of the asymmetry that needs no word, if this one does not do."""
+        """Return a step that leaves half of the asymmetry that needs no word, or this one."""
         if self.asymmetry <= ASYMMETRY:
             return None
         step = max(abs(amount) for amount in self.amounts)
@@ -56,7 +56,7 @@ class Slope:
         return min(factor, 0.5) * step
 
     def doubts(self, direction: Direction) -> list[str]:
-        """What is to be said of this derivative."""
+        """Return what is to be said of this derivative."""
         doubts = []
         if not self.seen:
             step = max(abs(amount) for amount in self.amounts)
@@ -80,13 +80,13 @@ class Slope:
 
 
 def finest_steps(base: Response, pair: Pair) -> FloatArray | None:
-    """Ends of the most time steps that one of three runs took [s], None where they do not tell."""
+    """Return the ends of the most steps that one of three runs took [s], None if unknown."""
     ends = max((base.ends, *(run.ends for _, run in pair)), key=lambda ends: ends.size)
     return ends if ends.size else None
 
 
 def slope_through(base: Response, pair: Pair, noise: float) -> Slope:
-    """Derivative at the asked run of the parabola through it and two others."""
+    """Return derivative at the asked run of the parabola through it and two others."""
     (a1, one), (a2, two) = pair
     w1, w2 = a2 / (a2 - a1), a1 / (a1 - a2)
     sides = [
@@ -110,7 +110,7 @@ def slope_through(base: Response, pair: Pair, noise: float) -> Slope:
 
 
 def _size(base: Response, displacement: FloatArray, force: FloatArray) -> float:
-    """A change in shares of the response."""
+    """Return a change in shares of the response."""
     of_displacement = np.linalg.norm(displacement) / (np.linalg.norm(base.displacement) or 1.0)
     of_force = np.linalg.norm(force) / (np.linalg.norm(base.force) or 1.0)
     return float(np.hypot(of_displacement, of_force))

@@ -25,7 +25,7 @@ def adapter_names() -> tuple[str, ...]:
 
 
 def find_adapter(name: str, profile: Profile | None = None) -> Adapter:
-    """The solver of a name.
+    """Return the solver of a name.
 
     Args:
         name: word of the case file.
@@ -42,7 +42,7 @@ def find_adapter(name: str, profile: Profile | None = None) -> Adapter:
 
 
 def find_in_process(integration: Integration) -> Adapter:
-    """The first solver that simulates inside prismid, and by a scheme.
+    """Return the first solver that simulates inside prismid, and by a scheme.
 
     Args:
         integration: the scheme.
@@ -81,7 +81,7 @@ def takes_profile(make: Callable[..., Adapter]) -> bool:
 
 
 def installed_capabilities() -> dict[str, Capabilities]:
-    """What each installed solver that can be used can honour, by name."""
+    """Return what each installed solver that can be used can honour, by name."""
     usable = {}
     for name in adapter_names():
         with suppress(SolverError):

@@ -99,7 +99,7 @@ def write_response(path: Path, response: Response, provenance: Provenance) -> No
 
 
 def read_response(path: Path) -> Response:
-    """The response of a file.
+    """Return the response of a file.
 
     Raises:
         ResultFileError: the file is absent, empty, truncated, foreign, incomplete or damaged.

@@ -13,7 +13,7 @@ SAME_INSTANT = 1e-9
 
 
 def step_ends(simulation: Simulation, parts: int = 1) -> FloatArray:
-    """The instants, and between them the ends of the time steps that are asked for.
+    """Return the instants, and between them the ends of the time steps that are asked for.
 
     A given step that ends at an instant but for rounding ends at the instant itself.
 
@@ -35,7 +35,7 @@ def step_ends(simulation: Simulation, parts: int = 1) -> FloatArray:
 
 
 def once_more(simulation: Simulation, response: Response) -> Simulation:
-    """The simulation as it is to be run again, for other directions or beside it.
+    """Return the simulation as it is to be run again, for other directions or beside it.
 
     It begins its iterations by the way of its response, and takes the steps that this one chose for
     itself: other steps have other errors, which would be taken for an effect of a parameter.
@@ -48,7 +48,7 @@ def once_more(simulation: Simulation, response: Response) -> Simulation:
 
 
 def between_instants(instant: float, times: FloatArray, values: FloatArray) -> FloatArray:
-    """What is known at instants, in between: linear in time.
+    """Return what is known at instants, in between: linear in time.
 
     Args:
         instant: when it is wanted [s].

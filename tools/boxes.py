@@ -22,7 +22,7 @@ def box(
     size: tuple[float, float, float] = (2.0, 4.0, 2.0),
     jitter: float = 0.0,
 ) -> PrismMesh:
-    """A box from the origin to `size` [µm], six tetrahedra to a brick; grain 1 is the upper half.
+    """Mesh a box from the origin to `size` [µm], six tetrahedra a brick; grain 1 is above.
 
     Inner corners are moved by up to `jitter` of a brick, edges stay straight.
     """
@@ -72,7 +72,7 @@ def _quadratic(corners: FloatArray, cells: IntArray, edges: IntArray, length: fl
 
 
 def one_grain(mesh: PrismMesh) -> PrismMesh:
-    """The mesh as a single crystal."""
+    """Return the mesh as a single crystal."""
     return replace(mesh, grain=np.zeros_like(mesh.grain))
 
 
@@ -91,7 +91,7 @@ def moved(
     tolerance: float = 1e-9,
     steps: int = 1,
 ) -> Simulation:
-    """The displacement (time, points) → (n, 3) prescribed on `nodes`; all else is free."""
+    """Return the displacement (time, points) → (n, 3) prescribed on `nodes`; all else is free."""
     return Simulation(
         mesh=mesh,
         material=material,
@@ -133,7 +133,7 @@ def wedge_box(
     size: tuple[float, float, float] = (2.0, 4.0, 2.0),
     jitter: float = 0.0,
 ) -> PrismMesh:
-    """The box of `box` in fifteen-node wedges along Y, two to a brick."""
+    """Return the box of `box` in fifteen-node wedges along Y, two to a brick."""
     points, number = _corners(shape, size, jitter)
     cells = []
     for i, j, k in np.ndindex(*shape):

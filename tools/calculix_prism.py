@@ -85,7 +85,7 @@ def read_reference() -> Reference:
 def simulation(
     mesh: PrismMesh, times: FloatArray, integration: Integration, steps: int = 1
 ) -> Simulation:
-    """The same loading for prismid: lower end clamped, upper end moved along Y alone.
+    """Return the same loading for prismid: lower end clamped, upper end moved along Y alone.
 
     Args:
         mesh: the prism.

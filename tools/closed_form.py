@@ -64,12 +64,12 @@ class ClosedFormSolver:
         self.finer = finer
 
     def capabilities(self) -> Capabilities:
-        """What the closed form honours: every parameter, with derivatives."""
+        """Return what the closed form honours: every parameter, with derivatives."""
         law, measures = frozenset(MATERIAL_PARAMETERS), frozenset({"small", "finite"})
         return Capabilities(law, measures, derivatives=True, times=True, in_process=True)
 
     def version(self) -> str:
-        """The same for ever."""
+        """Return the same for ever."""
         return "1"
 
     def solve(
@@ -102,7 +102,7 @@ def _size(material: Material, direction: Direction) -> float:
 
 
 def stepped(simulation: Simulation, direction: Direction, step: float) -> Simulation:
-    """The simulation a step along a direction."""
+    """Return the simulation a step along a direction."""
     material, mesh = simulation.material, simulation.mesh
     changed = {n: getattr(material, n) + step * s for n, s in direction.material.items()}
     simulation = replace(simulation, material=replace(material, **changed))
@@ -146,7 +146,7 @@ def field(signals: Mapping[str, FloatArray], x: FloatArray, y: FloatArray) -> Fl
 
 
 def time_signals(simulation: Simulation) -> tuple[dict[str, FloatArray], FloatArray]:
-    """What multiplies each shape of `field` at the output instants, and the load (T,)."""
+    """Return what multiplies each shape of `field` at the output instants, and the load (T,)."""
     mesh, m = simulation.mesh, simulation.material
     depth = -float(mesh.points[:, 2].min())
     ends = {}
@@ -293,7 +293,7 @@ def pixels() -> FloatArray:
 
 
 def problem(case: Case | None = None) -> Bench:
-    """The specimen of a case (`small_case`), with every parameter at its null but the knots."""
+    """Return specimen of a case (`small_case`), with every parameter at its null but the knots."""
     case, h = case or small_case(), history()
     mesh = generate(geometry_of(case), case.specimen.mesh_size)
     model = build_model(case, mesh, h, pixels(), ClosedFormSolver(), 1)
@@ -366,7 +366,7 @@ def readings(b: Bench, values: Mapping[str, float], seed: int) -> FloatArray:
 
 
 def surface_images(b: Bench, values: Mapping[str, float], seed: int) -> SurfaceImages:
-    """The images of a specimen with these parameters, gradient from the relief itself."""
+    """Return the images of a specimen with these parameters, gradient from the relief itself."""
     frames, repeats = height_maps(b, values, seed)
     images = prepare(frames, repeats, None, PIXEL, ORIGIN, BOUNDS)
     x, y = images.xy.T
@@ -378,7 +378,7 @@ def surface_images(b: Bench, values: Mapping[str, float], seed: int) -> SurfaceI
 
 
 def objective(b: Bench, values: Mapping[str, float], seed: int = 0) -> Objective:
-    """What is minimised for data made with these parameters, without priors."""
+    """Return what is minimised for data made with these parameters, without priors."""
     images = surface_images(b, values, seed)
     motion = b.model.predict(values).motion + stage_error(b)[:, None]
     image = build_image_data(

@@ -36,7 +36,7 @@ SETTINGS = Settings(
 
 
 def finer(b: Bench, by: float = 0.001) -> ForwardModel:
-    """The model of a finer simulation, whose answer is another by so much (`ClosedFormSolver`)."""
+    """Return the model of a finer simulation, another by so much (`ClosedFormSolver`)."""
     solver = b.model.adapter
     assert isinstance(solver, ClosedFormSolver)
     return replace(b.model, adapter=type(solver)(by))
@@ -53,7 +53,7 @@ def priors(start: Mapping[str, float]) -> dict[str, tuple[float, float]]:
 def identified(
     b: Bench, made_with: Objective, sizes: tuple[float, float] = SIZES
 ) -> tuple[Objective, Fit]:
-    """The baseline of a diagnosis: all but the extensions fitted, with the correction."""
+    """Return the baseline of a diagnosis: all but the extensions fitted, with the correction."""
     n = len(KNOTS) + 1
     pose = tuple(p.name for p in POSE_DECLARATIONS)
     free = (*LAMBDAS, *pose, *elongation_names(n), *tilt_names(n), *LAW)
@@ -67,7 +67,7 @@ def identified(
 def diagnosis_of(
     b: Bench, baseline: tuple[Objective, Fit], settings: Settings = SETTINGS, by: float = 0.001
 ) -> Diagnosis:
-    """What is wrong with a baseline (`identified`)."""
+    """Return what is wrong with a baseline (`identified`)."""
     objective, fitted = baseline
     meshes = FinerMeshes(finer(b, by))
     return diagnose(fitted, objective, meshes, b.history.cycle, settings, silent)
@@ -75,7 +75,7 @@ def diagnosis_of(
 
 @cache
 def large_effect(name: str, value: float) -> tuple[Objective, Fit, Evaluation, list[Score]]:
-    """An experiment below a precise load cell, and all causes, the best by their scores first.
+    """Return experiment below a precise load cell, and all causes, the best by their scores first.
 
     Effects are hundreds of times as large as its noise.
     """

@@ -41,7 +41,7 @@ def three_grains() -> Simulation:
 
 
 def unpacked(name: str, folder: Path, to: str) -> Path:
-    """A stored file of the data folder, unpacked."""
+    """Return a stored file of the data folder, unpacked."""
     path = folder / to
     path.write_bytes(gzip.decompress((DATA / f"{name}.gz").read_bytes()))
     return path

@@ -26,7 +26,7 @@ KEPT = (0.0, 50.0 / 14.0, 10.0, 14.0, 28.0)
 
 
 def read_mesh() -> PrismMesh:
-    """The mesh on which Code_Aster ran, 669 tetrahedra [µm]."""
+    """Return the mesh on which Code_Aster ran, 669 tetrahedra [µm]."""
     file = mc.MEDFileUMesh(str(DATA / "meshes" / "code_aster_prism.med"))
     points = file.getCoords().toNumPyArray().copy()
     table = file.getMeshAtLevel(0).getNodalConnectivity().toNumPyArray().reshape(-1, 11)
@@ -40,7 +40,7 @@ def read_mesh() -> PrismMesh:
 
 
 def simulation(times: FloatArray) -> Simulation:
-    """The lower end clamped; the upper one bent, pulled, unloaded and pulled again.
+    """Return the lower end clamped; the upper one bent, pulled, unloaded and pulled again.
 
     Args:
         times: instants of the answer [s], the first one 0, with the corners among them.
@@ -68,7 +68,7 @@ def simulation(times: FloatArray) -> Simulation:
 
 
 def reference() -> tuple[Simulation, Response]:
-    """What Code_Aster answered at the instants `KEPT`, and the simulation at its own 45 steps.
+    """Return Code_Aster's answer at the instants `KEPT`, and the simulation at its 45 steps.
 
     Its displacements are those of all nodes.
     """

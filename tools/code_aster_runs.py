@@ -31,7 +31,7 @@ NAMES = tuple(sorted(path.name for path in RUNS.iterdir() if path.is_dir()))
 
 
 def simulation(name: str) -> Simulation:
-    """What a job simulated."""
+    """Return what a job simulated."""
     material = json.loads((RUNS / name / "parameters.json").read_text(encoding="utf-8"))
     if name in INTERACTIONS:
         material["interaction"] = INTERACTIONS[name]
@@ -39,12 +39,12 @@ def simulation(name: str) -> Simulation:
 
 
 def at_the_end(asked: Simulation) -> Simulation:
-    """The simulation with its last instant alone as output, at which cells are stored."""
+    """Return the simulation with its last instant alone as output, at which cells are stored."""
     return replace(asked, output=np.array([len(asked.times) - 1]))
 
 
 def results(name: str, folder: Path) -> Path:
-    """The result files of a job as the program left them, in a folder."""
+    """Return the result files of a job as the program left them, in a folder."""
     for file in (NODES, CELLS, LISTING):
         (folder / file).write_bytes(gzip.decompress((RUNS / name / f"{file}.gz").read_bytes()))
     (folder / FORCES).write_bytes((RUNS / name / FORCES).read_bytes())

@@ -26,7 +26,7 @@ GRAINS = (
 
 
 def short_prism(length: float, fine_mesh_size: float) -> Specimen:
-    """A prism with an oblique grain boundary somewhat below its middle [µm]."""
+    """Return a prism with an oblique grain boundary somewhat below its middle [µm]."""
     return Specimen(
         length_um=length,
         mesh_size_um=2.0,
@@ -37,7 +37,7 @@ def short_prism(length: float, fine_mesh_size: float) -> Specimen:
 
 
 def small_case() -> Case:
-    """A short prism of two grains on a mesh of some hundred cells; starts as a user would."""
+    """Return short prism of two grains on a mesh of some hundred cells; starts as a user would."""
     return Case(
         specimen=short_prism(8.0, 1.0),
         grains=GRAINS,
@@ -49,7 +49,7 @@ def small_case() -> Case:
 
 
 def true_case(case: Case) -> Case:
-    """The specimen of a case as it is: another law, other apex amplitudes; no hidden effect.
+    """Return the specimen of a case as it is: another law, other apex amplitudes; no hidden effect.
 
     Its working mesh and steps are those of the truth, finer than any that the case knows.
     """

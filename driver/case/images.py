@@ -117,7 +117,7 @@ class Dic(Table):
     )
 
     def roughness_um(self, pixel_um: float) -> float | Literal["estimated"]:
-        """What the penalty grants [µm], infinity for none, for pixels of a size [µm]."""
+        """Return what the penalty grants [µm], infinity for none, for pixels of a size [µm]."""
         if self.roughness_px == "estimated":
             return "estimated"
         return np.inf if self.roughness_px == "none" else self.roughness_px * pixel_um

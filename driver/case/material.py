@@ -94,7 +94,7 @@ class MaterialTable(Table):
         return self
 
     def to_material(self) -> Material:
-        """The constants in MPa and s."""
+        """Return the constants in MPa and s."""
         return Material(
             C11=self.C11_GPa * 1e3, C12=self.C12_GPa * 1e3, C44=self.C44_GPa * 1e3,
             K=self.K, n=self.n, tau0=self.tau0_MPa, c=self.c_MPa, d=self.d, Q=self.Q_MPa,

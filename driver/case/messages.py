@@ -29,7 +29,7 @@ _KINDS = {
 
 
 def refusal(expected: str, key: str = "", found: str | None = None) -> PydanticCustomError:
-    """The error that a validator of the case raises.
+    """Return the error that a validator of the case raises.
 
     Args:
         expected: what would have been accepted.
@@ -74,7 +74,7 @@ def sentences(
 def _explain(
     model: type[BaseModel], data: Mapping[str, Any], details: ErrorDetails
 ) -> tuple[str, str, str, FieldInfo | None]:
-    """The key, what was found there, what was expected, and the field."""
+    """Return the key, what was found there, what was expected, and the field."""
     context = details.get("ctx", {})
     path, field, owner = _follow(model, details["loc"])
     if context.get("key"):
@@ -109,7 +109,7 @@ def _with_meaning(kind: str, field: FieldInfo | None) -> str:
 def _follow(
     model: type[BaseModel], location: Sequence[str | int]
 ) -> tuple[list[str | int], FieldInfo | None, type[BaseModel]]:
-    """The part of a location that is a key of the file, the field there, and its owner."""
+    """Return the part of a location that is a key of the file, the field there, and its owner."""
     path: list[str | int] = []
     field: FieldInfo | None = None
     owner = model
@@ -145,7 +145,7 @@ _NOTHING = object()
 
 
 def _value(data: Any, path: Sequence[str | int]) -> Any:
-    """What stands at a key of the file, or `_NOTHING`."""
+    """Return what stands at a key of the file, or `_NOTHING`."""
     for part in path:
         try:
             data = data[part]

@@ -169,7 +169,7 @@ class Case(Table):
         return self.boundary.motion == "images"
 
     def path(self, name: str) -> Path:
-        """A path of the case file, relative to the folder of the case."""
+        """Return a path of the case file, relative to the folder of the case."""
         return self._file.parent / name
 
     @property
@@ -221,7 +221,7 @@ def load_case(path: Path) -> Case:
 
 
 def case_text(case: Case) -> str:
-    """The commented case file of a case; reading it back gives an equal case."""
+    """Return the commented case file of a case; reading it back gives an equal case."""
     return render("case.toml.j2", **case.model_dump(mode="json"))
 
 
@@ -231,7 +231,7 @@ def write_case(case: Case, path: Path) -> None:
 
 
 def default_case() -> Case:
-    """The case that `prismid init` writes: two grains, every other value at its default.
+    """Return the case that `prismid init` writes: two grains, every other value at its default.
 
     Raises:
         InputError: an installed term of the user's own cannot be used.
@@ -253,5 +253,5 @@ def schema() -> dict[str, Any]:
 
 
 def schema_text() -> str:
-    """The JSON schema as a text."""
+    """Return the JSON schema as a text."""
     return json.dumps(schema(), indent=2, ensure_ascii=False) + "\n"

@@ -63,7 +63,7 @@ def load_config(path: Path, stated: bool) -> Config:
 
 
 def profile_of(case: Case, prepare_only: bool = False) -> Profile:
-    """The profile of the solver of a case: its own entries, then the user's, then defaults.
+    """Return the profile of the solver of a case: its own entries, then the user's, then defaults.
 
     Files that a command names are sought from the folder of the file that states it.
 
@@ -85,7 +85,7 @@ def profile_of(case: Case, prepare_only: bool = False) -> Profile:
 
 
 def with_files_of(folder: Path, command: Sequence[str]) -> tuple[str, ...]:
-    """A call that can be made in any folder: its files by their absolute paths.
+    """Return a call that can be made in any folder: its files by their absolute paths.
 
     A program without a slash is one of PATH, as in a shell.
     """

@@ -17,7 +17,7 @@ _TWICE = "Cannot overwrite a value"  # as tomllib has it, before the place
 
 
 def read_toml(path: Path, expected: str, refuse: type[InputError] = InputError) -> dict[str, Any]:
-    """The content of a TOML file.
+    """Return the content of a TOML file.
 
     Args:
         path: the file.
@@ -42,7 +42,7 @@ def read_toml(path: Path, expected: str, refuse: type[InputError] = InputError) 
 
 
 def no_toml(path: Path, error: tomllib.TOMLDecodeError | UnicodeDecodeError) -> str:
-    """The sentence for a file whose text is no TOML."""
+    """Return the sentence for a file whose text is no TOML."""
     said = str(error)
     if said.startswith(_TWICE):
         return sentence(path, "file", f"a key twice{said.removeprefix(_TWICE)}", "each key once")
@@ -50,7 +50,7 @@ def no_toml(path: Path, error: tomllib.TOMLDecodeError | UnicodeDecodeError) -> 
 
 
 def read_tables(path: Path, model: type[Tables], expected: str) -> Tables:
-    """The tables of a TOML file, validated.
+    """Return the tables of a TOML file, validated.
 
     Args:
         path: the file.

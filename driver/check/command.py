@@ -193,7 +193,7 @@ def _solver(case: Case, adapter: Adapter) -> Iterator[Finding]:
 
 
 def _stated(case: Case) -> str:
-    """The call that a profile states and that cannot be made, in words."""
+    """Return the call that a profile states and that cannot be made, in words."""
     command = profile_of(case).command
     if not command:
         return ""
@@ -201,7 +201,7 @@ def _stated(case: Case) -> str:
 
 
 def _mesh(case: Case) -> tuple[int, Finding]:
-    """Number of cells of the working mesh, 0 where there is none."""
+    """Return number of cells of the working mesh, 0 where there is none."""
     specimen = case.specimen
     try:
         mesh = generate(geometry_of(case), specimen.mesh_size)
@@ -218,7 +218,7 @@ def _mesh(case: Case) -> tuple[int, Finding]:
 
 
 def _correlation(case: Case) -> Iterator[Finding]:
-    """The meshes of correlation that are no regular grids."""
+    """Yield the meshes of correlation that are no regular grids."""
     try:
         meshes = correlation_meshes(case)
         within([mesh for mesh in meshes if isinstance(mesh, PlaneMesh)], used_face(case))
@@ -232,7 +232,7 @@ def _correlation(case: Case) -> Iterator[Finding]:
 
 
 def _loads_alone(case: Case, adapter: Adapter | None, n_cells: int) -> Iterator[Finding]:
-    """What a run from loads alone needs."""
+    """Yield what a run from loads alone needs."""
     try:
         history = history_of(case)
     except InputError as error:

@@ -29,7 +29,7 @@ _FLAT_SHARE = 0.3
 
 
 def look_at_images(case: Case, experiment: Experiment) -> tuple[list[Finding], Reference | None]:
-    """What was found, in the order of the measurement, and the reference surface.
+    """Return what was found, in the order of the measurement, and the reference surface.
 
     Args:
         case: the case.

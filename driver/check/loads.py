@@ -19,7 +19,7 @@ _SEEN = 5.0  # standard deviations of a load from which a change is one
 
 
 def strange_loads(case: Case, history: History, force: FloatArray) -> Iterator[Finding]:
-    """Loads that no specimen in tension has: of a wrong unit or sign, or of an idle load cell.
+    """Find loads that no specimen in tension has: of a wrong unit or sign, or of an idle cell.
 
     Those that the case leaves out do not count.
 
@@ -54,7 +54,7 @@ def strange_loads(case: Case, history: History, force: FloatArray) -> Iterator[F
 
 
 def stated_motion(case: Case, history: History) -> Finding:
-    """The elongation that the stage travel stands for, where no image shows it."""
+    """Return the elongation that the stage travel stands for, where no image shows it."""
     ratio, sigma = case.boundary.stage_ratio, case.boundary.stage_ratio_uncertainty
     assert ratio is not None and sigma is not None  # the case refuses itself without them
     elongation = ratio * float(np.ptp(history.stage))

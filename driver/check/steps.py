@@ -33,7 +33,7 @@ _MOST_TRIED, _MOST_TOLD = 4, 1000  # steps an interval
 
 
 def recommended_steps(case: Case, adapter: Adapter, history: History) -> Iterator[Finding]:
-    """The steps an interval that the solver of a case needs, where they err to first order.
+    """Yield the steps an interval that the solver of a case needs, where they err to first order.
 
     Args:
         case: the case.

@@ -13,18 +13,18 @@ class InputError(ValueError):
 
 
 def show(value: object) -> str:
-    """A value as it would stand in a TOML file, cut to a length that fits a sentence."""
+    """Return a value as it would stand in a TOML file, cut to a length that fits a sentence."""
     text = json.dumps(value, default=str, ensure_ascii=False)
     return text if len(text) <= 80 else text[:77] + "…"
 
 
 def sentence(path: Path, place: str, found: str, expected: str) -> str:
-    """The one sentence about a bad input: file, key or row, what was found and expected."""
+    """Return the one sentence about a bad input: file, key or row, what was found and expected."""
     return f"{path}: {place}: found {found}, expected {expected}"
 
 
 def one_of(found: str, known: Sequence[str]) -> str:
-    """What is expected in place of a name that is none of those known: like ones, else all."""
+    """Say what is expected in place of an unknown name: like ones, else all."""
     near = get_close_matches(found, known)
     if near:
         return f"{' or '.join(near)}, or another of the {len(known)} names in the documentation"
@@ -32,6 +32,6 @@ def one_of(found: str, known: Sequence[str]) -> str:
 
 
 def why(error: BaseException) -> str:
-    """What the system or a library said, without the path that the sentence names anyway."""
+    """Return what the system or a library said, without the path that the sentence names anyway."""
     said = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return f"“{' '.join(said.split()) or type(error).__name__}”"

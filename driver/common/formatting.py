@@ -13,7 +13,7 @@ _SMALLEST_P = 1e-99
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number with significant digits, “–” where there is none."""
+    """Return a number with significant digits, “–” where there is none."""
     if value is None or not math.isfinite(value):
         return "–"
     if value == 0:
@@ -27,19 +27,19 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def compact(value: float) -> str:
-    """A number of any size in a few characters: “430”, “−4·10⁵”."""
+    """Return a number of any size in a few characters: “430”, “−4·10⁵”."""
     if value == 0.0 or 0.01 <= abs(value) < 9995.0:
         return number(value, 2)
     return _scientific(value, 1).replace("-", "−")
 
 
 def chi(value: float) -> str:
-    """A χ: two decimals up to ten, then three digits."""
+    """Return a χ: two decimals up to ten, then three digits."""
     return f"{value:.2f}" if value < 9.995 else number(value)
 
 
 def signed(value: float, digits: int = 3) -> str:
-    """A number with its sign."""
+    """Return a number with its sign."""
     return ("+" if value > 0 else "") + number(value, digits)
 
 
@@ -70,7 +70,7 @@ def interval(low: float, high: float, sigma: float) -> str:
 
 
 def percent(share: float) -> str:
-    """A share from 0 to 1; only what is whole is 100 %."""
+    """Return a share from 0 to 1; only what is whole is 100 %."""
     if share < 0.01:
         return "< 1 %"
     return f"{min(round(100 * share), 99) if share < 1 else 100} %"
@@ -84,7 +84,7 @@ def duration(seconds: float) -> str:
 
 
 def probability(p: float) -> str:
-    """A probability: “0.23”, “4·10⁻⁷” or “< 10⁻⁹⁹”."""
+    """Return a probability: “0.23”, “4·10⁻⁷” or “< 10⁻⁹⁹”."""
     if p < _SMALLEST_P:
         return f"< {_power(-99)}"
     if p >= 1e-3:
@@ -93,12 +93,12 @@ def probability(p: float) -> str:
 
 
 def with_unit(text: str, unit: str) -> str:
-    """A number and its unit; degrees stand close."""
+    """Return a number and its unit; degrees stand close."""
     return text + unit if unit == "°" and "±" not in text else f"{text} {unit}".rstrip()
 
 
 def joined(words: Sequence[str]) -> str:
-    """“a”, “a and b”, “a, b and c”."""
+    """Return “a”, “a and b”, “a, b and c”."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
@@ -134,7 +134,7 @@ def tenths(prefix: str, log: Log) -> Callable[[Progress], None]:
 
 
 def cost_told(seconds: float, memory: float) -> str:
-    """What a job will cost, in words.
+    """Return what a job will cost, in words.
 
     Args:
         seconds: wall-clock time on cores that do nothing else [s].

@@ -25,7 +25,7 @@ class Failure:
 
 
 def attempt(work: Callable[[], Result]) -> Result | Failure:
-    """What work makes, or why there is none: it cannot be simulated, or its input not be used.
+    """Return what work makes, or why it makes nothing: a failed simulation, an input refused.
 
     A fault of the program is no such answer, and is raised: it would hide here.
 
@@ -43,5 +43,5 @@ def attempt(work: Callable[[], Result]) -> Result | Failure:
 
 
 def first_line(error: Exception) -> str:
-    """The first line of what was said; others hold the end of a log."""
+    """Return the first line of what was said; others hold the end of a log."""
     return str(error).partition("\n")[0].removesuffix(LOG_SAYS)

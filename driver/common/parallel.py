@@ -137,7 +137,7 @@ def _in_processes(
 
 
 def _carry_out(work: Callable[[Any], Any], folder: Path, index: int) -> None:
-    """What a process does with the task of a number."""
+    """Do the task of a number."""
     try:
         # A task that is ended tidies up, as after Ctrl-C; between tasks there is nothing to tidy.
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
@@ -163,7 +163,7 @@ def _write(path: Path, what: object) -> None:
 
 
 def _taken(path: Path) -> Any:
-    """What stands in the file, which has served then."""
+    """Return what stands in the file, which has served then."""
     with path.open("rb") as file:
         what = pickle.load(file)
     path.unlink()
@@ -171,7 +171,7 @@ def _taken(path: Path) -> Any:
 
 
 def _begin(threads: int, folder: Path) -> None:
-    """What a process does first."""
+    """Prepare a process."""
     use_threads(threads)
     threading.Thread(target=_end_with_asker, args=(folder,), daemon=True).start()
 
@@ -187,7 +187,7 @@ def _end_with_asker(folder: Path) -> None:
 
 @contextmanager
 def _deaf_to_interrupts() -> Iterator[None]:
-    """Processes that start inside never hear Ctrl-C, which a terminal sends to all of them."""
+    """Keep Ctrl-C, which a terminal sends to all processes, from those that start inside."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -197,7 +197,7 @@ def _deaf_to_interrupts() -> Iterator[None]:
 
 @contextmanager
 def _few_threads(threads: int) -> Iterator[None]:
-    """Processes that start inside inherit the limit."""
+    """Return processes that start inside inherit the limit."""
     before = {name: os.environ.get(name) for name in _THREAD_VARIABLES}
     os.environ.update({name: str(threads) for name in _THREAD_VARIABLES})
     try:

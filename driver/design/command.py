@@ -138,7 +138,7 @@ def changed_forecasts(
 
 
 def _attempt(plan: Plan) -> Forecast | str:
-    """The forecast of a change, or why there is none: the others are still worth having.
+    """Return the forecast of a change, or why there is none: the others are still worth having.
 
     Also where a job was killed: a change has a row of its own, and nothing else hangs on it.
     """

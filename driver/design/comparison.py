@@ -38,7 +38,7 @@ class Gain:
 
 
 def gain(before: Forecast, after: Forecast) -> Gain:
-    """What a change does to all that both experiments have in common."""
+    """Return what a change does to all that both experiments have in common."""
     theta = {p.name: p.theta for p in before.parameters}
     old = {c.cause.name: c.in_scales for c in before.causes}
     new = {c.cause.name: c.in_scales for c in after.causes}

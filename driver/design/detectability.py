@@ -96,7 +96,7 @@ def outlooks(
     fitted: Evaluation,
     parameters: Mapping[str, Parameter],
 ) -> tuple[Outlook, ...]:
-    """What would become of each cause.
+    """Return what would become of each cause.
 
     Args:
         causes: the causes.
@@ -158,7 +158,7 @@ def _loads(projected: FloatArray, n_load: int, energy: float) -> float:
 
 
 def _hidden_by(effect: FloatArray, fitted: Evaluation) -> tuple[str, float]:
-    """The fitted group that takes most of an effect, and what knowing it would do."""
+    """Return the fitted group that takes most of an effect, and what knowing it would do."""
     hessian, along = fitted.hessian, fitted.jacobian @ effect
     whole = float(effect @ effect)
 

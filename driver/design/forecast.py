@@ -89,7 +89,7 @@ class Forecast:
     causes: tuple[Outlook, ...]
 
     def sigma(self, name: str) -> float:
-        """Standard deviation of θ of a parameter, infinite where it is not fitted."""
+        """Return standard deviation of θ of a parameter, infinite where it is not fitted."""
         return next((p.theta for p in self.parameters if p.name == name), np.inf)
 
 
@@ -210,7 +210,7 @@ def forecast(own: Prepared, simulated: Simulated) -> Forecast:
 
 
 def whole_forecast(plan: Plan) -> Forecast:
-    """The forecast of an experiment that needs a simulation of its own."""
+    """Return the forecast of an experiment that needs a simulation of its own."""
     own = prepare(plan)
     return forecast(own, simulate(own))
 
@@ -223,7 +223,7 @@ def _priors(own: Prepared) -> dict[str, tuple[float, float]]:
 
 
 def _surface(plan: Plan) -> tuple[Surface, float]:
-    """What the images will show, and their noise over that.
+    """Return what the images will show, and their noise over that.
 
     The noise of repeats is measured; a change of `images.noise_nm` changes it in proportion.
     """

@@ -84,7 +84,7 @@ def _belongs(name: str, start: str) -> bool:
 def knowledge(
     here: Evaluation, data: Data, parameters: Mapping[str, Parameter]
 ) -> tuple[Knowledge, ...]:
-    """What data would say of each free parameter.
+    """Return what data would say of each free parameter.
 
     Args:
         here: the expected evaluation; parameters without a prior have one of `LOOSE`.

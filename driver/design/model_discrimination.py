@@ -91,7 +91,7 @@ def apart(expected: Forecast, sizes: Mapping[str, float]) -> float:
 
 
 def advice(found: Sequence[Discrimination]) -> str:
-    """What to measure, in a sentence."""
+    """Return what to measure, in a sentence."""
     now, best = found[0], found[1]
     if best.apart < max(2.0 * now.apart, 1.0):
         return (

@@ -16,7 +16,7 @@ from driver.results.hdf5 import json_number, prismid_version
 def design_record(
     base: Forecast, surface: str, noise: float, others: Sequence[Forecast]
 ) -> dict[str, Any]:
-    """The record of a design.
+    """Return the record of a design.
 
     Args:
         base: the experiment of the case.

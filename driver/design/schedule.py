@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 
 
 def changed(history: History, test: Schedule) -> History:
-    """The history of a test that departs from another one: leg, then stops, then holds."""
+    """Return the history of a test that departs from another one: leg, then stops, then holds."""
     if test.compression:
         history = compressed(history)
     if test.stops > 1:

@@ -65,7 +65,7 @@ def read_settings(path: Path) -> Settings:
 
 
 def read_change(text: str) -> dict[str, Any]:
-    """A change of the command line: `loads.noise_uN = 2.0`, several of them parted by `;`.
+    """Return a change of the command line: `loads.noise_uN = 2.0`, several of them parted by `;`.
 
     Raises:
         InputError: it is no TOML.
@@ -83,7 +83,7 @@ def read_change(text: str) -> dict[str, Any]:
 
 
 def merged(whole: Any, change: Any) -> Any:
-    """A table of the case with the keys of a change in it.
+    """Return a table of the case with the keys of a change in it.
 
     A table laid over a list changes some of its entries, its keys are their numbers from 1:
     `grains.2.euler_deg`.
@@ -106,7 +106,7 @@ def merged(whole: Any, change: Any) -> Any:
 
 
 def label(change: dict[str, Any]) -> str:
-    """A change in one line, as it could be given on the command line."""
+    """Return a change in one line, as it could be given on the command line."""
     return "; ".join(f"{key}={value}" for key, value in _leaves(change))
 
 

@@ -43,13 +43,13 @@ class Surface:
     case: Case
 
     def with_noise(self, ratio: float, n_reference: int | None) -> SurfaceImages:
-        """The images with their noise times a ratio and, if given, other repeats."""
+        """Return the images with their noise times a ratio and, if given, other repeats."""
         n = self.images.n_reference if n_reference is None else n_reference
         return replace(self.images, sigma=ratio * self.images.sigma, n_reference=n)
 
 
 def expected_surface(case: Case, settings: Settings, history: History) -> Surface:
-    """The surface of a specimen.
+    """Return the surface of a specimen.
 
     Raises:
         InputError: repeats, flats or mask are there and cannot be used.

@@ -18,7 +18,7 @@ _BLIND = 20.0  # prior scales; an effect that has to be larger is none that ther
 
 
 def shown(value: float, unit: str, relative: bool = False) -> str:
-    """A magnitude in the unit that a person would take; a logarithm in percent or as a factor."""
+    """Write a magnitude in the unit that people take; a logarithm in percent or as a factor."""
     if not np.isfinite(value):
         return "—"
     if relative:
@@ -73,7 +73,7 @@ def _parameter(p: Knowledge) -> str:
 
 
 def _knots(known: Sequence[Knowledge], start: str) -> str:
-    """The worst known of the knots of a motion."""
+    """Return the worst known of the knots of a motion."""
     ones = [p for p in known if p.name.startswith(start)]
     if not ones:
         return ""
@@ -136,7 +136,7 @@ def _gains(base: Forecast, others: Sequence[Forecast]) -> list[str]:
 
 
 def _effort(base: Forecast, other: Forecast) -> str:
-    """What a change costs, where it costs images or time."""
+    """Return what a change costs, where it costs images or time."""
     if (base.n_images, base.duration) == (other.n_images, other.duration):
         return ""
     return f" ({other.n_images} images in {other.duration / 60:.0f} min)"
@@ -149,7 +149,7 @@ def _cell(ratio: float | None) -> str:
 
 
 def in_words(won: Gain) -> str:
-    """The gain of a change in one line: what it does best, what it shows, parts and loses."""
+    """Return gain of a change in one line: what it does best, what it shows, parts and loses."""
     everything = by_group(won.sigma) | dict(won.seen)
     best = sorted(everything.items(), key=lambda item: item[1])[:3]
     better = [f"{name} × {ratio:.2f}" for name, ratio in best if ratio < 1.0 - _SAME]

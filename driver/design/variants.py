@@ -49,12 +49,12 @@ class Variant:
 
 
 def base_variant(case: Case, settings: Settings) -> Variant:
-    """The experiment of the case."""
+    """Return the experiment of the case."""
     return Variant("as the case", "", case, settings.test)
 
 
 def usual_changes(case: Case, test: Schedule, n_repeats: int) -> dict[str, dict[str, Any]]:
-    """What anyone would ask, by name; the ones that need no simulation first.
+    """Return what anyone would ask, by name; the ones that need no simulation first.
 
     Args:
         case: the case.
@@ -78,7 +78,7 @@ def usual_changes(case: Case, test: Schedule, n_repeats: int) -> dict[str, dict[
 
 
 def variant(base: Variant, name: str, change: dict[str, Any], path: Path) -> Variant:
-    """An experiment with a change.
+    """Return an experiment with a change.
 
     Args:
         base: the experiment of the case.

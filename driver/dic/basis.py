@@ -46,7 +46,7 @@ class Basis:
         return _matrix(self.mesh, self.cell, self.shape)
 
     def at(self, points: FloatArray) -> csr_array:
-        """The functions at any points of the mesh.
+        """Return the functions at any points of the mesh.
 
         Args:
             points: X, Y [µm], shape (n, 2).
@@ -84,7 +84,7 @@ class GridBasis(Basis):
         return np.asarray(np.einsum("na,nak->nk", shape, values[self.mesh.cells[cell]]))
 
     def at(self, points: FloatArray) -> csr_array:
-        """The functions at any points of the grid; arguments as for any basis."""
+        """Return the functions at any points of the grid; arguments as for any basis."""
         return _matrix(self.mesh, *_place(points, self.bounds, self.cells))
 
 
@@ -132,7 +132,7 @@ def grid_basis(
 
 @lru_cache(maxsize=16)
 def _grid(bounds: tuple[float, float, float, float], cells: tuple[int, int]) -> PlaneMesh:
-    """The mesh of a grid: wanted again for each pair of images of one size."""
+    """Return the mesh of a grid: wanted again for each pair of images of one size."""
     x0, x1, y0, y1 = bounds
     x, y = np.meshgrid(
         np.linspace(x0, x1, cells[0] + 1), np.linspace(y0, y1, cells[1] + 1), indexing="ij"

@@ -111,7 +111,7 @@ class Correlation:
         return self.sigma**2 * self.system.covariance_of(functionals, self.system.hessian)
 
     def covariance_one(self) -> FloatArray:
-        """The same of all nodal values together, shape (n, n).
+        """Return the same of all nodal values together, shape (n, n).
 
         Raises:
             ImageError: the matrix would not fit in memory.

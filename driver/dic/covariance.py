@@ -56,7 +56,7 @@ def covariance_in_time(
 
 
 def held_back(motion: SurfaceMotion, images: SurfaceImages, functional: FloatArray) -> float:
-    """Standard deviation of what the penalty takes from L p [µm].
+    """Return standard deviation of what the penalty takes from L p [µm].
 
     A motion p of the roughness that is granted, which is the prior N(0, σ²(1 + 1/n) P⁻¹), is
     measured as p − A⁻¹P p: the variance of L A⁻¹P p is σ²(1 + 1/n) L A⁻¹P A⁻¹ Lᵀ.
@@ -86,7 +86,7 @@ def pixel_weights(motion: SurfaceMotion, functionals: FloatArray) -> FloatArray:
 def flat_covariance(
     motion: SurfaceMotion, images: SurfaceImages, weights: FloatArray
 ) -> FloatArray:
-    """The part of the flat pattern's error, for weights q_t (T, n_pix), [µm²], shape (T, T)."""
+    """Return part of the flat pattern's error, for weights q_t (T, n_pix), [µm²], shape (T, T)."""
     shift = np.where(motion.lost[:, None, None], 0.0, motion.at_pixels()[..., :2])
     moved = shift / images.pixel + np.column_stack([images.rows, images.cols])
     low = np.floor(moved.min(axis=(0, 1))).astype(np.int64) - _MARGIN
@@ -110,7 +110,7 @@ def flat_covariance(
 
 
 def _spread(at: FloatArray, values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """The transpose of cubic B-spline interpolation at places (n, 2) [px], over all pixels."""
+    """Return transpose of cubic B-spline interpolation at places (n, 2) [px], over all pixels."""
     first = np.floor(at).astype(np.int64)
     fraction = (at - first).T
     along = [_b_splines(part) for part in fraction]
@@ -124,6 +124,6 @@ def _spread(at: FloatArray, values: FloatArray, shape: tuple[int, ...]) -> Float
 
 
 def _b_splines(t: FloatArray) -> FloatArray:
-    """The four cubic B-splines at a fraction of a pixel, shape (4, n)."""
+    """Return the four cubic B-splines at a fraction of a pixel, shape (4, n)."""
     s = 1.0 - t
     return np.array([s**3, 4 - 6 * t**2 + 3 * t**3, 4 - 6 * s**2 + 3 * s**3, t**3]) / 6

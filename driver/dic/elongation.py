@@ -39,7 +39,7 @@ class EdgeMotion:
     average: FloatArray
 
     def difference(self, component: int) -> FloatArray:
-        """What makes plus less minus of u, v or w (0, 1, 2) of the nodal values, shape (n,)."""
+        """Return the weights of plus less minus of u, v or w (0, 1, 2), shape (n,)."""
         return np.asarray(self.average[3 + component] - self.average[component])
 
     @property

@@ -34,7 +34,7 @@ class Factor(Protocol):
 
 
 def make_factor(terms: Sequence[Matrix]) -> Factor:
-    """The factor that suits the matrices A_k, all dense or all sparse."""
+    """Return the factor that suits the matrices A_k, all dense or all sparse."""
     dense = [term for term in terms if isinstance(term, np.ndarray)]
     return DenseFactor(dense) if len(dense) == len(terms) else SparseFactor(terms)
 

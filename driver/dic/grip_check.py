@@ -227,7 +227,7 @@ def _spread(stage: FloatArray) -> bool:
 
 
 def _limit(tests: int) -> float:
-    """Standard deviations beyond which one of so many normal numbers is significant."""
+    """Return standard deviations beyond which one of so many normal numbers is significant."""
     return float(norm.isf(_FAMILY / 2 / max(tests, 1)))
 
 
@@ -276,7 +276,7 @@ def _turns(
 def _slips(
     stage: FloatArray, elongation: FloatArray, kept: Sequence[IntArray], sigma: float
 ) -> list[Slip]:
-    """The largest break of each phase that is significant, beside its parabola."""
+    """Return the largest break of each phase that is significant, beside its parabola."""
     places = [range(_SIDE, images.size - _SIDE + 1) for images in kept]
     limit = _limit(sum(len(of) for of in places))
     found = []

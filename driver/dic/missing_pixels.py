@@ -30,7 +30,7 @@ class Equations:
     weight: float
 
     def of(self, kept: BoolArray) -> System:
-        """The equations of a frame.
+        """Return the equations of a frame.
 
         Args:
             kept: the pixels that it has, shape (n_pix,).
@@ -52,7 +52,7 @@ class Equations:
         return system
 
     def solve(self, image: FloatArray, start: FloatArray, tolerance: float) -> End:
-        """The motion of one frame by its own equations.
+        """Return the motion of one frame by its own equations.
 
         Those of all pixels lead to the same motion, but slowly where many are lacking, and leave
         what lies in a gap where it started.

@@ -19,7 +19,7 @@ _compiled: Any = njit(cache=True, nogil=True)
 
 @_compiled
 def summed_dense(blocks: FloatArray, dofs: IntArray, n: int) -> FloatArray:
-    """The symmetric sum of packed lower triangles.
+    """Return the symmetric sum of packed lower triangles.
 
     Args:
         blocks: rows of the triangle one after the other, shape (n_blocks, k (k + 1) / 2).
@@ -44,7 +44,7 @@ def summed_dense(blocks: FloatArray, dofs: IntArray, n: int) -> FloatArray:
 def summed_sparse(
     blocks: FloatArray, dofs: IntArray, n: int
 ) -> tuple[FloatArray, IntArray, IntArray]:
-    """The same sum as the data, indices (sorted) and indptr of a CSC matrix, both triangles.
+    """Return the same sum as the data, indices (sorted) and indptr of a CSC matrix, both triangles.
 
     Args:
         blocks: as in `summed_dense`.

@@ -63,7 +63,7 @@ class Starter:
     def follow(
         self, images: Sequence[FloatArray], nodes_uv: FloatArray, nodes_w: FloatArray
     ) -> list[FloatArray]:
-        """Starting values [u | v | w] in pixels and heights of each image of a series.
+        """Return starting values [u | v | w] in pixels and heights of each image of a series.
 
         An image starts from where the one before it ended, or that with the shift between the
         two added, whichever leaves less; the coarse motion is followed through all images.
@@ -95,7 +95,7 @@ class Starter:
     def _best(
         self, level: _Level, p: FloatArray, before: FloatArray, after: FloatArray
     ) -> FloatArray:
-        """The old motion, or the old motion and the shift between the images (a jump)."""
+        """Return the old motion, or the old motion and the shift between the images (a jump)."""
         box = _box(level.system.pixels)
         shift = phase_correlation(before[box], after[box])
         if np.hypot(*shift) < 0.5:

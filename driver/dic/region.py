@@ -15,7 +15,7 @@ BoolArray = NDArray[np.bool_]
 
 
 def within(meshes: Sequence[PlaneMesh], bounds: Bounds) -> Bounds:
-    """The part of a rectangle (x0, x1, y0, y1) [µm] in the boxes around all meshes.
+    """Return the part of a rectangle (x0, x1, y0, y1) [µm] in the boxes around all meshes.
 
     Raises:
         ImageError: nothing is left of it.

@@ -49,7 +49,7 @@ class Evidence:
     def settle(
         self, p: FloatArray, estimate: NoiseAndRoughness, sigma: float
     ) -> tuple[NoiseAndRoughness, FloatArray]:
-        """The most probable roughness, and the nodal values under it, shape (T, n).
+        """Return the most probable roughness, and the nodal values under it, shape (T, n).
 
         MacKay's fixed point of the evidence: with γ = rank − tr(A⁻¹P) unknowns that the images
         decide, a² = pᵀRp / γ. Where it creeps, a secant in log a leaps. It ends when a further
@@ -107,7 +107,7 @@ def weigh(system: System, estimate: NoiseAndRoughness, n_reference: int, anchor:
 
 
 def _secant(moved: FloatArray, turned: FloatArray, drift: FloatArray) -> FloatArray:
-    """The step to where the drift would vanish, as long as the drift is seen to shrink."""
+    """Return the step to where the drift would vanish, as long as the drift is seen to shrink."""
     shrinks = moved * turned < 0
     slope = np.where(shrinks, turned / np.where(shrinks, moved, 1.0), -1.0)
     return np.clip(-drift / slope, -LARGEST_STEP, LARGEST_STEP)

@@ -78,7 +78,7 @@ class Search:
     pool: ThreadPoolExecutor | None
 
     def run(self, starts: list[FloatArray]) -> tuple[System, list[End], NoiseAndRoughness]:
-        """Ends of all images, with the system that led to them and what it assumed."""
+        """Return ends of all images, with the system that led to them and what it assumed."""
         options = self.options
         relief = float(np.std(self.pixels.height))
         estimate = NoiseAndRoughness(
@@ -156,6 +156,6 @@ def motion_at_pixels(system: System, p: FloatArray) -> FloatArray:
 
 
 def mean_diagonals(system: System) -> FloatArray:
-    """The mean diagonal of the Hessian for u, v and for w, at each unknown, shape (n,)."""
+    """Return the mean diagonal of the Hessian for u, v and for w, at each unknown, shape (n,)."""
     parts = np.split(system.hessian.diagonal(), [2 * system.n_uv])
     return np.concatenate([np.full(len(part), part.mean()) for part in parts])

@@ -210,13 +210,13 @@ def _lost(ends: Sequence[End]) -> BoolArray:
 
 
 def _heard(ends: Sequence[End]) -> BoolArray:
-    """The frames that are not lost; all where none is left."""
+    """Return the frames that are not lost; all where none is left."""
     lost = _lost(ends)
     return lost if lost.all() else ~lost
 
 
 def basis_on(images: SurfaceImages, size: float | PlaneMesh) -> Basis:
-    """The basis of a component over the region of interest.
+    """Return the basis of a component over the region of interest.
 
     Args:
         images: the series.

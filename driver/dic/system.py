@@ -232,7 +232,7 @@ class System:
 
 @lru_cache(maxsize=4)
 def _probes(size: int, n: int) -> FloatArray:
-    """Fixed random signs, shape (size, n)."""
+    """Return fixed random signs, shape (size, n)."""
     return np.random.default_rng(0).choice([-1.0, 1.0], size=(size, n))
 
 

@@ -101,7 +101,7 @@ def smoothed_motion(
     length: float,
     kept: BoolArray | None = None,
 ) -> tuple[SurfaceMotion, FloatArray]:
-    """The motion of a series smoothed along stage travel, the stage's own shifts left as they are.
+    """Smooth the motion of a series along stage travel, the stage's own shifts left alone.
 
     The stage re-centres and refocuses at every image: the mean over the pixels of each component
     is set aside, what is left is smoothed, and the mean put back. So a number that a translation

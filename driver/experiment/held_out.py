@@ -11,7 +11,7 @@ from driver.experiment.reading import fitted_loads
 
 
 def held_out_cycle(case: Case, history: History) -> int | None:
-    """The cycle that is held out, if any.
+    """Return the cycle that is held out, if any.
 
     Args:
         case: the case.

@@ -136,7 +136,7 @@ def _image_rows(path: Path, rows: list[dict[str, str]]) -> IntArray:
 def _load_of_images(
     path: Path, rows: list[dict[str, str]], time: FloatArray, load: FloatArray, images: IntArray
 ) -> FloatArray:
-    """The load in the row of each image, else from the log between its neighbours [N]."""
+    """Return the load in the row of each image, else from the log between its neighbours [N]."""
     loaded = np.flatnonzero(np.isfinite(load))
     force = load[images]
     for image in np.flatnonzero(np.isnan(force)).tolist():
@@ -218,7 +218,7 @@ def _segment(turning: IntArray, rows: IntArray) -> IntArray:
 
 
 def _read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
-    """The rows with their line number under the key "line"; `columns` have to be there."""
+    """Return the rows with their line number under the key "line"; `columns` have to be there."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file, restkey=_BEYOND, skipinitialspace=True)
@@ -246,7 +246,7 @@ def _read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
 
 
 def _cells(path: Path, row: Mapping[str, Any], names: Sequence[str], line: int) -> dict[str, str]:
-    """The cells of a row without blanks; more cells than columns are decimal commas, or a slip."""
+    """Strip the cells of a row; more cells than columns are decimal commas, or a slip."""
     more: Sequence[str] = row.get(_BEYOND, ())
     if any(cell.strip() for cell in more):
         found = f"{len(names) + len(more)} cells"

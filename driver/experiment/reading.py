@@ -69,7 +69,7 @@ class Experiment:
 
 
 def history_of(case: Case) -> History:
-    """The loading history of a case, of its images or, where it has none, of its loads.
+    """Return the loading history of a case, of its images or, where it has none, of its loads.
 
     Raises:
         HistoryError: the history cannot be used, or the loads that the case leaves out are none
@@ -92,7 +92,7 @@ def history_of(case: Case) -> History:
 
 
 def fitted_loads(case: Case, loads: FloatArray) -> FloatArray:
-    """Loads of all images, shape (n_images,), no number where the case leaves one out."""
+    """Return loads of all images, shape (n_images,), no number where the case leaves one out."""
     return np.where(np.isin(np.arange(len(loads)), case.loads.left_out), np.nan, loads)
 
 
@@ -138,7 +138,7 @@ def read_experiment(case: Case) -> Experiment:
 
 
 def read_unloaded(case: Case, history: History) -> Experiment | None:
-    """What can be there before a test: repeats, flats and mask.
+    """Return what can be there before a test: repeats, flats and mask.
 
     Args:
         case: the case; files that it names may be absent.
@@ -208,7 +208,7 @@ def _with_height(images: Images, levels: FloatArray) -> BoolArray:
 
 
 def arrange(images: Images, stack: NDArray[Scalar]) -> NDArray[Scalar]:
-    """A stack of the files with its rows along +X and its columns along +Y.
+    """Return a stack of the files with its rows along +X and its columns along +Y.
 
     Args:
         images: how the files lie on the specimen.
@@ -225,7 +225,7 @@ def arrange(images: Images, stack: NDArray[Scalar]) -> NDArray[Scalar]:
 
 
 def as_in_files(images: Images, stack: NDArray[Scalar]) -> NDArray[Scalar]:
-    """A stack with its rows along +X and its columns along +Y, as the files have it.
+    """Return a stack with its rows along +X and its columns along +Y, as the files have it.
 
     Args:
         images: how the files lie on the specimen.
@@ -243,7 +243,7 @@ def as_in_files(images: Images, stack: NDArray[Scalar]) -> NDArray[Scalar]:
 
 
 def origin(images: Images, size: tuple[int, int]) -> tuple[float, float]:
-    """The pixel of X = 0, Y = 0 once the rows run along +X and the columns along +Y.
+    """Return the pixel of X = 0, Y = 0 once the rows run along +X and the columns along +Y.
 
     Args:
         images: how the files lie on the specimen.
@@ -261,7 +261,7 @@ def origin(images: Images, size: tuple[int, int]) -> tuple[float, float]:
 
 
 def _stack(case: Case, key: str, name: str, like: Stack | None) -> Stack:
-    """A stack of the case that has the size of the frames."""
+    """Return a stack of the case that has the size of the frames."""
     stack = load_stack(case.path(name), f"images.{key}")
     if like is not None and stack.levels.shape[1:] != like.levels.shape[1:]:
         raise _error(case, key, stack.size, f"{like.size} as the frames")
@@ -327,7 +327,7 @@ def _mask(case: Case, frames: Stack | None) -> Stack | None:
 
 
 def _noise_map(case: Case, frames: Stack | None) -> FloatArray | None:
-    """The noise of each pixel, in the arrangement of the specimen."""
+    """Return the noise of each pixel, in the arrangement of the specimen."""
     if case.images.noise_map is None:
         return None
     stack = _stack(case, "noise_map", case.images.noise_map, frames)
@@ -371,7 +371,7 @@ def _spread(images: Images, levels: FloatArray) -> float:
 
 
 def _clipped(stack: Stack) -> int:
-    """Number of pixels at the largest level that an integer of their type can be."""
+    """Return number of pixels at the largest level that an integer of their type can be."""
     if stack.dtype.kind not in "ui":
         return 0
     bits = 8 * stack.dtype.itemsize - (stack.dtype.kind == "i")

@@ -100,7 +100,7 @@ def export_case(
 
 
 def _finished_results(case: Case) -> FinishedResults:
-    """The results of the case as it is.
+    """Return the results of the case as it is.
 
     Raises:
         ExportError: a stage has none, or a run replaces them.

@@ -100,7 +100,7 @@ def write_readme(
 
 
 def exported_files(path: Path) -> frozenset[Path]:
-    """The files that such a text lists, relative to its folder; none where it is another text."""
+    """Read the files that such a text lists, relative to its folder; none of another text."""
     if not path.is_file():
         return frozenset()
     text = path.read_text(encoding="utf-8", errors="replace")

@@ -75,7 +75,7 @@ def pixel_squares(rows: IntArray, cols: IntArray) -> IntArray:
 def aligned(
     motion: FloatArray, onto: FloatArray, xy: FloatArray, rigid: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """A motion less the rigid motion that parts it from another one, by least squares.
+    """Return a motion less the rigid motion that parts it from another one, by least squares.
 
     The stage re-centres and refocuses between the images, so a rigid motion of each image is
     unknown, and no part of what a model predicts.

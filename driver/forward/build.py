@@ -42,13 +42,13 @@ TRACE = "trace"  # of the working mesh, in place of a mesh file of the correlati
 
 
 def geometry_of(case: Case) -> PrismGeometry:
-    """The prism and its grain boundary."""
+    """Return the prism and its grain boundary."""
     s = case.specimen
     return PrismGeometry(s.length, s.width, s.depth, s.boundary_point_um, s.boundary_normal)
 
 
 def mesh_of(case: Case, size: float) -> PrismMesh:
-    """A mesh of the specimen with elements of a size [µm].
+    """Return a mesh of the specimen with elements of a size [µm].
 
     Raises:
         InputError: the case does not describe a prism that can be meshed.
@@ -60,7 +60,7 @@ def mesh_of(case: Case, size: float) -> PrismMesh:
 
 
 def another_mesh_of(case: Case, size: float, points: FloatArray) -> PrismMesh:
-    """A mesh of somewhat smaller elements with few nodes in common with one of a size.
+    """Return a mesh of somewhat smaller elements with few nodes in common with one of a size.
 
     Numbers of elements along an edge are whole: meshes of nearly the same size may be the same.
     It is the largest of six with at most a fifth in common, or the smallest where none has.
@@ -82,7 +82,7 @@ def another_mesh_of(case: Case, size: float, points: FloatArray) -> PrismMesh:
 
 
 def capabilities_of(case: Case) -> Capabilities:
-    """What the solver that the case names can do by itself.
+    """Return what the solver that the case names can do by itself.
 
     Raises:
         UnsupportedError: there is no such solver.
@@ -91,7 +91,7 @@ def capabilities_of(case: Case) -> Capabilities:
 
 
 def adapter_of(case: Case, prepare_only: bool = False) -> Adapter:
-    """The solver that the case names, able to do what the case asks, with derivatives.
+    """Return the solver that the case names, able to do what the case asks, with derivatives.
 
     Args:
         case: the case.
@@ -116,7 +116,7 @@ def adapter_of(case: Case, prepare_only: bool = False) -> Adapter:
 
 
 def integration_of(case: Case, adapter: Adapter) -> Integration:
-    """The scheme that the case names, or the best that the solver has.
+    """Return the scheme that the case names, or the best that the solver has.
 
     Raises:
         InputError: the solver lacks the scheme that the case names.
@@ -134,7 +134,7 @@ def integration_of(case: Case, adapter: Adapter) -> Integration:
 
 
 def surface_images(case: Case, experiment: Experiment) -> SurfaceImages:
-    """The corrected images over the measured face, or the part of it that the meshes cover.
+    """Return the corrected images over the measured face, or the part of it that the meshes cover.
 
     Raises:
         InputError: a mesh of the correlation cannot be used.
@@ -185,7 +185,7 @@ def _correlation_mesh(case: Case, key: str) -> PlaneMesh | None:
 
 
 def reference_of(case: Case, experiment: Experiment, flat: FlatField | None) -> Reference:
-    """The reference surface alone.
+    """Return the reference surface alone.
 
     Raises:
         InputError: there are no repeats, or they show no part of the face.
@@ -225,7 +225,7 @@ def build_model(
     steps_per_interval: int,
     workspace: Path | None = None,
 ) -> ForwardModel:
-    """The forward model of a specimen.
+    """Return the forward model of a specimen.
 
     Args:
         case: the case.

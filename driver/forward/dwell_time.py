@@ -18,7 +18,7 @@ _STILL = 1e-9  # change of the knot weights below which the stage stands
 
 
 def dwells(weights: FloatArray) -> BoolArray:
-    """The intervals between two instants over which the stage stands, shape (n_times − 1,).
+    """Return the intervals between two instants over which the stage stands, shape (n_times − 1,).
 
     Args:
         weights: weights of the knots at each instant, shape (n_times, n_knots).
@@ -27,7 +27,7 @@ def dwells(weights: FloatArray) -> BoolArray:
 
 
 def stretch_dwells(times: FloatArray, still: BoolArray, error: float) -> FloatArray:
-    """The instants of a history whose holds last longer [s], shape (n_times,).
+    """Return the instants of a history whose holds last longer [s], shape (n_times,).
 
     Args:
         times: instants as stamped [s], shape (n_times,).
@@ -42,7 +42,7 @@ def stretch_dwells(times: FloatArray, still: BoolArray, error: float) -> FloatAr
 
 
 def dwells_tangent(times: FloatArray, still: BoolArray, error: float) -> FloatArray:
-    """Derivative of `stretch_dwells` by the error, shape (n_times,).
+    """Return derivative of `stretch_dwells` by the error, shape (n_times,).
 
     A hold of which only a twentieth is left does not follow the error.
 

@@ -11,7 +11,7 @@ FloatArray = NDArray[np.float64]
 
 
 def boundary_trace(case: Case) -> FloatArray | None:
-    """Ends (X, Y) of the trace of the grain boundary on the measured face [µm], shape (2, 2).
+    """Return the ends (X, Y) of the trace of the grain boundary on the face [µm], shape (2, 2).
 
     None where there is no boundary or it is parallel to the loading axis.
     """

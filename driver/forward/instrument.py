@@ -43,7 +43,7 @@ class Instrument:
     def reading_rate(
         self, force: FloatArray, change: FloatArray, values: Mapping[str, float]
     ) -> FloatArray:
-        """∂reading for a change of the force, each of shape (T,) (complex step)."""
+        """Return ∂reading for a change of the force, each of shape (T,) (complex step)."""
         if not self.terms:
             return np.asarray((1 + values["load_gain"]) * change)
         stepped = self._read(force + 1j * _TINY * change, values)

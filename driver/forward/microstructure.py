@@ -67,7 +67,7 @@ class Microstructure:
         return frozenset(names)
 
     def moved_mesh(self, values: Mapping[str, float]) -> PrismMesh:
-        """The mesh with its nodes where the parameters put them.
+        """Return the mesh with its nodes where the parameters put them.
 
         Raises:
             SolverError: the change would turn a cell inside out.

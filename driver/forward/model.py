@@ -99,7 +99,7 @@ class ForwardModel:
         return values | {p.name: getattr(self.material, p.name) for p in MATERIAL_DECLARATIONS}
 
     def simulation(self, values: Values, free: Sequence[str] = ()) -> Simulation:
-        """The hand-over to a solver, with a direction for each free parameter that it needs.
+        """Return the hand-over to a solver, with a direction for each free parameter that it needs.
 
         Raises:
             SolverError: a geometric parameter turns a cell inside out.
@@ -129,7 +129,7 @@ class ForwardModel:
         )
 
     def with_time_steps_of(self, ends: FloatArray, values: Values) -> ForwardModel:
-        """The model that takes the time steps of a response of its own.
+        """Return the model that takes the time steps of a response of its own.
 
         Steps that refine themselves jump from one to the next parameters, and with them the
         error of the steps, and steps are cut where they do not converge, which hangs on where the
@@ -150,7 +150,7 @@ class ForwardModel:
         return max(response.ends.size - stated, 0) if self.accuracy is None else 0
 
     def warm_started_from(self, trajectory: Trajectory | None, values: Values) -> ForwardModel:
-        """The model whose simulations begin their iterations by one of its own.
+        """Return the model whose simulations begin their iterations by one of its own.
 
         Args:
             trajectory: the trajectory of that one, None of a solver that does not tell it.
@@ -177,15 +177,15 @@ class ForwardModel:
         return self.observe(response, values, free)
 
     def clock(self, values: Values) -> FloatArray:
-        """The instants of the history [s], shape (n_times,)."""
+        """Return the instants of the history [s], shape (n_times,)."""
         return stretch_dwells(self.times, dwells(self.boundary.weights), values[HOLD])
 
     def _clock_rate(self, values: Values) -> FloatArray:
-        """Derivative of the instants by the length of the holds, shape (n_times,)."""
+        """Return derivative of the instants by the length of the holds, shape (n_times,)."""
         return dwells_tangent(self.times, dwells(self.boundary.weights), values[HOLD])
 
     def observe(self, response: Response, values: Values, free: Sequence[str]) -> Prediction:
-        """What the instruments make of the response to `simulation(values, free)`."""
+        """Return what the instruments make of the response to `simulation(values, free)`."""
         seen = np.searchsorted(self._rows(values, free), self.image_row)
         displacement = response.displacement[seen]
         force, rate, d_force = self._when_read(response, values, free)
@@ -221,7 +221,7 @@ class ForwardModel:
     def with_pattern(
         self, prediction: Prediction, values: Values, free: Sequence[str]
     ) -> Prediction:
-        """A prediction of this model that was made with another `pattern`."""
+        """Return a prediction of this model that was made with another `pattern`."""
         carried = dict(prediction.carried)
         for index, name in enumerate(free):
             if self._enters(name, "pattern") and self.pattern is not None:
@@ -299,14 +299,14 @@ class ForwardModel:
 
 
 def _as_motion(rise: FloatArray) -> FloatArray:
-    """A rise at the pixels as a motion, (T, n_pix) → (T, n_pix, 3)."""
+    """Return a rise at the pixels as a motion, (T, n_pix) → (T, n_pix, 3)."""
     motion = np.zeros((*rise.shape, 3))
     motion[..., 2] = rise
     return motion
 
 
 def _on_clock(trajectory: Trajectory, of_trajectory: FloatArray, wanted: FloatArray) -> Trajectory:
-    """A way on another clock: instants of the one (n_times,) become those of the other."""
+    """Return a way on another clock: instants of the one (n_times,) become those of the other."""
     return replace(trajectory, times=np.interp(trajectory.times, of_trajectory, wanted))
 
 

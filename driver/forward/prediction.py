@@ -42,14 +42,14 @@ class Prediction:
     rise: FloatArray | float = 0.0
 
     def restrict(self, rows: Sequence[int]) -> Prediction:
-        """The prediction with the derivatives of some of its parameters, in the given order."""
+        """Return prediction with the derivatives of some of its parameters, in the given order."""
         carried = {new: self.carried[old] for new, old in enumerate(rows) if old in self.carried}
         return replace(
             self, d_surface=self.d_surface[rows], d_load=self.d_load[rows], carried=carried
         )
 
     def joined(self, other: Prediction) -> Prediction:
-        """The prediction with the derivatives of another one at the same values behind its own."""
+        """Append the derivatives of another prediction at the same values."""
         n = len(self.d_load)
         return replace(
             self,

@@ -23,7 +23,7 @@ class WatchedSolver:
         self.name = inner.name
 
     def capabilities(self) -> Capabilities:
-        """What the solver can honour."""
+        """Return what the solver can honour."""
         return self.inner.capabilities()
 
     def version(self) -> str:

@@ -54,7 +54,7 @@ class BoundaryJitter:
 def boundary_jitter(
     model: ForwardModel, image: ImageData, values: Mapping[str, float], sigma: float
 ) -> BoundaryJitter:
-    """The answers of a simulation to an elongation of σ_e at each stop.
+    """Return the answers of a simulation to an elongation of σ_e at each stop.
 
     Args:
         model: the forward model.
@@ -87,7 +87,7 @@ def boundary_jitter(
 
 
 def stops_of(model: ForwardModel) -> BoolArray:
-    """The instants of the stop at which each image was taken, shape (T, n_times).
+    """Return the instants of the stop at which each image was taken, shape (T, n_times).
 
     They are those at the stage travel of the image, from the image before it on.
     """

@@ -16,5 +16,5 @@ def cosine_modes(T: int, orders: NDArray[np.int64]) -> FloatArray:
 
 
 def fast_modes(T: int) -> FloatArray:
-    """The fast half of them, shape (T − T//2, T)."""
+    """Return the fast half of them, shape (T − T//2, T)."""
     return cosine_modes(T, np.arange(T // 2, T))

@@ -80,11 +80,11 @@ class Data:
         return ~np.isin(self.index, self.left_out)
 
     def images_alone(self) -> Data:
-        """The same frames without their loads."""
+        """Return the same frames without their loads."""
         return replace(self, with_loads=False)
 
     def frames(self, index: IntArray) -> Data:
-        """Some of the frames."""
+        """Return some of the frames."""
         return replace(self, index=index)
 
     def residual(
@@ -115,7 +115,7 @@ class Data:
         return self._whiten_patterns(np.concatenate(parts, axis=1))
 
     def image_sensitivity(self, prediction: Prediction) -> FloatArray:
-        """Derivatives of the images that are fitted, each whitened by itself, (k, T, n_z)."""
+        """Return the derivatives of the fitted images, each whitened by itself, (k, T, n_z)."""
         seen = self.index[self.with_image]
         z = self.image.sensitivity(prediction.d_surface[:, seen], prediction.look.value, seen)
         for row, motion in prediction.carried.items():
@@ -157,7 +157,7 @@ class Data:
         return self._whiten_patterns(np.concatenate(parts, axis=1))
 
     def image_part(self, residual: FloatArray) -> FloatArray:
-        """The image part of a residual, of the images that are fitted, shape (T, n_z)."""
+        """Return the image part of a residual, of the images that are fitted, shape (T, n_z)."""
         return residual[self.n_load :].reshape(-1, self.image.n_z)
 
     def effect_of_stops(self, jitter: BoundaryJitter) -> FloatArray:
@@ -194,7 +194,7 @@ class Data:
         return np.asarray((np.sqrt(gain) * modes).T @ factor)
 
     def noise_part(self, rows: FloatArray) -> FloatArray:
-        """What measurement noise alone makes of estimates from whitened numbers.
+        """Return what measurement noise alone makes of estimates from whitened numbers.
 
         Whitened numbers have unit covariance, R (I + Σ) R with Σ that of the simulation's error
         and of the noise of the boundary, and R = (I + Σ)^(−1/2): an estimate e = row · r owes

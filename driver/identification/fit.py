@@ -66,7 +66,7 @@ class Fit:
         return tuple(n for n in self.best.free if is_at_bound(parameters[n], self.values[n]))
 
     def inside(self, objective: Objective) -> Evaluation:
-        """The fit with only that free which stands between its bounds.
+        """Return the fit with only that free which stands between its bounds.
 
         What is held at a bound follows nothing: along it the residual is seen, as along all that
         is not fitted.
@@ -83,7 +83,7 @@ class Fit:
         return np.asarray(np.linalg.inv(self.best.hessian), dtype=np.float64)
 
     def sigma(self, name: str, parameters: Mapping[str, Parameter]) -> float:
-        """Standard deviation of a value (to first order)."""
+        """Return standard deviation of a value (to first order)."""
         index = self.best.free.index(name)
         slope = parameters[name].slope(self.values[name])
         return float(np.sqrt(self.covariance[index, index]) * slope)
@@ -170,7 +170,7 @@ def fit(
 def fit_from(
     at: Evaluation, objective: Objective, most: int, log: Log, tolerance: float = DECREMENT
 ) -> Fit:
-    """A fit that begins where another objective has simulated: that prediction serves.
+    """Return a fit that begins where another objective has simulated: that prediction serves.
 
     Args:
         at: evaluation under an objective of the same model.

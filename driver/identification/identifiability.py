@@ -35,7 +35,7 @@ class PriorRule:
     moved: float
 
     def sentence(self) -> str:
-        """What a person should know of it."""
+        """Return what a person should know of it."""
         stays = abs(self.moved) < 0.05
         where = "at whose mean it stays" if stays else f"{self.moved:+.1f} widths off its mean"
         return (
@@ -55,7 +55,7 @@ def prior_shares(evaluation: Evaluation) -> FloatArray:
 
 
 def ruled_by_prior(fit: Fit) -> tuple[PriorRule, ...]:
-    """The parameters of which more than half of the variance is the prior's."""
+    """Return the parameters of which more than half of the variance is the prior's."""
     best = fit.best
     moved = -best.prior_gap * np.sqrt(best.prior_weight)
     return tuple(

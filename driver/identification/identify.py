@@ -242,7 +242,7 @@ def knot_start(weights: FloatArray, motion: FloatArray, names: Sequence[str]) ->
 def with_correction(
     objective: Objective, noise_factor: float, change: Correction, sizes: tuple[float, float]
 ) -> Objective:
-    """The objective with a correction, the covariance of what it leaves wrong, and the noise.
+    """Return objective with a correction, the covariance of what it leaves wrong, and the noise.
 
     Args:
         objective: data and priors.

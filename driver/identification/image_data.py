@@ -145,7 +145,7 @@ class ImageData:
         return np.asarray(np.einsum("rpc,pc->pr", self.rigid, self.slope))
 
     def _normal(self, gone: IntArray) -> FloatArray:
-        """Normal matrix of the rigid motions without some pixels, shape (n_rigid, n_rigid)."""
+        """Return the normal matrix of rigid motions without some pixels, (n_rigid, n_rigid)."""
         seen, absent = self._rigid_slope, self._rigid_slope[gone]
         return np.asarray(seen.T @ seen - absent.T @ absent)
 
@@ -167,7 +167,7 @@ class ImageData:
         return rho if self.lacking is None else np.where(self.lacking[index], 0.0, rho)
 
     def _gone(self, index: IntArray) -> list[tuple[int, IntArray]]:
-        """The frames that lack pixels: their places in `index`, and which they lack."""
+        """Return the frames that lack pixels: their places in `index`, and which they lack."""
         if self.lacking is None:
             return []
         places = np.flatnonzero(self.lacking[index].any(axis=1))
@@ -223,7 +223,7 @@ def _by_component(
 
 
 def reweighted(image: ImageData, variance: FloatArray) -> ImageData:
-    """The image part with each pixel counted by the inverse of its own variance.
+    """Return the image part with each pixel counted by the inverse of its own variance.
 
     Args:
         image: the image part with all pixels alike.
@@ -239,7 +239,7 @@ def reweighted(image: ImageData, variance: FloatArray) -> ImageData:
 def _whitening(
     images: SurfaceImages, test: sp.csr_array, matrix: FloatArray, rigid: FloatArray
 ) -> FloatArray:
-    """What turns b of covariance σ² `matrix` into unit numbers, rigid motions projected out."""
+    """Return what whitens b of covariance σ² `matrix`, rigid motions projected out."""
     slope = np.concatenate([images.gradient, -np.ones((len(images.xy), 1))], axis=1)
     eigenvalue, vector = np.linalg.eigh(matrix)
     kept = eigenvalue > _WEAKEST_MODE * eigenvalue[-1]

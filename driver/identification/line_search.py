@@ -36,7 +36,7 @@ SCORE = 3.0
 
 
 def newton(objective: Objective, at: Evaluation) -> tuple[FloatArray, float]:
-    """The step in θ, shape (k,), that would end a linear fit, and its Newton decrement [σ].
+    """Return the step in θ, shape (k,), that would end a linear fit, and its Newton decrement [σ].
 
     The decrement is that of the step without damping (`bounded_step`).
     """
@@ -61,7 +61,7 @@ def descend(
     decrement: float,
     log: Log,
 ) -> Evaluation | None:
-    """The next point of a fit, None where no trial point leads lower.
+    """Return the next point of a fit, None where no trial point leads lower.
 
     Args:
         objective: model and data, beginning each simulation beside `here`.
@@ -93,7 +93,7 @@ def descend(
 def _corrected(
     objective: Objective, here: Evaluation, ahead: Evaluation, decrement: float, log: Log
 ) -> Evaluation | None:
-    """The point well below `here` to which further full steps from `ahead`, above it, lead.
+    """Return the point well below `here` to which further full steps from `ahead`, above it, lead.
 
     None if they do not: then the step is to be shortened.
     """

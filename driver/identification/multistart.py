@@ -44,7 +44,7 @@ def draw_starts(
     spread: Mapping[str, float],
     number: int,
 ) -> list[dict[str, float]]:
-    """The start of the case, and others drawn about it, the same ones in each run.
+    """Return the start of the case, and others drawn about it, the same ones in each run.
 
     Args:
         start: every parameter at the start of the case.

@@ -36,7 +36,7 @@ class NoImages(ImageData):
 
 
 def no_images(n_loads: int) -> NoImages:
-    """The image part beside so many loads."""
+    """Return the image part beside so many loads."""
     none, nowhere = np.zeros(0), np.zeros((0, 2))
     no_index, no_codes = np.zeros(0, dtype=np.int64), np.zeros((0, 0), dtype=np.uint8)
     images = SurfaceImages(

@@ -50,7 +50,7 @@ class Correction:
         return motion - held.motion, load - held.load
 
     def mean_with(self, spread: Correction | None) -> Correction:
-        """The mean of this correction by a finer mesh and of that by another one.
+        """Return the mean of this correction by a finer mesh and of that by another one.
 
         Args:
             spread: half of what the other one adds, None where there is no other one.
@@ -91,7 +91,7 @@ class Objective:
         return self.compare(prediction, values, free)
 
     def with_pattern_at(self, here: Evaluation) -> tuple[Objective, Evaluation]:
-        """The objective that reads the fixed pattern where an evaluation sees the specimen.
+        """Return the objective that reads the fixed pattern where an evaluation sees the specimen.
 
         Free correlation knows less well where that is, and errs with the noise of the images.
 
@@ -109,12 +109,12 @@ class Objective:
         return there, there.compare(prediction, here.values, here.free)
 
     def with_time_steps_of(self, here: Evaluation) -> Objective:
-        """The objective whose simulations take the time steps of an evaluation."""
+        """Return the objective whose simulations take the time steps of an evaluation."""
         model = self.model.with_time_steps_of(here.prediction.response.ends, here.values)
         return replace(self, model=model)
 
     def warm_started_from(self, here: Evaluation) -> Objective:
-        """The objective whose simulations begin their iterations by that of an evaluation."""
+        """Return objective whose simulations begin their iterations by that of an evaluation."""
         return replace(
             self,
             model=self.model.warm_started_from(here.prediction.response.trajectory, here.values),
@@ -140,7 +140,7 @@ class Objective:
     def expect(
         self, prediction: Prediction, values: Mapping[str, float], free: Sequence[str]
     ) -> Evaluation:
-        """What a prediction, held against data that it meets exactly, would say of parameters.
+        """Return what a prediction would say of parameters to data that it meets exactly.
 
         No image is looked at: there need not be any.
         """
@@ -166,7 +166,7 @@ class Objective:
         )
 
     def complete(self, evaluation: Evaluation, free: Sequence[str]) -> Evaluation:
-        """An evaluation at the same values with other parameters free.
+        """Return an evaluation at the same values with other parameters free.
 
         Only the derivatives that it lacks are simulated; data, prior and correction may be others.
 
@@ -182,7 +182,7 @@ class Objective:
         return self.compare(prediction.restrict(rows), evaluation.values, free)
 
     def restrict(self, evaluation: Evaluation, free: Sequence[str]) -> Evaluation:
-        """An evaluation as if only some of its parameters were free, with this prior."""
+        """Return an evaluation as if only some of its parameters were free, with this prior."""
         rows = [evaluation.free.index(name) for name in free]
         gap, weight = self._prior_at(evaluation.values, free)
         return replace(

@@ -107,7 +107,7 @@ def seen_by_correlation(
     tilt: FloatArray,
     left_out: tuple[int, ...] = (),
 ) -> MeasuredSeries:
-    """The experiment of a case, its gradient refined along the measured motion.
+    """Return the experiment of a case, its gradient refined along the measured motion.
 
     Args:
         case: the case.
@@ -128,7 +128,7 @@ def seen_by_correlation(
 
 
 def on_another_mesh(case: Case, problem: IdentificationProblem) -> ForwardModel:
-    """The finer model on a mesh of about that size that has few nodes in common with its own.
+    """Return finer model on a mesh of about that size that has few nodes in common with its own.
 
     Raises:
         InputError: the prism cannot be meshed with such elements.
@@ -230,7 +230,7 @@ def build_problem(
 
 
 def _without(left_out: tuple[int, ...], values: FloatArray) -> FloatArray:
-    """A series with the values of some frames taken from their neighbours, shape (T,)."""
+    """Return a series with the values of some frames taken from their neighbours, shape (T,)."""
     frames = np.arange(values.size)
     kept = np.setdiff1d(frames, left_out)
     return np.asarray(np.interp(frames, kept, values[kept]))

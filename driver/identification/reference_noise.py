@@ -47,7 +47,7 @@ def shared_noise(
 def _of_pattern(
     images: SurfaceImages, weights: Iterable[FloatArray], places: FloatArray
 ) -> FloatArray:
-    """The same of the flat pattern, in units of the variance of its error.
+    """Return the same of the flat pattern, in units of the variance of its error.
 
     Args:
         images: the series.

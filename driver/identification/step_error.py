@@ -38,7 +38,7 @@ class StepError:
     load: FloatArray
 
     def times(self, factor: float) -> StepError:
-        """The error of steps that are so many times as long."""
+        """Return the error of steps that are so many times as long."""
         return StepError(factor * self.motion, factor * self.load)
 
 
@@ -52,7 +52,7 @@ def has_first_order(model: ForwardModel, prediction: Prediction) -> bool:
 
 
 def error_by_halves(prediction: Prediction, halved: Prediction) -> StepError:
-    """The error of the steps of a prediction, from one in halves of them."""
+    """Return the error of the steps of a prediction, from one in halves of them."""
     return StepError(
         2.0 * (halved.motion - prediction.motion), 2.0 * (halved.load - prediction.load)
     )
@@ -61,7 +61,7 @@ def error_by_halves(prediction: Prediction, halved: Prediction) -> StepError:
 def in_parts_of(
     model: ForwardModel, prediction: Prediction, values: Mapping[str, float], parts: int
 ) -> ForwardModel:
-    """A model that takes the steps of a prediction, each in so many equal parts.
+    """Return a model that takes the steps of a prediction, each in so many equal parts.
 
     Args:
         model: a model of the same history.

@@ -132,7 +132,7 @@ def noise_floor(case_path: Path, log: Log) -> None:
 
 
 def table(rows: Sequence[Row], take: Row, freedom: int) -> list[str]:
-    """The noise floor as lines of text.
+    """Return the noise floor as lines of text.
 
     Args:
         rows: the meshes.
@@ -170,7 +170,7 @@ def table(rows: Sequence[Row], take: Row, freedom: int) -> list[str]:
 
 
 def _record(row: Row) -> dict[str, Any]:
-    """A mesh for the JSON file; lists run over the motions."""
+    """Return a mesh for the JSON file; lists run over the motions."""
     found: dict[str, Any] = {
         "element_px": row.size,
         "height_element_px": row.size_w,

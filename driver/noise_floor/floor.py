@@ -50,7 +50,7 @@ class Row:
 
 
 def sizes(images: SurfaceImages, ratio: float) -> tuple[int, ...]:
-    """The smallest elements of u and v that pixels can decide and memory has room for [px].
+    """Return the smallest elements of u and v that pixels can decide and memory has room for [px].
 
     Args:
         images: the series.
@@ -79,14 +79,14 @@ def _refuse(images: SurfaceImages, size: int, ratio: float) -> None:
 
 
 def chosen(rows: Sequence[Row]) -> Row:
-    """The mesh to take, by `RULE`."""
+    """Return the mesh to take, by `RULE`."""
     least = min(row.errors.total("elongation") for row in rows)
     near = [row for row in rows if row.errors.total("elongation") <= _NEAR * least]
     return min(near, key=lambda row: row.errors.total("strain"))
 
 
 def repeats_as_frames(case: Case, experiment: Experiment) -> SurfaceImages:
-    """The repeats as a series of their own mean."""
+    """Return the repeats as a series of their own mean."""
     assert experiment.repeats is not None  # or there is no reference
     return surface_images(case, replace(experiment, frames=experiment.repeats))
 
@@ -99,7 +99,7 @@ def measured_gamma_u(
     roughness: Roughness = None,
     penalty: Penalty | None = None,
 ) -> tuple[float, int]:
-    """Standard deviation of the elongation of an image that the repeats show.
+    """Return standard deviation of the elongation of an image that the repeats show.
 
     Each of the n repeats is correlated with their mean. All share the noise of that mean, so
     their scatter is that of one image; a later image has, with the reference, √(1 + 1/n) times it.

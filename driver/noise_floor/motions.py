@@ -53,7 +53,7 @@ class KnownMotion:
 def known_motions(
     pixel: float, length: float, width: float, relief: float
 ) -> tuple[KnownMotion, ...]:
-    """The motions of the laboratory.
+    """Return the motions of the laboratory.
 
     Args:
         pixel: side of a pixel [µm].

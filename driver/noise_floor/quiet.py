@@ -16,7 +16,7 @@ _BAND = 0.02  # cycles/px; width of a band of frequencies
 def without_noise(
     heights: FloatArray, region: tuple[slice, slice], sigma: float, n: int
 ) -> FloatArray:
-    """A reference with the power of its relief alone, at every frequency.
+    """Return a reference with the power of its relief alone, at every frequency.
 
     White noise of n images gives each of the orthonormal cosine amplitudes the variance s² = σ²/n.
     Moved with the relief it would steepen the slopes by which motion is seen. Amplitudes of one
@@ -47,6 +47,6 @@ def without_noise(
 
 
 def _bands(shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """The band of each cosine, by its cycles a pixel."""
+    """Return the band of each cosine, by its cycles a pixel."""
     along = [np.arange(size) / (2 * size) for size in shape]
     return np.asarray(np.hypot(along[0][:, None], along[1]) / _BAND).astype(np.int64)

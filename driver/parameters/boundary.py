@@ -44,7 +44,7 @@ def tilt_names(n_knots: int) -> tuple[str, ...]:
 
 
 def knot_declarations(n_knots: int) -> tuple[Parameter, ...]:
-    """The knots [µm]; their scale is the elongation that an image resolves."""
+    """Return the knots [µm]; their scale is the elongation that an image resolves."""
     return tuple(
         Parameter(
             name, "µm", 0.0, 0.01, enters="knots", label=f"{sign}, knot {k}",

@@ -78,7 +78,7 @@ class BoundaryTerm:
     motion: Callable[[EndFaces], Field]
 
     def displacement(self, faces: EndFaces) -> Field:
-        """The motion of these end faces [µm], shape (T, n, 3).
+        """Return the motion of these end faces [µm], shape (T, n, 3).
 
         Raises:
             TermError: the formula does not give it.
@@ -101,7 +101,7 @@ class ReadingTerm:
     reading: Callable[[Field, FloatArray], Field]
 
     def load(self, force: Field, progress: FloatArray) -> Field:
-        """What is added to the reading of this force [µN], shape (T,).
+        """Return what is added to the reading of this force [µN], shape (T,).
 
         Raises:
             TermError: the formula does not give it.
@@ -121,7 +121,7 @@ def installed_terms() -> tuple[BoundaryTerm | ReadingTerm, ...]:
 
 
 def files_of_terms(parameters: Iterable[str]) -> tuple[Path, ...]:
-    """The files of the modules of the installed terms that have one of these parameters."""
+    """Return the files of the modules of the installed terms that have one of these parameters."""
     wanted = set(parameters)
     points = sorted(entry_points(group=GROUP), key=_name)
     terms = zip(points, installed_terms(), strict=True)
@@ -131,12 +131,12 @@ def files_of_terms(parameters: Iterable[str]) -> tuple[Path, ...]:
 
 
 def terms_of(kind: type[Term]) -> tuple[Term, ...]:
-    """The installed terms of a kind."""
+    """Return the installed terms of a kind."""
     return tuple(term for term in installed_terms() if isinstance(term, kind))
 
 
 def declaration(term: BoundaryTerm | ReadingTerm) -> Parameter:
-    """The parameter of a term with the place where terms of its kind enter."""
+    """Return the parameter of a term with the place where terms of its kind enter."""
     return replace(term.parameter, enters="ends" if isinstance(term, BoundaryTerm) else "load")
 
 
@@ -229,7 +229,7 @@ def _tried(term: BoundaryTerm | ReadingTerm, factor: complex) -> Field:
 
 
 def _unchangeable(argument: Any) -> Any:
-    """A view that a formula cannot write to: others read the same numbers."""
+    """Return a view that a formula cannot write to: others read the same numbers."""
     if not isinstance(argument, np.ndarray):
         return argument
     view = argument.view()
@@ -244,7 +244,7 @@ def _kind(term: BoundaryTerm | ReadingTerm) -> str:
 def _checked(
     term: BoundaryTerm | ReadingTerm, of: tuple[Any, ...], shape: tuple[int, ...]
 ) -> Field:
-    """What a formula makes of its arguments.
+    """Return what a formula makes of its arguments.
 
     Raises:
         TermError: it raises anything, or what it returns is not finite or of another shape.

@@ -84,7 +84,7 @@ def evidence(
 
 
 def signed_evidence(value: float) -> str:
-    """A log evidence with its sign, to one decimal place below a hundred."""
+    """Return a log evidence with its sign, to one decimal place below a hundred."""
     return f"{value:+.{1 if abs(value) < 100 else 0}f}".replace("-", "−")
 
 

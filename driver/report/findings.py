@@ -156,7 +156,7 @@ class Findings:
         return np.asarray(self.fitted[f"{side}/rho"] / np.sqrt(variance))
 
     def edges(self, side: str) -> FloatArray:
-        """Identified elongation and tilt in each row of the history [µm], shape (n_rows, 2)."""
+        """Return the identified elongation and tilt in each row [µm], shape (n_rows, 2)."""
         weights = knot_weights(self.history)
         boundary = BoundaryMotion(
             nodes=np.array([0, 1]),

@@ -7,7 +7,7 @@ from driver.dic.grip_check import Estimate, GripMotion
 
 
 def sentences(grip: GripMotion) -> list[str]:
-    """What the check found: the ratio, its phases, and what is wrong or that nothing is."""
+    """Return what the check found: the ratio, its phases, and what is wrong or that nothing is."""
     return [_ratio(grip), _phases(grip), *(_findings(grip) or [_nothing(grip)])]
 
 

@@ -66,7 +66,7 @@ class IdentifiedParameter:
 
 
 def interval_of(parameter: Parameter, middle: float, deviation: float) -> tuple[float, float]:
-    """The 95 % interval about a value, with a standard deviation in θ."""
+    """Return the 95 % interval about a value, with a standard deviation in θ."""
     if parameter.logarithmic:
         factor = math.exp(COVERED * deviation)
         return middle / factor, middle * factor

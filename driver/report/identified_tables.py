@@ -58,7 +58,7 @@ def group_of(name: str) -> str:
 
 
 def core(names: Sequence[str]) -> list[str]:
-    """The parameters that are shown one by one: apex amplitudes, law, then others but knots."""
+    """Return parameters that are shown one by one: apex amplitudes, law, then others but knots."""
     alone = [name for name in names if not group_of(name)]
     order = {True: 0, False: 1}
     return sorted(alone, key=lambda n: (order[n in LAMBDAS], order[n in _LAW]))
@@ -103,7 +103,7 @@ def _prior(ends: tuple[float, float], factor: float) -> str:
 
 
 def strongest(names: Sequence[str], correlation: FloatArray) -> str:
-    """The strongest correlations, in a sentence.
+    """Return the strongest correlations, in a sentence.
 
     Args:
         names: the parameters, length k.
@@ -184,7 +184,7 @@ def budget_table(
     paper: Mapping[str, float],
     noise: float,
 ) -> Table:
-    """The error budget in numbers, from noise to the models.
+    """Return the error budget in numbers, from noise to the models.
 
     Args:
         free: χ of free correlation, pixel by pixel, and as χ_f over 2γ_f².

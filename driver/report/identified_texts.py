@@ -87,7 +87,7 @@ def free_chi_f(findings: Findings) -> float:
 
 
 def law_tiles(findings: Findings) -> list[Row]:
-    """The parameters of the law as they came out, with their 95 % intervals."""
+    """Return the parameters of the law as they came out, with their 95 % intervals."""
     last = findings.diagnosis["extended" if findings.extended else "baseline"]["values"]
     tiles = []
     for name, found in findings.estimates.items():

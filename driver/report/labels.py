@@ -18,7 +18,7 @@ _OF_NO_MODEL = {**COVARIANCE_PARAMETERS, DISCRETISATION.name: DISCRETISATION}
 
 
 def _declared(name: str) -> Parameter | None:
-    """The declaration of a parameter; None of one that is declared no more."""
+    """Return the declaration of a parameter; None of one that is declared no more."""
     knot = re.fullmatch(r"(?:elongation|tilt)_(\d+)", name)
     model = declared_parameters(int(knot[1]) + 1 if knot else 1)
     return model.get(name) or _OF_NO_MODEL.get(name)
@@ -30,31 +30,31 @@ def _titles() -> dict[str, str]:
 
 
 def label(name: str) -> str:
-    """A parameter as it is written in tables and figures; K, n, c, d stand for themselves."""
+    """Return parameter as it is written in tables and figures; K, n, c, d stand for themselves."""
     declared = _declared(name)
     return (declared.label if declared else "") or name
 
 
 def short_label(name: str) -> str:
-    """A parameter where there is little room, as beside a matrix."""
+    """Return a parameter where there is little room, as beside a matrix."""
     declared = _declared(name)
     return (declared.short if declared else "") or label(name)
 
 
 def cause_label(name: str) -> str:
-    """A cause as it is written in text; one of the user's own by the words of its name."""
+    """Return a cause as it is written in text; one of the user's own by the words of its name."""
     return _titles().get(name, name.replace("_", " "))
 
 
 def readable(text: str, causes: Iterable[str]) -> str:
-    """A text with the names of these causes as they are written."""
+    """Return a text with the names of these causes as they are written."""
     for name in sorted(causes, key=len, reverse=True):
         text = re.sub(rf"\b{name}\b", cause_label(name), text)
     return text
 
 
 def named(text: str, parameters: Iterable[str]) -> str:
-    """A text with these parameters as they are written."""
+    """Return a text with these parameters as they are written."""
     for name in sorted(parameters, key=len, reverse=True):
         if len(name) > 1:
             text = re.sub(rf"\b{name}\b", label(name), text)
@@ -72,7 +72,7 @@ def reading_unit(name: str, unit: str) -> tuple[float, str]:
 
 
 def change(name: str, unit: str, amount: float, logarithmic: bool) -> str:
-    """A departure from the null with its sign: in percent for parameters known by their log.
+    """Return a departure from the null with its sign: in percent for parameters known by their log.
 
     Args:
         name: the parameter.
@@ -87,7 +87,7 @@ def change(name: str, unit: str, amount: float, logarithmic: bool) -> str:
 
 
 def smallest(name: str, unit: str, amount: float | None, logarithmic: bool) -> str:
-    """The smallest magnitude that would have been seen, “not visible” if none would."""
+    """Return the smallest magnitude that would have been seen, “not visible” if none would."""
     if amount is None:
         return "not visible"
     if logarithmic:

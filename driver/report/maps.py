@@ -78,7 +78,7 @@ class Face:
 
 @styled
 def specimen(points: FloatArray, cells: IntArray, grain: IntArray, names: Sequence[str]) -> Figure:
-    """The prism in parallel projection: outer faces of its cells by grain, boundary marked.
+    """Return the prism in parallel projection: outer faces of its cells by grain, boundary marked.
 
     Args:
         points: nodes [µm], shape (n_nodes, 3).
@@ -179,7 +179,7 @@ def boundary_edges(faces: IntArray, grain: IntArray) -> IntArray:
 
 
 def _view() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Unit vectors of the specimen frame to the right, up and towards the viewer."""
+    """Return unit vectors of the specimen frame to the right, up and towards the viewer."""
     e, a = np.radians([_ELEVATION, _AZIMUTH])
     towards = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     right = np.array([-np.sin(a), np.cos(a), 0.0])

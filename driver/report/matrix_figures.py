@@ -30,7 +30,7 @@ def hessian_and_correlation(
     names: Sequence[str],
     correlation: FloatArray,
 ) -> Figure:
-    """The kinematic Hessian and the correlation matrix of a few parameters, with numbers.
+    """Return the kinematic Hessian and the correlation matrix of a few parameters, with numbers.
 
     Args:
         hessian_names: parameters of the Hessian, length m.

@@ -144,7 +144,7 @@ class MeasuredMotion:
 def measured_motion(
     datasets: Mapping[str, FloatArray], level: float, trace: FloatArray | None
 ) -> MeasuredMotion:
-    """The motion from the datasets of `measure.h5`.
+    """Return the motion from the datasets of `measure.h5`.
 
     Args:
         datasets: value of each of `DATASETS`.
@@ -211,7 +211,7 @@ def _text(value: NDArray[np.generic]) -> str:
 
 
 def peaks(stage: FloatArray, cycle: IntArray) -> IntArray:
-    """The image at the largest stage travel of each cycle: the end of its loading.
+    """Return the image at the largest stage travel of each cycle: the end of its loading.
 
     Args:
         stage: stage travel [µm], shape (T,).
@@ -222,7 +222,7 @@ def peaks(stage: FloatArray, cycle: IntArray) -> IntArray:
 
 
 def phases(stage: FloatArray, cycle: IntArray) -> list[tuple[bool, IntArray]]:
-    """Loading and unloading phases in their order: whether it loads, and its images.
+    """Return loading and unloading phases in their order: whether it loads, and its images.
 
     Each but the first begins with the last image of the one before it, so that curves are
     closed. A cycle without unloading has none.
@@ -243,6 +243,6 @@ def phases(stage: FloatArray, cycle: IntArray) -> list[tuple[bool, IntArray]]:
 
 
 def _round_down(value: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten that is not above a value."""
+    """Return the largest of 1, 2, 5 times a power of ten that is not above a value."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= value * 1.000001))

@@ -32,7 +32,7 @@ _QUADS = 40_000  # of a field at most: motion is smooth, so large images are dra
 
 @styled
 def reference(measured: MeasuredMotion) -> Figure:
-    """The reference image with region of interest, meshes of correlation and grain boundary."""
+    """Return reference image with region of interest, meshes of correlation and grain boundary."""
     face, heights = measured.face, measured.reference
     low, high = _limits(measured)
     figure = new_figure(_height(face, heights.shape, WIDTH - 1.3) + 0.85)
@@ -182,7 +182,7 @@ def relief(heights: FloatArray, low: float, high: float) -> FloatArray:
 
 
 def field_limits(values: FloatArray) -> tuple[float, float]:
-    """Ends of a colour scale: all but the lowest and the highest hundredth of the values."""
+    """Return ends of a colour scale: all but the lowest and the highest hundredth of the values."""
     low, high = np.percentile(values, (1.0, 99.0))
     return (float(low), float(high)) if high > low else (float(low) - 1.0, float(low) + 1.0)
 
@@ -192,7 +192,7 @@ def _rms(values: FloatArray) -> float:
 
 
 def _nm(measured: MeasuredMotion) -> FloatArray:
-    """The reference in nanometres above the median of the region."""
+    """Return the reference in nanometres above the median of the region."""
     face, heights = measured.face, measured.reference
     return np.asarray(1e3 * (heights - np.median(heights[face.rows, face.cols])))
 
@@ -227,7 +227,7 @@ def _frame(axes: Axes, face: Face, shape: tuple[int, ...]) -> None:
 
 
 def _scale_bar(axes: Axes, face: Face) -> None:
-    """A bar of about a sixth of the width, a round number of micrometres long."""
+    """Draw a bar of about a sixth of the width, a round number of micrometres long."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     power = 10.0 ** np.floor(np.log10((right - left) / 6))
     length = power * max(s for s in (1, 2, 5) if s * power <= (right - left) / 6)
@@ -247,7 +247,7 @@ def _outlines(
 
 
 def _border(nodes: FloatArray, cells: IntArray) -> LineCollection:
-    """The sides (X, Y) that belong to one element alone, Y to the right."""
+    """Return the sides (X, Y) that belong to one element alone, Y to the right."""
     sides = np.stack([cells, np.roll(cells, -1, axis=1)], axis=-1).reshape(-1, 2)
     ends, count = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
     lines = nodes[ends[count == 1]][..., ::-1]

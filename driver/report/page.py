@@ -44,7 +44,7 @@ def report_page(
     version: str,
     files: Mapping[str, str],
 ) -> str:
-    """The page as HTML.
+    """Return the page as HTML.
 
     Args:
         findings: the results.
@@ -107,7 +107,7 @@ def report_page(
 
 
 def verdict_texts(diagnosis: Row) -> list[str]:
-    """The verdict in one sentence, and the paragraph below it."""
+    """Return the verdict in one sentence, and the paragraph below it."""
     summary = headline(diagnosis["verdict"], diagnosis["sets"])
     if diagnosis["verdict"] == "named":
         return [diagnosis["text"], summary]
@@ -115,7 +115,7 @@ def verdict_texts(diagnosis: Row) -> list[str]:
 
 
 def gain_text(diagnosis: Row) -> str:
-    """What the extension has gained, in words."""
+    """Return what the extension has gained, in words."""
     gain = diagnosis["gain"]
     before, after = gain["budget_before"], gain["budget_after"]
     added = joined(
@@ -140,7 +140,7 @@ def gain_text(diagnosis: Row) -> str:
 
 
 def headline(kind: str, sets: Sequence[Sequence[str]]) -> str:
-    """The kind of a verdict as a sentence.
+    """Return the kind of a verdict as a sentence.
 
     Args:
         kind: the answer.
@@ -166,7 +166,7 @@ def headline(kind: str, sets: Sequence[Sequence[str]]) -> str:
 
 
 def tiles(diagnosis: Row) -> list[Row]:
-    """The figures that a reader looks for first."""
+    """Return the figures that a reader looks for first."""
     gain, added = diagnosis["gain"], bool(diagnosis["added"] or diagnosis["flips"])
     before, after = gain["budget_before"], gain["budget_after"]
     found = []
@@ -200,7 +200,7 @@ def tiles(diagnosis: Row) -> list[Row]:
 
 
 def checks(findings: Findings) -> list[Row]:
-    """What had to hold for the verdict to be trusted, and whether it did."""
+    """Return what had to hold for the verdict to be trusted, and whether it did."""
     diagnosis = findings.diagnosis
     gate, last = diagnosis["numerics"], diagnosis["steps"][-1]["omnibus"]
     free = diagnosis["gain"]["budget_before"]["free"]

@@ -66,14 +66,14 @@ def styled(draw: Callable[_P, Figure]) -> Callable[_P, Figure]:
 
 
 def new_figure(height: float, width: float = WIDTH) -> Figure:
-    """An empty figure [in] that needs no display."""
+    """Return an empty figure [in] that needs no display."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def typeset(text: str) -> str:
-    """A text of a figure with χ_F, γ_F, λ⁺_Y, U_Y and the like as indexed symbols."""
+    """Return a text of a figure with χ_F, γ_F, λ⁺_Y, U_Y and the like as indexed symbols."""
     return INDEXED.sub(r"$\\mathregular{\1_\2}$", text)
 
 
@@ -83,7 +83,7 @@ def grid(axes: Axes) -> None:
 
 
 def png(figure: Figure) -> bytes:
-    """The figure as a PNG file."""
+    """Return the figure as a PNG file."""
     buffer = BytesIO()
     with rc_context(_STYLE):
         figure.savefig(buffer, format="png", dpi=DPI)
@@ -91,5 +91,5 @@ def png(figure: Figure) -> bytes:
 
 
 def data_uri(image: bytes) -> str:
-    """A PNG file as an address that holds the picture itself."""
+    """Return a PNG file as an address that holds the picture itself."""
     return "data:image/png;base64," + base64.b64encode(image).decode("ascii")

@@ -21,7 +21,7 @@ Declared = Mapping[str, Parameter]
 
 
 def cause_rows(step: Row, declared: Declared) -> list[Row]:
-    """The causes of a round: refitted ones first, then by their screening.
+    """Return the causes of a round: refitted ones first, then by their screening.
 
     Args:
         step: a round of `diagnosis.json`.
@@ -85,7 +85,7 @@ def measure(name: str, unit: str, value: float, sigma: float | None) -> str:
 
 
 def added_rows(findings: Findings) -> list[Row]:
-    """The parameters that the extension has freed."""
+    """Return the parameters that the extension has freed."""
     rows = []
     for name, record in findings.diagnosis["added"].items():
         # A level of noise is none of the values of the model.
@@ -107,7 +107,7 @@ def added_rows(findings: Findings) -> list[Row]:
 
 
 def parameter_rows(findings: Findings) -> list[tuple[str, list[Row]]]:
-    """Groups of parameters with start, value before and after, and their shift in σ."""
+    """Return groups of parameters with start, value before and after, and their shift in σ."""
     before, after = (findings.diagnosis[fit_]["values"] for fit_ in ("baseline", "extended"))
     groups: dict[str, list[Row]] = {}
     for name in dict.fromkeys((*before, *after)):

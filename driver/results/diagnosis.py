@@ -39,7 +39,7 @@ def diagnosis_record(
     decks: Mapping[str, str | None] | None,
     where: ResidualLocalisation,
 ) -> dict[str, Any]:
-    """What `diagnosis.json` holds.
+    """Return what `diagnosis.json` holds.
 
     Args:
         found: the diagnosis.

@@ -28,7 +28,7 @@ from solver_adapters.material import MATERIAL_DECLARATIONS, declarations_at
 
 
 def extended_case(case: Case, found: Diagnosis) -> Case:
-    """The case with the fitted values as starts and the added causes freed.
+    """Return the case with the fitted values as starts and the added causes freed.
 
     It stands in `results/`: its paths lead one folder up, or are absolute where that is a link.
     """
@@ -82,7 +82,7 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
 
 
 def _within_bounds(name: str, value: float, material: MaterialTable) -> float:
-    """A start within its bounds, which for a back stress hang on the d that was found."""
+    """Return a start within its bounds, which for a back stress hang on the d that was found."""
     declared = {p.name: p for p in declarations_at(material.to_material())}
     if name not in declared:
         return value
@@ -100,7 +100,7 @@ def added_parameters(found: Diagnosis) -> tuple[str, ...]:
 
 
 def with_half_turns(case: Case, causes: Sequence[Cause]) -> Case:
-    """The case with its EBSD frame turned as those of the causes that are flips turn it."""
+    """Return the case with its EBSD frame turned as those of the causes that are flips turn it."""
     given = np.array(case.orientation.ebsd_to_specimen)
     rows = tuple(map(tuple, (half_turn(causes) @ given + 0.0).tolist()))
     return case.model_copy(
@@ -109,7 +109,7 @@ def with_half_turns(case: Case, causes: Sequence[Cause]) -> Case:
 
 
 def write_noise_map(case: Case, found: Diagnosis, path: Path) -> None:
-    """The noise that was found at each pixel, over its mean, as an image like those of the case."""
+    """Write the noise of each pixel over its mean, as an image like those of the case."""
     image = found.objective.data.image
     noise = np.ones((1, *image.images.shape))
     if image.variance is not None:
@@ -118,7 +118,7 @@ def write_noise_map(case: Case, found: Diagnosis, path: Path) -> None:
 
 
 def _profiles_from_results(case: Case) -> dict[str, ProfileTable]:
-    """The profiles of the case, whose commands may name files beside it."""
+    """Return the profiles of the case, whose commands may name files beside it."""
     moved = dict(case.solver.profiles)
     for name, profile in moved.items():
         if profile.command is not None:

@@ -44,7 +44,7 @@ def write_decks(
 def rendered_decks(
     case: Case, model: ForwardModel, values: Mapping[str, float]
 ) -> dict[str, Mapping[str, bytes] | str]:
-    """The decks of one simulation for every installed solver that is a program of its own.
+    """Return the decks of one simulation for every installed solver that is a program of its own.
 
     Args:
         case: the case, for the profiles of the solvers.
@@ -73,7 +73,7 @@ def rendered_decks(
 
 
 def _as_offered(simulation: Simulation, solver: Capabilities) -> Simulation:
-    """The same physics in the scheme, with the steps and with the quadrature that a solver has."""
+    """Return the same physics in the scheme, steps and quadrature that a solver has."""
     offered = simulation.integration in solver.integrations
     return replace(
         simulation,

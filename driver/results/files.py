@@ -21,7 +21,7 @@ REPORT = "report.html"
 
 
 def results_of(case: Case) -> Path:
-    """The folder of the results of a case, which stands beside its file."""
+    """Return the folder of the results of a case, which stands beside its file."""
     return case.file.parent / RESULTS
 
 
@@ -30,7 +30,7 @@ class AbsentError(InputError):
 
 
 def present(results: Path, name: str) -> Path:
-    """The file of a result of an earlier stage.
+    """Return the file of a result of an earlier stage.
 
     Raises:
         AbsentError: there is no such file.

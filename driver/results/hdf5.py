@@ -83,7 +83,7 @@ def read_hdf5(path: Path) -> dict[str, Array]:
 
 
 def damaged(path: Path, found: str) -> ResultError:
-    """The sentence about a result that is not what its stage writes."""
+    """Return the sentence about a result that is not what its stage writes."""
     return ResultError(
         f"{path}: found {found}, expected a result of this version of prismid; {_remedy(path)}"
     )
@@ -96,7 +96,7 @@ def _remedy(path: Path) -> str:
 
 
 def json_number(value: float) -> float | None:
-    """A number as JSON has it, which knows neither infinity nor NaN: they are None."""
+    """Return a number as JSON has it, which knows neither infinity nor NaN: they are None."""
     return float(value) if math.isfinite(value) else None
 
 

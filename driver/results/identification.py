@@ -35,7 +35,7 @@ def warnings_of(found: Identification) -> tuple[str, ...]:
 
 
 def _cut_steps(found: Identification) -> tuple[str, ...]:
-    """A sentence where the solver took other time steps than those that were asked for."""
+    """Return a sentence where the solver took other time steps than those that were asked for."""
     response = found.final.best.prediction.response
     cuts = found.objective.model.cut_steps(response)
     if not cuts:
@@ -48,7 +48,7 @@ def _cut_steps(found: Identification) -> tuple[str, ...]:
 
 
 def _left_by_steps(correction: Correction) -> Arrays:
-    """What time steps of first order leave wrong, where there are such."""
+    """Return what time steps of first order leave wrong, where there are such."""
     left = correction.left_by_steps
     if left is None:
         return {}
@@ -59,7 +59,7 @@ def _left_by_steps(correction: Correction) -> Arrays:
 
 
 def value_told(name: str, fit: Fit, parameters: Mapping[str, Parameter]) -> str:
-    """A value with its uncertainty, the digits that this leaves, and its unit."""
+    """Return a value with its uncertainty, the digits that this leaves, and its unit."""
     told, unit = with_sigma(fit.values[name], fit.sigma(name, parameters)), parameters[name].unit
     return f"{name} = ({told}) {unit}" if unit else f"{name} = {told}"
 

@@ -27,7 +27,7 @@ Record = dict[str, Done]
 
 
 def read_record(results: Path) -> Record:
-    """The finished stages by name, as `stages.json` tells them."""
+    """Return the finished stages by name, as `stages.json` tells them."""
     path = results / STAGES
     if not path.is_file():
         return {}

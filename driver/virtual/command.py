@@ -74,7 +74,7 @@ def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int
 
 
 def true_case(case: Case, settings: Virtual) -> Case:
-    """A case on the mesh and with the steps of its truth.
+    """Return a case on the mesh and with the steps of its truth.
 
     Raises:
         InputError: they are not finer than those of the finer model of the case.

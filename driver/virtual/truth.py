@@ -53,7 +53,7 @@ class Course:
 def course_of(
     simulation: Simulation, response: Response, history: History, values: Mapping[str, float]
 ) -> Course:
-    """The course that a solver's answer describes, seen by perfect instruments.
+    """Return the course that a solver's answer describes, seen by perfect instruments.
 
     Args:
         simulation: what was solved; the nodes of the face are among its output nodes, its
@@ -121,7 +121,7 @@ def pull(
 def true_model(
     truth: Case, history: History, adapter: Adapter, hidden: Mapping[str, float]
 ) -> tuple[ForwardModel, dict[str, float]]:
-    """The specimen as it is, without a pixel on it, and the true value of every parameter.
+    """Return the specimen as it is, without a pixel on it, and the true value of every parameter.
 
     Args:
         truth: the specimen, on the mesh and with the steps of its working model.
@@ -196,7 +196,7 @@ def knots(history: History, program: Program, length: float) -> dict[str, float]
 
 
 def stage_program(cycles: Sequence[tuple[int, int]]) -> History:
-    """A test of moves of 5 µm, each with a hold and an image after it.
+    """Return a test of moves of 5 µm, each with a hold and an image after it.
 
     Args:
         cycles: images during loading and during unloading of each cycle.
@@ -212,7 +212,7 @@ def stage_program(cycles: Sequence[tuple[int, int]]) -> History:
 
 
 def history_of_rows(rows: Sequence[tuple[float, float, bool]]) -> History:
-    """A history without loads or cycles: time [s], travel [µm] and whether an image is taken."""
+    """Make a history without loads of rows: time [s], travel [µm], whether an image is taken."""
     times, travel, taken = (np.array(column) for column in zip(*rows, strict=True))
     images = np.flatnonzero(taken)
     none = np.zeros(images.size)

@@ -140,7 +140,7 @@ def _lens(case: Case, course: Course, settings: Virtual, rng: np.random.Generato
 
 
 def random_relief(case: Case, look: FaceTable, rng: np.random.Generator) -> Relief:
-    """The relief of a face as the settings describe it, also on the rim around it."""
+    """Return the relief of a face as the settings describe it, also on the rim around it."""
     half = case.specimen.width / 2
     bounds = (-half - _AROUND, half + _AROUND, -_AROUND, case.specimen.length + _AROUND)
     return Relief.random(
@@ -178,7 +178,7 @@ def _subject(case: Case, course: Course, settings: Virtual, rng: np.random.Gener
 
 
 def _stated(case: Case, settings: Virtual, lens: _Lens) -> Case:
-    """The case with the images and the history that were written."""
+    """Return the case with the images and the history that were written."""
     images = case.images.model_copy(
         update={
             "frames": "images.tif", "flats": "flats.tif", "repeats": "repeats.tif", "mask": None,

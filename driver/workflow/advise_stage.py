@@ -40,7 +40,7 @@ def run_advise(context: StageContext) -> None:
 
 
 def _inseparable(diagnosis: Record) -> tuple[str, ...]:
-    """The first set of causes that a diagnosis ends with; empty where it ends otherwise."""
+    """Return the first set of causes that a diagnosis ends with; empty where it ends otherwise."""
     group = next((one for one in diagnosis["sets"] if len(one) > 1), ())
     if diagnosis["verdict"] != "one of this set":
         return ()

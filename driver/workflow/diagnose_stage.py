@@ -128,7 +128,7 @@ def run_diagnose(context: StageContext) -> None:
 def _tell(
     found: Diagnosis, where: ResidualLocalisation, problem: IdentificationProblem, log: Log
 ) -> None:
-    """The verdict, where the model misses the data, what was added for it, what to do next."""
+    """Tell the verdict, where the model misses the data, what was added, what to do next."""
     log(f"verdict: {found.verdict.kind}. {found.verdict.text}")
     log(f"  {told(where)}")
     for name in added_parameters(found):

@@ -49,7 +49,7 @@ class StageContext:
     prepare_only: bool = False
 
     def result(self, name: str) -> Path:
-        """A result of an earlier stage.
+        """Return a result of an earlier stage.
 
         Raises:
             AbsentError: there is no such file.
@@ -81,7 +81,7 @@ class Stage:
 
 
 def measured_files(case: Case) -> tuple[Path, ...]:
-    """The images, the history and the meshes of correlation that a case names."""
+    """Return the images, the history and the meshes of correlation that a case names."""
     images, dic = case.images, case.dic
     if not case.with_images:
         return (case.path(case.history.file),)
@@ -94,12 +94,12 @@ def measured_files(case: Case) -> tuple[Path, ...]:
 
 
 def identified_files(case: Case) -> tuple[Path, ...]:
-    """What an identification reads: the measured files, and the terms that it frees."""
+    """Return what an identification reads: the measured files, and the terms that it frees."""
     return (*measured_files(case), *files_of_terms(case.extensions))
 
 
 def diagnosed_files(case: Case) -> tuple[Path, ...]:
-    """What a diagnosis reads: the measured files, and causes and terms of the user's own."""
+    """Return what a diagnosis reads: the measured files, and causes and terms of the user's own."""
     own = files_of_terms(term.parameter.name for term in installed_terms())
     return (*measured_files(case), *own, *(case.path(name) for name in case.diagnosis.cause_files))
 

@@ -31,7 +31,7 @@ FloatArray = NDArray[np.float64]
 
 
 def load_problem(context: StageContext) -> IdentificationProblem:
-    """The workbench of a case from the results of the first two stages."""
+    """Return the workbench of a case from the results of the first two stages."""
     measured = read_hdf5(context.result(MEASURE))
     left_out = tuple(map(int, np.flatnonzero(measured["left_out"])))
     return build_problem(
@@ -116,7 +116,7 @@ def error_budget(
 
 
 def saved_objective(problem: IdentificationProblem, results: dict[str, FloatArray]) -> Objective:
-    """The objective of the last stage of a finished identification."""
+    """Return the objective of the last stage of a finished identification."""
     objective = problem.objective
     if "jitter/load" in results:
         jitter = BoundaryJitter(results["jitter/load"], results["jitter/image"])
@@ -138,7 +138,7 @@ def saved_objective(problem: IdentificationProblem, results: dict[str, FloatArra
 def same_simulation(
     objective: Objective, results: dict[str, FloatArray], values: Mapping[str, float]
 ) -> Objective:
-    """The objective that simulates in the steps of a finished identification, and by its way.
+    """Return objective that simulates in the steps of a finished identification, and by its way.
 
     Args:
         objective: that of its last stage.

@@ -20,7 +20,7 @@ _STRETCHED = 5.0  # σ of the elongation before loading, beyond which the images
 
 
 def tell_regularisation(case: Case, motion: SurfaceMotion, log: Log) -> None:
-    """The meshes, the penalty and the roughness that it grants."""
+    """Tell the meshes, the penalty and the roughness that it grants."""
     for name, basis in (("u, v", motion.basis_uv), ("w", motion.basis_w)):
         log(
             f"  mesh of {name}: {len(basis.mesh.cells)} {basis.mesh.kind}, {len(basis.nodes)} "

@@ -198,7 +198,7 @@ def _refuse_another_surface(motion: SurfaceMotion) -> None:
 def _along_travel(
     case: Case, single: SurfaceMotion, images: SurfaceImages, stage: FloatArray, kept: BoolArray
 ) -> tuple[SurfaceMotion, FloatArray]:
-    """The motion smoothed as the case asks for, and the smoother."""
+    """Return the motion smoothed as the case asks for, and the smoother."""
     if case.dic.travel_um is None:
         return single, np.eye(images.n_frames)
     try:
@@ -219,7 +219,7 @@ def _of_readings(read: dict[str, Reading]) -> dict[str, tuple[FloatArray | float
 
 
 def _sampled(images: SurfaceImages) -> Iterator[FloatArray]:
-    """The corrected frames as sampled, extended over gaps, one after the other."""
+    """Return the corrected frames as sampled, extended over gaps, one after the other."""
     x, y = (
         (at - start) * images.pixel
         for at, start in zip(

@@ -72,7 +72,7 @@ def _ratio(case: Case) -> str:
 
 
 def _left_out(loads: Sequence[int]) -> str:
-    """What follows the word loads where the case leaves some out."""
+    """Return what follows the word loads where the case leaves some out."""
     if not loads:
         return ""
     word = "number" if len(loads) == 1 else "numbers"

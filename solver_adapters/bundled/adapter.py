@@ -201,7 +201,7 @@ class Run:
         self._under_way = False
 
     def _at_instant(self) -> restart.Checkpoint:
-        """What is needed to go on from the last instant."""
+        """Return what is needed to go on from the last instant."""
         s = self.stepper.statistics
         return restart.Checkpoint(
             self.index,
@@ -214,7 +214,7 @@ class Run:
         )
 
     def response(self) -> Response:
-        """The outputs that have been reached."""
+        """Return the outputs that have been reached."""
         s = self.stepper.statistics
         done = sum(index <= self.index for index in self._row)
         rows = self._rows

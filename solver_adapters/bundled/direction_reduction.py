@@ -30,7 +30,7 @@ class Spanned:
     shares: FloatArray
 
     def whole(self, response: Response) -> Response:
-        """The response with the derivatives along all directions asked for."""
+        """Return the response with the derivatives along all directions asked for."""
         if np.array_equal(self.shares, np.eye(len(self.shares))):
             return response
         asked = len(self.shares)
@@ -72,7 +72,7 @@ def _only_turns(direction: Direction) -> bool:
 
 
 def _unit_turns(n_grains: int) -> list[Direction]:
-    """A turn of each grain about each axis of the specimen."""
+    """Return a turn of each grain about each axis of the specimen."""
     turns = np.eye(3 * n_grains).reshape(-1, n_grains, 3)
     return [Direction(f"turn {k}", rotation=turn) for k, turn in enumerate(turns)]
 

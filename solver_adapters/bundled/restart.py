@@ -67,7 +67,7 @@ def write(workspace: Path, key: str, checkpoint: Checkpoint) -> None:
 
 
 def read(workspace: Path, key: str) -> Checkpoint | None:
-    """The checkpoint of a workspace, None where there is none of this simulation and solver.
+    """Return the checkpoint of a workspace, None where there is none of this simulation and solver.
 
     Raises:
         SolverError: a folder stands where the file of a checkpoint will be written.

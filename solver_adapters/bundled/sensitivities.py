@@ -55,7 +55,7 @@ class Differentiation:
         motion_tangent: FloatArray,
         law: PointTangents,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Derivatives of displacement, states and force at the end of a converged step.
+        """Return derivatives of displacement, states and force at the end of a converged step.
 
         Those of the states at its start are gone with it unless they are kept.
 
@@ -92,7 +92,7 @@ class Differentiation:
         return du, out.state, dforce
 
     def _changeable(self, dstate: FloatArray) -> FloatArray:
-        """These derivatives where they may be changed: in their place, or a copy of kept ones.
+        """Return these derivatives where they may be changed: in place, or a copy of kept ones.
 
         Raises:
             ValueError: they were not kept, and later steps have changed them.

@@ -49,7 +49,7 @@ class Stepper:
         self._course: list[FloatArray] = []
 
     def start(self, begin: float) -> Instant:
-        """The state at time `begin`: at rest, or in elastic equilibrium with its eigenstrain.
+        """Return state at time `begin`: at rest, or in elastic equilibrium with its eigenstrain.
 
         Raises:
             SolverError: the eigenstrain finds no equilibrium.
@@ -190,7 +190,7 @@ class Stepper:
         law: PointTangents,
         near: FloatArray | None = None,
     ) -> Instant:
-        """The instant at the end of a converged step, with its derivatives."""
+        """Return the instant at the end of a converged step, with its derivatives."""
         p = self.problem
         held = trial.u.ravel()[p.prescribed] - instant.u.ravel()[p.prescribed]
         near = np.zeros_like(trial.u) if near is None else near
@@ -211,7 +211,7 @@ class Stepper:
         return Instant(end, trial.u, trial.H, trial.state, force, du, dstate, dforce, slip, P)
 
     def _step_of_near(self, instant: Instant, target: float) -> FloatArray | None:
-        """What the nearby simulation did from an instant to a time [µm], (n_nodes, 3)."""
+        """Return what the nearby simulation did from an instant to a time [µm], (n_nodes, 3)."""
         if self.near is None:
             return None
         times, u = self.near.times, self.near.displacement

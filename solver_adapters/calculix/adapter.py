@@ -38,15 +38,15 @@ class CalculixAdapter(ExternalAdapter):
         limits.check_supported(simulation, self.profile)
 
     def write(self, simulation: Simulation) -> Mapping[str, bytes]:
-        """The files of a job."""
+        """Return the files of a job."""
         return deck.render_files(simulation)
 
     def command(self, program: tuple[str, ...]) -> tuple[str, ...]:
-        """The call; the number of threads is in the environment."""
+        """Return the call; the number of threads is in the environment."""
         return (*program, "-i", deck.JOB)
 
     def read(self, simulation: Simulation, folder: Path) -> Response:
-        """The response from `job.frd`, `job.dat` and `job.sta`.
+        """Return the response from `job.frd`, `job.dat` and `job.sta`.
 
         Raises:
             ResultFileError: one of them is missing, empty, truncated or of another job.
@@ -74,18 +74,18 @@ class CalculixAdapter(ExternalAdapter):
         )
 
     def diagnose(self, log: str) -> Status:
-        """What CalculiX has printed."""
+        """Return what CalculiX has printed."""
         return parse_status(log)
 
     def cause(self, log: str) -> str:
-        """The first error that CalculiX has printed."""
+        """Return the first error that CalculiX has printed."""
         return cause(log)
 
     def reached(self, simulation: Simulation, folder: Path) -> float | None:
-        """The end of the last increment in `job.sta`."""
+        """Return the end of the last increment in `job.sta`."""
         spent = reached(folder / f"{deck.JOB}.sta")
         return None if spent is None else float(simulation.times[0]) + spent
 
     def version_in(self, answer: str) -> str | None:
-        """The version that `ccx -v` tells."""
+        """Return the version that `ccx -v` tells."""
         return version_in(answer)

@@ -32,7 +32,7 @@ _SMALLEST = 1e-5
 
 
 def render_files(simulation: Simulation) -> Mapping[str, bytes]:
-    """The three files of a job; `job.inp` includes the others."""
+    """Return the three files of a job; `job.inp` includes the others."""
     grains = _grains(simulation)
     texts = {
         f"{JOB}.inp": render(
@@ -60,7 +60,7 @@ def render_files(simulation: Simulation) -> Mapping[str, bytes]:
 
 
 def number(value: float) -> str:
-    """A number in the 20 columns that CalculiX reads of a field; it cuts off what is longer."""
+    """Write a number in the 20 columns that CalculiX reads; it cuts off what is longer."""
     return f"{value:.13g}"
 
 
@@ -99,13 +99,13 @@ def _row(*integers: SupportsInt) -> str:
 
 
 def _tau0(simulation: Simulation) -> FloatArray:
-    """The critical resolved shear stress of each grain [MPa], shape (n_grains,)."""
+    """Return the critical resolved shear stress of each grain [MPa], shape (n_grains,)."""
     m = simulation.material
     return m.tau0 * grain_ratios(m, simulation.mesh.n_grains)
 
 
 def _crystals(simulation: Simulation) -> list[dict[str, object]]:
-    """The constants of each different crystal."""
+    """Return the constants of each different crystal."""
     m = simulation.material
     C11, C12, C44 = elastic_constants(m)
     isotropic = (m.Q, m.b) if hardens(m) else (_NULL, _NO_RATE)

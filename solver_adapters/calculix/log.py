@@ -25,7 +25,7 @@ _VERSION = re.compile(r"This is Version (\S+)")
 
 
 def cause(log: str) -> str:
-    """The first error that CalculiX has printed, "" where it printed none."""
+    """Return the first error that CalculiX has printed, "" where it printed none."""
     found = _CAUSE.search(log)
     return found[0].strip() if found else ""
 

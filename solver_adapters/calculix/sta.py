@@ -33,7 +33,7 @@ class Increments:
 
 
 def reached(path: Path) -> float | None:
-    """The end of the last increment of a run that goes on, since its start [s], None before one."""
+    """Return the end of the last increment so far, since the start [s], None before one."""
     try:
         rows = _ROW.findall(path.read_text(encoding="ascii", errors="replace"))
     except OSError:
@@ -46,7 +46,7 @@ def reached(path: Path) -> float | None:
 
 
 def read_increments(path: Path, ends: FloatArray) -> Increments:
-    """The increments of a run.
+    """Return the increments of a run.
 
     Args:
         path: the .sta file.

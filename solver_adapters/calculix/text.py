@@ -8,7 +8,7 @@ from solver_adapters.result_files import ResultFileError
 
 
 def read_text(path: Path, what: str) -> str:
-    """The text of a result file.
+    """Return the text of a result file.
 
     Args:
         path: the file.

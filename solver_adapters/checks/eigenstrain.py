@@ -17,7 +17,7 @@ _TETRAHEDRA = {
 
 
 def refuse_yielding_eigenstrain(simulation: Simulation) -> None:
-    """The run starts from elastic equilibrium, which an eigenstrain can drive beyond yield.
+    """Refuse an eigenstrain that yields at the start, which is an elastic equilibrium.
 
     Between clamped ends the outermost fibre carries E times its eigenstrain along Y.
     """

@@ -108,6 +108,6 @@ def _refuse_pieces(cells: AnyArray, n_nodes: int) -> None:
 
 
 def twice(nodes: AnyArray) -> AnyArray:
-    """The nodes that are listed more than once."""
+    """Return the nodes that are listed more than once."""
     unique, count = np.unique(nodes, return_counts=True)
     return unique[count > 1]

@@ -58,7 +58,7 @@ def refuse_bad_motion(simulation: Simulation) -> None:
 
 
 def _free_rigid_motions(points: FloatArray, mask: AnyArray) -> list[str]:
-    """The rigid motions that move none of the prescribed degrees of freedom, in words.
+    """Return the rigid motions that move none of the prescribed degrees of freedom, in words.
 
     Args:
         points: prescribed nodes [µm], shape (n, 3).

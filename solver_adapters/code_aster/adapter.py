@@ -26,7 +26,7 @@ class CodeAsterAdapter(ExternalAdapter):
     version_call = ("--version",)
 
     def capabilities(self) -> Capabilities:
-        """The law without the terms that Code_Aster lacks, both strain measures."""
+        """Return the law without the terms that Code_Aster lacks, both strain measures."""
         return limits.CAPABILITIES
 
     def check_supported(self, simulation: Simulation) -> None:
@@ -44,7 +44,7 @@ class CodeAsterAdapter(ExternalAdapter):
         return render_files(simulation, self.profile, cautions)
 
     def command(self, program: tuple[str, ...]) -> tuple[str, ...]:
-        """The program with the export file, which names all others.
+        """Return the program with the export file, which names all others.
 
         Its databases, up to gigabytes, are in the folder of the job: a killed one leaves none in
         the folder of passing files of the system.
@@ -64,11 +64,11 @@ class CodeAsterAdapter(ExternalAdapter):
         return listing.diagnose(log)
 
     def cause(self, log: str) -> str:
-        """The first message of an error."""
+        """Return the first message of an error."""
         return listing.cause(log)
 
     def reached(self, simulation: Simulation, folder: Path) -> float | None:
-        """The end of the last time step that the output of run_aster tells to have converged."""
+        """Return end of the last time step that the output of run_aster tells to have converged."""
         ends = listing.steps_taken(end_of_output(folder)).ends
         return ends[-1] if ends else None
 

@@ -23,7 +23,7 @@ _ELASTIC_PART = tuple(f"V{number}" for number in range(112, 121))
 
 
 def mean_fields(simulation: Simulation, motion: FloatArray, path: Path) -> CellFields:
-    """The fields of the cells at the output instants.
+    """Return the fields of the cells at the output instants.
 
     Args:
         simulation: what was simulated.

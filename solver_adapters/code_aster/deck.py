@@ -34,7 +34,7 @@ _LONGEST = 7 * 86400.0
 def render_files(
     simulation: Simulation, profile: Profile, cautions: Iterable[str] = ()
 ) -> Mapping[str, bytes]:
-    """The files of a job by name.
+    """Return the files of a job by name.
 
     Args:
         simulation: what is simulated.
@@ -66,7 +66,7 @@ def render_files(
 def _commands(
     simulation: Simulation, groups: Mapping[str, IntArray], cautions: Iterable[str]
 ) -> dict[str, Any]:
-    """What the template of the command file names."""
+    """Return what the template of the command file names."""
     material, n_grains = simulation.material, simulation.mesh.n_grains
     said = hardening(material)
     ratios = grain_ratios(material, n_grains).tolist()

@@ -80,7 +80,7 @@ def system_order(material: Material) -> tuple[IntArray, FloatArray]:
 
 
 def hardening(material: Material) -> Hardening:
-    """The interaction of systems as Code_Aster takes it, of a material that `limits` accepts."""
+    """Return interaction of systems as Code_Aster takes it, of a material that `limits` accepts."""
     Q, matrix = isotropic_hardening(material)
     if has_two_families(material):
         # MATR_INTER is obligatory with two families.

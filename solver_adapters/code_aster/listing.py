@@ -97,7 +97,7 @@ def diagnose(log: str) -> Status:
 
 
 def cause(log: str) -> str:
-    """The first message of an error in a log, without its box; "" where there is none."""
+    """Return the first message of an error in a log, without its box; "" where there is none."""
     found = [match for kind in (_MESSAGE, _PYTHON) if (match := kind.search(log))]
     if not found:
         return ""
@@ -122,7 +122,7 @@ class Steps:
 
 
 def steps_taken(text: str) -> Steps:
-    """The time steps that a listing tells of."""
+    """Return the time steps that a listing tells of."""
     _, *attempts = _INSTANT.split(text)
     instants, bodies = attempts[::2], attempts[1::2]
     converged = [_CONVERGED.search(body) is not None for body in bodies]

@@ -20,7 +20,7 @@ _SAME_FORCE = 1e-6  # of the largest force
 
 
 def read(simulation: Simulation, folder: Path) -> Response:
-    """The response of a job.
+    """Return the response of a job.
 
     Args:
         simulation: what was simulated.

@@ -37,7 +37,7 @@ class Field:
     weights: FloatArray | None = None
 
     def pick(self, *names: str) -> FloatArray:
-        """The components of these names, in this order."""
+        """Return the components of these names, in this order."""
         return self.values[..., [self.components.index(name) for name in names]]
 
 
@@ -85,7 +85,7 @@ class ResultFile:
             )
 
     def nodal(self, name: str, instants: FloatArray) -> Field:
-        """A field at the nodes.
+        """Return a field at the nodes.
 
         Args:
             name: name in Code_Aster, as DEPL.
@@ -97,7 +97,7 @@ class ResultFile:
         return self._field(name, instants, "nodes", self._file.mesh.getNumberOfNodes())
 
     def at_gauss_points(self, name: str, instants: FloatArray) -> Field:
-        """A field at the Gauss points of the cells, all of one kind.
+        """Return a field at the Gauss points of the cells, all of one kind.
 
         Args:
             name: name in Code_Aster, as SIEF_ELGA.
@@ -139,7 +139,7 @@ class ResultFile:
         )
 
     def _rows(self, name: str, times: FloatArray, instants: FloatArray) -> IntArray:
-        """The row of each instant in the file."""
+        """Return the row of each instant in the file."""
         gap = abs(times - instants[:, None])
         late = gap.min(axis=1) > _SAME_INSTANT * np.maximum(1.0, abs(instants))
         if late.any():

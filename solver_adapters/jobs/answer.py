@@ -37,7 +37,7 @@ def refuse_bad_response(simulation: Simulation, response: Response) -> None:
 
 
 def _refuse_steps_that_pass_instants(simulation: Simulation, response: Response) -> None:
-    """A step ends at every instant, where the program tells its steps at all."""
+    """Refuse steps that end at no instant, where the program tells its steps at all."""
     if not response.ends.size:
         return
     times = simulation.times[1:]

@@ -42,7 +42,7 @@ def limit_told(ended: Ended, profile: Profile) -> str:
 
 
 def failed(adapter: str, failure: Failure, folder: Path, cause: str, remedy: str = "") -> JobError:
-    """The error of a job, with what its log says and the place of its files if they are kept.
+    """Return error of a job, with what its log says and the place of its files if they are kept.
 
     Args:
         adapter: name of the solver.
@@ -60,7 +60,7 @@ def failed(adapter: str, failure: Failure, folder: Path, cause: str, remedy: str
 def missing(
     adapter: str, programs: Sequence[str], profile: Profile, waiting: str
 ) -> CommandMissingError:
-    """The error of a program that is absent: what to put where, or whose results are awaited.
+    """Return error of a program that is absent: what to put where, or whose results are awaited.
 
     Args:
         adapter: name of the solver.

@@ -62,7 +62,7 @@ def write_record(folder: Path, record: Record) -> None:
 
 
 def read_record(folder: Path, statuses: Collection[str]) -> Record | None:
-    """The record of a job; None where there is no folder.
+    """Return the record of a job; None where there is no folder.
 
     Args:
         folder: the folder of the job, named by its key.
@@ -113,7 +113,7 @@ def put_away(folder: Path) -> Path:
 
 
 def write_aside(jobs: Path, key: str, files: Mapping[str, bytes]) -> Path:
-    """A folder beside that of the job, in which its files are; others may write theirs meanwhile.
+    """Make a folder beside that of the job with its files; others may write theirs meanwhile.
 
     What processes of this machine that have died left of any job is removed.
     """
@@ -160,7 +160,7 @@ def log_of(folder: Path) -> str:
 
 
 def tail_of(folder: Path) -> str:
-    """The last lines that a program has printed."""
+    """Return the last lines that a program has printed."""
     lines: list[str] = []
     for name, count in _TAIL.items():
         path = folder / name
@@ -171,7 +171,7 @@ def tail_of(folder: Path) -> str:
 
 
 def end_of_output(folder: Path) -> str:
-    """The end of what the program of a running job has printed so far."""
+    """Return the end of what the program of a running job has printed so far."""
     return _end_of(folder / STDOUT, _PROGRESS_BYTES)
 
 
@@ -181,7 +181,7 @@ def legible(lines: Iterable[str]) -> str:
 
 
 def _end_of(path: Path, size: int) -> str:
-    """The last bytes of a file as text, "" where there is no file yet."""
+    """Return the last bytes of a file as text, "" where there is no file yet."""
     try:
         with path.open("rb") as file:
             file.seek(max(path.stat().st_size - size, 0))

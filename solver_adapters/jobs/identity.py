@@ -18,7 +18,7 @@ class NoAnswerError(Exception):
 
 
 def told_by(call: tuple[str, ...]) -> str:
-    """What a program prints where it is asked for its version, once for each state of its files.
+    """Ask a program for its version, once for each state of its files.
 
     Args:
         call: the program with its arguments.

@@ -32,7 +32,7 @@ def job_key(simulation: Simulation, adapter: str, identity: str, files: Mapping[
 
 
 def what_is_computed(deck: bytes) -> bytes:
-    """A deck without the lines that change no result: its provenance, its limits.
+    """Return a deck without the lines that change no result: its provenance, its limits.
 
     Provenance (date, version, machine) stands between a line that holds ``prismid provenance:
     begin`` and the next one that holds ``prismid provenance: end``, both included; limits of time,

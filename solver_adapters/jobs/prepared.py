@@ -105,7 +105,7 @@ def _texts(
 
 
 def prepared_job(folder: Path) -> Record | None:
-    """The record of a folder that `prepare` has written; None of any other."""
+    """Return the record of a folder that `prepare` has written; None of any other."""
     record = read_record(folder, {PREPARED, Status.DONE})
     return record if record is not None and record.status == PREPARED else None
 
@@ -137,7 +137,7 @@ def refuse_other_job(folder: Path) -> None:
 
 
 def exit_code(folder: Path) -> int:
-    """The exit code that the script of a prepared job has left, 0 if none.
+    """Return the exit code that the script of a prepared job has left, 0 if none.
 
     Raises:
         ResultFileError: there is a file, but no exit code in it.

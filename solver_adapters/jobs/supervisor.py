@@ -82,7 +82,7 @@ def _reap(child: int) -> int | None:
 
 
 def _living() -> list[psutil.Process]:
-    """The processes of the tree that have not ended (a zombie has, its parent does not know)."""
+    """Return processes of the tree that have not ended (a zombie has, its parent does not know)."""
     living = []
     for process in _tree():
         with suppress(psutil.NoSuchProcess):

@@ -66,7 +66,7 @@ def spline_images(stack: FloatArray, pixel: float, origin: tuple[float, float]) 
 
 
 def samples(spline: FloatArray) -> FloatArray:
-    """The pixels of an image from its spline coefficients."""
+    """Return the pixels of an image from its spline coefficients."""
     knot = np.array([1.0, 4.0, 1.0]) / 6
     rows = ndimage.correlate1d(spline, knot, axis=0, mode="mirror")
     return np.asarray(ndimage.correlate1d(rows, knot, axis=1, mode="mirror"))

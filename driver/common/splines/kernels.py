@@ -73,13 +73,13 @@ def coefficients(image: FloatArray) -> FloatArray:
 
 @_compiled
 def _reach(n: int) -> int:
-    """Samples that the first causal value is summed over: a whole period if that is short."""
+    """Count the samples of the first causal value: a whole period if that is short."""
     return min(HORIZON, 2 * n - 2)
 
 
 @_compiled
 def _closure(n: int) -> float:
-    """What the periods beyond the first add."""
+    """Return what the periods beyond the first add."""
     return 1.0 / (1.0 - POLE ** (2 * n - 2)) if 2 * n - 2 < HORIZON else 1.0
 
 

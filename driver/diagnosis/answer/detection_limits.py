@@ -85,5 +85,5 @@ def _size(scales: float, parameter: Parameter) -> str:
 
 
 def level_of(cause: Cause) -> float:
-    """The level of the family at which a cause is named, or suspected first."""
+    """Return the level of the family at which a cause is named, or suspected first."""
     return FAMILY_LEVEL if cause == BOUNDARY_NOISE else NAMING_LEVEL

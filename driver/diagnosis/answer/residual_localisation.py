@@ -113,7 +113,7 @@ def excess(
     phases: Mapping[str, BoolArray],
     variance: float,
 ) -> tuple[Excess, ...]:
-    """The excess in every place and the loads, in every phase and the whole test.
+    """Return the excess in every place and the loads, in every phase and the whole test.
 
     Args:
         fitted: a fit.
@@ -170,7 +170,7 @@ def whereabouts(
 
 
 def told(where: ResidualLocalisation) -> str:
-    """The same in words."""
+    """Return the same in words."""
     text = _most_of("The identified model", where.before)
     if not where.after or not any(one.seen for one in where.before):
         return text
@@ -180,7 +180,7 @@ def told(where: ResidualLocalisation) -> str:
 
 
 def still_missed(where: ResidualLocalisation) -> str:
-    """What the last of both models misses, in words; nothing where no place or phase shows any."""
+    """Say what the last of both models misses; nothing where no place or phase shows any."""
     last = where.after or where.before
     if not any(one.seen for one in last):
         return ""

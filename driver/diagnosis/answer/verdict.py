@@ -106,7 +106,7 @@ def decide(
 
 
 def with_places(verdict: Verdict, missed: str) -> Verdict:
-    """A verdict by which nothing is left that says so where a single place or phase shows more.
+    """Make a verdict that leaves nothing say where a single place or phase shows more.
 
     A test of all places at once dilutes what one of them shows.
 
@@ -124,7 +124,7 @@ def with_places(verdict: Verdict, missed: str) -> Verdict:
 
 
 def with_doubts(verdict: Verdict, unsettled: Sequence[str], limits: Sequence[str]) -> Verdict:
-    """A verdict that says what makes it doubtful.
+    """Return a verdict that says what makes it doubtful.
 
     Args:
         verdict: the answer.
@@ -142,7 +142,7 @@ def with_doubts(verdict: Verdict, unsettled: Sequence[str], limits: Sequence[str
 
 
 def _beside_each_other(added: Sequence[Sequence[str]]) -> tuple[tuple[str, ...], ...]:
-    """The sets without what was added beside them: a cause that is needed as well is no rival."""
+    """Return sets without what was added beside them: a cause needed as well is no rival."""
     winners = {group[0] for group in added}
     return tuple(
         (group[0], *(name for name in group[1:] if name not in winners)) for group in added

@@ -34,7 +34,7 @@ def not_examined(
     wanted: Sequence[str] | None,
     own: Sequence[Cause] = (),
 ) -> tuple[NotExamined, ...]:
-    """The causes that are not tried, each with its reason.
+    """Return the causes that are not tried, each with its reason.
 
     Args:
         specimen: parameters of the general model that this specimen has.
@@ -53,7 +53,7 @@ def causes_of(
     wanted: Sequence[str] | None,
     own: Sequence[Cause] = (),
 ) -> tuple[Cause, ...]:
-    """The causes that this specimen can have and that are not fitted already.
+    """Return the causes that this specimen can have and that are not fitted already.
 
     Args:
         known: parameters of the general model that this specimen has.

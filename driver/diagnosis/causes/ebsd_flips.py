@@ -46,7 +46,7 @@ _TURNS = {
 
 
 def _cubic_rotations() -> FloatArray:
-    """The 24 rotations of a cube onto itself, shape (24, 3, 3)."""
+    """Return the 24 rotations of a cube onto itself, shape (24, 3, 3)."""
     signed = [
         np.eye(3)[list(order)] * np.array(signs)[:, None]
         for order in permutations(range(3))
@@ -59,7 +59,7 @@ _CUBIC = _cubic_rotations()
 
 
 def half_turn(causes: Sequence[Cause]) -> FloatArray:
-    """The rotation of the specimen frame that the flips among these causes make, shape (3, 3)."""
+    """Return the rotation of the specimen frame by the flips among these causes, shape (3, 3)."""
     turn = np.eye(3)
     for cause in causes:
         turn = _TURNS.get(cause.name, np.eye(3)) @ turn
@@ -81,7 +81,7 @@ def disorientation(turn: FloatArray, orientation: FloatArray) -> float:
 def flips_of(
     orientations: FloatArray, wanted: Sequence[str] | None
 ) -> tuple[tuple[Cause, ...], tuple[NotExamined, ...]]:
-    """The flips that make lattices of their own, and the others with the reason.
+    """Return the flips that make lattices of their own, and the others with the reason.
 
     Args:
         orientations: crystal → specimen of each grain, shape (n_grains, 3, 3).

@@ -23,7 +23,7 @@ _ALWAYS_FITTED = {*LAMBDAS, *(parameter.name for parameter in POSE_DECLARATIONS)
 
 
 def _clause(text: str) -> str:
-    """A text as it stands inside a sentence: in one line, without a full stop of its own."""
+    """Return a text as it stands inside a sentence: in one line, without a full stop of its own."""
     clause = " ".join(text.split()).rstrip(".")
     if not clause or not clause.isprintable():
         raise refusal("a text in quotes, with at least a word and no control characters")
@@ -81,7 +81,7 @@ class CauseTable(Table):
         return self
 
     def cause(self) -> Cause:
-        """The cause that the table describes."""
+        """Return the cause that the table describes."""
         return Cause(**self.model_dump())
 
 
@@ -98,7 +98,7 @@ class CauseFile(Table):
 
 
 def read_causes(path: Path) -> tuple[Cause, ...]:
-    """The causes of a file.
+    """Return the causes of a file.
 
     Raises:
         InputError: the file cannot be read, or describes no causes: a sentence a line, with file,
@@ -109,7 +109,7 @@ def read_causes(path: Path) -> tuple[Cause, ...]:
 
 
 def user_causes(case: Case) -> tuple[Cause, ...]:
-    """The causes of all files that a case names.
+    """Return the causes of all files that a case names.
 
     Raises:
         InputError: as `read_causes`; or two causes have one name, or the same parameters.
@@ -130,7 +130,7 @@ def user_causes(case: Case) -> tuple[Cause, ...]:
 
 
 def asked_causes(case: Case, path: Path | None = None) -> tuple[Cause, ...]:
-    """The causes of all files that a case names, once every cause that it asks for is found.
+    """Return the causes of all files that a case names, once every cause that it asks for is found.
 
     Args:
         case: the case.

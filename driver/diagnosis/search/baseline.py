@@ -101,7 +101,7 @@ def loads_taken_back(
     names: Sequence[str],
     log: Log,
 ) -> Prepared:
-    """The same with the loads that were left out, where noise of the boundary explains them.
+    """Return the same with the loads that were left out, where noise of the boundary explains them.
 
     It has to be seen with them, and to be likelier than errors of their own.
 
@@ -138,7 +138,7 @@ def loads_taken_back(
 def _reweighted(
     objective: Objective, here: Fit, uneven: Unevenness, settings: Settings
 ) -> Objective:
-    """The objective with each pixel counted by its own noise, and their level as it then is."""
+    """Return objective with each pixel counted by its own noise, and their level as it then is."""
     image = reweighted(objective.data.image, uneven.variance)
     data = replace(objective.data, image=image, simulation_error=None, step_error=None)
     weighed = replace(objective, data=data)
@@ -154,7 +154,7 @@ def noise_of_images(fit_: Fit, data: Data, settings: Settings) -> float:
 
 
 def with_load_noise(data: Data, fitted: Evaluation, log: Log) -> Data:
-    """The data with the noise that the loads of a fit have, and its degrees of freedom."""
+    """Return the data with the noise that the loads of a fit have, and its degrees of freedom."""
     factor, degrees = load_noise(fitted, data)
     noise = factor * data.load_noise
     if factor != 1.0:

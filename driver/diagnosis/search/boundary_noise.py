@@ -55,7 +55,7 @@ class BoundaryNoiseSensitivities:
 def sensitivities_where_they_pay(
     baseline: Evaluation, objective: Objective, stated: float, wanted: tuple[str, ...] | None
 ) -> BoundaryNoiseSensitivities:
-    """The answers to each stop where the fast loads are worse than stated, else the reason.
+    """Return the answers to each stop where the fast loads are worse than stated, else the reason.
 
     Args:
         baseline: the fit, with the noise of the loads that was found.
@@ -216,7 +216,7 @@ def refit_boundary_noise(
 
 
 def with_level(objective: Objective, stops: BoundaryJitter, found: Component) -> Objective:
-    """The objective with a boundary as noisy as found, and loads as noisy as found beside it."""
+    """Return objective with a boundary as noisy as found, and loads as noisy as found beside it."""
     jitter = BoundaryJitter(found.level * stops.load, found.level * stops.image)
     data = objective.data
     data = replace(

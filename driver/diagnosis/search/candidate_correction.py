@@ -79,7 +79,7 @@ def with_own_corrections(
 
 
 def _under_its_own(task: _Task) -> Refit | Failure:
-    """The refit under the correction at its end, or why there is none."""
+    """Return the refit under the correction at its end, or why there is none."""
     refit, cause = task.refit, task.refit.cause
     objective = with_prior(refit.objective, cause)
     at = refit.fit

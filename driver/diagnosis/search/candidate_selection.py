@@ -80,7 +80,7 @@ def refits_of_likely(
 
 
 def to_refit(tried: Sequence[Score], most: int) -> list[Score]:
-    """The causes that are seen, and those akin to one that promise about as much.
+    """Return the causes that are seen, and those akin to one that promise about as much.
 
     Of likely causes that do nearly the same, noise makes one or the other significant. What a
     cause promises that has nothing to do with those that are seen is noise.
@@ -120,7 +120,7 @@ def cost_to_promise(best: Sequence[Refit], baseline: Evaluation) -> float:
 
 
 def best_of_each(refits: Sequence[Refit]) -> list[Refit]:
-    """The refit of least cost of each cause, best evidence first."""
+    """Return the refit of least cost of each cause, best evidence first."""
     by_name: dict[str, Refit] = {}
     for one in refits:
         before = by_name.get(one.cause.name)

@@ -140,7 +140,7 @@ def diagnose(
 
 
 def _at_bounds(end: Extension) -> list[str]:
-    """The parameters of the causes that ended at a bound, in words; companions are no effect."""
+    """Return parameters of the causes that ended at a bound, in words; companions are no effect."""
     known, values = end.objective.parameters, end.fit.values
     of_causes = {name for cause in end.causes for name in cause.parameters}
     return [
@@ -152,7 +152,7 @@ def _at_bounds(end: Extension) -> list[str]:
 
 
 def _never_tried(steps: Sequence[Step]) -> tuple[NotExamined, ...]:
-    """The flips of the EBSD frame that no round tried, with the reason of the last one."""
+    """Return the flips of the EBSD frame that no round tried, with the reason of the last one."""
     tried = {s.cause.name for step in steps for s in step.scores}
     why = {one.cause: one for step in steps for one in step.untried if one.cause not in tried}
     return tuple(why.values())

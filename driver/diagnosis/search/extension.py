@@ -53,7 +53,7 @@ class Extension:
 
 
 def extended(before: Extension, winner: Refit, settings: Settings, log: Log) -> Extension:
-    """The model with a cause added, and without what that makes superfluous.
+    """Return the model with a cause added, and without what that makes superfluous.
 
     Args:
         before: the model without it.
@@ -100,7 +100,7 @@ def _moved(begin: Fit, end: Fit, objective: Objective) -> float:
 def _corrected(
     objective: Objective, here: Fit, finer: FinerMeshes, settings: Settings, log: Log
 ) -> Objective:
-    """The objective with the correction at a fit, by both meshes where it had both."""
+    """Return the objective with the correction at a fit, by both meshes where it had both."""
     log("finer mesh and steps at the extended model")
     both = objective.spread is not None
     change, spread = finer.corrections(objective.model, here, both, log)
@@ -112,7 +112,7 @@ def _corrected(
 def _fitted(
     begin: Fit, objective: Objective, levels: Mapping[str, Level], log: Log
 ) -> tuple[Fit, Objective, Mapping[str, Level]]:
-    """The extended model fitted with its own noise, and the level of the latter.
+    """Return the extended model fitted with its own noise, and the level of the latter.
 
     A load that was left out and that the extended model explains is taken back.
     """

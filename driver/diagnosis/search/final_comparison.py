@@ -124,7 +124,7 @@ def _held_out_tasks(
     cycles: IntArray,
     settings: Settings,
 ) -> list[HeldOutTask]:
-    """The held-out cycle before and after, with the noise of loads and images of the end."""
+    """Return the held-out cycle before and after, with the noise of loads and images of the end."""
     if settings.held_out is None:
         return []
     boundary, rows = before.model.boundary, before.model.image_row

@@ -32,7 +32,7 @@ class FinerMeshes:
     another: Callable[[], ForwardModel] | None = None
 
     def turned(self, causes: Sequence[Cause]) -> FinerMeshes:
-        """The same with the measured orientations as the flips among these causes have them."""
+        """Return same with the measured orientations as the flips among these causes have them."""
         another = None if self.another is None else partial(_turned, self.another, causes)
         return FinerMeshes(turned(self.one, causes), another)
 

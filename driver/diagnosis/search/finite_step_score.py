@@ -210,7 +210,7 @@ def _scored(task: _Task, at: Evaluation, amount: float) -> _Side:
 
 
 def _gained(refit: Refit, side: Score, task: _Task) -> Score:
-    """The score that a refit is: its statistic is the likelihood ratio, one parameter more."""
+    """Return score that a refit is: its statistic is the likelihood ratio, one parameter more."""
     here, degrees = task.here.best, task.objective.data.load_degrees
     at = refit.fit.best
     (amount,) = amounts_of(refit.cause.parameters, at.values, task.objective)
@@ -237,7 +237,7 @@ def _shows(near: Score) -> bool:
 
 
 def _sides(near: Score, here: Fit, extended: Objective, log: Log) -> list[tuple[Evaluation, float]]:
-    """The fit with a cause far off its null, and how far, where that can be simulated."""
+    """Return the fit with a cause far off its null, and how far, where that can be simulated."""
     (name,) = near.cause.parameters
     null, parameter = extended.prior[name][0], extended.parameters[name]
     model = extended.warm_started_from(here.best).model

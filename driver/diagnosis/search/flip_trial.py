@@ -42,7 +42,7 @@ def not_warranted(flips: Sequence[Cause]) -> FlipTrial:
 
 
 def turned(model: ForwardModel, causes: Sequence[Cause]) -> ForwardModel:
-    """The model with its measured orientations as the flips among these causes have them."""
+    """Return the model with its measured orientations as the flips among these causes have them."""
     grains = model.microstructure
     orientations = half_turn(causes) @ grains.orientations
     return replace(model, microstructure=replace(grains, orientations=orientations))
@@ -119,7 +119,7 @@ def _promise(start: Start) -> float:
 
 
 def _score(flip: Cause, gain: float) -> Score:
-    """What a flip promises; it has no degrees of freedom, no p, and nothing to measure."""
+    """Return what a flip promises; it has no degrees of freedom, no p, and nothing to measure."""
     none = np.zeros(0)
     return Score(
         cause=flip,

@@ -107,7 +107,7 @@ def rounds(
 def _with_the_best(
     here: Extension, step: Step, settings: Settings, log: Log
 ) -> tuple[Extension | None, Step, dict[str, str]]:
-    """The model with the best cause of a round that can be simulated finer.
+    """Return the model with the best cause of a round that can be simulated finer.
 
     Returns:
         The model, None where there is no such cause; the round, its set that of this cause; those
@@ -144,7 +144,7 @@ def _leaves_something(found: Round, here: Extension) -> bool:
 def _by_a_rival(
     before: Extension, last: Step, stops: BoundaryNoiseSensitivities, settings: Settings, log: Log
 ) -> tuple[Extension, Step, Step] | None:
-    """The last addition exchanged for one that cannot be told from it, where that leaves nothing.
+    """Exchange the last addition for one that cannot be told from it, if that leaves nothing.
 
     A refit is judged by its evidence alone, and of large effects that do much the same the wrong
     one may have a little more of it. What it leaves then tells them apart.
@@ -188,6 +188,6 @@ def _by_a_rival(
 def _exchanged(
     before: Extension, rival: Refit, stops: BoundaryNoiseSensitivities, settings: Settings, log: Log
 ) -> tuple[Extension, Step]:
-    """The model with a rival, and what is left there at first sight."""
+    """Return the model with a rival, and what is left there at first sight."""
     tried = extended(before, rival, settings, log)
     return tried, at_first_sight(tried.fit, tried.objective, settings, stops, log)

@@ -43,7 +43,7 @@ class HeldOutTask:
 
 
 def trained_on_others(task: HeldOutTask) -> Fit:
-    """The fit of all but the knots of the cycle to the other cycles."""
+    """Return the fit of all but the knots of the cycle to the other cycles."""
     others = np.flatnonzero(task.frames != task.cycle)
     best = task.fit.best
     without = replace(task.objective, data=task.objective.data.frames(others))

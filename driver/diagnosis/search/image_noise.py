@@ -69,7 +69,7 @@ def examine_noise(
 
 
 def with_uneven_noise(verdict: Verdict) -> Verdict:
-    """A verdict that says so besides; where it said that nothing is wrong, this is its name."""
+    """Let a verdict say so besides; where it said that nothing is wrong, this is its name."""
     said = f"{NOISE_NOT_UNIFORM.sentence[:1].upper()}{NOISE_NOT_UNIFORM.sentence[1:]}"
     check = f"Confirm {NOISE_NOT_UNIFORM.name}: {NOISE_NOT_UNIFORM.check}."
     nothing = verdict.kind == "nothing wrong"

@@ -42,7 +42,7 @@ class _Fast:
 def bad_loads(
     fitted: Evaluation, data: Data, causes: Sequence[FloatArray] = ()
 ) -> tuple[BadLoad, ...]:
-    """The loads that are wrong one by one, at a family-wise level of 1 %.
+    """Return the loads that are wrong one by one, at a family-wise level of 1 %.
 
     Suspects are collected one after the other against a robust scale, so that none hides behind
     another; together they are tested, and the least is acquitted until all are significant. They
@@ -95,7 +95,7 @@ def _significant(fast: _Fast, found: Sequence[int]) -> list[int]:
 
 
 def load_noise(fitted: Evaluation, data: Data) -> tuple[float, float]:
-    """The noise of the loads over the stated one, and the degrees of freedom of that estimate.
+    """Return noise of the loads over the stated one, and the degrees of freedom of that estimate.
 
     Noise of the boundary moves loads as well, and hides their own noise, which then stays as
     stated.
@@ -111,7 +111,7 @@ def load_noise(fitted: Evaluation, data: Data) -> tuple[float, float]:
 
 
 def _suspects(fast: _Fast, most: int) -> list[int]:
-    """Loads that stand out of a robust scale, the worst first; none where they are too many."""
+    """Find loads that stand out of a robust scale, the worst first; none of too many."""
     found: list[int] = []
     while True:
         basis = (

@@ -40,7 +40,7 @@ ON_THE_WAY = 1.0  # Newton decrement of a fit that only begins the next one [σ]
 
 
 def softened(objective: Objective, factor: float) -> Objective:
-    """The objective with loads that are so many times as noisy."""
+    """Return the objective with loads that are so many times as noisy."""
     return replace(
         objective, data=replace(objective.data, load_noise=factor * objective.data.load_noise)
     )
@@ -98,7 +98,7 @@ def refit_from_soft_loads(
 
 
 def _by_the_images(objective: Objective, baseline: Evaluation, log: Log) -> Fit:
-    """The baseline where the images lead, from the nominal model: the baseline itself is bent."""
+    """Fit where the images lead, from the nominal model: the baseline itself is bent."""
     values, free = nominal(baseline, objective), baseline.free
     found = attempt(lambda: fit(objective, values, free, POLISH, log, tolerance=ON_THE_WAY))
     if isinstance(found, Failure):
@@ -139,7 +139,7 @@ def _below_soft_loads(task: _Task) -> Fit:
 
 
 def _as_precise_as_they_are(task: _Task) -> Refit:
-    """The refit, by way of loads half as soft on a logarithmic scale."""
+    """Return the refit, by way of loads half as soft on a logarithmic scale."""
     at = task.start
     half = softened(task.hard, np.sqrt(task.baseline.chi_load))
     for objective, most, tolerance in (

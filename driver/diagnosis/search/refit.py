@@ -65,7 +65,7 @@ class Start:
 
 
 def with_prior(objective: Objective, cause: Cause) -> Objective:
-    """The objective with the Gaussian priors under which a cause is refitted, about its null.
+    """Return objective with the Gaussian priors under which a cause is refitted, about its null.
 
     The null of a constant of the law (of n, say) is its value in the case. A companion that has a
     prior already, for it is fitted without the cause, keeps it.
@@ -79,7 +79,7 @@ def with_prior(objective: Objective, cause: Cause) -> Objective:
 
 
 def as_wide_as_found(objective: Objective, cause: Cause, values: Mapping[str, float]) -> Objective:
-    """The objective with the prior of a cause widened to the size of its effect.
+    """Return the objective with the prior of a cause widened to the size of its effect.
 
     That of a refit would draw an effect of many scales towards zero, by the share that its
     variance has in that of the prior.
@@ -161,7 +161,7 @@ def refit_from_afar(
 def nominal_starts(
     scored: Score, baseline: Evaluation, extended: Objective
 ) -> list[dict[str, float]]:
-    """The nominal model with the cause ±1 and ±3 prior scales off its null.
+    """Return the nominal model with the cause ±1 and ±3 prior scales off its null.
 
     Several parameters go together, in the proportions of the estimate to first order.
 
@@ -195,13 +195,13 @@ def nominal(baseline: Evaluation, objective: Objective) -> dict[str, float]:
 
 
 def added_by(cause: Cause, baseline: Evaluation) -> tuple[str, ...]:
-    """What a cause frees; a companion may be free already, with another cause."""
+    """Return what a cause frees; a companion may be free already, with another cause."""
     named = (*cause.parameters, *cause.companions)
     return tuple(name for name in named if name not in baseline.free)
 
 
 def freed_with(baseline: Evaluation, cause: Cause) -> tuple[str, ...]:
-    """What is free where a cause is."""
+    """Return what is free where a cause is."""
     return (*baseline.free, *added_by(cause, baseline))
 
 
@@ -225,7 +225,7 @@ def refit_from(tasks: Sequence[Start], executor: Executor) -> list[Refit]:
 
 
 def told(refit: Refit) -> str:
-    """A refit as a line of the log."""
+    """Return a refit as a line of the log."""
     best = refit.fit.best
     return (
         f"  {refit.cause.name}: log evidence {refit.log_evidence:+.1f}, "
@@ -234,7 +234,7 @@ def told(refit: Refit) -> str:
 
 
 def _refit(task: Start) -> Refit | str:
-    """The refit, or why the start was given up."""
+    """Return the refit, or why the start was given up."""
     objective, here = task.objective, task.start
     if here is None:
         beside, free = (
@@ -254,7 +254,7 @@ def _refit(task: Start) -> Refit | str:
 
 
 def refit_of(cause: Cause, objective: Objective, result: Fit, baseline: Evaluation) -> Refit:
-    """The refit that a fit with the prior of a cause is.
+    """Return the refit that a fit with the prior of a cause is.
 
     Args:
         cause: the cause.

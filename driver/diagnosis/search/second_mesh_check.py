@@ -91,7 +91,7 @@ def held_against_both(
 
 
 def with_both(objective: Objective, here: Fit, both: OnBoth, log: Log) -> tuple[Objective, Fit]:
-    """The objective with the mean of both corrections, fitted.
+    """Return the objective with the mean of both corrections, fitted.
 
     Args:
         objective: with the correction by the finer model.

@@ -218,7 +218,7 @@ def _first_order(
 
 
 def _looked(seen: _Seen, here: Fit, objective: Objective, executor: Executor) -> _Seen:
-    """What is seen, from afar as well."""
+    """Return what is seen, from afar as well."""
     found = look_from_afar(
         seen.scores, here, objective, seen.widened**2, seen.tests.accepted, executor
     )
@@ -273,7 +273,7 @@ def _noise_of_boundary(
 
 
 def set_of(refits: Sequence[Refit], scores: Sequence[Score]) -> tuple[str, ...]:
-    """The best cause, and those that cannot be told from it, best first.
+    """Return the best cause, and those that cannot be told from it, best first.
 
     A refitted cause belongs to it by its evidence; or, if its linearised effect is parallel to that
     of one which does, by a misfit as low as that one's where no prior draws either to its null. Of

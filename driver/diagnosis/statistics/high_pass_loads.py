@@ -49,7 +49,7 @@ class FastLoads:
     root: FloatArray
 
     def of(self, changes: FloatArray) -> FloatArray:
-        """What whitened changes of the data make of y, (k, n) → (k, m)."""
+        """Return what whitened changes of the data make of y, (k, n) → (k, m)."""
         T = self.modes.shape[1]
         fast = self.modes @ changes[:, :T].T
         seen = self.through.T @ fast + self.images @ changes[:, T:].T
@@ -57,7 +57,7 @@ class FastLoads:
 
 
 def fast_loads(fitted: Evaluation, left: float = UNTOUCHED) -> FastLoads:
-    """The residual of a fit to images and fast loads alone: slow loads do not enter it.
+    """Return the residual of a fit to images and fast loads alone: slow loads do not enter it.
 
     Args:
         fitted: the fit to all data.
@@ -80,7 +80,7 @@ def fast_loads(fitted: Evaluation, left: float = UNTOUCHED) -> FastLoads:
 
 
 def freed(fitted: Evaluation, effect: FloatArray) -> Evaluation:
-    """An evaluation with a cause freed, at its null, within a wide prior.
+    """Return an evaluation with a cause freed, at its null, within a wide prior.
 
     Args:
         fitted: the evaluation.

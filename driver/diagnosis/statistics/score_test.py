@@ -203,7 +203,7 @@ def score_together(
 
 
 def beside(fitted: Evaluation, shapes: FloatArray) -> Evaluation:
-    """The fit with shapes of the data, each of any size, beside its parameters, to first order.
+    """Return fit with shapes of the data, each of any size, beside its parameters, to first order.
 
     Args:
         fitted: the fit.

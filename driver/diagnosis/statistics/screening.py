@@ -29,7 +29,7 @@ def screened(
     wanted: Sequence[str] | None,
     own: Sequence[Cause] = (),
 ) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
-    """The causes that a model can have, and the parameters that screening needs free."""
+    """Return the causes that a model can have, and the parameters that screening needs free."""
     known = parameters_of_the_specimen(model) & honoured(model)
     candidates = causes_of(known, fitted, wanted, own)
     names = [*fitted]
@@ -97,7 +97,7 @@ def screen(
 
 
 def own_error_shapes(objective: Objective) -> FloatArray:
-    """What the simulation's own error looks like, whitened, shape (m, n).
+    """Return what the simulation's own error looks like, whitened, shape (m, n).
 
     The correction itself, of which a share may be left, half of what two finer meshes differ by,
     and what steps of first order leave; none without a correction.

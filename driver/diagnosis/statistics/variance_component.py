@@ -106,7 +106,7 @@ class Component:
         return top + float(np.log(np.exp(density - top).sum()))
 
     def _least_p(self, power: FloatArray) -> float:
-        """The least p of the points."""
+        """Return the least p of the points."""
         found = []
         for point in _POINTS:
             share = 1.0 / (1.0 + point * self.strength / self.strength.max())
@@ -145,7 +145,7 @@ class Component:
 
 
 def component(effect: FloatArray, numbers: FloatArray) -> Component:
-    """The component of a covariance FᵀF in some numbers.
+    """Return the component of a covariance FᵀF in some numbers.
 
     Args:
         effect: F, shape (k, m).

@@ -36,7 +36,7 @@ def split_dataset(path: str | Path) -> tuple[str, str]:
 
 
 def files_of(path: str) -> list[Path]:
-    """The image files of a path, without dataset, in natural order (frame 9 before frame 10).
+    """Return image files of a path, without dataset, in natural order (frame 9 before frame 10).
 
     Raises:
         Refused: there are none, or the path cannot be looked up.
@@ -69,7 +69,7 @@ def natural(name: str) -> list[tuple[int, str]]:
 
 
 def gap(names: Sequence[str]) -> str:
-    """The first gap in names that are numbered in equal steps, as “a.tif follows b.tif”.
+    """Return the first gap in names that are numbered in equal steps, as “a.tif follows b.tif”.
 
     Args:
         names: file names in natural order.

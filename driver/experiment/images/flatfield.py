@@ -92,7 +92,7 @@ def flat_pattern(flats: Iterable[FloatArray]) -> FlatField:
 
 
 def without_noise(flat: FlatField) -> FloatArray:
-    """The pattern without the noise of its flats [µm], shape (rows, cols).
+    """Return the pattern without the noise of its flats [µm], shape (rows, cols).
 
     Wiener filter: each cosine over the image is reduced to the share of its power that is no
     noise, the power being the mean about it. What is subtracted from the images stays the mean of
@@ -122,7 +122,7 @@ def left_over(displacement: FloatArray, gain: FloatArray) -> FloatArray:
 
 
 def _cardinal(t: FloatArray) -> FloatArray:
-    """The cubic spline that is 1 at 0 and 0 at every other integer, at t."""
+    """Return the cubic spline that is 1 at 0 and 0 at every other integer, at t."""
     reach = 16  # beyond, it is below 1e-9
     delta = np.zeros(2 * reach + 1)
     delta[reach] = 1.0

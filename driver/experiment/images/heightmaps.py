@@ -88,7 +88,7 @@ def load_stack(path: str | Path, key: str = "images") -> Stack:
 
 
 def read_stack(path: str | Path, key: str = "images") -> FloatArray:
-    """The levels of `load_stack` alone, shape (n, rows, cols)."""
+    """Return the levels of `load_stack` alone, shape (n, rows, cols)."""
     return load_stack(path, key).levels
 
 

@@ -154,7 +154,7 @@ def find_outliers(
 
 
 def told(outliers: Sequence[Outlier]) -> dict[int, str]:
-    """What is unlike in each frame that was named, by its number."""
+    """Return what is unlike in each frame that was named, by its number."""
     lines: dict[int, list[str]] = {}
     for outlier in outliers:
         lines.setdefault(outlier.frame, []).append(str(outlier))
@@ -172,7 +172,7 @@ def left_out(outliers: Sequence[Outlier], n_frames: int) -> BoolArray:
 
 
 def _usual(value: FloatArray) -> FloatArray:
-    """What the nearest neighbours of each value let expect: a line of Theil and Sen."""
+    """Return what the nearest neighbours of each value let expect: a line of Theil and Sen."""
     n, frames = value.size, np.arange(value.size)
     start = np.clip(frames - NEIGHBOURS // 2, 0, n - NEIGHBOURS - 1)
     around = start[:, None] + np.arange(NEIGHBOURS + 1)

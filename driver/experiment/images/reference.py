@@ -50,7 +50,7 @@ class Reference:
         return np.asarray(self.codes == Excluded.USED)
 
     def count(self, reason: Excluded) -> int:
-        """Number of pixels with this code."""
+        """Return number of pixels with this code."""
         return int(np.count_nonzero(self.codes == reason))
 
 
@@ -150,7 +150,7 @@ def _moved(
 def _moved_back(
     repeats: FloatArray, shifts: FloatArray, pixel: float
 ) -> tuple[FloatArray, FloatArray]:
-    """The repeats on the first one, and what interpolation leaves of their noise variance."""
+    """Return repeats on the first one, and what interpolation leaves of their noise variance."""
     grid = np.indices(repeats.shape[1:], dtype=np.float64)
     registered, gains = [repeats[0]], [1.0]
     for heights, (dx, dy, dz) in zip(repeats[1:], shifts[1:], strict=True):

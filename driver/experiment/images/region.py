@@ -35,7 +35,7 @@ def region_codes(
     bounds: Bounds,
     mask: BoolArray | None = None,
 ) -> CodeArray:
-    """What becomes of each pixel: used, masked, too near to a trench, or outside the bounds.
+    """Return what becomes of each pixel: used, masked, too near to a trench, or outside the bounds.
 
     Args:
         valid: pixels that carry a height, shape (rows, cols).

@@ -63,7 +63,7 @@ class Camera:
     def photograph(
         self, rng: np.random.Generator, scene: Scene | None, shift: FloatArray
     ) -> NDArray[np.generic]:
-        """An image in levels, shape (rows, columns).
+        """Return an image in levels, shape (rows, columns).
 
         Args:
             rng: source of the noise.

@@ -55,7 +55,7 @@ class Face:
         return np.asarray(np.linalg.inv(sides))
 
     def locate(self, x: FloatArray, y: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-        """The cell at each point, or at the point of the edge that is next to it.
+        """Return the cell at each point, or at the point of the edge that is next to it.
 
         Args:
             x: X [µm], shape (n,).

@@ -32,7 +32,7 @@ class Motion(Protocol):
 def material_points(
     motion: Motion, x_now: FloatArray, y_now: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The points X with X + u(X) = x_now, and the height change w(X) there.
+    """Return the points X with X + u(X) = x_now, and the height change w(X) there.
 
     Each step solves (1 + ∇u) δ = x_now − X − u(X). Where a finite-element motion has a kink, a
     step may land on its other side; the error then still falls by the jump of the strain.

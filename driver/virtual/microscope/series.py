@@ -52,7 +52,7 @@ class Subject:
 
 
 def carried(relief: Scene, motion: Motion) -> Scene:
-    """A relief carried along by a motion: g with g(x + u, y + v) = f(x, y) + w(x, y)."""
+    """Return a relief carried along by a motion: g with g(x + u, y + v) = f(x, y) + w(x, y)."""
 
     def heights(x_now: FloatArray, y_now: FloatArray) -> FloatArray:
         x, y, w = material_points(motion, x_now, y_now)
@@ -82,7 +82,7 @@ class Stage:
 def frames(
     camera: Camera, subject: Subject, stage: FloatArray, rng: np.random.Generator
 ) -> Iterator[Image]:
-    """The images of the test.
+    """Yield the images of the test.
 
     Args:
         camera: the instrument.

@@ -82,7 +82,7 @@ def slip_steps(
     resolution: float,
     rng: np.random.Generator,
 ) -> SlipSteps:
-    """The steps on a face from the slip in the cells below it.
+    """Return the steps on a face from the slip in the cells below it.
 
     Args:
         mesh: the prism.
@@ -119,7 +119,7 @@ def slip_steps(
 
 
 def cells_below(mesh: PrismMesh, face: Face) -> IntArray:
-    """The cell of the prism that carries each triangle of its face, shape (n_triangles,)."""
+    """Return the cell of the prism that carries each triangle of its face, shape (n_triangles,)."""
     wanted = np.sort(face.mesh.nodes[face.mesh.cells[:, :3]], axis=1)
     carriers = {}
     for leave_out in range(4):

@@ -50,7 +50,7 @@ class Texture:
         )
 
     def cosine_sum(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """The sum of cosines itself at some positions [µm], slowly, shape (n,)."""
+        """Return the sum of cosines itself at some positions [µm], slowly, shape (n,)."""
         amplitudes = fft.dctn(self.heights, type=2, norm="forward")
         waves = []
         for p, o, n in zip((x, y), self.origin, self.heights.shape, strict=True):
@@ -68,7 +68,7 @@ class Texture:
 
 
 def texture(heights: FloatArray, pixel: float, origin: tuple[float, float]) -> Texture:
-    """A height map [µm] without gaps, shape (rows, columns), as a function of position."""
+    """Return a height map [µm] without gaps, shape (rows, columns), as a function of position."""
     fine = np.pad(heights, [(0, n) for n in heights.shape], mode="symmetric")
     for axis, n in enumerate(heights.shape):
         fine = signal.resample(fine, 2 * n * _FINER, axis=axis)

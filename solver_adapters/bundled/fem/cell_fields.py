@@ -28,7 +28,7 @@ _ROW, _COLUMN = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
 
 
 def cell_fields(problem: Problem, start: Instant, instant: Instant) -> dict[str, FloatArray]:
-    """The fields of `CellFields` at an instant, by name.
+    """Return the fields of `CellFields` at an instant, by name.
 
     Args:
         problem: the discrete problem.

@@ -74,7 +74,7 @@ TET10_FIVE = _tet10_five()
 
 
 def element_of(cells: IntArray, tet10_points: int | None = None) -> Element:
-    """The element of cells (n_cells, n) in VTK order.
+    """Return the element of cells (n_cells, n) in VTK order.
 
     Args:
         cells: connectivity.
@@ -123,7 +123,7 @@ def shape_gradients(
 def shape_gradient_velocity(
     gradients: FloatArray, weights: FloatArray, cells: IntArray, velocity: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of `shape_gradients` when the nodes move with `velocity` (n_nodes, 3)."""
+    """Return derivatives of `shape_gradients` when the nodes move with `velocity` (n_nodes, 3)."""
     spread = np.einsum("eai,eqaj->eqij", velocity[cells], gradients)
     return (
         -np.einsum("eqai,eqij->eqaj", gradients, spread),

@@ -101,7 +101,7 @@ class Tangents:
         return int(self.law.local.shape[1])
 
     def law_over(self, interval: int) -> PointTangents:
-        """Derivative of the law in the steps of an interval, each of which keeps its share."""
+        """Return the derivative of the steps of an interval, each of which keeps its share."""
         longer = self.lengthening[interval]
         if not longer.any():
             return self.law

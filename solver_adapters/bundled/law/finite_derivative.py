@@ -174,7 +174,7 @@ def _invert(w: FloatArray, target: int, source: int) -> None:
 
 @kernel
 def _stress_and_state(w: FloatArray, p: FloatArray, width: int, stress: int, state: int) -> None:
-    """Changes of P and Fp⁻¹, direction first, that D_FE and D_MODES make along `width` of them."""
+    """Write the changes of P and Fp⁻¹ by D_FE and D_MODES along `width` directions."""
     stress_change(w, p, width)
     tensors.right(w, ONE, TWO, False, FP0, True, width)
     tensors.left(w, TWO, FP0, False, D_A, False, width)

@@ -147,7 +147,7 @@ class Points:
         return n_state if follows else S_ACC
 
     def frame(self, rotation: FloatArray) -> FloatArray:
-        """What a kernel needs of rotations or their derivatives (..., 3, 3).
+        """Return what a kernel needs of rotations or their derivatives (..., 3, 3).
 
         Strain modes turned into the specimen (..., 6, 9) in small strain, else (..., 9).
         """
@@ -250,7 +250,7 @@ class Points:
         tangents: PointTangents,
         out: PointDerivatives,
     ) -> None:
-        """Derivatives of a solved step along k directions.
+        """Return the derivatives of a solved step along k directions.
 
         Args:
             H: as in `update`.

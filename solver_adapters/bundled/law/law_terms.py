@@ -115,7 +115,7 @@ def driving_modes(
 
 @kernel
 def non_schmid(w: FloatArray, p: FloatArray) -> None:
-    """Resolved shear stress and RISE of {110} with the stress on the conjugate planes."""
+    """Write resolved shear stress and RISE of {110} with the stress on the conjugate planes."""
     factor = schmid_factor(p)
     for s in range(FIRST_112):
         w[TAU + s] *= factor

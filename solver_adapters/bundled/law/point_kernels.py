@@ -153,7 +153,7 @@ def derive_small(
     by_state: FloatArray,
     gains: FloatArray,
 ) -> None:
-    """Derivatives of a solved step, small strain: see `Points.derive`."""
+    """Derive a solved step, small strain: see `Points.derive`."""
     n, n_directions = H.shape[0], dH.shape[2]
     blocks = (n_directions + LANES - 1) // LANES
     for chunk in prange(_CHUNKS):
@@ -235,7 +235,7 @@ def derive_finite(
     by_state: FloatArray,
     gains: FloatArray,
 ) -> None:
-    """Derivatives of a solved step, finite strain: see `Points.derive`."""
+    """Derive a solved step, finite strain: see `Points.derive`."""
     n, n_directions = H.shape[0], dH.shape[2]
     blocks = (n_directions + LANES - 1) // LANES
     for chunk in prange(_CHUNKS):

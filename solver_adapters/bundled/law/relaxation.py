@@ -59,7 +59,7 @@ def rate_change(r: float, e_a: float, n: float) -> float:
 
 @kernel
 def near_fall(log_ratio: float, n: float) -> float:
-    """An r whose ln ρ is near `log_ratio` ≤ 0.
+    """Return an r whose ln ρ is near `log_ratio` ≤ 0.
 
     ln ρ is concave for n > 2 and lies below its tangents −n r/2 and ln a − a r, convex and above
     them for n < 2: the better of the two.

@@ -25,7 +25,7 @@ B_SLIP_END = B_OVER + NS * LANES
 
 @kernel
 def bounded(number: int) -> int:
-    """A number from 0 to 65535, as it is, in a form that tells LLVM so.
+    """Return a number from 0 to 65535, as it is, in a form that tells LLVM so.
 
     An index that may be negative could count from the end, which keeps a loop from vectorising.
     """
@@ -91,7 +91,7 @@ def sum8(
     b: FloatArray, target: int, source: int, w: FloatArray, c: int, step: int, factor: float,
     width: int,
 ) -> None:  # fmt: skip
-    """The same over eight rows."""
+    """Do the same over eight rows."""
     target, source, width = bounded(target), bounded(source), bounded(width)
     c0, c1, c2 = factor * w[c], factor * w[c + step], factor * w[c + 2 * step]
     c3, c4, c5 = factor * w[c + 3 * step], factor * w[c + 4 * step], factor * w[c + 5 * step]
@@ -113,7 +113,7 @@ def sum8(
 def sum9(
     b: FloatArray, target: int, source: int, w: FloatArray, c: int, step: int, width: int
 ) -> None:
-    """The same over nine rows, with factor 1."""
+    """Do the same over nine rows, with factor 1."""
     sum8(b, target, source, w, c, step, 1.0, width)
     add(b, target, source + 8 * LANES, w[c + 8 * step], 1, width)
 

@@ -73,7 +73,7 @@ IntArray = NDArray[np.int64]
 
 @kernel
 def prepare_derivatives(w: FloatArray, p: FloatArray, exponential: bool) -> None:
-    """What the derivatives of the step in the workspace share: LEFT to UNHARDENED, and LEFT2."""
+    """Write what derivatives of the step share: LEFT to UNHARDENED, and LEFT2."""
     c, d, n = p[P_C], p[P_D], p[P_N]
     for s in range(NS):
         g = w[SLIP + s]

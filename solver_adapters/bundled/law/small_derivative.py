@@ -138,7 +138,7 @@ def derivatives(
     gains: FloatArray,
     dP: FloatArray,
 ) -> None:
-    """Derivatives of stress and state of the step in the workspace, `width` from `first` on.
+    """Derive stress and state of the step in the workspace, `width` from `first` on.
 
     dstate is that at the start of the step and becomes that at its end, with H as dH has it.
 
@@ -297,7 +297,7 @@ def _constants_after_slip(
     dstate: FloatArray,
     column: int,
 ) -> None:
-    """What the same change makes of the state and of the pressure."""
+    """Write what the same change makes of the state and of the pressure."""
     b[B_STRESS + 5 * LANES + lane] += (dp[P_C11] + 2.0 * dp[P_C12]) * w[VOLUME]
     if count == 0:
         return

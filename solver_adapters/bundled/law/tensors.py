@@ -71,7 +71,7 @@ def add(w: FloatArray, a: int, b: int, factor: float, width: int) -> None:
 
 @kernel
 def to_modes(w: FloatArray, c: int, a: int, width: int) -> None:
-    """The eight modes of tensors."""
+    """Write the eight modes of tensors."""
     for m in range(width):
         x, y, z = w[a + m], w[a + 4 * width + m], w[a + 8 * width + m]
         w[c + m] = _R2 * (x - y)
@@ -86,7 +86,7 @@ def to_modes(w: FloatArray, c: int, a: int, width: int) -> None:
 
 @kernel
 def to_tensors(w: FloatArray, c: int, a: int, width: int) -> None:
-    """The tensors of eight modes."""
+    """Write the tensors of eight modes."""
     for m in range(width):
         x, y = _R2 * w[a + m], _R6 * w[a + width + m]
         w[c + m] = x - y
@@ -143,7 +143,7 @@ def over_modes(w: FloatArray, c: int, a: int, b: int, width: int) -> None:
 
 @kernel
 def determinant_of(w: FloatArray, a: int) -> float:
-    """Determinant of the single tensor at a."""
+    """Return determinant of the single tensor at a."""
     determinant: float = (
         w[a] * (w[a + 4] * w[a + 8] - w[a + 5] * w[a + 7])
         - w[a + 1] * (w[a + 3] * w[a + 8] - w[a + 5] * w[a + 6])

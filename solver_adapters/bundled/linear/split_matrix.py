@@ -64,7 +64,7 @@ class TwoTriangles:
         return sp.csc_array((values, *pattern), shape=(self.n, self.n))
 
     def product(self, x: FloatArray) -> FloatArray:
-        """A x, shape (n,) or (n, m) as x."""
+        """Return a x, shape (n,) or (n, m) as x."""
         diagonal = self.lower[self._indptr[:-1]]
         product: FloatArray = self._lower @ x + self._upper @ x - (diagonal * x.T).T
         return product
@@ -75,7 +75,7 @@ class TwoTriangles:
         return absolute.product(np.abs(x))
 
     def full(self) -> sp.csc_array:
-        """The matrix with both triangles in one."""
+        """Return the matrix with both triangles in one."""
         diagonal = sp.diags_array(self.lower[self._indptr[:-1]])
         return (self._lower + self._upper - diagonal).tocsc()
 

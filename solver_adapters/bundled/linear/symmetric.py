@@ -154,7 +154,7 @@ class SymmetricSolver:
 
 
 def iterations_for_factor(n: int) -> int:
-    """Iterations of conjugate gradients in the time of a factorisation, n unknowns.
+    """Return iterations of conjugate gradients in the time of a factorisation, n unknowns.
 
     A fit to what was measured (benchmarks/RESULTS.md), not taken from a clock, so that a run has
     the same digits each time.
