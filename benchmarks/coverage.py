@@ -138,14 +138,15 @@ def draw(seed: int) -> Draw:
 
 def measured_problem(case: Case) -> IdentificationProblem:
     """Correlate the images of a case, and put its identification together."""
-    images = surface_images(case, read_experiment(case))
+    experiment = read_experiment(case)
+    images = surface_images(case, experiment)
     pixel = case.images.pixel_um
     motion = measure(images, case.dic.element_px * pixel, case.dic.height_element_px * pixel)
     lower, upper = images.bounds[2:]
     edges = edge_motion(motion, images, lower, upper)
     reach = case.specimen.length / (upper - lower)
     seen = seen_by_correlation(
-        case, motion.at_pixels(), reach * edges.elongation, reach * edges.tilt
+        experiment, images, motion.at_pixels(), reach * edges.elongation, reach * edges.tilt
     )
     return build_problem(case, *_meshes(), seen)
 

@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from driver.case.model import Case
 from driver.dic.series import basis_on
 from driver.dic.surface_images import SurfaceImages, refine_gradient
-from driver.experiment.reading import Experiment, read_experiment
+from driver.experiment.reading import Experiment
 from driver.forward.build import (
     adapter_of,
     another_mesh_of,
     build_model,
     correlation_meshes,
-    surface_images,
 )
 from driver.forward.fixed_pattern import apparent_rise
 from driver.forward.model import ForwardModel
@@ -101,7 +100,8 @@ class MeasuredSeries:
 
 
 def seen_by_correlation(
-    case: Case,
+    experiment: Experiment,
+    images: SurfaceImages,
     motion: FloatArray,
     elongation: FloatArray,
     tilt: FloatArray,
@@ -110,14 +110,14 @@ def seen_by_correlation(
     """Return the experiment of a case, its gradient refined along the measured motion.
 
     Args:
-        case: the case.
+        experiment: what was measured.
+        images: the corrected images.
         motion: motion of the free correlation at the pixels [µm], shape (T, n_pix, 3).
         elongation: as in `MeasuredSeries`.
         tilt: as in `MeasuredSeries`.
         left_out: as in `MeasuredSeries`.
     """
-    experiment = read_experiment(case)
-    images = refine_gradient(surface_images(case, experiment), motion)
+    images = refine_gradient(images, motion)
     rise = apparent_rise(images, motion)
     lacking = lacking_pixels(images, motion)
     some = np.linspace(0, motion.shape[1] - 1, _PLACES).astype(np.int64)

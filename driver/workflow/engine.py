@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 from driver.case.model import Case
 from driver.common.errors import InputError, sentence, why
@@ -40,6 +41,7 @@ class StageContext:
         workdir: an empty folder; every file left in it becomes a result of the stage.
         log: takes one line of progress.
         prepare_only: whether external solvers write their jobs for another machine.
+        memory: what stages of one run have read and leave to later ones, by name.
     """
 
     case: Case
@@ -47,6 +49,7 @@ class StageContext:
     workdir: Path
     log: Log
     prepare_only: bool = False
+    memory: dict[str, Any] = field(default_factory=dict)
 
     def result(self, name: str) -> Path:
         """Return a result of an earlier stage.
@@ -140,7 +143,7 @@ def run_stages(
     results = results_of(case)
     _make_folder(results)
     last = len(names) if until is None else names.index(until) + 1
-    key = ""
+    key, memory = "", dict[str, Any]()
     with sole_run(results):
         for stage in stages[:last]:
             key = stage_key(stage, case, key)
@@ -150,7 +153,7 @@ def run_stages(
                 report(f"{stage.name}: done and unchanged")
                 continue
             _refuse_folders(entry, results)
-            _run_stage(stage, case, results, key, report, prepare_only)
+            _run_stage(stage, case, results, key, report, prepare_only, memory)
 
 
 def stage_key(stage: Stage, case: Case, key_before: str) -> str:
@@ -175,13 +178,14 @@ def _run_stage(
     key: str,
     report: Log,
     prepare_only: bool,
+    memory: dict[str, Any],
 ) -> None:
     workdir = results / f"{stage.name}.partial"
     shutil.rmtree(workdir, ignore_errors=True)
     workdir.mkdir()
     report(f"{stage.name}: started")
     start = time.perf_counter()
-    stage.run(StageContext(case, results, workdir, report, prepare_only))
+    stage.run(StageContext(case, results, workdir, report, prepare_only, memory))
     seconds = time.perf_counter() - start
     outputs = sorted(
         str(path.relative_to(workdir)) for path in workdir.rglob("*") if path.is_file()

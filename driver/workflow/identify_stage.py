@@ -24,6 +24,7 @@ from driver.results.files import FINE_MESH, JOBS, MEASURE, MESH
 from driver.results.hdf5 import read_hdf5
 from driver.results.identification import Arrays, value_told, warnings_of, write_identification
 from driver.workflow.engine import StageContext
+from driver.workflow.prepared_images import prepared_images
 from meshes.files import read_med
 from solver_adapters.interface import Trajectory
 
@@ -31,15 +32,20 @@ FloatArray = NDArray[np.float64]
 
 
 def load_problem(context: StageContext) -> IdentificationProblem:
-    """Return the workbench of a case from the results of the first two stages."""
-    measured = read_hdf5(context.result(MEASURE))
+    """Return the problem of a case from the results of the first two stages."""
+    measured, prepared = read_hdf5(context.result(MEASURE)), prepared_images(context)
     left_out = tuple(map(int, np.flatnonzero(measured["left_out"])))
     return build_problem(
         context.case,
         read_med(context.result(MESH)),
         read_med(context.result(FINE_MESH)),
         seen_by_correlation(
-            context.case, measured["motion"], measured["elongation"], measured["tilt"], left_out
+            prepared.experiment,
+            prepared.images,
+            measured["motion"],
+            measured["elongation"],
+            measured["tilt"],
+            left_out,
         ),
         context.results / JOBS,
         context.prepare_only,

@@ -20,8 +20,7 @@ from driver.experiment.images.heightmaps import ImageError, fill_off_surface
 from driver.experiment.images.noise import TemporalNoise, temporal_noise
 from driver.experiment.images.outliers import find_outliers, left_out, noise_levels
 from driver.experiment.images.region import Excluded
-from driver.experiment.reading import read_experiment
-from driver.forward.build import correlation_meshes, surface_images
+from driver.forward.build import correlation_meshes
 from driver.forward.geometry import boundary_trace
 from driver.report.grip_texts import sentences
 from driver.report.measured import measured_motion
@@ -30,6 +29,7 @@ from driver.results.files import MEASURE, MEASURE_CSV
 from driver.results.hdf5 import read_hdf5, write_csv, write_hdf5
 from driver.workflow.engine import StageContext
 from driver.workflow.measure_messages import tell_frames, tell_readings, tell_regularisation
+from driver.workflow.prepared_images import prepared_images
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -52,8 +52,8 @@ def run_measure(context: StageContext) -> None:
 def measure_numbers(context: StageContext) -> None:
     """Correct the images, correlate every frame, and find the motion of the edges; no pictures."""
     case = context.case
-    experiment = read_experiment(case)
-    images = surface_images(case, experiment)
+    prepared = prepared_images(context)
+    experiment, images = prepared.experiment, prepared.images
     context.log(
         f"  {images.n_frames} frames, {len(images.xy)} pixels, noise {1e3 * images.sigma:.2f} ± "
         f"{1e3 * images.sigma / np.sqrt(2 * images.noise_dof):.2f} nm from {images.n_reference} "

@@ -7,6 +7,7 @@ import pytest
 import tifffile
 
 from driver.case.model import Case, load_case
+from driver.experiment.reading import read_experiment
 from driver.forward import build
 from driver.identification.priors import LAMBDA_PRIOR
 from driver.identification.problem import IdentificationProblem, build_problem, seen_by_correlation
@@ -36,11 +37,13 @@ def built(case: Case, **tables: dict[str, object]) -> IdentificationProblem:
     changed = case.model_copy(update=update)
     motion = BENCH.model.predict(BENCH.truth).motion
     edges = (weights @ [0.0, *KNOTS], weights @ [0.0, *TILTS])
+    experiment = read_experiment(changed)
+    images = build.surface_images(changed, experiment)
     return build_problem(
         changed,
         BENCH.mesh,
         generate(build.geometry_of(case), 1.0),
-        seen_by_correlation(changed, motion, *edges),
+        seen_by_correlation(experiment, images, motion, *edges),
     )
 
 
