@@ -10,13 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.common.formatting import with_sigma
+from driver.experiment.history import History
+from driver.identification.boundary_jitter import BoundaryJitter
 from driver.identification.fit import Fit
 from driver.identification.identifiability import prior_shares, ruled_by_prior
 from driver.identification.identify import Identification
+from driver.identification.kinematic_hessian import kinematic_hessian
 from driver.identification.objective import Correction
+from driver.identification.problem import IdentificationProblem
+from driver.parameters.boundary import LAMBDAS
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.results.files import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
 from driver.results.hdf5 import write_csv, write_hdf5
+from solver_adapters.interface import Trajectory
 from solver_adapters.parameter import Parameter
 
 Arrays = dict[str, tuple[NDArray[np.generic] | float, str]]
@@ -64,9 +70,7 @@ def value_told(name: str, fit: Fit, parameters: Mapping[str, Parameter]) -> str:
     return f"{name} = ({told}) {unit}" if unit else f"{name} = {told}"
 
 
-def write_identification(
-    folder: Path, found: Identification, start: Mapping[str, float], more: Arrays
-) -> None:
+def _write(folder: Path, found: Identification, start: Mapping[str, float], more: Arrays) -> None:
     """Write `identify.h5`, `identify.csv` and `identify_history.json`.
 
     Args:
@@ -139,3 +143,127 @@ def _histories(found: Identification) -> Arrays:
         for stage, fit in found.stages.items()
         for key in fit.history[0]
     }
+
+
+def fit_arrays(fit: Fit, problem: IdentificationProblem, prefix: str) -> Arrays:
+    """Predictions and residuals of a fit for the results file."""
+    best, data = fit.best, problem.objective.data
+    return {
+        f"{prefix}/load": (best.load, "µN"),
+        f"{prefix}/load_residual": (data.load - best.load, "µN"),
+        f"{prefix}/motion": (best.motion.astype(np.float32), "µm"),
+        f"{prefix}/rho": (best.rho.astype(np.float32), "µm"),
+    }
+
+
+def _as_in_the_paper(found: Identification) -> Arrays:
+    """Figure 12a, and χ, χ_f, χ_F of tables 4 and 5 at the start of stage A and at the end."""
+    objective, final = found.objective, found.final
+    model = objective.model
+    names = tuple(dict.fromkeys((*LAMBDAS, *filter(model.simulated, found.law))))
+    whole = objective.complete(final.best, names)
+    first, last = found.stages["A"].history[0], final.history[-1]
+    return {
+        "kinematic_hessian": (kinematic_hessian(objective, whole, names), "of log p"),
+        "hessian_names": (np.array(names, dtype="S"), ""),
+        **{
+            f"paper/{key}": (np.array([first[f"paper_{key}"], last[f"paper_{key}"]]), "1")
+            for key in ("chi", "chi_f", "chi_F")
+        },
+    }
+
+
+def _starts(found: Identification) -> Arrays:
+    """Where each start ended; NaN where it failed."""
+    if not found.starts:
+        return {}
+    return {
+        "starts/cost": (np.array([outcome.cost for outcome in found.starts]), "1"),
+        **{
+            f"starts/{name}": (
+                np.array([outcome.values.get(name, np.nan) for outcome in found.starts]),
+                found.objective.parameters[name].unit,
+            )
+            for name in found.law
+        },
+    }
+
+
+def _trajectory(trajectory: Trajectory | None) -> Arrays:
+    """By which the simulation can be repeated without its iterations."""
+    if trajectory is None:
+        return {}
+    return {
+        "trajectory/times": (trajectory.times, "s"),
+        "trajectory/displacement": (trajectory.displacement, "µm"),
+    }
+
+
+def _jitter(jitter: BoundaryJitter | None) -> Arrays:
+    if jitter is None:
+        return {}
+    return {
+        "jitter/load": (jitter.load, "µN"),
+        "jitter/image": (jitter.image.astype(np.float32), "1"),
+    }
+
+
+def write_with_images(
+    folder: Path,
+    found: Identification,
+    problem: IdentificationProblem,
+    budget: Mapping[str, float],
+) -> None:
+    """Write the results of an identification by images and loads.
+
+    Args:
+        folder: where they go.
+        found: the identification.
+        problem: what it started from.
+        budget: the error budget, by name.
+    """
+    correction = found.objective.correction
+    _write(
+        folder,
+        found,
+        problem.start,
+        {
+            "correction/motion": (np.asarray(correction.motion), "µm"),
+            "noise_factor": (found.objective.data.image.noise_factor, "1"),
+            **{f"budget/{key}": (value, "1") for key, value in budget.items()},
+            **_as_in_the_paper(found),
+            **_starts(found),
+            **_jitter(found.objective.data.jitter),
+            **_trajectory(found.final.best.prediction.response.trajectory),
+            **fit_arrays(found.final, problem, "final"),
+        },
+    )
+
+
+def write_of_loads(
+    folder: Path, found: Identification, start: Mapping[str, float], history: History
+) -> None:
+    """Write the results of an identification by loads alone.
+
+    Args:
+        folder: where they go.
+        found: the identification.
+        start: every parameter at the start of the case.
+        history: of the test.
+    """
+    best, load = found.final.best, found.objective.data.load
+    _write(
+        folder,
+        found,
+        start,
+        {
+            "time": (history.time[history.image_row], "s"),
+            "stage": (history.stage[history.image_row], "µm"),
+            "cycle": (history.cycle, "1"),
+            "force": (load, "µN"),
+            "budget/noise": (1.0, "1"),
+            "budget/load": (best.chi_load, "1"),
+            "final/load": (best.load, "µN"),
+            "final/load_residual": (load - best.load, "µN"),
+        },
+    )

@@ -45,11 +45,10 @@ from driver.results.files import (
     NOISE_MAP,
 )
 from driver.results.hdf5 import read_hdf5, write_hdf5
-from driver.results.identification import value_told
+from driver.results.identification import fit_arrays, value_told
 from driver.workflow.engine import StageContext
 from driver.workflow.identify_stage import (
     error_budget,
-    fit_arrays,
     load_problem,
     same_simulation,
     saved_objective,

@@ -13,16 +13,18 @@ from driver.common.errors import sentence
 from driver.common.progress import passing_of
 from driver.experiment.history import History
 from driver.identification.boundary_jitter import BoundaryJitter
-from driver.identification.fit import Fit
-from driver.identification.identify import Identification, identify, with_correction
-from driver.identification.kinematic_hessian import kinematic_hessian
+from driver.identification.identify import identify, with_correction
 from driver.identification.objective import Correction, Evaluation, Objective
 from driver.identification.problem import IdentificationProblem, build_problem, seen_by_correlation
 from driver.identification.step_error import StepError
 from driver.parameters.boundary import LAMBDAS, elongation_names
 from driver.results.files import FINE_MESH, JOBS, MEASURE, MESH
 from driver.results.hdf5 import read_hdf5
-from driver.results.identification import Arrays, value_told, warnings_of, write_identification
+from driver.results.identification import (
+    value_told,
+    warnings_of,
+    write_with_images,
+)
 from driver.workflow.engine import StageContext
 from driver.workflow.prepared_images import prepared_images
 from meshes.files import read_med
@@ -72,7 +74,7 @@ def run_identify(context: StageContext) -> None:
         f"  budget: noise 1, free correlation {budget['free']:.2f}, "
         f"this model {budget['model']:.2f} (images), {budget['load']:.2f} (loads)"
     )
-    _write(context, problem, found, budget)
+    write_with_images(context.workdir, found, problem, budget)
 
 
 def refuse_large_jitter(
@@ -158,90 +160,3 @@ def same_simulation(
         trajectory, values
     )
     return replace(objective, model=model)
-
-
-def fit_arrays(fit: Fit, problem: IdentificationProblem, prefix: str) -> Arrays:
-    """Predictions and residuals of a fit for the results file."""
-    best, data = fit.best, problem.objective.data
-    return {
-        f"{prefix}/load": (best.load, "µN"),
-        f"{prefix}/load_residual": (data.load - best.load, "µN"),
-        f"{prefix}/motion": (best.motion.astype(np.float32), "µm"),
-        f"{prefix}/rho": (best.rho.astype(np.float32), "µm"),
-    }
-
-
-def _write(
-    context: StageContext,
-    problem: IdentificationProblem,
-    found: Identification,
-    budget: dict[str, float],
-) -> None:
-    correction = found.objective.correction
-    write_identification(
-        context.workdir,
-        found,
-        problem.start,
-        {
-            "correction/motion": (np.asarray(correction.motion), "µm"),
-            "noise_factor": (found.objective.data.image.noise_factor, "1"),
-            **{f"budget/{key}": (value, "1") for key, value in budget.items()},
-            **_as_in_the_paper(found),
-            **_starts(found),
-            **_jitter(found.objective.data.jitter),
-            **_way(found.final.best.prediction.response.trajectory),
-            **fit_arrays(found.final, problem, "final"),
-        },
-    )
-
-
-def _as_in_the_paper(found: Identification) -> Arrays:
-    """Figure 12a, and χ, χ_f, χ_F of tables 4 and 5 at the start of stage A and at the end."""
-    objective, final = found.objective, found.final
-    model = objective.model
-    names = tuple(dict.fromkeys((*LAMBDAS, *filter(model.simulated, found.law))))
-    whole = objective.complete(final.best, names)
-    first, last = found.stages["A"].history[0], final.history[-1]
-    return {
-        "kinematic_hessian": (kinematic_hessian(objective, whole, names), "of log p"),
-        "hessian_names": (np.array(names, dtype="S"), ""),
-        **{
-            f"paper/{key}": (np.array([first[f"paper_{key}"], last[f"paper_{key}"]]), "1")
-            for key in ("chi", "chi_f", "chi_F")
-        },
-    }
-
-
-def _starts(found: Identification) -> Arrays:
-    """Where each start ended; NaN where it failed."""
-    if not found.starts:
-        return {}
-    return {
-        "starts/cost": (np.array([outcome.cost for outcome in found.starts]), "1"),
-        **{
-            f"starts/{name}": (
-                np.array([outcome.values.get(name, np.nan) for outcome in found.starts]),
-                found.objective.parameters[name].unit,
-            )
-            for name in found.law
-        },
-    }
-
-
-def _way(trajectory: Trajectory | None) -> Arrays:
-    """By which the simulation can be repeated without its iterations."""
-    if trajectory is None:
-        return {}
-    return {
-        "trajectory/times": (trajectory.times, "s"),
-        "trajectory/displacement": (trajectory.displacement, "µm"),
-    }
-
-
-def _jitter(jitter: BoundaryJitter | None) -> Arrays:
-    if jitter is None:
-        return {}
-    return {
-        "jitter/load": (jitter.load, "µN"),
-        "jitter/image": (jitter.image.astype(np.float32), "1"),
-    }

@@ -23,7 +23,7 @@ from driver.identification.objective import Objective
 from driver.identification.problem import law_of, stated_prior, stated_start
 from driver.parameters.boundary import elongation_names
 from driver.results.files import FINE_MESH, JOBS, MESH
-from driver.results.identification import value_told, warnings_of, write_identification
+from driver.results.identification import value_told, warnings_of, write_of_loads
 from driver.workflow.engine import StageContext
 from meshes.files import read_med
 from solver_adapters.interface import Adapter
@@ -113,23 +113,8 @@ def run_identify_loads(context: StageContext) -> None:
         context.log(f"  {value_told(name, final, problem.objective.parameters)}")
     for warning in warnings_of(found):
         context.log(f"  {warning}")
-    load, n_loads = problem.objective.data.load, problem.objective.data.n_load
-    chi = final.best.chi_load
+    n_loads, chi = problem.objective.data.n_load, final.best.chi_load
     context.log(f"  budget: noise 1, this model {chi:.2f} (loads)")
     for sentence in doubts(chi, n_loads, final.converged):
         context.log(f"  WARNING: {sentence}")
-    write_identification(
-        context.workdir,
-        found,
-        problem.start,
-        {
-            "time": (history.time[history.image_row], "s"),
-            "stage": (history.stage[history.image_row], "µm"),
-            "cycle": (history.cycle, "1"),
-            "force": (load, "µN"),
-            "budget/noise": (1.0, "1"),
-            "budget/load": (chi, "1"),
-            "final/load": (final.best.load, "µN"),
-            "final/load_residual": (load - final.best.load, "µN"),
-        },
-    )
+    write_of_loads(context.workdir, found, problem.start, history)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from driver.case.model import Case
 from driver.common.errors import InputError
 from driver.common.splines.images import variance_gain
-from driver.dic.derived_quantities import Reading, readings
+from driver.dic.derived_quantities import readings
 from driver.dic.grip_check import grip_motion
 from driver.dic.series import SurfaceMotion, measure, sensitivity
 from driver.dic.surface_images import SurfaceImages, refine_gradient
@@ -25,8 +25,9 @@ from driver.forward.geometry import boundary_trace
 from driver.report.grip_texts import sentences
 from driver.report.measured import measured_motion
 from driver.report.measured_figures import write_figures
-from driver.results.files import MEASURE, MEASURE_CSV
-from driver.results.hdf5 import read_hdf5, write_csv, write_hdf5
+from driver.results.files import MEASURE
+from driver.results.hdf5 import read_hdf5
+from driver.results.measurement import Measurement, write_measurement
 from driver.workflow.engine import StageContext
 from driver.workflow.measure_messages import tell_frames, tell_readings, tell_regularisation
 from driver.workflow.prepared_images import prepared_images
@@ -104,79 +105,13 @@ def measure_numbers(context: StageContext) -> None:
     )
     for line in sentences(grip):
         context.log(f"  {line}")
-    nowhere = np.full(len(images.xy), np.nan)
-    write_hdf5(
-        context.workdir / MEASURE,
-        {
-            "time": (history.time[rows], "s"),
-            "stage": (history.stage[rows], "µm"),
-            "cycle": (history.cycle, "1"),
-            "force": (experiment.force, "µN"),
-            "reference": (images.reference_image, "µm"),
-            "pixel": (pixel, "µm"),
-            "origin": (np.array(experiment.origin), "pixel"),
-            "xy": (images.xy, "µm"),
-            "rows": (images.rows, "pixel"),
-            "cols": (images.cols, "pixel"),
-            "gradient": (refined.gradient, "1"),
-            "sigma": (images.sigma, "µm"),
-            "n_reference": (float(images.n_reference), "1"),
-            "noise_dof": (float(images.noise_dof), "1"),
-            "sigma_flat": (images.sigma_flat, "µm"),
-            "codes": (images.codes, ", ".join(f"{code.value} {code.name}" for code in Excluded)),
-            "noise_frame": (noise, "µm"),
-            "noise_later": (np.nan if later is None else later.sigma, "µm"),
-            "noise_later_dof": (0.0 if later is None else later.dof, "1"),
-            "noise_map": (nowhere if later is None else later.map, "µm"),
-            "noise_map_dof": (0.0 if later is None else later.map_dof, "1"),
-            "noise_larger": (np.zeros(len(nowhere)) if later is None else later.larger, "1"),
-            "rigid": (rigid, "µm"),
-            "left_out": (left.astype(np.float64), "1"),
-            "phase": (phase_of_images(history), "1"),
-            "grip/nominal": (nominal, "1"),
-            "grip/sigma": (read["elongation"].own, "µm"),
-            "grip/ratio": (grip.ratio.value, "1"),
-            "grip/ratio_sigma": (grip.ratio.sigma, "1"),
-            "grip/scatter": (grip.scatter, "1"),
-            "motion": (at_pixels, "µm"),
-            "coefficients": (motion.coefficients, "µm"),
-            "covariance_one": (motion.covariance_one, "µm²"),
-            "nodes_uv": (motion.basis_uv.nodes, "µm"),
-            "nodes_w": (motion.basis_w.nodes, "µm"),
-            "cells_uv": (motion.basis_uv.mesh.corners, "1"),
-            "cells_w": (motion.basis_w.mesh.corners, "1"),
-            "residual": (residual.astype(np.float32), "µm"),
-            "residual_over_noise": (standardised.astype(np.float32), "1"),
-            "chi": (motion.chi, "1"),
-            "iterations": (motion.iterations, "1"),
-            "converged": (motion.converged.astype(np.float64), "1"),
-            "stopped": (np.char.encode(motion.reason, "utf-8"), "text"),
-            "penalty": (np.array(case.dic.penalty.encode()), "text"),
-            "roughness": (motion.roughness, "µm"),
-            "roughness_estimated": (float(case.dic.roughness_px == "estimated"), "1"),
-            "travel_length": (case.dic.travel_um or 0.0, "µm"),
-            "smoother": (smoother, "1"),
-            **_of_readings(read),
-        },
-    )
-    write_csv(
-        context.workdir / MEASURE_CSV,
-        {
-            "image": range(images.n_frames),
-            "time_s": history.time[rows].tolist(),
-            "stage_um": history.stage[rows].tolist(),
-            "force_uN": experiment.force.tolist(),
-            "elongation_nm": (1e3 * read["elongation"].value).tolist(),
-            "tilt_nm": (1e3 * read["tilt"].value).tolist(),
-            "chi": motion.chi.tolist(),
-            "shift_X_nm": (1e3 * rigid[:, 0]).tolist(),
-            "shift_Y_nm": (1e3 * rigid[:, 1]).tolist(),
-            "shift_Z_nm": (1e3 * rigid[:, 2]).tolist(),
-            "left_out": left.astype(int).tolist(),
-            "converged": motion.converged.astype(int).tolist(),
-            "stopped": motion.reason,
-        },
-    )
+    write_measurement(
+        context.workdir,
+        Measurement(
+            case, experiment, images, motion, read, grip, refined.gradient, rigid, residual,
+            standardised, left, noise, later, smoother,
+        ),
+    )  # fmt: skip
 
 
 def _refuse_another_surface(motion: SurfaceMotion) -> None:
@@ -205,17 +140,6 @@ def _along_travel(
         return smoothed_motion(single, images, stage, case.dic.travel_um, kept)
     except ImageError as error:
         raise InputError(f"dic.travel_um: {error}") from None
-
-
-def _of_readings(read: dict[str, Reading]) -> dict[str, tuple[FloatArray | float, str]]:
-    datasets: dict[str, tuple[FloatArray | float, str]] = {}
-    for name, reading in read.items():
-        datasets[name] = (reading.value, "µm")
-        datasets[f"{name}_sigma"] = (float(np.median(reading.sigma)), "µm")
-        datasets[f"{name}_covariance"] = (reading.covariance, "µm²")
-        datasets[f"{name}_single"] = (reading.single, "µm")
-        datasets[f"{name}_held"] = (reading.held, "µm")
-    return datasets
 
 
 def _sampled(images: SurfaceImages) -> Iterator[FloatArray]:
