@@ -12,8 +12,6 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 FACE_GROUPS = ("S_PLUS", "S_MINUS", "TOP")
-EDGE_GROUPS = ("L_PLUS", "L_MINUS")
-POINT_GROUPS = ("P_PLUS", "P_MINUS")
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,16 +55,8 @@ class EdgeMotion:
     @property
     def elongation_sigma(self) -> float:
         """Standard deviation of the elongation of a frame [µm], the reference's noise included."""
-        return self._sigma(1)
-
-    @property
-    def tilt_sigma(self) -> float:
-        """Standard deviation of the tilt of a frame [µm], the reference's noise included."""
-        return self._sigma(2)
-
-    def _sigma(self, component: int) -> float:
         difference = np.zeros(6)
-        difference[[component, 3 + component]] = -1.0, 1.0
+        difference[[1, 4]] = -1.0, 1.0
         variance = difference @ self.covariance_one @ difference
         return float(np.sqrt(variance * (1.0 + 1.0 / self.n_reference)))
 

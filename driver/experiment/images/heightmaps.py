@@ -87,11 +87,6 @@ def load_stack(path: str | Path, key: str = "images") -> Stack:
     )
 
 
-def read_stack(path: str | Path, key: str = "images") -> FloatArray:
-    """Return the levels of `load_stack` alone, shape (n, rows, cols)."""
-    return load_stack(path, key).levels
-
-
 def on_surface(heights: FloatArray) -> BoolArray:
     """Pixels that carry a height: the finite ones."""
     return np.asarray(np.isfinite(heights))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from driver.dic.regularisation import Penalty, modes
 from driver.dic.series import measure, sensitivity
 from driver.dic.surface_images import SurfaceImages, prepare
-from driver.experiment.images.heightmaps import ImageError, read_stack
+from driver.experiment.images.heightmaps import ImageError, load_stack
 from meshes.plane_cells import CellKind
 from meshes.plane_mesh import PlaneMesh
 from tests.driver.dic.conftest import BOUNDS, ORIGIN, constant, deformed
@@ -134,7 +134,7 @@ def test_threads_change_nothing_and_the_trace_of_the_volume_mesh_serves_as_basis
 def pair(name: str) -> tuple[SurfaceImages, NDArray[np.float64]]:
     """A reference pair of a single noisy reference, and its true u, v, w [µm] at the pixels."""
     truth = np.load(DATA / f"{name}_truth.npz")
-    f, g = (read_stack(DATA / f"{name}_{which}.tif") * LEVEL for which in "fg")
+    f, g = (load_stack(DATA / f"{name}_{which}.tif").levels * LEVEL for which in "fg")
     (col0, row0), (col1, row1) = truth["roi"]
     size = ((row1 - row0 - 1) * PIXEL, (col1 - col0 - 1) * PIXEL)
     # Two copies that differ by a hair stand in for repeats; the true noise is stated after.

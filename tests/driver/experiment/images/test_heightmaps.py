@@ -9,7 +9,7 @@ import pytest
 import tifffile
 
 from driver.experiment.images.files import gap
-from driver.experiment.images.heightmaps import ImageError, fill_off_surface, on_surface, read_stack
+from driver.experiment.images.heightmaps import ImageError, fill_off_surface, load_stack, on_surface
 
 
 def frames(dtype: str) -> np.ndarray:
@@ -26,20 +26,20 @@ def test_every_digit_of_a_tiff_stack_survives(
 ) -> None:
     stack = frames(dtype)
     tifffile.imwrite(tmp_path / "a.tif", stack, compression=compression)
-    levels = read_stack(tmp_path / "a.tif")
+    levels = load_stack(tmp_path / "a.tif").levels
     assert levels.dtype == np.float64
     assert np.array_equal(levels, stack.astype(np.float64))
 
 
 def test_a_single_page_is_a_stack_of_one(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "a.tif", frames("uint16")[0])
-    assert read_stack(str(tmp_path / "a.tif")).shape == (1, 9, 11)
+    assert load_stack(str(tmp_path / "a.tif")).levels.shape == (1, 9, 11)
 
 
 def test_an_npy_array_of_doubles_survives(tmp_path: Path) -> None:
     stack = np.random.default_rng(2).normal(size=(3, 4, 5))
     np.save(tmp_path / "a.npy", stack)
-    assert np.array_equal(read_stack(tmp_path / "a.npy"), stack)
+    assert np.array_equal(load_stack(tmp_path / "a.npy").levels, stack)
 
 
 def test_a_folder_and_a_pattern_are_read_in_natural_order(tmp_path: Path) -> None:
@@ -47,7 +47,7 @@ def test_a_folder_and_a_pattern_are_read_in_natural_order(tmp_path: Path) -> Non
         tifffile.imwrite(tmp_path / f"frame{number}.tif", np.full((4, 6), number, np.uint8))
     (tmp_path / "notes.txt").write_text("not an image")
     for path in (tmp_path, tmp_path / "frame*.tif"):
-        assert list(read_stack(path)[:, 0, 0]) == [1, 9, 10]
+        assert list(load_stack(path).levels[:, 0, 0]) == [1, 9, 10]
 
 
 @pytest.mark.parametrize("compression", [None, "deflate"])
@@ -60,7 +60,7 @@ def test_a_truncated_tiff_is_named(tmp_path: Path, compression: str | None, kept
     content = file.read_bytes()
     file.write_bytes(content[: int(kept * len(content))])
     with pytest.raises(ImageError, match="cut.tif"):
-        read_stack(file)
+        load_stack(file).levels
 
 
 def test_a_truncated_npy_is_named(tmp_path: Path) -> None:
@@ -68,14 +68,14 @@ def test_a_truncated_npy_is_named(tmp_path: Path) -> None:
     np.save(file, frames("uint8"))
     file.write_bytes(file.read_bytes()[:-20])
     with pytest.raises(ImageError, match="cut.npy"):
-        read_stack(file)
+        load_stack(file).levels
 
 
 def test_frames_of_two_sizes_are_refused_with_both_sizes(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "a1.tif", np.ones((4, 6), np.uint8))
     tifffile.imwrite(tmp_path / "a2.tif", np.ones((5, 6), np.uint8))
     with pytest.raises(ImageError, match=r"a2\.tif.*5 × 6.*4 × 6.*a1\.tif"):
-        read_stack(tmp_path)
+        load_stack(tmp_path).levels
 
 
 def test_pages_of_two_sizes_in_one_file_are_refused(tmp_path: Path) -> None:
@@ -83,7 +83,7 @@ def test_pages_of_two_sizes_in_one_file_are_refused(tmp_path: Path) -> None:
         tiff.write(np.ones((4, 6), np.uint8), metadata=None)
         tiff.write(np.ones((5, 6), np.uint8), metadata=None)
     with pytest.raises(ImageError, match="a.tif.*alike"):
-        read_stack(tmp_path / "a.tif")
+        load_stack(tmp_path / "a.tif").levels
 
 
 def test_colours_nothing_and_text_are_refused(tmp_path: Path) -> None:
@@ -103,9 +103,9 @@ def test_colours_nothing_and_text_are_refused(tmp_path: Path) -> None:
     }  # fmt: skip
     for name, word in words.items():
         with pytest.raises(ImageError, match=f"{name}: images.flats: found .*{word}"):
-            read_stack(tmp_path / name, "images.flats")
+            load_stack(tmp_path / name, "images.flats").levels
     with pytest.raises(ImageError, match="missing: images: found no image"):
-        read_stack(tmp_path / "missing")
+        load_stack(tmp_path / "missing").levels
 
 
 @pytest.mark.parametrize("n", [3, 4])
@@ -117,31 +117,31 @@ def test_three_or_four_pages_are_frames_not_colours(tmp_path: Path, n: int) -> N
             tiff.write(page, metadata=None)
     tifffile.imwrite(tmp_path / "imagej.tif", stack, imagej=True, metadata={"axes": "CYX"})
     for name in ("shaped.tif", "pages.tif", "imagej.tif"):
-        assert np.array_equal(read_stack(tmp_path / name), stack)
+        assert np.array_equal(load_stack(tmp_path / name).levels, stack)
 
 
 @pytest.mark.parametrize("dtype", ["uint8", "uint16"])
 def test_a_png_survives_and_a_damaged_one_is_named(tmp_path: Path, dtype: str) -> None:
     content = imagecodecs.png_encode(frames(dtype)[0])
     (tmp_path / "a.png").write_bytes(content)
-    assert np.array_equal(read_stack(tmp_path / "a.png")[0], frames(dtype)[0])
+    assert np.array_equal(load_stack(tmp_path / "a.png").levels[0], frames(dtype)[0])
     for kept in (5, 40, len(content) // 2):
         (tmp_path / "cut.png").write_bytes(content[:kept])
         with pytest.raises(ImageError, match="cut.png"):
-            read_stack(tmp_path / "cut.png")
+            load_stack(tmp_path / "cut.png").levels
 
 
 def test_a_dataset_of_hdf5_survives_and_a_wrong_name_lists_the_right_ones(tmp_path: Path) -> None:
     stack = np.random.default_rng(3).normal(size=(3, 4, 5))
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["scan/heights"] = stack
-    assert np.array_equal(read_stack(tmp_path / "a.h5:/scan/heights"), stack)
+    assert np.array_equal(load_stack(tmp_path / "a.h5:/scan/heights").levels, stack)
     for path in ("a.h5", "a.h5:/scan", "a.h5:/other"):
         with pytest.raises(ImageError, match="expected a.h5:NAME with NAME one of /scan/heights"):
-            read_stack(tmp_path / path)
+            load_stack(tmp_path / path).levels
     (tmp_path / "a.h5").write_bytes((tmp_path / "a.h5").read_bytes()[:400])
     with pytest.raises(ImageError, match="a.h5: images: found “.*”, expected an HDF5 file"):
-        read_stack(tmp_path / "a.h5:/scan/heights")
+        load_stack(tmp_path / "a.h5:/scan/heights").levels
 
 
 def test_a_gap_is_seen_in_equal_steps_alone() -> None:
@@ -155,7 +155,7 @@ def test_files_of_two_types_are_refused_for_their_levels_mean_two_heights(tmp_pa
     tifffile.imwrite(tmp_path / "a1.tif", np.ones((4, 6), np.uint8))
     tifffile.imwrite(tmp_path / "a2.tif", np.ones((4, 6), np.uint16))
     with pytest.raises(ImageError, match="a2.tif.*type uint16, expected uint8 as a1.tif"):
-        read_stack(tmp_path)
+        load_stack(tmp_path).levels
 
 
 def test_a_trench_is_filled_with_the_nearest_height() -> None:
