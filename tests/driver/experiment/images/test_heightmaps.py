@@ -60,7 +60,7 @@ def test_a_truncated_tiff_is_named(tmp_path: Path, compression: str | None, kept
     content = file.read_bytes()
     file.write_bytes(content[: int(kept * len(content))])
     with pytest.raises(ImageError, match="cut.tif"):
-        load_stack(file).levels
+        load_stack(file)
 
 
 def test_a_truncated_npy_is_named(tmp_path: Path) -> None:
@@ -68,14 +68,14 @@ def test_a_truncated_npy_is_named(tmp_path: Path) -> None:
     np.save(file, frames("uint8"))
     file.write_bytes(file.read_bytes()[:-20])
     with pytest.raises(ImageError, match="cut.npy"):
-        load_stack(file).levels
+        load_stack(file)
 
 
 def test_frames_of_two_sizes_are_refused_with_both_sizes(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "a1.tif", np.ones((4, 6), np.uint8))
     tifffile.imwrite(tmp_path / "a2.tif", np.ones((5, 6), np.uint8))
     with pytest.raises(ImageError, match=r"a2\.tif.*5 × 6.*4 × 6.*a1\.tif"):
-        load_stack(tmp_path).levels
+        load_stack(tmp_path)
 
 
 def test_pages_of_two_sizes_in_one_file_are_refused(tmp_path: Path) -> None:
@@ -83,7 +83,7 @@ def test_pages_of_two_sizes_in_one_file_are_refused(tmp_path: Path) -> None:
         tiff.write(np.ones((4, 6), np.uint8), metadata=None)
         tiff.write(np.ones((5, 6), np.uint8), metadata=None)
     with pytest.raises(ImageError, match="a.tif.*alike"):
-        load_stack(tmp_path / "a.tif").levels
+        load_stack(tmp_path / "a.tif")
 
 
 def test_colours_nothing_and_text_are_refused(tmp_path: Path) -> None:
@@ -103,9 +103,9 @@ def test_colours_nothing_and_text_are_refused(tmp_path: Path) -> None:
     }  # fmt: skip
     for name, word in words.items():
         with pytest.raises(ImageError, match=f"{name}: images.flats: found .*{word}"):
-            load_stack(tmp_path / name, "images.flats").levels
+            load_stack(tmp_path / name, "images.flats")
     with pytest.raises(ImageError, match="missing: images: found no image"):
-        load_stack(tmp_path / "missing").levels
+        load_stack(tmp_path / "missing")
 
 
 @pytest.mark.parametrize("n", [3, 4])
@@ -128,7 +128,7 @@ def test_a_png_survives_and_a_damaged_one_is_named(tmp_path: Path, dtype: str) -
     for kept in (5, 40, len(content) // 2):
         (tmp_path / "cut.png").write_bytes(content[:kept])
         with pytest.raises(ImageError, match="cut.png"):
-            load_stack(tmp_path / "cut.png").levels
+            load_stack(tmp_path / "cut.png")
 
 
 def test_a_dataset_of_hdf5_survives_and_a_wrong_name_lists_the_right_ones(tmp_path: Path) -> None:
@@ -138,10 +138,10 @@ def test_a_dataset_of_hdf5_survives_and_a_wrong_name_lists_the_right_ones(tmp_pa
     assert np.array_equal(load_stack(tmp_path / "a.h5:/scan/heights").levels, stack)
     for path in ("a.h5", "a.h5:/scan", "a.h5:/other"):
         with pytest.raises(ImageError, match="expected a.h5:NAME with NAME one of /scan/heights"):
-            load_stack(tmp_path / path).levels
+            load_stack(tmp_path / path)
     (tmp_path / "a.h5").write_bytes((tmp_path / "a.h5").read_bytes()[:400])
     with pytest.raises(ImageError, match="a.h5: images: found “.*”, expected an HDF5 file"):
-        load_stack(tmp_path / "a.h5:/scan/heights").levels
+        load_stack(tmp_path / "a.h5:/scan/heights")
 
 
 def test_a_gap_is_seen_in_equal_steps_alone() -> None:
@@ -155,7 +155,7 @@ def test_files_of_two_types_are_refused_for_their_levels_mean_two_heights(tmp_pa
     tifffile.imwrite(tmp_path / "a1.tif", np.ones((4, 6), np.uint8))
     tifffile.imwrite(tmp_path / "a2.tif", np.ones((4, 6), np.uint16))
     with pytest.raises(ImageError, match="a2.tif.*type uint16, expected uint8 as a1.tif"):
-        load_stack(tmp_path).levels
+        load_stack(tmp_path)
 
 
 def test_a_trench_is_filled_with_the_nearest_height() -> None:
