@@ -80,7 +80,7 @@ class Formula(Objective):
         """A formula takes no time steps."""
         return self
 
-    def near(self, here: Evaluation) -> Formula:
+    def warm_started_from(self, here: Evaluation) -> Formula:
         """Nor has it iterations to begin."""
         return self
 

@@ -64,7 +64,7 @@ def test_each_trial_point_begins_by_the_simulation_of_the_point_before_it(
         vars(beside)["beside"] = here.values
         return beside
 
-    monkeypatch.setattr(Formula, "near", near)
+    monkeypatch.setattr(Formula, "warm_started_from", near)
     plain = formula(exponential, exponential(np.array([1.2, 2.0]))[0], PLAIN[:2])
     found = fit(plain, {"a": 1.0, "b": 1.0}, "ab", 10, silent)
     points = [{name: record[name] for name in "ab"} for record in found.history]
