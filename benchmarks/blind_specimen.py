@@ -54,7 +54,7 @@ def true_case() -> Case:
 
 
 def stage_history(dense: int = 1) -> History:
-    """Return stage moves on slowly from image to image, and holds at each peak before its image.
+    """Make a stage move on slowly from image to image, and hold at each peak before its image.
 
     A hold before every image, as a microscope that scans needs it, would double the intervals
     that each simulation has to go through.
@@ -157,7 +157,7 @@ def _with_soft_slice(simulation: Simulation, history: History, amplitude: float)
 
 
 def _notched(simulation: Simulation, history: History, amplitude: float) -> Simulation:
-    """Return a notch across the apex line, about 2 µm wide, takes 0.3·amplitude of the depth.
+    """Let a notch across the apex line, about 2 µm wide, takes 0.3·amplitude of the depth.
 
     A deeper or narrower one would turn cells of this mesh inside out.
     """
@@ -202,7 +202,7 @@ def _blistered(course: Course, amplitude: float) -> Course:
 
 
 def _slipped(course: Course, amplitude: float) -> Course:
-    """Return a slip band crosses grain 1: amplitude·10 nm at the first peak, and as much after it.
+    """Let a slip band crosses grain 1: amplitude·10 nm at the first peak, and as much after it.
 
     What lies beyond it slides along it, and sinks by half of that.
     """

@@ -214,7 +214,7 @@ def truth_of(trial: Trial, cache: Path) -> Truth:
 
 
 def diagnosed(truth: Truth, trial: Trial) -> Record:
-    """Return the whole chain on one set of images; what its `diagnosis.json` says, in short."""
+    """Run the whole chain on one set of images; what its `diagnosis.json` says, in short."""
     with tempfile.TemporaryDirectory() as folder:
         case, microscope = measured_with(trial), Microscope(noise_ratio=uneven(trial))
         settings = Virtual(microscope=microscope)

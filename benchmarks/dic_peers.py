@@ -29,7 +29,7 @@ Answer = tuple[float, float, float]
 
 
 def timed(work: Callable[[], Any], repeats: int = REPEATS) -> tuple[Any, float]:
-    """Return result of the last call, CPU time of the fastest [s]."""
+    """Return the result of the last call, CPU time of the fastest [s]."""
     best = np.inf
     for _ in range(repeats):
         start = time.process_time()

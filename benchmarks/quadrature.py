@@ -61,7 +61,7 @@ def rows() -> Iterator[Row]:
 
 
 def predicted(size: float, points: int) -> tuple[int, Prediction]:
-    """Return number of cells, and loads and motion of the face at the truth."""
+    """Return the number of cells, and loads and motion of the face at the truth."""
     case = load_case(ALPHA)
     mesh = mesh_of(case, size)
     across, along = np.linspace(-1.8, 1.8, 19), np.linspace(0.3, 11.7, 58)

@@ -1,1 +1,1 @@
-"""The prism, its grains, its surface, and the projection between meshes."""
+"""The prism, its grains and its surface; any plane mesh; mesh files."""

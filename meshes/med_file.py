@@ -86,7 +86,7 @@ def write_as_med_4_0(data: Any, path: Path, replace: bool) -> None:
 
 @contextmanager
 def quiet_library() -> Iterator[None]:
-    """Return the terminal without what the MED library prints before medcoupling raises an error.
+    """Keep the terminal without what the MED library prints before medcoupling raises an error.
 
     The stream of C alone is exchanged: Python and programs started meanwhile keep theirs.
     """

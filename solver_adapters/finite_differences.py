@@ -70,7 +70,7 @@ class FiniteDifferences:
         return replace(own, derivatives=True, times=True, runs_per_direction=RUNS_PER_DIRECTION)
 
     def version(self) -> str:
-        """Return that of the solver, which keeps its jobs by it."""
+        """Return the version of the solver, which keeps its jobs by it."""
         return self.adapter.version()
 
     def solve(

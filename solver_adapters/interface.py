@@ -110,7 +110,7 @@ class Direction:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """The way that a simulation took.
+    """The trajectory of a simulation.
 
     Attributes:
         times: the first instant and the ends of its time steps [s], increasing, shape (n,).

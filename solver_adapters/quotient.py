@@ -86,7 +86,7 @@ def finest_steps(base: Response, pair: Pair) -> FloatArray | None:
 
 
 def slope_through(base: Response, pair: Pair, noise: float) -> Slope:
-    """Return derivative at the asked run of the parabola through it and two others."""
+    """Return the derivative at the asked run of the parabola through it and two others."""
     (a1, one), (a2, two) = pair
     w1, w2 = a2 / (a2 - a1), a1 / (a1 - a2)
     sides = [

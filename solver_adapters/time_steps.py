@@ -37,8 +37,8 @@ def step_ends(simulation: Simulation, parts: int = 1) -> FloatArray:
 def once_more(simulation: Simulation, response: Response) -> Simulation:
     """Return the simulation as it is to be run again, for other directions or beside it.
 
-    It begins its iterations by the way of its response, and takes the steps that this one chose for
-    itself: other steps have other errors, which would be taken for an effect of a parameter.
+    It begins its iterations by the trajectory of its response, and takes the steps that this one
+    chose for itself: other steps have other errors, which would be taken for an effect of a parameter.
     """
     if response.trajectory is not None:
         simulation = replace(simulation, warm_start=response.trajectory)

@@ -68,7 +68,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
 )
 CORRIDORS = ("driver", "driver.diagnosis", "solver_adapters")
 # Only these draw.
-DRAWERS = ("driver.check", "driver.report", "driver.export", "driver.design", "driver.noise_floor")
+DRAWERS = ("driver.check", "driver.report", "driver.design", "driver.noise_floor")
 # Finds the cell of a point with its triangulations, and draws nothing.
 ALSO_IMPORT_MATPLOTLIB = ("driver.virtual.microscope.face_motion",)
 

@@ -14,7 +14,7 @@ from driver.diagnosis.answer.result_types import Diagnosis, Settings
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.causes.noise_causes import COVARIANCE
 from driver.diagnosis.search.diagnose import diagnose
-from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.statistics.score_test import Score, score
 from driver.diagnosis.statistics.screening import screened
 from driver.forward.model import ForwardModel
@@ -69,7 +69,7 @@ def diagnosis_of(
 ) -> Diagnosis:
     """Return what is wrong with a baseline (`identified`)."""
     objective, fitted = baseline
-    meshes = FinerMeshes(finer(b, by))
+    meshes = FineModels(finer(b, by))
     return diagnose(fitted, objective, meshes, b.history.cycle, settings, silent)
 
 

@@ -37,7 +37,7 @@ def short_prism(length: float, fine_mesh_size: float) -> Specimen:
 
 
 def small_case() -> Case:
-    """Return short prism of two grains on a mesh of some hundred cells; starts as a user would."""
+    """Return a short prism of two grains on some hundred cells; starts as a user would."""
     return Case(
         specimen=short_prism(8.0, 1.0),
         grains=GRAINS,

@@ -201,7 +201,7 @@ def _stated(case: Case) -> str:
 
 
 def _mesh(case: Case) -> tuple[int, Finding]:
-    """Return number of cells of the working mesh, 0 where there is none."""
+    """Return the number of cells of the working mesh, 0 where there is none."""
     specimen = case.specimen
     try:
         mesh = generate(geometry_of(case), specimen.mesh_size)

@@ -11,7 +11,6 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.case.model import Case
 from driver.check.check_result import Finding
@@ -23,8 +22,6 @@ from driver.identification.step_error import FIRST_ORDER
 from driver.parameters.boundary import elongation_names
 from solver_adapters.interface import Adapter, SolverError
 from solver_adapters.registry import find_in_process
-
-FloatArray = NDArray[np.float64]
 
 _CELL = 0.5  # length of the cells over that of the specimen
 _SHARE = 0.5  # of the noise of the loads that the error of the steps may reach, rms

@@ -197,7 +197,7 @@ def _deaf_to_interrupts() -> Iterator[None]:
 
 @contextmanager
 def _few_threads(threads: int) -> Iterator[None]:
-    """Return processes that start inside inherit the limit."""
+    """Let processes that start inside inherit the limit."""
     before = {name: os.environ.get(name) for name in _THREAD_VARIABLES}
     os.environ.update({name: str(threads) for name in _THREAD_VARIABLES})
     try:

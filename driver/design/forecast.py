@@ -89,7 +89,7 @@ class Forecast:
     causes: tuple[Outlook, ...]
 
     def sigma(self, name: str) -> float:
-        """Return standard deviation of θ of a parameter, infinite where it is not fitted."""
+        """Return the standard deviation of θ of a parameter, infinite where it is not fitted."""
         return next((p.theta for p in self.parameters if p.name == name), np.inf)
 
 

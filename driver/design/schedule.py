@@ -21,7 +21,7 @@ def changed(history: History, test: Schedule) -> History:
         history = compressed(history)
     if test.stops > 1:
         history = with_stops(history, test.stops)
-    return stretch_dwells(history, test.holds)
+    return scale_dwells(history, test.holds)
 
 
 def compressed(history: History) -> History:
@@ -69,7 +69,7 @@ def with_stops(history: History, number: int) -> History:
     return _history(times, stages, np.flatnonzero(taken))
 
 
-def stretch_dwells(history: History, factor: float) -> History:
+def scale_dwells(history: History, factor: float) -> History:
     """With every hold longer by a factor."""
     steps = np.diff(history.time)
     steps = np.where(np.diff(history.stage) == 0.0, factor * steps, steps)

@@ -24,7 +24,7 @@ def covariance_in_time(
     A_t = J_tᵀJ_t + P), an error δρ_t of the residual shifts L p_t by q_tᵀ δρ_t. Three errors enter:
 
     - the noise of frame t, its own:               σ² q_tᵀR q_t δ_tt', R the autocorrelation of
-      noise that is read between the pixels, mean of the series (`read_noise`);
+      noise that is read between the pixels, mean of the series (`interpolation_noise`);
     - the noise of the reference, shared by all:    σ² q_tᵀq_t' / n;
     - the error e of the flat pattern, which is fixed in the camera and stands in the reference as
       in the frames: δρ_t(x) = e(x) − e(x + u_t). Nothing is left of it without motion; it grows
@@ -56,7 +56,7 @@ def covariance_in_time(
 
 
 def held_back(motion: SurfaceMotion, images: SurfaceImages, functional: FloatArray) -> float:
-    """Return standard deviation of what the penalty takes from L p [µm].
+    """Return the standard deviation of what the penalty takes from L p [µm].
 
     A motion p of the roughness that is granted, which is the prior N(0, σ²(1 + 1/n) P⁻¹), is
     measured as p − A⁻¹P p: the variance of L A⁻¹P p is σ²(1 + 1/n) L A⁻¹P A⁻¹ Lᵀ.

@@ -227,7 +227,7 @@ def _spread(stage: FloatArray) -> bool:
 
 
 def _limit(tests: int) -> float:
-    """Return standard deviations beyond which one of so many normal numbers is significant."""
+    """Return the standard deviations beyond which one of so many normal numbers is significant."""
     return float(norm.isf(_FAMILY / 2 / max(tests, 1)))
 
 

@@ -237,7 +237,7 @@ def residual_and_right_side(
 
 @_compiled
 def cell_pairs(cell_uv: IntArray, cell_w: IntArray, n_w: int) -> tuple[IntArray, IntArray, int]:
-    """Return number the pairs (cell of u, cell of w) that share a pixel.
+    """Count the pairs (cell of u, cell of w) that share a pixel.
 
     Returns:
         pair of each pixel (n,); a pixel of each pair, (n,) of which the first n_pairs count;

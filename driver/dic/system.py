@@ -18,7 +18,6 @@ from driver.dic.patterns import summed_dense, summed_sparse
 from driver.experiment.images.heightmaps import ImageError
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 Reason = Literal["converged", "slow", "diverged", "left"]
 

@@ -371,7 +371,7 @@ def _spread(images: Images, levels: FloatArray) -> float:
 
 
 def _clipped(stack: Stack) -> int:
-    """Return number of pixels at the largest level that an integer of their type can be."""
+    """Return the number of pixels at the largest level that an integer of their type can be."""
     if stack.dtype.kind not in "ui":
         return 0
     bits = 8 * stack.dtype.itemsize - (stack.dtype.kind == "i")

@@ -78,7 +78,7 @@ class BoundaryMotion:
         return self._motion(values)
 
     def derivative(self, values: Mapping[str, float], name: str) -> FloatArray:
-        """Return derivative of `evaluate` with respect to one parameter (complex step)."""
+        """Return the derivative of `evaluate` with respect to one parameter (complex step)."""
         stepped: dict[str, complex] = dict(values)
         stepped[name] = values[name] + 1j * _TINY
         return np.asarray(self._motion(stepped).imag / _TINY)

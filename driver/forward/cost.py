@@ -10,42 +10,32 @@ from solver_adapters.interface import Capabilities
 
 # Gauss points of a tet10, and its nodes per cell in a mesh of a few hundred cells.
 _POINTS_PER_CELL = 4
-
 _NODES_PER_CELL = 2.2
-
 
 # Seconds of one core for one integration of the crystal law at one Gauss point.
 _POINT_SECONDS = {"small": 2.3e-6, "finite": 5.5e-6}
 
-
 # Numeric factorisation: 39 ms at 7000 unknowns, growing with the power 1.5 (a long thin body).
 _FACTOR_SECONDS, _FACTOR_UNKNOWNS, _FACTOR_POWER = 0.039, 7000.0, 1.5
-
 
 # A solver that is slower at the points is slower in its matrices by this at most (SPOOLES, MUMPS).
 _SLOWER_MATRIX = 5.0
 
-
 # Newton iterations of a step; share of a step that one direction of differentiation adds.
 _ITERATIONS = 4
-
 _DIRECTION_SHARE = 0.05
 
-
-# Libraries of one process [bytes]; copies of the images held at a time.
+# Libraries of one process [bytes].
 _PROCESS_BYTES = 330e6
-
 
 # Numbers that a Gauss point keeps for a direction: two states, what changes its H and its stress.
 _POINT_NUMBERS = 2 * 81 + 18
 
-
 # Copies of a response with its derivatives: of the surface, projected, whitened.
 _RESPONSE_COPIES = 4
 
-
-# Ways of all nodes over the steps of a simulation: that before it, its own, and that handed over.
-_WAYS = 3
+# Trajectories of a simulation: that before it, its own, and that handed over.
+_TRAJECTORIES = 3
 
 
 def simulation_memory(
@@ -63,7 +53,7 @@ def simulation_memory(
     # A move and a hold for each image.
     response, trajectory = of_image * (directions + 1), 2 * steps_per_interval * of_image
     points = 8.0 * n_cells * _POINTS_PER_CELL * _POINT_NUMBERS * directions
-    return _PROCESS_BYTES + points + _RESPONSE_COPIES * response + _WAYS * trajectory
+    return _PROCESS_BYTES + points + _RESPONSE_COPIES * response + _TRAJECTORIES * trajectory
 
 
 def simulation_seconds(

@@ -42,7 +42,7 @@ def stretch_dwells(times: FloatArray, still: BoolArray, error: float) -> FloatAr
 
 
 def dwells_tangent(times: FloatArray, still: BoolArray, error: float) -> FloatArray:
-    """Return derivative of `stretch_dwells` by the error, shape (n_times,).
+    """Return the derivative of `stretch_dwells` by the error, shape (n_times,).
 
     A hold of which only a twentieth is left does not follow the error.
 

@@ -181,7 +181,7 @@ class ForwardModel:
         return stretch_dwells(self.times, dwells(self.boundary.weights), values[HOLD])
 
     def _clock_rate(self, values: Values) -> FloatArray:
-        """Return derivative of the instants by the length of the holds, shape (n_times,)."""
+        """Return the derivative of the instants by the length of the holds, shape (n_times,)."""
         return dwells_tangent(self.times, dwells(self.boundary.weights), values[HOLD])
 
     def observe(self, response: Response, values: Values, free: Sequence[str]) -> Prediction:
@@ -306,7 +306,7 @@ def _as_motion(rise: FloatArray) -> FloatArray:
 
 
 def _on_clock(trajectory: Trajectory, of_trajectory: FloatArray, wanted: FloatArray) -> Trajectory:
-    """Return a way on another clock: instants of the one (n_times,) become those of the other."""
+    """Return a trajectory on another clock: instants of one (n_times,) become those of another."""
     return replace(trajectory, times=np.interp(trajectory.times, of_trajectory, wanted))
 
 

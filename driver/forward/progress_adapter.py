@@ -9,7 +9,7 @@ from pathlib import Path
 from solver_adapters.interface import Adapter, Capabilities, Progress, Response, Simulation
 
 
-class WatchedSolver:
+class ProgressAdapter:
     """An adapter that tells the progress of its runs, in this process only.
 
     Attributes:

@@ -63,7 +63,7 @@ class PixelProjection:
 
 
 def apply(operator: sp.csr_array, nodal: FloatArray) -> FloatArray:
-    """Return an operator on a history of nodal vectors, (T, n_nodes, 3) → (T, n_pix, 3)."""
+    """Apply an operator to a history of nodal vectors, (T, n_nodes, 3) → (T, n_pix, 3)."""
     T, n, _ = nodal.shape
     flat = operator @ nodal.transpose(1, 0, 2).reshape(n, 3 * T)
     return np.ascontiguousarray(flat.reshape(-1, T, 3).transpose(1, 0, 2))

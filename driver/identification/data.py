@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from driver.forward.prediction import Prediction
 from driver.identification.boundary_jitter import BoundaryJitter
-from driver.identification.discretisation_covariance import SimulationError
+from driver.identification.discretisation_covariance import DiscretisationError
 from driver.identification.image_data import ImageData
 from driver.identification.load_noise import whiten_markov
 from driver.identification.step_error import StepError
@@ -56,7 +56,7 @@ class Data:
     autocorrelation: float
     index: IntArray
     with_loads: bool = True
-    simulation_error: SimulationError | None = None
+    simulation_error: DiscretisationError | None = None
     step_error: StepError | None = None
     left_out: tuple[int, ...] = ()
     jitter: BoundaryJitter | None = None

@@ -31,7 +31,7 @@ _SHAPES = 3  # shapes in time that are kept: onset of yield, growth, what unload
 
 
 @dataclass(frozen=True, eq=False)
-class SimulationError:
+class DiscretisationError:
     """Σ = I + (shapes shapesᵀ) ⊗ field for the images, I + load loadᵀ for the loads.
 
     Attributes:
@@ -69,7 +69,7 @@ class SimulationError:
 
 def simulation_error(
     image: ImageData, motion: FloatArray, load: FloatArray, size: float, ratio: float
-) -> SimulationError:
+) -> DiscretisationError:
     """Covariance of the remaining error.
 
     Args:
@@ -91,7 +91,7 @@ def simulation_error(
     )
     covariance = effect.T @ effect
     total = float(np.trace(covariance))  # 0 where the finer simulation agrees exactly
-    return SimulationError(shapes, covariance / total if total else covariance, kappa * load)
+    return DiscretisationError(shapes, covariance / total if total else covariance, kappa * load)
 
 
 def share_left(ratio: float) -> float:

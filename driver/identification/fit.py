@@ -83,7 +83,7 @@ class Fit:
         return np.asarray(np.linalg.inv(self.best.hessian), dtype=np.float64)
 
     def sigma(self, name: str, parameters: Mapping[str, Parameter]) -> float:
-        """Return standard deviation of a value (to first order)."""
+        """Return the standard deviation of a value (to first order)."""
         index = self.best.free.index(name)
         slope = parameters[name].slope(self.values[name])
         return float(np.sqrt(self.covariance[index, index]) * slope)

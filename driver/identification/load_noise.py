@@ -10,7 +10,7 @@ IntArray = NDArray[np.int64]
 
 
 def whiten_markov(load: FloatArray, frames: IntArray, autocorrelation: float) -> FloatArray:
-    """Return unit AR(1) noise turned into independent unit numbers.
+    """Return the unit AR(1) noise turned into independent unit numbers.
 
     Noise that goes on between the frames in use, a to the next frame, is correlated by a^Δ over
     Δ frames: the reading before a gap says little of the one after it.

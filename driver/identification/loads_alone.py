@@ -13,7 +13,7 @@ import numpy as np
 
 from driver.common.progress import Log
 from driver.forward.model import ForwardModel
-from driver.identification.discretisation_covariance import SimulationError, share_left
+from driver.identification.discretisation_covariance import DiscretisationError, share_left
 from driver.identification.fit import fit
 from driver.identification.identifiability import refuse_what_is_not_seen
 from driver.identification.identify import (
@@ -61,7 +61,7 @@ def identify_from_loads(
     log("finer mesh and steps at the result, for the correction")
     change = correction(model, finer, first.best.prediction, first.values, log, with_steps=True)
     left = share_left(plan.sizes[1] / plan.sizes[0]) * change.of_mesh[1]
-    error = SimulationError(np.zeros((left.size, 0)), np.zeros((0, 0)), left)
+    error = DiscretisationError(np.zeros((left.size, 0)), np.zeros((0, 0)), left)
     corrected = replace(
         objective,
         data=replace(data, simulation_error=error, step_error=change.left_by_steps),

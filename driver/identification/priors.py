@@ -32,7 +32,7 @@ Prior = dict[str, tuple[float, float]]
 
 
 def tikhonov_width(lambda_star: float, n_images: int, n_pixels: int) -> float:
-    """Return standard deviation of log(p/p₀) to which λ* amounts."""
+    """Return the standard deviation of log(p/p₀) to which λ* amounts."""
     return 1.0 / sqrt(2.0 * n_images * (1 + n_pixels) * lambda_star)
 
 

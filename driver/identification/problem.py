@@ -21,7 +21,7 @@ from driver.forward.build import (
 )
 from driver.forward.fixed_pattern import apparent_rise
 from driver.forward.model import ForwardModel
-from driver.forward.progress_adapter import WatchedSolver
+from driver.forward.progress_adapter import ProgressAdapter
 from driver.identification.data import Data
 from driver.identification.identify import Plan, start_values
 from driver.identification.image_data import build_image_data, reweighted
@@ -165,7 +165,7 @@ def build_problem(
     experiment, images, left_out = seen.experiment, seen.images, seen.left_out
     adapter, history = adapter_of(case, prepare_only), experiment.history
     if passing is not None:
-        adapter = WatchedSolver(adapter, passing)
+        adapter = ProgressAdapter(adapter, passing)
     jobs = jobs if adapter.capabilities().uses_workspace else None
     steps, fine_steps = case.solver.steps_per_interval, case.solver.fine_steps_per_interval
     working = build_model(case, mesh, history, images.xy, adapter, steps, jobs)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.case.model import Case
 from driver.dic.regularisation import Penalty
@@ -18,8 +17,6 @@ from driver.experiment.images.plane import plane_modes
 from driver.experiment.reading import Experiment
 from driver.forward.build import surface_images
 from driver.noise_floor.laboratory import Errors, elongation
-
-FloatArray = NDArray[np.float64]
 
 LADDER = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384)  # px
 MESHES = 6
@@ -99,7 +96,7 @@ def measured_gamma_u(
     roughness: Roughness = None,
     penalty: Penalty | None = None,
 ) -> tuple[float, int]:
-    """Return standard deviation of the elongation of an image that the repeats show.
+    """Return the standard deviation of the elongation of an image that the repeats show.
 
     Each of the n repeats is correlated with their mean. All share the noise of that mean, so
     their scatter is that of one image; a later image has, with the reference, √(1 + 1/n) times it.

@@ -7,12 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from driver.report.measured import BAND, Curve, MeasuredMotion, phases
 from driver.report.style import AFTER, BEFORE, GREY, MEASURED, grid, new_figure, styled
-
-FloatArray = NDArray[np.float64]
 
 LOADING, UNLOADING = AFTER, BEFORE
 _MARKS = "os^v*"  # of the cycles, again from the first after five

@@ -10,7 +10,7 @@ from driver.diagnosis.answer.residual_localisation import Excess, ResidualLocali
 from driver.diagnosis.answer.result_types import Diagnosis, Step
 from driver.diagnosis.causes.ebsd_flips import FLIPS
 from driver.diagnosis.causes.noise_causes import COVARIANCE_PARAMETERS
-from driver.diagnosis.statistics.goodness_of_fit import Omnibus
+from driver.diagnosis.statistics.goodness_of_fit import GoodnessOfFit
 from driver.diagnosis.statistics.score_test import Score
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
@@ -207,5 +207,5 @@ def _step_record(step: Step, objective: Objective) -> dict[str, Any]:
     }
 
 
-def _omnibus_record(tests: Omnibus) -> dict[str, Any]:
+def _omnibus_record(tests: GoodnessOfFit) -> dict[str, Any]:
     return {name: getattr(tests, key) for name, key in OMNIBUS.items()}

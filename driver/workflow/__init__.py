@@ -1,1 +1,1 @@
-"""Stages of a run, the engine that makes them and the problem that they solve."""
+"""Stages of a run, the engine that makes them, and what they will cost."""

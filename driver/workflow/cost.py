@@ -19,6 +19,7 @@ _PER_LOOK = 4
 _FINE_RUNS = 8
 # Seconds of one core of the correlation for one pixel of one image, all iterations.
 _PIXEL_SECONDS = 8e-6
+# Copies of the images held at a time.
 _IMAGE_COPIES = 3
 # Parameters of all causes, which are differentiated together.
 _CAUSE_DIRECTIONS = 50

@@ -21,7 +21,7 @@ from driver.diagnosis.answer.verdict import with_places
 from driver.diagnosis.causes.noise_causes import COVARIANCE_PARAMETERS, NOISE_RATIO
 from driver.diagnosis.causes.user_causes import user_causes
 from driver.diagnosis.search.diagnose import diagnose
-from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.statistics.screening import screened
 from driver.experiment.held_out import held_out_cycle
 from driver.forward.build import geometry_of
@@ -99,7 +99,7 @@ def run_diagnose(context: StageContext) -> None:
         own=own,
     )
     found = diagnose(
-        baseline, objective, FinerMeshes(problem.finer, lambda: on_another_mesh(case, problem)),
+        baseline, objective, FineModels(problem.finer, lambda: on_another_mesh(case, problem)),
         cycles, settings, context.log, known,
     )  # fmt: skip
     where = whereabouts(found, geometry_of(case), problem.experiment.history)

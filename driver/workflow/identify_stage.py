@@ -146,7 +146,7 @@ def saved_objective(problem: IdentificationProblem, results: dict[str, FloatArra
 def same_simulation(
     objective: Objective, results: dict[str, FloatArray], values: Mapping[str, float]
 ) -> Objective:
-    """Return objective that simulates in the steps of a finished identification, and by its way.
+    """Return the objective in the steps of a finished identification, started by its trajectory.
 
     Args:
         objective: that of its last stage.

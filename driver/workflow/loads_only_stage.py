@@ -14,7 +14,7 @@ from driver.experiment.reading import history_of
 from driver.forward.boundary_motion import knots_of_stage
 from driver.forward.build import adapter_of, build_model, capabilities_of
 from driver.forward.model import ForwardModel
-from driver.forward.progress_adapter import WatchedSolver
+from driver.forward.progress_adapter import ProgressAdapter
 from driver.identification.data import Data
 from driver.identification.identify import Plan
 from driver.identification.loads_alone import doubts, identify_from_loads
@@ -32,7 +32,7 @@ SKIPPED = 'measure and diagnose are left out: boundary.motion = "stage" has no i
 
 
 @dataclass(frozen=True, eq=False)
-class LoadsBench:
+class LoadsProblem:
     """Models, data and starts of a case without images.
 
     Attributes:
@@ -50,7 +50,7 @@ class LoadsBench:
     plan: Plan
 
 
-def build_loads_bench(context: StageContext, adapter: Adapter) -> LoadsBench:
+def build_loads_problem(context: StageContext, adapter: Adapter) -> LoadsProblem:
     """Put a case without images together from the results of the first stage.
 
     Raises:
@@ -91,7 +91,7 @@ def build_loads_bench(context: StageContext, adapter: Adapter) -> LoadsBench:
         sizes=(case.specimen.mesh_size, case.specimen.fine_mesh_size),
         most=case.identification.max_iterations,
     )
-    return LoadsBench(history, finer, objective, start, plan)
+    return LoadsProblem(history, finer, objective, start, plan)
 
 
 def _stated_ratio(case: Case) -> tuple[float, float]:
@@ -103,8 +103,8 @@ def _stated_ratio(case: Case) -> tuple[float, float]:
 def run_identify_loads(context: StageContext) -> None:
     """Identify from the loads, and write parameters, covariance and predictions."""
     case = context.case
-    adapter = WatchedSolver(adapter_of(case, context.prepare_only), passing_of(context.log))
-    problem = build_loads_bench(context, adapter)
+    adapter = ProgressAdapter(adapter_of(case, context.prepare_only), passing_of(context.log))
+    problem = build_loads_problem(context, adapter)
     found = identify_from_loads(
         problem.objective, problem.finer, problem.start, problem.plan, context.log
     )  # fmt: skip

@@ -34,7 +34,6 @@ from driver.workflow.prepared_images import prepared_images
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 _AT_A_TIME = 4096  # pixels, whose rows of a dense matrix fit into memory
 _OTHER_SURFACE = 2.0  # χ of a frame that did not converge, beyond which it shows something else

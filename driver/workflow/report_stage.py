@@ -1,11 +1,8 @@
-"""Stage 5: the report page and its figures."""
+"""Stage 6: the report page and its figures."""
 
 from __future__ import annotations
 
 from datetime import datetime
-
-import numpy as np
-from numpy.typing import NDArray
 
 from driver.report.all_figures import draw
 from driver.report.findings import FILES, read_findings
@@ -14,8 +11,6 @@ from driver.report.style import png
 from driver.results.files import REPORT
 from driver.results.hdf5 import prismid_version
 from driver.workflow.engine import StageContext
-
-FloatArray = NDArray[np.float64]
 
 
 def run_report(context: StageContext) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solver_adapters.bundled import restart
-from solver_adapters.bundled.direction_reduction import spanned
+from solver_adapters.bundled.direction_reduction import reduced_directions
 from solver_adapters.bundled.fem.cell_fields import WIDTHS, cell_fields
 from solver_adapters.bundled.fem.problem import Problem, build_problem, build_tangents
 from solver_adapters.bundled.identity import solver_hash
@@ -83,7 +83,7 @@ class BundledAdapter:
         refuse_bad_simulation(simulation)
         key = simulation_key(simulation, self.version()) if workspace else ""
         checkpoint = restart.read(workspace, key) if workspace else None
-        fewer = spanned(simulation)
+        fewer = reduced_directions(simulation)
         run = Run(fewer.simulation, build_problem(fewer.simulation), checkpoint)
         begun = written = time.monotonic()
         first, last = run.index, len(simulation.times) - 1

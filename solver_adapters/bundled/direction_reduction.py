@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Spanned:
+class ReducedDirections:
     """A simulation along fewer directions, and what those asked for are in terms of them.
 
     Attributes:
@@ -41,7 +41,7 @@ class Spanned:
         return replace(response, d_displacement=displacement, d_force=force)
 
 
-def spanned(simulation: Simulation) -> Spanned:
+def reduced_directions(simulation: Simulation) -> ReducedDirections:
     """Leave out the directions that follow from others or have no effect."""
     asked, material = simulation.directions, simulation.material
     turns = [direction for direction in asked if _only_turns(direction)]
@@ -59,7 +59,7 @@ def spanned(simulation: Simulation) -> Spanned:
         )  # fmt: skip
         shares = np.hstack([shares, by_turn])
         carried += units
-    return Spanned(replace(simulation, directions=tuple(carried)), shares)
+    return ReducedDirections(replace(simulation, directions=tuple(carried)), shares)
 
 
 def _only_turns(direction: Direction) -> bool:

@@ -9,7 +9,7 @@ from solver_adapters.kernels import PACKAGES, hash_of
 
 # They compile, factor, solve, and do the rest.
 LIBRARIES = ("numba", "cvxopt", "scipy", "numpy")
-_BESIDE = (
+BESIDE = (
     *(
         f"solver_adapters/{name}.py"
         for name in ("constants", "crystal", "material", "kernels", "cholesky")
@@ -21,5 +21,5 @@ _BESIDE = (
 def solver_hash(packages: Path = PACKAGES) -> str:
     """16 hexadecimal digits; `packages` is the folder that holds `solver_adapters` and `meshes`."""
     own = sorted((packages / "solver_adapters" / "bundled").rglob("*.py"))
-    beside = (packages / name for name in _BESIDE)
+    beside = (packages / name for name in BESIDE)
     return hash_of((*own, *beside), {name: version(name) for name in LIBRARIES})

@@ -155,7 +155,7 @@ class Stepper:
                 target = end
             dt = target - instant.time
             divisible = 0.5 * size >= whole / 2**MOST_HALVINGS
-            near = self._step_of_near(instant, target)
+            near = self._step_of_warm_start(instant, target)
             try:
                 trial = self._equilibrium.solve_step(instant, motion(target), dt, self._last, near)
             except NotConvergedError as failure:
@@ -210,7 +210,7 @@ class Stepper:
             slip, P = instant.slip + trial.slips, trial.P
         return Instant(end, trial.u, trial.H, trial.state, force, du, dstate, dforce, slip, P)
 
-    def _step_of_near(self, instant: Instant, target: float) -> FloatArray | None:
+    def _step_of_warm_start(self, instant: Instant, target: float) -> FloatArray | None:
         """Return what the nearby simulation did from an instant to a time [µm], (n_nodes, 3)."""
         if self.near is None:
             return None

@@ -8,7 +8,6 @@ from numbers import Integral
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from solver_adapters.checks.arrays import (
     expect_array,
@@ -30,8 +29,6 @@ from solver_adapters.interface import (
 )
 from solver_adapters.material import Material, StrainMeasure
 from solver_adapters.time_steps import SAME_INSTANT
-
-AnyArray = NDArray[Any]
 
 _ROUNDING = 1e-9  # of a rotation [-]
 
@@ -95,7 +92,7 @@ def refuse_bad_simulation(simulation: Simulation) -> None:
     _refuse_bad_times(simulation)
     refuse_bad_motion(simulation)
     _refuse_bad_outputs(simulation)
-    _refuse_bad_way(simulation)
+    _refuse_bad_warm_start(simulation)
     refuse_bad_directions(simulation)
 
 
@@ -249,7 +246,7 @@ def _refuse_bad_outputs(simulation: Simulation) -> None:
     expect_indices("output_nodes", simulation.output_nodes, len(simulation.mesh.points), "nodes")
 
 
-def _refuse_bad_way(simulation: Simulation) -> None:
+def _refuse_bad_warm_start(simulation: Simulation) -> None:
     near = simulation.warm_start
     if near is None:
         return

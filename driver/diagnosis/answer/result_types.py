@@ -11,7 +11,7 @@ import numpy as np
 from driver.diagnosis.answer.verdict import Verdict
 from driver.diagnosis.causes.candidates import NotExamined
 from driver.diagnosis.causes.causes import Cause
-from driver.diagnosis.statistics.goodness_of_fit import Omnibus
+from driver.diagnosis.statistics.goodness_of_fit import GoodnessOfFit
 from driver.diagnosis.statistics.score_test import Score
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
@@ -71,7 +71,7 @@ class Step:
     scores: tuple[Score, ...]
     refits: tuple[Refit, ...]
     named: tuple[str, ...]
-    omnibus: Omnibus
+    omnibus: GoodnessOfFit
     chi_load: float
     chi_image: float
     widened: float = 1.0
@@ -214,8 +214,8 @@ class Refit:
         cause: the cause.
         objective: the objective with the cause's prior, as wide as its effect or wider.
         fit: the fit, with the prior of a refit.
-        log_evidence: natural log of the Bayes factor against the baseline (`evidence`), and of the
-            prior odds of the cause.
+        log_evidence: natural log of the Bayes factor against the baseline, and of the prior odds
+            of the cause.
         levels: of a covariance cause its level and the standard deviation of it by name.
     """
 

@@ -14,7 +14,7 @@ from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
 from driver.common.progress import silent
 from driver.diagnosis.answer.result_types import Refit
-from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import TOLERANCE, Executor, refit_of, with_prior
 from driver.forward.model import ForwardModel
 from driver.identification.fit import fit_from
@@ -41,8 +41,8 @@ class _Task:
     baseline: Evaluation
 
 
-def with_own_corrections(
-    refits: Sequence[Refit], baseline: Evaluation, finer: FinerMeshes, executor: Executor
+def with_candidate_corrections(
+    refits: Sequence[Refit], baseline: Evaluation, finer: FineModels, executor: Executor
 ) -> list[Refit]:
     """Refits, best evidence first, those that lead under the correction at their own end.
 

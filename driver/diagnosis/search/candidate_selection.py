@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.causes.noise_causes import COVARIANCE
-from driver.diagnosis.search.noise_continuation import refit_from_soft_loads
+from driver.diagnosis.search.noise_continuation import refit_by_noise_continuation
 from driver.diagnosis.search.refit import HOPEFUL, Executor, refit_causes, refit_from_afar
 from driver.diagnosis.statistics.model_comparison import is_excess, share_explained
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, Score, subspace_similarity
@@ -55,7 +55,9 @@ def refits_of_likely(
         refits = refit_causes(chosen, screening, baseline, objective, executor)
         best = best_of_each([*refits, *(r for r in afar if r.cause in [s.cause for s in chosen])])
     if large and tried and not _explained(baseline, best):
-        soft = refit_from_soft_loads(tried, screening.free, baseline, objective, most, executor)
+        soft = refit_by_noise_continuation(
+            tried, screening.free, baseline, objective, most, executor
+        )
         best = best_of_each([*best, *afar, *soft])
     every = (large and not lost) or bool(best and not _explained(baseline, best))
     if every:

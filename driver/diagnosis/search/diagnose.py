@@ -20,7 +20,7 @@ from driver.diagnosis.search.boundary_noise import sensitivities_where_they_pay
 from driver.diagnosis.search.discretisation_check import gate
 from driver.diagnosis.search.extension import Extension
 from driver.diagnosis.search.final_comparison import final_fits
-from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.forward_selection import rounds
 from driver.diagnosis.search.image_noise import with_uneven_noise
 from driver.diagnosis.statistics.model_comparison import (
@@ -39,7 +39,7 @@ IntArray = NDArray[np.int64]
 def diagnose(
     baseline: Fit,
     objective: Objective,
-    finer: FinerMeshes,
+    finer: FineModels,
     cycles: IntArray,
     settings: Settings,
     log: Log,

@@ -14,7 +14,7 @@ from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.search.backward_elimination import eliminate
 from driver.diagnosis.search.baseline import noise_of_images, with_load_noise
 from driver.diagnosis.search.boundary_noise import Level, level_again
-from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.load_outliers import bad_loads
 from driver.diagnosis.statistics.screening import whitened_difference
 from driver.identification.fit import POLISH, Fit, fit_from
@@ -44,7 +44,7 @@ class Extension:
 
     fit: Fit
     objective: Objective
-    finer: FinerMeshes
+    finer: FineModels
     causes: tuple[Cause, ...]
     levels: Mapping[str, Level]
     of_noise: float
@@ -98,7 +98,7 @@ def _moved(begin: Fit, end: Fit, objective: Objective) -> float:
 
 
 def _corrected(
-    objective: Objective, here: Fit, finer: FinerMeshes, settings: Settings, log: Log
+    objective: Objective, here: Fit, finer: FineModels, settings: Settings, log: Log
 ) -> Objective:
     """Return the objective with the correction at a fit, by both meshes where it had both."""
     log("finer mesh and steps at the extended model")

@@ -20,7 +20,7 @@ from driver.identification.objective import Correction
 
 
 @dataclass(frozen=True, eq=False)
-class FinerMeshes:
+class FineModels:
     """The finer models.
 
     Attributes:
@@ -31,10 +31,10 @@ class FinerMeshes:
     one: ForwardModel
     another: Callable[[], ForwardModel] | None = None
 
-    def turned(self, causes: Sequence[Cause]) -> FinerMeshes:
-        """Return same with the measured orientations as the flips among these causes have them."""
+    def turned(self, causes: Sequence[Cause]) -> FineModels:
+        """Return the same with the orientations that the flips among these causes make."""
         another = None if self.another is None else partial(_turned, self.another, causes)
-        return FinerMeshes(turned(self.one, causes), another)
+        return FineModels(turned(self.one, causes), another)
 
     def corrections(
         self, working: ForwardModel, here: Fit, both: bool, log: Log

@@ -43,7 +43,7 @@ _LOOKS = 3  # either side, and where a refit ends
 
 
 @dataclass(frozen=True, eq=False)
-class FarLooks:
+class FiniteStepScores:
     """What is seen from afar.
 
     Attributes:
@@ -101,14 +101,14 @@ class _Side:
     score: Score
 
 
-def look_from_afar(
+def finite_step_scores(
     scores: Sequence[Score],
     here: Fit,
     objective: Objective,
     variance: float,
     accepted: bool,
     executor: Executor,
-) -> FarLooks:
+) -> FiniteStepScores:
     """Score causes that bend from afar.
 
     Those that hide come first, where their derivative does not show them; the others where
@@ -153,7 +153,7 @@ def look_from_afar(
         looks += looked(rest, len(hiding), _of_the_mean(seen))
     best = {s.cause.name: s for s in (*scores, *(look.score for look in looks))}
     refits = [refit for look in looks for refit in look.refits]
-    return FarLooks(sorted(best.values(), key=lambda s: -s.log_evidence), refits)
+    return FiniteStepScores(sorted(best.values(), key=lambda s: -s.log_evidence), refits)
 
 
 def _of_the_mean(scores: Sequence[Score]) -> list[Score]:

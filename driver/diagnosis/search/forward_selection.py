@@ -13,7 +13,7 @@ from driver.diagnosis.causes.noise_causes import COVARIANCE
 from driver.diagnosis.search.baseline import Prepared
 from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
 from driver.diagnosis.search.extension import Extension, extended
-from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.selection_round import (
     WITHIN,
     Round,
@@ -46,7 +46,7 @@ class Rounds:
 
 def rounds(
     begin: Prepared,
-    finer: FinerMeshes,
+    finer: FineModels,
     stops: BoundaryNoiseSensitivities,
     settings: Settings,
     log: Log,

@@ -19,7 +19,6 @@ from driver.identification.data import Data
 from driver.identification.objective import Evaluation
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 LEVEL = 0.01  # of all loads together
 MOST = 0.05  # share of the loads beyond which they are no outliers but noise of another kind

@@ -46,7 +46,7 @@ def softened(objective: Objective, factor: float) -> Objective:
     )
 
 
-def refit_from_soft_loads(
+def refit_by_noise_continuation(
     tried: Sequence[Score],
     names: Sequence[str],
     baseline: Evaluation,

@@ -16,7 +16,7 @@ import numpy as np
 from driver.common.progress import Log
 from driver.diagnosis.answer.result_types import GATE, DiscretisationCheck
 from driver.diagnosis.causes.causes import NUMERICS
-from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, Score, significance
 from driver.diagnosis.statistics.screening import whitened_difference
 from driver.identification.fit import POLISH, Fit, fit_from
@@ -39,7 +39,7 @@ class OnBoth:
 
 
 def held_against_both(
-    finer: FinerMeshes,
+    finer: FineModels,
     here: Fit,
     objective: Objective,
     scores: Sequence[Score],

@@ -20,7 +20,7 @@ from driver.diagnosis.search.boundary_noise import (
     refit_boundary_noise,
     score_boundary_noise,
 )
-from driver.diagnosis.search.candidate_correction import with_own_corrections
+from driver.diagnosis.search.candidate_correction import with_candidate_corrections
 from driver.diagnosis.search.candidate_selection import (
     LARGE,
     best_of_each,
@@ -28,12 +28,12 @@ from driver.diagnosis.search.candidate_selection import (
     leaves_unexplained,
     refits_of_likely,
 )
-from driver.diagnosis.search.fine_models import FinerMeshes
-from driver.diagnosis.search.finite_step_score import look_from_afar
+from driver.diagnosis.search.fine_models import FineModels
+from driver.diagnosis.search.finite_step_score import finite_step_scores
 from driver.diagnosis.search.flip_trial import FlipTrial, not_warranted, try_flips
 from driver.diagnosis.search.refit import Executor
 from driver.diagnosis.search.second_mesh_check import held_against_both, with_both
-from driver.diagnosis.statistics.goodness_of_fit import Omnibus, omnibus
+from driver.diagnosis.statistics.goodness_of_fit import GoodnessOfFit, omnibus
 from driver.diagnosis.statistics.score_test import (
     NAMING_LEVEL,
     PARALLEL,
@@ -76,7 +76,7 @@ def examine(
     settings: Settings,
     stops: BoundaryNoiseSensitivities,
     wide: Evaluation | None,
-    finer: FinerMeshes,
+    finer: FineModels,
     log: Log,
 ) -> Round:
     """Screen all causes, refit the best, and pick the one to add.
@@ -136,7 +136,7 @@ def examine(
                 likely, seen.tests, here.best, objective, added, settings.wanted, executor
             )
             likely = best_of_each([*likely, *trial.refits])
-            refits = with_own_corrections(likely, here.best, finer, executor) or refits
+            refits = with_candidate_corrections(likely, here.best, finer, executor) or refits
     scores = sorted([*seen.scores, *trial.scores], key=lambda s: -s.log_evidence)
     winner = refits[0] if refits and refits[0].log_evidence > WORTH else None
     named = set_of(refits, scores) if winner is not None else ()
@@ -187,7 +187,7 @@ class _Seen:
     scores: list[Score]
     afar: tuple[Refit, ...]
     widened: float
-    tests: Omnibus
+    tests: GoodnessOfFit
     noise: Score | None
 
 
@@ -219,7 +219,7 @@ def _first_order(
 
 def _looked(seen: _Seen, here: Fit, objective: Objective, executor: Executor) -> _Seen:
     """Return what is seen, from afar as well."""
-    found = look_from_afar(
+    found = finite_step_scores(
         seen.scores, here, objective, seen.widened**2, seen.tests.accepted, executor
     )
     return replace(seen, scores=found.scores, afar=tuple(found.refits))
@@ -231,7 +231,7 @@ def _significant(scores: Sequence[Score]) -> set[str]:
 
 def _flips(
     refits: Sequence[Refit],
-    tests: Omnibus,
+    tests: GoodnessOfFit,
     baseline: Evaluation,
     objective: Objective,
     added: Sequence[Cause],

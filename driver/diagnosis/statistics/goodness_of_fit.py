@@ -32,7 +32,7 @@ _LEFT = 0.1  # share of the variance below which the fit has taken a direction
 
 
 @dataclass(frozen=True)
-class Omnibus:
+class GoodnessOfFit:
     """Probabilities of residuals as structured as these, were the model right.
 
     Attributes:
@@ -80,7 +80,7 @@ def omnibus(
     fields: FloatArray,
     own: FloatArray,
     variance: float = 1.0,
-) -> Omnibus:
+) -> GoodnessOfFit:
     """Test a fitted residual; what the fit has taken from it is counted exactly.
 
     The residual of a linear fit has the covariance I − BᵀB, B = L⁻¹J with LLᵀ the Hessian.
@@ -104,7 +104,7 @@ def omnibus(
     together = score_together(effects, fitted, data.load_degrees, variance)
     smooth = score_together([fields], beside(fitted, own), data.load_degrees, variance)
     beyond = (t.statistic - t.degrees for t in (together, smooth))
-    return Omnibus(
+    return GoodnessOfFit(
         load_slow=load_slow,
         load_serial=_serial(loads, np.eye(loads.size) - of_loads.T @ of_loads),
         image_slow=image_slow,

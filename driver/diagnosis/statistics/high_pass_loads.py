@@ -29,7 +29,7 @@ _WIDE = 10.0  # prior scales
 
 
 @dataclass(frozen=True, eq=False)
-class FastLoads:
+class HighPassLoads:
     """The fast load residual, m numbers of one variance.
 
     Attributes:
@@ -56,7 +56,7 @@ class FastLoads:
         return np.asarray((self.root @ (fast - self.taken @ seen)).T)
 
 
-def fast_loads(fitted: Evaluation, left: float = UNTOUCHED) -> FastLoads:
+def fast_loads(fitted: Evaluation, left: float = UNTOUCHED) -> HighPassLoads:
     """Return the residual of a fit to images and fast loads alone: slow loads do not enter it.
 
     Args:
@@ -76,7 +76,7 @@ def fast_loads(fitted: Evaluation, left: float = UNTOUCHED) -> FastLoads:
     fast = modes @ fitted.residual[:T]
     gradient = through.T @ fast + images @ fitted.residual[T:]
     residual = fast - taken @ (gradient + fitted.prior_weight * fitted.prior_gap)
-    return FastLoads(root @ residual, modes, images, through, taken, root)
+    return HighPassLoads(root @ residual, modes, images, through, taken, root)
 
 
 def freed(fitted: Evaluation, effect: FloatArray) -> Evaluation:

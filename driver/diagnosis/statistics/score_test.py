@@ -1,7 +1,7 @@
 """Scores of causes at a baseline: what each would explain, fitted parameters projected out.
 
 With score g and information A of the candidate's parameters per prior scale, all fitted ones
-projected out (`evidence`):
+projected out (`bayes_factor`):
 
     statistic gᵀA⁻¹g ~ χ²(k),    φ̂ = (A + I/w²)⁻¹ g, w = `FREED_WIDTH`,  in prior scales
 

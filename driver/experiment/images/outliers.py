@@ -16,7 +16,6 @@ from driver.experiment.images.spikes import NORMAL
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
 
 NEIGHBOURS = 10  # half of them may be outliers themselves
 FEWEST = 12  # frames, below which a spread says too little

@@ -50,7 +50,7 @@ class Reference:
         return np.asarray(self.codes == Excluded.USED)
 
     def count(self, reason: Excluded) -> int:
-        """Return number of pixels with this code."""
+        """Return the number of pixels with this code."""
         return int(np.count_nonzero(self.codes == reason))
 
 

@@ -10,7 +10,6 @@ from scipy import ndimage
 
 from driver.experiment.images.heightmaps import ImageError
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 CodeArray = NDArray[np.uint8]
 Bounds = tuple[float, float, float, float]

@@ -33,7 +33,7 @@ class Shift(NamedTuple):
 def shift_between(
     reference: FloatArray, image: FloatArray, pixel: float, mask: BoolArray | None = None
 ) -> Shift:
-    """Return translation (dx, dy, dz) such that image(x + dx, y + dy) = reference(x, y) + dz.
+    """Return the translation (dx, dy, dz) such that image(x + dx, y + dy) = reference(x, y) + dz.
 
     Phase correlation over the bounding box of the mask finds the start, unless no motion leaves
     less; Gauss–Newton on the heights over the mask finishes, with a tilt between the two images

@@ -18,7 +18,7 @@ NORMAL = 1.4826  # standard deviation over median absolute deviation of normal n
 
 
 def spread(values: FloatArray) -> float:
-    """Return standard deviation of a sample from its median absolute deviation."""
+    """Return the standard deviation of a sample from its median absolute deviation."""
     return float(NORMAL * np.median(np.abs(values - np.median(values))))
 
 

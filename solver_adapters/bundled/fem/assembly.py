@@ -358,7 +358,7 @@ class Pattern:
         return summed[:-1]
 
     def antisymmetric_values(self, element_matrices: FloatArray) -> FloatArray:
-        """Return same for antisymmetric matrices, where an entry and its mirror differ in sign."""
+        """Do the same for antisymmetric matrices, where an entry and its mirror differ in sign."""
         summed = np.zeros(self.nnz + 1)
         _sum_signed_slots(self.slots, self.flipped, element_matrices, summed)
         summed[self.indptr[:-1]] = 0.0  # the diagonal leads its column; rounding is left there

@@ -84,7 +84,7 @@ def crystal_frames(simulation: Simulation, element: Element) -> Frames:
 
 
 def frame_change(simulation: Simulation, element: Element, direction: Direction) -> FloatArray:
-    """Return derivative of the rotations of `crystal_frames`."""
+    """Return the derivative of the rotations of `crystal_frames`."""
     mesh = simulation.mesh
     spins = np.zeros((mesh.n_grains, 3), dtype=np.complex128)
     if direction.rotation is not None:
@@ -116,7 +116,7 @@ def at_rest_change(
     frames: Frames,
     drotation: FloatArray,
 ) -> AtRest | None:
-    """Return derivative of `at_rest` along a direction that turns the frames by `drotation`.
+    """Return the derivative of `at_rest` along a direction that turns the frames by `drotation`.
 
     None where the direction has no part in it.
     """

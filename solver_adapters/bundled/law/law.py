@@ -146,7 +146,7 @@ _TAU0 = ("tau0", "tau0_112", "tau0_grain2", "tau0_antitwinning")
 
 
 def local_tangent(material: Material, n_grains: int, name: str) -> FloatArray:
-    """Return derivative of `local_parameters` with respect to one scalar of the material.
+    """Return the derivative of `local_parameters` with respect to one scalar of the material.
 
     Shape (n_grains, 16); null for scalars that act otherwise (`fields.AT_REST`).
     """

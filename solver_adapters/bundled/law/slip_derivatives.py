@@ -1,7 +1,7 @@
 """Derivatives of a solved step at the level of the slip systems.
 
 What all directions share is prepared once for a point. What motion and history make is computed
-for many directions at once (`lanes`), over the systems that move; what constants make, for each
+for many directions at once (`simd_rows`), over the systems that move; what constants make, for each
 direction that changes one.
 """
 

@@ -143,7 +143,7 @@ def over_modes(w: FloatArray, c: int, a: int, b: int, width: int) -> None:
 
 @kernel
 def determinant_of(w: FloatArray, a: int) -> float:
-    """Return determinant of the single tensor at a."""
+    """Return the determinant of the single tensor at a."""
     determinant: float = (
         w[a] * (w[a + 4] * w[a + 8] - w[a + 5] * w[a + 7])
         - w[a + 1] * (w[a + 3] * w[a + 8] - w[a + 5] * w[a + 6])

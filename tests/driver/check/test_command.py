@@ -47,7 +47,7 @@ def install(monkeypatch: pytest.MonkeyPatch, adapter: Adapter | SmallStrainSolve
 def case_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of the example, and a solver that offers small strain only.
 
-    Its time steps are not looked at: that takes seconds (`test_check_steps`).
+    Its time steps are not looked at: that takes seconds (`test_steps`).
     """
     install(monkeypatch, SmallStrainSolver())
     monkeypatch.setattr(check_module, "recommended_steps", lambda *_: iter(()))

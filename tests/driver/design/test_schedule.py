@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from driver.design.schedule import carried_on, changed, compressed, stretch_dwells, with_stops
+from driver.design.schedule import carried_on, changed, compressed, scale_dwells, with_stops
 from driver.design.settings import Schedule
 from driver.experiment.history import knot_weights
 from driver.parameters.boundary import elongation_names, tilt_names
@@ -87,7 +87,7 @@ def test_stops_without_holds_are_parted_too() -> None:
 
 
 def test_longer_holds_leave_the_moves_as_they_are() -> None:
-    longer = stretch_dwells(HISTORY, 10.0)
+    longer = scale_dwells(HISTORY, 10.0)
     steps, before = np.diff(longer.time), np.diff(HISTORY.time)
     held = np.diff(HISTORY.stage) == 0
     np.testing.assert_allclose(steps[held], 10 * before[held])

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pickle
 
-from driver.forward.progress_adapter import WatchedSolver, sentence_of
+from driver.forward.progress_adapter import ProgressAdapter, sentence_of
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.interface import Progress
 from solver_adapters.material import Material
@@ -13,7 +13,7 @@ def test_each_instant_before_the_last_is_told_and_all_are_passed_on() -> None:
     told: list[str] = []
     seen: list[Progress] = []
     simulation = pulled(box(), Material(strain_measure="small"), (0.001, 0.002))
-    solver = WatchedSolver(BundledAdapter(), told.append)
+    solver = ProgressAdapter(BundledAdapter(), told.append)
     response = solver.solve(simulation, progress=seen.append)
     assert len(seen) == 2 and told == [sentence_of(seen[0])]
     assert (seen[-1].steps, seen[-1].iterations) == (response.steps, response.iterations)
@@ -37,5 +37,5 @@ def test_a_run_of_an_external_solver_is_told_by_its_instant_and_its_number() -> 
 
 
 def test_another_process_gets_the_solver_alone() -> None:
-    sent = pickle.loads(pickle.dumps(WatchedSolver(BundledAdapter(), print)))
+    sent = pickle.loads(pickle.dumps(ProgressAdapter(BundledAdapter(), print)))
     assert type(sent) is BundledAdapter

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.identification.discretisation_covariance import SimulationError, simulation_error
+from driver.identification.discretisation_covariance import DiscretisationError, simulation_error
 from tools import closed_form
 
 FloatArray = NDArray[np.float64]
@@ -14,10 +14,10 @@ RNG = np.random.default_rng(3)
 
 
 @pytest.fixture(scope="module")
-def error() -> SimulationError:
+def error() -> DiscretisationError:
     root = RNG.standard_normal((N_Z, 3))
     field = root @ root.T
-    return SimulationError(
+    return DiscretisationError(
         2 * RNG.standard_normal((T, 2)), field / np.trace(field), 3 * RNG.standard_normal(T)
     )
 
@@ -29,7 +29,7 @@ def matrix_of(linear: FloatArray) -> FloatArray:
 
 
 def test_images_are_whitened_by_the_inverse_root_of_their_covariance(
-    error: SimulationError,
+    error: DiscretisationError,
 ) -> None:
     units = np.eye(T * N_Z).reshape(T * N_Z, T, N_Z)
     root = matrix_of(error.whiten_images(units, error.shapes))
@@ -39,14 +39,14 @@ def test_images_are_whitened_by_the_inverse_root_of_their_covariance(
 
 
 def test_loads_are_whitened_by_the_inverse_root_of_their_covariance(
-    error: SimulationError,
+    error: DiscretisationError,
 ) -> None:
     root = matrix_of(error.whiten_loads(np.eye(T), error.load))
     covariance = np.eye(T) + np.outer(error.load, error.load)
     np.testing.assert_allclose(root @ covariance @ root.T, np.eye(T), atol=1e-10)
 
 
-def test_no_error_of_the_loads_changes_nothing(error: SimulationError) -> None:
+def test_no_error_of_the_loads_changes_nothing(error: DiscretisationError) -> None:
     load = RNG.standard_normal(T)
     np.testing.assert_array_equal(error.whiten_loads(load, np.zeros(T)), load)
 

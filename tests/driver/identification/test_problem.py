@@ -21,7 +21,7 @@ BENCH = closed_form.problem()
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
-    folder = tmp_path_factory.mktemp("workbench")
+    folder = tmp_path_factory.mktemp("problem")
     closed_form.write_files(folder, {})
     return load_case(folder / "case.toml")
 

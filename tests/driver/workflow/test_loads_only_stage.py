@@ -22,7 +22,7 @@ from driver.identification.loads_alone import identify_from_loads
 from driver.results.hdf5 import read_hdf5
 from driver.workflow import pipeline
 from driver.workflow.engine import StageContext
-from driver.workflow.loads_only_stage import SKIPPED, build_loads_bench
+from driver.workflow.loads_only_stage import SKIPPED, build_loads_problem
 from solver_adapters.profile import Profile
 from tools import closed_form
 from tools.closed_form import KNOTS, LAW
@@ -229,7 +229,9 @@ def test_loads_and_priors_that_leave_a_combination_open_are_refused(
     path = write(tmp_path)
     case, results = load_case(path), path.parent / "results"
     pipeline.run(path, "mesh", False, print)
-    problem = build_loads_bench(StageContext(case, results, results, print), solver("", Profile()))
+    problem = build_loads_problem(
+        StageContext(case, results, results, print), solver("", Profile())
+    )
     held = {name: both for name, both in problem.objective.prior.items() if "lambda" not in name}
     open_ = replace(problem.objective, prior=held)
     with pytest.raises(InputError, match="lambda_plus_Z changes nothing that images and loads"):

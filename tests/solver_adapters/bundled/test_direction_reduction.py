@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solver_adapters.bundled.adapter import BundledAdapter
-from solver_adapters.bundled.direction_reduction import spanned
+from solver_adapters.bundled.direction_reduction import reduced_directions
 from solver_adapters.interface import Direction, Simulation
 from solver_adapters.material import Material, StrainMeasure
 from tools.boxes import box, pulled
@@ -39,12 +39,14 @@ def test_many_turns_have_the_derivatives_that_each_has_alone(measure: StrainMeas
 
 
 def test_no_more_turns_are_carried_than_grains_have_axes() -> None:
-    assert len(spanned(simulation("small", *TURNS[:6])).simulation.directions) == 6
-    fewer = spanned(simulation("small", *TURNS, CONSTANTS[0]))
+    assert len(reduced_directions(simulation("small", *TURNS[:6])).simulation.directions) == 6
+    fewer = reduced_directions(simulation("small", *TURNS, CONSTANTS[0]))
     assert [d.name for d in fewer.simulation.directions][0] == "tau0"
     assert len(fewer.simulation.directions) == 7
     tilted = replace(TURNS[0], material={"tau0": 1.0})
-    assert len(spanned(simulation("small", tilted, *TURNS[1:])).simulation.directions) == 7
+    assert (
+        len(reduced_directions(simulation("small", tilted, *TURNS[1:])).simulation.directions) == 7
+    )
 
 
 @pytest.mark.parametrize(
@@ -56,11 +58,11 @@ def test_no_more_turns_are_carried_than_grains_have_axes() -> None:
 )  # fmt: skip
 def test_a_constant_without_effect_is_not_carried(idle: str, active: dict[str, Any]) -> None:
     asked = simulation("small", Direction(idle, material={idle: 1.0}), CONSTANTS[0])
-    fewer = spanned(asked)
+    fewer = reduced_directions(asked)
     assert [d.name for d in fewer.simulation.directions] == ["tau0"]
     response = BundledAdapter().solve(asked)
     assert not response.d_force[0].any() and response.d_force[1].any()
     assert not response.d_displacement[0].any()
     at_work = replace(asked, material=replace(asked.material, **active))
-    assert len(spanned(at_work).simulation.directions) == 2
+    assert len(reduced_directions(at_work).simulation.directions) == 2
     assert BundledAdapter().solve(at_work).d_force[0].any()

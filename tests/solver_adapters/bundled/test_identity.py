@@ -10,18 +10,19 @@ from pathlib import Path
 
 import pytest
 
-from solver_adapters.bundled.identity import LIBRARIES, solver_hash
+from solver_adapters.bundled.identity import BESIDE, LIBRARIES, solver_hash
 from solver_adapters.kernels import PACKAGES
 
-FOLDERS = ("solver_adapters/bundled", "solver_adapters", "meshes")
+FOLDERS = ("solver_adapters", "meshes")
 
 
 @pytest.fixture
 def copied(tmp_path: Path) -> Path:
     for folder in FOLDERS:
-        (tmp_path / folder).mkdir(parents=True, exist_ok=True)
-        for source in (PACKAGES / folder).glob("*.py"):
-            shutil.copy(source, tmp_path / folder)
+        for source in (PACKAGES / folder).rglob("*.py"):
+            target = tmp_path / source.relative_to(PACKAGES)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(source, target)
     assert solver_hash(tmp_path) == solver_hash()
     return tmp_path
 
@@ -66,7 +67,8 @@ def test_another_version_of_a_library_makes_another_solver(
 
 def test_the_libraries_are_those_that_its_modules_import() -> None:
     found = set()
-    for source in (PACKAGES / "solver_adapters/bundled").glob("*.py"):
+    own = (PACKAGES / "solver_adapters/bundled").rglob("*.py")
+    for source in (*own, *(PACKAGES / name for name in BESIDE)):
         for node in ast.walk(ast.parse(source.read_text())):
             if isinstance(node, ast.Import):
                 found |= {alias.name.split(".")[0] for alias in node.names}

@@ -28,7 +28,7 @@ from driver.diagnosis.statistics.score_test import effects_of
 from driver.diagnosis.statistics.screening import screened
 from driver.diagnosis.statistics.variance_component import Component
 from driver.forward.model import ForwardModel, Values
-from driver.forward.progress_adapter import WatchedSolver
+from driver.forward.progress_adapter import ProgressAdapter
 from driver.identification.boundary_jitter import (
     BoundaryJitter,
     boundary_jitter,
@@ -275,7 +275,7 @@ def test_it_is_not_examined_where_it_is_stated_unwanted_or_beyond_the_solver() -
     stated = boundary_jitter(BENCH.model, data.image, fitted.values, NOISE)
     assert "jitter_nm" in why(replace(objective, data=replace(data, jitter=stated)))
     by_differences = FiniteDifferences(objective.model.adapter)
-    for adapter in (by_differences, WatchedSolver(by_differences, silent)):
+    for adapter in (by_differences, ProgressAdapter(by_differences, silent)):
         beyond = replace(objective.model, adapter=adapter)
         assert "the solver has none" in why(replace(objective, model=beyond))
     assert "no loads" in why(replace(objective, data=data.images_alone()))

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from driver.common.progress import silent
 from driver.diagnosis.answer.result_types import Refit
-from driver.diagnosis.search.candidate_correction import REACH, with_own_corrections
-from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.candidate_correction import REACH, with_candidate_corrections
+from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor, refit_causes
 from driver.diagnosis.statistics.score_test import score
 from driver.diagnosis.statistics.screening import screened
@@ -47,8 +47,8 @@ class Failing(closed_form.ClosedFormSolver):
         raise self.error
 
 
-def failing(error: Exception) -> FinerMeshes:
-    return FinerMeshes(replace(BENCH.model, adapter=Failing(error)))
+def failing(error: Exception) -> FineModels:
+    return FineModels(replace(BENCH.model, adapter=Failing(error)))
 
 
 @cache
@@ -76,7 +76,7 @@ def test_what_the_working_mesh_gets_wrong_at_a_cause_no_longer_speaks_against_it
     baseline, before = refitted()
     assert names_of(before) == [RIVAL, TRUE]
     executor = Executor(1, 1, silent)
-    after = with_own_corrections(before, baseline.best, FinerMeshes(finer(BENCH)), executor)
+    after = with_candidate_corrections(before, baseline.best, FineModels(finer(BENCH)), executor)
     assert names_of(after) == [TRUE, RIVAL]
     assert after[0].log_evidence > before[1].log_evidence + 10
     # Where the mesh errs no more than at the baseline, nothing has changed.
@@ -87,7 +87,7 @@ def test_a_refit_that_cannot_be_simulated_finer_stays_and_the_log_says_so() -> N
     baseline, before = refitted()
     lines: list[str] = []
     never = failing(SolverError("no step is short enough\nstep 3"))
-    after = with_own_corrections(before, baseline.best, never, Executor(1, 1, lines.append))
+    after = with_candidate_corrections(before, baseline.best, never, Executor(1, 1, lines.append))
     assert after == before
     assert lines[1:] == [
         f"  {refit.cause.name}: log evidence {refit.log_evidence:+.1f} as it was, for it cannot be "
@@ -100,13 +100,13 @@ def test_a_refit_that_cannot_be_simulated_finer_stays_and_the_log_says_so() -> N
 def test_a_finer_simulation_that_was_not_run_is_not_done_without(error: SolverError) -> None:
     baseline, before = refitted()
     with pytest.raises(type(error)):
-        with_own_corrections(before, baseline.best, failing(error), Executor(1, 1, silent))
+        with_candidate_corrections(before, baseline.best, failing(error), Executor(1, 1, silent))
 
 
 @pytest.mark.parametrize("error", [NotRunError("absent"), JobError("bar", Status.KILLED)], ids=str)
 def test_another_mesh_that_was_not_run_is_not_done_without(error: SolverError) -> None:
     baseline, _ = refitted()
-    meshes = FinerMeshes(finer(BENCH), lambda: failing(error).one)
+    meshes = FineModels(finer(BENCH), lambda: failing(error).one)
     with pytest.raises(type(error)):
         meshes.corrections(BENCH.model, baseline, True, silent)
 
@@ -114,7 +114,7 @@ def test_another_mesh_that_was_not_run_is_not_done_without(error: SolverError) -
 def test_another_mesh_that_cannot_be_simulated_is_done_without_and_the_log_says_so() -> None:
     baseline, _ = refitted()
     lines: list[str] = []
-    meshes = FinerMeshes(finer(BENCH), lambda: failing(SolverError("no step")).one)
+    meshes = FineModels(finer(BENCH), lambda: failing(SolverError("no step")).one)
     _, between = meshes.corrections(BENCH.model, baseline, True, lines.append)
     assert between is None and "  one mesh has to do: no step" in lines
 
@@ -125,5 +125,5 @@ def test_one_that_leads_alone_is_not_simulated() -> None:
     lines: list[str] = []
     never = failing(AssertionError())
     executor = Executor(1, 1, lines.append)
-    assert with_own_corrections([first, far], baseline.best, never, executor) == [first, far]
-    assert with_own_corrections([], baseline.best, never, executor) == [] and not lines
+    assert with_candidate_corrections([first, far], baseline.best, never, executor) == [first, far]
+    assert with_candidate_corrections([], baseline.best, never, executor) == [] and not lines

@@ -8,7 +8,7 @@ import pytest
 from driver.common.progress import silent
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.extension import Extension, extended
-from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor, refit_causes
 from driver.diagnosis.statistics.score_test import score
 from driver.diagnosis.statistics.screening import screened
@@ -46,7 +46,7 @@ def extension(off: float) -> tuple[Fit, Extension]:
     made = replace(made, data=replace(made.data, load=load, bad_loads=(WRONG,)))
     objective, baseline = identified(BENCH, made)
     begin = Extension(
-        baseline, objective, FinerMeshes(finer(BENCH)), (), {}, 0.0, baseline.best.free, ()
+        baseline, objective, FineModels(finer(BENCH)), (), {}, 0.0, baseline.best.free, ()
     )
     return baseline, extended(begin, refitted(objective, baseline), SETTINGS, silent)
 
@@ -91,7 +91,7 @@ def test_a_model_far_from_where_its_correction_was_taken_is_corrected_once_more(
     values = winner.fit.values | {"tau0": factor * winner.fit.values["tau0"]}
     at = winner.objective.evaluate(values, winner.fit.best.free)
     winner = replace(winner, fit=replace(winner.fit, best=at))
-    meshes = FinerMeshes(finer(BENCH))
+    meshes = FineModels(finer(BENCH))
     begin = Extension(baseline, objective, meshes, (), {}, 0.0, baseline.best.free, ())
     lines: list[str] = []
     found = extended(begin, winner, SETTINGS, lines.append)

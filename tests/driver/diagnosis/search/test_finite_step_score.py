@@ -14,8 +14,8 @@ from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import LIBRARY
 from driver.diagnosis.search import finite_step_score
 from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
-from driver.diagnosis.search.fine_models import FinerMeshes
-from driver.diagnosis.search.finite_step_score import FarLooks, look_from_afar
+from driver.diagnosis.search.fine_models import FineModels
+from driver.diagnosis.search.finite_step_score import FiniteStepScores, finite_step_scores
 from driver.diagnosis.search.refit import Executor, Start, refit_from
 from driver.diagnosis.search.selection_round import examine
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, effects_of
@@ -86,8 +86,8 @@ def examined(truth: float, solver: type[Bent] = Bent, seed: int = 0) -> Examined
     return Examined(scores, fitted, objective)
 
 
-def look(at: Examined, log: Log = silent, accepted: bool = True) -> FarLooks:
-    return look_from_afar(at.scores, at.fit, at.objective, 1.0, accepted, Executor(1, 1, log))
+def look(at: Examined, log: Log = silent, accepted: bool = True) -> FiniteStepScores:
+    return finite_step_scores(at.scores, at.fit, at.objective, 1.0, accepted, Executor(1, 1, log))
 
 
 def with_scores(at: Examined, *changed: Score) -> Examined:
@@ -245,7 +245,7 @@ def test_looks_side_by_side_see_what_looks_one_after_the_other_see(hidden: Exami
     twin = replace(near, cause=replace(near.cause, name="twin"))
     at = with_scores(hidden, twin)
     one, two = (
-        look_from_afar(at.scores, at.fit, at.objective, 1.0, True, Executor(n, 1, silent))
+        finite_step_scores(at.scores, at.fit, at.objective, 1.0, True, Executor(n, 1, silent))
         for n in (1, 2)
     )
     assert [s.log_evidence for s in two.scores] == [s.log_evidence for s in one.scores]
@@ -298,7 +298,7 @@ def test_both_sides_are_prepared_at_once() -> None:
 
 def test_a_round_names_what_only_a_look_from_afar_shows(hidden: Examined) -> None:
     settings = replace(SETTINGS, wanted=("non_schmid",))
-    meshes = FinerMeshes(replace(finer(closed_form.problem()), adapter=Bent(0.001)))
+    meshes = FineModels(replace(finer(closed_form.problem()), adapter=Bent(0.001)))
     found = examine(
         hidden.fit,
         hidden.objective,

@@ -12,7 +12,7 @@ from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.search import forward_selection
 from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
 from driver.diagnosis.search.extension import Extension, extended
-from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor, refit_causes
 from driver.diagnosis.search.selection_round import Round, at_first_sight, examine
 from driver.diagnosis.statistics.screening import screened
@@ -33,7 +33,7 @@ def misled(
 
     def examined(
         here: Fit, objective: Objective, added: Sequence[Cause], settings: Settings,
-        stops: BoundaryNoiseSensitivities, wide: Evaluation | None, finer: FinerMeshes, log: Log,
+        stops: BoundaryNoiseSensitivities, wide: Evaluation | None, finer: FineModels, log: Log,
     ) -> Round:  # fmt: skip
         if added:
             seen = at_first_sight(here, objective, settings, stops, log)

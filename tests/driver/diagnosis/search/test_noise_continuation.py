@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from driver.common.progress import silent
 from driver.diagnosis.answer.result_types import Refit
-from driver.diagnosis.search.noise_continuation import refit_from_soft_loads
+from driver.diagnosis.search.noise_continuation import refit_by_noise_continuation
 from driver.diagnosis.search.refit import Executor, refit_causes
 from solver_adapters.interface import Simulation, SolverError
 from tools import closed_form
@@ -40,7 +40,9 @@ def test_a_large_effect_is_found_and_measured_where_refits_from_the_baseline_are
     assert near.fit.best.chi_load > 3
     lines: list[str] = []
     executor = Executor(1, 1, lines.append)
-    found = best_of(refit_from_soft_loads(tried, wide.free, baseline.best, objective, 5, executor))
+    found = best_of(
+        refit_by_noise_continuation(tried, wide.free, baseline.best, objective, 5, executor)
+    )
     assert found.cause.name == cause and found.fit.best.chi_load < 1.3
     sigma = found.fit.sigma(name, objective.parameters)
     assert abs(found.fit.values[name] - value) < max(4 * sigma, 0.01 * value)
@@ -50,7 +52,7 @@ def test_a_large_effect_is_found_and_measured_where_refits_from_the_baseline_are
 
 def test_what_gains_less_than_half_of_the_best_below_soft_loads_is_not_followed_further() -> None:
     objective, baseline, wide, tried = large_effect("stretch_curvature", 0.5)
-    refits = refit_from_soft_loads(tried, wide.free, baseline.best, objective, 5, CREW)
+    refits = refit_by_noise_continuation(tried, wide.free, baseline.best, objective, 5, CREW)
     assert [refit.cause.name for refit in refits] == ["stretch_not_proportional"]
 
 
@@ -69,6 +71,6 @@ def test_where_the_nominal_model_cannot_be_simulated_the_baseline_is_begun_with(
     shy = replace(objective, model=replace(objective.model, adapter=Refusing()))
     lines: list[str] = []
     executor = Executor(1, 1, lines.append)
-    found = best_of(refit_from_soft_loads(tried, wide.free, baseline.best, shy, 5, executor))
+    found = best_of(refit_by_noise_continuation(tried, wide.free, baseline.best, shy, 5, executor))
     assert "  not from the nominal model (no step is short enough)" in lines
     assert found.cause.name == "stretch_not_proportional" and found.fit.best.chi_load < 1.3

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from driver.common.progress import silent
 from driver.diagnosis.answer.result_types import Diagnosis, Settings
 from driver.diagnosis.search.diagnose import diagnose
-from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.second_mesh_check import held_against_both
 from driver.diagnosis.statistics.score_test import effects_of
 from driver.diagnosis.statistics.screening import screen, screened
@@ -51,7 +51,7 @@ def diagnosed(
     objective, baseline = identified(BENCH, made)
     lines: list[str] = []
     found = diagnose(
-        baseline, objective, FinerMeshes(FINE, lambda: another), BENCH.history.cycle, settings,
+        baseline, objective, FineModels(FINE, lambda: another), BENCH.history.cycle, settings,
         lines.append,
     )  # fmt: skip
     return found, lines
@@ -127,7 +127,7 @@ def test_the_jobs_of_both_meshes_are_prepared_at_once() -> None:
     )
     objective, baseline = identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
     with pytest.raises(PreparedError) as error:
-        FinerMeshes(one, lambda: another).corrections(objective.model, baseline, True, silent)
+        FineModels(one, lambda: another).corrections(objective.model, baseline, True, silent)
     assert error.value.folders == (Elsewhere.folder, ElsewhereToo.folder)
 
 
@@ -159,7 +159,7 @@ def test_what_no_mesh_moves_is_as_significant_as_before() -> None:
     looked = replace(one, family=4 * one.family, p=4 * one.p)
     lines: list[str] = []
     found = held_against_both(
-        FinerMeshes(FINE, lambda: FINE), here, objective, [looked, *rest], widened, lines.append
+        FineModels(FINE, lambda: FINE), here, objective, [looked, *rest], widened, lines.append
     )
     assert found is not None and found.lost is None
     (told,) = (line for line in lines if "moved by" in line)
@@ -179,7 +179,7 @@ def test_what_the_meshes_differ_by_is_taken_at_the_extended_model() -> None:
     meshes = [replace(BENCH.model, adapter=LittleErringMesh(0.001)), FINE]
     made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": DRIFT})
     objective, baseline = identified(BENCH, made)
-    both = FinerMeshes(FINE, lambda: meshes.pop(0))
+    both = FineModels(FINE, lambda: meshes.pop(0))
     found = diagnose(baseline, objective, both, BENCH.history.cycle, WANTED, silent)
     assert found.verdict.causes == ("tilt_drift",) and not meshes
     assert found.off_by_mesh("tilt_drift") == pytest.approx(0.0, abs=1e-5 * DRIFT)

@@ -13,7 +13,7 @@ from driver.common.progress import silent
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search import candidate_selection
 from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
-from driver.diagnosis.search.fine_models import FinerMeshes
+from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.selection_round import WITHIN, examine, set_of
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score
 from driver.identification.fit import Fit
@@ -25,7 +25,7 @@ BENCH = closed_form.problem()
 EVERY = replace(SETTINGS, refit=5)
 TILT = replace(EVERY, wanted=("tilt_drift",))
 NO_STOPS = BoundaryNoiseSensitivities(None)
-FINER = FinerMeshes(finer(BENCH))
+FINER = FineModels(finer(BENCH))
 
 
 def tilting() -> tuple[Objective, Fit]:

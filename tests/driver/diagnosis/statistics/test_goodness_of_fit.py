@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import f, kstest
 
-from driver.diagnosis.statistics.goodness_of_fit import Omnibus, _outlier, omnibus
+from driver.diagnosis.statistics.goodness_of_fit import GoodnessOfFit, _outlier, omnibus
 from driver.identification.data import Data
 from tests.driver.analytic import evaluation
 
@@ -39,7 +39,7 @@ FIELDS[:, :T] = 0.0  # of the images alone
 NO_SHAPES = np.zeros((0, 0))
 
 
-def after_a_fit(load: FloatArray, images: FloatArray) -> Omnibus:
+def after_a_fit(load: FloatArray, images: FloatArray) -> GoodnessOfFit:
     """The tests of what a least-squares fit with J leaves."""
     data = np.concatenate([load, images.ravel()])
     rest = data - J.T @ np.linalg.solve(J @ J.T, J @ data)
@@ -47,23 +47,23 @@ def after_a_fit(load: FloatArray, images: FloatArray) -> Omnibus:
 
 
 @pytest.fixture(scope="module")
-def noise() -> list[Omnibus]:
+def noise() -> list[GoodnessOfFit]:
     rng = np.random.default_rng(0)
     return [after_a_fit(rng.standard_normal(T), rng.standard_normal((T, N_Z))) for _ in range(1000)]
 
 
-def test_noise_is_taken_for_noise_in_99_of_100_cases(noise: list[Omnibus]) -> None:
+def test_noise_is_taken_for_noise_in_99_of_100_cases(noise: list[GoodnessOfFit]) -> None:
     # 1 % of 1000 are 10; so short a series has a few more
     assert sum(not found.accepted for found in noise) < 25
 
 
 @pytest.mark.parametrize("name", ["load_slow", "image_slow", "together", "smooth"])
-def test_what_the_fit_has_taken_is_counted(noise: list[Omnibus], name: str) -> None:
+def test_what_the_fit_has_taken_is_counted(noise: list[GoodnessOfFit], name: str) -> None:
     p = np.array([getattr(found, name) for found in noise])
     assert kstest(p, "uniform").pvalue > 1e-3
 
 
-def test_the_serial_test_does_not_cry_wolf_over_fitted_knots(noise: list[Omnibus]) -> None:
+def test_the_serial_test_does_not_cry_wolf_over_fitted_knots(noise: list[GoodnessOfFit]) -> None:
     p = np.array([found.load_serial for found in noise])
     assert np.mean(p < 0.01) < 0.02 and np.mean(p < 0.1) == pytest.approx(0.1, abs=0.02)
 
@@ -99,7 +99,7 @@ def test_serial_correlation_of_the_load_is_seen() -> None:
     assert rejected > 40
 
 
-def test_the_test_of_single_images_keeps_its_level(noise: list[Omnibus]) -> None:
+def test_the_test_of_single_images_keeps_its_level(noise: list[GoodnessOfFit]) -> None:
     """That of T images together: a Bonferroni bound, a little below it."""
     p = np.array([found.image_outlier for found in noise])
     # 50 of 1000, with a standard deviation of 7

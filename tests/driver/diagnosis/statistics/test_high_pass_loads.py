@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from driver.diagnosis.statistics.high_pass_loads import (
     LEFT,
     UNTOUCHED,
-    FastLoads,
+    HighPassLoads,
     fast_loads,
     freed,
 )
@@ -82,7 +82,7 @@ def test_the_prior_counts_as_data_do() -> None:
     assert found.residual == pytest.approx(expected.residual, abs=1e-9)
 
 
-def seen(found: FastLoads, effect: FloatArray) -> float:
+def seen(found: HighPassLoads, effect: FloatArray) -> float:
     """By how many σ an effect shows."""
     return float(np.linalg.norm(found.of(effect[None])))
 

@@ -1,6 +1,6 @@
 """What many directions owe to their history, against the complex step of the formulas.
 
-The derivatives of whole points are those of `test_points`.
+The derivatives of whole points are those of `test_gauss_points`.
 """
 
 from __future__ import annotations
