@@ -38,7 +38,8 @@ def once_more(simulation: Simulation, response: Response) -> Simulation:
     """Return the simulation as it is to be run again, for other directions or beside it.
 
     It begins its iterations by the trajectory of its response, and takes the steps that this one
-    chose for itself: other steps have other errors, which would be taken for an effect of a parameter.
+    chose for itself: other steps have other errors, which would be taken for an effect of a
+    parameter.
     """
     if response.trajectory is not None:
         simulation = replace(simulation, warm_start=response.trajectory)
