@@ -8,6 +8,7 @@ from typer.testing import CliRunner, Result
 
 import driver
 import driver.export.command
+import driver.workflow
 from driver.case.model import CaseError, load_case
 from driver.check.check_result import Finding
 from driver.cli import app
@@ -43,7 +44,7 @@ def pipeline(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         report=lambda case_path: calls.append(("report", case_path)),
     )
     monkeypatch.setitem(sys.modules, "driver.workflow.pipeline", fake)
-    monkeypatch.setattr(driver, "pipeline", fake, raising=False)
+    monkeypatch.setattr(driver.workflow, "pipeline", fake, raising=False)
     monkeypatch.setattr("driver.export.command.export_case", export)
     return fake
 

@@ -173,7 +173,7 @@ def test_results_that_are_no_longer_made_go_and_those_of_others_are_kept(
     workshop.run()
     results = workshop.folder / "results"
     assert not (results / "mesh.txt").exists() and (results / "maps" / "motion.txt").exists()
-    record = json.loads((results / "engine.json").read_text())
+    record = json.loads((results / "stages.json").read_text())
     assert record["mesh"]["outputs"] == ["prism.txt"]
 
 
@@ -314,7 +314,7 @@ def test_a_bad_case_stops_before_anything_is_written(workshop: Workshop) -> None
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"mesh": 3}', '{"mesh": {"key": "k"}}'])
 def test_a_damaged_record_is_no_record(tmp_path: Path, text: str) -> None:
 
-    (tmp_path / "engine.json").write_text(text, encoding="utf-8")
+    (tmp_path / "stages.json").write_text(text, encoding="utf-8")
     assert read_record(tmp_path) == {}
 
 

@@ -6,7 +6,7 @@ import csv
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,7 @@ from driver.results.hdf5 import read_hdf5
 from driver.workflow import pipeline
 from driver.workflow.engine import StageError, run_stages, stage_key
 from meshes.files import read_med
-from solver_adapters.interface import PreparedError, Progress, Response, Simulation
+from solver_adapters.interface import Capabilities, PreparedError, Progress, Response, Simulation
 from solver_adapters.profile import Profile
 from tools import closed_form
 from tools.closed_form import KNOTS
@@ -91,6 +91,9 @@ class Elsewhere(closed_form.ClosedFormSolver):
     def __init__(self, profile: Profile, asked: list[tuple[Profile, Path | None]]) -> None:
         super().__init__(0.001)
         self.profile, self.asked = profile, asked
+
+    def capabilities(self) -> Capabilities:
+        return replace(super().capabilities(), in_process=False)
 
     def solve(
         self,
@@ -379,7 +382,7 @@ def test_a_stage_and_those_after_it_depend_on_its_tables_and_no_others(table: st
         changed = case.model_copy(update={table: update})
     before, after = keys(case), keys(changed)
     names = list(before)
-    assert names == ["mesh", "measure", "identify", "diagnose", "report"]
+    assert names == ["mesh", "measure", "identify", "diagnose", "advise", "report"]
     stale = [name for name in names if before[name] != after[name]]
     first = FIRST_STAGE.get(table)  # how the machine is used changes no result
     assert stale == (names[names.index(first) :] if first else [])
