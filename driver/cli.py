@@ -14,7 +14,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from driver.case.model import CaseError, default_case, schema_text, write_case
+from driver.case.model import SCHEMA_FILE, CaseError, default_case, schema_text, write_case
 from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError, sentence
 from driver.common.progress import LiveLog, seldom
@@ -70,7 +70,7 @@ def init(
 ) -> None:
     """Write a commented case.toml, and its schema for editors, into DIR."""
     with _told_in_one_line():
-        path, schema = folder / "case.toml", folder / "case.schema.json"
+        path, schema = folder / "case.toml", folder / SCHEMA_FILE
         if folder.exists() and not folder.is_dir():
             raise CaseError(sentence(folder, "DIR", "a file", "a folder, or nothing yet"))
         for file in (path, schema):

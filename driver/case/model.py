@@ -38,6 +38,10 @@ _OF_TWO_GRAINS = (
 )
 
 
+SCHEMA_FILE = "case.schema.json"
+"""Name by which every case file knows its editor schema, which stands beside it."""
+
+
 class CaseError(InputError):
     """A case file that cannot be used: one sentence a line, with file, key, found, expected."""
 

@@ -10,7 +10,8 @@ from driver.design.detectability import NAMED_AT, Outlook, Visible
 from driver.design.forecast import Forecast
 from driver.design.information import Knowledge
 from driver.diagnosis.statistics.score_test import PARALLEL, SEEN_AT
-from driver.results.hdf5 import json_number, prismid_version
+from driver.results.hdf5 import prismid_version
+from driver.results.json_files import json_number
 
 
 def design_record(

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,6 +35,7 @@ from driver.results.files import (
     present,
 )
 from driver.results.hdf5 import damaged, read_hdf5
+from driver.results.identification import read_identification
 from driver.results.stage_record import read_record
 from meshes.files import read_med
 from meshes.prism_mesh import PrismMesh
@@ -189,7 +189,7 @@ def read_findings(case: Case, results: Path) -> Findings:
     """
     paths = {name: present(results, name) for name in _READ}
     identified = _datasets(paths[IDENTIFY], _IDENTIFIED)
-    names, warnings, values = _texts(paths[IDENTIFY], ("names", "warnings", "all_values"))
+    told = read_identification(paths[IDENTIFY])
     measured = _datasets(paths[MEASURE], _MEASURED)
     history = read_history(case.path(case.history.file))
     # A term of the user's own that was installed since the identification is at its null.
@@ -203,12 +203,12 @@ def read_findings(case: Case, results: Path) -> Findings:
         motion=measured_motion(measured, case.images.level_um, boundary_trace(case)),
         pictures={name: present(results, f"{name}.png").read_bytes() for name in FIGURES},
         fitted=_datasets(paths[DIAGNOSIS_H5], _FITTED),
-        estimates=estimates(names, _declared(case, history), identified),
+        estimates=estimates(told.names, _declared(case, history), identified),
         identified=identified,
         hessian_names=tuple(name.decode() for name in identified["hessian_names"].tolist()),
-        warnings=tuple(warnings),
+        warnings=told.warnings,
         seconds=_seconds(results, iterations),
-        values=null | values,
+        values=null | told.values,
         noise_factor=float(identified["noise_factor"]),
         iterations=iterations,
         diagnosis=_diagnosis(paths[DIAGNOSIS]),
@@ -238,14 +238,6 @@ def _datasets(path: Path, expected: tuple[str, ...]) -> dict[str, FloatArray]:
         if name not in found:
             raise damaged(path, f"no dataset {name}")
     return found
-
-
-def _texts(path: Path, expected: tuple[str, ...]) -> list[Any]:
-    with h5py.File(path, "r") as file:
-        for name in expected:
-            if name not in file.attrs:
-                raise damaged(path, f"no attribute {name}")
-        return [json.loads(file.attrs[name]) for name in expected]
 
 
 def _diagnosis(path: Path) -> Record:

@@ -15,7 +15,7 @@ from driver.diagnosis.statistics.score_test import Score
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from driver.results.extended_case import added_parameters
-from driver.results.hdf5 import json_number
+from driver.results.json_files import json_number
 
 Budget = dict[str, float]
 

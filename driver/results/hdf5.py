@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,17 +13,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.common.errors import InputError
+from driver.results.files import (
+    ADVICE,
+    DIAGNOSIS,
+    DIAGNOSIS_H5,
+    FINE_MESH,
+    HISTORY_JSON,
+    IDENTIFY,
+    MEASURE,
+    MESH,
+)
 from solver_adapters.response_file import prismid_version as prismid_version
 
 Array = NDArray[np.float64]
 
-# By the name of the result without its ending.
+# Of results that a later stage reads back, the stage that makes them.
 _STAGES = {
-    "mesh": "mesh",
-    "measure": "measure",
-    "identify": "identify",
-    "identify_history": "identify",
-    "diagnosis": "diagnose",
+    MESH: "mesh",
+    FINE_MESH: "mesh",
+    MEASURE: "measure",
+    IDENTIFY: "identify",
+    HISTORY_JSON: "identify",
+    DIAGNOSIS: "diagnose",
+    DIAGNOSIS_H5: "diagnose",
+    ADVICE: "advise",
 }
 
 
@@ -90,14 +102,9 @@ def damaged(path: Path, found: str) -> ResultError:
 
 
 def _remedy(path: Path) -> str:
-    stage = _STAGES.get(path.stem)
+    stage = _STAGES.get(path.name)
     alone = "" if stage is None else f", running the stage {stage} alone"
     return f"delete it, and `prismid run` makes it anew{alone}"
-
-
-def json_number(value: float) -> float | None:
-    """Return a number as JSON has it, which knows neither infinity nor NaN: they are None."""
-    return float(value) if math.isfinite(value) else None
 
 
 def write_csv(path: Path, columns: Mapping[str, Sequence[object] | Array]) -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,7 +23,7 @@ from driver.identification.problem import IdentificationProblem
 from driver.parameters.boundary import LAMBDAS
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.results.files import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
-from driver.results.hdf5 import write_csv, write_hdf5
+from driver.results.hdf5 import damaged, write_csv, write_hdf5
 from solver_adapters.interface import Trajectory
 from solver_adapters.parameter import Parameter
 
@@ -206,6 +208,68 @@ def _jitter(jitter: BoundaryJitter | None) -> Arrays:
         "jitter/load": (jitter.load, "µN"),
         "jitter/image": (jitter.image.astype(np.float32), "1"),
     }
+
+
+@dataclass(frozen=True)
+class IdentificationTexts:
+    """What `identify.h5` says in words.
+
+    Attributes:
+        names: free parameters.
+        units: unit of each.
+        values: value of every parameter of the general model.
+        warnings: sentences on what the data did not decide.
+        reason: why the last fit ended.
+        converged: whether it converged.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: dict[str, float]
+    warnings: tuple[str, ...]
+    reason: str
+    converged: bool
+
+
+def read_identification(path: Path) -> IdentificationTexts:
+    """Read the words of `identify.h5` back.
+
+    Raises:
+        ResultError: an attribute is absent or no readable JSON.
+    """
+    with h5py.File(path, "r") as file:
+        attributes = dict(file.attrs)
+    for name in ("names", "units", "all_values", "warnings", "reason", "converged"):
+        if name not in attributes:
+            raise damaged(path, f"no attribute {name}")
+    try:
+        names, units, values, warnings = (
+            json.loads(attributes[name]) for name in ("names", "units", "all_values", "warnings")
+        )
+        return IdentificationTexts(
+            tuple(map(str, names)),
+            tuple(map(str, units)),
+            {str(name): float(value) for name, value in values.items()},
+            tuple(map(str, warnings)),
+            str(attributes["reason"]),
+            bool(attributes["converged"]),
+        )
+    except (TypeError, ValueError, AttributeError) as error:
+        raise damaged(path, f"no readable parameters ({error})") from None
+
+
+def write_fits(path: Path, fits: Mapping[str, Fit], problem: IdentificationProblem) -> None:
+    """Write predictions and residuals of some fits.
+
+    Args:
+        path: file to write.
+        fits: by the name that stands before their datasets.
+        problem: what they started from.
+    """
+    datasets: Arrays = {}
+    for name, fit in fits.items():
+        datasets |= fit_arrays(fit, problem, name)
+    write_hdf5(path, datasets)
 
 
 def write_with_images(

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from driver.results.files import DIAGNOSIS, DIAGNOSIS_H5, IDENTIFY, MEASURE, MESH
 from driver.results.hdf5 import damaged, read_hdf5
+from driver.results.identification import read_identification
 from meshes.files import read_med
 from meshes.prism_mesh import PrismMesh
 
@@ -78,15 +78,10 @@ def read_results(results: Path, diagnosed: bool) -> FinishedResults:
 def _identified(path: Path, sizes: dict[str, int]) -> tuple[FittedModel, dict[str, float]]:
     arrays = read_hdf5(path)
     predicted = _predictions(path, arrays, "final", sizes)
-    try:
-        with h5py.File(path, "r") as file:
-            names, units, values = (
-                json.loads(file.attrs[name]) for name in ("names", "units", "all_values")
-            )
-        all_values = {str(name): float(value) for name, value in values.items()}
-        by_name = dict(zip(map(str, names), map(str, units), strict=True))
-    except _DAMAGE as error:
-        raise damaged(path, f"no readable parameters ({error})") from None
+    told = read_identification(path)
+    if len(told.names) != len(told.units):
+        raise damaged(path, f"{len(told.units)} units of {len(told.names)} parameters")
+    all_values, by_name = told.values, dict(zip(told.names, told.units, strict=True))
     _expect(path, arrays, {"sigma": "K", "start": "K"}, {"K": len(by_name)})
     model = FittedModel(
         label=LABELS[0],

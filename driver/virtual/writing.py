@@ -10,7 +10,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from driver.case.model import Case, schema_text, write_case
+from driver.case.model import SCHEMA_FILE, Case, schema_text, write_case
 from driver.common.errors import InputError
 from driver.experiment.history import COLUMNS, History
 from driver.parameters.registry import declared_parameters
@@ -27,7 +27,7 @@ from driver.virtual.truth import Course
 FloatArray = NDArray[np.float64]
 
 FILES = (
-    "case.toml", "case.schema.json", "images.tif", "repeats.tif", "flats.tif", "history.csv",
+    "case.toml", SCHEMA_FILE, "images.tif", "repeats.tif", "flats.tif", "history.csv",
     "truth.json", "truth.h5",
 )  # fmt: skip
 _AROUND = 1.5  # µm beyond the face on which there are dots
@@ -85,7 +85,7 @@ def record(
     noise = case.loads.gamma_F * correlated(on_load, n_images, case.loads.autocorrelation)
     _write_history(folder / "history.csv", course.history, (course.load + noise) / case.force_scale)
     write_case(_stated(case, settings, lens), folder / "case.toml")
-    (folder / "case.schema.json").write_text(schema_text(), encoding="utf-8")
+    (folder / SCHEMA_FILE).write_text(schema_text(), encoding="utf-8")
     _write_truth(folder, course, settings, seed, lens, subject, at_images)
     return folder / "case.toml"
 

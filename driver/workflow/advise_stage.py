@@ -15,6 +15,7 @@ from driver.experiment.reading import history_of
 from driver.parameters.registry import declared_parameters
 from driver.results.extended_case import with_half_turns
 from driver.results.files import ADVICE, DIAGNOSIS
+from driver.results.json_files import write_json
 from driver.workflow.engine import StageContext
 from solver_adapters.parameter import Parameter
 
@@ -34,9 +35,7 @@ def run_advise(context: StageContext) -> None:
         "changes": [{"change": one.name, "apart_sigma": one.apart} for one in changes],
         "text": text,
     }
-    (context.workdir / ADVICE).write_text(
-        json.dumps(record, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
-    )
+    write_json(context.workdir / ADVICE, record)
 
 
 def _inseparable(diagnosis: Record) -> tuple[str, ...]:

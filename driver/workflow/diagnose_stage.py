@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
-import h5py
 import numpy as np
 
-from driver.case.model import schema_text, write_case
+from driver.case.model import SCHEMA_FILE, schema_text, write_case
 from driver.common.progress import Log
 from driver.diagnosis.answer.residual_localisation import (
     ResidualLocalisation,
@@ -44,8 +42,9 @@ from driver.results.files import (
     MEASURE,
     NOISE_MAP,
 )
-from driver.results.hdf5 import read_hdf5, write_hdf5
-from driver.results.identification import fit_arrays, value_told
+from driver.results.hdf5 import read_hdf5
+from driver.results.identification import read_identification, value_told, write_fits
+from driver.results.json_files import write_json
 from driver.workflow.engine import StageContext
 from driver.workflow.identify_stage import (
     error_budget,
@@ -53,8 +52,6 @@ from driver.workflow.identify_stage import (
     same_simulation,
     saved_objective,
 )
-
-SCHEMA = "case.schema.json"  # the name by which every case file knows its schema
 
 
 def run_diagnose(context: StageContext) -> None:
@@ -66,11 +63,10 @@ def run_diagnose(context: StageContext) -> None:
     identified = read_hdf5(context.result(IDENTIFY))
     measured = read_hdf5(context.result(MEASURE))
     free_chi = measured["chi"]
-    with h5py.File(context.result(IDENTIFY), "r") as file:
-        # A term that was installed since is at its null.
-        values = problem.objective.model.null_values() | json.loads(file.attrs["all_values"])
-        free = tuple(json.loads(file.attrs["names"]))
-        converged, reason = bool(file.attrs["converged"]), str(file.attrs["reason"])
+    told = read_identification(context.result(IDENTIFY))
+    # A term that was installed since is at its null.
+    values = problem.objective.model.null_values() | told.values
+    free, converged, reason = told.names, told.converged, told.reason
     if not converged:
         context.log(f"  the baseline has not converged ({reason}): read the verdict with care")
     objective = saved_objective(problem, identified)
@@ -111,17 +107,13 @@ def run_diagnose(context: StageContext) -> None:
         error_budget(problem, found.extended.best, free_chi),
     )
     record = diagnosis_record(found, problem.objective, problem.law, budgets, decks, where)
-    (context.workdir / DIAGNOSIS).write_text(
-        json.dumps(record, indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
-    )
-    arrays = fit_arrays(found.baseline, problem, "before") | fit_arrays(
-        found.extended, problem, "after"
-    )
-    write_hdf5(context.workdir / DIAGNOSIS_H5, arrays)
+    write_json(context.workdir / DIAGNOSIS, record)
+    fits = {"before": found.baseline, "after": found.extended}
+    write_fits(context.workdir / DIAGNOSIS_H5, fits, problem)
     if NOISE_RATIO.name in found.levels:
         write_noise_map(case, found, context.workdir / NOISE_MAP)
     write_case(extended_case(case, found), context.workdir / EXTENDED)
-    (context.workdir / SCHEMA).write_text(schema_text(), encoding="utf-8")
+    (context.workdir / SCHEMA_FILE).write_text(schema_text(), encoding="utf-8")
 
 
 def _tell(

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 
-import h5py
 import numpy as np
 
 from driver.case.model import Case
@@ -20,6 +18,7 @@ from driver.report.labels import named
 from driver.report.style import data_uri, png
 from driver.results.files import IDENTIFY, REPORT
 from driver.results.hdf5 import prismid_version, read_hdf5
+from driver.results.identification import read_identification
 from driver.workflow.engine import StageContext
 from templates import render
 
@@ -31,11 +30,9 @@ def run_report_loads(context: StageContext) -> None:
         AbsentError, ResultError: a result is absent or damaged.
     """
     found, case = read_hdf5(context.result(IDENTIFY)), context.case
-    with h5py.File(context.result(IDENTIFY), "r") as file:
-        names, warnings = json.loads(file.attrs["names"]), json.loads(file.attrs["warnings"])
-        reason, converged = str(file.attrs["reason"]), bool(file.attrs["converged"])
+    told = read_identification(context.result(IDENTIFY))
     declared = declared_parameters(history_of(case).n_knots, case.material.to_material())
-    groups, knots = estimate_rows(estimates(names, declared, found))
+    groups, knots = estimate_rows(estimates(told.names, declared, found))
     loads = fitted_loads(case, found["force"])
     picture = png(
         figures.loads(
@@ -55,9 +52,9 @@ def run_report_loads(context: StageContext) -> None:
         rms=number(float(np.sqrt(np.mean(rest**2))), 2),
         noise=number(case.loads.gamma_F),
         ratio=_ratio(case),
-        reason=reason,
-        doubts=doubts(float(found["budget/load"]), rest.size, converged),
-        warnings=[named(text, names) for text in warnings],
+        reason=told.reason,
+        doubts=doubts(float(found["budget/load"]), rest.size, told.converged),
+        warnings=[named(text, told.names) for text in told.warnings],
         groups=groups,
         knots=knots,
         picture=data_uri(picture),

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from driver.results.hdf5 import (
     ResultError,
-    json_number,
     prismid_version,
     read_hdf5,
     write_csv,
@@ -82,11 +81,3 @@ def test_a_table_has_six_digits_and_columns_of_one_length(tmp_path: Path) -> Non
         ]  # fmt: skip
     with pytest.raises(ValueError):
         write_csv(path, {"image": range(2), "load": [1.0]})
-
-
-@pytest.mark.parametrize(
-    ("value", "held"), [(1.5, 1.5), (np.float64(2), 2.0), (np.inf, None), (np.nan, None)]
-)
-def test_what_json_has_no_number_for_is_null(value: float, held: float | None) -> None:
-    found = json_number(value)
-    assert found == held and type(found) is type(held)

@@ -1,0 +1,20 @@
+"""Results as JSON: a text that people can read, without NaN and infinity."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+
+def write_json(path: Path, record: Mapping[str, Any]) -> None:
+    """Write a record, a value a line."""
+    text = json.dumps(record, indent=1, ensure_ascii=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def json_number(value: float) -> float | None:
+    """Return a number as JSON has it, which knows neither infinity nor NaN: they are None."""
+    return float(value) if math.isfinite(value) else None
