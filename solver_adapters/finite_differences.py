@@ -39,10 +39,20 @@ from solver_adapters.interface import (
     UnsupportedError,
 )
 from solver_adapters.jobs.errors import is_by_circumstances
-from solver_adapters.quotient import Pair, Slope, finest_steps, slope_through
+from solver_adapters.quotient import MOST_STEPS, Pair, Slope, best_of, following_step, slope_through
 from solver_adapters.time_steps import once_more
 
 RUNS_PER_DIRECTION = 2  # one on each side; twice as many where the first step does not do
+_MOST_REPEATS = 2  # of three runs in common time steps
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """The asked run of a direction, and derivatives about it by some steps."""
+
+    simulation: Simulation
+    base: Response
+    slopes: list[Slope]
 
 
 class FiniteDifferences:
@@ -118,26 +128,28 @@ class FiniteDifferences:
         count.ended()
         repeated = once_more(plain, base)
         pairs = self._pairs(repeated, first, workspace, count)
-        slopes = [slope_through(base, pair, noise) for pair in pairs]
-        second = {
-            k: step
-            for k, (direction, slope) in enumerate(zip(moving, slopes, strict=True))
-            if (step := slope.better_step(direction.scale))
-        }
-        again = [(moving[k], step) for k, step in second.items()]
-        count.more(RUNS_PER_DIRECTION * len(again))
-        for k, pair in zip(second, self._pairs(repeated, again, workspace, count), strict=True):
-            # Of two steps that both show no change the second, wider one is told.
-            found = slope_through(base, pair, noise)
-            if found.asymmetry <= slopes[k].asymmetry:
-                slopes[k], pairs[k] = found, pair
-        for k, slope in enumerate(slopes):
-            if not slope.same_steps:
-                steps = finest_steps(base, pairs[k])
-                if steps is not None:
-                    same = replace(repeated, steps=steps, accuracy=None)
-                    step = max(abs(amount) for amount in slope.amounts)
-                    slopes[k] = self._again(same, moving[k], step, slope, workspace, count)
+        asked = [_Asked(repeated, base, [slope_through(base, pair, noise)]) for pair in pairs]
+        for k, direction in enumerate(moving):
+            asked[k] = self._in_common_steps(asked[k], direction, workspace, count)
+        for _ in range(1, MOST_STEPS):
+            wanted = {
+                k: step
+                for k, (direction, known) in enumerate(zip(moving, asked, strict=True))
+                if (step := following_step(known.slopes, direction.scale))
+            }
+            # Those in the steps of the asked run go side by side, others have steps of their own.
+            alike = [k for k in wanted if asked[k].simulation is repeated]
+            groups = [alike, *([k] for k in wanted if k not in alike)]
+            count.more(RUNS_PER_DIRECTION * len(wanted))
+            for group in groups:
+                again = [(moving[k], wanted[k]) for k in group]
+                if not again:
+                    continue
+                simulation = asked[group[0]].simulation
+                pairs = self._pairs(simulation, again, workspace, count)
+                for k, pair in zip(group, pairs, strict=True):
+                    asked[k].slopes.append(slope_through(asked[k].base, pair, noise))
+        slopes = [best_of(known.slopes) for known in asked]
         notes = [
             note
             for direction, slope in zip(moving, slopes, strict=True)
@@ -156,36 +168,35 @@ class FiniteDifferences:
             notes=(*base.notes, *notes),
         )
 
-    def _again(
-        self,
-        simulation: Simulation,
-        direction: Direction,
-        step: float,
-        before: Slope,
-        workspace: Path | None,
-        count: _Count,
-    ) -> Slope:
-        """Return a derivative by three runs in the steps of the one that took most, if all can.
+    def _in_common_steps(
+        self, asked: _Asked, direction: Direction, workspace: Path | None, count: _Count
+    ) -> _Asked:
+        """Return three runs in the steps of the one that took most, if they took others.
 
         Args:
-            simulation: the asked one, in these steps.
-            direction: along which it is.
-            step: of the difference.
-            before: the derivative from runs in steps of their own.
+            asked: the runs in steps of their own.
+            direction: along which they are.
             workspace: a folder for files of the runs.
             count: of the runs.
         """
-        count.more(1 + RUNS_PER_DIRECTION)
-        try:
-            base = self.adapter.solve(simulation, workspace, count.tell)
-            count.ended()
-            (pair,) = self._pairs(simulation, [(direction, step)], workspace, count)
-        except SolverError as error:
-            if is_by_circumstances(error):
-                raise
-            return before
-        found = slope_through(base, pair, self.adapter.capabilities().noise)
-        return found if found.same_steps else before
+        for _ in range(_MOST_REPEATS):
+            (slope,) = asked.slopes
+            if slope.same_steps or slope.ends is None:
+                break
+            simulation = replace(asked.simulation, steps=slope.ends, accuracy=None)
+            count.more(1 + RUNS_PER_DIRECTION)
+            try:
+                base = self.adapter.solve(simulation, workspace, count.tell)
+                count.ended()
+                (pair,) = self._pairs(simulation, [(direction, slope.step)], workspace, count)
+            except SolverError as error:
+                if is_by_circumstances(error):
+                    raise
+                break
+            # Where one was cut once more, the next try is in its steps.
+            found = slope_through(base, pair, self.adapter.capabilities().noise)
+            asked = _Asked(simulation, base, [found])
+        return asked
 
     def _refuse_unsupported(self, directions: Sequence[Direction]) -> None:
         offered = self.adapter.capabilities()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,8 +19,15 @@ It leaves 1 %: curvature leaves a third of it at most (28 directions on a prism 
 independent noise 0.6 of it.
 """
 
+MOST_STEPS = 3
+"""Steps that are tried for a derivative."""
+
 _WIDEST = 0.5  # step in shares of the scale
 _NARROWEST = 1 / 64  # second step in shares of the first
+_FURTHER = 3.0  # factor from the second step to the third, at most
+_OTHER = 1.1  # factor between two steps that are not the same
+# Of curvature the asymmetry grows with the step, of noise it falls, of a kink it stays.
+_NO_KINK = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,43 +39,65 @@ class Slope:
         displacement, force: the derivatives.
         asymmetry: largest difference of a one-sided slope, in shares of the derivative; infinite
             where that is 0.
+        uncertainty: what the derivative may be wrong by, in shares of it: half of the asymmetry,
+            or what it differs by from that of another step.
         noise: what of this the noise of the solver would make.
         same_steps: whether both runs took the time steps of the asked one.
         seen: whether any number of either run differs from the asked one.
+        norms: of displacement and force of the asked run.
+        ends: ends of the most time steps that one of the three runs took [s], None if unknown.
     """
 
     amounts: tuple[float, float]
     displacement: FloatArray
     force: FloatArray
     asymmetry: float
+    uncertainty: float
     noise: float
     same_steps: bool
     seen: bool
+    norms: tuple[float, float] = (1.0, 1.0)
+    ends: FloatArray | None = None
+
+    @property
+    def step(self) -> float:
+        """Distance of the farther run from the asked one."""
+        return max(abs(amount) for amount in self.amounts)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the derivative may be wrong by more than needs no word."""
+        return not self.uncertainty <= ASYMMETRY / 2
 
     def better_step(self, scale: float) -> float | None:
-        """Return a step that leaves half of the asymmetry that needs no word, or this one."""
-        if self.asymmetry <= ASYMMETRY:
+        """Return a step that leaves half of the asymmetry that needs no word, or None."""
+        if not self.doubtful:
             return None
-        step = max(abs(amount) for amount in self.amounts)
+        step = self.step
         wanted = ASYMMETRY / 2
         if self.noise >= self.asymmetry / 2:  # both are infinite where nothing was seen
             return min(self.asymmetry / wanted * step, _WIDEST * scale)
         factor = max(wanted / self.asymmetry, self.noise / wanted, _NARROWEST)
         return min(factor, 0.5) * step
 
+    def apart(self, other: Slope) -> float:
+        """Return by how much another derivative differs from this one, in shares of it."""
+        size = _size(self.norms, self.displacement, self.force)
+        change = other.displacement - self.displacement, other.force - self.force
+        return _size(self.norms, *change) / size if size else np.inf
+
     def doubts(self, direction: Direction) -> list[str]:
         """Return what is to be said of this derivative."""
         doubts = []
         if not self.seen:
-            step = max(abs(amount) for amount in self.amounts)
             doubts.append(
-                f"derivative along {direction.name!r}: no change was seen over ± {step:.3g} (scale "
-                f"{direction.scale:.3g}); the derivative is 0 within the noise of the solver"
+                f"derivative along {direction.name!r}: no change was seen over ± {self.step:.3g} "
+                f"(scale {direction.scale:.3g}); the derivative is 0 within the noise of the solver"
             )
-        elif self.asymmetry > ASYMMETRY:
+        elif self.doubtful:
             doubts.append(
                 f"derivative along {direction.name!r}: uncertain by about "
-                f"{min(self.asymmetry / 2, 1.0):.0%}, as a slope to one side differs from it by "
+                f"{min(self.uncertainty, 1.0):.0%}, as a slope to one side differs from it by "
                 f"{self.asymmetry:.1%} (steps {self.amounts[0]:.3g} and {self.amounts[1]:.3g}, "
                 f"scale {direction.scale:.3g}); expected {ASYMMETRY:.0%} or less"
             )
@@ -79,7 +109,40 @@ class Slope:
         return doubts
 
 
-def finest_steps(base: Response, pair: Pair) -> FloatArray | None:
+def following_step(tried: Sequence[Slope], scale: float) -> float | None:
+    """Return the step to be tried next along a direction, None where no other is needed.
+
+    Args:
+        tried: derivatives by the steps that were tried, in their order.
+        scale: of the direction.
+    """
+    best = best_of(tried)
+    if len(tried) == 1 or not best.doubtful:
+        return best.better_step(scale)
+    first, second = tried[0].step, tried[1].step
+    factor = second / first if best.step == second else first / second
+    step = min(best.step * min(max(factor, 1 / _FURTHER), _FURTHER), _WIDEST * scale)
+    known = any(1 / _OTHER < step / other.step < _OTHER for other in tried)
+    return None if known or len(tried) >= MOST_STEPS else step
+
+
+def best_of(tried: Sequence[Slope]) -> Slope:
+    """Return the derivative of least asymmetry, its uncertainty by those of other steps.
+
+    Two steps that agree tell that neither noise nor curvature makes a derivative wrong; where the
+    asymmetry does not change with the step there is a kink, and they tell nothing.
+    """
+    # Of steps that all show no change the last, widest one is told.
+    best = min(reversed(tried), key=lambda slope: slope.asymmetry)
+    agreed = [
+        best.apart(other)
+        for other in tried
+        if best.seen and other.asymmetry >= _NO_KINK * best.asymmetry
+    ]
+    return replace(best, uncertainty=min([best.uncertainty, *agreed]))
+
+
+def _finest_steps(base: Response, pair: Pair) -> FloatArray | None:
     """Return the ends of the most steps that one of three runs took [s], None if unknown."""
     ends = max((base.ends, *(run.ends for _, run in pair)), key=lambda ends: ends.size)
     return ends if ends.size else None
@@ -95,25 +158,35 @@ def slope_through(base: Response, pair: Pair, noise: float) -> Slope:
     ]
     (u1, f1), (u2, f2) = sides
     displacement, force = w1 * u1 + w2 * u2, w1 * f1 + w2 * f2
-    size = _size(base, displacement, force)
+    norms = _norm(base.displacement), _norm(base.force)
+    size = _size(norms, displacement, force)
     # Of the whole response: what hardly moves the one half need not be known to a share of that.
-    off = max(_size(base, u - displacement, f - force) for u, f in sides)
+    off = max(_size(norms, u - displacement, f - force) for u, f in sides)
+    asymmetry = off / size if size else np.inf
     return Slope(
         amounts=(a1, a2),
         displacement=displacement,
         force=force,
-        asymmetry=off / size if size else np.inf,
+        asymmetry=asymmetry,
+        uncertainty=asymmetry / 2,
+        norms=norms,
+        ends=_finest_steps(base, pair),
         noise=2 * noise / (size * min(abs(a1), abs(a2))) if size else np.inf,
         same_steps=all(_same_steps(base, run) for run in (one, two)),
         seen=bool(size or off),
     )
 
 
-def _size(base: Response, displacement: FloatArray, force: FloatArray) -> float:
-    """Return a change in shares of the response."""
-    of_displacement = np.linalg.norm(displacement) / (np.linalg.norm(base.displacement) or 1.0)
-    of_force = np.linalg.norm(force) / (np.linalg.norm(base.force) or 1.0)
-    return float(np.hypot(of_displacement, of_force))
+def _norm(values: FloatArray) -> float:
+    return float(np.linalg.norm(values)) or 1.0
+
+
+def _size(norms: tuple[float, float], displacement: FloatArray, force: FloatArray) -> float:
+    """Return a change in shares of the response, whose norms are those of its two parts."""
+    of_displacement, of_force = norms
+    return float(
+        np.hypot(np.linalg.norm(displacement) / of_displacement, np.linalg.norm(force) / of_force)
+    )
 
 
 def _same_steps(base: Response, run: Response) -> bool:

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from solver_adapters.interface import Direction, Response
-from solver_adapters.quotient import ASYMMETRY, Slope, slope_through
+from solver_adapters.quotient import (
+    ASYMMETRY,
+    MOST_STEPS,
+    Slope,
+    best_of,
+    following_step,
+    slope_through,
+)
 
 DIRECTION = Direction("tau0", material={"tau0": 1.0}, scale=4.0)
 
@@ -66,7 +73,10 @@ def test_curvature_asks_for_a_smaller_step_that_would_do() -> None:
 
 
 def test_noise_asks_for_a_wider_step_within_half_of_the_scale() -> None:
-    found = Slope((0.1, -0.1), np.ones(1), np.ones(1), 0.05, 0.04, same_steps=True, seen=True)
+    found = Slope(
+        (0.1, -0.1), np.ones(1), np.ones(1), asymmetry=0.05, uncertainty=0.025, noise=0.04,
+        same_steps=True, seen=True,
+    )  # fmt: skip
     assert found.better_step(4.0) == pytest.approx(0.5)
     assert found.better_step(0.4) == pytest.approx(0.2)
 
@@ -93,3 +103,45 @@ def test_runs_with_other_time_steps_are_doubted() -> None:
 def test_the_digits_of_a_file_make_no_other_time_steps() -> None:
     base, other = (response(0.0, ends=ends) for ends in ((1.2345678, 2.0), (1.234568, 2.0)))
     assert slope_through(base, ((0.1, base), (-0.1, other)), 1e-9).same_steps
+
+
+def noisy(step: float, amplitude: float) -> Slope:
+    """Of runs of which the one on the farther side is off by a part of its force."""
+    off = response(-step)
+    other = Response(
+        off.displacement, off.force * (1 + amplitude), off.d_displacement, off.d_force,
+        steps=0, ends=np.array(()),
+    )  # fmt: skip
+    return slope_through(response(0.0), ((step, response(step)), (-step, other)), amplitude)
+
+
+def test_two_steps_that_agree_take_the_doubt_away_where_curvature_or_noise_made_it() -> None:
+    wide, narrow = slope(0.1, -0.1, curvature=5.0), slope(0.05, -0.05, curvature=5.0)
+    assert wide.doubtful and narrow.doubtful
+    best = best_of([wide, narrow])
+    assert best.amounts == narrow.amounts and not best.doubtful and best.uncertainty < 1e-12
+    few, many = noisy(0.01, 1e-2), noisy(0.04, 1e-2)
+    assert few.doubtful and many.doubtful
+    best = best_of([few, many])
+    assert best.amounts == many.amounts
+    assert best.uncertainty == min(best.asymmetry / 2, many.apart(few))
+
+
+def test_a_kink_stays_doubtful_however_many_steps_agree() -> None:
+    def bent(step: float) -> Slope:
+        runs = (step, response(step)), (-step, response(-0.5 * step))
+        return slope_through(response(0.0), runs, 1e-9)
+
+    best = best_of([bent(0.1), bent(0.02), bent(0.3)])
+    assert best.doubtful and best.uncertainty == best.asymmetry / 2
+
+
+def test_a_third_step_goes_on_where_the_second_was_better_and_turns_where_it_was_worse() -> None:
+    better = [noisy(0.01, 1e-2), noisy(0.02, 1e-2)]
+    assert following_step(better, scale=4.0) == pytest.approx(0.04)
+    worse = [noisy(0.02, 1e-2), noisy(0.01, 1e-2)]
+    assert following_step(worse, scale=4.0) == pytest.approx(0.04)
+    assert following_step(better, scale=0.05) == pytest.approx(0.025)
+    tried = [*better, noisy(0.04, 1e-2)]
+    assert len(tried) == MOST_STEPS and following_step(tried, scale=4.0) is None
+    assert following_step([slope(0.001, -0.001)], scale=4.0) is None
