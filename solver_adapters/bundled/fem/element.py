@@ -56,7 +56,7 @@ def _tet10_five() -> Element:
 def _wedge15() -> Element:
     """Three points of degree 2 in the triangle times two of degree 3 along the line.
 
-    A third point along the line locks plastic flow (figures in benchmarks/RESULTS.md). The price
+    A third point along the line locks plastic flow (figures in benchmarks/numerics.md). The price
     of two are three motions of a lone wedge without strain at the six points; four wedges have
     none.
     """

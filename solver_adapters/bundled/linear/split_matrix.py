@@ -19,7 +19,7 @@ RESIDUAL = 1e-10
 LARGEST_RESIDUAL = 1e-6
 """Largest ‖b − A x‖ / ‖b‖ that is accepted where rounding allows no less.
 
-Rounding leaves about 5e-18 times the condition number (benchmarks/RESULTS.md).
+Rounding leaves about 5e-18 times the condition number (benchmarks/numerics.md).
 """
 
 ROUNDING = 4 * float(np.finfo(np.float64).eps)

@@ -156,7 +156,7 @@ class SymmetricSolver:
 def iterations_for_factor(n: int) -> int:
     """Return iterations of conjugate gradients in the time of a factorisation, n unknowns.
 
-    A fit to what was measured (benchmarks/RESULTS.md), not taken from a clock, so that a run has
+    A fit to what was measured (benchmarks/numerics.md), not taken from a clock, so that a run has
     the same digits each time.
     """
     return 10 + n // 3000

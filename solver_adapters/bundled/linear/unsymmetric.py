@@ -134,7 +134,7 @@ class UnsymmetricSolver:
 def columns_for_superlu(n: int) -> int:
     """Columns solved in blocks with the factor of S while SuperLU factors A, n unknowns.
 
-    A fit to what was measured (benchmarks/RESULTS.md), not taken from a clock, so that a run has
+    A fit to what was measured (benchmarks/numerics.md), not taken from a clock, so that a run has
     the same digits each time.
     """
     return 100 + n // 80
