@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_adapters.calculix import deck, limits
-from solver_adapters.calculix.dat import read_force
-from solver_adapters.calculix.frd import read_displacements
+from solver_adapters.calculix.dat import read_displacements, read_force
 from solver_adapters.calculix.log import cause, parse_status, version_in
 from solver_adapters.calculix.sta import reached, read_increments
 from solver_adapters.external import ExternalAdapter, Status
@@ -23,7 +22,7 @@ class CalculixAdapter(ExternalAdapter):
     name = "calculix"
     programs = ("ccx",)
     version_call = ("-v",)
-    results = tuple(f"{deck.JOB}.{ending}" for ending in ("frd", "dat"))
+    results = (f"{deck.JOB}.dat",)
 
     def capabilities(self) -> Capabilities:
         """Small strain and {110}⟨111⟩ only; Q where h_latent is that of CalculiX."""
@@ -46,7 +45,7 @@ class CalculixAdapter(ExternalAdapter):
         return (*program, "-i", deck.JOB)
 
     def read(self, simulation: Simulation, folder: Path) -> Response:
-        """Return the response from `job.frd`, `job.dat` and `job.sta`.
+        """Return the response from `job.dat` and `job.sta`.
 
         Raises:
             ResultFileError: one of them is missing, empty, truncated or of another job.
@@ -57,10 +56,11 @@ class CalculixAdapter(ExternalAdapter):
         nodes, n = simulation.output_nodes, len(simulation.output)
         # The first instant, where nothing has moved, is not in the files.
         force, displacement = np.zeros(len(ends)), np.zeros((len(ends), nodes.size, 3))
+        printed, wanted = folder / f"{deck.JOB}.dat", ends[steps]
         if steps.size:
-            force[steps] = read_force(folder / f"{deck.JOB}.dat", deck.FORCE_SET, ends[steps])[:, 1]
+            force[steps] = read_force(printed, deck.FORCE_SET, wanted)[:, 1]
         if steps.size and nodes.size:
-            displacement[steps] = read_displacements(folder / f"{deck.JOB}.frd", steps, nodes)
+            displacement[steps] = read_displacements(printed, deck.OUTPUT_SET, wanted, nodes)
         rows = np.searchsorted(ends, simulation.times[simulation.output] - simulation.times[0])
         return Response(
             displacement=displacement[rows],

@@ -18,8 +18,8 @@ CAPABILITIES = Capabilities(
     ),
     strain_measures=frozenset(("small",)),
     derivatives=False,
-    # Six digits of a displacement in the .frd, where rounding makes up to 5e-6 of a value.
-    noise=1e-5,
+    # Seven digits of displacement and force in the .dat, where rounding makes up to 5e-7 of each.
+    noise=1e-6,
     cost=50.0,
     conditional=frozenset(("tau0_112", "Q", "b", "h_latent", "Q_latent", "interaction")),
     cells=frozenset((10, 15)),

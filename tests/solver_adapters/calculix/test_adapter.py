@@ -176,7 +176,7 @@ def test_the_first_instant_needs_no_file_of_displacements(tmp_path: Path) -> Non
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    for kind in ("frd", "dat", "sta"):
+    for kind in ("dat", "sta"):
         shutil.copy(DATA / f"job.{kind}", tmp_path)
     return tmp_path
 
@@ -185,7 +185,7 @@ def test_a_real_run_is_read_whole(folder: Path) -> None:
     found = CalculixAdapter().read(ASKED, folder)
     low, high = ASKED.mesh.nodes["S_MINUS"], ASKED.mesh.nodes["S_PLUS"]
     assert not found.displacement[:, low].any()
-    # The strains 0.01, 0.01, 0.006 of 4 µm; six digits are in the file.
+    # The strains 0.01, 0.01, 0.006 of 4 µm; seven digits are in the file.
     motion = np.array([0.0, 0.04, 0.04, 0.024])[:, None]
     np.testing.assert_allclose(found.displacement[:, high, 1], motion + 0 * high, rtol=1e-6)
     assert found.force[0] == 0.0
@@ -216,7 +216,7 @@ def refusal(folder: Path) -> str:
     return message
 
 
-@pytest.mark.parametrize("kind", ["frd", "dat", "sta"])
+@pytest.mark.parametrize("kind", ["dat", "sta"])
 @pytest.mark.parametrize(
     ("spoil", "word"),
     [
