@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 FloatArray = NDArray[np.float64]
 
@@ -54,27 +55,17 @@ def schmid_tensors() -> FloatArray:
 
 
 def rotation_vector_matrix(vector: FloatArray) -> FloatArray:
-    """Rotation matrix of a rotation vector [rad], shape (3,) → (3, 3) (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    x, y, z = vector
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(
-        np.eye(3)
-        + np.sinc(angle / np.pi) * cross
-        + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * cross @ cross
-    )
+    """Rotation matrix of a rotation vector [rad], shape (3,) → (3, 3)."""
+    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
 
 
 def bunge_matrix(phi1: float, capital_phi: float, phi2: float) -> FloatArray:
     """Crystal → sample rotation Rz(φ1)·Rx(Φ)·Rz(φ2) of Bunge angles in degrees, shape (3, 3).
 
-    The columns are the crystal axes in the sample frame.
+    The columns are the crystal axes in the sample frame (the transpose of Bunge's matrix g).
     """
-    a, b, c = np.deg2rad([phi1, capital_phi, phi2])
-    first = rotation_vector_matrix(np.array([0.0, 0.0, a]))
-    second = rotation_vector_matrix(np.array([b, 0.0, 0.0]))
-    third = rotation_vector_matrix(np.array([0.0, 0.0, c]))
-    return first @ second @ third
+    angles = (phi1, capital_phi, phi2)
+    return np.asarray(Rotation.from_euler("ZXZ", angles, degrees=True).as_matrix())
 
 
 def bunge_angles(rotation: FloatArray) -> tuple[float, float, float]:

@@ -18,11 +18,12 @@ from driver.case.messages import refusal, sentences
 from driver.case.solver import Execution, Solver
 from driver.case.specimen import Grain, Orientation, Specimen
 from driver.case.toml import read_toml
-from driver.case.values import Number, Table, Vector
+from driver.case.values import Number, Table
 from driver.common.errors import InputError, one_of
 from driver.parameters.boundary import LAMBDAS
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.parameters.registry import declared_parameters
+from solver_adapters.crystal import bunge_matrix
 from templates import render
 
 FloatArray = NDArray[np.float64]
@@ -195,20 +196,8 @@ class Case(Table):
         the rotation from the EBSD frame to the specimen frame.
         """
         return np.array(
-            [self.orientation.rotation @ bunge_matrix(grain.euler_deg) for grain in self.grains]
+            [self.orientation.rotation @ bunge_matrix(*grain.euler_deg) for grain in self.grains]
         )
-
-
-def bunge_matrix(euler_deg: Vector) -> FloatArray:
-    """Crystal → sample rotation Rz(φ1) · Rx(Φ) · Rz(φ2) of Bunge angles [°], shape (3, 3).
-
-    Columns are the crystal axes in the sample frame (the transpose of Bunge's matrix g).
-    """
-    (c1, c, c2), (s1, s, s2) = np.cos(np.radians(euler_deg)), np.sin(np.radians(euler_deg))
-    about_z1 = np.array([[c1, -s1, 0.0], [s1, c1, 0.0], [0.0, 0.0, 1.0]])
-    about_x = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-    about_z2 = np.array([[c2, -s2, 0.0], [s2, c2, 0.0], [0.0, 0.0, 1.0]])
-    return np.asarray(about_z1 @ about_x @ about_z2, dtype=np.float64)
 
 
 def load_case(path: Path) -> Case:

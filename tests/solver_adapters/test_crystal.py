@@ -99,3 +99,11 @@ def test_bunge_angles_make_their_rotation_again(angles: tuple[float, float, floa
 def test_bunge_angles_of_a_rotation_are_the_ones_that_made_it() -> None:
     found = np.array(bunge_angles(bunge_matrix(211.0, 45.0, 150.0)))
     np.testing.assert_allclose(found % 360, [211.0, 45.0, 150.0], atol=1e-12)
+
+
+def test_bunge_angles_turn_the_crystal_about_Z_then_X_then_Z() -> None:
+    # φ1 turns the crystal about the sample normal: [100] from X to Y.
+    np.testing.assert_allclose(bunge_matrix(90, 0, 0) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+    # Cube on its corner: Φ = acos(1/√3), φ2 = 45° stands [111] along Z.
+    corner = bunge_matrix(0, float(np.degrees(np.arccos(3**-0.5))), 45)
+    np.testing.assert_allclose(corner @ np.full(3, 3**-0.5), [0, 0, 1], atol=1e-12)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from driver.case.material import MaterialTable
-from driver.case.model import CaseError, bunge_matrix, case_text, default_case, load_case, schema
+from driver.case.model import CaseError, case_text, default_case, load_case, schema
 from driver.case.solver import ProfileTable
 from solver_adapters.interaction import bcc24_classes
 from solver_adapters.interface import FloatArray
@@ -288,14 +288,6 @@ def test_the_second_grain_is_as_stiff_along_Z_as_in_a_point_solution() -> None:
     # uniaxial stress along Z: 63.764812769 MPa at a strain of 2.5e-4, still elastic.
     second = load_case(ALPHA).orientations[1]
     assert young_modulus(second[2]) == pytest.approx(63.764812769 / 2.5e-4, rel=1e-9)
-
-
-def test_bunge_angles_turn_the_crystal_about_Z_then_X_then_Z() -> None:
-    # φ1 turns the crystal about the sample normal: [100] from X to Y.
-    np.testing.assert_allclose(bunge_matrix((90, 0, 0)) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
-    # Cube on its corner: Φ = acos(1/√3), φ2 = 45° stands [111] along Z.
-    corner = bunge_matrix((0, np.degrees(np.arccos(3**-0.5)), 45))
-    np.testing.assert_allclose(corner @ np.full(3, 3**-0.5), [0, 0, 1], atol=1e-12)
 
 
 def test_turning_the_ebsd_frame_back_restores_the_crystals(tmp_path: Path) -> None:
