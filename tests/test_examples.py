@@ -25,7 +25,7 @@ SEED = 1
 
 @pytest.mark.slow
 def test_the_demo_whose_data_others_made_is_diagnosed_to_its_hidden_effect(tmp_path: Path) -> None:
-    """Simulated by Code_Aster and imaged by other programs: τ0 of grain 2 is 1.15 that of grain 1."""
+    """Simulated by Code_Aster, imaged by other programs: τ0 of grain 2 is 1.15 that of grain 1."""
     folder = tmp_path / "alpha"
     shutil.copytree(ALPHA, folder, ignore=shutil.ignore_patterns("results"))
     pipeline.run(folder / "case.toml", "diagnose", False, print)
