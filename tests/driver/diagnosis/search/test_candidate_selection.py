@@ -63,6 +63,6 @@ def test_from_a_baseline_that_is_lost_no_refit_begins() -> None:
 def test_a_large_effect_that_refits_from_the_baseline_explain_needs_no_soft_loads() -> None:
     objective, baseline, wide, tried = large_effect("Q", 60.0)
     assert baseline.best.chi_load > LARGE
-    with patch.object(candidate_selection, "refit_from_soft_loads", None):
+    with patch.object(candidate_selection, "refit_by_noise_continuation", None):
         found = refits_of_likely(tried, (), wide, baseline.best, objective, 5, CREW)
     assert found[0].cause.name == "isotropic_hardening"
