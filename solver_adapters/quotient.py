@@ -127,16 +127,18 @@ def following_step(tried: Sequence[Slope], scale: float) -> float | None:
 
 
 def best_of(tried: Sequence[Slope]) -> Slope:
-    """Return the derivative of least asymmetry, its uncertainty by those of other steps.
+    """Return the derivative of least asymmetry in the same time steps, and how sure it is.
 
     Two steps that agree tell that neither noise nor curvature makes a derivative wrong; where the
     asymmetry does not change with the step there is a kink, and they tell nothing.
     """
+    # Runs in other time steps than the asked one differ by the error of these, too.
+    alike = [slope for slope in tried if slope.same_steps] or tried
     # Of steps that all show no change the last, widest one is told.
-    best = min(reversed(tried), key=lambda slope: slope.asymmetry)
+    best = min(reversed(alike), key=lambda slope: slope.asymmetry)
     agreed = [
         best.apart(other)
-        for other in tried
+        for other in alike
         if best.seen and other.asymmetry >= _NO_KINK * best.asymmetry
     ]
     return replace(best, uncertainty=min([best.uncertainty, *agreed]))

@@ -145,3 +145,14 @@ def test_a_third_step_goes_on_where_the_second_was_better_and_turns_where_it_was
     tried = [*better, noisy(0.04, 1e-2)]
     assert len(tried) == MOST_STEPS and following_step(tried, scale=4.0) is None
     assert following_step([slope(0.001, -0.001)], scale=4.0) is None
+
+
+def test_a_derivative_in_the_same_time_steps_goes_before_one_of_less_asymmetry_in_others() -> None:
+    base, same, cut = (response(x, 5.0, ends) for x, ends in (
+        (0.0, (1.0, 2.0)), (0.1, (1.0, 2.0)), (0.001, (1.0, 1.5, 2.0)),
+    ))  # fmt: skip
+    back = response(-0.1, 5.0, (1.0, 2.0))
+    wide = slope_through(base, ((0.1, same), (-0.1, back)), 1e-9)
+    narrow = slope_through(base, ((0.001, cut), (-0.001, response(-0.001, 5.0, (1.0, 2.0)))), 1e-9)
+    assert narrow.asymmetry < wide.asymmetry
+    assert best_of([wide, narrow]).amounts == wide.amounts
