@@ -18,7 +18,7 @@ from driver.check.images import look_at_images
 from driver.check.loads import stated_motion, strange_loads
 from driver.check.picture import draw
 from driver.check.steps import recommended_steps
-from driver.common.errors import InputError
+from driver.common.errors import InputError, sentence, why
 from driver.common.formatting import cost_told
 from driver.diagnosis.causes.user_causes import asked_causes
 from driver.dic.region import within
@@ -97,8 +97,13 @@ def check(case_path: Path) -> list[Finding]:
         if not told:
             findings += _decks(case, adapter, experiment)
     picture = results_of(case) / "check.png"
-    picture.parent.mkdir(exist_ok=True)
-    draw(case, experiment, picture, None if reference is None else reference.codes)
+    try:
+        picture.parent.mkdir(exist_ok=True)
+        draw(case, experiment, picture, None if reference is None else reference.codes)
+    except OSError as error:
+        expected = "a folder that can be made and written"
+        message = sentence(picture.parent, "folder", why(error), expected)
+        return [*findings, Finding("error", "picture", message)]
     findings.append(
         Finding(
             "ok", "picture", f"{picture}: ROI, pixels left out, axes, grain boundary, load curve"

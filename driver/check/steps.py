@@ -54,7 +54,7 @@ def recommended_steps(case: Case, adapter: Adapter, history: History) -> Iterato
     if stated >= wanted or error <= _SHARE * noise and stated >= least:
         yield Finding("ok", "steps", found)
         return
-    why = f", and {least} at least are for {case.solver.name}" if stated < least else ""
+    why = f", and {case.solver.name} needs at least {least}" if stated < least else ""
     yield Finding(
         "warning",
         "steps",

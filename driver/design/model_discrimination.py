@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import sqrt
+from pathlib import Path
 
 from driver.case.model import Case
 from driver.common.progress import Log
@@ -41,6 +42,7 @@ def discriminating_changes(
     sizes: Mapping[str, float],
     values: Mapping[str, float],
     log: Log,
+    jobs: Path | None = None,
 ) -> tuple[Discrimination, ...]:
     """How far each of the usual changes of an experiment would part a set of causes.
 
@@ -50,6 +52,7 @@ def discriminating_changes(
         sizes: how large each cause of the set was found [prior scales].
         values: parameters at which the model is linearised.
         log: takes one line of progress.
+        jobs: folder of the jobs of a solver that is a program of its own, or None.
 
     Returns:
         The experiment as it was, then the changes, the one that parts them most first.
@@ -62,7 +65,7 @@ def discriminating_changes(
     case = case.model_copy(update={"diagnosis": table})
     settings = Settings(truth=dict(values))
     surface = expected_surface(case, settings, history)
-    base = Plan(base_variant(case, settings), history, surface, settings, None)
+    base = Plan(base_variant(case, settings), history, surface, settings, jobs)
     usual = usual_changes(case, settings.test, surface.images.n_reference)
     plans = [
         replace(base, variant=variant)

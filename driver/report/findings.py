@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,6 +35,7 @@ from driver.results.files import (
 )
 from driver.results.hdf5 import damaged, read_hdf5
 from driver.results.identification import read_identification
+from driver.results.json_files import read_json
 from driver.results.stage_record import read_record
 from meshes.files import read_med
 from meshes.prism_mesh import PrismMesh
@@ -258,10 +258,7 @@ def _diagnosis(path: Path) -> Record:
 
 
 def _record(path: Path, expected: tuple[str, ...]) -> Record:
-    try:
-        record: Record = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise damaged(path, f"no readable JSON ({error})") from None
+    record = read_json(path)
     for name in expected:
         if name not in record:
             raise damaged(path, f"no entry {name}")

@@ -8,6 +8,23 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from driver.results.hdf5 import damaged
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a record back.
+
+    Raises:
+        ResultError: the file is no readable JSON, or holds no record.
+    """
+    try:
+        record: object = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise damaged(path, f"no readable JSON ({error})") from None
+    if not isinstance(record, dict):
+        raise damaged(path, "no record")
+    return record
+
 
 def write_json(path: Path, record: Mapping[str, Any]) -> None:
     """Write a record, a value a line."""

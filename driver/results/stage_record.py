@@ -46,6 +46,8 @@ def _is_entry(entry: object) -> bool:
         and isinstance(entry.get("key"), str)
         and isinstance(entry.get("outputs"), list)
         and all(isinstance(name, str) for name in entry["outputs"])
+        and isinstance(entry.get("digests", {}), dict)
+        and isinstance(entry.get("seconds"), int | float)
     )
 
 

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from driver.common.outcomes import Failure, attempt
+from driver.common.errors import InputError
+from driver.common.outcomes import first_line
 from driver.design.model_discrimination import Discrimination, advice, discriminating_changes
 from driver.diagnosis.causes.ebsd_flips import FLIPS
 from driver.experiment.reading import history_of
 from driver.parameters.registry import declared_parameters
 from driver.results.extended_case import with_half_turns
-from driver.results.files import ADVICE, DIAGNOSIS
-from driver.results.json_files import write_json
+from driver.results.files import ADVICE, DIAGNOSIS, JOBS
+from driver.results.json_files import read_json, write_json
 from driver.workflow.engine import StageContext
+from solver_adapters.interface import SolverError
 from solver_adapters.parameter import Parameter
 
 Record = dict[str, Any]
@@ -24,7 +25,7 @@ Record = dict[str, Any]
 
 def run_advise(context: StageContext) -> None:
     """Simulate the usual changes of the experiment where they may help; write `advice.json`."""
-    diagnosis = json.loads(context.result(DIAGNOSIS).read_text(encoding="utf-8"))
+    diagnosis = read_json(context.result(DIAGNOSIS))
     causes = _inseparable(diagnosis)
     changes = _changes(context, diagnosis, causes) if causes else ()
     text = advice(changes) if changes else ""
@@ -65,11 +66,16 @@ def _changes(
     scores = {score["cause"]: score for score in last["causes"]}
     sizes = {name: _size(scores[name], declared) for name in causes}
     values = {name: entry["value"] for name, entry in diagnosis["baseline"]["values"].items()}
-    ranked = attempt(lambda: discriminating_changes(case, history, sizes, values, context.log))
-    if isinstance(ranked, Failure):
-        context.log(f"  not found out: {ranked.why}")
+    if context.prepare_only:
+        context.log("  not found out: no jobs are prepared for it")
         return ()
-    return ranked
+    jobs = context.results / JOBS
+    try:
+        return discriminating_changes(case, history, sizes, values, context.log, jobs)
+    except (SolverError, InputError) as error:
+        # Whatever kept it from being simulated: the diagnosis stands without it.
+        context.log(f"  not found out: {first_line(error)}")
+        return ()
 
 
 def _size(score: Record, declared: Mapping[str, Parameter]) -> float:

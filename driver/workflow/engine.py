@@ -278,7 +278,10 @@ def finished(
             there = entry is not None and is_done(entry, entry["key"], results)
             state = "no results, or damaged ones"
             if there:
-                state = "results of another state of the case or its files"
+                state = (
+                    "results of another state of the case or its files, or of another version of "
+                    "prismid"
+                )
             last = [one.name for one in stages if one.name in needed][-1]
             raise refuse(
                 sentence(

@@ -28,7 +28,7 @@ from driver.workflow.engine import StageContext
 from meshes.files import read_med
 from solver_adapters.interface import Adapter
 
-SKIPPED = 'measure and diagnose are left out: boundary.motion = "stage" has no images'
+SKIPPED = 'measure, diagnose and advise are left out: boundary.motion = "stage" has no images'
 
 
 @dataclass(frozen=True, eq=False)

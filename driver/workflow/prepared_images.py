@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from driver.common.errors import InputError, sentence
 from driver.dic.surface_images import SurfaceImages
 from driver.experiment.reading import Experiment, read_experiment
 from driver.forward.build import surface_images
@@ -31,14 +32,15 @@ class PreparedImages:
 def prepared_images(context: StageContext) -> PreparedImages:
     """Return what an earlier stage of the run has read, or read it.
 
-    Files that have changed since are read again.
-
     Raises:
-        InputError: a file cannot be used.
+        InputError: a file cannot be used, or has changed since an earlier stage read it.
     """
     files = _state(context)
     known = context.memory.get(_NAME)
-    if isinstance(known, PreparedImages) and known.files == files:
+    if isinstance(known, PreparedImages):
+        if changed := sorted({file for file, _, _ in set(files) ^ set(known.files)}):
+            found, expected = "another content than this run has read", "the same: run again"
+            raise InputError(sentence(changed[0], "file", found, expected))
         return known
     experiment = read_experiment(context.case)
     read = PreparedImages(experiment, surface_images(context.case, experiment), files)
