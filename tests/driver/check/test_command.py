@@ -80,6 +80,13 @@ def test_the_example_is_in_order_and_drawn(case_path: Path) -> None:
     assert orange.sum() > 200
 
 
+def test_where_no_picture_can_be_written_all_else_is_still_told(case_path: Path) -> None:
+    (case_path.parent / "results").write_text("a file")
+    (message,) = found(case_path, "error")
+    assert message.startswith(f"{case_path.parent / 'results'}: folder: found ")
+    assert found(case_path, "ok")
+
+
 def test_the_trace_of_the_grain_boundary_lies_on_its_plane() -> None:
     trace = boundary_trace(load_case(ALPHA / "case.toml"))
     assert trace is not None

@@ -68,7 +68,7 @@ def test_the_steps_of_each_solver_are_recommended_by_its_scheme_and_by_what_it_n
     assert f"found 1, with which backward Euler leaves about {error:.2g} µN rms" in found.message
     # Half of the noise is 3.4 times smaller than the error.
     assert f"; expected about {max(4, least)}. " in found.message
-    assert (f"{least} at least are for {solver}" in found.message) == (least > 1)
+    assert (f"{solver} needs at least {least}" in found.message) == (least > 1)
     (enough,) = finding(case(solver, 8, noise=noise), adapter)
     assert enough.level == "ok"
 

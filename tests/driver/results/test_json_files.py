@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from driver.results.json_files import json_number, write_json
+from driver.results.hdf5 import ResultError
+from driver.results.json_files import json_number, read_json, write_json
 
 
 @pytest.mark.parametrize(
@@ -22,3 +23,11 @@ def test_a_record_is_read_back_as_it_was_and_ends_its_last_line(tmp_path: Path) 
     write_json(tmp_path / "record.json", record)
     text = (tmp_path / "record.json").read_text("utf-8")
     assert json.loads(text) == record and text.endswith("}\n") and "λ⁺" in text
+    assert read_json(tmp_path / "record.json") == record
+
+
+@pytest.mark.parametrize("text", ['{"text": "cut', "[1, 2]", ""])
+def test_a_file_that_holds_no_record_is_a_damaged_result(text: str, tmp_path: Path) -> None:
+    (tmp_path / "record.json").write_text(text, encoding="utf-8")
+    with pytest.raises(ResultError, match="record.json: found no re"):
+        read_json(tmp_path / "record.json")

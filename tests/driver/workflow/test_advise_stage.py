@@ -17,6 +17,8 @@ from driver.workflow.advise_stage import run_advise
 from driver.workflow.diagnose_stage import run_diagnose
 from driver.workflow.engine import StageContext, run_stages
 from solver_adapters.interface import SolverError
+from solver_adapters.jobs.errors import CommandMissingError
+from solver_adapters.jobs.status import Status
 from tools import closed_form
 
 
@@ -74,6 +76,23 @@ def test_advice_that_cannot_be_simulated_is_told_and_ends_nothing(
     advised = answer(diagnosed, ADVICE)
     assert advised["causes"] and not advised["changes"] and not advised["text"]
     assert "  not found out: no step is short enough" in lines
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("reason", ["absent", "prepared"])
+def test_a_program_on_another_machine_keeps_no_report_from_being_made(
+    diagnosed: StageContext, monkeypatch: pytest.MonkeyPatch, reason: str
+) -> None:
+    def absent(*asked: object) -> None:
+        raise CommandMissingError(
+            "code_aster", Status.COMMAND_MISSING, "found no run_aster on PATH"
+        )
+
+    monkeypatch.setattr(advise_stage, "discriminating_changes", absent)
+    lines: list[str] = []
+    run_advise(replace(diagnosed, log=lines.append, prepare_only=reason == "prepared"))
+    assert answer(diagnosed, ADVICE)["changes"] == []
+    assert any(line.startswith("  not found out: ") for line in lines)
 
 
 @pytest.mark.parametrize("verdict", ["named", "nothing wrong", "unexplained"])
