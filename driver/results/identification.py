@@ -246,6 +246,8 @@ def read_identification(path: Path) -> IdentificationTexts:
         names, units, values, warnings = (
             json.loads(attributes[name]) for name in ("names", "units", "all_values", "warnings")
         )
+        if len(names) != len(units):
+            raise ValueError(f"{len(units)} units of {len(names)} parameters")
         return IdentificationTexts(
             tuple(map(str, names)),
             tuple(map(str, units)),

@@ -79,8 +79,6 @@ def _identified(path: Path, sizes: dict[str, int]) -> tuple[FittedModel, dict[st
     arrays = read_hdf5(path)
     predicted = _predictions(path, arrays, "final", sizes)
     told = read_identification(path)
-    if len(told.names) != len(told.units):
-        raise damaged(path, f"{len(told.units)} units of {len(told.names)} parameters")
     all_values, by_name = told.values, dict(zip(told.names, told.units, strict=True))
     _expect(path, arrays, {"sigma": "K", "start": "K"}, {"K": len(by_name)})
     model = FittedModel(

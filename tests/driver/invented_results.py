@@ -237,6 +237,8 @@ def _write_identified(folder: Path) -> None:
         },
         {
             "names": json.dumps(names),
+            "units": json.dumps([""] * len(names)),
+            "converged": "yes",
             "warnings": json.dumps(["d: the data hardly see it", "lambda_plus_Y stands at 5"]),
             "all_values": json.dumps(everything),
             "reason": "the Newton decrement is 0.04 σ",

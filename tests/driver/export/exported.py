@@ -128,6 +128,9 @@ class Results:
                 "names": json.dumps(names),
                 "units": json.dumps(["MPa", "µm", "µm"]),
                 "all_values": json.dumps(everything),
+                "warnings": json.dumps([]),
+                "reason": "the Newton decrement is 0.04 σ",
+                "converged": "yes",
             },
         )
         write_hdf5(self.folder / "diagnosis.h5", self.predictions("after"))
@@ -177,7 +180,8 @@ class Results:
         for stage in pipeline.stages(case):
             key = stage_key(stage, case, key)
             if stage.name in finished:
-                entries[stage.name] = {"key": key, "outputs": OUTPUTS[stage.name]}
+                outputs = OUTPUTS[stage.name]
+                entries[stage.name] = {"key": key, "outputs": outputs, "seconds": 1.0}
         (self.folder / "stages.json").write_text(json.dumps(entries))
 
     def edit(self, old: str, new: str) -> None:

@@ -329,6 +329,7 @@ def test_with_the_knots_held_the_page_shows_the_law_and_how_the_amplitudes_were_
         names = json.loads(file.attrs["names"])
         rows = [names.index(name) for name in ("tau0", "c", "d")]
         file.attrs["names"] = json.dumps(["tau0", "c", "d"])
+        file.attrs["units"] = json.dumps(["MPa", "MPa", ""])
         for name in ("start", "values", "prior/mean", "prior/width", "prior_share"):
             replaced(file, name, file[name][...][rows])
         for name in ("covariance", "correlation"):
