@@ -44,8 +44,14 @@ def test_the_stated_sigma_is_the_scatter_of_the_elongation(scene: Scene) -> None
     edges = edge_motion(measure(images), images, 0.0, LENGTH)
     own = 1 / np.sqrt(1 + 1 / images.n_reference)  # the frames share the rest
     sampling = 3 / np.sqrt(2 * (n_draws - 1))
-    scatter = edges.elongation.std(ddof=1)
-    assert scatter == pytest.approx(own * edges.elongation_sigma, rel=sampling)
+    of_tilt = np.array([0.0, 0.0, -1.0, 0.0, 0.0, 1.0])
+    once_more = 1 + 1 / images.n_reference
+    tilt_sigma = float(np.sqrt(of_tilt @ edges.covariance_one @ of_tilt * once_more))
+    for values, sigma in (
+        (edges.elongation, edges.elongation_sigma),
+        (edges.tilt, tilt_sigma),
+    ):
+        assert values.std(ddof=1) == pytest.approx(own * sigma, rel=sampling)
     assert edges.elongation.mean() == pytest.approx(
         0.012 * LENGTH, abs=3 * edges.elongation_sigma * np.sqrt(1 / 10 + 1 / n_draws)
     )
