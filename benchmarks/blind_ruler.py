@@ -21,7 +21,6 @@ from benchmarks.blind_specimen import LARGEST, PER_SIGMA, known_case, null_value
 from benchmarks.blind_store import kept
 from driver.case.model import load_case
 from driver.common.errors import InputError
-from driver.common.progress import silent
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.statistics.score_test import Score, effects_of, subspace_similarity
 from driver.diagnosis.statistics.screening import screen, screened
@@ -160,7 +159,7 @@ def _made(cache: Path) -> Ruler:
     path = folder / "case.toml"
     if not path.is_file():
         record(folder, known_case(), unaffected, RULER_SEED)
-    run(path, "identify", False, silent)
+    run(path, "identify", False)
     objective, values, free = identified(path)
     causes, names = screened(objective.model, free, None)
     objective, wide = objective.with_pattern_at(objective.evaluate(values, names))
@@ -170,7 +169,7 @@ def _made(cache: Path) -> Ruler:
 def identified(path: Path) -> tuple[Objective, dict[str, float], tuple[str, ...]]:
     """Objective, values and fitted parameters of a case that has been identified."""
     results = path.parent / RESULTS
-    problem = load_problem(StageContext(load_case(path), results, results, silent, False))
+    problem = load_problem(StageContext(load_case(path), results, results, False))
     with h5py.File(results / IDENTIFY, "r") as file:
         values: dict[str, float] = json.loads(file.attrs["all_values"])
         free = tuple(json.loads(file.attrs["names"]))

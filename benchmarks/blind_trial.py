@@ -41,7 +41,6 @@ from benchmarks.blind_store import Record, cache_folder, kept, of_programs, prog
 from driver.case.model import Case, load_case, write_case
 from driver.common.errors import InputError
 from driver.common.parallel import side_by_side
-from driver.common.progress import silent
 from driver.diagnosis.causes.all_causes import EVERY
 from driver.diagnosis.causes.causes import LIBRARY
 from driver.diagnosis.causes.ebsd_flips import flips_of
@@ -221,7 +220,7 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
         path = record(Path(folder), case, truth.course, trial.seed, settings)
         stated = stated_by(trial, load_case(path))
         write_case(stated, path)
-        run_stages(load_case(path), _chain(stated), "diagnose", report=silent)
+        run_stages(load_case(path), _chain(stated), "diagnose")
         known = tuple(BY_NAME[n] for n in trial.truths if n in BY_NAME)
         left = left_of(path, truth.course, known) if trial.truths else Left(0.0, (), ())
         found = json.loads((path.parent / "results" / "diagnosis.json").read_text("utf-8"))

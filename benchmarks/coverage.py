@@ -119,7 +119,6 @@ def draw(seed: int) -> Draw:
         problem.objective,
         problem.start,
         problem.plan,
-        lambda line: None,
     )
     final = found.final
     return {

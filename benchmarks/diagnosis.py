@@ -19,6 +19,7 @@ from time import process_time
 import numpy as np
 
 from driver.case.model import load_case
+from driver.common.progress import progress_to
 from driver.diagnosis.statistics.screening import screened
 from driver.experiment.history import knot_weights, read_history
 from driver.parameters.boundary import LAMBDAS
@@ -45,7 +46,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         case = Path(folder) / "alpha" / "case.toml"
         shutil.copytree(ALPHA, case.parent, ignore=shutil.ignore_patterns("results"))
-        pipeline.run(case, "measure" if quick else "report", False, print)
+        with progress_to(print):
+            pipeline.run(case, "measure" if quick else "report", False)
         measured(case)
         screening(case)
         if not quick:
@@ -72,7 +74,7 @@ def screening(case: Path) -> None:
     The diagnosis repeats the simulation of the identification by the way that it took.
     """
     results = case.parent / RESULTS
-    context = StageContext(load_case(case), results, results, lambda line: None)
+    context = StageContext(load_case(case), results, results)
     problem = load_problem(context)
     free = (*LAMBDAS, *problem.knots, *problem.law)
     _, names = screened(problem.working, free, None)

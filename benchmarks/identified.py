@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.case.model import load_case, write_case
+from driver.common.progress import progress_to
 from driver.results.files import RESULTS
 from driver.results.hdf5 import read_hdf5
 from driver.workflow import pipeline
@@ -25,7 +26,7 @@ _SECONDS = "cpu_seconds.json"
 
 @dataclass
 class StageClock:
-    """A log that splits the CPU time of a run at the lines that begin a stage.
+    """What splits the CPU time of a run at the lines that begin a stage.
 
     Attributes:
         seconds: CPU time by stage, in the order of the run.
@@ -91,7 +92,8 @@ class Found:
 def identify_case(case_path: Path) -> Found:
     """Run a case until `identify`, or take what is there and unchanged."""
     clock = StageClock()
-    pipeline.run(case_path, "identify", False, clock)
+    with progress_to(clock):
+        pipeline.run(case_path, "identify", False)
     if "C" in clock.seconds:
         (case_path.parent / RESULTS / _SECONDS).write_text(json.dumps(clock.seconds), "utf-8")
     return read_found(case_path)

@@ -25,6 +25,7 @@ from driver.case.material import MaterialTable
 from driver.case.model import Case, load_case, write_case
 from driver.case.solver import Execution, Solver
 from driver.case.specimen import Grain, Specimen
+from driver.common.progress import progress_to
 from driver.results.hdf5 import read_hdf5
 from driver.virtual.command import virtual
 from driver.workflow import pipeline
@@ -89,11 +90,12 @@ def identified(folder: Path, solver: str) -> Identified:
     begun = time.monotonic()
     lines: list[str] = []
 
-    def log(line: str) -> None:
+    def show(line: str) -> None:
         lines.append(line)
         print(line, flush=True)
 
-    pipeline.run(own / "case.toml", "identify", False, log)
+    with progress_to(show):
+        pipeline.run(own / "case.toml", "identify", False)
     seconds = time.monotonic() - begun
     results = read_hdf5(own / "results" / "identify.h5")
     with h5py.File(own / "results" / "identify.h5", "r") as file:
@@ -112,7 +114,8 @@ def main() -> None:
         folder = Path(name)
         write_case(small_case(), folder / "case.toml")
         (folder / "settings.toml").write_text(_SETTINGS, encoding="utf-8")
-        virtual(folder / "case.toml", folder / "settings.toml", folder / "data", 1, print)
+        with progress_to(print):
+            virtual(folder / "case.toml", folder / "settings.toml", folder / "data", 1)
         found = {solver: identified(folder / "data", solver) for solver in ("bundled", "calculix")}
         jobs = len(list((folder / "calculix" / "results" / "jobs").iterdir()))
     for solver, outcome in found.items():

@@ -14,6 +14,7 @@ import numpy as np
 from benchmarks.identified import Found, identify_case, read_truth, variant
 from benchmarks.measuring import show
 from driver.case.model import load_case
+from driver.common.progress import progress_to
 from driver.identification.fit import fit
 from driver.parameters.boundary import LAMBDAS
 from driver.parameters.pose import POSE_DECLARATIONS
@@ -33,7 +34,8 @@ LAW = ("tau0", "c", "d")
 def study() -> None:
     """Make the data, identify in three ways, and print a line for each figure."""
     if not (DATA / "truth.json").is_file():
-        virtual(FOLDER / "case.toml", FOLDER / "virtual.toml", DATA, SEED, print)
+        with progress_to(print):
+            virtual(FOLDER / "case.toml", FOLDER / "virtual.toml", DATA, SEED)
     truth = read_truth(DATA / "truth.json")
     found = identify_case(DATA / "case.toml")
     against(found, truth, "")
@@ -95,12 +97,13 @@ def cost(found: Found) -> None:
 def without_prior(found: Found, truth: dict[str, float]) -> None:
     """Stage C once more from its end, with no prior of law and λ's."""
     path = DATA / "case.toml"
-    context = StageContext(load_case(path), DATA / RESULTS, DATA / RESULTS, print)
+    context = StageContext(load_case(path), DATA / RESULTS, DATA / RESULTS)
     problem = load_problem(context)
     objective = saved_objective(problem, dict(found.arrays))
     nuisances = {p.name for p in POSE_DECLARATIONS}
     prior = {name: known for name, known in objective.prior.items() if name in nuisances}
-    free = fit(replace(objective, prior=prior), found.values, found.names, 4, print)
+    with progress_to(print):
+        free = fit(replace(objective, prior=prior), found.values, found.names, 4)
     show("without a prior: chi_F", free.best.chi_load)
     for name in (*LAMBDAS, *LAW):
         value, sigma = free.values[name], free.sigma(name, objective.parameters)

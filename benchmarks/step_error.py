@@ -21,7 +21,6 @@ from driver.case.material import MaterialTable
 from driver.case.model import Case, write_case
 from driver.case.solver import Solver
 from driver.case.specimen import Grain, Specimen
-from driver.common.progress import silent
 from driver.experiment.history import read_history
 from driver.forward.boundary_motion import knots_of_stage
 from driver.forward.build import build_model, mesh_of
@@ -78,7 +77,7 @@ def fitted(folder: Path, steps: int, force: FloatArray) -> tuple[float, float]:
     """τ0 and its standard deviation [MPa]."""
     write_history(folder / "history.csv", force)
     write_case(case(steps), folder / "case.toml")
-    pipeline.run(folder / "case.toml", "identify", True, silent)
+    pipeline.run(folder / "case.toml", "identify", True)
     results = read_hdf5(folder / "results" / "identify.h5")
     return float(results["values"][-1]), float(results["sigma"][-1])
 

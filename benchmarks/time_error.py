@@ -54,9 +54,9 @@ def time_errors() -> list[TimeError]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "alpha" / "case.toml"
         shutil.copytree(ALPHA, path.parent, ignore=shutil.ignore_patterns("results"))
-        pipeline.run(path, "measure", False, lambda line: None)
+        pipeline.run(path, "measure", False)
         results = path.parent / "results"
-        context = StageContext(load_case(path), results, results, lambda line: None)
+        context = StageContext(load_case(path), results, results)
         problem = load_problem(context)
     values = problem.start | TRUTH
     free = (*LAMBDAS, *problem.law, *problem.knots)

@@ -17,7 +17,7 @@ from rich.markup import escape
 from driver.case.model import SCHEMA_FILE, CaseError, default_case, schema_text, write_case
 from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError, sentence
-from driver.common.progress import LiveLog, seldom
+from driver.common.progress import progress_to, seldom
 from meshes.system_libraries import SystemLibraryError
 from solver_adapters.interface import PreparedError, SolverError
 
@@ -117,8 +117,8 @@ def run(
     for case in cases:
         # A bad case does not keep the next one from running.
         try:
-            with _told_in_one_line(), _progress(case, alone=len(cases) == 1) as log:
-                pipeline.run(_case_file(case), until, force, log, prepare_only)
+            with _told_in_one_line(), _progress(case, alone=len(cases) == 1):
+                pipeline.run(_case_file(case), until, force, prepare_only)
         except PreparedError as prepared:
             typer.echo(f"{case}: {prepared}")
         except typer.Exit:
@@ -135,7 +135,7 @@ def report(case: CaseArgument) -> None:
     """Write the report page of CASE anew from its results."""
     from driver.workflow import pipeline
 
-    with _told_in_one_line():
+    with _told_in_one_line(), progress_to(typer.echo):
         pipeline.report(_case_file(case))
 
 
@@ -157,8 +157,8 @@ def export(
 
     path = _case_file(case)
     folder = to if to is not None else path.parent / "results" / "export"
-    with _told_in_one_line(), _progress(case, alone=True) as log:
-        export_case(path, folder, volume, med, log)
+    with _told_in_one_line(), _progress(case, alone=True):
+        export_case(path, folder, volume, med)
 
 
 @app.command("noise-floor")
@@ -166,8 +166,8 @@ def noise_floor(case: CaseArgument) -> None:
     """Measure what the correlation of CASE can see: errors against mesh size, the mesh to take."""
     from driver.noise_floor.command import noise_floor as measure
 
-    with _told_in_one_line(), _progress(case, alone=True) as log:
-        measure(_case_file(case), log)
+    with _told_in_one_line(), _progress(case, alone=True):
+        measure(_case_file(case))
 
 
 @app.command()
@@ -191,8 +191,8 @@ def virtual(
     """
     from driver.virtual.command import virtual as make
 
-    with _told_in_one_line(), _progress(case, alone=True) as log:
-        make(_case_file(case), settings, to, seed, log)
+    with _told_in_one_line(), _progress(case, alone=True):
+        make(_case_file(case), settings, to, seed)
 
 
 @app.command()
@@ -213,8 +213,8 @@ def design(
     """Say before an experiment what CASE will know of parameters and causes, and what limits it."""
     from driver.design.command import design as foresee
 
-    with _told_in_one_line(), _progress(case, alone=True) as log:
-        foresee(_case_file(case), settings, change or (), usual, log)
+    with _told_in_one_line(), _progress(case, alone=True):
+        foresee(_case_file(case), settings, change or (), usual)
 
 
 def _case_file(case: Path) -> Path:
@@ -238,8 +238,8 @@ def _told_in_one_line() -> Iterator[None]:
 
 
 @contextmanager
-def _progress(case: Path, alone: bool) -> Iterator[LiveLog]:
-    """Return a log of lines; on a terminal with the running step and its time below them."""
+def _progress(case: Path, alone: bool) -> Iterator[None]:
+    """Show lines of progress; on a terminal with the running step and its time below them."""
     from solver_adapters.kernels import compiled_before
 
     console = Console(highlight=False, markup=False, soft_wrap=True)
@@ -247,15 +247,16 @@ def _progress(case: Path, alone: bool) -> Iterator[LiveLog]:
     prefix = "" if alone else f"{case}: "
     status = console.status("starting") if console.is_terminal else None
 
-    def log(line: str) -> None:
+    def show(line: str) -> None:
         console.print(f"{perf_counter() - start:7.1f} s  {prefix}{line}")
         if status is not None:
             status.update(escape(prefix + line))
 
     if not compiled_before():
-        log("first use of this version: its kernels are compiled on the way, a minute or two more")
+        show("first use of this version: its kernels are compiled on the way, a minute or two more")
     if status is None:
-        yield LiveLog(log, seldom(lambda words: log(f"    {words}")))
+        with progress_to(show, seldom(lambda words: show(f"    {words}"))):
+            yield
     else:
-        with status:
-            yield LiveLog(log, lambda words: status.update(escape(prefix + words)))
+        with status, progress_to(show, lambda words: status.update(escape(prefix + words))):
+            yield

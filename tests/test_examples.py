@@ -28,7 +28,7 @@ def test_the_demo_whose_data_others_made_is_diagnosed_to_its_hidden_effect(tmp_p
     """Simulated by Code_Aster, imaged by other programs: τ0 of grain 2 is 1.15 that of grain 1."""
     folder = tmp_path / "alpha"
     shutil.copytree(ALPHA, folder, ignore=shutil.ignore_patterns("results"))
-    pipeline.run(folder / "case.toml", "diagnose", False, print)
+    pipeline.run(folder / "case.toml", "diagnose", False)
     found = json.loads((folder / "results" / "diagnosis.json").read_text("utf-8"))
     assert (found["verdict"], found["causes"]) == ("named", ["grain_contrast"])
     ratio, numerics = found["added"]["tau0_grain2"], found["numerics"]
@@ -57,7 +57,7 @@ def test_the_paper_size_study_finds_its_truth_within_three_sigma(tmp_path: Path)
     course = pull(true_case(case, settings), history, truth)
     path = record(tmp_path, case, course, SEED, settings)
 
-    pipeline.run(path, "identify", False, print)
+    pipeline.run(path, "identify", False)
 
     found = read_hdf5(tmp_path / "results" / "identify.h5")
     csv = (tmp_path / "results" / "identify.csv").read_text("utf-8").splitlines()[1:]

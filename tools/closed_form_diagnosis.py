@@ -9,7 +9,6 @@ from unittest.mock import patch
 
 import numpy as np
 
-from driver.common.progress import silent
 from driver.diagnosis.answer.result_types import Diagnosis, Settings
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.causes.noise_causes import COVARIANCE
@@ -58,10 +57,10 @@ def identified(
     pose = tuple(p.name for p in POSE_DECLARATIONS)
     free = (*LAMBDAS, *pose, *elongation_names(n), *tilt_names(n), *LAW)
     start = replace(made_with, prior=priors(b.truth))
-    first = fit(start, b.truth, free, 12, silent)
-    change = correction(b.model, finer(b), first.best.prediction, first.values, silent)
+    first = fit(start, b.truth, free, 12)
+    change = correction(b.model, finer(b), first.best.prediction, first.values)
     corrected = with_correction(start, 1.0, change, sizes)
-    return corrected, fit(corrected, first.values, free, 12, silent)
+    return corrected, fit(corrected, first.values, free, 12)
 
 
 def diagnosis_of(
@@ -70,7 +69,7 @@ def diagnosis_of(
     """Return what is wrong with a baseline (`identified`)."""
     objective, fitted = baseline
     meshes = FineModels(finer(b, by))
-    return diagnose(fitted, objective, meshes, b.history.cycle, settings, silent)
+    return diagnose(fitted, objective, meshes, b.history.cycle, settings)
 
 
 @cache

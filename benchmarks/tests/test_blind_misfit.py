@@ -9,7 +9,6 @@ import pytest
 from benchmarks.blind_misfit import Left, left_of
 from benchmarks.blind_ruler import identified
 from driver.case.model import load_case
-from driver.common.progress import silent
 from driver.diagnosis.causes.causes import LIBRARY, Cause
 from driver.forward import build
 from driver.virtual.truth import Course, seen_course
@@ -31,7 +30,7 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path,
     path = folder / "case.toml"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build, "find_adapter", lambda name, profile: closed_form.ClosedFormSolver())
-        run_stages(load_case(path), stages(load_case(path)), "identify", report=silent)
+        run_stages(load_case(path), stages(load_case(path)), "identify")
         model = problem.model
         yield path, seen_course(model, model.simulation(truth), problem.history, truth)
 

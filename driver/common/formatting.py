@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-
-from driver.common.progress import Log
-from solver_adapters.interface import Progress
+from collections.abc import Sequence
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SMALLEST_P = 1e-99
@@ -115,22 +112,6 @@ def _scientific(value: float, digits: int) -> str:
 
 def _power(exponent: int) -> str:
     return "10" + str(exponent).translate(_SUPERSCRIPT)
-
-
-def tenths(prefix: str, log: Log) -> Callable[[Progress], None]:
-    """Progress of a simulation as a line for each tenth of its time."""
-    told = 0
-
-    def tell(progress: Progress) -> None:
-        nonlocal told
-        tenths = int(10 * progress.time / progress.end)
-        if tenths > told:
-            told = tenths
-            left = progress.remaining
-            to_go = "" if math.isnan(left) else f", {duration(left)} to go"
-            log(f"{prefix}{10 * tenths} %{to_go}")
-
-    return tell
 
 
 def cost_told(seconds: float, memory: float) -> str:

@@ -1,36 +1,94 @@
-"""Where a run tells how it goes: lines that stay, and words that the next ones replace."""
+"""How a run tells its progress: records of the standard `logging` under the logger `driver`.
+
+A line that stays is of the level INFO, words that the next ones replace are of the level PASSING.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import logging
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from time import monotonic
 
-Log = Callable[[str], None]
-"""Takes a line of a log."""
+from driver.common.formatting import duration
+from solver_adapters.interface import Progress
+
+logger = logging.getLogger(__name__)
+
+LOGGER = "driver"
+"""Name of the logger above those of all modules of the driver."""
+PASSING = 15
+"""Level of words for the moment, between those of `logging.DEBUG` and `logging.INFO`."""
 EVERY = 30.0  # s between two lines of a log that tell of one simulation
 
 
-@dataclass(frozen=True)
-class LiveLog:
-    """A log of lines that also takes words for the moment.
+class ProgressHandler(logging.Handler):
+    """A handler that hands lines that stay and words for the moment to a function each.
 
-    Attributes:
+    Args:
         line: takes a line that stays.
-        passing: takes what is true for the moment.
+        passing: takes words for the moment.
     """
 
-    line: Callable[[str], None]
-    passing: Callable[[str], None]
+    def __init__(self, line: Callable[[str], None], passing: Callable[[str], None]) -> None:
+        super().__init__(PASSING)
+        self.line, self.passing = line, passing
 
-    def __call__(self, text: str) -> None:
-        """Tell a line that stays."""
-        self.line(text)
+    def emit(self, record: logging.LogRecord) -> None:
+        """Hand over the message of a record."""
+        (self.passing if record.levelno == PASSING else self.line)(record.getMessage())
 
 
-def passing_of(log: Log) -> Callable[[str], None]:
-    """Where words for the moment go; a log of lines alone takes none."""
-    return log.passing if isinstance(log, LiveLog) else _no_word
+def _no_word(text: str) -> None:
+    """Nobody is there to read it."""
+
+
+@contextmanager
+def progress_to(
+    line: Callable[[str], None], passing: Callable[[str], None] = _no_word
+) -> Iterator[None]:
+    """Hand all that the driver tells inside to a function for each kind.
+
+    Args:
+        line: takes a line that stays.
+        passing: takes words for the moment.
+    """
+    driver, handler = logging.getLogger(LOGGER), ProgressHandler(line, passing)
+    before = driver.level
+    driver.addHandler(handler)
+    driver.setLevel(PASSING)
+    try:
+        yield
+    finally:
+        driver.setLevel(before)
+        driver.removeHandler(handler)
+
+
+@contextmanager
+def collected_lines() -> Iterator[list[str]]:
+    """Collect the lines that are told inside instead of handing them on.
+
+    Lines of jobs side by side would interleave. Words for the moment pass through.
+    """
+    driver = logging.getLogger(LOGGER)
+    level, handlers, propagate = driver.level, driver.handlers[:], driver.propagate
+    lines: list[str] = []
+
+    def passing(text: str) -> None:
+        for handler in handlers:
+            if isinstance(handler, ProgressHandler):
+                handler.passing(text)
+
+    driver.handlers[:] = [ProgressHandler(lines.append, passing)]
+    driver.propagate = False
+    driver.setLevel(PASSING)
+    try:
+        yield lines
+    finally:
+        driver.setLevel(level)
+        driver.handlers[:] = handlers
+        driver.propagate = propagate
 
 
 def seldom(
@@ -48,9 +106,17 @@ def seldom(
     return tell_seldom
 
 
-def silent(line: str) -> None:
-    """Tell nobody: lines of jobs that run side by side would interleave."""
+def tenths(prefix: str) -> Callable[[Progress], None]:
+    """Return what tells the progress of a simulation, a line for each tenth of its time."""
+    last = 0
 
+    def tell(progress: Progress) -> None:
+        nonlocal last
+        tenth = int(10 * progress.time / progress.end)
+        if tenth > last:
+            last = tenth
+            left = progress.remaining
+            to_go = "" if math.isnan(left) else f", {duration(left)} to go"
+            logger.info(f"{prefix}{10 * tenth} %{to_go}")
 
-def _no_word(text: str) -> None:
-    """Nobody is there to read it."""
+    return tell

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,6 @@ from driver.common.errors import InputError
 from driver.common.formatting import cost_told
 from driver.common.outcomes import first_line
 from driver.common.parallel import side_by_side
-from driver.common.progress import Log, passing_of
 from driver.design.forecast import (
     Forecast,
     Plan,
@@ -42,6 +42,8 @@ from driver.virtual.truth import stage_program
 from solver_adapters.interface import SolverError
 from solver_adapters.kernels import use_threads
 
+logger = logging.getLogger(__name__)
+
 FILES = ("design.json", "design.png")
 _DIRECTIONS = 90  # of boundary, law and all causes, in round numbers
 _PROCESS_BYTES = 300e6
@@ -54,7 +56,6 @@ def design(
     settings_path: Path | None,
     changes: Sequence[str],
     usual: bool,
-    log: Log,
 ) -> None:
     """Say what an experiment will say, and what changes of it would buy.
 
@@ -64,7 +65,6 @@ def design(
         settings_path: what is assumed, or None for the defaults.
         changes: keys of the case or of `test` with other values, a comparison for each.
         usual: whether the usual changes are compared, too.
-        log: takes one line of progress.
 
     Raises:
         InputError: the case, a setting or a change cannot be used.
@@ -90,26 +90,24 @@ def design(
     plans = [replace(base, variant=variant) for variant in asked]
     own = [plan for plan in plans if not plan.variant.simulated_as(base.variant)]
     seconds, memory = _cost(base, own)
-    log(
+    logger.info(
         f"the case and {len(plans)} changes: {1 + len(own)} of them simulated with all "
         f"sensitivities, and once more on the finer mesh; {cost_told(seconds, memory)}"
     )
     use_threads(case.execution.processes * case.execution.threads)
-    log("the experiment of the case")
-    prepared = prepare(base, passing_of(log))
+    logger.info("the experiment of the case")
+    prepared = prepare(base)
     simulated = simulate(prepared)
     before = forecast(prepared, simulated)
-    log(f"  simulated, {len(simulated.names)} sensitivities")
-    others = changed_forecasts(plans, base, simulated, log)
+    logger.info(f"  simulated, {len(simulated.names)} sensitivities")
+    others = changed_forecasts(plans, base, simulated)
     for line in told(before, surface.told, others):
-        log(line)
+        logger.info(line)
     _write(results, before, surface, others)
-    log(f"{results}: {', '.join(FILES)}")
+    logger.info(f"{results}: {', '.join(FILES)}")
 
 
-def changed_forecasts(
-    plans: Sequence[Plan], base: Plan, simulated: Simulated, log: Log
-) -> list[Forecast]:
+def changed_forecasts(plans: Sequence[Plan], base: Plan, simulated: Simulated) -> list[Forecast]:
     """Forecasts of the changed experiments; those that need a simulation, side by side."""
     found: dict[int, Forecast] = {}
     for number, plan in enumerate(plans):
@@ -120,7 +118,7 @@ def changed_forecasts(
     alone = [number for number in range(len(plans)) if number not in found]
     execution = base.variant.case.execution
     if alone:
-        log(f"{len(alone)} changed experiments, {execution.processes} at a time")
+        logger.info(f"{len(alone)} changed experiments, {execution.processes} at a time")
     start, ended = perf_counter(), 0
 
     def done(index: int, result: Forecast | str) -> None:
@@ -129,7 +127,7 @@ def changed_forecasts(
         name = plans[alone[index]].variant.name
         said = f"failed: {result}" if isinstance(result, str) else "simulated"
         left = (perf_counter() - start) * (len(alone) / ended - 1)
-        log(f"  {ended} of {len(alone)}, {name}: {said}; {left:.0f} s to go")
+        logger.info(f"  {ended} of {len(alone)}, {name}: {said}; {left:.0f} s to go")
 
     asked = [plans[number] for number in alone]
     ends = side_by_side(_attempt, asked, execution.processes, execution.threads, done)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.common.progress import silent
+from driver.common.progress import collected_lines
 from driver.design.detectability import Outlook, outlooks
 from driver.design.information import LOOSE, Knowledge, knowledge
 from driver.design.schedule import carried_on, changed, compressed
@@ -116,12 +115,11 @@ class Prepared:
     history: History
 
 
-def prepare(plan: Plan, passing: Callable[[str], None] | None = None) -> Prepared:
+def prepare(plan: Plan) -> Prepared:
     """Models and working point of an experiment.
 
     Args:
         plan: the experiment.
-        passing: takes words about a running simulation, if anyone is there to read them.
     """
     case, test = plan.variant.case, plan.variant.test
     surface, noise = _surface(plan)
@@ -152,7 +150,6 @@ def prepare(plan: Plan, passing: Callable[[str], None] | None = None) -> Prepare
             *edges,
         ),
         plan.jobs,
-        passing=passing,
     )
     fitted = (*LAMBDAS, *problem.knots, *problem.law)
     # A knot that is not fitted (a tilt, in the rigid gauge) stays where the identification has it.
@@ -171,9 +168,10 @@ def simulate(own: Prepared) -> Simulated:
         SolverError: a simulation could not be finished.
     """
     prediction = own.problem.working.predict(own.values, own.names)
-    change = correction(
-        own.problem.working, own.problem.finer, prediction, own.values, silent, with_steps=True
-    )
+    with collected_lines():
+        change = correction(
+            own.problem.working, own.problem.finer, prediction, own.values, with_steps=True
+        )
     return Simulated(prediction, own.names, change)
 
 

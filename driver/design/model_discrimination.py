@@ -13,7 +13,6 @@ from math import sqrt
 from pathlib import Path
 
 from driver.case.model import Case
-from driver.common.progress import Log
 from driver.design.command import changed_forecasts
 from driver.design.forecast import Forecast, Plan, forecast, prepare, simulate
 from driver.design.settings import Settings
@@ -41,7 +40,6 @@ def discriminating_changes(
     history: History,
     sizes: Mapping[str, float],
     values: Mapping[str, float],
-    log: Log,
     jobs: Path | None = None,
 ) -> tuple[Discrimination, ...]:
     """How far each of the usual changes of an experiment would part a set of causes.
@@ -51,7 +49,6 @@ def discriminating_changes(
         history: of its test.
         sizes: how large each cause of the set was found [prior scales].
         values: parameters at which the model is linearised.
-        log: takes one line of progress.
         jobs: folder of the jobs of a solver that is a program of its own, or None.
 
     Returns:
@@ -74,7 +71,7 @@ def discriminating_changes(
     prepared = prepare(base)
     simulated = simulate(prepared)
     before = forecast(prepared, simulated)
-    others = changed_forecasts(plans, base, simulated, log)
+    others = changed_forecasts(plans, base, simulated)
     found = [Discrimination(other.variant.name, apart(other, sizes)) for other in others]
     found.sort(key=lambda change: -change.apart)
     return (Discrimination("", apart(before, sizes)), *found)

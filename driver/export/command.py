@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -12,7 +13,6 @@ from numpy.typing import NDArray
 
 from driver.case.model import Case, load_case
 from driver.common.errors import InputError, sentence
-from driver.common.progress import Log
 from driver.experiment.history import History, read_history
 from driver.export.readme import README, exported_files, write_readme
 from driver.export.surface import SERIES, aligned, write_surface
@@ -29,6 +29,8 @@ from meshes.files import write_vtu
 from solver_adapters.jobs.errors import CommandMissingError
 from solver_adapters.kernels import use_threads
 
+logger = logging.getLogger(__name__)
+
 FloatArray = NDArray[np.float64]
 
 _MESH_VTU = "mesh.vtu"
@@ -44,7 +46,6 @@ def export_case(
     folder: Path,
     volume: bool = True,
     med: bool = False,
-    log: Log = print,
 ) -> None:
     """Write the finished results of a case in the formats of other programs.
 
@@ -59,7 +60,6 @@ def export_case(
         folder: where to write.
         volume: whether to write the fields of the volume, where the solver answers them.
         med: whether to write them as MED, too.
-        log: takes one line of progress.
 
     Raises:
         CaseError: the case cannot be used.
@@ -84,7 +84,7 @@ def export_case(
         write_vtu(found.mesh, written / _MESH_VTU)
         _write_tables(written, found, history)
         if volume and not offers_volume(case):
-            log(f"no fields of the volume: the solver {case.solver.name} answers none")
+            logger.info(f"no fields of the volume: the solver {case.solver.name} answers none")
             volume = False
         _refuse_foreign(folder, [*_names(written), Path(README)])
         if volume:
@@ -92,7 +92,7 @@ def export_case(
             _refuse_foreign(folder, _volume_names(found, med))
             workspace = capabilities_of(case).uses_workspace
             jobs = results_of(case) / JOBS if workspace else None
-            volume = _write_volume(written, case, found, history, med, log, jobs)
+            volume = _write_volume(written, case, found, history, med, jobs)
         names = [*_names(written), Path(README)]
         write_readme(written / README, case_path, found.diagnosed, volume, volume and med, names)
         _refuse_foreign(folder, names)
@@ -126,14 +126,13 @@ def _write_volume(
     found: FinishedResults,
     history: History,
     med: bool,
-    log: Log,
     jobs: Path | None,
 ) -> bool:
     """Whether the program of the solver was there to answer the fields of the volume."""
     try:
-        write_volumes(written, case, found.mesh, history, found.models, med, log, jobs)
+        write_volumes(written, case, found.mesh, history, found.models, med, jobs)
     except CommandMissingError as error:
-        log(
+        logger.info(
             f"no fields of the volume: {error.adapter}: {error.detail or error.status} "
             "(--no-volume leaves them out unasked)"
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.case.model import Case
-from driver.common.formatting import cost_told, tenths
-from driver.common.progress import Log
+from driver.common.formatting import cost_told
+from driver.common.progress import tenths
 from driver.experiment.history import History
 from driver.export.vtkhdf import write_vtkhdf
 from driver.forward.build import adapter_of, build_model, capabilities_of
@@ -20,6 +21,8 @@ from driver.results.reader import FittedModel
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.interface import CellFields, Progress
 from solver_adapters.med_results import write_results
+
+logger = logging.getLogger(__name__)
 
 FloatArray = NDArray[np.float64]
 
@@ -115,7 +118,6 @@ def write_volumes(
     history: History,
     models: Sequence[FittedModel],
     med: bool,
-    log: Log,
     workspace: Path | None = None,
 ) -> None:
     """Simulate each model once more and write what is inside.
@@ -127,7 +129,6 @@ def write_volumes(
         history: times and stage travel.
         models: the fitted models.
         med: whether to write MED files beside the VTKHDF files.
-        log: takes one line of progress.
         workspace: folder of the jobs of a solver that is a program of its own, or None.
 
     Raises:
@@ -141,12 +142,12 @@ def write_volumes(
         simulation_memory(n_cells, history.n_images, 0, case.solver.steps_per_interval)
         + _FIELD_BYTES * n_cells * history.n_images,
     )
-    log(
+    logger.info(
         f"fields of the volume: {len(models)} simulation{'s' if len(models) > 1 else ''}, "
         f"each {cost} (--no-volume leaves them out)"
     )
     for model in models:
-        told = tenths(f"  {model.label}: ", log)
+        told = tenths(f"  {model.label}: ")
         found = simulate_volume(case, mesh, history, model.values, told, workspace)
         for_paraview, for_salome = (folder / name for name in volume_files(model.label, True))
         write_vtkhdf(for_paraview, found.mesh, found.times, found.point_data, found.cell_data)

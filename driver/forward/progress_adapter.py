@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
 from pathlib import Path
 
+from driver.common.progress import PASSING
 from solver_adapters.interface import Adapter, Capabilities, Progress, Response, Simulation
+
+logger = logging.getLogger(__name__)
 
 
 class ProgressAdapter:
@@ -15,11 +19,10 @@ class ProgressAdapter:
     Attributes:
         inner: the solver. Sent to another process, it goes alone.
         name: that of the solver.
-        tell: takes a line for the moment.
     """
 
-    def __init__(self, inner: Adapter, tell: Callable[[str], None]) -> None:
-        self.inner, self.tell = inner, tell
+    def __init__(self, inner: Adapter) -> None:
+        self.inner = inner
         self.name = inner.name
 
     def capabilities(self) -> Capabilities:
@@ -40,7 +43,7 @@ class ProgressAdapter:
 
         def show(state: Progress) -> None:
             if state.time < state.end:
-                self.tell(sentence_of(state))
+                logger.log(PASSING, sentence_of(state))
             if progress is not None:
                 progress(state)
 

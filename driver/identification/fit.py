@@ -5,6 +5,7 @@ The variable of each parameter is θ (`Parameter.theta`): a logarithm or a scale
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,11 +14,12 @@ from time import monotonic
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.common.progress import Log
 from driver.identification.gauss_newton_step import is_at_bound
 from driver.identification.line_search import FLAT, SCORE, descend, newton, promised_by
 from driver.identification.objective import Evaluation, Objective
 from solver_adapters.parameter import Parameter
+
+logger = logging.getLogger(__name__)
 
 FloatArray = NDArray[np.float64]
 
@@ -94,7 +96,6 @@ def fit(
     values: Mapping[str, float],
     free: Sequence[str],
     most: int,
-    log: Log,
     start: Evaluation | None = None,
     tolerance: float = DECREMENT,
     share: float = 0.0,
@@ -107,8 +108,6 @@ def fit(
         values: every parameter at the start.
         free: names of the parameters to identify.
         most: largest number of iterations.
-        log: takes one line for each iteration, for each trial point that fails, and where a step
-            that climbs is kept.
         start: evaluation at `values` with `free`, where it is known already.
         tolerance: Newton decrement at which the fit has converged [σ].
         share: the fit also ends when a step lowers the cost, or would, by less than this share
@@ -125,11 +124,11 @@ def fit(
     start_load, history = here.load, [_record(here)]
 
     def ended(converged: bool, reason: str, given_up: bool = False) -> Fit:
-        log(f"  {'ended' if converged else 'NOT converged'}: {reason}")
+        logger.info(f"  {'ended' if converged else 'NOT converged'}: {reason}")
         seconds = monotonic() - began
         return Fit(here, converged, reason, tuple(history), start_load, seconds, given_up)
 
-    _tell(log, 0, here, None)
+    _tell(0, here, None)
     iteration = 0
     while True:
         step, decrement = newton(objective, here)
@@ -146,7 +145,7 @@ def fit(
         tried = (
             objective.with_time_steps_of(here) if decrement < NEAR else objective
         ).warm_started_from(here)
-        ahead = descend(tried, here, step, decrement, log)
+        ahead = descend(tried, here, step, decrement)
         if ahead is None and flat:
             return ended(True, f"a step of {decrement:.2g} σ does not lower the cost")
         if ahead is None:
@@ -156,7 +155,7 @@ def fit(
         fallen = gained / here.cost
         here, iteration = ahead, iteration + 1
         history.append(_record(here))
-        _tell(log, iteration, here, decrement)
+        _tell(iteration, here, decrement)
         if 0 <= fallen < share:
             reason = f"the last step lowered the cost by {fallen:.1%}"
             return ended(True, reason)
@@ -167,20 +166,17 @@ def fit(
             return ended(decrement < SCORE, reason)
 
 
-def fit_from(
-    at: Evaluation, objective: Objective, most: int, log: Log, tolerance: float = DECREMENT
-) -> Fit:
+def fit_from(at: Evaluation, objective: Objective, most: int, tolerance: float = DECREMENT) -> Fit:
     """Return a fit that begins where another objective has simulated: that prediction serves.
 
     Args:
         at: evaluation under an objective of the same model.
         objective: model and data, with another covariance, prior or correction.
         most: largest number of iterations.
-        log: as of `fit`.
         tolerance: Newton decrement at which the fit has converged [σ].
     """
     begin = objective.compare(at.prediction, at.values, at.free)
-    return fit(objective, at.values, at.free, most, log, begin, tolerance)
+    return fit(objective, at.values, at.free, most, begin, tolerance)
 
 
 def _record(here: Evaluation) -> dict[str, float]:
@@ -192,10 +188,10 @@ def _record(here: Evaluation) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _tell(log: Log, iteration: int, here: Evaluation, decrement: float | None) -> None:
+def _tell(iteration: int, here: Evaluation, decrement: float | None) -> None:
     loads = f"χ_F {here.chi_load:7.2f}  " if here.n_load else ""
     images = f"χ of images {here.chi_image:.3f}" if here.residual.size > here.n_load else ""
     step = "" if decrement is None else f"  step {decrement:.3g} σ"
-    log(f"  iteration {iteration}: {loads}{images}{step}")
+    logger.info(f"  iteration {iteration}: {loads}{images}{step}")
     for note in here.prediction.response.notes:
-        log(f"    {note}")
+        logger.info(f"    {note}")

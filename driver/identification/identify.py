@@ -10,6 +10,7 @@ In the paper's order knots stay as correlation found them: A fits amplitudes, B 
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.common.parallel import side_by_side
-from driver.common.progress import Log, silent
+from driver.common.progress import collected_lines
 from driver.forward.model import ForwardModel
 from driver.forward.prediction import Prediction
 from driver.identification.boundary_jitter import boundary_jitter
@@ -36,6 +37,8 @@ from driver.identification.step_error import (
     parts_of,
 )
 from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
+
+logger = logging.getLogger(__name__)
 
 FloatArray = NDArray[np.float64]
 Stage = Literal["A", "B", "C"]
@@ -113,7 +116,6 @@ def identify(
     objective: Objective,
     start: Mapping[str, float],
     plan: Plan,
-    log: Log,
 ) -> Identification:
     """Run stages A, B and C.
 
@@ -123,7 +125,6 @@ def identify(
         objective: data and priors, without a correction.
         start: every parameter at the start.
         plan: which parameters are free, and how it is run.
-        log: takes one line of progress.
 
     Raises:
         SolverError: the model cannot be evaluated at the start.
@@ -132,26 +133,24 @@ def identify(
     task = _Task(objective, dict(start), plan)
     outcomes: tuple[Outcome, ...] = ()
     if plan.starts == 1:
-        first = _first_stages(task, log)
+        first = _first_stages(task)
     else:
-        first, outcomes = _best_start(task, log)
+        first, outcomes = _best_start(task)
     objective, stage_b = first.objective, first.stage_b
     if "fixed_pattern" in stage_b.best.free:
         objective, here = objective.with_pattern_at(stage_b.best)
         stage_b = replace(stage_b, best=here)
         working, finer = (replace(m, pattern=objective.model.pattern) for m in (working, finer))
     if plan.jitter:
-        log("noise of the boundary motion at the result")
+        logger.info("noise of the boundary motion at the result")
         objective = _with_jitter(objective, stage_b.values, plan.jitter)
-    log("finer mesh and steps at the result, for the correction")
+    logger.info("finer mesh and steps at the result, for the correction")
     noise = noise_factor(stage_b, first.objective.data)
-    change = correction(
-        working, finer, stage_b.best.prediction, stage_b.values, log, with_steps=True
-    )
+    change = correction(working, finer, stage_b.best.prediction, stage_b.values, with_steps=True)
     corrected = with_correction(objective, noise, change, plan.sizes)
-    log("stage C: all together, with the correction")
+    logger.info("stage C: all together, with the correction")
     begin = corrected.complete(stage_b.best, plan.free("C"))
-    last = fit(corrected, stage_b.values, plan.free("C"), plan.most, log, start=begin)
+    last = fit(corrected, stage_b.values, plan.free("C"), plan.most, start=begin)
     refuse_what_is_not_seen(last.best)
     return Identification(
         corrected, {"A": first.stage_a, "B": stage_b, "C": last}, plan.law, outcomes
@@ -175,16 +174,16 @@ class _First:
     stage_b: Fit
 
 
-def _first_stages(task: _Task, log: Log) -> _First:
+def _first_stages(task: _Task) -> _First:
     objective, plan = task.objective, task.plan
     joint = plan.order == "joint"
     alone = replace(objective, data=objective.data.images_alone())
     if joint:
-        log("stage A: apex amplitudes and knots from the images")
+        logger.info("stage A: apex amplitudes and knots from the images")
         stiffness = elastic_stiffness(objective.model, task.start)
-        log(f"  elastic stiffness {1e-3 * stiffness:.1f} µN/nm")
+        logger.info(f"  elastic stiffness {1e-3 * stiffness:.1f} µN/nm")
     else:
-        log("stage A: apex amplitudes from the images, knots held as measured")
+        logger.info("stage A: apex amplitudes from the images, knots held as measured")
 
     def unloaded(values: Mapping[str, float]) -> dict[str, float]:
         weights = objective.model.boundary.weights[objective.model.image_row]
@@ -193,17 +192,17 @@ def _first_stages(task: _Task, log: Log) -> _First:
 
     begin = unloaded(task.start) if joint else task.start
     share = START if joint else HELD
-    stage_a = fit(alone, begin, plan.free("A"), plan.most, log, share=share)
-    log(f"stage B: the law from images and loads, knots {'free' if joint else 'held'}")
+    stage_a = fit(alone, begin, plan.free("A"), plan.most, share=share)
+    logger.info(f"stage B: the law from images and loads, knots {'free' if joint else 'held'}")
     values = unloaded(stage_a.values) if joint else stage_a.values
     if plan.jitter and objective.data.jitter is None:
         objective = _with_jitter(objective, values, plan.jitter)
     known = None if joint else objective.complete(stage_a.best, plan.free("B"))
-    stage_b = fit(objective, values, plan.free("B"), plan.most, log, start=known, share=task.share)
+    stage_b = fit(objective, values, plan.free("B"), plan.most, start=known, share=task.share)
     return _First(objective, stage_a, stage_b)
 
 
-def _best_start(task: _Task, log: Log) -> tuple[_First, tuple[Outcome, ...]]:
+def _best_start(task: _Task) -> tuple[_First, tuple[Outcome, ...]]:
     plan = task.plan
     if plan.jitter:
         # One covariance for all: under their own their costs could not be compared.
@@ -213,12 +212,13 @@ def _best_start(task: _Task, log: Log) -> tuple[_First, tuple[Outcome, ...]]:
     tasks = [replace(task, start=start, share=0.0) for start in drawn]
     return from_each_start(
         _from_a_start, tasks, lambda first: first.stage_b, plan.law, plan.processes,
-        plan.threads, log,
+        plan.threads,
     )  # fmt: skip
 
 
+@collected_lines()
 def _from_a_start(task: _Task) -> _First:
-    return _first_stages(task, silent)
+    return _first_stages(task)
 
 
 def _with_jitter(objective: Objective, values: Mapping[str, float], sigma: float) -> Objective:
@@ -299,7 +299,6 @@ def correction(
     finer: ForwardModel,
     coarse: Prediction,
     values: Mapping[str, float],
-    log: Log,
     with_steps: bool = False,
 ) -> Correction:
     """Finer minus working prediction.
@@ -311,7 +310,6 @@ def correction(
         finer: the finer model.
         coarse: the working prediction.
         values: every parameter that it was made with.
-        log: takes what is found.
         with_steps: whether the error of such steps is estimated, by one more simulation.
 
     Raises:
@@ -326,14 +324,14 @@ def correction(
     fine, *halved = side_by_side(lambda model: model.predict(values), models, 1)
     motion, load = fine.motion - coarse.motion, fine.load - coarse.load
     of_motion = f", motion {1e3 * np.sqrt(np.mean(motion**2)):.2f} nm rms" if motion.size else ""
-    log(f"  finer − working: load {np.sqrt(np.mean(load**2)):.2f} µN rms{of_motion}")
+    logger.info(f"  finer − working: load {np.sqrt(np.mean(load**2)):.2f} µN rms{of_motion}")
     if not halved:
         return Correction(motion, load, parts=parts)
     left = error_by_halves(coarse, halved[0]).times(1 / parts)
     cuts = working.cut_steps(coarse.response)
     cut = f"{cuts} more than stated, as some were cut; " if cuts else ""
     wrong = np.sqrt(np.mean(left.load**2))
-    log(
+    logger.info(
         f"  time steps of first order: {cut}{wrong:.2f} µN rms of the load are still wrong, which "
         "the uncertainties count"
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 
 import numpy as np
@@ -9,11 +10,12 @@ from numpy.typing import NDArray
 
 from driver.common.errors import InputError
 from driver.common.outcomes import first_line
-from driver.common.progress import Log
 from driver.identification.gauss_newton_step import bounded_step, trial_values
 from driver.identification.objective import Evaluation, Objective
 from solver_adapters.interface import SolverError
 from solver_adapters.jobs.errors import is_by_circumstances, is_out_of_time
+
+logger = logging.getLogger(__name__)
 
 FloatArray = NDArray[np.float64]
 
@@ -59,7 +61,6 @@ def descend(
     here: Evaluation,
     step: FloatArray,
     decrement: float,
-    log: Log,
 ) -> Evaluation | None:
     """Return the next point of a fit, None where no trial point leads lower.
 
@@ -68,7 +69,6 @@ def descend(
         here: where the step begins.
         step: in θ, shape (k,).
         decrement: Newton decrement of the step without damping [σ].
-        log: takes a line for each trial point that fails, and where a step that climbs is kept.
 
     Raises:
         SolverError: a simulation was not run, or ended for no reason of its parameters.
@@ -76,14 +76,14 @@ def descend(
     length = 1.0
     for _ in range(MOST_IF_FLAT if decrement < FLAT else MOST_HALVINGS):
         values = trial_values(here.values, here.free, length * step, objective.parameters)
-        ahead = _tried(objective, values, here, log)
+        ahead = _tried(objective, values, here)
         if ahead is not None:
             if ahead.cost < here.cost:
                 return ahead
             if decrement < SCORE and newton(objective, ahead)[1] < decrement / 2:
                 return ahead
             if length == 1.0 and decrement >= FLAT:
-                corrected = _corrected(objective, here, ahead, decrement, log)
+                corrected = _corrected(objective, here, ahead, decrement)
                 if corrected is not None:
                     return corrected
         length *= 0.4
@@ -91,7 +91,7 @@ def descend(
 
 
 def _corrected(
-    objective: Objective, here: Evaluation, ahead: Evaluation, decrement: float, log: Log
+    objective: Objective, here: Evaluation, ahead: Evaluation, decrement: float
 ) -> Evaluation | None:
     """Return the point well below `here` to which further full steps from `ahead`, above it, lead.
 
@@ -104,23 +104,23 @@ def _corrected(
         if ahead.cost - further**2 > here.cost - KEPT * decrement**2:
             return None
         values = trial_values(ahead.values, ahead.free, step, objective.parameters)
-        following = _tried(objective.warm_started_from(ahead), values, here, log)
+        following = _tried(objective.warm_started_from(ahead), values, here)
         if following is None or following.cost >= ahead.cost:
             return None
         if following.cost < here.cost - SUFFICIENT * decrement**2:
-            log(f"    the step climbs; {count} more brought it well below where it began")
+            logger.info(f"    the step climbs; {count} more brought it well below where it began")
             return following
         ahead = following
     return None
 
 
 def _tried(
-    objective: Objective, values: Mapping[str, float], here: Evaluation, log: Log
+    objective: Objective, values: Mapping[str, float], here: Evaluation
 ) -> Evaluation | None:
     try:
         return objective.evaluate(values, here.free)
     except (SolverError, InputError) as error:
         if is_by_circumstances(error) and not is_out_of_time(error):
             raise  # a shorter step might not be run or be killed as well, and prove nothing
-        log(f"    a trial point failed, so that the step is shortened: {first_line(error)}")
+        logger.info(f"    a trial point failed, so that the step is shortened: {first_line(error)}")
         return None

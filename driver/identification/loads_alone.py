@@ -6,12 +6,12 @@ which is every elastic unloading. The correction of the simulation is that of th
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from driver.common.progress import Log
 from driver.forward.model import ForwardModel
 from driver.identification.discretisation_covariance import DiscretisationError, share_left
 from driver.identification.fit import fit
@@ -26,6 +26,8 @@ from driver.identification.identify import (
 )
 from driver.identification.objective import Objective
 
+logger = logging.getLogger(__name__)
+
 _BEYOND = 4.0  # standard deviations of χ_F from which a misfit is told
 
 
@@ -34,7 +36,6 @@ def identify_from_loads(
     finer: ForwardModel,
     start: Mapping[str, float],
     plan: Plan,
-    log: Log,
 ) -> Identification:
     """Fit the law and the elongation, correct the simulation, and fit again with the λ's.
 
@@ -43,7 +44,6 @@ def identify_from_loads(
         finer: finer mesh and steps, for the correction.
         start: every parameter at the start.
         plan: which parameters are free, and how it is run.
-        log: takes one line of progress.
 
     Returns:
         Stages B, without the correction, and C, with it and with free λ's.
@@ -54,12 +54,12 @@ def identify_from_loads(
     """
     model, data = objective.model, objective.data
     stiffness = elastic_stiffness(model, start)
-    log(f"the law from the loads; elastic stiffness {1e-3 * stiffness:.1f} µN/nm")
+    logger.info(f"the law from the loads; elastic stiffness {1e-3 * stiffness:.1f} µN/nm")
     weights = model.boundary.weights[model.image_row][data.load_index]
     begin = unload_elastically(start, stiffness, weights, data.load[data.load_index])
-    first = fit(objective, begin, plan.free("B"), plan.most, log, share=START)
-    log("finer mesh and steps at the result, for the correction")
-    change = correction(model, finer, first.best.prediction, first.values, log, with_steps=True)
+    first = fit(objective, begin, plan.free("B"), plan.most, share=START)
+    logger.info("finer mesh and steps at the result, for the correction")
+    change = correction(model, finer, first.best.prediction, first.values, with_steps=True)
     left = share_left(plan.sizes[1] / plan.sizes[0]) * change.of_mesh[1]
     error = DiscretisationError(np.zeros((left.size, 0)), np.zeros((0, 0)), left)
     corrected = replace(
@@ -67,8 +67,8 @@ def identify_from_loads(
         data=replace(data, simulation_error=error, step_error=change.left_by_steps),
         correction=replace(change, motion=0.0),
     )
-    log("all together, with the correction")
-    last = fit(corrected, first.values, plan.free("C"), plan.most, log)
+    logger.info("all together, with the correction")
+    last = fit(corrected, first.values, plan.free("C"), plan.most)
     refuse_what_is_not_seen(last.best)
     return Identification(corrected, {"B": first, "C": last}, plan.law)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -11,9 +12,10 @@ import numpy as np
 
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
-from driver.common.progress import Log
 from driver.identification.fit import Fit
 from solver_adapters.parameter import Parameter
+
+logger = logging.getLogger(__name__)
 
 SEED = 20160501  # of the starts that are drawn
 FARTHEST = 2.0  # widths from the start of the case
@@ -73,7 +75,6 @@ def from_each_start(
     told: Sequence[str],
     processes: int,
     threads: int,
-    log: Log,
 ) -> tuple[Result, tuple[Outcome, ...]]:
     """Work from each start side by side, and keep the result of the least cost.
 
@@ -84,7 +85,6 @@ def from_each_start(
         told: names of the parameters of which the spread is told.
         processes: how many starts at a time.
         threads: threads of each.
-        log: takes a line for each start.
 
     Returns:
         The best result, and what became of each start.
@@ -92,7 +92,7 @@ def from_each_start(
     Raises:
         SolverError: the start of the case cannot be simulated; of others this is told only.
     """
-    log(f"{len(tasks)} starts, those after the first drawn with seed {SEED}")
+    logger.info(f"{len(tasks)} starts, those after the first drawn with seed {SEED}")
 
     def outcome(result: Result | Failure) -> Outcome:
         if isinstance(result, Failure):
@@ -103,7 +103,9 @@ def from_each_start(
     def done(index: int, result: Result | Failure) -> None:
         ended = outcome(result)
         found = ", ".join(f"{name} {value:.4g}" for name, value in ended.values.items())
-        log(f"  start {index + 1}: cost {ended.cost:.1f}, {found or 'failed'} ({ended.reason})")
+        logger.info(
+            f"  start {index + 1}: cost {ended.cost:.1f}, {found or 'failed'} ({ended.reason})"
+        )
 
     jobs = [_Job[Task, Result](work, task, index == 0) for index, task in enumerate(tasks)]
     results = side_by_side(_from_start, jobs, processes, threads, done)
@@ -111,7 +113,7 @@ def from_each_start(
     costs = [ended.cost for ended in outcomes]
     best = int(np.argmin(costs))
     near = sum(cost - costs[best] < SAME for cost in costs)
-    log(f"  kept start {best + 1}; {near} of {len(tasks)} end within {SAME:g} of its cost")
+    logger.info(f"  kept start {best + 1}; {near} of {len(tasks)} end within {SAME:g} of its cost")
     kept = results[best]
     assert not isinstance(kept, Failure)
     return kept, outcomes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -149,7 +149,6 @@ def build_problem(
     seen: MeasuredSeries,
     jobs: Path | None = None,
     prepare_only: bool = False,
-    passing: Callable[[str], None] | None = None,
 ) -> IdentificationProblem:
     """Put a case together.
 
@@ -160,12 +159,9 @@ def build_problem(
         seen: what was measured.
         jobs: folder of the jobs of a solver that is a program of its own, or None.
         prepare_only: whether they are written for another machine instead of being run.
-        passing: takes words about a running simulation, if anyone is there to read them.
     """
     experiment, images, left_out = seen.experiment, seen.images, seen.left_out
-    adapter, history = adapter_of(case, prepare_only), experiment.history
-    if passing is not None:
-        adapter = ProgressAdapter(adapter, passing)
+    adapter, history = ProgressAdapter(adapter_of(case, prepare_only)), experiment.history
     jobs = jobs if adapter.capabilities().uses_workspace else None
     steps, fine_steps = case.solver.steps_per_interval, case.solver.fine_steps_per_interval
     working = build_model(case, mesh, history, images.xy, adapter, steps, jobs)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
@@ -14,7 +15,6 @@ from driver.case.model import load_case
 from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError
 from driver.common.formatting import cost_told
-from driver.common.progress import Log
 from driver.dic.slope_noise import squared_slopes
 from driver.experiment.reading import read_experiment
 from driver.forward.build import surface_images
@@ -35,6 +35,8 @@ from driver.report.style import png
 from driver.results.files import results_of
 from driver.results.hdf5 import prismid_version, write_csv
 
+logger = logging.getLogger(__name__)
+
 FILES = ("noise_floor.json", "noise_floor.csv", "noise_floor.png")
 _UNITS = {"strain": (1e2, "%")}  # factor and unit of a table; nm for what is not named
 # Seconds of one core for one pixel of one image on one mesh, all passes and iterations.
@@ -43,12 +45,11 @@ _PIXEL_SECONDS = 10e-6
 _BYTES, _PIXEL_BYTES = 0.4e9, 14e3
 
 
-def noise_floor(case_path: Path, log: Log) -> None:
+def noise_floor(case_path: Path) -> None:
     """Measure the noise floor of the images of a case.
 
     Args:
         case_path: the case; its images, flats and repeats are read.
-        log: takes one line of progress.
 
     Raises:
         InputError: the case cannot be used or names no repeats.
@@ -70,7 +71,7 @@ def noise_floor(case_path: Path, log: Log) -> None:
     elements = sizes(images, ratio)
     seconds = _PIXEL_SECONDS * len(elements) * frames * len(images.xy)
     memory = _BYTES + _PIXEL_BYTES * len(images.xy)
-    log(
+    logger.info(
         f"{len(motions)} motions of the reference, {SERIES} series of {DRAWS} images of each, "
         f"{len(elements)} meshes: {cost_told(seconds, memory)}"
     )
@@ -79,7 +80,7 @@ def noise_floor(case_path: Path, log: Log) -> None:
     square, noise = squared_slopes(images)
     noise_share = noise / float(square.mean())
     interpolation = lab.relief.error()
-    log(
+    logger.info(
         f"noise {1e3 * images.sigma:.2f} nm, relief {1e3 * relief:.1f} nm; the reference is moved "
         f"with an interpolation error of {1e3 * interpolation:.2g} nm; {noise_share:.0%} of its "
         "squared slopes are noise"
@@ -93,7 +94,7 @@ def noise_floor(case_path: Path, log: Log) -> None:
         steps += 1
         if steps % SERIES == 0:
             left = (perf_counter() - start) * (len(elements) * SERIES / steps - 1)
-            log(f"  mesh {steps // SERIES} of {len(elements)}, about {left:.0f} s to go")
+            logger.info(f"  mesh {steps // SERIES} of {len(elements)}, about {left:.0f} s to go")
 
     for size in elements:
         size_w = ratio * size
@@ -105,7 +106,7 @@ def noise_floor(case_path: Path, log: Log) -> None:
         rows.append(Row(size, size_w, found, measured))
     take = chosen(rows)
     for line in table(rows, take, freedom):
-        log(line)
+        logger.info(line)
     folder = results_of(case)
     folder.mkdir(exist_ok=True)
     summary = {
@@ -128,7 +129,7 @@ def noise_floor(case_path: Path, log: Log) -> None:
     write_whole(folder / FILES[0], json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
     write_csv(folder / FILES[1], _columns(rows))
     (folder / FILES[2]).write_bytes(png(draw(rows, take, freedom)))
-    log(f"{folder}: {', '.join(FILES)}")
+    logger.info(f"{folder}: {', '.join(FILES)}")
 
 
 def table(rows: Sequence[Row], take: Row, freedom: int) -> list[str]:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from driver.case.model import Case, load_case
 from driver.common.errors import InputError, sentence
-from driver.common.formatting import cost_told, tenths
-from driver.common.progress import Log
+from driver.common.formatting import cost_told
+from driver.common.progress import tenths
 from driver.experiment.history import read_history
 from driver.forward.build import adapter_of, mesh_of
 from driver.forward.cost import simulation_memory, simulation_seconds
 from driver.virtual.settings import Virtual, read_virtual
 from driver.virtual.truth import knots, pull, stage_program
 from driver.virtual.writing import record
+
+logger = logging.getLogger(__name__)
 
 _FINER = 0.9  # of the finer mesh of a case
 # Seconds of one core for one pixel of one image, with slip steps and without.
@@ -23,7 +26,7 @@ _PIXEL_SECONDS = {True: 25e-6, False: 6e-6}
 _PIXEL_BYTES = 64
 
 
-def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int, log: Log) -> None:
+def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int) -> None:
     """Simulate the test of a case and photograph it.
 
     Args:
@@ -32,7 +35,6 @@ def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int
         settings_path: the settings, or None for the defaults.
         folder: where to write; absent or empty.
         seed: of relief, stage and noise.
-        log: takes one line of progress.
 
     Raises:
         InputError: the case or a setting cannot be used, or the folder holds files.
@@ -56,21 +58,21 @@ def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int
     parts = truth.solver.steps_per_interval
     memory = simulation_memory(n_cells, history.n_images, steps_per_interval=parts)
     memory += _PIXEL_BYTES * face * history.n_images
-    log(
+    logger.info(
         f"truth on a mesh of {truth.specimen.mesh_size:g} µm ({n_cells} cells) with "
         f"{truth.solver.steps_per_interval} steps an interval, finer than the case's "
         f"{case.specimen.mesh_size:g} and {case.specimen.fine_mesh_size:g} µm with "
         f"{case.solver.steps_per_interval} and {case.solver.fine_steps_per_interval}; "
         f"{history.n_images} images, {cost_told(seconds, memory)}"
     )
-    course = pull(truth, history, hidden, steps, tenths("  truth: ", log))
+    course = pull(truth, history, hidden, steps, tenths("  truth: "))
     folder.mkdir(parents=True, exist_ok=True)
     # A folder holds a whole experiment or none: one that was begun would be refused next time.
     with TemporaryDirectory(prefix=".", dir=folder) as aside:
         record(Path(aside), case, course, seed, settings)
         for file in Path(aside).iterdir():
             file.replace(folder / file.name)
-    log(f"{folder / 'case.toml'} written, its truth in truth.json: `prismid run {folder}`")
+    logger.info(f"{folder / 'case.toml'} written, its truth in truth.json: `prismid run {folder}`")
 
 
 def true_case(case: Case, settings: Virtual) -> Case:

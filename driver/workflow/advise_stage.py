@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -20,6 +21,8 @@ from driver.workflow.engine import StageContext
 from solver_adapters.interface import SolverError
 from solver_adapters.parameter import Parameter
 
+logger = logging.getLogger(__name__)
+
 Record = dict[str, Any]
 
 
@@ -30,7 +33,7 @@ def run_advise(context: StageContext) -> None:
     changes = _changes(context, diagnosis, causes) if causes else ()
     text = advice(changes) if changes else ""
     if text:
-        context.log(f"  {text}")
+        logger.info(f"  {text}")
     record = {
         "causes": list(causes),
         "changes": [{"change": one.name, "apart_sigma": one.apart} for one in changes],
@@ -56,7 +59,7 @@ def _changes(
 
     Sizes are those of the scores, in the prior scales of each cause.
     """
-    context.log(f"  which added measurement would part {', '.join(causes)}")
+    logger.info(f"  which added measurement would part {', '.join(causes)}")
     flips = [flip for flip in FLIPS if flip.name in diagnosis["flips"]]
     case = with_half_turns(context.case, flips)
     history = history_of(case)
@@ -67,14 +70,14 @@ def _changes(
     sizes = {name: _size(scores[name], declared) for name in causes}
     values = {name: entry["value"] for name, entry in diagnosis["baseline"]["values"].items()}
     if context.prepare_only:
-        context.log("  not found out: no jobs are prepared for it")
+        logger.info("  not found out: no jobs are prepared for it")
         return ()
     jobs = context.results / JOBS
     try:
-        return discriminating_changes(case, history, sizes, values, context.log, jobs)
+        return discriminating_changes(case, history, sizes, values, jobs)
     except (SolverError, InputError) as error:
         # Whatever kept it from being simulated: the diagnosis stands without it.
-        context.log(f"  not found out: {first_line(error)}")
+        logger.info(f"  not found out: {first_line(error)}")
         return ()
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 
 import numpy as np
 
 from driver.case.model import SCHEMA_FILE, schema_text, write_case
-from driver.common.progress import Log
 from driver.diagnosis.answer.residual_localisation import (
     ResidualLocalisation,
     still_missed,
@@ -53,6 +53,8 @@ from driver.workflow.identify_stage import (
     saved_objective,
 )
 
+logger = logging.getLogger(__name__)
+
 
 def run_diagnose(context: StageContext) -> None:
     """Diagnose the identified model; write `diagnosis.json` and `extended.toml`."""
@@ -68,7 +70,7 @@ def run_diagnose(context: StageContext) -> None:
     values = problem.objective.model.null_values() | told.values
     free, converged, reason = told.names, told.converged, told.reason
     if not converged:
-        context.log(f"  the baseline has not converged ({reason}): read the verdict with care")
+        logger.info(f"  the baseline has not converged ({reason}): read the verdict with care")
     objective = saved_objective(problem, identified)
     # One simulation gives the baseline and the sensitivities of every cause: that of the
     # identification, once more.
@@ -80,8 +82,8 @@ def run_diagnose(context: StageContext) -> None:
     known: Evaluation | None = wide
     if held := [name for name in problem.plan.every if name not in free]:
         # An error of a held knot would be found as one of the model.
-        context.log(f"fitted again with what the identification held: {', '.join(held)}")
-        baseline = fit(objective, values, problem.plan.every, problem.plan.most, context.log)
+        logger.info(f"fitted again with what the identification held: {', '.join(held)}")
+        baseline = fit(objective, values, problem.plan.every, problem.plan.most)
         known = None
     cycles = problem.experiment.history.cycle
     settings = Settings(
@@ -96,11 +98,11 @@ def run_diagnose(context: StageContext) -> None:
     )
     found = diagnose(
         baseline, objective, FineModels(problem.finer, lambda: on_another_mesh(case, problem)),
-        cycles, settings, context.log, known,
+        cycles, settings, known,
     )  # fmt: skip
     where = whereabouts(found, geometry_of(case), problem.experiment.history)
     found = replace(found, verdict=with_places(found.verdict, still_missed(where)))
-    _tell(found, where, problem, context.log)
+    _tell(found, where, problem)
     decks = _decks(found, context) if found.causes else None
     budgets = (
         error_budget(problem, found.baseline.best, free_chi),
@@ -116,24 +118,26 @@ def run_diagnose(context: StageContext) -> None:
     (context.workdir / SCHEMA_FILE).write_text(schema_text(), encoding="utf-8")
 
 
-def _tell(
-    found: Diagnosis, where: ResidualLocalisation, problem: IdentificationProblem, log: Log
-) -> None:
+def _tell(found: Diagnosis, where: ResidualLocalisation, problem: IdentificationProblem) -> None:
     """Tell the verdict, where the model misses the data, what was added, what to do next."""
-    log(f"verdict: {found.verdict.kind}. {found.verdict.text}")
-    log(f"  {told(where)}")
+    logger.info(f"verdict: {found.verdict.kind}. {found.verdict.text}")
+    logger.info(f"  {told(where)}")
     for name in added_parameters(found):
-        log(f"  {value_told(name, found.extended, problem.objective.parameters)}")
+        logger.info(f"  {value_told(name, found.extended, problem.objective.parameters)}")
         if (off := found.off_by_mesh(name)) is not None:
             unit = problem.objective.parameters[name].unit
             by = f"{off:.2g} {unit}" if unit else f"{off:.2g}"
-            log(f"    either of two finer meshes alone would put it off by {by}: not in its σ")
+            logger.info(
+                f"    either of two finer meshes alone would put it off by {by}: not in its σ"
+            )
     for name, (level, sigma) in found.levels.items():
-        log(f"  {name} = {level:.4g} ± {sigma:.2g} {COVARIANCE_PARAMETERS[name].unit}")
+        logger.info(f"  {name} = {level:.4g} ± {sigma:.2g} {COVARIANCE_PARAMETERS[name].unit}")
     if found.held_out is not None:
         before, after = found.held_out
-        log(f"  held-out cycle {before.cycle}: χ_F {before.chi_load:.2f} → {after.chi_load:.2f}")
-    log(f"  next: {found.verdict.next}")
+        logger.info(
+            f"  held-out cycle {before.cycle}: χ_F {before.chi_load:.2f} → {after.chi_load:.2f}"
+        )
+    logger.info(f"  next: {found.verdict.next}")
 
 
 def _decks(found: Diagnosis, context: StageContext) -> dict[str, str | None]:
@@ -143,5 +147,5 @@ def _decks(found: Diagnosis, context: StageContext) -> dict[str, str | None]:
     written = [f"{DECKS}/{name}" for name, refused in decks.items() if refused is None]
     if written:
         # Why others cannot take it is in the record, and `check` says it before a run.
-        context.log(f"  the extended model as a deck: {', '.join(written)}")
+        logger.info(f"  the extended model as a deck: {', '.join(written)}")
     return decks

@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 import hashlib
 import json
+import logging
 import os
 import shutil
 import time
@@ -17,12 +18,13 @@ from typing import Any
 
 from driver.case.model import Case
 from driver.common.errors import InputError, sentence, why
-from driver.common.progress import Log
 from driver.experiment.images.files import split_dataset
 from driver.parameters.user_terms import files_of_terms, installed_terms
 from driver.results.files import present, results_of
 from driver.results.stage_record import Done, read_record, write_record
 from driver.workflow.run_lock import sole_run
+
+logger = logging.getLogger(__name__)
 
 _READ_BACK = (".h5", ".json", ".med")  # of results that later stages read
 
@@ -39,7 +41,6 @@ class StageContext:
         case: the case.
         results: the folder of the finished results of all stages.
         workdir: an empty folder; every file left in it becomes a result of the stage.
-        log: takes one line of progress.
         prepare_only: whether external solvers write their jobs for another machine.
         memory: what stages of one run have read and leave to later ones, by name.
     """
@@ -47,7 +48,6 @@ class StageContext:
     case: Case
     results: Path
     workdir: Path
-    log: Log
     prepare_only: bool = False
     memory: dict[str, Any] = field(default_factory=dict)
 
@@ -112,7 +112,6 @@ def run_stages(
     stages: Sequence[Stage],
     until: str | None = None,
     force: bool = False,
-    report: Log = print,
     prepare_only: bool = False,
 ) -> None:
     """Run the stages in their order, leaving out those that are done and unchanged.
@@ -129,7 +128,6 @@ def run_stages(
         stages: all stages, each building on the ones before it.
         until: name of the last stage to run, None for all.
         force: run the stages even if they are done and unchanged.
-        report: takes one line of progress.
         prepare_only: whether external solvers write their jobs for another machine.
 
     Raises:
@@ -150,10 +148,10 @@ def run_stages(
             done = read_record(results)
             entry = done.get(stage.name)
             if not force and is_done(entry, key, results):
-                report(f"{stage.name}: done and unchanged")
+                logger.info(f"{stage.name}: done and unchanged")
                 continue
             _refuse_folders(entry, results)
-            _run_stage(stage, case, results, key, report, prepare_only, memory)
+            _run_stage(stage, case, results, key, prepare_only, memory)
 
 
 def stage_key(stage: Stage, case: Case, key_before: str) -> str:
@@ -176,16 +174,15 @@ def _run_stage(
     case: Case,
     results: Path,
     key: str,
-    report: Log,
     prepare_only: bool,
     memory: dict[str, Any],
 ) -> None:
     workdir = results / f"{stage.name}.partial"
     shutil.rmtree(workdir, ignore_errors=True)
     workdir.mkdir()
-    report(f"{stage.name}: started")
+    logger.info(f"{stage.name}: started")
     start = time.perf_counter()
-    stage.run(StageContext(case, results, workdir, report, prepare_only, memory))
+    stage.run(StageContext(case, results, workdir, prepare_only, memory))
     seconds = time.perf_counter() - start
     outputs = sorted(
         str(path.relative_to(workdir)) for path in workdir.rglob("*") if path.is_file()
@@ -199,7 +196,7 @@ def _run_stage(
                 f"{stage.name}: found a result {min(shared)}, which belongs to {other}, "
                 "expected another name"
             )
-    _set_edited_aside(old, results, report)
+    _set_edited_aside(old, results)
     # Until the record is written anew, a stage whose files are being replaced counts as not done.
     write_record(results, done)
     for name in outputs:
@@ -216,10 +213,10 @@ def _run_stage(
     }
     write_record(results, done)
     shutil.rmtree(workdir)
-    report(f"{stage.name}: finished in {seconds:.1f} s")
+    logger.info(f"{stage.name}: finished in {seconds:.1f} s")
 
 
-def _set_edited_aside(old: Done | None, results: Path, report: Log) -> None:
+def _set_edited_aside(old: Done | None, results: Path) -> None:
     """Rename what has changed since its stage wrote it, before that writes it anew."""
     for name, digest in old.get("digests", {}).items() if old else ():
         path = results / name
@@ -228,7 +225,7 @@ def _set_edited_aside(old: Done | None, results: Path, report: Log) -> None:
         names = (path.with_stem(f"{path.stem}.edited{k or ''}") for k in count())
         kept = next(one for one in names if not one.exists())
         path.rename(kept)
-        report(f"{path} has changed since it was written: it is kept as {kept.name}")
+        logger.info(f"{path} has changed since it was written: it is kept as {kept.name}")
 
 
 def _is_read_back(name: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 
 from driver.case.model import Case, CaseError
 from driver.common.errors import sentence
-from driver.common.progress import passing_of
 from driver.experiment.history import History
 from driver.identification.boundary_jitter import BoundaryJitter
 from driver.identification.identify import identify, with_correction
@@ -29,6 +29,8 @@ from driver.workflow.engine import StageContext
 from driver.workflow.prepared_images import prepared_images
 from meshes.files import read_med
 from solver_adapters.interface import Trajectory
+
+logger = logging.getLogger(__name__)
 
 FloatArray = NDArray[np.float64]
 
@@ -51,7 +53,6 @@ def load_problem(context: StageContext) -> IdentificationProblem:
         ),
         context.results / JOBS,
         context.prepare_only,
-        passing_of(context.log),
     )
 
 
@@ -62,15 +63,15 @@ def run_identify(context: StageContext) -> None:
         context.case, problem.plan.jitter, problem.start, problem.experiment.history
     )
     found = identify(
-        problem.working, problem.finer, problem.objective, problem.start, problem.plan, context.log
+        problem.working, problem.finer, problem.objective, problem.start, problem.plan
     )  # fmt: skip
     final = found.final
     budget = error_budget(problem, final.best, read_hdf5(context.result(MEASURE))["chi"])
     for name in (n for n in (*LAMBDAS, *problem.law) if n in final.best.free):
-        context.log(f"  {value_told(name, final, problem.objective.parameters)}")
+        logger.info(f"  {value_told(name, final, problem.objective.parameters)}")
     for warning in warnings_of(found):
-        context.log(f"  {warning}")
-    context.log(
+        logger.info(f"  {warning}")
+    logger.info(
         f"  budget: noise 1, free correlation {budget['free']:.2f}, "
         f"this model {budget['model']:.2f} (images), {budget['load']:.2f} (loads)"
     )

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from driver.case.model import Case
-from driver.common.progress import passing_of
 from driver.experiment.history import History
 from driver.experiment.reading import history_of
 from driver.forward.boundary_motion import knots_of_stage
@@ -27,6 +27,8 @@ from driver.results.identification import value_told, warnings_of, write_of_load
 from driver.workflow.engine import StageContext
 from meshes.files import read_med
 from solver_adapters.interface import Adapter
+
+logger = logging.getLogger(__name__)
 
 SKIPPED = 'measure, diagnose and advise are left out: boundary.motion = "stage" has no images'
 
@@ -103,18 +105,18 @@ def _stated_ratio(case: Case) -> tuple[float, float]:
 def run_identify_loads(context: StageContext) -> None:
     """Identify from the loads, and write parameters, covariance and predictions."""
     case = context.case
-    adapter = ProgressAdapter(adapter_of(case, context.prepare_only), passing_of(context.log))
+    adapter = ProgressAdapter(adapter_of(case, context.prepare_only))
     problem = build_loads_problem(context, adapter)
     found = identify_from_loads(
-        problem.objective, problem.finer, problem.start, problem.plan, context.log
+        problem.objective, problem.finer, problem.start, problem.plan
     )  # fmt: skip
     final, history = found.final, problem.history
     for name in problem.plan.law:
-        context.log(f"  {value_told(name, final, problem.objective.parameters)}")
+        logger.info(f"  {value_told(name, final, problem.objective.parameters)}")
     for warning in warnings_of(found):
-        context.log(f"  {warning}")
+        logger.info(f"  {warning}")
     n_loads, chi = problem.objective.data.n_load, final.best.chi_load
-    context.log(f"  budget: noise 1, this model {chi:.2f} (loads)")
+    logger.info(f"  budget: noise 1, this model {chi:.2f} (loads)")
     for sentence in doubts(chi, n_loads, final.converged):
-        context.log(f"  WARNING: {sentence}")
+        logger.info(f"  WARNING: {sentence}")
     write_of_loads(context.workdir, found, problem.start, history)

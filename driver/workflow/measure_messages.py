@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from driver.case.model import Case
-from driver.common.progress import Log
 from driver.dic.derived_quantities import Reading
 from driver.dic.series import SurfaceMotion
 from driver.experiment.images.outliers import Outlier, told
+
+logger = logging.getLogger(__name__)
 
 BoolArray = NDArray[np.bool_]
 
@@ -19,52 +21,49 @@ _TOLD = 5  # frames at most, of which it is told why they stopped
 _STRETCHED = 5.0  # σ of the elongation before loading, beyond which the images are in doubt
 
 
-def tell_regularisation(case: Case, motion: SurfaceMotion, log: Log) -> None:
+def tell_regularisation(case: Case, motion: SurfaceMotion) -> None:
     """Tell the meshes, the penalty and the roughness that it grants."""
     for name, basis in (("u, v", motion.basis_uv), ("w", motion.basis_w)):
-        log(
+        logger.info(
             f"  mesh of {name}: {len(basis.mesh.cells)} {basis.mesh.kind}, {len(basis.nodes)} "
             f"nodes, {basis.element_size / case.images.pixel_um:.1f} px"
         )
     if np.isinf(motion.roughness):
-        log("  no regularisation")
+        logger.info("  no regularisation")
     else:
         how = "estimated" if case.dic.roughness_px == "estimated" else "as stated"
-        log(
+        logger.info(
             f"  regularisation {case.dic.penalty}, roughness "
             f"{motion.roughness / case.images.pixel_um:.3g} px ({how})"
         )
     if motion.ridge:
-        log("  the images do not decide every nodal value: a ridge holds the others")
+        logger.info("  the images do not decide every nodal value: a ridge holds the others")
 
 
-def tell_readings(
-    single: SurfaceMotion, motion: SurfaceMotion, read: dict[str, Reading], log: Log
-) -> None:
+def tell_readings(single: SurfaceMotion, motion: SurfaceMotion, read: dict[str, Reading]) -> None:
     """How much of the images entered, and how sure the elongation is.
 
     Args:
         single: motion of each image by itself.
         motion: the same smoothed along stage travel, or `single` itself.
         read: numbers read from it, by name.
-        log: takes each line.
     """
     lacking = ~single.compared & ~single.lost[:, None]
     if lacking.any():
         frames = lacking.any(axis=1)
-        log(
+        logger.info(
             f"  {np.count_nonzero(frames)} frames lack heights on the face, frame "
             f"{int(lacking.sum(axis=1).argmax())} at most, at {lacking.sum(axis=1).max()} pixels: "
             "they are left out there"
         )
     elongation = read["elongation"]
     sigma = 1e3 * np.median(elongation.sigma)
-    log(
+    logger.info(
         f"  χ of free correlation {np.sqrt(np.mean(motion.chi**2)):.3f}, elongation ± {sigma:.1f} "
         f"nm an image, of which {1e3 * elongation.held:.1f} nm are what the penalty may hold back"
     )
     if motion is not single:
-        log(
+        logger.info(
             f"  smoothed along stage travel (± {1e3 * elongation.single:.1f} nm an image without); "
             "neighbouring images are correlated, elongation_covariance says how much"
         )
@@ -75,7 +74,6 @@ def tell_frames(
     outliers: Sequence[Outlier],
     left: BoolArray,
     elongation: Reading,
-    log: Log,
 ) -> None:
     """Frames that are unlike others, lost, not converged, or stretched before the loading.
 
@@ -84,22 +82,23 @@ def tell_frames(
         outliers: of the series.
         left: frames whose images are not fitted, shape (T,).
         elongation: against the repeats.
-        log: takes each line.
     """
     for frame, what in told(outliers).items():
         kept = "its image is not fitted, its load is" if left[frame] else "it is kept"
-        log(f"  frame {frame} is unlike its neighbours: {what}; {kept}")
+        logger.info(f"  frame {frame} is unlike its neighbours: {what}; {kept}")
     for frame in np.flatnonzero(motion.lost).tolist():
-        log(f"  frame {frame}: {motion.reason[frame]}; its image is not fitted, its load is")
+        logger.info(
+            f"  frame {frame}: {motion.reason[frame]}; its image is not fitted, its load is"
+        )
     slow = np.flatnonzero(~motion.converged & ~motion.lost)
     for frame in slow[:_TOLD].tolist():
-        log(f"  frame {frame}: {motion.reason[frame]}")
+        logger.info(f"  frame {frame}: {motion.reason[frame]}")
     if slow.size > _TOLD:
-        log(f"  {slow.size - _TOLD} more frames did not converge: measure.csv says why")
+        logger.info(f"  {slow.size - _TOLD} more frames did not converge: measure.csv says why")
     stretch, sigma = elongation.value[0], elongation.sigma[0]
     if not motion.lost[0] and abs(stretch) > _STRETCHED * sigma:
         longer = "longer" if stretch > 0 else "shorter"
-        log(
+        logger.info(
             f"  frame 0 is {1e3 * abs(stretch):.0f} nm {longer} than the repeats "
             f"({abs(stretch) / sigma:.0f} σ), expected no load on both: look at the order of "
             "images.frames"

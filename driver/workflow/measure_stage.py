@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 
 import numpy as np
@@ -32,6 +33,8 @@ from driver.workflow.engine import StageContext
 from driver.workflow.measure_messages import tell_frames, tell_readings, tell_regularisation
 from driver.workflow.prepared_images import prepared_images
 
+logger = logging.getLogger(__name__)
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
@@ -54,7 +57,7 @@ def measure_numbers(context: StageContext) -> None:
     case = context.case
     prepared = prepared_images(context)
     experiment, images = prepared.experiment, prepared.images
-    context.log(
+    logger.info(
         f"  {images.n_frames} frames, {len(images.xy)} pixels, noise {1e3 * images.sigma:.2f} ± "
         f"{1e3 * images.sigma / np.sqrt(2 * images.noise_dof):.2f} nm from {images.n_reference} "
         f"repeats, {np.count_nonzero(images.codes == Excluded.DUST)} pixels with dust"
@@ -68,7 +71,7 @@ def measure_numbers(context: StageContext) -> None:
         workers=case.execution.processes,
         penalty=case.dic.penalty,
     )
-    tell_regularisation(case, single, context.log)
+    tell_regularisation(case, single)
     _refuse_another_surface(single)
     rigid = single.at_pixels().mean(axis=1)
     noise = noise_levels(_sampled(images), images.codes == Excluded.USED)
@@ -76,8 +79,8 @@ def measure_numbers(context: StageContext) -> None:
     left = left_out(outliers, images.n_frames) | single.lost
     motion, smoother = _along_travel(case, single, images, history.stage[rows], ~left)
     read = readings(single, images, case.specimen.length, motion, smoother)
-    tell_readings(single, motion, read, context.log)
-    tell_frames(single, outliers, left, read["elongation"], context.log)
+    tell_readings(single, motion, read)
+    tell_frames(single, outliers, left, read["elongation"])
     at_pixels = motion.at_pixels()
     refined = refine_gradient(images, at_pixels)
     residual = images.residual(at_pixels)
@@ -89,7 +92,7 @@ def measure_numbers(context: StageContext) -> None:
     standardised *= (motion.chi / np.sqrt(np.where(square > 0, square, 1.0)))[:, None]
     later = _temporal(images, refined.gradient, single, ~left)
     if later is not None:
-        context.log(
+        logger.info(
             f"  noise {1e3 * later.sigma:.2f} nm from frame to frame, larger than that at "
             f"{np.count_nonzero(later.larger)} pixels"
         )
@@ -103,7 +106,7 @@ def measure_numbers(context: StageContext) -> None:
         nominal,
     )
     for line in sentences(grip):
-        context.log(f"  {line}")
+        logger.info(f"  {line}")
     write_measurement(
         context.workdir,
         Measurement(

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import logging
+
 from driver.forward.build import mesh_of
 from driver.results.files import FINE_MESH, MESH
 from driver.workflow.engine import StageContext
 from meshes.files import write_med, write_vtu
+
+logger = logging.getLogger(__name__)
 
 
 def run_mesh(context: StageContext) -> None:
@@ -16,7 +20,7 @@ def run_mesh(context: StageContext) -> None:
         path = context.workdir / name
         write_med(mesh, path)
         write_vtu(mesh, path.with_suffix(".vtu"))
-        context.log(
+        logger.info(
             f"  {name}: {len(mesh.cells)} cells, {len(mesh.points)} nodes, "
             f"{mesh.n_grains} grain{'s' if mesh.n_grains > 1 else ''}"
         )

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 
 from driver.case.model import Case, load_case
 from driver.common.errors import sentence
 from driver.common.formatting import cost_told
-from driver.common.progress import Log
 from driver.diagnosis.causes.user_causes import asked_causes
 from driver.experiment.held_out import held_out_cycle
 from driver.experiment.reading import history_of
@@ -33,6 +33,8 @@ from driver.workflow.mesh_stage import run_mesh
 from driver.workflow.report_loads_stage import run_report_loads
 from driver.workflow.report_stage import run_report
 from solver_adapters.kernels import use_threads
+
+logger = logging.getLogger(__name__)
 
 _MESH = ("specimen",)
 _MEASURE = ("specimen", "images", "history", "dic", "sections", "loads")
@@ -61,9 +63,7 @@ def stages(case: Case) -> Sequence[Stage]:
     )
 
 
-def run(
-    case_path: Path, until: str | None, force: bool, log: Log, prepare_only: bool = False
-) -> None:
+def run(case_path: Path, until: str | None, force: bool, prepare_only: bool = False) -> None:
     """Run the stages of a case.
 
     Raises:
@@ -86,10 +86,10 @@ def run(
         # Asked now, and not after the hours of the stages before the diagnosis.
         held_out_cycle(case, history)
     cost = estimate(case, solver, n_cells, history.n_images)
-    log(f"all stages take {cost_told(cost.seconds, cost.memory)}")
+    logger.info(f"all stages take {cost_told(cost.seconds, cost.memory)}")
     if not case.with_images:
-        log(SKIPPED)
-    run_stages(case, stages(case), until, force, log, prepare_only)
+        logger.info(SKIPPED)
+    run_stages(case, stages(case), until, force, prepare_only)
 
 
 def report(case_path: Path) -> None:
@@ -106,4 +106,4 @@ def report(case_path: Path) -> None:
         )
     *before, last = stages(case)
     finished(case, (*before, last), [stage.name for stage in before])
-    run_stages(case, [last], None, True, print)
+    run_stages(case, [last], None, True)

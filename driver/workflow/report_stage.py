@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from datetime import datetime
 
 from driver.report.all_figures import draw
@@ -11,6 +12,8 @@ from driver.report.style import png
 from driver.results.files import REPORT
 from driver.results.hdf5 import prismid_version
 from driver.workflow.engine import StageContext
+
+logger = logging.getLogger(__name__)
 
 
 def run_report(context: StageContext) -> None:
@@ -34,6 +37,6 @@ def run_report(context: StageContext) -> None:
         {name: what for name, what in FILES.items() if (context.results / name).is_file()},
     )
     (context.workdir / REPORT).write_text(page, encoding="utf-8")
-    context.log(
+    logger.info(
         f"  {REPORT}: {len(images) + len(findings.pictures)} figures, {len(page) / 1e6:.1f} MB"
     )

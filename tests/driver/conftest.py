@@ -1,11 +1,21 @@
-"""Results of a finished case, for the tests of what reads them."""
+"""What tests of the driver share: lines of progress, and results of a finished case."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from driver.common.progress import progress_to
 from driver.export import volume
 from tests.driver.export.exported import Results
+
+
+@pytest.fixture
+def lines() -> Iterator[list[str]]:
+    """All lines that the driver tells during a test."""
+    told: list[str] = []
+    with progress_to(told.append):
+        yield told
 
 
 @pytest.fixture

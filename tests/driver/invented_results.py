@@ -53,7 +53,7 @@ class Results:
     def context(self, workdir: Path) -> StageContext:
         workdir.mkdir(exist_ok=True)
         path = self.folder / "case.toml"
-        return StageContext(load_case(path), self.results, workdir, lambda line: None)
+        return StageContext(load_case(path), self.results, workdir)
 
     def findings(self) -> Findings:
         return read_findings(load_case(self.folder / "case.toml"), self.results)

@@ -1,3 +1,4 @@
+import logging
 import signal
 import sys
 from pathlib import Path
@@ -12,9 +13,10 @@ import driver.workflow
 from driver.case.model import CaseError, load_case
 from driver.check.check_result import Finding
 from driver.cli import app
-from driver.common.progress import Log
 from solver_adapters import kernels
 from solver_adapters.interface import PreparedError, SolverError
+
+logger = logging.getLogger("driver.workflow")
 
 
 @pytest.fixture
@@ -26,16 +28,15 @@ def pipeline(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         case_path: Path,
         until: str | None,
         force: bool,
-        log: Log,
         prepare_only: bool,
     ) -> None:
         load_case(case_path)
         calls.append(("run", case_path, until, force))
         if prepare_only:
             raise PreparedError([case_path.parent / "results" / "jobs" / "key"])
-        log("mesh: started")
+        logger.info("mesh: started")
 
-    def export(case_path: Path, folder: Path, volume: bool, med: bool, log: Log) -> None:
+    def export(case_path: Path, folder: Path, volume: bool, med: bool) -> None:
         calls.append(("export", case_path, folder, volume, med))
 
     fake = SimpleNamespace(

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.stats import chi2
 
-from driver.common.progress import Log
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.noise_causes import COVARIANCE
 from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Objective
+
+logger = logging.getLogger(__name__)
 
 _MOST_ITERATIONS = 5
 
@@ -24,7 +26,6 @@ def eliminate(
     causes: Sequence[Cause],
     fitted: Collection[str],
     surpassed: Collection[frozenset[Cause]],
-    log: Log,
 ) -> tuple[Fit, Objective, list[Cause]]:
     """Drop causes that are not needed, the least needed first, each time fitting anew.
 
@@ -38,7 +39,6 @@ def eliminate(
         causes: the causes that were added, in the order of their addition.
         fitted: what is fitted without any of them.
         surpassed: the causes of each model to which another cause was added on the way here.
-        log: takes one line of progress.
 
     Returns:
         The fit, its objective and the causes that are left.
@@ -55,7 +55,7 @@ def eliminate(
             break
         cause = tested[least]
         left.remove(cause)
-        log(f"{cause.name} is not needed any more")
+        logger.info(f"{cause.name} is not needed any more")
         needed = {name for other in left for name in (*other.parameters, *other.companions)}
         needed |= set(fitted)
         freed = [n for n in (*cause.parameters, *cause.companions) if n not in needed]
@@ -64,7 +64,7 @@ def eliminate(
         prior = {name: p for name, p in objective.prior.items() if name not in freed}
         objective = replace(objective, prior=prior)
         values = here.values | {name: null[name] for name in freed}
-        here = fit(objective, values, free, _MOST_ITERATIONS, log)
+        here = fit(objective, values, free, _MOST_ITERATIONS)
     return here, objective, left
 
 

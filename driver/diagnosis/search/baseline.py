@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from driver.common.progress import Log
 from driver.diagnosis.answer.result_types import BadLoad, Settings
 from driver.diagnosis.causes.candidates import NotExamined
 from driver.diagnosis.causes.causes import Cause
@@ -24,6 +24,8 @@ from driver.identification.fit import POLISH, Fit, fit_from
 from driver.identification.identify import noise_factor, with_correction
 from driver.identification.image_data import reweighted
 from driver.identification.objective import Evaluation, Objective
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +55,6 @@ def prepared(
     wide: Evaluation,
     candidates: Sequence[Cause],
     settings: Settings,
-    log: Log,
 ) -> Prepared:
     """Leave out loads that are wrong one by one, take the noise that is there, and fit again.
 
@@ -63,31 +64,32 @@ def prepared(
         wide: evaluation at the fit with the parameters of every candidate free.
         candidates: the causes.
         settings: how the diagnosis is run.
-        log: takes one line of progress.
     """
     effects = effects_of(candidates, wide, objective.parameters)
     bad = bad_loads(baseline.best, objective.data, effects)
     free, here = baseline.best.free, baseline
     if bad:
         for one in bad:
-            log(f"  the load of image {one.frame} is off by {one.off:+.3g} µN "
+            logger.info(f"  the load of image {one.frame} is off by {one.off:+.3g} µN "
                 f"({one.sigmas:+.1f} σ): it is left out")  # fmt: skip
         data = replace(objective.data, bad_loads=tuple(one.frame for one in bad))
         objective = replace(objective, data=data)
-        here = _fitted_again(objective, here, log)
-    objective = replace(objective, data=with_load_noise(objective.data, here.best, log))
+        here = _fitted_again(objective, here)
+    objective = replace(objective, data=with_load_noise(objective.data, here.best))
     if settings.imaging_limited:
         image = objective.data.image
         louder = replace(image, noise_factor=max(image.noise_factor, settings.free_chi))
         objective = replace(objective, data=replace(objective.data, image=louder))
-    here = _fitted_again(objective, here, log)
+    here = _fitted_again(objective, here)
     uneven = examine_noise(here.best, objective.data, settings.wanted)
     left = (uneven,) if isinstance(uneven, NotExamined) else ()
     uneven = uneven if isinstance(uneven, Unevenness) else None
     if uneven is not None and uneven.named:
-        log(f"the noise of the images is uneven, by a factor of {uneven.ratio:.2f}: re-weighted")
+        logger.info(
+            f"the noise of the images is uneven, by a factor of {uneven.ratio:.2f}: re-weighted"
+        )
         objective = _reweighted(objective, here, uneven, settings)
-        here = _fitted_again(objective, here, log)
+        here = _fitted_again(objective, here)
     moved = here.values != baseline.values
     known = None if moved else objective.compare(wide.prediction, wide.values, wide.free)
     here = replace(here, best=objective.restrict(here.best, free))
@@ -99,7 +101,6 @@ def loads_taken_back(
     stops: BoundaryNoiseSensitivities,
     candidates: Sequence[Cause],
     names: Sequence[str],
-    log: Log,
 ) -> Prepared:
     """Return the same with the loads that were left out, where noise of the boundary explains them.
 
@@ -110,7 +111,6 @@ def loads_taken_back(
         stops: the answers to each stop, if they were computed.
         candidates: the causes.
         names: the parameters that screening needs free.
-        log: takes one line of progress.
 
     Raises:
         SolverError: the simulation could not be finished.
@@ -122,15 +122,15 @@ def loads_taken_back(
     at = whole.compare(here.best.prediction, here.values, here.best.free)
     if not explains_better(stops.effect, at, whole.data, [one.frame for one in begin.bad]):
         return begin
-    log("  a noise of the boundary explains the loads that were left out better: with them")
-    here = _fitted_again(whole, here, log)
-    whole = replace(whole, data=with_load_noise(whole.data, here.best, log))
-    here = _fitted_again(whole, here, log)
+    logger.info("  a noise of the boundary explains the loads that were left out better: with them")
+    here = _fitted_again(whole, here)
+    whole = replace(whole, data=with_load_noise(whole.data, here.best))
+    here = _fitted_again(whole, here)
     wide = whole.complete(here.best, names)
     effects = effects_of(candidates, wide, whole.parameters)
     noise = score_boundary_noise(stops.effect, here.best, whole.data, effects, len(effects) + 2)
     if noise.p >= FAMILY_LEVEL:
-        log(f"  it is not seen with any cause free (p {noise.p:.2g}): they stay left out")
+        logger.info(f"  it is not seen with any cause free (p {noise.p:.2g}): they stay left out")
         return begin
     return replace(begin, baseline=here, objective=whole, wide=wide, bad=())
 
@@ -153,17 +153,17 @@ def noise_of_images(fit_: Fit, data: Data, settings: Settings) -> float:
     return max(noise, settings.free_chi) if settings.imaging_limited else noise
 
 
-def with_load_noise(data: Data, fitted: Evaluation, log: Log) -> Data:
+def with_load_noise(data: Data, fitted: Evaluation) -> Data:
     """Return the data with the noise that the loads of a fit have, and its degrees of freedom."""
     factor, degrees = load_noise(fitted, data)
     noise = factor * data.load_noise
     if factor != 1.0:
-        log(f"  noise of the loads {noise:.3g} µN, {factor:.2f} of that before, "
+        logger.info(f"  noise of the loads {noise:.3g} µN, {factor:.2f} of that before, "
             f"by {degrees:.0f} degrees of freedom")  # fmt: skip
     return replace(data, load_noise=noise, load_degrees=degrees)
 
 
-def _fitted_again(objective: Objective, here: Fit, log: Log) -> Fit:
+def _fitted_again(objective: Objective, here: Fit) -> Fit:
     # Scores are taken at the optimum to first order: a fit this near to it needs no
     # step, and the sensitivities of all causes, known there already, are not simulated again.
-    return fit_from(here.best, objective, POLISH, log, TOLERANCE)
+    return fit_from(here.best, objective, POLISH, TOLERANCE)

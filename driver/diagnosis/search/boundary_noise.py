@@ -8,6 +8,7 @@ the tangent stiffness: the noise of the loads is estimated with it, never taken 
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from driver.common.progress import Log, silent
+from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.candidates import NotExamined
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE, SIGMA_E
@@ -28,6 +29,8 @@ from driver.identification.boundary_jitter import BoundaryJitter, boundary_jitte
 from driver.identification.data import Data
 from driver.identification.fit import fit
 from driver.identification.objective import Evaluation, Objective
+
+logger = logging.getLogger(__name__)
 
 FloatArray = NDArray[np.float64]
 Level = tuple[float, float]
@@ -180,7 +183,7 @@ def _complement(rows: FloatArray) -> FloatArray:
 
 
 def refit_boundary_noise(
-    stops: BoundaryJitter, baseline: Evaluation, objective: Objective, log: Log
+    stops: BoundaryJitter, baseline: Evaluation, objective: Objective
 ) -> Refit:
     """Fit under the covariance with σ_e, and σ_e to what the fit leaves, by turns.
 
@@ -194,10 +197,11 @@ def refit_boundary_noise(
     found, best = in_fast_loads(stops, baseline, objective.data), baseline
     for turn in range(_TURNS):
         noisy = with_level(objective, stops, found)
-        result = fit(
-            noisy, best.values, best.free, MOST_ITERATIONS, silent,
-            start=noisy.complete(best, best.free), tolerance=TOLERANCE,
-        )  # fmt: skip
+        with collected_lines():
+            result = fit(
+                noisy, best.values, best.free, MOST_ITERATIONS,
+                start=noisy.complete(best, best.free), tolerance=TOLERANCE,
+            )  # fmt: skip
         before, best = found.level, result.best
         if turn < _SIMULATED:
             stops = boundary_jitter(model, image, best.values, SIGMA_E.scale)
@@ -207,7 +211,7 @@ def refit_boundary_noise(
     noisy = with_level(objective, stops, found)
     result = replace(result, best=noisy.complete(best, best.free))
     level, sigma = _level(found)
-    log(
+    logger.info(
         f"  {BOUNDARY_NOISE.name}: log evidence {found.log_evidence:+.1f}, "
         f"χ_F {result.best.chi_load:.2f}, χ of images {result.best.chi_image:.3f}, "
         f"σ_e {1e3 * level:.3g} nm"
@@ -230,7 +234,6 @@ def level_again(
     at: Evaluation,
     objective: Objective,
     before: Mapping[str, Level],
-    log: Log,
 ) -> tuple[Objective, dict[str, Level]]:
     """σ_e once more after a cause was added; none where it is not needed any more.
 
@@ -238,7 +241,6 @@ def level_again(
         at: the fit.
         objective: its objective, with σ_e as it was.
         before: σ_e as it was, by name.
-        log: takes one line of progress.
 
     Returns:
         The objective, and σ_e with its standard deviation [µm] by name, empty if the data do
@@ -252,7 +254,7 @@ def level_again(
     found = in_fast_loads(stops, bare.complete(at, at.free), data)
     if found.p < FAMILY_LEVEL:
         return with_level(bare, stops, found), {SIGMA_E.name: _level(found)}
-    log(f"{BOUNDARY_NOISE.name} is not needed any more")
+    logger.info(f"{BOUNDARY_NOISE.name} is not needed any more")
     return bare, {}
 
 

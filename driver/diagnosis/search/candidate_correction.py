@@ -7,12 +7,13 @@ log evidence.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
-from driver.common.progress import silent
+from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import TOLERANCE, Executor, refit_of, with_prior
@@ -20,6 +21,8 @@ from driver.forward.model import ForwardModel
 from driver.identification.fit import fit_from
 from driver.identification.identify import correction
 from driver.identification.objective import Evaluation
+
+logger = logging.getLogger(__name__)
 
 REACH = 10.0
 """Log evidence below the best within which a correction may change the order."""
@@ -61,16 +64,16 @@ def with_candidate_corrections(
     leading = [refit for refit in refits if refit.log_evidence > bar]
     if len(leading) < 2:
         return list(refits)
-    executor.log("finer mesh and steps at the end of each refit that leads")
+    logger.info("finer mesh and steps at the end of each refit that leads")
     tasks = [_Task(refit, finer.turned((refit.cause,)).one, baseline) for refit in leading]
 
     def done(index: int, result: Refit | Failure) -> None:
         name, before = leading[index].cause.name, leading[index].log_evidence
         if isinstance(result, Failure):
             why = f"for it cannot be simulated ({result.why})"
-            executor.log(f"  {name}: log evidence {before:+.1f} as it was, {why}")
+            logger.info(f"  {name}: log evidence {before:+.1f} as it was, {why}")
         else:
-            executor.log(f"  {name}: log evidence {before:+.1f} → {result.log_evidence:+.1f}")
+            logger.info(f"  {name}: log evidence {before:+.1f} → {result.log_evidence:+.1f}")
 
     ends = side_by_side(_under_its_own, tasks, executor.processes, executor.threads, done)
     own = [a if isinstance(b, Failure) else b for a, b in zip(leading, ends, strict=True)]
@@ -78,17 +81,16 @@ def with_candidate_corrections(
     return sorted([*own, *others], key=lambda refit: -refit.log_evidence)
 
 
+@collected_lines()
 def _under_its_own(task: _Task) -> Refit | Failure:
     """Return the refit under the correction at its end, or why there is none."""
     refit, cause = task.refit, task.refit.cause
     objective = with_prior(refit.objective, cause)
     at = refit.fit
-    change = attempt(
-        lambda: correction(objective.model, task.finer, at.best.prediction, at.values, silent)
-    )
+    change = attempt(lambda: correction(objective.model, task.finer, at.best.prediction, at.values))
     if isinstance(change, Failure):
         return change
     # What the other mesh adds is that at the baseline: small beside what this changes.
     objective = replace(objective, correction=change.mean_with(objective.spread))
-    result = fit_from(refit.fit.best, objective, _MOST, silent, TOLERANCE)
+    result = fit_from(refit.fit.best, objective, _MOST, TOLERANCE)
     return refit_of(cause, objective, result, task.baseline)

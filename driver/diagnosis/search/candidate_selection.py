@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 
 from driver.diagnosis.answer.result_types import Refit
@@ -13,6 +14,8 @@ from driver.diagnosis.statistics.model_comparison import is_excess, share_explai
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, Score, subspace_similarity
 from driver.identification.line_search import newton
 from driver.identification.objective import Evaluation, Objective
+
+logger = logging.getLogger(__name__)
 
 LARGE = 3.0  # χ_F beyond which a score names a cause no better than chance
 LOST = 10.0  # Newton decrement of a baseline that no refit should begin with [σ]
@@ -51,7 +54,7 @@ def refits_of_likely(
     lost = large and newton(objective, baseline)[1] > LOST
     best: list[Refit] = []
     if chosen and not lost:
-        executor.log(f"refitting {_listed(chosen)}")
+        logger.info(f"refitting {_listed(chosen)}")
         refits = refit_causes(chosen, screening, baseline, objective, executor)
         best = best_of_each([*refits, *(r for r in afar if r.cause in [s.cause for s in chosen])])
     if large and tried and not _explained(baseline, best):
@@ -63,7 +66,7 @@ def refits_of_likely(
     if every:
         known = {refit.cause for refit in best}
         others = [s for s in tried if s.cause not in known]
-        executor.log(f"a large effect, or one half explained: refitting {_listed(others)}")
+        logger.info(f"a large effect, or one half explained: refitting {_listed(others)}")
         bar = cost_to_promise(best, baseline)
         more = refit_causes(others, screening, baseline, objective, executor, bar)
         best = best_of_each([*best, *afar, *more])
@@ -75,7 +78,7 @@ def refits_of_likely(
     leading = {r.cause.name for r in best[:most]} if far else set()
     again = [s for s in tried if s.cause.name in stalled | leading]
     if again:
-        executor.log(f"from other starts: {_listed(again)}")
+        logger.info(f"from other starts: {_listed(again)}")
         bar = cost_to_promise(best, baseline)
         best = best_of_each([*best, *refit_from_afar(again, baseline, objective, executor, bar)])
     return best

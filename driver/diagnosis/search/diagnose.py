@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.common.progress import Log
 from driver.diagnosis.answer.result_types import Diagnosis, Settings, Step
 from driver.diagnosis.answer.verdict import decide, with_doubts
 from driver.diagnosis.causes.all_causes import EVERY
@@ -33,6 +33,8 @@ from driver.diagnosis.statistics.screening import honoured, parameters_of_the_sp
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 
+logger = logging.getLogger(__name__)
+
 IntArray = NDArray[np.int64]
 
 
@@ -42,7 +44,6 @@ def diagnose(
     finer: FineModels,
     cycles: IntArray,
     settings: Settings,
-    log: Log,
     wide: Evaluation | None = None,
 ) -> Diagnosis:
     """Find out what the baseline gets wrong.
@@ -53,7 +54,6 @@ def diagnose(
         finer: the finer models behind the correction.
         cycles: number of the cycle of each image, shape (T,).
         settings: how to run.
-        log: takes one line of progress.
         wide: evaluation at the baseline with the parameters of `screened` free, if known.
 
     Raises:
@@ -67,22 +67,22 @@ def diagnose(
     candidates, names = screened(model, baseline.best.free, settings.wanted, settings.own)
     if wide is None:
         wide = objective.evaluate(baseline.values, names)
-    begin = prepared(baseline, objective, wide, candidates, settings, log)
+    begin = prepared(baseline, objective, wide, candidates, settings)
     stated, uneven = objective.data.load_noise, begin.uneven
     stops = sensitivities_where_they_pay(
         begin.baseline.best, begin.objective, stated, settings.wanted
     )
-    begin = loads_taken_back(begin, stops, candidates, names, log)
+    begin = loads_taken_back(begin, stops, candidates, names)
     left += begin.left + (() if stops.why is None else (stops.why,))
     for one in left:
-        log(f"  {one.cause} is not examined: {one.why}")
-    found = rounds(begin, finer, stops, settings, log)
+        logger.info(f"  {one.cause} is not examined: {one.why}")
+    found = rounds(begin, finer, stops, settings)
     first, end, steps = found.begin, found.end, list(found.steps)
     here, current, last = end.fit, end.objective, end.finer.one
     causes, levels = list(end.causes), dict(end.levels)
     if uneven is not None:
         steps = [_with_score(step, uneven.score) for step in steps]
-    log("the correction once more, and the held-out cycle predicted from the others")
+    logger.info("the correction once more, and the held-out cycle predicted from the others")
     final = final_fits(
         (first.fit, first.objective), (here, current), causes, last, cycles, settings
     )
@@ -91,7 +91,9 @@ def diagnose(
     lost = steps[-1].lost
     if lost is not None and not causes:
         passed = lost
-    log(f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.cause}")
+    logger.info(
+        f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.cause}"
+    )
     explained = share_explained(final.uncounted, here.best) if causes else float("nan")
     of_causes = {cause.name for cause in causes}
     # What was dropped and added again counts once.

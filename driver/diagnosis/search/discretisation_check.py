@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.common.progress import silent
+from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import DiscretisationCheck, Refinement
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.statistics.score_test import Score
@@ -102,7 +102,8 @@ def _refinement(
         model, steps_per_interval=finer.steps_per_interval, accuracy=finer.accuracy,
         adapter=finer.adapter,
     )  # fmt: skip
-    halved = correction(model, between, here.best.prediction, here.values, silent)
+    with collected_lines():
+        halved = correction(model, between, here.best.prediction, here.values)
     of_steps = along.effect(whitened_difference(objective, halved, Correction()))
     of_mesh = along.effect(whitened_difference(objective, fresh, halved))
     if of_steps < _MATTERS * of_mesh:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from driver.common.progress import Log
 from driver.diagnosis.answer.result_types import Refit, Settings
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
@@ -20,6 +20,8 @@ from driver.diagnosis.statistics.screening import whitened_difference
 from driver.identification.fit import POLISH, Fit, fit_from
 from driver.identification.identify import with_correction
 from driver.identification.objective import Correction, Objective
+
+logger = logging.getLogger(__name__)
 
 _FAR = 30.0
 """σ by which a prediction may move from where its correction was taken: a correction has changed
@@ -52,14 +54,13 @@ class Extension:
     surpassed: tuple[frozenset[Cause], ...]
 
 
-def extended(before: Extension, winner: Refit, settings: Settings, log: Log) -> Extension:
+def extended(before: Extension, winner: Refit, settings: Settings) -> Extension:
     """Return the model with a cause added, and without what that makes superfluous.
 
     Args:
         before: the model without it.
         winner: the refit of the cause, from that model.
         settings: how the diagnosis is run.
-        log: takes one line of progress.
 
     Raises:
         SolverError: the simulation could not be finished.
@@ -70,10 +71,10 @@ def extended(before: Extension, winner: Refit, settings: Settings, log: Log) -> 
     levels: Mapping[str, Level] = {**before.levels, **winner.levels}
     for again in range(_MOST_CORRECTIONS):
         if again:
-            log("far from where the correction was taken: once more with that of this fit")
+            logger.info("far from where the correction was taken: once more with that of this fit")
         begin = here
-        objective = _corrected(objective, begin, finer, settings, log)
-        here, objective, levels = _fitted(begin, objective, levels, log)
+        objective = _corrected(objective, begin, finer, settings)
+        here, objective, levels = _fitted(begin, objective, levels)
         if _moved(begin, here, objective) < _FAR:
             break
     if BOUNDARY_NOISE in causes and not levels:
@@ -82,7 +83,7 @@ def extended(before: Extension, winner: Refit, settings: Settings, log: Log) -> 
     elif winner.levels:
         of_noise = winner.log_evidence
     surpassed = (*before.surpassed, frozenset(before.causes))
-    here, objective, causes = eliminate(here, objective, causes, before.fitted, surpassed, log)
+    here, objective, causes = eliminate(here, objective, causes, before.fitted, surpassed)
     return replace(
         before, fit=here, objective=objective, finer=finer, causes=tuple(causes), levels=levels,
         of_noise=of_noise, surpassed=surpassed,
@@ -97,26 +98,24 @@ def _moved(begin: Fit, end: Fit, objective: Objective) -> float:
     return float(np.linalg.norm(whitened_difference(objective, other, one)))
 
 
-def _corrected(
-    objective: Objective, here: Fit, finer: FineModels, settings: Settings, log: Log
-) -> Objective:
+def _corrected(objective: Objective, here: Fit, finer: FineModels, settings: Settings) -> Objective:
     """Return the objective with the correction at a fit, by both meshes where it had both."""
-    log("finer mesh and steps at the extended model")
+    logger.info("finer mesh and steps at the extended model")
     both = objective.spread is not None
-    change, spread = finer.corrections(objective.model, here, both, log)
+    change, spread = finer.corrections(objective.model, here, both)
     noise = noise_of_images(here, objective.data, settings)
     objective = with_correction(objective, noise, change, settings.sizes)
     return replace(objective, correction=change.mean_with(spread), spread=spread)
 
 
 def _fitted(
-    begin: Fit, objective: Objective, levels: Mapping[str, Level], log: Log
+    begin: Fit, objective: Objective, levels: Mapping[str, Level]
 ) -> tuple[Fit, Objective, Mapping[str, Level]]:
     """Return the extended model fitted with its own noise, and the level of the latter.
 
     A load that was left out and that the extended model explains is taken back.
     """
-    here = fit_from(begin.best, objective, POLISH, log)
+    here = fit_from(begin.best, objective, POLISH)
     free, data = here.best.free, objective.data
     if data.bad_loads:
         whole = replace(objective, data=replace(data, bad_loads=()))
@@ -126,7 +125,7 @@ def _fitted(
         objective = replace(objective, data=data)
     at = objective.compare(here.best.prediction, here.values, free)
     if levels:
-        objective, levels = level_again(at, objective, levels, log)
+        objective, levels = level_again(at, objective, levels)
         at = objective.compare(here.best.prediction, here.values, free)
-    objective = replace(objective, data=with_load_noise(objective.data, at, log))
-    return fit_from(at, objective, POLISH, log), objective, levels
+    objective = replace(objective, data=with_load_noise(objective.data, at))
+    return fit_from(at, objective, POLISH), objective, levels

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.common.parallel import side_by_side
-from driver.common.progress import silent
+from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import HeldOut, Settings
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
@@ -107,13 +107,14 @@ class _Again:
     fit: Fit
 
 
+@collected_lines()
 def _run(task: _Refresh | _Again | HeldOutTask) -> Correction | Fit | HeldOut:
     if isinstance(task, HeldOutTask):
         return predict_held_out(task)
     if isinstance(task, _Refresh):
         at = task.at
-        return correction(task.working, task.finer, at.best.prediction, at.values, silent)
-    return fit_from(task.fit.best, task.objective, POLISH, silent)
+        return correction(task.working, task.finer, at.best.prediction, at.values)
+    return fit_from(task.fit.best, task.objective, POLISH)
 
 
 def _held_out_tasks(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -10,13 +11,14 @@ import numpy as np
 
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
-from driver.common.progress import Log
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.search.flip_trial import turned
 from driver.forward.model import ForwardModel
 from driver.identification.fit import Fit
 from driver.identification.identify import correction
 from driver.identification.objective import Correction
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +39,7 @@ class FineModels:
         return FineModels(turned(self.one, causes), another)
 
     def corrections(
-        self, working: ForwardModel, here: Fit, both: bool, log: Log
+        self, working: ForwardModel, here: Fit, both: bool
     ) -> tuple[Correction, Correction | None]:
         """Finer minus working prediction at a fit, and half of what the other mesh adds.
 
@@ -48,7 +50,6 @@ class FineModels:
             working: the working model.
             here: the fit.
             both: whether the other mesh is asked for.
-            log: takes one line of progress.
 
         Raises:
             SolverError: the finer simulation could not be finished, or was not run on the other
@@ -56,19 +57,17 @@ class FineModels:
         """
 
         def on_one() -> Correction | None:
-            return correction(
-                working, self.one, here.best.prediction, here.values, log, with_steps=True
-            )
+            return correction(working, self.one, here.best.prediction, here.values, with_steps=True)
 
         def on_another() -> Correction | None:
             another = self.another
             assert another is not None
-            log("the same on another mesh")
+            logger.info("the same on another mesh")
             found = attempt(
-                lambda: correction(working, another(), here.best.prediction, here.values, log)
+                lambda: correction(working, another(), here.best.prediction, here.values)
             )
             if isinstance(found, Failure):
-                log(f"  one mesh has to do: {found.why}")
+                logger.info(f"  one mesh has to do: {found.why}")
                 return None
             return found
 

@@ -10,6 +10,7 @@ that the derivative holds has nothing to say beside it.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,7 +19,7 @@ from scipy.stats import chi2
 
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
-from driver.common.progress import Log
+from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.causes.noise_causes import COVARIANCE
@@ -35,6 +36,8 @@ from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, s
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.priors import FREED_WIDTH
+
+logger = logging.getLogger(__name__)
 
 PROMISING = 0.02  # probability of one look under the null, below which a refit follows
 HOPEFUL = 0.5  # of the best log evidence of any cause so far, which a side has to promise as well
@@ -84,12 +87,12 @@ class _Look:
     Attributes:
         score: of the cause, from where it shows best.
         refits: of the cause, if it promised something.
-        told: lines of the log.
+        lines: what it told on its way.
     """
 
     score: Score
     refits: tuple[Refit, ...]
-    told: tuple[str, ...]
+    lines: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +125,7 @@ def finite_step_scores(
         objective: its objective.
         variance: of whitened numbers along the causes, 1 for noise alone.
         accepted: whether the tests of the residual against no particular cause accept.
-        executor: who looks, cause by cause; its log takes their names, refits, and sides that fail.
+        executor: who looks, cause by cause.
 
     Raises:
         NotRunError: a simulation was not run.
@@ -136,11 +139,11 @@ def finite_step_scores(
         least = max([WORTH, *(HOPEFUL * s.log_evidence for s in rivals)])
         tasks = [_Task(near, here, objective, family, variance, least) for near in bent]
         if tasks:
-            executor.log(f"looking from afar at {', '.join(near.cause.name for near in bent)}")
+            logger.info(f"looking from afar at {', '.join(near.cause.name for near in bent)}")
 
         def done(index: int, result: _Look) -> None:
-            for line in result.told:
-                executor.log(line)
+            for line in result.lines:
+                logger.info(line)
 
         return side_by_side(_look, tasks, executor.processes, executor.threads, done)
 
@@ -163,10 +166,16 @@ def _of_the_mean(scores: Sequence[Score]) -> list[Score]:
 
 def _look(task: _Task) -> _Look:
     """Both sides of a cause, and a refit from the one that promises more."""
+    with collected_lines() as lines:
+        score, refits = _best_score(task)
+    return _Look(score, tuple(refits), tuple(lines))
+
+
+def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
+    """Return the score of a cause from where it shows best, and its refits."""
     near, here = task.near, task.here
     extended = with_prior(task.objective, near.cause)
-    told: list[str] = []
-    sides = [_scored(task, at, n) for at, n in _sides(near, here, extended, told.append) if n]
+    sides = [_scored(task, at, n) for at, n in _sides(near, here, extended) if n]
     promising = [
         one
         for one in sides
@@ -175,14 +184,14 @@ def _look(task: _Task) -> _Look:
         and chi2.sf(one.score.statistic, one.score.degrees) < PROMISING
     ]
     found = [near, *(one.score for one in promising)]
-    refits = []
+    refits: list[Refit] = []
     worth = [one for one in promising if one.score.log_evidence > task.least]
     if worth:
         begin = max(worth, key=lambda one: one.score.statistic)
         start = Start(
             near.cause, extended, begin.at.values, None, here.best, np.inf, MOST_FROM_AFAR
         )
-        for refit in refit_from([start], Executor(1, 1, told.append)):
+        for refit in refit_from([start], Executor(1, 1)):
             end = _gained(refit, begin.score, task)
             # What the sides promise the refit has tried.
             found = [near]
@@ -194,7 +203,7 @@ def _look(task: _Task) -> _Look:
     # Near the null the derivative holds, beyond it what the weaker side shows.
     if limits and near.visible[0] > FAR[0]:
         best = replace(best, visible=np.max(limits, axis=0))
-    return _Look(best, tuple(refits), tuple(told))
+    return best, refits
 
 
 def _may_be_far(side: Score) -> bool:
@@ -236,7 +245,7 @@ def _shows(near: Score) -> bool:
     return near.p < NAMING_LEVEL and near.log_evidence > WORTH
 
 
-def _sides(near: Score, here: Fit, extended: Objective, log: Log) -> list[tuple[Evaluation, float]]:
+def _sides(near: Score, here: Fit, extended: Objective) -> list[tuple[Evaluation, float]]:
     """Return the fit with a cause far off its null, and how far, where that can be simulated."""
     (name,) = near.cause.parameters
     null, parameter = extended.prior[name][0], extended.parameters[name]
@@ -246,7 +255,7 @@ def _sides(near: Score, here: Fit, extended: Objective, log: Log) -> list[tuple[
         values = here.values | {name: parameter.value(amount * parameter.width, null)}
         prediction = attempt(lambda: model.predict(values, ()))
         if isinstance(prediction, Failure):
-            log(f"  {name} = {values[name]:.3g} cannot be simulated ({prediction.why})")
+            logger.info(f"  {name} = {values[name]:.3g} cannot be simulated ({prediction.why})")
             return None
         at = extended.compare(prediction, values, ())
         return at, float(amounts_of(near.cause.parameters, values, extended)[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,6 +19,8 @@ from driver.diagnosis.statistics.score_test import Score
 from driver.forward.model import ForwardModel
 from driver.identification.line_search import promised
 from driver.identification.objective import Evaluation, Objective
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +77,7 @@ def try_flips(
     """
     if not flips:
         return FlipTrial()
-    executor.log(f"other frames of the EBSD: {', '.join(flip.name for flip in flips)}")
+    logger.info(f"other frames of the EBSD: {', '.join(flip.name for flip in flips)}")
     starts = [
         Start(flip, replace(objective, model=turned(objective.model, (flip,))), values, None,
               baseline, bar, MOST_FROM_AFAR)
@@ -92,14 +95,14 @@ def try_flips(
         seen = [replace(s, start=look) for s, look in mine if not isinstance(look, Failure)]
         if not seen:
             why = f"it cannot be simulated ({failures[0].why})"
-            executor.log(f"  {flip.name}: {why}")
+            logger.info(f"  {flip.name}: {why}")
             failed.append(NotExamined(flip.name, why))
             continue
         promises = [_promise(start) for start in seen]
         promise = min(promises)
         scores.append(_score(flip, baseline.cost - promise))
         if promise > bar:
-            executor.log(
+            logger.info(
                 f"  {flip.name}: given up, for its first step promises too little "
                 f"(cost {promise:.0f}, {bar:.0f} is asked for)"
             )

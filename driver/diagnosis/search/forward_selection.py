@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 from functools import partial
 
 from driver.common.outcomes import Failure, attempt
-from driver.common.progress import Log
 from driver.diagnosis.answer.result_types import Refit, Settings, Step
 from driver.diagnosis.answer.verdict import MOST_ADDITIONS
 from driver.diagnosis.causes.noise_causes import COVARIANCE
@@ -23,6 +23,8 @@ from driver.diagnosis.search.selection_round import (
     set_of,
 )
 from driver.diagnosis.statistics.score_test import WORTH
+
+logger = logging.getLogger(__name__)
 
 MOST_STEPS = 6  # rounds, where elimination keeps taking back what was added
 
@@ -49,7 +51,6 @@ def rounds(
     finer: FineModels,
     stops: BoundaryNoiseSensitivities,
     settings: Settings,
-    log: Log,
 ) -> Rounds:
     """Add one cause after the other, until none stands out, or not on another mesh.
 
@@ -58,7 +59,6 @@ def rounds(
         finer: the finer models behind the correction.
         stops: the answers to a noise of the boundary, if they were computed.
         settings: how the diagnosis is run.
-        log: takes one line of progress.
 
     Raises:
         SolverError: the simulation could not be finished.
@@ -77,15 +77,13 @@ def rounds(
 
     while True:
         at = here.fit.best
-        log(f"screening at χ_F {at.chi_load:.2f}, χ of images {at.chi_image:.3f}")
-        found = examine(
-            here.fit, here.objective, here.causes, settings, stops, known, here.finer, log
-        )
+        logger.info(f"screening at χ_F {at.chi_load:.2f}, χ of images {at.chi_image:.3f}")
+        found = examine(here.fit, here.objective, here.causes, settings, stops, known, here.finer)
         known, step, winner = None, found.step, found.winner
         here = replace(here, fit=found.fit, objective=found.objective)
         first = first or here
         if steps and _leaves_something(found, here):
-            better = _by_a_rival(before, steps[-1], stops, settings, log)
+            better = _by_a_rival(before, steps[-1], stops, settings)
             if better is not None:
                 end, exchanged, last = better
                 return ended(end, *steps[:-1], exchanged, last)
@@ -95,9 +93,9 @@ def rounds(
         if len(steps) == MOST_STEPS:
             name = winner.cause.name
             doubts[name] = f"{name} is not added, for the rounds come to no end"
-            log(doubts[name])
+            logger.info(doubts[name])
             return ended(here, *steps[:-1], replace(step, named=()))
-        after, steps[-1], failed = _with_the_best(here, step, settings, log)
+        after, steps[-1], failed = _with_the_best(here, step, settings)
         doubts |= failed
         if after is None:
             return ended(here, *steps)
@@ -105,7 +103,7 @@ def rounds(
 
 
 def _with_the_best(
-    here: Extension, step: Step, settings: Settings, log: Log
+    here: Extension, step: Step, settings: Settings
 ) -> tuple[Extension | None, Step, dict[str, str]]:
     """Return the model with the best cause of a round that can be simulated finer.
 
@@ -117,11 +115,11 @@ def _with_the_best(
     while refits and refits[0].log_evidence > WORTH:
         best = refits[0]
         name = best.cause.name
-        log(f"adding {name}, log evidence {best.log_evidence:+.1f}")
-        after = attempt(partial(extended, here, best, settings, log))
+        logger.info(f"adding {name}, log evidence {best.log_evidence:+.1f}")
+        after = attempt(partial(extended, here, best, settings))
         if isinstance(after, Failure):
             failed[name] = f"{name} is not added, for its model cannot be simulated ({after.why})"
-            log(failed[name])
+            logger.info(failed[name])
             refits = refits[1:]
             continue
         named = set_of(refits, step.scores) if failed else step.named
@@ -142,7 +140,7 @@ def _leaves_something(found: Round, here: Extension) -> bool:
 
 
 def _by_a_rival(
-    before: Extension, last: Step, stops: BoundaryNoiseSensitivities, settings: Settings, log: Log
+    before: Extension, last: Step, stops: BoundaryNoiseSensitivities, settings: Settings
 ) -> tuple[Extension, Step, Step] | None:
     """Exchange the last addition for one that cannot be told from it, if that leaves nothing.
 
@@ -154,7 +152,6 @@ def _by_a_rival(
         last: the round of that addition.
         stops: the answers to a noise of the boundary, if they were computed.
         settings: how the diagnosis is run.
-        log: takes one line of progress.
 
     Returns:
         The model, the round of the addition and the one after it; None where each of the set
@@ -164,17 +161,17 @@ def _by_a_rival(
     found: list[tuple[Refit, Extension, Step]] = []
     left_something = [last.named[0]]
     for rival in rivals:
-        log(f"{last.named[0]} leaves something: {rival.cause.name} is tried in its place")
-        end = attempt(partial(_exchanged, before, rival, stops, settings, log))
+        logger.info(f"{last.named[0]} leaves something: {rival.cause.name} is tried in its place")
+        end = attempt(partial(_exchanged, before, rival, stops, settings))
         if isinstance(end, Failure):
-            log(f"  it cannot be simulated ({end.why})")
+            logger.info(f"  it cannot be simulated ({end.why})")
             continue
         tried, seen = end
         if is_settled(seen):
-            log("  nothing is left")
+            logger.info("  nothing is left")
             found.append((rival, tried, seen))
         else:
-            log("  something is left as well")
+            logger.info("  something is left as well")
             left_something.append(rival.cause.name)
     if not found:
         return None
@@ -186,8 +183,8 @@ def _by_a_rival(
 
 
 def _exchanged(
-    before: Extension, rival: Refit, stops: BoundaryNoiseSensitivities, settings: Settings, log: Log
+    before: Extension, rival: Refit, stops: BoundaryNoiseSensitivities, settings: Settings
 ) -> tuple[Extension, Step]:
     """Return the model with a rival, and what is left there at first sight."""
-    tried = extended(before, rival, settings, log)
-    return tried, at_first_sight(tried.fit, tried.objective, settings, stops, log)
+    tried = extended(before, rival, settings)
+    return tried, at_first_sight(tried.fit, tried.objective, settings, stops)

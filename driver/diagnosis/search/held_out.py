@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.common.progress import silent
 from driver.diagnosis.answer.result_types import HeldOut
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Objective
@@ -49,7 +48,7 @@ def trained_on_others(task: HeldOutTask) -> Fit:
     without = replace(task.objective, data=task.objective.data.frames(others))
     shared = tuple(name for name in best.free if name not in task.knots)
     return fit(
-        without, best.values, shared, MOST_ITERATIONS, silent, without.complete(best, shared),
+        without, best.values, shared, MOST_ITERATIONS, without.complete(best, shared),
         TOLERANCE,
     )  # fmt: skip
 
@@ -60,9 +59,7 @@ def predict_held_out(task: HeldOutTask) -> HeldOut:
     trained = trained_on_others(task)
     only = replace(task.objective, data=task.objective.data.frames(inside))
     begin = only.complete(trained.best, task.knots)
-    predicted = fit(
-        only, trained.values, task.knots, MOST_ITERATIONS, silent, begin, TOLERANCE
-    ).best
+    predicted = fit(only, trained.values, task.knots, MOST_ITERATIONS, begin, TOLERANCE).best
     loads = predicted.residual[: predicted.n_load]
     # The elongation knots are seen by the loads, the tilt knots by the images.
     fitted = sum(name.startswith("elongation") for name in task.knots)

@@ -9,6 +9,7 @@ stays on its way while the loads become as precise as they are (a continuation i
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -16,7 +17,7 @@ import numpy as np
 
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
-from driver.common.progress import Log, silent
+from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.refit import (
     HOPEFUL,
@@ -34,6 +35,8 @@ from driver.diagnosis.statistics.score_test import Score
 from driver.identification.fit import POLISH, Fit, fit, fit_from
 from driver.identification.line_search import promised
 from driver.identification.objective import Evaluation, Objective
+
+logger = logging.getLogger(__name__)
 
 SOFTER = 30.0  # times as soft loads hardly count
 ON_THE_WAY = 1.0  # Newton decrement of a fit that only begins the next one [σ]
@@ -69,20 +72,20 @@ def refit_by_noise_continuation(
     """
     softness = baseline.chi_load
     soft = softened(objective, softness)
-    executor.log(f"loads of {softness:.3g} times their noise, as far as the model is off")
-    begin = _by_the_images(softened(objective, SOFTER * softness), baseline, executor.log)
-    here = fit_from(begin.best, soft, POLISH, executor.log, TOLERANCE)
+    logger.info(f"loads of {softness:.3g} times their noise, as far as the model is off")
+    begin = _by_the_images(softened(objective, SOFTER * softness), baseline)
+    here = fit_from(begin.best, soft, POLISH, TOLERANCE)
     wide = soft.complete(here.best, names)
     tasks = [_task(one, objective, soft, wide, baseline) for one in tried]
     promises = [here.best.cost - promised(task.soft, task.start) for task in tasks]
     order = np.argsort(promises)[::-1]
     bar = HOPEFUL * max(promises)
     chosen = [tasks[k] for n, k in enumerate(order) if n < most or promises[k] > bar]
-    executor.log(f"refitting {', '.join(task.score.cause.name for task in chosen)}")
+    logger.info(f"refitting {', '.join(task.score.cause.name for task in chosen)}")
     ends = side_by_side(_below_soft_loads, chosen, executor.processes, executor.threads)
     gained = [here.best.cost - end.best.cost for end in ends]
     for task, gain in zip(chosen, gained, strict=True):
-        executor.log(f"  {task.score.cause.name}: gains {gain:.0f} σ² there")
+        logger.info(f"  {task.score.cause.name}: gains {gain:.0f} σ² there")
     hopeful = [
         replace(task, start=end.best)
         for task, end, gain in zip(chosen, ends, gained, strict=True)
@@ -90,20 +93,20 @@ def refit_by_noise_continuation(
     ]
 
     def done(index: int, result: Refit) -> None:
-        executor.log(told(result))
+        logger.info(told(result))
 
     return side_by_side(
         _as_precise_as_they_are, hopeful, executor.processes, executor.threads, done
     )
 
 
-def _by_the_images(objective: Objective, baseline: Evaluation, log: Log) -> Fit:
+def _by_the_images(objective: Objective, baseline: Evaluation) -> Fit:
     """Fit where the images lead, from the nominal model: the baseline itself is bent."""
     values, free = nominal(baseline, objective), baseline.free
-    found = attempt(lambda: fit(objective, values, free, POLISH, log, tolerance=ON_THE_WAY))
+    found = attempt(lambda: fit(objective, values, free, POLISH, tolerance=ON_THE_WAY))
     if isinstance(found, Failure):
-        log(f"  not from the nominal model ({found.why})")
-        return fit_from(baseline, objective, POLISH, log, ON_THE_WAY)
+        logger.info(f"  not from the nominal model ({found.why})")
+        return fit_from(baseline, objective, POLISH, ON_THE_WAY)
     return found
 
 
@@ -133,11 +136,13 @@ def _task(
     return _Task(one, with_prior(objective, one.cause), extended, start, baseline)
 
 
+@collected_lines()
 def _below_soft_loads(task: _Task) -> Fit:
     at = task.start
-    return fit(task.soft, at.values, at.free, MOST_ITERATIONS, silent, at, ON_THE_WAY)
+    return fit(task.soft, at.values, at.free, MOST_ITERATIONS, at, ON_THE_WAY)
 
 
+@collected_lines()
 def _as_precise_as_they_are(task: _Task) -> Refit:
     """Return the refit, by way of loads half as soft on a logarithmic scale."""
     at = task.start
@@ -146,6 +151,6 @@ def _as_precise_as_they_are(task: _Task) -> Refit:
         (half, MOST_ITERATIONS, ON_THE_WAY),
         (task.hard, MOST_FROM_AFAR, TOLERANCE),
     ):
-        found = fit_from(at, objective, most, silent, tolerance)
+        found = fit_from(at, objective, most, tolerance)
         at = found.best
     return refit_of(task.score.cause, task.hard, found, task.baseline)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
-from driver.common.progress import Log, silent
+from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.statistics.bayes_factor import log_bayes_factor
@@ -18,6 +19,8 @@ from driver.identification.fit import Fit, fit
 from driver.identification.line_search import promised
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.priors import FREED_WIDTH
+
+logger = logging.getLogger(__name__)
 
 MOST_ITERATIONS = 5
 MOST_FROM_AFAR = 8
@@ -33,12 +36,10 @@ class Executor:
     Attributes:
         processes: how many fits at a time.
         threads: threads of each.
-        log: takes a line for each.
     """
 
     processes: int
     threads: int
-    log: Log
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +128,7 @@ def refit_causes(
         start = Start(scored.cause, extended, begin.values, begin, baseline, bar, MOST_ITERATIONS)
         tasks.append(start)
     if hopeless:
-        executor.log(f"  the first step promises too little of {', '.join(hopeless)}")
+        logger.info(f"  the first step promises too little of {', '.join(hopeless)}")
     return refit_from(tasks, executor)
 
 
@@ -216,9 +217,9 @@ def refit_from(tasks: Sequence[Start], executor: Executor) -> list[Refit]:
     def done(index: int, result: Refit | str) -> None:
         name = tasks[index].cause.name
         if isinstance(result, str):
-            executor.log(f"  {name}: a start is given up, {result}")
+            logger.info(f"  {name}: a start is given up, {result}")
             return
-        executor.log(told(result))
+        logger.info(told(result))
 
     ends = side_by_side(_refit, tasks, executor.processes, executor.threads, done)
     return [end for end in ends if isinstance(end, Refit)]
@@ -233,6 +234,7 @@ def told(refit: Refit) -> str:
     )
 
 
+@collected_lines()
 def _refit(task: Start) -> Refit | str:
     """Return the refit, or why the start was given up."""
     objective, here = task.objective, task.start
@@ -245,9 +247,7 @@ def _refit(task: Start) -> Refit | str:
         if isinstance(first, Failure):
             return f"for it cannot be simulated ({first.why})"
         here = first
-    result = fit(
-        objective, here.values, here.free, task.most, silent, here, TOLERANCE, bar=task.bar
-    )
+    result = fit(objective, here.values, here.free, task.most, here, TOLERANCE, bar=task.bar)
     if result.given_up:
         return f"for {result.reason}"
     return refit_of(task.cause, objective, result, task.baseline)

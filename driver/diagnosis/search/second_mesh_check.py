@@ -8,12 +8,12 @@ what they differ by is what each may be off.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from driver.common.progress import Log
 from driver.diagnosis.answer.result_types import GATE, DiscretisationCheck
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.search.fine_models import FineModels
@@ -21,6 +21,8 @@ from driver.diagnosis.statistics.score_test import NAMING_LEVEL, Score, signific
 from driver.diagnosis.statistics.screening import whitened_difference
 from driver.identification.fit import POLISH, Fit, fit_from
 from driver.identification.objective import Correction, Objective
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,6 @@ def held_against_both(
     objective: Objective,
     scores: Sequence[Score],
     widened: float,
-    log: Log,
 ) -> OnBoth | None:
     """Hold what is significant against another mesh.
 
@@ -57,7 +58,6 @@ def held_against_both(
         objective: its objective, with the correction by the finer model.
         scores: of all causes at the fit.
         widened: by how much the simulation's own error widens them.
-        log: takes one line of progress.
 
     Returns:
         None where nothing is significant, the objective has both meshes already, or there is no
@@ -69,8 +69,8 @@ def held_against_both(
     seen = [s for s in scores if s.p < NAMING_LEVEL and s.directions.size and s.cause != NUMERICS]
     if not seen or objective.spread is not None or finer.another is None:
         return None
-    log("finer mesh and steps at this fit")
-    first, spread = finer.corrections(objective.model, here, True, log)
+    logger.info("finer mesh and steps at this fit")
+    first, spread = finer.corrections(objective.model, here, True)
     if spread is None:
         return None
     both = whitened_difference(objective, first.mean_with(spread), objective.correction)
@@ -83,22 +83,21 @@ def held_against_both(
         )  # fmt: skip
         moved = 2.0 * one.directions @ half / widened
         effects.append(float(np.linalg.norm(moved) / np.sqrt(moved.size)))
-        log(f"  {one.cause.name}: moved by {effects[-1]:.1f} σ, p {one.p:.2g} → {p:.2g}")
+        logger.info(f"  {one.cause.name}: moved by {effects[-1]:.1f} σ, p {one.p:.2g} → {p:.2g}")
         if p < NAMING_LEVEL or effects[-1] <= GATE:
             return OnBoth(None, first, spread)
     lost = DiscretisationCheck(effects[0], seen[0].cause.name, "mesh", between_meshes=True)
     return OnBoth(lost, first, spread)
 
 
-def with_both(objective: Objective, here: Fit, both: OnBoth, log: Log) -> tuple[Objective, Fit]:
+def with_both(objective: Objective, here: Fit, both: OnBoth) -> tuple[Objective, Fit]:
     """Return the objective with the mean of both corrections, fitted.
 
     Args:
         objective: with the correction by the finer model.
         here: its fit.
         both: what two finer meshes say.
-        log: takes a line for each iteration.
     """
     mean = both.first.mean_with(both.spread)
     objective = replace(objective, correction=mean, spread=both.spread)
-    return objective, fit_from(here.best, objective, POLISH, log)
+    return objective, fit_from(here.best, objective, POLISH)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.common.progress import Log
 from driver.diagnosis.answer.detection_limits import level_of
 from driver.diagnosis.answer.result_types import DiscretisationCheck, Refit, Settings, Step
 from driver.diagnosis.answer.verdict import MOST_ADDITIONS
@@ -47,6 +47,8 @@ from driver.diagnosis.statistics.smooth_motion_test import smooth_fields
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 
+logger = logging.getLogger(__name__)
+
 FloatArray = NDArray[np.float64]
 
 WITHIN = 3.0  # log evidence within which causes are not told apart
@@ -77,7 +79,6 @@ def examine(
     stops: BoundaryNoiseSensitivities,
     wide: Evaluation | None,
     finer: FineModels,
-    log: Log,
 ) -> Round:
     """Screen all causes, refit the best, and pick the one to add.
 
@@ -92,41 +93,40 @@ def examine(
         stops: the answers to a noise of the boundary, if they were computed.
         wide: evaluation at the fit with the parameters of every cause free, if known.
         finer: the finer models behind the correction.
-        log: takes one line of progress.
 
     Raises:
         SolverError: the simulation could not be finished.
     """
     candidates, names = screened(objective.model, here.best.free, settings.wanted, settings.own)
     screening = wide if wide is not None else objective.complete(here.best, names)
-    seen = _first_order(here, objective, candidates, screening, settings, stops, log)
+    seen = _first_order(here, objective, candidates, screening, settings, stops)
     refits: list[Refit] = []
     trial = FlipTrial()
     lost: DiscretisationCheck | None = None
     noise = seen.noise
     if noise is not None and noise.p < level_of(BOUNDARY_NOISE) and stops.effect is not None:
-        refits = [refit_boundary_noise(stops.effect, here.best, objective, log)]
+        refits = [refit_boundary_noise(stops.effect, here.best, objective)]
     counted_first = bool(refits) and refits[0].log_evidence > WORTH
     room = len([cause for cause in added if cause not in COVARIANCE]) < MOST_ADDITIONS
     if room and not counted_first:
-        executor = Executor(settings.processes, settings.threads, log)
-        both = held_against_both(finer, here, objective, seen.scores, seen.widened, log)
+        executor = Executor(settings.processes, settings.threads)
+        both = held_against_both(finer, here, objective, seen.scores, seen.widened)
         # Where both meshes agree on a finding, looks follow at the fit with both alone.
         if both is None or both.lost is not None:
             near = _significant(seen.scores)
             seen = _looked(seen, here, objective, executor)
             if _significant(seen.scores) - near:
-                both = held_against_both(finer, here, objective, seen.scores, seen.widened, log)
+                both = held_against_both(finer, here, objective, seen.scores, seen.widened)
         if both is not None:
             lost = both.lost
             if lost is None:
-                objective, here = with_both(objective, here, both, log)
+                objective, here = with_both(objective, here, both)
                 # The sensitivities stay those at the fit before, a fraction of a σ away.
                 screening = objective.compare(
                     screening.prediction, screening.values, screening.free
                 )
-                log("  with the mean of both meshes:")
-                seen = _first_order(here, objective, candidates, screening, settings, stops, log)
+                logger.info("  with the mean of both meshes:")
+                seen = _first_order(here, objective, candidates, screening, settings, stops)
                 seen = _looked(seen, here, objective, executor)
         if lost is None:
             likely = refits_of_likely(
@@ -148,7 +148,7 @@ def examine(
 
 
 def at_first_sight(
-    here: Fit, objective: Objective, settings: Settings, stops: BoundaryNoiseSensitivities, log: Log
+    here: Fit, objective: Objective, settings: Settings, stops: BoundaryNoiseSensitivities
 ) -> Step:
     """Screen all causes, and refit none.
 
@@ -157,11 +157,10 @@ def at_first_sight(
         objective: its objective.
         settings: how the diagnosis is run.
         stops: the answers to a noise of the boundary, if they were computed.
-        log: takes one line of progress.
     """
     candidates, names = screened(objective.model, here.best.free, settings.wanted, settings.own)
     screening = objective.complete(here.best, names)
-    seen = _first_order(here, objective, candidates, screening, settings, stops, log)
+    seen = _first_order(here, objective, candidates, screening, settings, stops)
     chi = here.best.chi_load, here.best.chi_image
     return Step(tuple(seen.scores), (), (), seen.tests, *chi, seen.widened)
 
@@ -198,14 +197,13 @@ def _first_order(
     screening: Evaluation,
     settings: Settings,
     stops: BoundaryNoiseSensitivities,
-    log: Log,
 ) -> _Seen:
     """Scores and tests of a fit; the best five are told."""
     here = replace(here, best=here.inside(objective))
     effects = effects_of(candidates, screening, objective.parameters)
     scores, variance = screen(here, objective, candidates, effects, settings.sizes)
     if variance > 1.0:
-        log(f"  the simulation's own error widens scores by {np.sqrt(variance):.2f}")
+        logger.info(f"  the simulation's own error widens scores by {np.sqrt(variance):.2f}")
     fields = smooth_fields(objective.data, here.best.motion)
     own = own_error_shapes(objective)
     tests = omnibus(here.best, objective.data, effects, fields, own, variance)
@@ -213,7 +211,7 @@ def _first_order(
     if noise is not None:
         scores = sorted([*scores, noise], key=lambda s: -s.log_evidence)
     for s in scores[:5]:
-        log(f"  {s.cause.name}: log evidence {s.log_evidence:+.1f}, p {s.p:.2g}")
+        logger.info(f"  {s.cause.name}: log evidence {s.log_evidence:+.1f}, p {s.p:.2g}")
     return _Seen(scores, (), float(np.sqrt(variance)), tests, noise)
 
 

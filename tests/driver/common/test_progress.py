@@ -1,21 +1,75 @@
 from __future__ import annotations
 
-from driver.common.progress import LiveLog, passing_of, seldom
+import logging
+
+from driver.common.progress import PASSING, collected_lines, progress_to, seldom, tenths
+from solver_adapters.interface import Progress
+
+logger = logging.getLogger("driver.somewhere.below")
 
 
 def test_lines_stay_and_words_for_the_moment_go_elsewhere() -> None:
     lines: list[str] = []
     words: list[str] = []
-    log = LiveLog(lines.append, words.append)
-    log("stage A")
-    passing_of(log)("at 3 s")
+    with progress_to(lines.append, words.append):
+        logger.info("stage A")
+        logger.log(PASSING, "at 3 s")
+        logger.debug("nobody asked")
     assert (lines, words) == (["stage A"], ["at 3 s"])
 
 
-def test_a_log_of_lines_alone_takes_no_words_for_the_moment() -> None:
+def test_who_takes_lines_alone_gets_no_words_for_the_moment() -> None:
     lines: list[str] = []
-    passing_of(lines.append)("at 3 s")
+    with progress_to(lines.append):
+        logger.log(PASSING, "at 3 s")
     assert lines == []
+
+
+def test_nothing_is_told_after_the_end_and_the_level_is_that_of_before() -> None:
+    lines: list[str] = []
+    driver = logging.getLogger("driver")
+    before = driver.level, list(driver.handlers)
+    with progress_to(lines.append):
+        pass
+    logger.info("late")
+    assert lines == [] and (driver.level, list(driver.handlers)) == before
+
+
+def test_lines_of_a_job_are_collected_and_its_words_pass() -> None:
+    lines: list[str] = []
+    words: list[str] = []
+    with progress_to(lines.append, words.append):
+        with collected_lines() as own:
+            logger.info("of a job")
+            logger.log(PASSING, "at 3 s")
+            with collected_lines() as inner:
+                logger.info("of a job of the job")
+                logger.log(PASSING, "at 4 s")
+        logger.info("after it")
+    assert (own, inner, lines) == (["of a job"], ["of a job of the job"], ["after it"])
+    assert words == ["at 3 s", "at 4 s"]
+
+
+def test_lines_of_a_job_are_collected_where_nobody_listens() -> None:
+    with collected_lines() as own:
+        logger.info("of a job")
+    assert own == ["of a job"]
+
+
+def test_a_percent_sign_stands_as_it_is() -> None:
+    lines: list[str] = []
+    with progress_to(lines.append):
+        logger.info("50 % of %s pixels")
+    assert lines == ["50 % of %s pixels"]
+
+
+def test_each_tenth_of_a_simulation_is_told_once() -> None:
+    lines: list[str] = []
+    tell = tenths("  truth: ")
+    with progress_to(lines.append):
+        for time in (1.0, 12.0, 13.0, 35.0):
+            tell(Progress(time, 100.0, 1, 1, 0))
+    assert lines == ["  truth: 10 %", "  truth: 30 %"]
 
 
 def test_a_log_tells_of_a_long_simulation_only_now_and_then() -> None:

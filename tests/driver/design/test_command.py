@@ -13,6 +13,7 @@ import pytest
 
 from driver.case.model import load_case, write_case
 from driver.common.errors import InputError
+from driver.common.progress import progress_to
 from driver.design import command
 from driver.design.command import FILES, design
 from driver.design.forecast import Forecast, Plan, whole_forecast
@@ -51,7 +52,8 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
     folder = tmp_path_factory.mktemp("design")
     lines: list[str] = []
     case = write(folder)
-    design(case, folder / "settings.toml", ["test.holds=3"], True, lines.append)
+    with progress_to(lines.append):
+        design(case, folder / "settings.toml", ["test.holds=3"], True)
     results = folder / "results"
     return results, json.loads((results / FILES[0]).read_text(encoding="utf-8")), lines
 
@@ -117,13 +119,15 @@ def test_less_noise_and_more_images_know_no_less(
         assert max(named[name]["gain"]["sigma_ratio"].values()) <= 1 + 1e-9, name
 
 
-def test_a_case_that_asks_for_causes_without_a_sensitivity_has_a_design(tmp_path: Path) -> None:
+def test_a_case_that_asks_for_causes_without_a_sensitivity_has_a_design(
+    tmp_path: Path, lines: list[str]
+) -> None:
     """A flip of the EBSD frame and the noises have none."""
-    path, lines = write(tmp_path), list[str]()
+    path = write(tmp_path)
     case = load_case(path)
     table = case.diagnosis.model_copy(update={"causes": ("ebsd_flip_x", "boundary_noise")})
     write_case(case.model_copy(update={"diagnosis": table}), path)
-    design(path, tmp_path / "settings.toml", [], False, lines.append)
+    design(path, tmp_path / "settings.toml", [], False)
     assert "none of the causes that the case asks for can be forecast" in lines
     assert (tmp_path / "results" / FILES[1]).is_file()
 
@@ -147,18 +151,19 @@ def test_the_picture_is_drawn(found: tuple[Path, dict[str, Any], list[str]]) -> 
     assert picture.shape[1] > 1500 and picture.std() > 0.05
 
 
-def test_no_more_than_the_case_is_asked_without_the_usual_changes(tmp_path: Path) -> None:
-    lines: list[str] = []
+def test_no_more_than_the_case_is_asked_without_the_usual_changes(
+    tmp_path: Path, lines: list[str]
+) -> None:
     case = write(tmp_path)
     (tmp_path / "settings.toml").write_text("[program]\ncycles = [[4, 2]]", encoding="utf-8")
-    design(case, tmp_path / "settings.toml", [], False, lines.append)
+    design(case, tmp_path / "settings.toml", [], False)
     record = json.loads((tmp_path / "results" / FILES[0]).read_text(encoding="utf-8"))
     assert record["changes"] == [] and lines[0].startswith("the case and 0 changes")
     assert matplotlib.image.imread(tmp_path / "results" / FILES[1]).std() > 0.05
 
 
 def test_a_change_that_cannot_be_simulated_costs_no_other(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lines: list[str]
 ) -> None:
     def fails(plan: Plan) -> Forecast:
         if plan.variant.test.compression:
@@ -166,9 +171,8 @@ def test_a_change_that_cannot_be_simulated_costs_no_other(
         return whole_forecast(plan)
 
     monkeypatch.setattr(command, "whole_forecast", fails)
-    lines: list[str] = []
     asked = ["test.compression=true", "test.holds=3"]
-    design(write(tmp_path), tmp_path / "settings.toml", asked, False, lines.append)
+    design(write(tmp_path), tmp_path / "settings.toml", asked, False)
     assert any("test.compression=true: failed: the specimen buckles;" in line for line in lines)
     record = json.loads((tmp_path / "results" / FILES[0]).read_text(encoding="utf-8"))
     assert set(changes(record)) == {"quiet", "test.holds=3"}
@@ -182,9 +186,7 @@ def test_a_fault_of_the_program_in_a_change_is_raised(
 
     monkeypatch.setattr(command, "whole_forecast", faulty)
     with pytest.raises(ValueError, match="broadcast"):
-        design(
-            write(tmp_path), tmp_path / "settings.toml", ["test.holds=3"], False, lambda line: None
-        )
+        design(write(tmp_path), tmp_path / "settings.toml", ["test.holds=3"], False)
 
 
 def test_a_history_without_loads_serves(tmp_path: Path) -> None:
@@ -194,7 +196,7 @@ def test_a_history_without_loads_serves(tmp_path: Path) -> None:
     rows = [line.split(",") for line in history.read_text(encoding="utf-8").splitlines()]
     bare = "\n".join(",".join(row[:3]) for row in rows)
     history.write_text(bare, encoding="utf-8")
-    design(tmp_path / "case.toml", None, [], False, lambda line: None)
+    design(tmp_path / "case.toml", None, [], False)
     record = json.loads((tmp_path / "results" / FILES[0]).read_text(encoding="utf-8"))
     assert record["experiment"]["n_images"] == closed_form.history().n_images
     assert np.all(np.isfinite(record["experiment"]["load_uN"]))
@@ -203,7 +205,7 @@ def test_a_history_without_loads_serves(tmp_path: Path) -> None:
 
 def test_where_no_test_is_planned_the_sentence_says_how_to_plan_one(tmp_path: Path) -> None:
     with pytest.raises(InputError) as error:
-        design(write(tmp_path), None, [], False, print)
+        design(write(tmp_path), None, [], False)
     assert "history.csv: file: found nothing, expected a CSV file" in str(error.value)
     assert "or `cycles` under [program] of --settings" in str(error.value)
 
@@ -213,14 +215,14 @@ def test_an_assumed_parameter_that_is_not_of_the_model_is_refused(tmp_path: Path
     with (tmp_path / "settings.toml").open("a", encoding="utf-8") as file:
         file.write("[truth]\ntau = 3.0\n")
     with pytest.raises(InputError, match='truth: found the name "tau", expected tau0'):
-        design(case, tmp_path / "settings.toml", [], False, lambda line: None)
+        design(case, tmp_path / "settings.toml", [], False)
 
 
 def test_the_repeats_of_the_settings_count_for_the_case_too(tmp_path: Path) -> None:
     case = write(tmp_path)
     with (tmp_path / "settings.toml").open("a", encoding="utf-8") as file:
         file.write("[test]\nrepeats = 3\n")
-    design(case, tmp_path / "settings.toml", ["test.repeats=10"], False, lambda line: None)
+    design(case, tmp_path / "settings.toml", ["test.repeats=10"], False)
     record = json.loads((tmp_path / "results" / FILES[0]).read_text(encoding="utf-8"))
     ratios = changes(record)["test.repeats=10"]["gain"]["sigma_ratio"]
     assert max(ratios.values()) <= 1 + 1e-9 and min(ratios.values()) < 0.95

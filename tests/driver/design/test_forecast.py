@@ -50,9 +50,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     closed_form.write_files(folder, {})
     path = folder / "case.toml"
-    run_stages(
-        load_case(path), pipeline.stages(load_case(path)), "identify", report=lambda line: None
-    )
+    run_stages(load_case(path), pipeline.stages(load_case(path)), "identify")
     return folder
 
 

@@ -27,14 +27,14 @@ def test_the_predicted_sigma_is_that_of_the_fit_though_no_image_is_looked_at(
     """
     course = pull(true_case(small_case()), {})
     case = record(tmp_path, small_case(), course, 1)
-    run(case, "identify", False, print)
+    run(case, "identify", False)
     with h5py.File(tmp_path / "results" / IDENTIFY) as file:
         names, values = (json.loads(file.attrs[key]) for key in ("names", "all_values"))
         fitted = dict(zip(names, file["sigma"][()], strict=True))
     assumed = "\n".join(["[truth]", *(f"{name} = {values[name]!r}" for name in names)])
     (tmp_path / "settings.toml").write_text(assumed, encoding="utf-8")
     (tmp_path / "images.tif").unlink()
-    design(case, tmp_path / "settings.toml", [], False, print)
+    design(case, tmp_path / "settings.toml", [], False)
     found = json.loads((tmp_path / "results" / FILES[0]).read_text(encoding="utf-8"))
     predicted = {p["parameter"]: p["sigma"] for p in found["experiment"]["parameters"]}
     assert set(predicted) == set(fitted)

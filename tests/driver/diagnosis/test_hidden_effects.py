@@ -63,7 +63,7 @@ def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Diagnose:
     def diagnose(effect: str, seed: int) -> Record:
         folder: Path = tmp_path_factory.mktemp(effect)
         case = record(folder, small_case(), course(effect), seed)
-        run(case, "diagnose", False, print)
+        run(case, "diagnose", False)
         found: Record = json.loads((folder / "results" / "diagnosis.json").read_text("utf-8"))
         return found
 

@@ -71,17 +71,18 @@ def test_the_volume_is_written_for_salome_where_that_is_asked(results: Results) 
     assert not list(results.to.glob("*.med"))
 
 
-def test_the_models_are_simulated_once_each_as_they_were_fitted(results: Results) -> None:
-    told: list[str] = []
-    export_case(results.case_path, results.to, log=told.append)
+def test_the_models_are_simulated_once_each_as_they_were_fitted(
+    results: Results, lines: list[str]
+) -> None:
+    export_case(results.case_path, results.to)
     model, extended = results.solver.asked
     assert [s.material.tau0_grain2 for s in (model, extended)] == [1.0, 1.15]
     # The end face moves by the elongation between the turning points.
     ends = [np.ptp(s.motion[1, :, 1]) for s in (model, extended)]
     assert ends == pytest.approx([0.064, 0.065], rel=0.2)
     assert not model.directions
-    assert "2 simulations" in told[0] and "s on free cores" in told[0]
-    assert told[1:3] == ["  model: 50 %, 60 s to go", "  model: 100 %, 60 s to go"]
+    assert "2 simulations" in lines[0] and "s on free cores" in lines[0]
+    assert lines[1:3] == ["  model: 50 %, 60 s to go", "  model: 100 %, 60 s to go"]
 
 
 def test_without_the_volume_nothing_is_simulated_and_a_stale_one_is_removed(
@@ -95,11 +96,12 @@ def test_without_the_volume_nothing_is_simulated_and_a_stale_one_is_removed(
     assert "vtkhdf" not in (results.to / "README.txt").read_text("utf-8")
 
 
-def test_a_solver_without_fields_leaves_the_volume_out_and_says_so(results: Results) -> None:
+def test_a_solver_without_fields_leaves_the_volume_out_and_says_so(
+    results: Results, lines: list[str]
+) -> None:
     results.solver.cell_fields = False
-    told: list[str] = []
-    export_case(results.case_path, results.to, log=told.append)
-    assert told == ["no fields of the volume: the solver bundled answers none"]
+    export_case(results.case_path, results.to)
+    assert lines == ["no fields of the volume: the solver bundled answers none"]
     assert not list(results.to.glob("*.vtkhdf"))
 
 
@@ -110,16 +112,15 @@ def test_med_without_the_volume_is_refused(results: Results) -> None:
 
 
 def test_an_absent_program_leaves_the_volume_out_and_says_why(
-    results: Results, monkeypatch: pytest.MonkeyPatch
+    results: Results, monkeypatch: pytest.MonkeyPatch, lines: list[str]
 ) -> None:
     def absent(*_: object) -> Response:
         status = Status.COMMAND_MISSING
         raise CommandMissingError("bar", status, 'found no "bar" on PATH', remedy="prepare")
 
     monkeypatch.setattr(results.solver, "solve", absent)
-    told: list[str] = []
-    export_case(results.case_path, results.to, med=True, log=told.append)
-    assert told[-1] == (
+    export_case(results.case_path, results.to, med=True)
+    assert lines[-1] == (
         'no fields of the volume: bar: found no "bar" on PATH (--no-volume leaves them out unasked)'
     )
     assert (results.to / "loads.csv").is_file()

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from driver.common.progress import silent
 from driver.diagnosis.answer.result_types import Diagnosis
 from driver.forward.fixed_pattern import apparent_rise
 from driver.identification.identify import Plan, identify
@@ -118,9 +117,7 @@ def test_identification_reads_a_pattern_that_is_free_where_its_fit_sees_the_spec
     start = replace(objective, model=working, correction=Correction())
     knots = tuple(name for name in first.best.free if name not in (*LAMBDAS, *LAW))
     plan = Plan(law=(*LAW, "fixed_pattern"), knots=knots, sizes=SIZES, most=15)
-    found = identify(
-        working, finer(replace(BENCH, model=working)), start, first.values, plan, silent
-    )
+    found = identify(working, finer(replace(BENCH, model=working)), start, first.values, plan)
     there, read = apparent_rise(images, true), found.objective.model.pattern
     assert there is not None and read is not None and working.pattern is not None
     assert np.std(read - there) < 0.25 * np.std(working.pattern - there)

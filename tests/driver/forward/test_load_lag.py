@@ -74,7 +74,7 @@ def test_a_fit_finds_the_lag_from_none_with_the_knots_free(lag: float, seed: int
     prior = priors(problem.truth) | {"load_lag": (0.0, 1.0)}
     n = len(KNOTS) + 1
     free = (*LAMBDAS, *elongation_names(n), *tilt_names(n), *LAW, "load_lag")
-    found = fit(replace(made, prior=prior), problem.truth, free, 15, print)
+    found = fit(replace(made, prior=prior), problem.truth, free, 15)
     assert found.converged
     sigma = found.sigma("load_lag", made.parameters)
     assert abs(found.values["load_lag"] - lag) < 3 * sigma

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import pickle
 
+from driver.common.progress import progress_to
 from driver.forward.progress_adapter import ProgressAdapter, sentence_of
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.interface import Progress
@@ -10,12 +11,14 @@ from tools.boxes import box, pulled
 
 
 def test_each_instant_before_the_last_is_told_and_all_are_passed_on() -> None:
-    told: list[str] = []
+    lines: list[str] = []
+    words: list[str] = []
     seen: list[Progress] = []
     simulation = pulled(box(), Material(strain_measure="small"), (0.001, 0.002))
-    solver = ProgressAdapter(BundledAdapter(), told.append)
-    response = solver.solve(simulation, progress=seen.append)
-    assert len(seen) == 2 and told == [sentence_of(seen[0])]
+    solver = ProgressAdapter(BundledAdapter())
+    with progress_to(lines.append, words.append):
+        response = solver.solve(simulation, progress=seen.append)
+    assert len(seen) == 2 and words == [sentence_of(seen[0])] and not lines
     assert (seen[-1].steps, seen[-1].iterations) == (response.steps, response.iterations)
     assert (solver.name, solver.version()) == ("bundled", BundledAdapter().version())
     assert solver.capabilities() == BundledAdapter().capabilities()
@@ -37,5 +40,5 @@ def test_a_run_of_an_external_solver_is_told_by_its_instant_and_its_number() -> 
 
 
 def test_another_process_gets_the_solver_alone() -> None:
-    sent = pickle.loads(pickle.dumps(ProgressAdapter(BundledAdapter(), print)))
+    sent = pickle.loads(pickle.dumps(ProgressAdapter(BundledAdapter())))
     assert type(sent) is BundledAdapter

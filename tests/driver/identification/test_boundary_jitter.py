@@ -224,7 +224,7 @@ def fitted(known: bool) -> tuple[FloatArray, FloatArray]:
         made = replace(closed_form.objective(made_with, BENCH.truth, seed), model=BENCH.model)
         covariance = jitter() if known else None
         objective = replace(made, data=replace(made.data, jitter=covariance))
-        found = fit(objective, BENCH.truth, free, 8, lambda line: None)
+        found = fit(objective, BENCH.truth, free, 8)
         chi.append(found.best.chi_load)
         deviations.append(
             [

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from driver.common.errors import InputError
-from driver.common.progress import silent
 from driver.identification.fit import fit
 from driver.identification.identifiability import (
     PriorRule,
@@ -38,7 +37,7 @@ def test_a_parameter_that_the_data_hardly_see_is_named_with_how_far_they_moved_i
     objective = formula(
         lambda p: (p @ rows, rows), np.array([0.0, 0.0, 300.0]) @ rows, parameters, prior
     )
-    found = fit(objective, dict.fromkeys("abd", 0.0), ("a", "b", "d"), 200, silent, tolerance=1e-9)
+    found = fit(objective, dict.fromkeys("abd", 0.0), ("a", "b", "d"), 200, tolerance=1e-9)
     (rule,) = ruled_by_prior(found)
     assert rule.name == "d" and rule.share > 0.98
     assert rule.moved == pytest.approx(found.values["d"] / 0.5) and rule.moved > 4

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from driver.common.progress import progress_to
 from driver.experiment.history import knot_weights
 from driver.identification.data import Data
 from driver.identification.fit import Fit, fit
@@ -92,7 +93,7 @@ def test_the_correction_is_finer_minus_working() -> None:
     finer = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(0.01))
     objective = closed_form.objective(BENCH, BENCH.truth)
     at = Fit(objective.evaluate(BENCH.truth, ()), True, "", ())
-    found = correction(BENCH.model, finer, at.best.prediction, at.values, silent)
+    found = correction(BENCH.model, finer, at.best.prediction, at.values)
     np.testing.assert_allclose(found.load, -0.01 * at.best.load, atol=1e-9)
     motion = np.asarray(found.motion)
     assert 1e-5 < np.abs(motion[..., 1]).max() < 1e-3 and np.abs(motion[..., 0]).max() < 1e-15
@@ -116,7 +117,8 @@ def identification(
     finer = replace(BENCH.model, adapter=closed_form.ClosedFormSolver(finer_by))
     lines: list[str] = []
     plan = Plan(law=LAW, knots=(*pose, *knots), sizes=SIZES, most=15, spread=dict(spread), **keys)
-    found = identify(BENCH.model, finer, made, start, plan, lines.append)
+    with progress_to(lines.append):
+        found = identify(BENCH.model, finer, made, start, plan)
     return found, tuple(lines)
 
 
@@ -147,9 +149,7 @@ def test_the_correction_is_part_of_the_last_stage() -> None:
     # is made up for by a stronger law.
     stated = replace(found.objective, data=replace(found.objective.data, simulation_error=None))
     taus = [
-        fit(replace(stated, correction=used), final.values, final.best.free, 8, silent).values[
-            "tau0"
-        ]
+        fit(replace(stated, correction=used), final.values, final.best.free, 8).values["tau0"]
         for used in (change, Correction())
     ]
     assert taus[0] > taus[1]
@@ -214,7 +214,7 @@ def test_stage_c_begins_where_b_ended_and_simulates_only_what_b_lacks() -> None:
     made = replace(closed_form.objective(BENCH, BENCH.truth | TRUE), model=model)
     made = replace(made, prior=priors(BENCH.truth))
     plan = Plan(law=LAW, knots=(*NAMES, *tilt_names(5)), sizes=SIZES, most=15)
-    found = identify(model, BENCH.model, made, BENCH.truth, plan, silent)
+    found = identify(model, BENCH.model, made, BENCH.truth, plan)
     whole = found.objective.evaluate(found.stages["B"].values, plan.free("C"))
     start = found.stages["C"].history[0]
     assert start["cost"] == pytest.approx(whole.cost, rel=1e-9)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.common.progress import silent
 from driver.identification.fit import Fit, fit
 from driver.identification.gauss_newton_step import LARGEST_STEP
 from driver.identification.line_search import newton, promised
@@ -32,7 +31,7 @@ def straight(p: FloatArray) -> tuple[FloatArray, FloatArray]:
 def test_of_a_linear_model_a_step_keeps_its_promise_damped_or_not(far: float) -> None:
     objective = formula(straight, far * np.array([3.0, -4.0, 2.0]), PLAIN, {"b": (0.3, 0.4)})
     start = objective.evaluate({"a": 0.0, "b": 0.0}, "ab")
-    found = fit(objective, start.values, "ab", 1, silent, start=start)
+    found = fit(objective, start.values, "ab", 1, start=start)
     assert found.best.cost == pytest.approx(promised(objective, start), rel=1e-9)
     step, decrement = newton(objective, start)
     whole = start.cost - decrement**2
@@ -43,10 +42,12 @@ def test_of_a_linear_model_a_step_keeps_its_promise_damped_or_not(far: float) ->
         assert np.max(np.abs(step)) <= LARGEST_STEP and found.best.cost > 1.1 * whole
 
 
-def test_a_full_step_up_the_side_of_a_bent_valley_is_taken_where_the_next_leads_below() -> None:
+def test_a_full_step_up_the_side_of_a_bent_valley_is_taken_where_the_next_leads_below(
+    lines: list[str],
+) -> None:
     """Steps short enough never to climb need many iterations, with trial points of their own."""
-    objective, lines = formula(bent, np.array([0.0, 1.0]), PLAIN[:2]), list[str]()
-    found = fit(objective, {"a": -1.2, "b": 1.0}, "ab", 100, lines.append, tolerance=1e-6)
+    objective = formula(bent, np.array([0.0, 1.0]), PLAIN[:2])
+    found = fit(objective, {"a": -1.2, "b": 1.0}, "ab", 100, tolerance=1e-6)
     assert found.converged and len(objective.tried) == 4
     np.testing.assert_allclose([found.values["a"], found.values["b"]], 1.0, atol=1e-5)
     climbed = objective.evaluate(objective.tried[1], "ab").cost
@@ -69,7 +70,7 @@ def residuals(*path: tuple[float, float]) -> Curve:
 
 def ended_after(*path: tuple[float, float]) -> tuple[Fit, list[float]]:
     objective = formula(residuals(*path), np.zeros(1), PLAIN[:1])
-    found = fit(objective, {"a": 0.0}, "a", 1, silent)
+    found = fit(objective, {"a": 0.0}, "a", 1)
     return found, [point["a"] for point in objective.tried]
 
 
@@ -106,7 +107,9 @@ def test_from_far_above_nothing_is_followed() -> None:
 
 
 @pytest.mark.parametrize("killed", [False, True])
-def test_a_step_up_after_which_none_can_be_simulated_is_shortened(killed: bool) -> None:
+def test_a_step_up_after_which_none_can_be_simulated_is_shortened(
+    killed: bool, lines: list[str]
+) -> None:
     failed = JobError("bar", Status.KILLED) if killed else SolverError("not solved")
 
     def brittle(p: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -115,12 +118,12 @@ def test_a_step_up_after_which_none_can_be_simulated_is_shortened(killed: bool) 
         rest = {0.0: 10.0, 0.4: 9.0}.get(round(float(p[0]), 1), 15.0)
         return np.array([-rest]), np.array([[rest]])
 
-    objective, lines = formula(brittle, np.zeros(1), PLAIN[:1]), list[str]()
+    objective = formula(brittle, np.zeros(1), PLAIN[:1])
     if killed:
         with pytest.raises(JobError):
-            fit(objective, {"a": 0.0}, "a", 1, lines.append)
+            fit(objective, {"a": 0.0}, "a", 1)
         return
-    found = fit(objective, {"a": 0.0}, "a", 1, lines.append)
+    found = fit(objective, {"a": 0.0}, "a", 1)
     assert [point["a"] for point in objective.tried] == pytest.approx([0.0, 1.0, 2.0, 0.4])
     assert costs(found)[-1] == pytest.approx(81.0)
     assert len([line for line in lines if "a trial point failed" in line]) == 1
@@ -128,7 +131,7 @@ def test_a_step_up_after_which_none_can_be_simulated_is_shortened(killed: bool) 
 
 def test_a_curved_valley_with_high_sides_is_followed_to_its_end_and_never_uphill() -> None:
     objective = formula(rosenbrock, np.array([0.0, 1.0]), PLAIN[:2])
-    found = fit(objective, {"a": -1.2, "b": 1.0}, "ab", 100, silent, tolerance=1e-6)
+    found = fit(objective, {"a": -1.2, "b": 1.0}, "ab", 100, tolerance=1e-6)
     assert found.converged and len(objective.tried) > 10
     np.testing.assert_allclose([found.values["a"], found.values["b"]], 1.0, atol=1e-5)
     assert np.all(np.diff(costs(found)) < 0)
@@ -141,7 +144,7 @@ def test_a_step_that_climbs_and_leads_nowhere_is_shortened() -> None:
         return 10 * np.arctan(p), 10 / (1 + p[None] ** 2)
 
     objective = formula(arctan, np.zeros(1), PLAIN[:1])
-    found = fit(objective, {"a": 1.5}, "a", 9, silent, tolerance=1e-6)
+    found = fit(objective, {"a": 1.5}, "a", 9, tolerance=1e-6)
     start, up, further, back = (point["a"] for point in objective.tried[:4])
     assert up < -start and further > start and back == pytest.approx(start + 0.4 * (up - start))
     assert found.converged and abs(found.values["a"]) < 1e-6 and np.all(np.diff(costs(found)) < 0)
@@ -152,5 +155,5 @@ def test_a_step_up_that_promises_nothing_better_is_shortened_at_once() -> None:
         return np.array([10 * p[0], 30 * (p[0] > 0.7)]), np.array([[10.0, 0.0]])
 
     objective = formula(jumping, np.array([10.0, 0.0]), PLAIN[:1])
-    fit(objective, {"a": 0.0}, "a", 1, silent)
+    fit(objective, {"a": 0.0}, "a", 1)
     assert [point["a"] for point in objective.tried] == pytest.approx([0.0, 1.0, 0.4])

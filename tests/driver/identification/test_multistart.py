@@ -37,7 +37,7 @@ def two_valleys(start: dict[str, float]) -> Fit:
         np.array([1.0, -0.5]),
         [Parameter("a", "", 0.0, 1.0)],
     )
-    return fit(objective, start, ("a",), 30, lambda line: None, tolerance=1e-9)
+    return fit(objective, start, ("a",), 30, tolerance=1e-9)
 
 
 def of_fit(found: Fit) -> Fit:
@@ -45,10 +45,12 @@ def of_fit(found: Fit) -> Fit:
 
 
 @pytest.mark.parametrize("processes", [1, 2])
-def test_the_best_start_is_kept_and_all_are_told(processes: int) -> None:
-    lines: list[str] = []
+def test_the_best_start_is_kept_and_all_are_told(
+    processes: int,
+    lines: list[str],
+) -> None:
     tasks = [{"a": 2.0}, {"a": -2.0}, {"a": 9.0}, {"a": -3.0}]
-    best, outcomes = from_each_start(two_valleys, tasks, of_fit, ("a",), processes, 1, lines.append)
+    best, outcomes = from_each_start(two_valleys, tasks, of_fit, ("a",), processes, 1)
     assert best.values["a"] == pytest.approx(-1.0, abs=1e-3)
     assert [o.values.get("a", 0.0) for o in outcomes] == pytest.approx(
         [0.87, -1.0, 0.0, -1.0], abs=0.05
@@ -61,9 +63,9 @@ def test_the_best_start_is_kept_and_all_are_told(processes: int) -> None:
 
 def test_a_start_of_the_case_that_cannot_be_simulated_ends_it() -> None:
     with pytest.raises(SolverError, match="could not be solved"):
-        from_each_start(two_valleys, [{"a": 9.0}, {"a": 1.0}], of_fit, "a", 1, 1, lambda _: None)
+        from_each_start(two_valleys, [{"a": 9.0}, {"a": 1.0}], of_fit, "a", 1, 1)
 
 
 def test_a_start_that_is_not_run_ends_it() -> None:
     with pytest.raises(NotRunError):
-        from_each_start(two_valleys, [{"a": 1.0}, {"a": -9.0}], of_fit, "a", 1, 1, lambda _: None)
+        from_each_start(two_valleys, [{"a": 1.0}, {"a": -9.0}], of_fit, "a", 1, 1)

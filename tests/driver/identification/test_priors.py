@@ -67,6 +67,6 @@ def test_the_width_gives_the_step_of_the_paper() -> None:
         logarithmic,
         {"a": (1.0, width), "b": (1.0, width)},
     )
-    found = fit(objective, {"a": at[0], "b": at[1]}, "ab", 9, lambda line: None, tolerance=1e-9)
+    found = fit(objective, {"a": at[0], "b": at[1]}, "ab", 9, tolerance=1e-9)
     step = np.log([found.values[n] / a for n, a in zip("ab", at, strict=True)])
     np.testing.assert_allclose(step, expected, rtol=1e-6)

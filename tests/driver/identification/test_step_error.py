@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from driver.common.progress import silent
 from driver.forward.build import build_model, mesh_of
 from driver.forward.model import ForwardModel
 from driver.identification.identify import correction
@@ -67,7 +66,7 @@ def test_of_a_finer_simulation_on_the_same_mesh_all_is_of_the_steps(fine: int, p
     working, finer = model(), model(fine)
     assert parts_of(working, finer) == parts
     coarse = working.predict(values())
-    change = correction(working, finer, coarse, values(), silent, with_steps=True)
+    change = correction(working, finer, coarse, values(), with_steps=True)
     halved = model(2).predict(values())
     error = error_by_halves(coarse, halved)
     left = change.left_by_steps
@@ -95,7 +94,7 @@ def test_another_scheme_or_another_bound_of_the_error_is_left_alone() -> None:
     assert has_first_order(model(), coarse)
     assert not has_first_order(replace(model(), accuracy=1.0), coarse)
     finer = model(2, "exponential")
-    change = correction(exponential, finer, coarse, values(), silent, with_steps=True)
+    change = correction(exponential, finer, coarse, values(), with_steps=True)
     assert change.left_by_steps is None
     np.testing.assert_array_equal(change.of_mesh[1], change.load)
 

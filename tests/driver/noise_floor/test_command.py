@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from driver.common.errors import InputError
+from driver.common.progress import progress_to
 from driver.forward import build
 from driver.noise_floor import command
 from driver.noise_floor.command import FILES, noise_floor
@@ -43,7 +44,8 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
     case = experiment(folder, 12)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(command, "sizes", lambda images, ratio: (12, 24))
-        noise_floor(case, lines.append)
+        with progress_to(lines.append):
+            noise_floor(case)
     results = folder / "results"
     return results, json.loads((results / FILES[0]).read_text(encoding="utf-8")), lines
 
@@ -105,4 +107,4 @@ def test_the_time_is_told_before_and_the_way_while_it_runs(
 
 def test_too_few_repeats_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="images.repeats: found 2 images, expected at least 3"):
-        noise_floor(experiment(tmp_path, 2), print)
+        noise_floor(experiment(tmp_path, 2))

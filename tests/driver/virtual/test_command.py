@@ -10,6 +10,7 @@ import pytest
 
 from driver.case.model import Case, load_case, write_case
 from driver.common.errors import InputError
+from driver.common.progress import progress_to
 from driver.forward import build
 from driver.results.hdf5 import read_hdf5
 from driver.virtual.command import true_case, virtual
@@ -49,7 +50,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
     lines: list[str] = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build, "find_adapter", solver)
-        virtual(folder / "case.toml", folder / "settings.toml", folder / "out", 3, lines.append)
+        with progress_to(lines.append):
+            virtual(folder / "case.toml", folder / "settings.toml", folder / "out", 3)
     return folder, lines
 
 
@@ -101,9 +103,7 @@ def test_a_run_of_the_folder_measures_the_true_elongation(made: tuple[Path, list
     path = folder / "case.toml"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build, "find_adapter", solver)
-        run_stages(
-            load_case(path), pipeline.stages(load_case(path)), "measure", report=lambda line: None
-        )
+        run_stages(load_case(path), pipeline.stages(load_case(path)), "measure")
     measured, truth = read_hdf5(folder / "results" / "measure.h5"), read_hdf5(folder / "truth.h5")
     assert float(measured["sigma"]) == pytest.approx(float(truth["noise"].mean()), rel=0.03)
     ends = [
@@ -136,11 +136,11 @@ def test_an_experiment_that_is_interrupted_leaves_an_empty_folder(
     case, settings, out = made[0] / "case.toml", made[0] / "settings.toml", tmp_path / "new" / "out"
     for _ in range(2):
         with pytest.raises(KeyboardInterrupt):
-            virtual(case, settings, out, 3, lambda line: None)
+            virtual(case, settings, out, 3)
         assert not list(out.iterdir())
 
 
 def test_a_folder_with_files_is_not_written_to(tmp_path: Path) -> None:
     write_case(closed_form.small_case(), tmp_path / "case.toml")
     with pytest.raises(InputError, match="--to: found something there, expected an empty or a new"):
-        virtual(tmp_path / "case.toml", None, tmp_path, 0, print)
+        virtual(tmp_path / "case.toml", None, tmp_path, 0)

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 
 from driver.case.model import load_case
-from driver.common.progress import silent
 from driver.forward import build
 from driver.results.files import ADVICE, DIAGNOSIS, RESULTS
 from driver.workflow import advise_stage, pipeline
@@ -32,9 +31,9 @@ def stiffer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StageContext]:
         closed_form.write_files(folder, {"elastic_scale": 1.2})
         path = folder / "case.toml"
         case = load_case(path)
-        run_stages(load_case(path), pipeline.stages(case), "identify", report=silent)
+        run_stages(load_case(path), pipeline.stages(case), "identify")
         results = folder / RESULTS
-        yield StageContext(case, results, results, silent, False)
+        yield StageContext(case, results, results, False)
 
 
 def answer(context: StageContext, name: str) -> dict[str, Any]:
@@ -65,14 +64,13 @@ def test_a_set_of_causes_comes_with_the_measurement_that_would_part_them(
 
 @pytest.mark.slow
 def test_advice_that_cannot_be_simulated_is_told_and_ends_nothing(
-    diagnosed: StageContext, monkeypatch: pytest.MonkeyPatch
+    diagnosed: StageContext, monkeypatch: pytest.MonkeyPatch, lines: list[str]
 ) -> None:
     def fails(*asked: object) -> None:
         raise SolverError("no step is short enough\nat t = 1 s")
 
     monkeypatch.setattr(advise_stage, "discriminating_changes", fails)
-    lines: list[str] = []
-    run_advise(replace(diagnosed, log=lines.append))
+    run_advise(diagnosed)
     advised = answer(diagnosed, ADVICE)
     assert advised["causes"] and not advised["changes"] and not advised["text"]
     assert "  not found out: no step is short enough" in lines
@@ -81,7 +79,7 @@ def test_advice_that_cannot_be_simulated_is_told_and_ends_nothing(
 @pytest.mark.slow
 @pytest.mark.parametrize("reason", ["absent", "prepared"])
 def test_a_program_on_another_machine_keeps_no_report_from_being_made(
-    diagnosed: StageContext, monkeypatch: pytest.MonkeyPatch, reason: str
+    diagnosed: StageContext, monkeypatch: pytest.MonkeyPatch, reason: str, lines: list[str]
 ) -> None:
     def absent(*asked: object) -> None:
         raise CommandMissingError(
@@ -89,8 +87,7 @@ def test_a_program_on_another_machine_keeps_no_report_from_being_made(
         )
 
     monkeypatch.setattr(advise_stage, "discriminating_changes", absent)
-    lines: list[str] = []
-    run_advise(replace(diagnosed, log=lines.append, prepare_only=reason == "prepared"))
+    run_advise(replace(diagnosed, prepare_only=reason == "prepared"))
     assert answer(diagnosed, ADVICE)["changes"] == []
     assert any(line.startswith("  not found out: ") for line in lines)
 
@@ -102,6 +99,6 @@ def test_where_no_set_is_left_no_change_is_simulated(
     sets = [["load_gain", "elastic_stiffness"]]
     (tmp_path / DIAGNOSIS).write_text(json.dumps({"verdict": verdict, "sets": sets}), "utf-8")
     monkeypatch.setattr(advise_stage, "discriminating_changes", None)
-    context = StageContext(closed_form.small_case(), tmp_path, tmp_path, silent)
+    context = StageContext(closed_form.small_case(), tmp_path, tmp_path)
     run_advise(context)
     assert answer(context, ADVICE) == {"causes": [], "changes": [], "text": ""}

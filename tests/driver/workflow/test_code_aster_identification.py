@@ -74,7 +74,9 @@ def write_history(folder: Path) -> None:
     path.write_text("time_s,stage_um,image,force_N\n" + "\n".join(rows) + "\n")
 
 
-def test_both_solvers_identify_the_same_from_the_same_loads(tmp_path: Path) -> None:
+def test_both_solvers_identify_the_same_from_the_same_loads(
+    tmp_path: Path, lines: list[str]
+) -> None:
     write_history(tmp_path)
     found = {}
     for solver in ("bundled", "code_aster"):
@@ -82,8 +84,8 @@ def test_both_solvers_identify_the_same_from_the_same_loads(tmp_path: Path) -> N
         folder.mkdir()
         shutil.copy(tmp_path / "history.csv", folder)
         write_case(case(solver), folder / "case.toml")
-        lines: list[str] = []
-        pipeline.run(folder / "case.toml", "identify", False, lines.append)
+        lines.clear()
+        pipeline.run(folder / "case.toml", "identify", False)
         results = read_hdf5(folder / "results" / "identify.h5")
         found[solver] = results["values"][-1], results["sigma"][-1], "\n".join(lines)
         assert load_case(folder / "case.toml").solver.name == solver

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from driver.case.model import CaseError, default_case, load_case, write_case
+from driver.common.progress import progress_to
 from driver.results.files import AbsentError
 from driver.results.stage_record import read_record
 from driver.workflow.engine import (
@@ -48,7 +49,8 @@ class Workshop:
     def run(self, **options: Any) -> list[str]:
         """The stages that did run."""
         self.runs.clear()
-        run_stages(load_case(self.case_path), self.stages, report=self.lines.append, **options)
+        with progress_to(self.lines.append):
+            run_stages(load_case(self.case_path), self.stages, **options)
         return list(self.runs)
 
     def edit(self, old: str, new: str) -> None:
@@ -117,7 +119,7 @@ def test_a_second_run_leaves_what_the_first_is_at_work_on(workshop: Workshop) ->
     def measure(context: StageContext) -> None:
         (context.workdir / "half.txt").write_text("half")
         with pytest.raises(BusyError, match="another run, process .* is at work on it"):
-            run_stages(load_case(workshop.case_path), workshop.stages, report=workshop.lines.append)
+            run_stages(load_case(workshop.case_path), workshop.stages)
         assert (context.workdir / "half.txt").is_file()
 
     workshop.stages[1] = replace(workshop.stages[1], run=measure)

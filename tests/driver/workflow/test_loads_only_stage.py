@@ -15,6 +15,7 @@ from driver.check import command as check_module
 from driver.check.command import check
 from driver.check.loads import stated_motion
 from driver.common.errors import InputError
+from driver.common.progress import progress_to
 from driver.experiment.reading import ExperimentError, history_of, read_experiment
 from driver.export.command import ExportError, export_case
 from driver.forward import build
@@ -60,7 +61,8 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     lines: list[str] = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build, "find_adapter", solver)
-        pipeline.run(path, None, False, lines.append)
+        with progress_to(lines.append):
+            pipeline.run(path, None, False)
     return path, "\n".join(lines)
 
 
@@ -111,7 +113,7 @@ def test_a_wrong_load_that_the_case_leaves_out_moves_nothing(
         path.read_text("utf-8").replace("left_out = []", f"left_out = [{wrong}]"), "utf-8"
     )
     monkeypatch.setattr(build, "find_adapter", solver)
-    pipeline.run(path, None, False, lambda line: None)
+    pipeline.run(path, None, False)
     mine, whole = (
         read_hdf5(case.parent / "results" / "identify.h5") for case in (path, finished[0])
     )
@@ -228,13 +230,9 @@ def test_loads_and_priors_that_leave_a_combination_open_are_refused(
     monkeypatch.setattr(build, "find_adapter", solver)
     path = write(tmp_path)
     case, results = load_case(path), path.parent / "results"
-    pipeline.run(path, "mesh", False, print)
-    problem = build_loads_problem(
-        StageContext(case, results, results, print), solver("", Profile())
-    )
+    pipeline.run(path, "mesh", False)
+    problem = build_loads_problem(StageContext(case, results, results), solver("", Profile()))
     held = {name: both for name, both in problem.objective.prior.items() if "lambda" not in name}
     open_ = replace(problem.objective, prior=held)
     with pytest.raises(InputError, match="lambda_plus_Z changes nothing that images and loads"):
-        identify_from_loads(
-            open_, problem.finer, problem.start, replace(problem.plan, most=3), print
-        )
+        identify_from_loads(open_, problem.finer, problem.start, replace(problem.plan, most=3))

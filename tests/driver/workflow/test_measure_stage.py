@@ -12,6 +12,7 @@ import tifffile
 
 from driver.case.model import load_case, write_case
 from driver.common.errors import InputError
+from driver.common.progress import progress_to
 from driver.experiment.images.region import Excluded
 from driver.results.files import MEASURE
 from driver.results.hdf5 import read_hdf5
@@ -35,7 +36,8 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, np.nda
     tifffile.imwrite(folder / "images.tif", frames)
     tifffile.imwrite(folder / "repeats.tif", repeats)
     lines: list[str] = []
-    run(folder / "case.toml", "measure", False, lines.append)
+    with progress_to(lines.append):
+        run(folder / "case.toml", "measure", False)
     return read_hdf5(folder / "results" / MEASURE), "\n".join(lines)
 
 
@@ -99,7 +101,8 @@ def measured_with(folder: Path, **keys: object) -> tuple[dict[str, np.ndarray], 
     frames[12, 10:14, 20:26] = np.nan
     tifffile.imwrite(folder / "images.tif", frames)
     lines: list[str] = []
-    run(folder / "case.toml", "measure", False, lines.append)
+    with progress_to(lines.append):
+        run(folder / "case.toml", "measure", False)
     return read_hdf5(folder / "results" / MEASURE), "\n".join(lines)
 
 
@@ -184,7 +187,8 @@ def spoilt(folder: Path, spoil: Callable[[np.ndarray], None]) -> tuple[dict[str,
     spoil(frames)
     tifffile.imwrite(folder / "images.tif", frames)
     lines: list[str] = []
-    run(folder / "case.toml", "measure", False, lines.append)
+    with progress_to(lines.append):
+        run(folder / "case.toml", "measure", False)
     return read_hdf5(folder / "results" / MEASURE), "\n".join(lines)
 
 

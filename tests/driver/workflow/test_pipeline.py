@@ -14,6 +14,7 @@ import pytest
 
 from driver.case.model import Case, CaseError, load_case, schema
 from driver.common.errors import InputError
+from driver.common.progress import progress_to
 from driver.forward import build
 from driver.parameters.boundary import LAMBDAS
 from driver.report.measured_figures import FIGURES
@@ -47,12 +48,12 @@ class Run:
     def __call__(self, until: str = "diagnose") -> list[str]:
         """The stages that were run."""
         self.lines.clear()
-        run_stages(
-            load_case(self.path),
-            pipeline.stages(load_case(self.path)),
-            until,
-            report=self.lines.append,
-        )
+        with progress_to(self.lines.append):
+            run_stages(
+                load_case(self.path),
+                pipeline.stages(load_case(self.path)),
+                until,
+            )
         return [line.split(":")[0] for line in self.lines if line.endswith(": started")]
 
     def edit(self, old: str, new: str) -> None:
@@ -115,7 +116,7 @@ def test_prepared_jobs_stop_the_run_and_a_later_run_goes_on(
     copied.edit('name = "bundled"', 'name = "elsewhere"')
     copied.edit("# [solver.profiles.code_aster]", "[solver.profiles.elsewhere]\nthreads = 3")
     with pytest.raises(PreparedError):
-        pipeline.run(copied.path, None, False, copied.lines.append, prepare_only=True)
+        pipeline.run(copied.path, None, False, prepare_only=True)
     assert len(asked) == 2 and asked[0] == asked[1]
     assert asked[0] == (Profile(threads=3, prepare_only=True), copied.results / "jobs")
     assert copied("identify") == ["identify"]
@@ -130,7 +131,7 @@ def test_how_a_program_is_called_makes_no_stage_stale(copied: Run) -> None:
 
 def test_the_bundled_solver_has_no_jobs_to_prepare(copied: Run) -> None:
     with pytest.raises(StageError, match='--prepare-only: found solver.name = "bundled"'):
-        pipeline.run(copied.path, None, False, copied.lines.append, prepare_only=True)
+        pipeline.run(copied.path, None, False, prepare_only=True)
     assert not (copied.results / "jobs").exists()
 
 
@@ -283,8 +284,7 @@ def test_the_extended_case_stands_by_itself(copied: Run) -> None:
     assert beside == schema()
     # It can be run: the cause is part of the model now, and nothing is wrong any more.
     again = copied.folder / "results" / "extended.toml"
-    lines: list[str] = []
-    run_stages(load_case(again), pipeline.stages(case), "diagnose", report=lines.append)
+    run_stages(load_case(again), pipeline.stages(case), "diagnose")
     record = json.loads((copied.results / "results" / "diagnosis.json").read_text("utf-8"))
     assert record["verdict"] == "nothing wrong"
     assert record["baseline"]["values"]["stretch_curvature"]["value"] == pytest.approx(
@@ -310,13 +310,13 @@ def test_a_changed_diagnosis_reruns_nothing_before_it(copied: Run) -> None:
     ],
 )  # fmt: skip
 def test_a_diagnosis_that_cannot_be_asked_for_is_one_sentence(
-    copied: Run, old: str, new: str, sentence: str
+    copied: Run, old: str, new: str, sentence: str, lines: list[str]
 ) -> None:
     copied.edit(old, new)
     with pytest.raises(CaseError) as error:
-        pipeline.run(copied.path, None, True, copied.lines.append)
+        pipeline.run(copied.path, None, True)
     assert str(error.value).startswith(f"{copied.path}: {sentence}")
-    assert not any("started" in line for line in copied.lines)
+    assert not any("started" in line for line in lines)
     # What was found before is still there.
     assert (copied.results / "diagnosis.json").is_file()
 
@@ -328,20 +328,20 @@ def test_a_lost_result_of_an_earlier_stage_is_made_again(copied: Run) -> None:
 
 def test_the_stages_are_known_by_name(copied: Run) -> None:
     with pytest.raises(StageError, match='found "fit", expected one of mesh, measure, identify'):
-        pipeline.run(copied.path, "fit", False, copied.lines.append)
+        pipeline.run(copied.path, "fit", False)
 
 
 def test_a_run_takes_the_case_and_its_threads_from_the_file(
-    copied: Run, monkeypatch: pytest.MonkeyPatch
+    copied: Run, monkeypatch: pytest.MonkeyPatch, lines: list[str]
 ) -> None:
     threads: list[int] = []
     monkeypatch.setattr(pipeline, "use_threads", threads.append)
     copied.edit("threads = 1", "threads = 3")
     copied.edit("processes = 1", "processes = 2")
-    pipeline.run(copied.path, "mesh", True, copied.lines.append)
-    assert copied.lines[0].startswith("all stages take about") and threads == [6]
-    assert copied.lines[1] == "mesh: started"
-    assert copied.lines[-1].startswith("mesh: finished in")
+    pipeline.run(copied.path, "mesh", True)
+    assert lines[0].startswith("all stages take about") and threads == [6]
+    assert lines[1] == "mesh: started"
+    assert lines[-1].startswith("mesh: finished in")
 
 
 # Which tables of the case each stage depends on, and with it all stages after it.

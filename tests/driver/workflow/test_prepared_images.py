@@ -7,7 +7,6 @@ import pytest
 
 from driver.case.model import Case, load_case
 from driver.common.errors import InputError
-from driver.common.progress import silent
 from driver.experiment.reading import Experiment, read_experiment
 from driver.forward import build
 from driver.results.files import RESULTS
@@ -36,13 +35,13 @@ def test_images_are_read_and_corrected_once_a_run(
 
     monkeypatch.setattr("driver.workflow.prepared_images.read_experiment", counted)
     case = load_case(path)
-    run_stages(case, stages(case), "identify", report=silent)
+    run_stages(case, stages(case), "identify")
     assert len(reads) == 1
 
 
 def test_files_that_changed_between_two_stages_of_a_run_end_it(path: Path) -> None:
     case, results = load_case(path), path.parent / RESULTS
-    context = StageContext(case, results, results, silent)
+    context = StageContext(case, results, results)
     first = prepared_images(context)
     assert prepared_images(context) is first
     history = case.path(case.history.file)

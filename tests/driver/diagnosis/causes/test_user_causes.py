@@ -170,16 +170,15 @@ def test_a_cause_of_the_files_can_be_asked_for_by_name(tmp_path: Path) -> None:
 
 
 def test_a_cause_of_neither_library_nor_files_is_refused_by_run_check_and_design(
-    tmp_path: Path,
+    tmp_path: Path, lines: list[str]
 ) -> None:
     path = asking(tmp_path, "twisted_grip", "magic")
     known = ", ".join((*NAMES, TWISTED.name))
     told = f'{path}: diagnosis.causes: found "magic", expected one of {known}'
-    lines: list[str] = []
     with pytest.raises(InputError) as of_run:
-        run(path, None, False, lines.append)
+        run(path, None, False)
     with pytest.raises(InputError) as of_design:
-        design(path, None, [], True, lines.append)
+        design(path, None, [], True)
     of_check = [finding for finding in check(path) if finding.subject == "causes"]
     assert str(of_run.value) == str(of_design.value) == told
     assert [(finding.level, finding.message) for finding in of_check] == [("error", told)]

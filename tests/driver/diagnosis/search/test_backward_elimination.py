@@ -7,7 +7,6 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from driver.common.progress import silent
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.search.backward_elimination import eliminate
 from driver.diagnosis.search.refit import with_prior
@@ -36,7 +35,7 @@ def with_all_causes(truth: tuple[float, ...]) -> tuple[Fit, Objective]:
     )
     for cause in CAUSES:
         objective = with_prior(objective, cause)
-    here = fit(objective, ZERO, ("a", "p", "q", "r"), 5, silent)
+    here = fit(objective, ZERO, ("a", "p", "q", "r"), 5)
     return here, objective
 
 
@@ -48,7 +47,7 @@ def test_what_later_causes_make_superfluous_goes_back_to_its_null(
     truth: tuple[float, ...], left: str
 ) -> None:
     here, objective = with_all_causes(truth)
-    after, objective_after, kept = eliminate(here, objective, CAUSES, FITTED, (), silent)
+    after, objective_after, kept = eliminate(here, objective, CAUSES, FITTED, ())
     assert "".join(cause.name for cause in kept) == left
     assert set(after.best.free) == {"a", *left} and set(objective_after.prior) == set(left)
     assert all(after.values[name] == 0.0 for name in "pqr" if name not in left)
@@ -64,7 +63,7 @@ def test_no_elimination_leads_back_to_a_model_to_which_evidence_has_added(
     by_name = {cause.name: cause for cause in CAUSES}
     models = [frozenset(by_name[name] for name in model) for model in surpassed]
     here, objective = with_all_causes((0.0, 0.0, 1.0))
-    _, _, kept = eliminate(here, objective, CAUSES, FITTED, models, silent)
+    _, _, kept = eliminate(here, objective, CAUSES, FITTED, models)
     assert len(kept) == left and kept[-1].name == "r"
 
 
@@ -88,8 +87,8 @@ def test_what_another_cause_needs_stays_free_and_a_flip_is_not_tested(needs_r: C
     ]
     for cause in causes:
         objective = cast(Any, with_prior(objective, cause))
-    here = fit(objective, ZERO, ("a", "p", "q", "r"), 5, silent)
-    after, _, kept = eliminate(here, objective, causes, FITTED, (), silent)
+    here = fit(objective, ZERO, ("a", "p", "q", "r"), 5)
+    after, _, kept = eliminate(here, objective, causes, FITTED, ())
     assert [cause.name for cause in kept] == ["flip", "q"]
     assert after.best.free == ("a", "q", "r") and after.values["r"] != 0.0
 
@@ -98,6 +97,6 @@ def test_a_companion_that_is_fitted_without_any_cause_stays_fitted() -> None:
     here, objective = with_all_causes((0.0, 1.0, 2.0))
     companion = Cause("p", "material", ("p",), "", "", companions=("r",))
     causes = [companion, CAUSES[1]]
-    after, objective_after, kept = eliminate(here, objective, causes, ("a", "r"), (), silent)
+    after, objective_after, kept = eliminate(here, objective, causes, ("a", "r"), ())
     assert kept == [CAUSES[1]] and after.best.free == ("a", "q", "r")
     assert after.values["r"] == pytest.approx(2.0, abs=0.5) and "r" in objective_after.prior

@@ -5,7 +5,6 @@ from functools import cache
 
 import pytest
 
-from driver.common.progress import silent
 from driver.diagnosis.search.baseline import Prepared, loads_taken_back, prepared
 from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
 from driver.diagnosis.search.refit import TOLERANCE
@@ -46,7 +45,7 @@ def begin(off: float = 0.0, stated: float = 1.0, free_chi: float = 1.0) -> Prepa
     wide = objective.compare(wide.prediction, wide.values, wide.free)
     fitted = replace(fitted, best=objective.restrict(wide, fitted.best.free))
     settings = replace(SETTINGS, free_chi=free_chi)
-    return prepared(fitted, objective, wide, causes, settings, silent)
+    return prepared(fitted, objective, wide, causes, settings)
 
 
 def test_a_baseline_that_is_near_enough_keeps_the_sensitivities_that_are_known() -> None:
@@ -84,7 +83,7 @@ def test_images_that_free_correlation_cannot_follow_count_by_what_it_leaves() ->
 
 def test_without_the_answers_to_a_noise_of_the_boundary_no_load_is_taken_back() -> None:
     found = begin(OFF)
-    assert loads_taken_back(found, BoundaryNoiseSensitivities(None, None), (), (), silent) is found
+    assert loads_taken_back(found, BoundaryNoiseSensitivities(None, None), (), ()) is found
 
 
 def test_what_is_prepared_is_fitted_to_first_order() -> None:

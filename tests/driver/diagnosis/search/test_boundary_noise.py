@@ -8,7 +8,6 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from driver.common.progress import Log, silent
 from driver.diagnosis.answer.result_types import Diagnosis, Refit
 from driver.diagnosis.causes.all_causes import NAMES
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE, SIGMA_E
@@ -235,8 +234,8 @@ def test_noise_and_a_slow_error_come_out_as_two() -> None:
 
 
 def test_a_suspected_noise_that_is_not_worth_adding_leaves_the_round_to_the_causes() -> None:
-    def worthless(stops: BoundaryJitter, at: Evaluation, objective: Objective, log: Log) -> Refit:
-        return replace(refit_boundary_noise(stops, at, objective, log), log_evidence=0.9)
+    def worthless(stops: BoundaryJitter, at: Evaluation, objective: Objective) -> Refit:
+        return replace(refit_boundary_noise(stops, at, objective), log_evidence=0.9)
 
     with patch.object(one_round, "refit_boundary_noise", worthless):
         found = diagnosis_of(BENCH, baseline(NOISE, "tilt_drift", 2e-3), SETTINGS)
@@ -249,22 +248,22 @@ def test_a_suspected_noise_that_is_not_worth_adding_leaves_the_round_to_the_caus
 def test_a_noise_that_the_data_do_without_is_taken_back() -> None:
     objective, fitted = baseline(NOISE)
     stops = boundary_jitter(objective.model, objective.data.image, fitted.values, SIGMA_E.scale)
-    found = refit_boundary_noise(stops, fitted.best, objective, silent)
-    kept, levels = level_again(found.fit.best, found.objective, found.levels, silent)
+    found = refit_boundary_noise(stops, fitted.best, objective)
+    kept, levels = level_again(found.fit.best, found.objective, found.levels)
     assert kept.data.jitter is not None
     assert levels["sigma_e"][0] == pytest.approx(found.levels["sigma_e"][0], rel=0.05)
     # The same assumed of data that have none.
     quiet, at = baseline(0.0)
     assumed = replace(quiet, data=replace(quiet.data, jitter=found.objective.data.jitter))
     best = assumed.complete(at.best, at.best.free)
-    bare, none = level_again(best, assumed, found.levels, silent)
+    bare, none = level_again(best, assumed, found.levels)
     assert bare.data.jitter is None and not none
 
 
 def test_it_is_not_examined_where_it_is_stated_unwanted_or_beyond_the_solver() -> None:
     objective, fitted = baseline(NOISE)
     stated_noise = objective.data.load_noise
-    data = with_load_noise(objective.data, fitted.best, silent)
+    data = with_load_noise(objective.data, fitted.best)
     objective = replace(objective, data=data)
 
     def why(one: Objective) -> str:
@@ -275,7 +274,7 @@ def test_it_is_not_examined_where_it_is_stated_unwanted_or_beyond_the_solver() -
     stated = boundary_jitter(BENCH.model, data.image, fitted.values, NOISE)
     assert "jitter_nm" in why(replace(objective, data=replace(data, jitter=stated)))
     by_differences = FiniteDifferences(objective.model.adapter)
-    for adapter in (by_differences, ProgressAdapter(by_differences, silent)):
+    for adapter in (by_differences, ProgressAdapter(by_differences)):
         beyond = replace(objective.model, adapter=adapter)
         assert "the solver has none" in why(replace(objective, model=beyond))
     assert "no loads" in why(replace(objective, data=data.images_alone()))

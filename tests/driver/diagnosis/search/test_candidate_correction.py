@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.common.progress import silent
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.candidate_correction import REACH, with_candidate_corrections
 from driver.diagnosis.search.fine_models import FineModels
@@ -64,7 +63,7 @@ def refitted() -> tuple[Fit, list[Refit]]:
         score(cause, np.array([rows[n] for n in cause.parameters]), baseline.best, len(causes))
         for cause in causes
     ]
-    refits = refit_causes(scores, screening, baseline.best, objective, Executor(1, 1, silent))
+    refits = refit_causes(scores, screening, baseline.best, objective, Executor(1, 1))
     return baseline, sorted(refits, key=lambda refit: -refit.log_evidence)
 
 
@@ -75,7 +74,7 @@ def names_of(refits: list[Refit]) -> list[str]:
 def test_what_the_working_mesh_gets_wrong_at_a_cause_no_longer_speaks_against_it() -> None:
     baseline, before = refitted()
     assert names_of(before) == [RIVAL, TRUE]
-    executor = Executor(1, 1, silent)
+    executor = Executor(1, 1)
     after = with_candidate_corrections(before, baseline.best, FineModels(finer(BENCH)), executor)
     assert names_of(after) == [TRUE, RIVAL]
     assert after[0].log_evidence > before[1].log_evidence + 10
@@ -83,11 +82,12 @@ def test_what_the_working_mesh_gets_wrong_at_a_cause_no_longer_speaks_against_it
     assert after[1].log_evidence == pytest.approx(before[0].log_evidence, abs=0.2)
 
 
-def test_a_refit_that_cannot_be_simulated_finer_stays_and_the_log_says_so() -> None:
+def test_a_refit_that_cannot_be_simulated_finer_stays_and_the_log_says_so(
+    lines: list[str],
+) -> None:
     baseline, before = refitted()
-    lines: list[str] = []
     never = failing(SolverError("no step is short enough\nstep 3"))
-    after = with_candidate_corrections(before, baseline.best, never, Executor(1, 1, lines.append))
+    after = with_candidate_corrections(before, baseline.best, never, Executor(1, 1))
     assert after == before
     assert lines[1:] == [
         f"  {refit.cause.name}: log evidence {refit.log_evidence:+.1f} as it was, for it cannot be "
@@ -100,7 +100,7 @@ def test_a_refit_that_cannot_be_simulated_finer_stays_and_the_log_says_so() -> N
 def test_a_finer_simulation_that_was_not_run_is_not_done_without(error: SolverError) -> None:
     baseline, before = refitted()
     with pytest.raises(type(error)):
-        with_candidate_corrections(before, baseline.best, failing(error), Executor(1, 1, silent))
+        with_candidate_corrections(before, baseline.best, failing(error), Executor(1, 1))
 
 
 @pytest.mark.parametrize("error", [NotRunError("absent"), JobError("bar", Status.KILLED)], ids=str)
@@ -108,22 +108,24 @@ def test_another_mesh_that_was_not_run_is_not_done_without(error: SolverError) -
     baseline, _ = refitted()
     meshes = FineModels(finer(BENCH), lambda: failing(error).one)
     with pytest.raises(type(error)):
-        meshes.corrections(BENCH.model, baseline, True, silent)
+        meshes.corrections(BENCH.model, baseline, True)
 
 
-def test_another_mesh_that_cannot_be_simulated_is_done_without_and_the_log_says_so() -> None:
+def test_another_mesh_that_cannot_be_simulated_is_done_without_and_the_log_says_so(
+    lines: list[str],
+) -> None:
     baseline, _ = refitted()
-    lines: list[str] = []
     meshes = FineModels(finer(BENCH), lambda: failing(SolverError("no step")).one)
-    _, between = meshes.corrections(BENCH.model, baseline, True, lines.append)
+    _, between = meshes.corrections(BENCH.model, baseline, True)
     assert between is None and "  one mesh has to do: no step" in lines
 
 
-def test_one_that_leads_alone_is_not_simulated() -> None:
+def test_one_that_leads_alone_is_not_simulated(
+    lines: list[str],
+) -> None:
     baseline, (first, second) = refitted()
     far = replace(second, log_evidence=first.log_evidence - REACH - 0.1)
-    lines: list[str] = []
     never = failing(AssertionError())
-    executor = Executor(1, 1, lines.append)
+    executor = Executor(1, 1)
     assert with_candidate_corrections([first, far], baseline.best, never, executor) == [first, far]
     assert with_candidate_corrections([], baseline.best, never, executor) == [] and not lines

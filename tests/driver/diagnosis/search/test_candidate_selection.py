@@ -6,7 +6,6 @@ from unittest.mock import patch
 
 import numpy as np
 
-from driver.common.progress import silent
 from driver.diagnosis.search import candidate_selection
 from driver.diagnosis.search.candidate_selection import LARGE, refits_of_likely, to_refit
 from driver.diagnosis.search.refit import Executor
@@ -48,7 +47,7 @@ def test_a_significant_cause_without_evidence_opens_the_door_for_no_other() -> N
     assert to_refit([best, near, odd], 5) == [odd]
 
 
-CREW = Executor(1, 1, silent)
+CREW = Executor(1, 1)
 
 
 def test_from_a_baseline_that_is_lost_no_refit_begins() -> None:

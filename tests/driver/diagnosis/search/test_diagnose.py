@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.common.progress import silent
 from driver.diagnosis.answer.detection_limits import not_seen
 from driver.diagnosis.answer.result_types import Diagnosis, Settings
 from driver.diagnosis.causes.all_causes import EVERY
@@ -283,7 +282,7 @@ def test_a_drift_that_is_fitted_is_no_knot_of_the_held_out_cycle() -> None:
     objective, baseline = identified(BENCH, made)
     objective = replace(objective, prior={**objective.prior, "tilt_drift": (0.0, 1.0)})
     free = ("tilt_drift", *baseline.best.free)
-    fitted = fit(objective, baseline.values, free, 8, silent)
+    fitted = fit(objective, baseline.values, free, 8)
     found = diagnosis_of(BENCH, (objective, fitted), replace(SETTINGS, held_out=1))
     assert found.verdict.kind == "nothing wrong" and found.held_out is not None
     assert found.held_out[0].chi_image < 1.5

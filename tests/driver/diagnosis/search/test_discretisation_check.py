@@ -5,7 +5,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from driver.common.progress import silent
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.search.discretisation_check import gate
 from driver.identification.fit import Fit
@@ -26,7 +25,7 @@ def baseline() -> tuple[Objective, Fit]:
 def change(times: float) -> Correction:
     """So many times what other steps change."""
     here = baseline()[1]
-    one = correction(BENCH.model, OTHER_STEPS, here.best.prediction, here.values, silent)
+    one = correction(BENCH.model, OTHER_STEPS, here.best.prediction, here.values)
     return Correction(times * np.asarray(one.motion), times * np.asarray(one.load))
 
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from driver.common.progress import silent
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.extension import Extension, extended
 from driver.diagnosis.search.fine_models import FineModels
@@ -30,7 +29,7 @@ def refitted(objective: Objective, baseline: Fit, name: str = CAUSE) -> Refit:
     (cause,) = causes
     rows = [wide.free.index(name) for name in cause.parameters]
     one = score(cause, wide.jacobian[rows], objective.restrict(wide, baseline.best.free), 1)
-    (found,) = refit_causes([one], wide, baseline.best, objective, Executor(1, 1, silent))
+    (found,) = refit_causes([one], wide, baseline.best, objective, Executor(1, 1))
     return found
 
 
@@ -48,7 +47,7 @@ def extension(off: float) -> tuple[Fit, Extension]:
     begin = Extension(
         baseline, objective, FineModels(finer(BENCH)), (), {}, 0.0, baseline.best.free, ()
     )
-    return baseline, extended(begin, refitted(objective, baseline), SETTINGS, silent)
+    return baseline, extended(begin, refitted(objective, baseline), SETTINGS)
 
 
 def test_a_load_that_was_left_out_and_that_the_extended_model_explains_is_taken_back() -> None:
@@ -82,7 +81,7 @@ def test_the_extended_model_has_its_own_correction_its_own_noise_and_a_fit_that_
 
 @pytest.mark.parametrize(("factor", "times"), [(1.0, 1), (2.0, 2)])
 def test_a_model_far_from_where_its_correction_was_taken_is_corrected_once_more(
-    factor: float, times: int
+    factor: float, times: int, lines: list[str]
 ) -> None:
     """Where τ0 is twice what it is the loads are twice as large, and so is what mesh errs by."""
     made = closed_form.objective(BENCH, BENCH.truth | HIDDEN)
@@ -93,8 +92,7 @@ def test_a_model_far_from_where_its_correction_was_taken_is_corrected_once_more(
     winner = replace(winner, fit=replace(winner.fit, best=at))
     meshes = FineModels(finer(BENCH))
     begin = Extension(baseline, objective, meshes, (), {}, 0.0, baseline.best.free, ())
-    lines: list[str] = []
-    found = extended(begin, winner, SETTINGS, lines.append)
+    found = extended(begin, winner, SETTINGS)
     assert lines.count("finer mesh and steps at the extended model") == times
     assert found.fit.converged
     model, end = found.objective.model, found.fit.values

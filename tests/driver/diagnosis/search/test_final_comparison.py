@@ -6,7 +6,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from driver.common.progress import silent
 from driver.diagnosis.causes.causes import LIBRARY, Cause
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.search.final_comparison import Final, final_fits
@@ -36,7 +35,7 @@ def extended() -> tuple[Fit, Objective]:
     data = replace(objective.data, load_noise=2 * objective.data.load_noise)
     louder = replace(objective, data=data)
     free = (*here.best.free, *CURVED.parameters)
-    return fit(louder, here.values, free, 12, silent), louder
+    return fit(louder, here.values, free, 12), louder
 
 
 def ends(last: tuple[Fit, Objective], *causes: Cause) -> Final:
@@ -46,7 +45,7 @@ def ends(last: tuple[Fit, Objective], *causes: Cause) -> Final:
 def test_before_and_after_are_compared_under_the_covariance_of_the_end() -> None:
     here, objective = baseline()
     found = ends(extended(), CURVED)
-    again = fit(extended()[1], here.values, here.best.free, 12, silent)
+    again = fit(extended()[1], here.values, here.best.free, 12)
     assert found.before.cost == pytest.approx(again.best.cost, rel=1e-3)
     assert found.before.cost < 0.95 * here.best.cost  # twice the noise, fewer σ²
     assert found.uncounted is found.before
@@ -71,7 +70,7 @@ def test_what_a_noise_of_the_boundary_explains_is_an_excess_where_it_is_not_coun
     here, objective = baseline()
     jitter = boundary_jitter(objective.model, objective.data.image, here.values, 1e-3)
     noisy = replace(objective, data=replace(objective.data, jitter=jitter))
-    last = fit(noisy, here.values, here.best.free, 12, silent)
+    last = fit(noisy, here.values, here.best.free, 12)
     found = ends((last, noisy), BOUNDARY_NOISE)
     assert found.uncounted.cost > found.before.cost + 10
     assert found.uncounted.cost == pytest.approx(here.best.cost, rel=1e-3)

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from driver.common.progress import silent
 from driver.diagnosis.causes.ebsd_flips import FLIPS
 from driver.diagnosis.search.fine_models import FineModels
 from driver.forward.model import ForwardModel
@@ -33,7 +32,7 @@ def raising(error: Exception) -> Callable[[], ForwardModel]:
 
 
 def test_two_meshes_give_the_difference_of_the_first_and_half_of_what_the_other_adds() -> None:
-    first, half = FineModels(ONE, lambda: ANOTHER).corrections(BENCH.model, here(), True, silent)
+    first, half = FineModels(ONE, lambda: ANOTHER).corrections(BENCH.model, here(), True)
     working, one, other = (m.predict(here().values) for m in (BENCH.model, ONE, ANOTHER))
     assert half is not None
     assert first.motion == pytest.approx(one.motion - working.motion, abs=1e-12)
@@ -48,21 +47,22 @@ def test_two_meshes_give_the_difference_of_the_first_and_half_of_what_the_other_
 
 def test_the_other_mesh_is_made_where_it_is_asked_for_alone() -> None:
     unwanted = FineModels(ONE, raising(AssertionError("was made")))
-    assert unwanted.corrections(BENCH.model, here(), False, silent)[1] is None
-    assert FineModels(ONE).corrections(BENCH.model, here(), True, silent)[1] is None
+    assert unwanted.corrections(BENCH.model, here(), False)[1] is None
+    assert FineModels(ONE).corrections(BENCH.model, here(), True)[1] is None
 
 
-def test_where_the_other_mesh_cannot_be_simulated_one_has_to_do_and_that_is_told() -> None:
-    lines: list[str] = []
+def test_where_the_other_mesh_cannot_be_simulated_one_has_to_do_and_that_is_told(
+    lines: list[str],
+) -> None:
     meshes = FineModels(ONE, raising(SolverError("no step is short enough\nin 7 tries")))
-    assert meshes.corrections(BENCH.model, here(), True, lines.append)[1] is None
+    assert meshes.corrections(BENCH.model, here(), True)[1] is None
     assert lines[-1] == "  one mesh has to do: no step is short enough"
 
 
 def test_a_job_that_was_only_prepared_is_not_done_without() -> None:
     with pytest.raises(PreparedError):
         FineModels(ONE, raising(PreparedError([Path("key")]))).corrections(
-            BENCH.model, here(), True, silent
+            BENCH.model, here(), True
         )
 
 

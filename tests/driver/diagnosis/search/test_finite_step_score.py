@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from driver.common.progress import Log, silent
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import LIBRARY
 from driver.diagnosis.search import finite_step_score
@@ -86,8 +85,8 @@ def examined(truth: float, solver: type[Bent] = Bent, seed: int = 0) -> Examined
     return Examined(scores, fitted, objective)
 
 
-def look(at: Examined, log: Log = silent, accepted: bool = True) -> FiniteStepScores:
-    return finite_step_scores(at.scores, at.fit, at.objective, 1.0, accepted, Executor(1, 1, log))
+def look(at: Examined, accepted: bool = True) -> FiniteStepScores:
+    return finite_step_scores(at.scores, at.fit, at.objective, 1.0, accepted, Executor(1, 1))
 
 
 def with_scores(at: Examined, *changed: Score) -> Examined:
@@ -185,13 +184,12 @@ def test_a_bent_cause_that_its_derivative_shows_is_looked_at_unless_it_leads(
 
 
 def test_a_cause_that_hides_and_is_seen_from_afar_has_the_others_looked_at(
-    hidden: Examined,
+    hidden: Examined, lines: list[str]
 ) -> None:
     bowed = next(cause for cause in LIBRARY if cause.name == "boundary_bow")
     other = replace(_of(hidden.scores, "cold_work"), cause=replace(bowed, parameters=("x0",)))
-    told: list[str] = []
-    look(with_scores(hidden, other), told.append)
-    assert [line for line in told if line.startswith("looking")] == [
+    look(with_scores(hidden, other))
+    assert [line for line in lines if line.startswith("looking")] == [
         "looking from afar at non_schmid", "looking from afar at boundary_bow",
     ]  # fmt: skip
 
@@ -245,7 +243,7 @@ def test_looks_side_by_side_see_what_looks_one_after_the_other_see(hidden: Exami
     twin = replace(near, cause=replace(near.cause, name="twin"))
     at = with_scores(hidden, twin)
     one, two = (
-        finite_step_scores(at.scores, at.fit, at.objective, 1.0, True, Executor(n, 1, silent))
+        finite_step_scores(at.scores, at.fit, at.objective, 1.0, True, Executor(n, 1))
         for n in (1, 2)
     )
     assert [s.log_evidence for s in two.scores] == [s.log_evidence for s in one.scores]
@@ -274,10 +272,11 @@ def test_a_model_that_is_right_gets_nothing_from_afar(seed: int) -> None:
     assert not found.refits
 
 
-def test_a_side_that_cannot_be_simulated_is_told_and_the_other_is_looked_at() -> None:
-    told: list[str] = []
-    found = look(examined(-TRUTH, Brittle), told.append)
-    assert "  a1 = 0.3 cannot be simulated (no solution)" in told
+def test_a_side_that_cannot_be_simulated_is_told_and_the_other_is_looked_at(
+    lines: list[str],
+) -> None:
+    found = look(examined(-TRUTH, Brittle))
+    assert "  a1 = 0.3 cannot be simulated (no solution)" in lines
     assert _of(found.scores, "non_schmid").p < NAMING_LEVEL
 
 
@@ -307,7 +306,6 @@ def test_a_round_names_what_only_a_look_from_afar_shows(hidden: Examined) -> Non
         BoundaryNoiseSensitivities(None),
         None,
         meshes,
-        silent,
     )
     assert found.winner is not None and found.winner.cause.name == "non_schmid"
     assert found.winner.fit.values["a1"] == pytest.approx(TRUTH, abs=0.04)

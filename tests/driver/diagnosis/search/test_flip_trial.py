@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from driver.common.progress import silent
 from driver.diagnosis.causes.ebsd_flips import FLIPS
 from driver.diagnosis.search.flip_trial import try_flips
 from driver.diagnosis.search.refit import Executor
@@ -48,14 +47,14 @@ def test_a_flip_that_was_not_run_ends_the_trial(error: SolverError) -> None:
     objective, baseline = identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
     there = replace(objective, model=replace(objective.model, adapter=AsMeasured(error)))
     with pytest.raises(type(error)):
-        try_flips(FLIPS, baseline.best, there, Executor(1, 1, silent), np.inf)
+        try_flips(FLIPS, baseline.best, there, Executor(1, 1), np.inf)
 
 
 def test_flips_that_cannot_be_simulated_are_told_as_not_examined() -> None:
     objective, baseline = identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
     never = AsMeasured(SolverError("no step is short enough\nat t = 1 s"))
     there = replace(objective, model=replace(objective.model, adapter=never))
-    found = try_flips(FLIPS, baseline.best, there, Executor(1, 1, silent), np.inf)
+    found = try_flips(FLIPS, baseline.best, there, Executor(1, 1), np.inf)
     assert not found.scores and not found.refits
     assert [(one.cause, one.why) for one in found.untried] == [
         (flip.name, "it cannot be simulated (no step is short enough)") for flip in FLIPS

@@ -6,7 +6,6 @@ from unittest.mock import patch
 
 import pytest
 
-from driver.common.progress import Log
 from driver.diagnosis.answer.result_types import Diagnosis, DiscretisationCheck, Refit, Settings
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.search import forward_selection
@@ -33,17 +32,17 @@ def misled(
 
     def examined(
         here: Fit, objective: Objective, added: Sequence[Cause], settings: Settings,
-        stops: BoundaryNoiseSensitivities, wide: Evaluation | None, finer: FineModels, log: Log,
+        stops: BoundaryNoiseSensitivities, wide: Evaluation | None, finer: FineModels,
     ) -> Round:  # fmt: skip
         if added:
-            seen = at_first_sight(here, objective, settings, stops, log)
+            seen = at_first_sight(here, objective, settings, stops)
             return Round(replace(seen, lost=lost), None, here, objective)
-        found = examine(here, objective, added, settings, stops, wide, finer, log)
+        found = examine(here, objective, added, settings, stops, wide, finer)
         _, names = screened(objective.model, here.best.free, settings.wanted)
         screening = objective.evaluate(here.values, names)
         by_name = {score.cause.name: score for score in found.step.scores}
         chosen = [by_name[name] for name in refitted]
-        refits = refit_causes(chosen, screening, here.best, objective, Executor(1, 1, log))
+        refits = refit_causes(chosen, screening, here.best, objective, Executor(1, 1))
         # As near to the best as causes are that evidence does not part.
         refits = [replace(refit, log_evidence=20.0 - k) for k, refit in enumerate(refits)]
         return replace(
@@ -97,10 +96,10 @@ def test_what_another_mesh_takes_away_asks_for_no_other_cause() -> None:
 
 
 def without_the_rival(error: SolverError) -> Diagnosis:
-    def failing(before: Extension, winner: Refit, settings: Settings, log: Log) -> Extension:
+    def failing(before: Extension, winner: Refit, settings: Settings) -> Extension:
         if winner.cause.name == OTHER:
             raise error
-        return extended(before, winner, settings, log)
+        return extended(before, winner, settings)
 
     with patch.object(forward_selection, "extended", failing):
         return diagnosed((WRONG, OTHER), (WRONG, OTHER))
@@ -116,13 +115,13 @@ def test_a_rival_that_cannot_be_simulated_takes_nothing_away() -> None:
     assert found.steps[0].named == (WRONG, OTHER)
 
 
-def unless(*failing: str) -> Callable[[Extension, Refit, Settings, Log], Extension]:
+def unless(*failing: str) -> Callable[[Extension, Refit, Settings], Extension]:
     """`extended` where the finer meshes cannot simulate some causes."""
 
-    def tried(before: Extension, winner: Refit, settings: Settings, log: Log) -> Extension:
+    def tried(before: Extension, winner: Refit, settings: Settings) -> Extension:
         if winner.cause.name in failing:
             raise SolverError("a cell is inside out\nmore of it")
-        return extended(before, winner, settings, log)
+        return extended(before, winner, settings)
 
     return tried
 
@@ -158,11 +157,11 @@ def test_a_cause_that_is_added_after_all_is_not_told_to_be_missing() -> None:
     baseline = identified(BENCH, made)
     tries: list[str] = []
 
-    def at_first(before: Extension, winner: Refit, settings: Settings, log: Log) -> Extension:
+    def at_first(before: Extension, winner: Refit, settings: Settings) -> Extension:
         tries.append(winner.cause.name)
         if len(tries) == 1:
             raise SolverError("no step is short enough")
-        return extended(before, winner, settings, log)
+        return extended(before, winner, settings)
 
     with patch.object(forward_selection, "extended", at_first):
         found = diagnosis_of(BENCH, baseline, settings)

@@ -40,7 +40,7 @@ def task(drift: float, stiff: float) -> HeldOutTask:
     load = objective.data.load + drift * (b.history.cycle == 2)
     objective = replace(objective, data=replace(objective.data, load=load))
     free = ("tau0", *NAMES)
-    start = fit(objective, b.truth, free, 5, lambda line: None)
+    start = fit(objective, b.truth, free, 5)
     knots = knots_of_cycle(b.history.cycle, knot_weights(b.history), 2, NAMES)
     return HeldOutTask(objective, start, 2, b.history.cycle, knots)
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.common.progress import silent
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.noise_continuation import refit_by_noise_continuation
 from driver.diagnosis.search.refit import Executor, refit_causes
@@ -17,7 +16,7 @@ from tools.closed_form_diagnosis import large_effect
 FloatArray = NDArray[np.float64]
 
 BENCH = closed_form.problem()
-CREW = Executor(1, 1, silent)
+CREW = Executor(1, 1)
 
 
 def best_of(refits: list[Refit]) -> Refit:
@@ -32,14 +31,13 @@ def best_of(refits: list[Refit]) -> Refit:
     ],
 )
 def test_a_large_effect_is_found_and_measured_where_refits_from_the_baseline_are_far_from_done(
-    cause: str, name: str, value: float
+    cause: str, name: str, value: float, lines: list[str]
 ) -> None:
     objective, baseline, wide, tried = large_effect(name, value)
     assert baseline.best.chi_load > 50
     near = best_of(refit_causes(tried[:5], wide, baseline.best, objective, CREW))
     assert near.fit.best.chi_load > 3
-    lines: list[str] = []
-    executor = Executor(1, 1, lines.append)
+    executor = Executor(1, 1)
     found = best_of(
         refit_by_noise_continuation(tried, wide.free, baseline.best, objective, 5, executor)
     )
@@ -56,7 +54,9 @@ def test_what_gains_less_than_half_of_the_best_below_soft_loads_is_not_followed_
     assert [refit.cause.name for refit in refits] == ["stretch_not_proportional"]
 
 
-def test_where_the_nominal_model_cannot_be_simulated_the_baseline_is_begun_with() -> None:
+def test_where_the_nominal_model_cannot_be_simulated_the_baseline_is_begun_with(
+    lines: list[str],
+) -> None:
     objective, baseline, wide, tried = large_effect("stretch_curvature", 0.5)
     refused = [SolverError("no step is short enough\nat t = 1 s")]
 
@@ -69,8 +69,7 @@ def test_where_the_nominal_model_cannot_be_simulated_the_baseline_is_begun_with(
             return super().answer(simulation)
 
     shy = replace(objective, model=replace(objective.model, adapter=Refusing()))
-    lines: list[str] = []
-    executor = Executor(1, 1, lines.append)
+    executor = Executor(1, 1)
     found = best_of(refit_by_noise_continuation(tried, wide.free, baseline.best, shy, 5, executor))
     assert "  not from the nominal model (no step is short enough)" in lines
     assert found.cause.name == "stretch_not_proportional" and found.fit.best.chi_load < 1.3

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.common.progress import silent
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.search.refit import (
     Executor,
@@ -64,7 +63,7 @@ def test_a_large_effect_is_not_drawn_towards_its_null() -> None:
     cause = Cause("x", "material", ("Q",), "", "")
 
     def found(with_: Objective) -> float:
-        return fit(with_, {"Q": 0.0}, ("Q",), 9, lambda line: None, tolerance=1e-9).values["Q"]
+        return fit(with_, {"Q": 0.0}, ("Q",), 9, tolerance=1e-9).values["Q"]
 
     first = found(objective)
     assert first == pytest.approx(90.0)
@@ -93,20 +92,21 @@ def two_valleys() -> tuple[Objective, Score]:
 
 def test_a_fit_that_stalls_by_its_null_is_found_from_afar() -> None:
     objective, scored = two_valleys()
-    baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5, lambda line: None).best
+    baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5).best
     screening = objective.evaluate(baseline.values, ("a", "x"))
-    (near,) = refit_causes([scored], screening, baseline, objective, Executor(1, 1, silent))
-    far = refit_from_afar([scored], baseline, objective, Executor(1, 1, silent), np.inf)
+    (near,) = refit_causes([scored], screening, baseline, objective, Executor(1, 1))
+    far = refit_from_afar([scored], baseline, objective, Executor(1, 1), np.inf)
     best = min(far, key=lambda refit: refit.fit.best.cost)
     assert near.fit.best.cost > 300 and best.fit.best.cost < 25
     assert best.fit.values["x"] == pytest.approx(0.3, abs=0.02)
 
 
-def test_a_start_whose_first_step_promises_too_little_is_given_up() -> None:
+def test_a_start_whose_first_step_promises_too_little_is_given_up(
+    lines: list[str],
+) -> None:
     objective, scored = two_valleys()
-    baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5, lambda line: None).best
-    lines: list[str] = []
-    assert refit_from_afar([scored], baseline, objective, Executor(1, 1, lines.append), -1.0) == []
+    baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5).best
+    assert refit_from_afar([scored], baseline, objective, Executor(1, 1), -1.0) == []
     assert len(lines) == 4 and all("promises too little" in line for line in lines)
 
 
@@ -117,7 +117,7 @@ def where_nothing_answers(error: Exception) -> list[Start]:
         raise error
 
     objective, scored = two_valleys()
-    baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5, silent).best
+    baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5).best
     beyond = formula(never, np.zeros(2), list(objective.parameters.values()))
     return [Start(scored.cause, beyond, {"a": 0.0, "x": 0.3}, None, baseline, np.inf, 5)]
 
@@ -126,13 +126,14 @@ def where_nothing_answers(error: Exception) -> list[Start]:
 def test_a_start_that_was_not_run_ends_the_refits(error: SolverError) -> None:
     """It was told as given up, and the answer was made without it."""
     with pytest.raises(type(error)):
-        refit_from(where_nothing_answers(error), Executor(1, 1, silent))
+        refit_from(where_nothing_answers(error), Executor(1, 1))
 
 
-def test_a_start_that_cannot_be_simulated_is_given_up_and_told() -> None:
-    lines: list[str] = []
+def test_a_start_that_cannot_be_simulated_is_given_up_and_told(
+    lines: list[str],
+) -> None:
     starts = where_nothing_answers(SolverError("no step is short enough\nat t = 1 s"))
-    assert refit_from(starts, Executor(1, 1, lines.append)) == []
+    assert refit_from(starts, Executor(1, 1)) == []
     told = "a start is given up, for it cannot be simulated (no step is short enough)"
     assert lines == [f"  x: {told}"]
 
@@ -142,7 +143,7 @@ def test_a_companion_that_is_free_already_is_freed_once() -> None:
     measured = A.T @ [0.5, 0.1, 0.6, 0.0] + RNG.standard_normal(50)
     prior = {"b": (0.2, 0.4)}
     bare = formula(lambda p: (p @ A, A), measured, PARAMETERS, prior)
-    baseline = fit(bare, ZERO, ("a", "b"), 3, silent, tolerance=1e-9).best
+    baseline = fit(bare, ZERO, ("a", "b"), 3, tolerance=1e-9).best
     objective = replace(
         formula(lambda p: (p @ A, A), measured, PARAMETERS, prior),
         model=cast(Any, SimpleNamespace(null_values=lambda: ZERO | {"b": 0.2})),
@@ -152,7 +153,7 @@ def test_a_companion_that_is_free_already_is_freed_once() -> None:
     for companions in ((), ("b",)):
         cause = Cause("x", "material", ("Q",), "", "", companions)
         scored = score(cause, screening.jacobian[2:], baseline, 1)
-        (refit,) = refit_causes([scored], screening, baseline, objective, Executor(1, 1, silent))
+        (refit,) = refit_causes([scored], screening, baseline, objective, Executor(1, 1))
         assert refit.fit.best.free == ("a", "b", "Q")
         evidence.append(refit.log_evidence)
     assert evidence[0] == pytest.approx(evidence[1], abs=1e-9)
@@ -160,11 +161,11 @@ def test_a_companion_that_is_free_already_is_freed_once() -> None:
 
 def test_prior_odds_count_in_the_evidence() -> None:
     objective, scored = two_valleys()
-    baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5, lambda line: None).best
+    baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5).best
     screening = objective.evaluate(baseline.values, ("a", "x"))
     unlikely: Any = SimpleNamespace(cause=replace(scored.cause, odds=0.01))
     (even,), (odd,) = (
-        refit_causes([one], screening, baseline, objective, Executor(1, 1, silent))
+        refit_causes([one], screening, baseline, objective, Executor(1, 1))
         for one in (scored, cast(Score, unlikely))
     )
     assert odd.log_evidence == pytest.approx(even.log_evidence - np.log(100))
@@ -173,7 +174,7 @@ def test_prior_odds_count_in_the_evidence() -> None:
 def test_starts_are_nominal_with_the_cause_one_and_three_scales_off() -> None:
     objective, scored = two_valleys()
     extended = with_prior(replace(objective, prior={"a": (0.5, 1.0)}), scored.cause)
-    baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5, lambda line: None).best
+    baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5).best
     starts = nominal_starts(scored, baseline, extended)
     assert sorted(start["x"] for start in starts) == pytest.approx([-0.3, -0.1, 0.1, 0.3])
     assert {start["a"] for start in starts} == {0.5}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.common.progress import silent
+from driver.common.progress import progress_to
 from driver.diagnosis.answer.result_types import Diagnosis, Settings
 from driver.diagnosis.search.diagnose import diagnose
 from driver.diagnosis.search.fine_models import FineModels
@@ -50,10 +50,10 @@ def diagnosed(
     made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": drift})
     objective, baseline = identified(BENCH, made)
     lines: list[str] = []
-    found = diagnose(
-        baseline, objective, FineModels(FINE, lambda: another), BENCH.history.cycle, settings,
-        lines.append,
-    )  # fmt: skip
+    with progress_to(lines.append):
+        found = diagnose(
+            baseline, objective, FineModels(FINE, lambda: another), BENCH.history.cycle, settings,
+            )  # fmt: skip
     return found, lines
 
 
@@ -127,7 +127,7 @@ def test_the_jobs_of_both_meshes_are_prepared_at_once() -> None:
     )
     objective, baseline = identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
     with pytest.raises(PreparedError) as error:
-        FineModels(one, lambda: another).corrections(objective.model, baseline, True, silent)
+        FineModels(one, lambda: another).corrections(objective.model, baseline, True)
     assert error.value.folders == (Elsewhere.folder, ElsewhereToo.folder)
 
 
@@ -148,7 +148,9 @@ def test_what_the_derivatives_show_is_held_against_another_mesh_before_looks_fro
         assert [t for line in first for t in (look, other) if line.startswith(t)] == expected
 
 
-def test_what_no_mesh_moves_is_as_significant_as_before() -> None:
+def test_what_no_mesh_moves_is_as_significant_as_before(
+    lines: list[str],
+) -> None:
     """By the number of tries that its own p counts: looks from afar have more than causes."""
     made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": DRIFT})
     objective, here = identified(BENCH, made)
@@ -157,9 +159,8 @@ def test_what_no_mesh_moves_is_as_significant_as_before() -> None:
     effects = effects_of(candidates, wide, objective.parameters)
     (one, *rest), widened = screen(here, objective, candidates, effects, SETTINGS.sizes)
     looked = replace(one, family=4 * one.family, p=4 * one.p)
-    lines: list[str] = []
     found = held_against_both(
-        FineModels(FINE, lambda: FINE), here, objective, [looked, *rest], widened, lines.append
+        FineModels(FINE, lambda: FINE), here, objective, [looked, *rest], widened
     )
     assert found is not None and found.lost is None
     (told,) = (line for line in lines if "moved by" in line)
@@ -180,7 +181,7 @@ def test_what_the_meshes_differ_by_is_taken_at_the_extended_model() -> None:
     made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": DRIFT})
     objective, baseline = identified(BENCH, made)
     both = FineModels(FINE, lambda: meshes.pop(0))
-    found = diagnose(baseline, objective, both, BENCH.history.cycle, WANTED, silent)
+    found = diagnose(baseline, objective, both, BENCH.history.cycle, WANTED)
     assert found.verdict.causes == ("tilt_drift",) and not meshes
     assert found.off_by_mesh("tilt_drift") == pytest.approx(0.0, abs=1e-5 * DRIFT)
     agreeing, _ = diagnosed(DRIFT, FINE)

@@ -9,7 +9,6 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from driver.common.progress import silent
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search import candidate_selection
 from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
@@ -34,19 +33,20 @@ def tilting() -> tuple[Objective, Fit]:
 
 def test_of_a_small_effect_that_its_cause_explains_no_other_cause_is_refitted() -> None:
     objective, baseline = tilting()
-    found = examine(baseline, objective, (), EVERY, NO_STOPS, None, FINER, silent)
+    found = examine(baseline, objective, (), EVERY, NO_STOPS, None, FINER)
     assert found.winner is not None and found.winner.cause.name == "tilt_drift"
     assert len(found.step.refits) == 1
 
 
-def test_where_loads_are_far_off_all_causes_are_tried_though_none_is_significant() -> None:
+def test_where_loads_are_far_off_all_causes_are_tried_though_none_is_significant(
+    lines: list[str],
+) -> None:
     objective, baseline = tilting()
-    lines: list[str] = []
     with (
         patch.object(candidate_selection, "LARGE", 0.1),
         patch.object(candidate_selection, "NAMING_LEVEL", 1e-300),
     ):
-        found = examine(baseline, objective, (), EVERY, NO_STOPS, None, FINER, lines.append)
+        found = examine(baseline, objective, (), EVERY, NO_STOPS, None, FINER)
     assert found.winner is not None and found.winner.cause.name == "tilt_drift"
     tried = next(line for line in lines if line.startswith("a large effect"))
     hopeless = next(line for line in lines if "the first step promises too little of" in line)
@@ -58,13 +58,13 @@ def test_where_loads_are_far_off_all_causes_are_tried_though_none_is_significant
 
 def test_an_effect_far_beyond_its_prior_is_significant_and_still_not_added() -> None:
     objective, baseline = tilting()
-    found = examine(baseline, objective, (), TILT, NO_STOPS, None, FINER, silent)
+    found = examine(baseline, objective, (), TILT, NO_STOPS, None, FINER)
     assert found.winner is not None and found.winner.cause.name == "tilt_drift"
     usual = objective.parameters["tilt_drift"]
     # Of this size nobody expects it: four hundred of its prior scales.
     narrow = dict(objective.parameters) | {"tilt_drift": replace(usual, scale=1e-6)}
     objective = replace(objective, parameters=narrow)
-    found = examine(baseline, objective, (), TILT, NO_STOPS, None, FINER, silent)
+    found = examine(baseline, objective, (), TILT, NO_STOPS, None, FINER)
     (refit,) = found.step.refits
     assert found.step.scores[0].p < NAMING_LEVEL and refit.log_evidence < WORTH
     assert refit.log_evidence == pytest.approx(found.step.scores[0].log_evidence, abs=0.3)

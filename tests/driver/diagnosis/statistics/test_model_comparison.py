@@ -62,7 +62,7 @@ def test_of_noise_nothing_can_be_explained() -> None:
 
 def _fit(objective: Objective, free: tuple[str, ...]) -> Evaluation:
     zero = {"a": 0.0, "Q": 0.0}
-    return fit(objective, zero, free, 9, lambda line: None, tolerance=1e-9).best
+    return fit(objective, zero, free, 9, tolerance=1e-9).best
 
 
 def test_the_evidence_takes_the_prior_that_was_stated_before_the_data_were_seen() -> None:
