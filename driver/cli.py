@@ -16,7 +16,7 @@ from rich.markup import escape
 
 from driver.case.model import SCHEMA_FILE, CaseError, default_case, schema_text, write_case
 from driver.common.atomic_write import write_whole
-from driver.common.errors import InputError, sentence
+from driver.common.errors import InputError, sentence, why
 from driver.common.progress import progress_to, seldom
 from meshes.system_libraries import SystemLibraryError
 from solver_adapters.interface import PreparedError, SolverError
@@ -117,7 +117,8 @@ def run(
     for case in cases:
         # A bad case does not keep the next one from running.
         try:
-            with _told_in_one_line(), _progress(case, alone=len(cases) == 1):
+            prefix = f"{case}: " if len(cases) > 1 else ""
+            with _told_in_one_line(prefix), _progress(prefix):
                 pipeline.run(_case_file(case), until, force, prepare_only)
         except PreparedError as prepared:
             typer.echo(f"{case}: {prepared}")
@@ -157,7 +158,7 @@ def export(
 
     path = _case_file(case)
     folder = to if to is not None else path.parent / "results" / "export"
-    with _told_in_one_line(), _progress(case, alone=True):
+    with _told_in_one_line(), _progress():
         export_case(path, folder, volume, med)
 
 
@@ -166,7 +167,7 @@ def noise_floor(case: CaseArgument) -> None:
     """Measure what the correlation of CASE can see: errors against mesh size, the mesh to take."""
     from driver.noise_floor.command import noise_floor as measure
 
-    with _told_in_one_line(), _progress(case, alone=True):
+    with _told_in_one_line(), _progress():
         measure(_case_file(case))
 
 
@@ -191,7 +192,7 @@ def virtual(
     """
     from driver.virtual.command import virtual as make
 
-    with _told_in_one_line(), _progress(case, alone=True):
+    with _told_in_one_line(), _progress():
         make(_case_file(case), settings, to, seed)
 
 
@@ -213,7 +214,7 @@ def design(
     """Say before an experiment what CASE will know of parameters and causes, and what limits it."""
     from driver.design.command import design as foresee
 
-    with _told_in_one_line(), _progress(case, alone=True):
+    with _told_in_one_line(), _progress():
         foresee(_case_file(case), settings, change or (), usual)
 
 
@@ -223,8 +224,12 @@ def _case_file(case: Path) -> Path:
 
 
 @contextmanager
-def _told_in_one_line() -> Iterator[None]:
-    """Turn what a user can mend into a line on standard error and the exit code 1."""
+def _told_in_one_line(prefix: str = "") -> Iterator[None]:
+    """Turn what a user can mend into a line on standard error and the exit code 1.
+
+    Args:
+        prefix: what a line begins with after the name of the program.
+    """
     from driver.experiment.images.heightmaps import ImageError
 
     try:
@@ -232,19 +237,29 @@ def _told_in_one_line() -> Iterator[None]:
     except PreparedError:
         raise  # what was asked for, no mistake
     except (InputError, ImageError, SolverError, SystemLibraryError, OSError) as error:
-        told = " ".join(str(error).split()) if isinstance(error, OSError) else error
-        typer.echo(f"prismid: {told}", err=True)
+        said = _of_the_system(error) if isinstance(error, OSError) else str(error)
+        for line in said.splitlines():
+            # A line that begins with the file of the case says which it is.
+            known = prefix and line.startswith(prefix.removesuffix(": "))
+            typer.echo(f"prismid: {'' if known else prefix}{line}", err=True)
         raise typer.Exit(1) from None
 
 
+def _of_the_system(error: OSError) -> str:
+    """Return what the system refused: the file, and what it said."""
+    if error.filename is None:
+        return " ".join(str(error).split())
+    found = f"{why(error)} of the system"
+    return sentence(error.filename, "file", found, "one that can be read and written here")
+
+
 @contextmanager
-def _progress(case: Path, alone: bool) -> Iterator[None]:
+def _progress(prefix: str = "") -> Iterator[None]:
     """Show lines of progress; on a terminal with the running step and its time below them."""
     from solver_adapters.kernels import compiled_before
 
     console = Console(highlight=False, markup=False, soft_wrap=True)
     start = perf_counter()
-    prefix = "" if alone else f"{case}: "
     status = console.status("starting") if console.is_terminal else None
 
     def show(line: str) -> None:

@@ -31,6 +31,7 @@ from driver.forward.build import (
     geometry_of,
     integration_of,
     mesh_of,
+    refuse_parameters,
     used_face,
 )
 from driver.results.extended_decks import rendered_decks
@@ -186,15 +187,11 @@ def _solver(case: Case, adapter: Adapter) -> Iterator[Finding]:
         integration_of(case, adapter)
     except InputError as error:
         yield Finding("error", "solver", str(error))
-    for parameter in case.identification.parameters:
-        if parameter not in capabilities.material:
-            offered = ", ".join(sorted(capabilities.material))
-            yield Finding(
-                "error",
-                "solver",
-                f'identification.parameters: found "{parameter}", expected one that {name} '
-                f"honours: {offered}",
-            )
+    try:
+        refuse_parameters(case, capabilities)
+    except InputError as error:
+        for line in str(error).splitlines():
+            yield Finding("error", "solver", line)
 
 
 def _stated(case: Case) -> str:

@@ -76,6 +76,8 @@ def export_case(
         raise ExportError(sentence(case_path, "boundary.motion", '"stage"', expected))
     use_threads(case.execution.processes * case.execution.threads)
     found = _finished_results(case)
+    if not found.diagnosed:
+        logger.info("no extended model: there is no diagnosis of the case as it is")
     history = read_history(case.path(case.history.file))
     _make_folder(folder)
     with tempfile.TemporaryDirectory(prefix="partial-", dir=folder) as aside:
@@ -97,6 +99,7 @@ def export_case(
         write_readme(written / README, case_path, found.diagnosed, volume, volume and med, names)
         _refuse_foreign(folder, names)
         _move(written, folder)
+    logger.info(f"{folder}: {len(names)} files, {README} says what they hold")
 
 
 def _finished_results(case: Case) -> FinishedResults:

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from driver.case.model import Case
 from driver.case.solver_profiles import profile_of
-from driver.common.errors import InputError
+from driver.common.errors import InputError, sentence
 from driver.dic.region import pixels_on, within
 from driver.dic.surface_images import SurfaceImages, prepare
 from driver.experiment.history import History, knot_weights
@@ -113,6 +113,42 @@ def adapter_of(case: Case, prepare_only: bool = False) -> Adapter:
     # Threads wait for programs; a solver inside this process may not be made for two of them.
     outside = isinstance(adapter, ExternalAdapter)
     return FiniteDifferences(adapter, case.execution.processes if outside else 1)
+
+
+def refuse_unfit_solver(case: Case, mesh: PrismMesh, history: History) -> None:
+    """Raise where the solver of a case cannot simulate or identify its model.
+
+    Args:
+        case: the case.
+        mesh: its working mesh.
+        history: times and stage travel.
+
+    Raises:
+        InputError: the solver lacks the strain measure, the scheme or a parameter to identify.
+        UnsupportedError: it cannot honour a value of the model.
+    """
+    solver = find_adapter(case.solver.name, profile_of(case))
+    refuse_parameters(case, solver.capabilities())
+    steps = case.solver.steps_per_interval
+    model = build_model(case, mesh, history, np.zeros((0, 2)), adapter_of(case), steps)
+    if isinstance(solver, ExternalAdapter):
+        solver.files(model.simulation(model.null_values()))
+
+
+def refuse_parameters(case: Case, solver: Capabilities) -> None:
+    """Raise where parameters to identify are none that the solver honours.
+
+    Raises:
+        InputError: there are some, a sentence a line.
+    """
+    expected = f"one that {case.solver.name} honours: {', '.join(sorted(solver.material))}"
+    refused = [
+        sentence(case.file, "identification.parameters", f'"{name}"', expected)
+        for name in case.identification.parameters
+        if name not in solver.material
+    ]
+    if refused:
+        raise InputError("\n".join(refused))
 
 
 def integration_of(case: Case, adapter: Adapter) -> Integration:

@@ -32,7 +32,7 @@ from driver.noise_floor.laboratory import DRAWS, QUANTITIES, SERIES, errors, lab
 from driver.noise_floor.motions import known_motions
 from driver.noise_floor.picture import draw
 from driver.report.style import png
-from driver.results.files import results_of
+from driver.results.files import make_folder, results_of
 from driver.results.hdf5 import prismid_version, write_csv
 
 logger = logging.getLogger(__name__)
@@ -62,6 +62,8 @@ def noise_floor(case_path: Path) -> None:
             f"images.repeats: found {len(experiment.repeats)} images, expected at least 3 (the "
             "noise of the elongation is measured from them)"
         )
+    folder = results_of(case)
+    make_folder(folder)
     images = surface_images(case, experiment)
     pixel, specimen = images.pixel, case.specimen
     relief = relief_rms(images)
@@ -107,8 +109,6 @@ def noise_floor(case_path: Path) -> None:
     take = chosen(rows)
     for line in table(rows, take, freedom):
         logger.info(line)
-    folder = results_of(case)
-    folder.mkdir(exist_ok=True)
     summary = {
         "prismid": prismid_version(),
         "element_px": take.size,

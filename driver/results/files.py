@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from driver.case.model import Case
-from driver.common.errors import InputError
+from driver.common.errors import InputError, sentence, why
 
 RESULTS = "results"
 """The folder of the results, beside the case."""
@@ -23,6 +23,22 @@ REPORT = "report.html"
 def results_of(case: Case) -> Path:
     """Return the folder of the results of a case, which stands beside its file."""
     return case.file.parent / RESULTS
+
+
+def make_folder(results: Path) -> None:
+    """Make the folder of the results, where there is none yet.
+
+    Raises:
+        InputError: there is something else, or it cannot be made.
+    """
+    if results.is_symlink() and not results.exists():
+        target = f"a link to {results.readlink()}, which is not there"
+        raise InputError(sentence(results, "folder", target, "a folder, or a link to one"))
+    try:
+        results.mkdir(exist_ok=True)
+    except OSError as error:
+        expected = "a folder that can be made and written"
+        raise InputError(sentence(results, "folder", why(error), expected)) from None
 
 
 class AbsentError(InputError):

@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Any
 
 from driver.case.model import Case
-from driver.common.errors import InputError, sentence, why
+from driver.common.errors import InputError, sentence
 from driver.experiment.images.files import split_dataset
 from driver.parameters.user_terms import files_of_terms, installed_terms
-from driver.results.files import present, results_of
+from driver.results.files import make_folder, present, results_of
 from driver.results.stage_record import Done, read_record, write_record
 from driver.workflow.run_lock import sole_run
 
@@ -139,7 +139,7 @@ def run_stages(
     if until is not None and until not in names:
         raise StageError(f'--until: found "{until}", expected one of {", ".join(names)}')
     results = results_of(case)
-    _make_folder(results)
+    make_folder(results)
     last = len(names) if until is None else names.index(until) + 1
     key, memory = "", dict[str, Any]()
     with sole_run(results):
@@ -288,17 +288,6 @@ def finished(
                 )
             )  # fmt: skip
     return frozenset(found)
-
-
-def _make_folder(results: Path) -> None:
-    if results.is_symlink() and not results.exists():
-        found = f"a link to {os.readlink(results)}, which is not there"
-        raise StageError(sentence(results, "folder", found, "a folder, or a link to one"))
-    try:
-        results.mkdir(exist_ok=True)
-    except OSError as error:
-        expected = "a folder that can be made and written"
-        raise StageError(sentence(results, "folder", why(error), expected)) from None
 
 
 def _refuse_folders(entry: Done | None, results: Path) -> None:

@@ -12,7 +12,7 @@ from driver.common.formatting import cost_told
 from driver.diagnosis.causes.user_causes import asked_causes
 from driver.experiment.held_out import held_out_cycle
 from driver.experiment.reading import history_of
-from driver.forward.build import capabilities_of, mesh_of
+from driver.forward.build import capabilities_of, mesh_of, refuse_unfit_solver
 from driver.results.files import DIAGNOSIS, IDENTIFY, results_of
 from driver.workflow.advise_stage import run_advise
 from driver.workflow.cost import estimate
@@ -80,12 +80,12 @@ def run(case_path: Path, until: str | None, force: bool, prepare_only: bool = Fa
         )
     asked_causes(case)  # refused before hours of computing, not after
     use_threads(case.execution.processes * case.execution.threads)
-    n_cells = len(mesh_of(case, case.specimen.mesh_size).cells)
-    history = history_of(case)
+    mesh, history = mesh_of(case, case.specimen.mesh_size), history_of(case)
+    # Asked now, and not after the hours of the stages before the simulations.
+    refuse_unfit_solver(case, mesh, history)
     if case.with_images:
-        # Asked now, and not after the hours of the stages before the diagnosis.
         held_out_cycle(case, history)
-    cost = estimate(case, solver, n_cells, history.n_images)
+    cost = estimate(case, solver, len(mesh.cells), history.n_images)
     logger.info(f"all stages take {cost_told(cost.seconds, cost.memory)}")
     if not case.with_images:
         logger.info(SKIPPED)

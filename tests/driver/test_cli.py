@@ -13,6 +13,7 @@ import driver.workflow
 from driver.case.model import CaseError, load_case
 from driver.check.check_result import Finding
 from driver.cli import app
+from driver.common.errors import InputError
 from solver_adapters import kernels
 from solver_adapters.interface import PreparedError, SolverError
 
@@ -111,6 +112,35 @@ def test_prepared_jobs_are_listed_and_are_no_failure_and_the_other_cases_are_run
     for path in (case_path, other):
         assert f"{path}: 1 job(s) are ready to be computed elsewhere" in result.stdout
         assert f"\n  {path.parent / 'results' / 'jobs' / 'key'}\n" in result.stdout
+
+
+def test_what_is_wrong_with_one_of_several_cases_is_told_with_its_name(
+    pipeline: SimpleNamespace, case_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(path: Path, *asked: object) -> None:
+        if path == case_path:
+            raise InputError("images: found none, expected some\nloads: found none, expected some")
+        pipeline.calls.append(path)
+
+    assert invoke("init", tmp_path / "b").exit_code == 0
+    other = tmp_path / "b" / "case.toml"
+    monkeypatch.setattr(pipeline, "run", refuse)
+    result = invoke("run", case_path, other)
+    assert result.exit_code == 1 and pipeline.calls == [other]
+    assert result.stderr.splitlines() == [
+        f"prismid: {case_path}: images: found none, expected some",
+        f"prismid: {case_path}: loads: found none, expected some",
+    ]
+
+
+def test_what_the_system_refuses_is_a_sentence_with_the_file(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    result = invoke("init", tmp_path / "file" / "case")
+    assert result.exit_code == 1
+    assert result.stderr == (
+        f"prismid: {tmp_path / 'file' / 'case'}: file: found “Not a directory” of the system, "
+        "expected one that can be read and written here\n"
+    )
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

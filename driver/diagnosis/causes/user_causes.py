@@ -137,14 +137,19 @@ def asked_causes(case: Case, path: Path | None = None) -> tuple[Cause, ...]:
         path: where it stands, to be told; None for its own file.
 
     Raises:
-        InputError: as `user_causes`; or a name is of no cause of the library or of the files.
+        InputError: as `user_causes`; or names are of no cause of the library or of the files, a
+            sentence a line.
     """
     own = user_causes(case)
     known = [*NAMES, *(cause.name for cause in own)]
-    for name in case.diagnosis.causes if case.diagnosis.causes != "all" else ():
-        if name not in known:
-            expected = one_of(name, known)
-            raise CaseError(sentence(path or case.file, "diagnosis.causes", f'"{name}"', expected))
+    asked = case.diagnosis.causes if case.diagnosis.causes != "all" else ()
+    refused = [
+        sentence(path or case.file, "diagnosis.causes", f'"{name}"', one_of(name, known))
+        for name in asked
+        if name not in known
+    ]
+    if refused:
+        raise CaseError("\n".join(refused))
     return own
 
 

@@ -101,7 +101,9 @@ def test_a_solver_without_fields_leaves_the_volume_out_and_says_so(
 ) -> None:
     results.solver.cell_fields = False
     export_case(results.case_path, results.to)
-    assert lines == ["no fields of the volume: the solver bundled answers none"]
+    assert lines[0] == "no fields of the volume: the solver bundled answers none"
+    n_files = sum(path.is_file() for path in results.to.rglob("*"))
+    assert lines[1:] == [f"{results.to}: {n_files} files, README.txt says what they hold"]
     assert not list(results.to.glob("*.vtkhdf"))
 
 
@@ -120,7 +122,7 @@ def test_an_absent_program_leaves_the_volume_out_and_says_why(
 
     monkeypatch.setattr(results.solver, "solve", absent)
     export_case(results.case_path, results.to, med=True)
-    assert lines[-1] == (
+    assert lines[-2] == (
         'no fields of the volume: bar: found no "bar" on PATH (--no-volume leaves them out unasked)'
     )
     assert (results.to / "loads.csv").is_file()

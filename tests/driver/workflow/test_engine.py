@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from driver.case.model import CaseError, default_case, load_case, write_case
+from driver.common.errors import InputError
 from driver.common.progress import progress_to
 from driver.results.files import AbsentError
 from driver.results.stage_record import read_record
@@ -255,7 +256,7 @@ def test_the_mesh_of_a_deck_may_be_edited_and_its_stage_stays_done(workshop: Wor
 
 def test_results_that_link_to_nothing_are_told_as_such(workshop: Workshop) -> None:
     (workshop.folder / "results").symlink_to(workshop.folder / "not mounted")
-    with pytest.raises(StageError, match="a link to .*not mounted, which is not there"):
+    with pytest.raises(InputError, match="a link to .*not mounted, which is not there"):
         workshop.run()
 
 
@@ -271,7 +272,7 @@ def test_a_folder_in_the_place_of_a_result_is_refused_before_the_work(workshop: 
 
 def test_results_that_cannot_be_written_are_refused_in_one_sentence(workshop: Workshop) -> None:
     (workshop.folder / "results").write_text("a file")
-    with pytest.raises(StageError, match="results: folder: found “File exists”, expected a folder"):
+    with pytest.raises(InputError, match="results: folder: found “File exists”, expected a folder"):
         workshop.run()
 
 

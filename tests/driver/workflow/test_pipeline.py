@@ -321,6 +321,25 @@ def test_a_diagnosis_that_cannot_be_asked_for_is_one_sentence(
     assert (copied.results / "diagnosis.json").is_file()
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('parameters = ["tau0", "c", "d"]', 'parameters = ["tau0", "n", "K"]', ['"n"', '"K"']),
+        ('strain_measure = "small"', 'strain_measure = "finite"', ['"finite"']),
+    ],
+)
+def test_what_the_solver_cannot_is_told_before_the_measurement(
+    copied: Run, old: str, new: str, told: list[str], lines: list[str]
+) -> None:
+    copied.edit(old, new)
+    with pytest.raises(InputError) as refused:
+        pipeline.run(copied.path, None, True)
+    sentences = str(refused.value).splitlines()
+    assert len(sentences) == len(told)
+    assert all(f"found {name}, expected" in s for name, s in zip(told, sentences, strict=True))
+    assert lines == []
+
+
 def test_a_lost_result_of_an_earlier_stage_is_made_again(copied: Run) -> None:
     (copied.results / "measure.h5").unlink()
     assert copied("identify")[0] == "measure"

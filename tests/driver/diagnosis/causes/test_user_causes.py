@@ -185,6 +185,15 @@ def test_a_cause_of_neither_library_nor_files_is_refused_by_run_check_and_design
     assert not lines and not (tmp_path / "results").exists()
 
 
+def test_every_cause_of_neither_is_told(tmp_path: Path) -> None:
+    path = asking(tmp_path, "magic", "load_gain", "sorcery")
+    with pytest.raises(InputError) as refused:
+        asked_causes(load_case(path))
+    first, second = str(refused.value).splitlines()
+    assert 'found "magic"' in first and 'found "sorcery"' in second
+    assert len([finding for finding in check(path) if finding.subject == "causes"]) == 2
+
+
 def test_a_change_of_a_design_may_ask_for_causes_of_the_files_alone(tmp_path: Path) -> None:
     base = base_variant(load_case(asking(tmp_path, "load_gain")), DesignSettings())
     where = Path("--change")
