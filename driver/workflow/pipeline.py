@@ -63,8 +63,16 @@ def stages(case: Case) -> Sequence[Stage]:
     )
 
 
-def run(case_path: Path, until: str | None, force: bool, prepare_only: bool = False) -> None:
-    """Run the stages of a case.
+def run(
+    case_path: Path, until: str | None = None, force: bool = False, prepare_only: bool = False
+) -> None:
+    """Run the stages of a case; what is done and unchanged is not done again.
+
+    Args:
+        case_path: the case file.
+        until: name of the last stage to run, None for all.
+        force: run the stages even if they are done and unchanged.
+        prepare_only: whether external solvers write their jobs for another machine.
 
     Raises:
         PreparedError: jobs were written for another machine, which `prepare_only` asks for.
