@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
 from driver.case.model import Case, load_case
-from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError
 from driver.common.formatting import cost_told
 from driver.common.outcomes import first_line
@@ -26,7 +24,7 @@ from driver.design.forecast import (
     whole_forecast,
 )
 from driver.design.picture import draw
-from driver.design.record import design_record
+from driver.design.record import design_of
 from driver.design.schedule import changed
 from driver.design.settings import Settings, read_change, read_settings
 from driver.design.surface import Surface, expected_surface
@@ -37,12 +35,12 @@ from driver.experiment.history import History, HistoryError, read_history
 from driver.forward.build import capabilities_of, mesh_of
 from driver.forward.cost import simulation_seconds
 from driver.report.style import png
-from driver.results.files import JOBS, results_of
+from driver.results.design import write_design
+from driver.results.files import DESIGN, DESIGN_PICTURE, JOBS, results_of
 from driver.virtual.truth import stage_program
 from solver_adapters.interface import SolverError
 from solver_adapters.kernels import use_threads
 
-FILES = ("design.json", "design.png")
 _DIRECTIONS = 90  # of boundary, law and all causes, in round numbers
 _PROCESS_BYTES = 300e6
 # Numbers that are held at a time for each pixel of each image.
@@ -104,7 +102,7 @@ def design(
     for line in told(before, surface.told, others):
         log(line)
     _write(results, before, surface, others)
-    log(f"{results}: {', '.join(FILES)}")
+    log(f"{results}: {DESIGN}, {DESIGN_PICTURE}")
 
 
 def changed_forecasts(
@@ -182,6 +180,5 @@ def _seconds(case: Case, n_images: int) -> float:
 
 def _write(folder: Path, base: Forecast, surface: Surface, others: Sequence[Forecast]) -> None:
     folder.mkdir(exist_ok=True)
-    record = design_record(base, surface.told, surface.images.sigma, others)
-    write_whole(folder / FILES[0], json.dumps(record, indent=1, ensure_ascii=False) + "\n")
-    (folder / FILES[1]).write_bytes(png(draw(base, others)))
+    write_design(folder, design_of(base, surface.told, surface.images.sigma, others))
+    (folder / DESIGN_PICTURE).write_bytes(png(draw(base, others)))
