@@ -58,7 +58,7 @@ def test_the_history_has_forces_at_its_images_and_at_no_other_row(tmp_path: Path
 
 def test_each_stack_is_a_file_of_levels_in_its_order(tmp_path: Path) -> None:
     levels = np.arange(24, dtype=np.uint8).reshape(4, 2, 3)
-    write_images(tmp_path, levels, levels[:2] + 100, levels[:1] + 200)
+    write_images(tmp_path, list(levels), list(levels[:2] + 100), list(levels[:1] + 200))
     for name, expected in (
         ("images.tif", levels), ("repeats.tif", levels[:2] + 100), ("flats.tif", levels[:1] + 200),
     ):  # fmt: skip
