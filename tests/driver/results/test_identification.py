@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from driver.results.hdf5 import ResultError
-from driver.results.identification import read_identification
+from driver.results.identification import (
+    read_identification,
+    written_correction,
+    written_jitter,
+    written_noise_factor,
+    written_trajectory,
+)
 from tests.driver.results.datasets import datasets, documented_datasets
 
 TEXTS = {
@@ -154,3 +160,34 @@ def test_a_diagnosis_has_the_predictions_before_and_after(finished: Path) -> Non
     assert datasets(finished / "diagnosis.h5") == {
         f"{side}/{name}": entry for side in ("before", "after") for name, entry in one.items()
     }
+
+
+def every(path: Path) -> dict[str, np.ndarray]:
+    """All datasets of a file."""
+    with h5py.File(path, "r") as file:
+        return {name: file[name][()] for name in datasets(path)}
+
+
+def test_the_correction_and_the_noise_factor_are_those_that_were_written(finished: Path) -> None:
+    held = every(finished / "identify.h5")
+    correction = written_correction(held)
+    np.testing.assert_array_equal(correction.motion, held["correction/motion"])
+    np.testing.assert_array_equal(correction.load, held["correction/load"])
+    assert correction.left_by_steps is None and correction.parts == held["correction/parts"]
+    assert written_correction(held | {"correction/parts": np.array(3.0)}).parts == 3
+    assert written_noise_factor(held) == held["noise_factor"]
+    left = {"correction/steps_motion": np.ones((T, P, 3)), "correction/steps_load": np.arange(T)}
+    steps = written_correction(held | left).left_by_steps
+    assert steps is not None and steps.load[5] == 5.0 and steps.motion.shape == (T, P, 3)
+
+
+def test_what_an_identification_did_not_write_is_none(finished: Path) -> None:
+    """Neither had the boundary noise, nor does this solver tell its trajectory."""
+    held = every(finished / "identify.h5")
+    assert written_jitter(held) is None and written_trajectory(held) is None
+    jitter = written_jitter({"jitter/load": np.eye(T), "jitter/image": np.zeros((T, T, 9))})
+    assert jitter is not None and jitter.load.shape == (T, T) and jitter.image.shape == (T, T, 9)
+    path = {"trajectory/times": np.arange(4.0), "trajectory/displacement": np.ones((4, 7, 3))}
+    trajectory = written_trajectory(path)
+    assert trajectory is not None and trajectory.displacement.shape == (4, 7, 3)
+    np.testing.assert_array_equal(trajectory.times, np.arange(4.0))
