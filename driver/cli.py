@@ -14,10 +14,18 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from driver.case.model import SCHEMA_FILE, CaseError, default_case, schema_text, write_case
+from driver.case.model import (
+    CASE_FILE,
+    SCHEMA_FILE,
+    CaseError,
+    default_case,
+    schema_text,
+    write_case,
+)
 from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError, sentence, why
 from driver.common.progress import progress_to, seldom
+from driver.results.files import EXPORT, RESULTS
 from meshes.system_libraries import SystemLibraryError
 from solver_adapters.interface import PreparedError, SolverError
 
@@ -70,7 +78,7 @@ def init(
 ) -> None:
     """Write a commented case.toml, and its schema for editors, into DIR."""
     with _told_in_one_line():
-        path, schema = folder / "case.toml", folder / SCHEMA_FILE
+        path, schema = folder / CASE_FILE, folder / SCHEMA_FILE
         if folder.exists() and not folder.is_dir():
             raise CaseError(sentence(folder, "DIR", "a file", "a folder, or nothing yet"))
         for file in (path, schema):
@@ -157,7 +165,7 @@ def export(
     from driver.export.command import export_case
 
     path = _case_file(case)
-    folder = to if to is not None else path.parent / "results" / "export"
+    folder = to if to is not None else path.parent / RESULTS / EXPORT
     with _told_in_one_line(), _progress():
         export_case(path, folder, volume, med)
 
@@ -220,7 +228,7 @@ def design(
 
 def _case_file(case: Path) -> Path:
     """Return the case file, where the folder of the case was given."""
-    return case / "case.toml" if case.is_dir() else case
+    return case / CASE_FILE if case.is_dir() else case
 
 
 @contextmanager

@@ -72,6 +72,22 @@ DRAWERS = ("driver.check", "driver.report", "driver.design", "driver.noise_floor
 # Finds the cell of a point with its triangulations, and draws nothing.
 ALSO_IMPORT_MATPLOTLIB = ("driver.virtual.microscope.face_motion",)
 
+# Endings of files that are written for a case, and folders among its results.
+WRITTEN = (
+    ".h5", ".json", ".csv", ".html", ".png", ".pvd", ".vtu", ".vtkhdf", ".med", ".toml", ".tif",
+    ".txt", ".lock", ".partial", ".edited",
+)  # fmt: skip
+FOLDERS = ("results", "jobs", "extended_decks")
+# These name no result: the case file, its schema and usual inputs, formats of images that are read,
+# and a file that is not whole yet.
+NAME_NO_RESULT = (
+    "driver.case.loading",
+    "driver.case.model",
+    "driver.common.atomic_write",
+    "driver.experiment.images.files",
+    "driver.experiment.images.formats",
+)
+
 
 def within(module: str, package: str) -> bool:
     return module == package or module.startswith(package + ".")
@@ -173,6 +189,46 @@ def test_the_driver_names_no_solver() -> None:
         if isinstance(node, ast.Constant) and node.value in names
     ]
     assert naming == ["driver.case.solver"]  # the default of the case
+
+
+def file_names(source: str) -> list[str]:
+    """Texts of a source that end as a file that is written, or are a folder; no docstrings."""
+    tree = ast.parse(source)
+    documentation = {
+        id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)
+    }  # a text that stands alone
+    return [
+        node.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant)
+        and isinstance(node.value, str)
+        and id(node) not in documentation
+        and (node.value.endswith(WRITTEN) or node.value in FOLDERS)
+    ]
+
+
+def test_all_names_of_written_files_stand_in_one_module() -> None:
+    naming = {
+        name
+        for path, name, _ in our_modules()
+        if within(name, "driver") and file_names(path.read_text(encoding="utf-8"))
+    }
+    assert sorted(naming) == sorted((*NAME_NO_RESULT, "driver.results.files"))
+
+
+@pytest.mark.parametrize(
+    ("source", "names"),
+    [
+        ('path = folder / "check.png"', ["check.png"]),
+        ('path = folder / f"report_{name}.png"', [".png"]),
+        ('path = case.file.parent / "results" / name', ["results"]),
+        ('path = path.with_suffix(".vtu")', [".vtu"]),
+        ('def f():\n    """Write measure.h5"""', []),
+        ('page = render("report.html.j2")', []),
+    ],
+)
+def test_a_text_that_names_a_written_file_is_found(source: str, names: list[str]) -> None:
+    assert file_names(source) == names
 
 
 @pytest.mark.parametrize("kind", ["tests", "benchmarks"])

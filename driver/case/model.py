@@ -39,6 +39,8 @@ _OF_TWO_GRAINS = (
 )
 
 
+CASE_FILE = "case.toml"
+"""Name of the case file in the folder of a case."""
 SCHEMA_FILE = "case.schema.json"
 """Name by which every case file knows its editor schema, which stands beside it."""
 
@@ -71,7 +73,7 @@ class Case(Table):
     dic: Dic = Dic()
     execution: Execution = Execution()
 
-    _file: Path = PrivateAttr(default=Path("case.toml"))
+    _file: Path = PrivateAttr(default=Path(CASE_FILE))
 
     def model_post_init(self, context: Any) -> None:
         """Keep the case file, against whose folder its paths are resolved."""

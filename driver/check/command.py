@@ -35,7 +35,7 @@ from driver.forward.build import (
     used_face,
 )
 from driver.results.extended_decks import rendered_decks
-from driver.results.files import results_of
+from driver.results.files import CHECK_PICTURE, results_of
 from driver.workflow.cost import estimate
 from meshes.plane_mesh import PlaneMesh
 from meshes.prism import generate
@@ -97,7 +97,7 @@ def check(case_path: Path) -> list[Finding]:
         told = any(finding.level == "error" for finding in of_solver)
         if not told:
             findings += _decks(case, adapter, experiment)
-    picture = results_of(case) / "check.png"
+    picture = results_of(case) / CHECK_PICTURE
     try:
         picture.parent.mkdir(exist_ok=True)
         draw(case, experiment, picture, None if reference is None else reference.codes)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,7 +9,6 @@ from pathlib import Path
 from time import perf_counter
 
 from driver.case.model import Case, load_case
-from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError
 from driver.common.formatting import cost_told
 from driver.common.outcomes import first_line
@@ -26,7 +24,7 @@ from driver.design.forecast import (
     whole_forecast,
 )
 from driver.design.picture import draw
-from driver.design.record import design_record
+from driver.design.record import design_of
 from driver.design.schedule import changed
 from driver.design.settings import Settings, read_change, read_settings
 from driver.design.surface import Surface, expected_surface
@@ -37,14 +35,14 @@ from driver.experiment.history import History, HistoryError, read_history
 from driver.forward.build import capabilities_of, mesh_of
 from driver.forward.cost import simulation_seconds
 from driver.report.style import png
-from driver.results.files import JOBS, results_of
+from driver.results.design import write_design
+from driver.results.files import DESIGN, DESIGN_PICTURE, JOBS, make_folder, results_of
 from driver.virtual.truth import stage_program
 from solver_adapters.interface import SolverError
 from solver_adapters.kernels import use_threads
 
 logger = logging.getLogger(__name__)
 
-FILES = ("design.json", "design.png")
 _DIRECTIONS = 90  # of boundary, law and all causes, in round numbers
 _PROCESS_BYTES = 300e6
 # Numbers that are held at a time for each pixel of each image.
@@ -89,6 +87,7 @@ def design(
     )
     plans = [replace(base, variant=variant) for variant in asked]
     own = [plan for plan in plans if not plan.variant.simulated_as(base.variant)]
+    make_folder(results)
     seconds, memory = _cost(base, own)
     logger.info(
         f"the case and {len(plans)} changes: {1 + len(own)} of them simulated with all "
@@ -104,7 +103,7 @@ def design(
     for line in told(before, surface.told, others):
         logger.info(line)
     _write(results, before, surface, others)
-    logger.info(f"{results}: {', '.join(FILES)}")
+    logger.info(f"{results}: {DESIGN}, {DESIGN_PICTURE}")
 
 
 def changed_forecasts(plans: Sequence[Plan], base: Plan, simulated: Simulated) -> list[Forecast]:
@@ -179,7 +178,5 @@ def _seconds(case: Case, n_images: int) -> float:
 
 
 def _write(folder: Path, base: Forecast, surface: Surface, others: Sequence[Forecast]) -> None:
-    folder.mkdir(exist_ok=True)
-    record = design_record(base, surface.told, surface.images.sigma, others)
-    write_whole(folder / FILES[0], json.dumps(record, indent=1, ensure_ascii=False) + "\n")
-    (folder / FILES[1]).write_bytes(png(draw(base, others)))
+    write_design(folder, design_of(base, surface.told, surface.images.sigma, others))
+    (folder / DESIGN_PICTURE).write_bytes(png(draw(base, others)))

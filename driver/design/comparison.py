@@ -3,38 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from driver.design.forecast import Forecast
 from driver.design.information import groups_of
 from driver.diagnosis.statistics.score_test import PARALLEL
-
-Pair = tuple[str, str]
+from driver.results.design import Gain, Pair
 
 _TOLD = 0.9  # cosine below which a change is said to part two causes that were parallel
-
-
-@dataclass(frozen=True)
-class Gain:
-    """A changed experiment against that of the case.
-
-    Attributes:
-        sigma: standard deviation of θ over that before, by parameter.
-        seen: smallest magnitude that would be seen over that before, by cause.
-        parted: causes that could not be told apart before and clearly can be now.
-        merged: causes that clearly could be told apart before and cannot be now.
-        shown: causes that would now show at their usual size.
-        lost: causes that would have shown at it before.
-    """
-
-    sigma: Mapping[str, float]
-    seen: Mapping[str, float]
-    parted: tuple[Pair, ...]
-    merged: tuple[Pair, ...]
-    shown: tuple[str, ...]
-    lost: tuple[str, ...]
 
 
 def gain(before: Forecast, after: Forecast) -> Gain:

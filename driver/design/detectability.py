@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +11,13 @@ from driver.design.information import groups_of
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.statistics.bayes_factor import prior_scaled
 from driver.diagnosis.statistics.score_test import (
-    PARALLEL,
     SEEN_AT,
     Score,
     score,
     subspace_similarity,
 )
 from driver.identification.objective import Evaluation
+from driver.results.design import Outlook, Visible
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
@@ -26,68 +25,6 @@ FloatArray = NDArray[np.float64]
 NAMED_AT = 6.0
 """Projected misfit [σ] from which a cause is named rightly in 19 of 20 cases, if not alone in its
 class then as one of it: measured on a surrogate with 30 causes. It is seen from `SEEN_AT` on."""
-
-
-@dataclass(frozen=True)
-class Visible:
-    """One parameter of a cause.
-
-    Attributes:
-        name: the parameter.
-        unit: its unit; "" of a logarithm, whose magnitudes are relative.
-        relative: whether it is a logarithm.
-        scale: prior scale, in the unit or of the logarithm.
-        sigma: standard deviation by the data, the fitted parameters projected out, in the unit.
-        seen: smallest magnitude that would be seen, in the unit; infinite where none would.
-        named: smallest magnitude that would be named, in the unit.
-        left: share of its effect on the data, in σ, that the fitted parameters do not take.
-        loads: share of what is left that is in the loads; the rest is in the images.
-        hidden_by: fitted parameter or group that takes most of it.
-        factor: smallest magnitude if that were known, over that if not.
-    """
-
-    name: str
-    unit: str
-    relative: bool
-    scale: float
-    sigma: float
-    seen: float
-    named: float
-    left: float
-    loads: float
-    hidden_by: str
-    factor: float
-
-    @property
-    def in_scales(self) -> float:
-        """Smallest magnitude that would be seen, in prior scales."""
-        return self.seen / self.scale
-
-
-@dataclass(frozen=True)
-class Outlook:
-    """What would become of a cause.
-
-    Attributes:
-        cause: the cause.
-        parameters: its parameters.
-        cosines: likeness of what it and each other cause do to the data, the cosine for a
-            parameter each.
-    """
-
-    cause: Cause
-    parameters: tuple[Visible, ...]
-    cosines: Mapping[str, float]
-
-    @property
-    def alike(self) -> dict[str, float]:
-        """The causes that could not be told from it, with the cosine between them."""
-        return {name: angle for name, angle in self.cosines.items() if angle > PARALLEL}
-
-    @property
-    def in_scales(self) -> float:
-        """Smallest magnitude of its best visible parameter, in prior scales."""
-        return min(parameter.in_scales for parameter in self.parameters)
 
 
 def outlooks(

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.common.progress import collected_lines
-from driver.design.detectability import Outlook, outlooks
-from driver.design.information import LOOSE, Knowledge, knowledge
+from driver.design.detectability import outlooks
+from driver.design.information import LOOSE, knowledge
 from driver.design.schedule import carried_on, changed, compressed
 from driver.design.settings import Settings
 from driver.design.surface import Surface, expected_surface
@@ -26,6 +26,7 @@ from driver.identification.objective import Correction, Objective
 from driver.identification.problem import IdentificationProblem, MeasuredSeries, build_problem
 from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.parameters.registry import declared_parameters
+from driver.results.design import Knowledge, Outlook
 from driver.virtual.truth import knots, refuse_unknown
 
 FloatArray = NDArray[np.float64]

@@ -11,13 +11,13 @@ the loads, half their noise halves σ.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from driver.identification.data import Data
 from driver.identification.objective import Evaluation
+from driver.results.design import Knowledge
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
@@ -27,39 +27,6 @@ SOURCES = ("images", "loads", "simulation", "prior")
 
 LOOSE = 1e3  # prior of a parameter without one, in its θ: nobody would be so wrong
 _UNSEEN = 0.9  # of its prior width that is left, beyond which data say nothing of a parameter
-
-
-@dataclass(frozen=True)
-class Knowledge:
-    """How well a parameter is known.
-
-    Attributes:
-        name: the parameter.
-        value: where the model was linearised.
-        unit: of the value.
-        relative: whether θ is a logarithm, and σ of it a relative one.
-        sigma: standard deviation, in the unit; infinite where nothing fixes it.
-        theta: the same of θ: relative for a logarithm, else in scales.
-        prior: standard deviation of θ before the experiment, infinite where there is no prior.
-        alone: standard deviation of θ by the data, were all else known.
-        parts: share of the variance that comes from each of `SOURCES`.
-        partner: the parameter or group that would help most, were it known.
-        factor: σ with that known over σ.
-        limit: what limits it, in words.
-    """
-
-    name: str
-    value: float
-    unit: str
-    relative: bool
-    sigma: float
-    theta: float
-    prior: float
-    alone: float
-    parts: Mapping[str, float]
-    partner: str
-    factor: float
-    limit: str
 
 
 def groups_of(names: Sequence[str]) -> dict[str, tuple[str, ...]]:

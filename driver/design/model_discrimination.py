@@ -12,7 +12,7 @@ from itertools import combinations
 from math import sqrt
 from pathlib import Path
 
-from driver.case.model import Case
+from driver.case.model import CASE_FILE, Case
 from driver.design.command import changed_forecasts
 from driver.design.forecast import Forecast, Plan, forecast, prepare, simulate
 from driver.design.settings import Settings
@@ -66,7 +66,7 @@ def discriminating_changes(
     usual = usual_changes(case, settings.test, surface.images.n_reference)
     plans = [
         replace(base, variant=variant)
-        for variant in variants(base.variant, usual, {}, [], case.path("case.toml"))
+        for variant in variants(base.variant, usual, {}, [], case.path(CASE_FILE))
     ]
     prepared = prepare(base)
     simulated = simulate(prepared)

@@ -12,10 +12,11 @@ from matplotlib.figure import Figure
 from driver.design.comparison import by_group, gain
 from driver.design.detectability import NAMED_AT
 from driver.design.forecast import Forecast
-from driver.design.information import SOURCES, Knowledge, groups_of
+from driver.design.information import SOURCES, groups_of
 from driver.design.text import shown
 from driver.diagnosis.statistics.score_test import SEEN_AT
 from driver.report.style import CATEGORIES, GREY, grid, new_figure, styled
+from driver.results.design import Knowledge
 
 _ROW, _ROOM = 0.2, 1.8  # in; height of a row, and of what stands above and below them
 _FARTHEST = 30.0  # usual sizes; what is farther is drawn there

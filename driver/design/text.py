@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from driver.design.comparison import Gain, by_group, gain
-from driver.design.detectability import NAMED_AT, Outlook
+from driver.design.comparison import by_group, gain
+from driver.design.detectability import NAMED_AT
 from driver.design.forecast import Forecast
-from driver.design.information import SOURCES, Knowledge, groups_of
+from driver.design.information import SOURCES, groups_of
 from driver.diagnosis.statistics.score_test import SEEN_AT
+from driver.results.design import Gain, Knowledge, Outlook
 
 _SAME = 0.02  # a change of σ that is not worth a number
 _HIDDEN = 0.5  # share of an effect that is left, below which what takes the rest is told

@@ -14,12 +14,23 @@ from numpy.typing import NDArray
 from driver.case.model import Case, load_case
 from driver.common.errors import InputError, sentence
 from driver.experiment.history import History, read_history
-from driver.export.readme import README, exported_files, write_readme
-from driver.export.surface import SERIES, aligned, write_surface
+from driver.export.readme import exported_files, write_readme
+from driver.export.surface import aligned, write_surface
 from driver.export.volume import offers_volume, volume_files, write_volumes
 from driver.forward.build import capabilities_of
 from driver.parameters.boundary import elongation_names, tilt_names
-from driver.results.files import JOBS, STAGES, results_of
+from driver.results.files import (
+    IMAGES_CSV,
+    JOBS,
+    KNOTS_CSV,
+    LOADS_CSV,
+    MESH_VTU,
+    PARAMETERS_CSV,
+    README,
+    STAGES,
+    SURFACE_SERIES,
+    results_of,
+)
 from driver.results.hdf5 import write_csv
 from driver.results.reader import FinishedResults, FittedModel, read_results
 from driver.results.stage_record import read_record
@@ -33,7 +44,6 @@ logger = logging.getLogger(__name__)
 
 FloatArray = NDArray[np.float64]
 
-_MESH_VTU = "mesh.vtu"
 _NEEDED, _OPTIONAL = ("mesh", "measure", "identify"), "diagnose"
 
 
@@ -83,7 +93,7 @@ def export_case(
     with tempfile.TemporaryDirectory(prefix="partial-", dir=folder) as aside:
         written = Path(aside)
         write_surface(written, found.measured, found.models, case.boundary.gauge == "rigid")
-        write_vtu(found.mesh, written / _MESH_VTU)
+        write_vtu(found.mesh, written / MESH_VTU)
         _write_tables(written, found, history)
         if volume and not offers_volume(case):
             logger.info(f"no fields of the volume: the solver {case.solver.name} answers none")
@@ -157,10 +167,10 @@ def _write_tables(folder: Path, found: FinishedResults, history: History) -> Non
     for model in models:
         loads[f"load_{model.label}_uN"] = model.load
         loads[f"residual_{model.label}_uN"] = model.load_residual
-    write_csv(folder / "loads.csv", loads)
-    _write_images(folder / "images.csv", image, measured, models[0])
-    _write_knots(folder / "knots.csv", models, history)
-    _write_parameters(folder / "parameters.csv", models, found.start, history.n_knots)
+    write_csv(folder / LOADS_CSV, loads)
+    _write_images(folder / IMAGES_CSV, image, measured, models[0])
+    _write_knots(folder / KNOTS_CSV, models, history)
+    _write_parameters(folder / PARAMETERS_CSV, models, found.start, history.n_knots)
 
 
 def _write_images(
@@ -249,7 +259,8 @@ def _refuse_foreign(folder: Path, names: Sequence[Path]) -> None:
 def _move(written: Path, folder: Path) -> None:
     """Replace files one by one: first the one that shows whose they are, last the series."""
     names = sorted(
-        _names(written), key=lambda name: (name.name == SERIES, name.name != README, str(name))
+        _names(written),
+        key=lambda name: (name.name == SURFACE_SERIES, name.name != README, str(name)),
     )
     # What an earlier export holds beyond this one is no result of the case as it is.
     for name in exported_files(folder / README) - set(names):

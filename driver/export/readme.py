@@ -8,7 +8,6 @@ from pathlib import Path
 
 from driver.results.hdf5 import prismid_version
 
-README = "README.txt"
 _TITLE = "Results of prismid for other programs"
 
 _FRAME = """\

@@ -9,12 +9,11 @@ import meshio
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.results.files import SURFACE_FRAMES, SURFACE_SERIES, surface_frame
 from driver.results.reader import FittedModel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-SERIES, FRAMES = "surface.pvd", "surface"
 
 
 def write_surface(
@@ -38,8 +37,8 @@ def write_surface(
     height = measured["reference"][rows.astype(int), cols.astype(int)]
     points = np.column_stack([xy, np.zeros(len(xy))])
     cells = [("quad", pixel_squares(rows.astype(int), cols.astype(int)))]
-    (folder / FRAMES).mkdir()
-    names = [f"{FRAMES}/{FRAMES}_{t:04d}.vtu" for t in range(len(moved))]
+    (folder / SURFACE_FRAMES).mkdir()
+    names = [surface_frame(t) for t in range(len(moved))]
     for t, name in enumerate(names):
         fields = {"height_um": height, "motion_measured_um": moved[t]}
         for model in models:
@@ -51,7 +50,7 @@ def write_surface(
         f'    <DataSet timestep="{time:.12g}" group="" part="0" file="{name}"/>\n'
         for time, name in zip(measured["time"], names, strict=True)
     )
-    (folder / SERIES).write_text(
+    (folder / SURFACE_SERIES).write_text(
         '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
         f"{sets}  </Collection>\n</VTKFile>\n",
         encoding="utf-8",

@@ -17,6 +17,7 @@ from driver.experiment.history import History
 from driver.export.vtkhdf import write_vtkhdf
 from driver.forward.build import adapter_of, build_model, capabilities_of
 from driver.forward.cost import simulation_memory, simulation_seconds
+from driver.results.files import volume_med, volume_vtkhdf
 from driver.results.reader import FittedModel
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.interface import CellFields, Progress
@@ -108,7 +109,7 @@ def simulate_volume(
 
 def volume_files(label: str, med: bool) -> tuple[str, ...]:
     """Names of the files of a model: VTKHDF, and MED where that is asked."""
-    return tuple(f"volume_{label}.{kind}" for kind in ("vtkhdf", "med")[: 1 + med])
+    return (volume_vtkhdf(label), volume_med(label))[: 1 + med]
 
 
 def write_volumes(

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import logging
 from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
 from driver.case.model import load_case
-from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError
 from driver.common.formatting import cost_told
 from driver.dic.slope_noise import squared_slopes
@@ -21,23 +18,33 @@ from driver.forward.build import surface_images
 from driver.noise_floor.floor import (
     PAPER_GAMMA_U,
     RULE,
-    Row,
     chosen,
     measured_gamma_u,
     relief_rms,
     repeats_as_frames,
     sizes,
 )
-from driver.noise_floor.laboratory import DRAWS, QUANTITIES, SERIES, errors, laboratory
+from driver.noise_floor.laboratory import DRAWS, SERIES, errors, laboratory
 from driver.noise_floor.motions import known_motions
 from driver.noise_floor.picture import draw
 from driver.report.style import png
-from driver.results.files import make_folder, results_of
-from driver.results.hdf5 import prismid_version, write_csv
+from driver.results.files import (
+    NOISE_FLOOR,
+    NOISE_FLOOR_CSV,
+    NOISE_FLOOR_PICTURE,
+    make_folder,
+    results_of,
+)
+from driver.results.noise_floor import (
+    QUANTITIES,
+    NoiseFloor,
+    Row,
+    over_motions,
+    write_noise_floor,
+)
 
 logger = logging.getLogger(__name__)
 
-FILES = ("noise_floor.json", "noise_floor.csv", "noise_floor.png")
 _UNITS = {"strain": (1e2, "%")}  # factor and unit of a table; nm for what is not named
 # Seconds of one core for one pixel of one image on one mesh, all passes and iterations.
 _PIXEL_SECONDS = 10e-6
@@ -109,27 +116,26 @@ def noise_floor(case_path: Path) -> None:
     take = chosen(rows)
     for line in table(rows, take, freedom):
         logger.info(line)
-    summary = {
-        "prismid": prismid_version(),
-        "element_px": take.size,
-        "height_element_px": take.size_w,
-        "rule": RULE,
-        "noise_nm": 1e3 * images.sigma,
-        "relief_nm": 1e3 * relief,
-        "n_reference": images.n_reference,
-        "interpolation_error_nm": 1e3 * interpolation,
-        "share_of_noise_in_slopes": noise_share,
-        "series": SERIES,
-        "draws": DRAWS,
-        "gamma_u_paper_nm": 1e3 * PAPER_GAMMA_U,
-        "gamma_u_measured_freedom": freedom,
-        "motions": [{"name": motion.name, "kind": motion.kind} for motion in motions],
-        "meshes": [_record(row) for row in rows],
-    }
-    write_whole(folder / FILES[0], json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
-    write_csv(folder / FILES[1], _columns(rows))
-    (folder / FILES[2]).write_bytes(png(draw(rows, take, freedom)))
-    logger.info(f"{folder}: {', '.join(FILES)}")
+    write_noise_floor(
+        folder,
+        NoiseFloor(
+            rows=tuple(rows),
+            take=take,
+            rule=RULE,
+            noise=images.sigma,
+            relief=relief,
+            n_reference=images.n_reference,
+            interpolation_error=interpolation,
+            noise_in_slopes=noise_share,
+            series=SERIES,
+            draws=DRAWS,
+            paper_gamma_u=PAPER_GAMMA_U,
+            freedom=freedom,
+            motions=tuple((motion.name, motion.kind) for motion in motions),
+        ),
+    )
+    (folder / NOISE_FLOOR_PICTURE).write_bytes(png(draw(rows, take, freedom)))
+    logger.info(f"{folder}: {NOISE_FLOOR}, {NOISE_FLOOR_CSV}, {NOISE_FLOOR_PICTURE}")
 
 
 def table(rows: Sequence[Row], take: Row, freedom: int) -> list[str]:
@@ -151,7 +157,8 @@ def table(rows: Sequence[Row], take: Row, freedom: int) -> list[str]:
         for quantity in QUANTITIES:
             factor = _UNITS.get(quantity, (1e3, "nm"))[0]
             bias, scatter = (
-                factor * _rms(part[quantity]) for part in (row.errors.bias, row.errors.scatter)
+                factor * over_motions(part[quantity])
+                for part in (row.errors.bias, row.errors.scatter)
             )
             cells.append(f"{bias:.3g} / {scatter:.3g}")
         gamma = [f"{1e3 * row.errors.predicted:.1f} nm", f"{1e3 * row.measured:.1f} nm"]
@@ -168,46 +175,3 @@ def table(rows: Sequence[Row], take: Row, freedom: int) -> list[str]:
     if stopped:
         lines.append(f"some images did not converge with elements of {', '.join(stopped)} px")
     return lines
-
-
-def _record(row: Row) -> dict[str, Any]:
-    """Return a mesh for the JSON file; lists run over the motions."""
-    found: dict[str, Any] = {
-        "element_px": row.size,
-        "height_element_px": row.size_w,
-        "gamma_u_predicted_nm": 1e3 * row.errors.predicted,
-        "gamma_u_laboratory_nm": 1e3 * _rms(row.errors.scatter["elongation"]),
-        "gamma_u_measured_nm": 1e3 * row.measured,
-        "converged": row.errors.converged,
-    }
-    for quantity in QUANTITIES:
-        factor, name = _labelled(quantity)
-        found[name] = {
-            "bias": (factor * row.errors.bias[quantity]).tolist(),
-            "scatter": (factor * row.errors.scatter[quantity]).tolist(),
-            "total": factor * row.errors.total(quantity),
-        }
-    return found
-
-
-def _columns(rows: Sequence[Row]) -> dict[str, list[float]]:
-    columns = {
-        "element_px": [row.size for row in rows],
-        "height_element_px": [row.size_w for row in rows],
-    }
-    for quantity in QUANTITIES:
-        factor, name = _labelled(quantity)
-        columns[f"{name}_bias"] = [factor * _rms(row.errors.bias[quantity]) for row in rows]
-        columns[f"{name}_scatter"] = [factor * _rms(row.errors.scatter[quantity]) for row in rows]
-    columns["gamma_u_predicted_nm"] = [1e3 * row.errors.predicted for row in rows]
-    columns["gamma_u_measured_nm"] = [1e3 * row.measured for row in rows]
-    return columns
-
-
-def _labelled(quantity: str) -> tuple[float, str]:
-    """Factor and name with unit of a quantity in files."""
-    return (1.0, "strain") if quantity == "strain" else (1e3, f"{quantity}_nm")
-
-
-def _rms(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:
-    return float(np.sqrt(np.mean(values**2)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from driver.experiment.images.heightmaps import ImageError
 from driver.experiment.images.plane import plane_modes
 from driver.experiment.reading import Experiment
 from driver.forward.build import surface_images
-from driver.noise_floor.laboratory import Errors, elongation
+from driver.noise_floor.laboratory import elongation
+from driver.results.noise_floor import Row
 
 LADDER = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384)  # px
 MESHES = 6
@@ -27,23 +28,6 @@ RULE = (
     "of the meshes whose error of the elongation is within 10 % of the least, the one with the "
     "least error of ε_YY (bias and scatter together, root mean square over all motions)"
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Row:
-    """One mesh.
-
-    Attributes:
-        size: element of u and v [px].
-        size_w: element of w [px].
-        errors: what the laboratory found.
-        measured: standard deviation of the elongation of an image by the repeats [µm].
-    """
-
-    size: float
-    size_w: float
-    errors: Errors
-    measured: float
 
 
 def sizes(images: SurfaceImages, ratio: float) -> tuple[int, ...]:

@@ -15,13 +15,11 @@ from driver.dic.series import Roughness, SurfaceMotion, measure
 from driver.dic.surface_images import SurfaceImages, prepare
 from driver.noise_floor.motions import KnownMotion
 from driver.noise_floor.quiet import without_noise
+from driver.results.noise_floor import QUANTITIES, Errors
 from driver.virtual.microscope.series import carried
 from driver.virtual.microscope.texture import Texture, texture
 
 FloatArray = NDArray[np.float64]
-
-QUANTITIES = ("u", "v", "w", "strain", "elongation")
-"""Motions and elongation [µm], ε_YY at a pixel [-]."""
 
 SERIES, DRAWS = 4, 2  # series with a reference of their own; images of each motion in a series
 _MARGIN = 32  # px of the reference around the region of interest that are kept
@@ -121,27 +119,6 @@ def laboratory(images: SurfaceImages, motions: Sequence[KnownMotion], length: fl
         sigma=images.sigma,
         n_reference=images.n_reference,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Errors:
-    """Errors of one mesh, root mean square over the pixels, m motions.
-
-    Attributes:
-        bias: what noise does not explain, by quantity, each of shape (m,).
-        scatter: standard deviation from noise of image and reference, by quantity, (m,).
-        predicted: standard deviation of the elongation by its covariance [µm].
-        converged: share of the images for which the correlation converged.
-    """
-
-    bias: dict[str, FloatArray]
-    scatter: dict[str, FloatArray]
-    predicted: float
-    converged: float
-
-    def total(self, quantity: str) -> float:
-        """Root mean square error over all motions, of bias and scatter together."""
-        return float(np.sqrt(np.mean(self.bias[quantity] ** 2 + self.scatter[quantity] ** 2)))
 
 
 def errors(

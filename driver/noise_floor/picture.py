@@ -8,8 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from driver.noise_floor.floor import PAPER_GAMMA_U, Row
+from driver.noise_floor.floor import PAPER_GAMMA_U
 from driver.report.style import AFTER, BEFORE, GREY, MEASURED, grid, new_figure, styled
+from driver.results.noise_floor import Row, over_motions
 
 _BIAS, _SCATTER = BEFORE, AFTER
 _PANELS = (
@@ -37,7 +38,7 @@ def draw(rows: Sequence[Row], take: Row, freedom: int) -> Figure:
         axes = figure.add_subplot(place)
         sizes = [row.size for row in rows]
         for name, colour in (("bias", _BIAS), ("scatter", _SCATTER)):
-            values = [_rms(getattr(row.errors, name)[quantity]) * factor for row in rows]
+            values = [over_motions(getattr(row.errors, name)[quantity]) * factor for row in rows]
             axes.plot(sizes, values, "o-", color=colour, label=name)
         total = [row.errors.total(quantity) * factor for row in rows]
         axes.plot(sizes, total, color=MEASURED, linewidth=1.0, label="both")
@@ -52,9 +53,9 @@ def _elongation(axes: Axes, rows: Sequence[Row], take: Row, freedom: int) -> Non
     found = [row.errors for row in rows]
     predicted = [1e3 * errors.predicted for errors in found]
     axes.plot(sizes, predicted, color=AFTER, label="noise by the covariance")
-    scatter = [1e3 * _rms(errors.scatter["elongation"]) for errors in found]
+    scatter = [1e3 * over_motions(errors.scatter["elongation"]) for errors in found]
     axes.plot(sizes, scatter, "s", color=AFTER, label="noise in the laboratory")
-    bias = [1e3 * _rms(errors.bias["elongation"]) for errors in found]
+    bias = [1e3 * over_motions(errors.bias["elongation"]) for errors in found]
     axes.plot(sizes, bias, "o-", color=BEFORE, label="bias")
     measured = np.array([1e3 * row.measured for row in rows])
     share = 1 / np.sqrt(2 * freedom)
@@ -83,7 +84,3 @@ def _dress(axes: Axes, rows: Sequence[Row], take: Row, label: str) -> None:
     axes.set_title(label)
     axes.set_xlabel("element [px]")
     grid(axes)
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))

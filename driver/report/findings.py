@@ -18,6 +18,7 @@ from driver.parameters.registry import declared_parameters
 from driver.report.identified import IdentifiedParameter, estimates
 from driver.report.measured import DATASETS, MeasuredMotion, measured_motion, peaks
 from driver.report.measured_figures import FIGURES
+from driver.results.advice import read_advised_text
 from driver.results.diagnosis import OMNIBUS
 from driver.results.files import (
     ADVICE,
@@ -79,7 +80,7 @@ class Findings:
         history: the loading history.
         measured: datasets of `measure.h5`.
         motion: the same as the pictures of free correlation need it.
-        pictures: these pictures as PNG files, by name.
+        pictures: these pictures as PNG files, by name without ending.
         fitted: datasets of `diagnosis.h5`: "before/…", "after/…".
         estimates: the k identified parameters of the baseline, by name.
         identified: datasets of `identify.h5`, without predictions.
@@ -201,7 +202,7 @@ def read_findings(case: Case, results: Path) -> Findings:
         history=history,
         measured=measured,
         motion=measured_motion(measured, case.images.level_um, boundary_trace(case)),
-        pictures={name: present(results, f"{name}.png").read_bytes() for name in FIGURES},
+        pictures={Path(name).stem: present(results, name).read_bytes() for name in FIGURES},
         fitted=_datasets(paths[DIAGNOSIS_H5], _FITTED),
         estimates=estimates(told.names, _declared(case, history), identified),
         identified=identified,
@@ -212,7 +213,7 @@ def read_findings(case: Case, results: Path) -> Findings:
         noise_factor=float(identified["noise_factor"]),
         iterations=iterations,
         diagnosis=_diagnosis(paths[DIAGNOSIS]),
-        advice=_record(paths[ADVICE], ("text",))["text"],
+        advice=read_advised_text(paths[ADVICE]),
     )
 
 

@@ -1,4 +1,7 @@
-"""Names of the files of a run's results."""
+"""Names of all files and folders that are written for a case, and what each holds.
+
+The case file and its schema are named by `driver.case.model`, which reads them.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +10,97 @@ from pathlib import Path
 from driver.case.model import Case
 from driver.common.errors import InputError, sentence, why
 
+# Of a run.
 RESULTS = "results"
 """The folder of the results, beside the case."""
 STAGES = "stages.json"
-MESH, FINE_MESH = "mesh.med", "mesh_fine.med"
+"""Which stages are finished, for which inputs, with which results."""
+LOCK = "run.lock"
+"""Whose run is at work on the results."""
+JOBS = "jobs"
+"""The folder of the jobs of a solver that is a program of its own."""
+READ_BACK = (".h5", ".json", ".med")
+"""Endings of results that later stages read."""
+
+# Stage mesh.
+MESH, MESH_VTU = "mesh.med", "mesh.vtu"
+"""The working mesh, for solvers and for ParaView; an export has the latter, too."""
+FINE_MESH, FINE_MESH_VTU = "mesh_fine.med", "mesh_fine.vtu"
+"""The finer mesh behind the correction."""
+
+# Stage measure.
 MEASURE, MEASURE_CSV = "measure.h5", "measure.csv"
-IDENTIFY, IDENTIFY_CSV, HISTORY_JSON = "identify.h5", "identify.csv", "identify_history.json"
+"""The motion of the face by free correlation, and an image a row."""
+MEASURE_REFERENCE = "measure_reference.png"
+"""Picture of the reference, the region of interest and the meshes."""
+MEASURE_FIELDS = "measure_fields.png"
+"""Picture of u, v, w at the ends of loading."""
+MEASURE_TRAVEL = "measure_travel.png"
+"""Picture of elongation, tilt and mean of w over stage travel."""
+MEASURE_GRIP = "measure_grip.png"
+"""Picture of the elongation beside the line of all images."""
+MEASURE_RESIDUALS = "measure_residuals.png"
+"""Picture of the residuals of the images."""
+MEASURE_NOISE = "measure_noise.png"
+"""Picture of the residuals over their noise."""
+
+# Stage identify.
+IDENTIFY, IDENTIFY_CSV = "identify.h5", "identify.csv"
+"""Parameters, covariance and predictions, and a parameter a row."""
+HISTORY_JSON = "identify_history.json"
+"""The iterations of the identification."""
+
+# Stage diagnose.
 DIAGNOSIS, DIAGNOSIS_H5 = "diagnosis.json", "diagnosis.h5"
+"""The verdict with the evidence of every cause, and predictions before and after."""
+EXTENDED = "extended.toml"
+"""The case with the causes that were added."""
+NOISE_MAP = "noise_map.tif"
+"""Noise of each pixel over its mean."""
+DECKS = "extended_decks"
+"""The folder of the extended model as decks, one folder a solver."""
+
+# Stage advise.
 ADVICE = "advice.json"
-EXTENDED, NOISE_MAP = "extended.toml", "noise_map.tif"
-DECKS, JOBS = "extended_decks", "jobs"
+"""Which change of the experiment would part a set of causes."""
+
+# Stage report.
 REPORT = "report.html"
+"""The report page."""
+
+# Other verbs, into the same folder.
+CHECK_PICTURE = "check.png"
+"""The specimen over the first image."""
+NOISE_FLOOR, NOISE_FLOOR_CSV = "noise_floor.json", "noise_floor.csv"
+"""Errors of the correlation against mesh size, and a mesh a row."""
+NOISE_FLOOR_PICTURE = "noise_floor.png"
+"""Picture of the same."""
+DESIGN, DESIGN_PICTURE = "design.json", "design.png"
+"""What an experiment would say, and its picture."""
+
+# An export.
+EXPORT = "export"
+"""The folder of an export, among the results unless another one is given."""
+README = "README.txt"
+"""What the files of an export hold, and their list."""
+SURFACE_SERIES, SURFACE_FRAMES = "surface.pvd", "surface"
+"""The measured face over time, and the folder of its images."""
+LOADS_CSV = "loads.csv"
+"""Measured and predicted load, an image a row."""
+IMAGES_CSV = "images.csv"
+"""Elongation, tilt and rigid motion, an image a row."""
+KNOTS_CSV = "knots.csv"
+"""The boundary motion, a turning point a row."""
+PARAMETERS_CSV = "parameters.csv"
+"""All other parameters, one a row."""
+
+# A virtual experiment.
+IMAGES_TIF, REPEATS_TIF, FLATS_TIF = "images.tif", "repeats.tif", "flats.tif"
+"""The stacks of height maps."""
+HISTORY_CSV = "history.csv"
+"""Times, stage travel, images and their loads."""
+TRUTH, TRUTH_H5 = "truth.json", "truth.h5"
+"""The true parameters, and the true motion, load, relief and noise."""
 
 
 def results_of(case: Case) -> Path:
@@ -39,6 +122,36 @@ def make_folder(results: Path) -> None:
     except OSError as error:
         expected = "a folder that can be made and written"
         raise InputError(sentence(results, "folder", why(error), expected)) from None
+
+
+def working_folder(stage: str) -> str:
+    """Return the name of the folder in which a stage works."""
+    return f"{stage}.partial"
+
+
+def edited(path: Path, number: int) -> Path:
+    """Return the path under which an edited result is kept; those after the first have a number."""
+    return path.with_stem(f"{path.stem}.edited{number or ''}")
+
+
+def report_figure(name: str) -> str:
+    """Return the file name of a figure of the report page."""
+    return f"report_{name}.png"
+
+
+def surface_frame(image: int) -> str:
+    """Return the path of the measured face at an image in an export."""
+    return f"{SURFACE_FRAMES}/surface_{image:04d}.vtu"
+
+
+def volume_vtkhdf(model: str) -> str:
+    """Return the file name of the volume of a model in an export, for ParaView."""
+    return f"volume_{model}.vtkhdf"
+
+
+def volume_med(model: str) -> str:
+    """Return the file name of the volume of a model in an export, for Salome."""
+    return f"volume_{model}.med"
 
 
 class AbsentError(InputError):

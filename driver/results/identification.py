@@ -20,6 +20,7 @@ from driver.identification.identify import Identification
 from driver.identification.kinematic_hessian import kinematic_hessian
 from driver.identification.objective import Correction
 from driver.identification.problem import IdentificationProblem
+from driver.identification.step_error import StepError
 from driver.parameters.boundary import LAMBDAS
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.results.files import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
@@ -27,6 +28,7 @@ from driver.results.hdf5 import damaged, write_csv, write_hdf5
 from solver_adapters.interface import Trajectory
 from solver_adapters.parameter import Parameter
 
+FloatArray = NDArray[np.float64]
 Arrays = dict[str, tuple[NDArray[np.generic] | float, str]]
 
 
@@ -201,6 +203,17 @@ def _trajectory(trajectory: Trajectory | None) -> Arrays:
     }
 
 
+def written_trajectory(datasets: Mapping[str, FloatArray]) -> Trajectory | None:
+    """Return the trajectory of an identification, None of a solver that does not tell it.
+
+    Args:
+        datasets: those of `identify.h5` by name.
+    """
+    if "trajectory/times" not in datasets:
+        return None
+    return Trajectory(datasets["trajectory/times"], datasets["trajectory/displacement"])
+
+
 def _jitter(jitter: BoundaryJitter | None) -> Arrays:
     if jitter is None:
         return {}
@@ -208,6 +221,43 @@ def _jitter(jitter: BoundaryJitter | None) -> Arrays:
         "jitter/load": (jitter.load, "µN"),
         "jitter/image": (jitter.image.astype(np.float32), "1"),
     }
+
+
+def written_jitter(datasets: Mapping[str, FloatArray]) -> BoundaryJitter | None:
+    """Return what noise of the boundary did in an identification, None where it had none.
+
+    Args:
+        datasets: those of `identify.h5` by name.
+    """
+    if "jitter/load" not in datasets:
+        return None
+    return BoundaryJitter(datasets["jitter/load"], datasets["jitter/image"])
+
+
+def written_noise_factor(datasets: Mapping[str, FloatArray]) -> float:
+    """Return the noise on the correlation basis over that of the repeats.
+
+    Args:
+        datasets: those of `identify.h5` by name.
+    """
+    return float(datasets["noise_factor"])
+
+
+def written_correction(datasets: Mapping[str, FloatArray]) -> Correction:
+    """Return the correction of an identification.
+
+    Args:
+        datasets: those of `identify.h5` by name.
+    """
+    left = None
+    if "correction/steps_load" in datasets:
+        left = StepError(datasets["correction/steps_motion"], datasets["correction/steps_load"])
+    return Correction(
+        datasets["correction/motion"],
+        datasets["correction/load"],
+        left,
+        int(datasets["correction/parts"]),
+    )
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from driver.common.atomic_write import write_whole
 from driver.results.hdf5 import damaged
 
 
@@ -26,10 +27,9 @@ def read_json(path: Path) -> dict[str, Any]:
     return record
 
 
-def write_json(path: Path, record: Mapping[str, Any]) -> None:
-    """Write a record, a value a line."""
-    text = json.dumps(record, indent=1, ensure_ascii=False)
-    path.write_text(text + "\n", encoding="utf-8")
+def write_json(path: Path, record: Mapping[str, Any], indent: int = 1) -> None:
+    """Write a record, a value a line, whole or not at all."""
+    write_whole(path, json.dumps(record, indent=indent, ensure_ascii=False) + "\n")
 
 
 def json_number(value: float) -> float | None:

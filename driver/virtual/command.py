@@ -6,13 +6,14 @@ import logging
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from driver.case.model import Case, load_case
+from driver.case.model import CASE_FILE, Case, load_case
 from driver.common.errors import InputError, sentence
 from driver.common.formatting import cost_told
 from driver.common.progress import tenths
 from driver.experiment.history import read_history
 from driver.forward.build import adapter_of, mesh_of
 from driver.forward.cost import simulation_memory, simulation_seconds
+from driver.results.files import TRUTH
 from driver.virtual.settings import Virtual, read_virtual
 from driver.virtual.truth import knots, pull, stage_program
 from driver.virtual.writing import record
@@ -72,7 +73,7 @@ def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int
         record(Path(aside), case, course, seed, settings)
         for file in Path(aside).iterdir():
             file.replace(folder / file.name)
-    logger.info(f"{folder / 'case.toml'} written, its truth in truth.json: `prismid run {folder}`")
+    logger.info(f"{folder / CASE_FILE} written, its truth in {TRUTH}: `prismid run {folder}`")
 
 
 def true_case(case: Case, settings: Virtual) -> Case:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import tifffile
 from numpy.typing import NDArray
 
-from driver.case.model import SCHEMA_FILE, Case, schema_text, write_case
+from driver.case.model import CASE_FILE, SCHEMA_FILE, Case, schema_text, write_case
 from driver.common.errors import InputError
-from driver.experiment.history import COLUMNS, History
 from driver.parameters.registry import declared_parameters
-from driver.results.hdf5 import prismid_version, write_hdf5
+from driver.results.files import FLATS_TIF, HISTORY_CSV, IMAGES_TIF, REPEATS_TIF
+from driver.results.virtual_experiment import Truth, write_history, write_images, write_truth
 from driver.virtual.microscope.camera import Camera
 from driver.virtual.microscope.face_motion import Face, NodalMotion
 from driver.virtual.microscope.relief import Relief, Waves
@@ -26,10 +24,6 @@ from driver.virtual.truth import Course
 
 FloatArray = NDArray[np.float64]
 
-FILES = (
-    "case.toml", SCHEMA_FILE, "images.tif", "repeats.tif", "flats.tif", "history.csv",
-    "truth.json", "truth.h5",
-)  # fmt: skip
 _AROUND = 1.5  # µm beyond the face on which there are dots
 _PATTERN = (1.5, 6.0)  # wavelengths of the fixed pattern [µm]
 
@@ -73,21 +67,19 @@ def record(
     left = course.values["fixed_pattern"] * lens.camera.pattern
     camera = replace(lens.camera, pattern=lens.camera.pattern + left)
     try:
-        stacks = {
-            "repeats": repeats(camera, subject, scope.repeats, on_image),
-            "flats": flats(lens.camera, at_flats, on_image),
-            "images": list(frames(camera, subject, at_images, on_image)),
-        }
+        # One stream of noise runs through all three, in this order.
+        of_repeats = repeats(camera, subject, scope.repeats, on_image)
+        of_flats = flats(lens.camera, at_flats, on_image)
+        of_test = list(frames(camera, subject, at_images, on_image))
     except ValueError as error:
         raise InputError(f"microscope.bits: {error}") from None
-    for name, stack in stacks.items():
-        tifffile.imwrite(folder / f"{name}.tif", np.stack(stack), photometric="minisblack")
+    write_images(folder, of_test, of_repeats, of_flats)
     noise = case.loads.gamma_F * correlated(on_load, n_images, case.loads.autocorrelation)
-    _write_history(folder / "history.csv", course.history, (course.load + noise) / case.force_scale)
-    write_case(_stated(case, settings, lens), folder / "case.toml")
+    write_history(folder, course.history, (course.load + noise) / case.force_scale)
+    write_case(_stated(case, settings, lens), folder / CASE_FILE)
     (folder / SCHEMA_FILE).write_text(schema_text(), encoding="utf-8")
-    _write_truth(folder, course, settings, seed, lens, subject, at_images)
-    return folder / "case.toml"
+    write_truth(folder, _truth(course, settings, seed, lens, subject, at_images))
+    return folder / CASE_FILE
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,13 +173,13 @@ def _stated(case: Case, settings: Virtual, lens: _Lens) -> Case:
     """Return the case with the images and the history that were written."""
     images = case.images.model_copy(
         update={
-            "frames": "images.tif", "flats": "flats.tif", "repeats": "repeats.tif", "mask": None,
+            "frames": IMAGES_TIF, "flats": FLATS_TIF, "repeats": REPEATS_TIF, "mask": None,
             "noise_map": None,
             "height_per_level_nm": _level(case, settings), "origin_pixel": lens.origin,
             "rows_along": "+X", "columns_along": "+Y", "heights": "+Z",
         }
     )  # fmt: skip
-    history = case.history.model_copy(update={"file": "history.csv"})
+    history = case.history.model_copy(update={"file": HISTORY_CSV})
     loads = case.loads.model_copy(update={"left_out": ()})
     return case.model_copy(update={"images": images, "history": history, "loads": loads})
 
@@ -200,54 +192,32 @@ def correlated(rng: np.random.Generator, number: int, correlation: float) -> Flo
     return noise
 
 
-def _write_history(path: Path, history: History, force: FloatArray) -> None:
-    """Write times, stage travel and images with their forces [N]."""
-    image_of = {int(row): image for image, row in enumerate(history.image_row)}
-    lines = [",".join(COLUMNS)]
-    for row, (time, stage) in enumerate(zip(history.time, history.stage, strict=True)):
-        taken = f"{image_of[row]},{force[image_of[row]]:.4f}" if row in image_of else ","
-        lines.append(f"{time:.10g},{stage:.10g},{taken}")
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def _write_truth(
-    folder: Path,
+def _truth(
     course: Course,
     settings: Virtual,
     seed: int,
     lens: _Lens,
     subject: Subject,
     stage: FloatArray,
-) -> None:
+) -> Truth:
     declared = declared_parameters(course.history.n_knots)
-    truth = {
-        "prismid": prismid_version(),
-        "seed": seed,
-        "values": {
-            name: {"value": value, "unit": declared[name].unit}
-            for name, value in course.values.items()
-        },
-        "origin_error_um": lens.error.tolist(),
-        "n_cells": len(course.mesh.cells),
-        "settings": settings.model_dump(mode="json"),
-    }
-    (folder / "truth.json").write_text(
-        json.dumps(truth, indent=2, ensure_ascii=False) + "\n", encoding="utf-8"
-    )
     x, y = lens.camera.x, lens.camera.y
     seen = [NodalMotion(subject.face, nodal)(x.ravel(), y.ravel())[0] for nodal in course.motion]
-    write_hdf5(
-        folder / "truth.h5",
-        {
-            "x": (x, "µm"),
-            "y": (y, "µm"),
-            "relief": (subject.relief(x, y), "µm"),
-            "pattern": (lens.camera.pattern, "µm"),
-            "noise": (lens.camera.noise, "µm"),
-            "stage": (stage, "µm"),
-            "motion": (np.reshape(seen, (len(seen), *x.shape, 3)).astype(np.float32), "µm"),
-            "load": (course.load, "µN"),
-            "nodes": (course.face.points, "µm"),
-            "nodal_motion": (course.motion, "µm"),
-        },
+    return Truth(
+        seed=seed,
+        values=course.values,
+        units={name: declared[name].unit for name in course.values},
+        origin_error=lens.error,
+        n_cells=len(course.mesh.cells),
+        settings=settings.model_dump(mode="json"),
+        x=x,
+        y=y,
+        relief=subject.relief(x, y),
+        pattern=lens.camera.pattern,
+        noise=lens.camera.noise,
+        stage=stage,
+        motion=np.reshape(seen, (len(seen), *x.shape, 3)),
+        load=course.load,
+        nodes=course.face.points,
+        nodal_motion=course.motion,
     )

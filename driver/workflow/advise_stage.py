@@ -14,9 +14,10 @@ from driver.design.model_discrimination import Discrimination, advice, discrimin
 from driver.diagnosis.causes.ebsd_flips import FLIPS
 from driver.experiment.reading import history_of
 from driver.parameters.registry import declared_parameters
+from driver.results.advice import Advice, write_advice
 from driver.results.extended_case import with_half_turns
-from driver.results.files import ADVICE, DIAGNOSIS, JOBS
-from driver.results.json_files import read_json, write_json
+from driver.results.files import DIAGNOSIS, JOBS
+from driver.results.json_files import read_json
 from driver.workflow.engine import StageContext
 from solver_adapters.interface import SolverError
 from solver_adapters.parameter import Parameter
@@ -34,12 +35,8 @@ def run_advise(context: StageContext) -> None:
     text = advice(changes) if changes else ""
     if text:
         logger.info(f"  {text}")
-    record = {
-        "causes": list(causes),
-        "changes": [{"change": one.name, "apart_sigma": one.apart} for one in changes],
-        "text": text,
-    }
-    write_json(context.workdir / ADVICE, record)
+    apart = tuple((change.name, change.apart) for change in changes)
+    write_advice(context.workdir, Advice(causes, apart, text))
 
 
 def _inseparable(diagnosis: Record) -> tuple[str, ...]:

@@ -20,13 +20,11 @@ from driver.case.model import Case
 from driver.common.errors import InputError, sentence
 from driver.experiment.images.files import split_dataset
 from driver.parameters.user_terms import files_of_terms, installed_terms
-from driver.results.files import make_folder, present, results_of
+from driver.results.files import READ_BACK, edited, make_folder, present, results_of, working_folder
 from driver.results.stage_record import Done, read_record, write_record
 from driver.workflow.run_lock import sole_run
 
 logger = logging.getLogger(__name__)
-
-_READ_BACK = (".h5", ".json", ".med")  # of results that later stages read
 
 
 class StageError(InputError):
@@ -177,7 +175,7 @@ def _run_stage(
     prepare_only: bool,
     memory: dict[str, Any],
 ) -> None:
-    workdir = results / f"{stage.name}.partial"
+    workdir = results / working_folder(stage.name)
     shutil.rmtree(workdir, ignore_errors=True)
     workdir.mkdir()
     logger.info(f"{stage.name}: started")
@@ -222,7 +220,7 @@ def _set_edited_aside(old: Done | None, results: Path) -> None:
         path = results / name
         if not path.is_file() or _content_hash(path) == digest:
             continue
-        names = (path.with_stem(f"{path.stem}.edited{k or ''}") for k in count())
+        names = (edited(path, number) for number in count())
         kept = next(one for one in names if not one.exists())
         path.rename(kept)
         logger.info(f"{path} has changed since it was written: it is kept as {kept.name}")
@@ -230,7 +228,7 @@ def _set_edited_aside(old: Done | None, results: Path) -> None:
 
 def _is_read_back(name: str) -> bool:
     """Whether later stages read a result; what is not read, or in a folder, may be edited."""
-    return name.endswith(_READ_BACK) and Path(name).parent == Path()
+    return name.endswith(READ_BACK) and Path(name).parent == Path()
 
 
 def is_done(entry: Done | None, key: str, results: Path) -> bool:

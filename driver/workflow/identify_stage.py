@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 from driver.case.model import Case, CaseError
 from driver.common.errors import sentence
 from driver.experiment.history import History
-from driver.identification.boundary_jitter import BoundaryJitter
 from driver.identification.identify import identify, with_correction
-from driver.identification.objective import Correction, Evaluation, Objective
+from driver.identification.objective import Evaluation, Objective
 from driver.identification.problem import IdentificationProblem, build_problem, seen_by_correlation
-from driver.identification.step_error import StepError
 from driver.parameters.boundary import LAMBDAS, elongation_names
 from driver.results.files import FINE_MESH, JOBS, MEASURE, MESH
 from driver.results.hdf5 import read_hdf5
@@ -24,11 +22,14 @@ from driver.results.identification import (
     value_told,
     warnings_of,
     write_with_images,
+    written_correction,
+    written_jitter,
+    written_noise_factor,
+    written_trajectory,
 )
 from driver.workflow.engine import StageContext
 from driver.workflow.prepared_images import prepared_images
 from meshes.files import read_med
-from solver_adapters.interface import Trajectory
 
 logger = logging.getLogger(__name__)
 
@@ -127,21 +128,10 @@ def error_budget(
 def saved_objective(problem: IdentificationProblem, results: dict[str, FloatArray]) -> Objective:
     """Return the objective of the last stage of a finished identification."""
     objective = problem.objective
-    if "jitter/load" in results:
-        jitter = BoundaryJitter(results["jitter/load"], results["jitter/image"])
+    if (jitter := written_jitter(results)) is not None:
         objective = replace(objective, data=replace(objective.data, jitter=jitter))
-    left = None
-    if "correction/steps_load" in results:
-        left = StepError(results["correction/steps_motion"], results["correction/steps_load"])
-    correction = Correction(
-        results["correction/motion"],
-        results["correction/load"],
-        left,
-        int(results["correction/parts"]),
-    )
-    return with_correction(
-        objective, float(results["noise_factor"]), correction, problem.plan.sizes
-    )
+    factor, correction = written_noise_factor(results), written_correction(results)
+    return with_correction(objective, factor, correction, problem.plan.sizes)
 
 
 def same_simulation(
@@ -154,9 +144,9 @@ def same_simulation(
         results: what was written of it.
         values: every parameter as it was identified.
     """
-    if "trajectory/times" not in results:  # of a solver that does not tell it
+    trajectory = written_trajectory(results)
+    if trajectory is None:  # of a solver that does not tell it
         return objective
-    trajectory = Trajectory(results["trajectory/times"], results["trajectory/displacement"])
     model = objective.model.with_time_steps_of(trajectory.times[1:], values).warm_started_from(
         trajectory, values
     )

@@ -16,7 +16,7 @@ from driver.report.identified import estimates
 from driver.report.identified_tables import estimate_rows
 from driver.report.labels import named
 from driver.report.style import data_uri, png
-from driver.results.files import IDENTIFY, REPORT
+from driver.results.files import IDENTIFY, REPORT, report_figure
 from driver.results.hdf5 import prismid_version, read_hdf5
 from driver.results.identification import read_identification
 from driver.workflow.engine import StageContext
@@ -40,7 +40,7 @@ def run_report_loads(context: StageContext) -> None:
             case.loads.gamma_F, found["initial/load"],
         )
     )  # fmt: skip
-    (context.workdir / "report_loads.png").write_bytes(picture)
+    (context.workdir / report_figure("loads")).write_bytes(picture)
     rest = np.delete(found["final/load_residual"], case.loads.left_out)
     page = render(
         "report_loads.html.j2",

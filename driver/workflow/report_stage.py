@@ -9,7 +9,7 @@ from driver.report.all_figures import draw
 from driver.report.findings import FILES, read_findings
 from driver.report.page import report_page
 from driver.report.style import png
-from driver.results.files import REPORT
+from driver.results.files import REPORT, report_figure
 from driver.results.hdf5 import prismid_version
 from driver.workflow.engine import StageContext
 
@@ -26,7 +26,7 @@ def run_report(context: StageContext) -> None:
     findings = read_findings(context.case, context.results)
     images = {name: png(figure) for name, figure in draw(findings)}
     for name, image in images.items():
-        (context.workdir / f"report_{name}.png").write_bytes(image)
+        (context.workdir / report_figure(name)).write_bytes(image)
     path, now = context.case.file.resolve(), datetime.now().astimezone()
     page = report_page(
         findings,

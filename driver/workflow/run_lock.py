@@ -10,8 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from driver.common.errors import InputError, sentence, why
-
-LOCK = "run.lock"
+from driver.results.files import LOCK
 
 
 class BusyError(InputError):

@@ -181,7 +181,7 @@ def _write_measured(path: Path, time: FloatArray, rng: np.random.Generator) -> N
     )
     for name in FIGURES:
         # What the report embeds as it finds it.
-        (path.parent / f"{name}.png").write_bytes(b"\x89PNG " + name.encode())
+        (path.parent / name).write_bytes(b"\x89PNG " + Path(name).stem.encode())
 
 
 def _knot_names() -> list[str]:

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import pytest
 
-from driver.parameters.registry import declared_parameters
 from solver_adapters.parameter import Parameter
 
 LOG = Parameter("tau0", "MPa", 40.0, 1.0, 0.1, 2000.0, True)
@@ -35,12 +34,6 @@ def test_a_typical_change_is_one_prior_scale() -> None:
 def test_a_value_stays_inside_the_bounds() -> None:
     assert PLAIN.value(100.0, 0.0) == 3.0 and PLAIN.value(-100.0, 0.0) == -3.0
     assert LOG.value(50.0, 40.0) == 2000.0 and LOG.value(-50.0, 40.0) == 0.1
-
-
-def test_every_declared_null_lies_inside_its_bounds() -> None:
-    for parameter in declared_parameters(5).values():
-        assert parameter.lower <= parameter.null <= parameter.upper and parameter.scale > 0
-        assert not parameter.logarithmic or parameter.lower > 0
 
 
 def test_a_prior_scale_is_one_in_theta_but_for_a_logarithm() -> None:

@@ -5,10 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from driver.case.material import MaterialTable
 from driver.case.model import CaseError, case_text, default_case, load_case, schema
 from driver.case.solver import ProfileTable
-from solver_adapters.interaction import bcc24_classes
 from solver_adapters.interface import FloatArray
 from solver_adapters.material import Material
 
@@ -198,30 +196,6 @@ def test_a_written_interaction_reads_back_equal(
     assert load_case(path).material == material
 
 
-def test_four_numbers_are_the_classes_of_bcc24_and_24_rows_the_matrix_itself(
-    tmp_path: Path,
-) -> None:
-    line = "# interaction = [1, 1, 1, 1]"
-    classes = load_case(write(tmp_path, (line, "interaction = [1, 1.4, 0.7, 0.5]")))
-    expected = bcc24_classes(1.0, 1.4, 0.7, 0.5)
-    interaction = classes.material.to_material().interaction
-    assert interaction is not None and np.array_equal(interaction, expected)
-    rows = load_case(write(tmp_path, (line, f"interaction = {expected.tolist()}")))
-    assert rows.material.to_material() == classes.material.to_material()
-    assert load_case(write(tmp_path)).material.to_material().interaction is None
-
-
-def test_every_scalar_of_the_law_has_its_key_in_its_unit(tmp_path: Path) -> None:
-    changed = MaterialTable(
-        h_latent=0.4, Q_latent_MPa=3, tau0_antitwinning=1.2, a1=0.3, c2_MPa=1500, d2=100, x0=-1e-4,
-        eigenstrain=1e-3, skin_tau0=1.5, skin_thickness_um=0.2,
-    )  # fmt: skip
-    assert changed.to_material() == Material(
-        h_latent=0.4, Q_latent=3, tau0_antitwinning=1.2, a1=0.3, c2=1500, d2=100, x0=-1e-4,
-        eigenstrain=1e-3, skin_tau0=1.5, skin_thickness=0.2,
-    )  # fmt: skip
-
-
 def test_every_key_stands_in_the_written_case() -> None:
     text, document = case_text(default_case()), schema()
     tables = {**document["properties"], **document["$defs"]}
@@ -256,11 +230,6 @@ def test_paths_are_relative_to_the_case_file() -> None:
     case = load_case(ALPHA)
     assert case.images.frames is not None
     assert case.path(case.images.frames) == ALPHA.parent / "images.tif"
-
-
-def test_a_prior_width_that_is_not_given_is_one(tmp_path: Path) -> None:
-    case = load_case(write(tmp_path, ("# tau0 = 1.0", "tau0 = 0.25")))
-    assert [case.identification.width(name) for name in ("tau0", "c")] == [0.25, 1.0]
 
 
 def young_modulus(direction: FloatArray) -> float:
@@ -304,14 +273,6 @@ def test_turning_the_ebsd_frame_back_restores_the_crystals(tmp_path: Path) -> No
         )
     )
     np.testing.assert_allclose(turned.orientations, expected, atol=1e-12)
-
-
-def test_a_rounded_rotation_is_made_a_proper_one(tmp_path: Path) -> None:
-    rounded = "[[0.8660, -0.5000, 0.0], [0.5000, 0.8660, 0.0], [0.0, 0.0, 1.0]]"
-    identity = "[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]"
-    rotation = load_case(write(tmp_path, (identity, rounded))).orientation.rotation
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
-    np.testing.assert_allclose(rotation[0], [3**0.5 / 2, -0.5, 0], atol=1e-4)
 
 
 def test_the_example_states_what_its_readme_states() -> None:

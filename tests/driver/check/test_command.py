@@ -2,7 +2,6 @@ import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,11 +11,7 @@ from matplotlib.image import imread
 from driver.case.model import load_case
 from driver.check import command as check_module
 from driver.check.command import check
-from driver.diagnosis.causes.all_causes import NAMES
-from driver.diagnosis.causes.causes import LIBRARY
-from driver.forward.cost import simulation_seconds
 from driver.forward.geometry import boundary_trace
-from driver.workflow.cost import estimate
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.calculix.adapter import CalculixAdapter
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
@@ -175,61 +170,6 @@ def test_bad_frames_a_wrong_scale_and_dust_are_warned_of_by_name(case_path: Path
     assert noise.startswith("images.noise_nm: found 9, expected about the 18.29 ")
     assert frame.startswith("frame 40 is unlike its neighbours: residual")
     assert any("and 13 as dust" in line for line in found(case_path, "ok"))
-
-
-def test_the_estimate_grows_with_the_work() -> None:
-    case, bundled = load_case(ALPHA / "case.toml"), BundledAdapter().capabilities()
-    base = estimate(case, bundled, 264, 97)
-    assert estimate(case, bundled, 528, 97).seconds > 1.9 * base.seconds
-    assert estimate(case, bundled, 264, 194).seconds == pytest.approx(2 * base.seconds)
-    pixels = estimate(case, bundled, 264, 97, n_pixels=10**8)
-    assert pixels.memory - base.memory == pytest.approx(2.4e9)
-    fewer = case.model_copy(update={"diagnosis": case.diagnosis.model_copy(update={"refit": 1})})
-    assert estimate(fewer, bundled, 264, 97).seconds < base.seconds
-    more = case.model_copy(
-        update={"identification": case.identification.model_copy(update={"starts": 3})}
-    )
-    assert estimate(more, bundled, 264, 97).seconds > base.seconds
-    assert estimate(more, bundled, 264, 97).simulations > base.simulations
-    shaken = case.model_copy(
-        update={"boundary": case.boundary.model_copy(update={"jitter_nm": 0.1})}
-    )
-    assert estimate(shaken, bundled, 264, 97).seconds > base.seconds
-
-
-def test_the_estimate_counts_no_more_refits_than_causes_that_are_asked_for() -> None:
-    default, bundled = load_case(ALPHA / "case.toml"), BundledAdapter().capabilities()
-
-    def simulations(**asked: Any) -> int:
-        table = default.diagnosis.model_copy(update=asked)
-        case = default.model_copy(update={"diagnosis": table})
-        return estimate(case, bundled, 264, 97).simulations
-
-    assert simulations(refit=10000) == simulations(refit=len(NAMES))
-    of_one, looked_at = simulations(causes=("cold_work",)), simulations(causes=("load_lag",))
-    assert of_one < looked_at < simulations(refit=1) < simulations()
-
-
-def test_the_estimate_counts_the_simulations_that_derivatives_cost() -> None:
-    """Two for each of 31 directions, and the one that is asked for."""
-    case, bundled = load_case(ALPHA / "case.toml"), BundledAdapter().capabilities()
-    base = estimate(case, bundled, 264, 97)
-    without = estimate(case, replace(bundled, derivatives=False), 264, 97)
-    # Both sides of each bent cause are looked at in two rounds, for the motion alone.
-    looks = 2 * 2 * sum(cause.strongly_nonlinear for cause in LIBRARY)
-    assert without.simulations - looks == 63 * (base.simulations - looks)
-    # Of 264 cells the law takes 2.4 of the 7.3 ms of an iteration.
-    slower = estimate(case, replace(bundled, cost=500.0), 264, 97)
-    assert slower.seconds > 100 * base.seconds
-
-
-def test_the_estimate_of_a_real_run_of_code_aster_is_right_within_a_factor_of_two() -> None:
-    """The run of examples/alpha itself: 480 cells, 97 images, 223 steps, 1386 CPU-s."""
-    case = load_case(ALPHA / "case.toml")
-    told = simulation_seconds(case, CodeAsterAdapter().capabilities(), 480, 97)
-    assert 0.5 < told / 1386.0 < 2.0
-    # An empty job is no job without cost.
-    assert simulation_seconds(case, CodeAsterAdapter().capabilities(), 1, 1) > 4.0
 
 
 def test_a_scheme_that_the_solver_lacks_is_an_error_with_the_remedy(case_path: Path) -> None:

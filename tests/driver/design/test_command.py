@@ -15,7 +15,7 @@ from driver.case.model import load_case, write_case
 from driver.common.errors import InputError
 from driver.common.progress import progress_to
 from driver.design import command
-from driver.design.command import FILES, design
+from driver.design.command import design
 from driver.design.forecast import Forecast, Plan, whole_forecast
 from driver.forward import build
 from solver_adapters.interface import SolverError
@@ -55,7 +55,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
     with progress_to(lines.append):
         design(case, folder / "settings.toml", ["test.holds=3"], True)
     results = folder / "results"
-    return results, json.loads((results / FILES[0]).read_text(encoding="utf-8")), lines
+    return results, json.loads((results / "design.json").read_text(encoding="utf-8")), lines
 
 
 def changes(record: dict[str, Any]) -> dict[str, dict[str, Any]]:
@@ -129,7 +129,7 @@ def test_a_case_that_asks_for_causes_without_a_sensitivity_has_a_design(
     write_case(case.model_copy(update={"diagnosis": table}), path)
     design(path, tmp_path / "settings.toml", [], False)
     assert "none of the causes that the case asks for can be forecast" in lines
-    assert (tmp_path / "results" / FILES[1]).is_file()
+    assert (tmp_path / "results" / "design.png").is_file()
 
 
 def test_every_key_of_the_record_is_documented(
@@ -147,7 +147,7 @@ def test_every_key_of_the_record_is_documented(
 
 
 def test_the_picture_is_drawn(found: tuple[Path, dict[str, Any], list[str]]) -> None:
-    picture = matplotlib.image.imread(found[0] / FILES[1])
+    picture = matplotlib.image.imread(found[0] / "design.png")
     assert picture.shape[1] > 1500 and picture.std() > 0.05
 
 
@@ -157,9 +157,9 @@ def test_no_more_than_the_case_is_asked_without_the_usual_changes(
     case = write(tmp_path)
     (tmp_path / "settings.toml").write_text("[program]\ncycles = [[4, 2]]", encoding="utf-8")
     design(case, tmp_path / "settings.toml", [], False)
-    record = json.loads((tmp_path / "results" / FILES[0]).read_text(encoding="utf-8"))
+    record = json.loads((tmp_path / "results" / "design.json").read_text(encoding="utf-8"))
     assert record["changes"] == [] and lines[0].startswith("the case and 0 changes")
-    assert matplotlib.image.imread(tmp_path / "results" / FILES[1]).std() > 0.05
+    assert matplotlib.image.imread(tmp_path / "results" / "design.png").std() > 0.05
 
 
 def test_a_change_that_cannot_be_simulated_costs_no_other(
@@ -174,7 +174,7 @@ def test_a_change_that_cannot_be_simulated_costs_no_other(
     asked = ["test.compression=true", "test.holds=3"]
     design(write(tmp_path), tmp_path / "settings.toml", asked, False)
     assert any("test.compression=true: failed: the specimen buckles;" in line for line in lines)
-    record = json.loads((tmp_path / "results" / FILES[0]).read_text(encoding="utf-8"))
+    record = json.loads((tmp_path / "results" / "design.json").read_text(encoding="utf-8"))
     assert set(changes(record)) == {"quiet", "test.holds=3"}
 
 
@@ -197,7 +197,7 @@ def test_a_history_without_loads_serves(tmp_path: Path) -> None:
     bare = "\n".join(",".join(row[:3]) for row in rows)
     history.write_text(bare, encoding="utf-8")
     design(tmp_path / "case.toml", None, [], False)
-    record = json.loads((tmp_path / "results" / FILES[0]).read_text(encoding="utf-8"))
+    record = json.loads((tmp_path / "results" / "design.json").read_text(encoding="utf-8"))
     assert record["experiment"]["n_images"] == closed_form.history().n_images
     assert np.all(np.isfinite(record["experiment"]["load_uN"]))
     assert record["noise_nm"] == pytest.approx(1e3 * closed_form.SIGMA, rel=0.05)
@@ -223,7 +223,7 @@ def test_the_repeats_of_the_settings_count_for_the_case_too(tmp_path: Path) -> N
     with (tmp_path / "settings.toml").open("a", encoding="utf-8") as file:
         file.write("[test]\nrepeats = 3\n")
     design(case, tmp_path / "settings.toml", ["test.repeats=10"], False)
-    record = json.loads((tmp_path / "results" / FILES[0]).read_text(encoding="utf-8"))
+    record = json.loads((tmp_path / "results" / "design.json").read_text(encoding="utf-8"))
     ratios = changes(record)["test.repeats=10"]["gain"]["sigma_ratio"]
     assert max(ratios.values()) <= 1 + 1e-9 and min(ratios.values()) < 0.95
     assert load_case(case).images.repeats is not None

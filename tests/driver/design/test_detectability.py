@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.design.detectability import NAMED_AT, Outlook, outlooks
+from driver.design.detectability import NAMED_AT, outlooks
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.statistics.score_test import SEEN_AT
+from driver.results.design import Outlook
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import evaluation
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from driver.design.information import LOOSE, SOURCES, Knowledge, groups_of, knowledge
+from driver.design.information import LOOSE, SOURCES, groups_of, knowledge
+from driver.results.design import Knowledge
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import evaluation
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import h5py
 import pytest
 
-from driver.design.command import FILES, design
-from driver.results.files import IDENTIFY
+from driver.design.command import design
+from driver.results.files import DESIGN, IDENTIFY
 from driver.virtual.writing import record
 from driver.workflow.pipeline import run
 from tests.driver.virtual_experiment import pull
@@ -35,7 +35,7 @@ def test_the_predicted_sigma_is_that_of_the_fit_though_no_image_is_looked_at(
     (tmp_path / "settings.toml").write_text(assumed, encoding="utf-8")
     (tmp_path / "images.tif").unlink()
     design(case, tmp_path / "settings.toml", [], False)
-    found = json.loads((tmp_path / "results" / FILES[0]).read_text(encoding="utf-8"))
+    found = json.loads((tmp_path / "results" / DESIGN).read_text(encoding="utf-8"))
     predicted = {p["parameter"]: p["sigma"] for p in found["experiment"]["parameters"]}
     assert set(predicted) == set(fitted)
     for name, sigma in fitted.items():

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from driver.design.comparison import Gain
 from driver.design.text import in_words, shown
+from driver.results.design import Gain
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from driver.common.errors import InputError
 from driver.common.progress import progress_to
 from driver.forward import build
 from driver.noise_floor import command
-from driver.noise_floor.command import FILES, noise_floor
+from driver.noise_floor.command import noise_floor
 from driver.virtual.settings import Face, Microscope, Virtual
 from driver.virtual.truth import pull, stage_program
 from driver.virtual.writing import record
@@ -47,7 +47,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
         with progress_to(lines.append):
             noise_floor(case)
     results = folder / "results"
-    return results, json.loads((results / FILES[0]).read_text(encoding="utf-8")), lines
+    return results, json.loads((results / "noise_floor.json").read_text(encoding="utf-8")), lines
 
 
 def test_the_noise_of_the_repeats_is_found_and_its_elongation_predicted(
@@ -84,13 +84,13 @@ def test_the_files_hold_every_motion_and_mesh_and_the_mesh_to_take(
             assert len(values["bias"]) == len(values["scatter"]) == len(record["motions"])
             squares = np.square(values["bias"]) + np.square(values["scatter"])
             assert values["total"] == pytest.approx(np.sqrt(squares.mean()))
-    with (folder / FILES[1]).open(encoding="utf-8") as file:
+    with (folder / "noise_floor.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [float(row["element_px"]) for row in rows] == [12, 24]
     assert float(rows[1]["gamma_u_predicted_nm"]) == pytest.approx(
         record["meshes"][1]["gamma_u_predicted_nm"], rel=1e-5
     )
-    picture = matplotlib.image.imread(folder / FILES[2])
+    picture = matplotlib.image.imread(folder / "noise_floor.png")
     assert picture.shape[1] > 1000 and picture.std() > 0.05
     assert any(f"take dic.element_px = {record['element_px']:g}, " in line for line in lines)
 

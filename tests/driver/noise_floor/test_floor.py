@@ -6,8 +6,8 @@ import pytest
 from driver.dic.surface_images import SurfaceImages, prepare
 from driver.experiment.images.heightmaps import ImageError
 from driver.noise_floor.command import table
-from driver.noise_floor.floor import Row, chosen, relief_rms, sizes
-from driver.noise_floor.laboratory import QUANTITIES, Errors
+from driver.noise_floor.floor import chosen, relief_rms, sizes
+from driver.results.noise_floor import QUANTITIES, Errors, Row
 
 
 def row(size: float, elongation: float, strain: float) -> Row:

@@ -11,7 +11,6 @@ from driver.dic.surface_images import SurfaceImages, prepare
 from driver.noise_floor.laboratory import (
     DRAWS,
     SERIES,
-    Errors,
     Laboratory,
     elongation,
     errors,
@@ -19,6 +18,7 @@ from driver.noise_floor.laboratory import (
     strain_yy,
 )
 from driver.noise_floor.motions import known_motions
+from driver.results.noise_floor import Errors
 from driver.virtual.microscope.relief import Waves
 
 FloatArray = NDArray[np.float64]

@@ -188,7 +188,7 @@ def test_the_elements_of_both_meshes_fill_the_region_once(finished: Run) -> None
 
 def test_a_run_until_the_measurement_leaves_its_pictures(finished: Run) -> None:
     for name in FIGURES:
-        assert (finished.results / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert (finished.results / name).read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_identification_is_written_with_its_uncertainty(finished: Run) -> None:

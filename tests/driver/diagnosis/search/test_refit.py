@@ -106,6 +106,7 @@ def test_a_start_whose_first_step_promises_too_little_is_given_up(
 ) -> None:
     objective, scored = two_valleys()
     baseline = fit(objective, {"a": 0.0, "x": 0.0}, ("a",), 5).best
+    lines.clear()
     assert refit_from_afar([scored], baseline, objective, Executor(1, 1), -1.0) == []
     assert len(lines) == 4 and all("promises too little" in line for line in lines)
 

@@ -1,0 +1,54 @@
+from __future__ import annotations
+
+import tomllib
+
+import numpy as np
+import pytest
+
+from driver.case.material import MaterialTable
+from solver_adapters.interaction import bcc24_classes
+from solver_adapters.material import Material
+from tests.driver.case.tables import refused
+
+
+def read(text: str) -> MaterialTable:
+    """The table [material] of a file."""
+    return MaterialTable.model_validate(tomllib.loads(text))
+
+
+def test_the_constants_of_the_paper_are_the_defaults_in_megapascals() -> None:
+    assert MaterialTable(strain_measure="small").to_material() == Material(strain_measure="small")
+    assert MaterialTable(C11_GPa=200.0).to_material().C11 == pytest.approx(200e3)
+
+
+def test_every_scalar_of_the_law_has_its_key_in_its_unit() -> None:
+    changed = MaterialTable(
+        h_latent=0.4, Q_latent_MPa=3, tau0_antitwinning=1.2, a1=0.3, c2_MPa=1500, d2=100, x0=-1e-4,
+        eigenstrain=1e-3, skin_tau0=1.5, skin_thickness_um=0.2,
+    )  # fmt: skip
+    assert changed.to_material() == Material(
+        h_latent=0.4, Q_latent=3, tau0_antitwinning=1.2, a1=0.3, c2=1500, d2=100, x0=-1e-4,
+        eigenstrain=1e-3, skin_tau0=1.5, skin_thickness=0.2,
+    )  # fmt: skip
+
+
+def test_four_numbers_are_the_classes_of_bcc24_and_24_rows_the_matrix_itself() -> None:
+    classes = read("interaction = [1, 1.4, 0.7, 0.5]")
+    expected = bcc24_classes(1.0, 1.4, 0.7, 0.5)
+    interaction = classes.to_material().interaction
+    assert interaction is not None and np.array_equal(interaction, expected)
+    rows = read(f"interaction = {expected.tolist()}")
+    assert rows.to_material() == classes.to_material()
+    assert read("").to_material().interaction is None
+
+
+def test_a_crystal_is_stable_and_its_first_back_stress_below_saturation() -> None:
+    assert refused(MaterialTable, C11_GPa=135.5)[0] == "C11_GPa"
+    for sign in (-1.0, 1.0):
+        assert refused(MaterialTable, x0=sign / 1500.0)[0] == "x0"
+        assert MaterialTable(x0=sign * 0.999 / 1500.0).to_material().x0 * sign > 0
+
+
+@pytest.mark.parametrize("key", ["tau0_MPa", "K", "n", "b", "d2", "tau0_112", "skin_tau0"])
+def test_what_divides_or_has_a_logarithm_is_above_zero(key: str) -> None:
+    assert refused(MaterialTable, **{key: 0.0})[0] == key

@@ -1,0 +1,112 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from driver.case.model import load_case
+from driver.diagnosis.causes.all_causes import NAMES
+from driver.diagnosis.causes.causes import LIBRARY
+from driver.workflow.cost import Cost, estimate
+from solver_adapters.bundled.adapter import BundledAdapter
+
+ALPHA = Path(__file__).parents[3] / "examples" / "alpha"
+
+
+def test_the_estimate_grows_with_the_work() -> None:
+    case, bundled = load_case(ALPHA / "case.toml"), BundledAdapter().capabilities()
+    base = estimate(case, bundled, 264, 97)
+    assert estimate(case, bundled, 528, 97).seconds > 1.9 * base.seconds
+    assert estimate(case, bundled, 264, 194).seconds == pytest.approx(2 * base.seconds)
+    pixels = estimate(case, bundled, 264, 97, n_pixels=10**8)
+    assert pixels.memory - base.memory == pytest.approx(2.4e9)
+    fewer = case.model_copy(update={"diagnosis": case.diagnosis.model_copy(update={"refit": 1})})
+    assert estimate(fewer, bundled, 264, 97).seconds < base.seconds
+    more = case.model_copy(
+        update={"identification": case.identification.model_copy(update={"starts": 3})}
+    )
+    assert estimate(more, bundled, 264, 97).seconds > base.seconds
+    assert estimate(more, bundled, 264, 97).simulations > base.simulations
+    shaken = case.model_copy(
+        update={"boundary": case.boundary.model_copy(update={"jitter_nm": 0.1})}
+    )
+    assert estimate(shaken, bundled, 264, 97).seconds > base.seconds
+
+
+def test_the_estimate_counts_no_more_refits_than_causes_that_are_asked_for() -> None:
+    default, bundled = load_case(ALPHA / "case.toml"), BundledAdapter().capabilities()
+
+    def simulations(**asked: Any) -> int:
+        table = default.diagnosis.model_copy(update=asked)
+        case = default.model_copy(update={"diagnosis": table})
+        return estimate(case, bundled, 264, 97).simulations
+
+    assert simulations(refit=10000) == simulations(refit=len(NAMES))
+    of_one, looked_at = simulations(causes=("cold_work",)), simulations(causes=("load_lag",))
+    assert of_one < looked_at < simulations(refit=1) < simulations()
+
+
+def test_the_estimate_counts_the_simulations_that_derivatives_cost() -> None:
+    """Two for each of 31 directions, and the one that is asked for."""
+    case, bundled = load_case(ALPHA / "case.toml"), BundledAdapter().capabilities()
+    base = estimate(case, bundled, 264, 97)
+    without = estimate(case, replace(bundled, derivatives=False), 264, 97)
+    # Both sides of each bent cause are looked at in two rounds, for the motion alone.
+    looks = 2 * 2 * sum(cause.strongly_nonlinear for cause in LIBRARY)
+    assert without.simulations - looks == 63 * (base.simulations - looks)
+    # Of 264 cells the law takes 2.4 of the 7.3 ms of an iteration.
+    slower = estimate(case, replace(bundled, cost=500.0), 264, 97)
+    assert slower.seconds > 100 * base.seconds
+
+
+def with_tables(**tables: dict[str, Any]) -> Cost:
+    """The estimate of the example, with some keys of some tables changed."""
+    case, bundled = load_case(ALPHA / "case.toml"), BundledAdapter().capabilities()
+    changed = {name: getattr(case, name).model_copy(update=keys) for name, keys in tables.items()}
+    return estimate(case.model_copy(update=changed), bundled, 264, 97)
+
+
+def test_only_starts_and_refits_run_side_by_side() -> None:
+    """Twice the processes halve what is independent; one fit after the other takes its time."""
+    alone = {"starts": 1}, {"refit": 1, "causes": ("load_gain",)}
+    seconds = [
+        [
+            with_tables(
+                execution={"processes": n}, identification=alone[0] | {"starts": starts},
+                diagnosis=alone[1],
+            ).seconds
+            for n in (1, 2, 4)
+        ]
+        for starts in (1, 4)
+    ]  # fmt: skip
+    for one, two, four in seconds:
+        assert one - two == pytest.approx(2 * (two - four)) and two > 0.5 * one
+    # Three starts more, all of them independent.
+    more = [after - before for before, after in zip(*seconds, strict=True)]
+    assert more[0] == pytest.approx(2 * more[1]) == pytest.approx(4 * more[2])
+
+
+def test_each_process_beside_the_first_has_a_memory_of_its_own() -> None:
+    one, two, three = (with_tables(execution={"processes": n}).memory for n in (1, 2, 3))
+    # Who hands out holds what one process alone would.
+    assert three - two == pytest.approx((two - one) / 2) and two > one
+
+
+def test_the_finer_mesh_costs_with_the_square_of_the_ratio_of_the_sizes() -> None:
+    case = load_case(ALPHA / "case.toml")
+    size = case.specimen.mesh_size_um
+    fine = [with_tables(specimen={"fine_mesh_size_um": size / n}).seconds for n in (2, 3, 4)]
+    # Points grow with 4, 9, 16, factorisations with the power 1.5 of them.
+    assert 7 / 5 < (fine[2] - fine[1]) / (fine[1] - fine[0]) < (64 - 27) / (27 - 8)
+
+
+def test_without_images_nothing_is_refitted_looked_at_or_correlated() -> None:
+    stage = {"motion": "stage", "stage_ratio": 4e-4, "stage_ratio_uncertainty": 1e-4}
+    alone = with_tables(boundary=stage)
+    assert alone.simulations == with_tables(boundary=stage, diagnosis={"refit": 50}).simulations
+    finer_pixels = {"pixel_size_nm": 1.0}
+    assert with_tables(boundary=stage, images=finer_pixels).seconds == alone.seconds
+    assert with_tables(images=finer_pixels).seconds > with_tables().seconds
+    assert alone.memory < with_tables().memory
