@@ -86,13 +86,13 @@ def _instant(item: MedField, step: int, support: Any) -> Any:
     array = mc.DataArrayDouble(np.ascontiguousarray(item.values[step], dtype=np.float64))
     named = zip(item.components, item.units, strict=True)
     array.setInfoOnComponents([f"{name} [{unit}]" if unit else name for name, unit in named])
-    one = mc.MEDCouplingFieldDouble(_KINDS[item.place], mc.ONE_TIME)
-    one.setName(item.name)
-    one.setMesh(support)
-    one.setArray(array)
-    one.setTime(float(item.times[step]), step, -1)
-    one.setTimeUnit("s")
-    return one
+    field = mc.MEDCouplingFieldDouble(_KINDS[item.place], mc.ONE_TIME)
+    field.setName(item.name)
+    field.setMesh(support)
+    field.setArray(array)
+    field.setTime(float(item.times[step]), step, -1)
+    field.setTimeUnit("s")
+    return field
 
 
 def read_med_fields(
@@ -122,14 +122,14 @@ def read_med_fields(
             f"{path}: found no field {', '.join(missing)}; it has "
             f"{', '.join(file.fields) or 'no fields'}"
         )
-    found = {name: read_med_field(file, name) for name in (names or file.fields)}
-    absent = [name for name, field in found.items() if field is None]
+    read = {name: read_med_field(file, name) for name in (names or file.fields)}
+    absent = [name for name, field in read.items() if field is None]
     if names is not None and absent:
         raise ValueError(
             f"{path}: found the fields {', '.join(absent)} on faces or edges alone, expected "
             "values at nodes or in cells"
         )
-    return {name: field for name, field in found.items() if field is not None}
+    return {name: field for name, field in read.items() if field is not None}
 
 
 def read_med_field(file: MedFile, name: str) -> MedField | None:
@@ -179,12 +179,12 @@ def _field(path: Path, mesh: Any, series: Any) -> MedField | None:
     ids = np.zeros(0, dtype=np.int64)
     for index in range(len(steps)):
         array, profile = series[index].getFieldWithProfile(_KINDS[place], _VOLUME_CELLS, mesh)
-        here = profile.toNumPyArray().astype(np.int64)
-        found = array.toNumPyArray().reshape(here.size, -1, len(series.getInfo()))
-        if values and not (np.array_equal(here, ids) and found.shape == values[0].shape):
+        cells = profile.toNumPyArray().astype(np.int64)
+        block = array.toNumPyArray().reshape(cells.size, -1, len(series.getInfo()))
+        if values and not (np.array_equal(cells, ids) and block.shape == values[0].shape):
             raise ValueError(f"{path}: field {name} has values at other {place} at other instants")
-        ids = here
-        values.append(found)
+        ids = cells
+        values.append(block)
     stacked = np.array(values, dtype=np.float64)
     info = mc.DataArrayDouble(1, len(series.getInfo()))
     info.setInfoOnComponents(list(series.getInfo()))

@@ -122,14 +122,14 @@ def _fields_of_meshes(path: Path) -> dict[str, tuple[str, ...]]:
             missing = {"NOM", "NCO", "TYP"} - set(fields[name].attrs)
             if missing:
                 raise KeyError(f"the field {name} has no {min(missing)}")
-        found = [name for name in meshes if meshes[name].attrs["TYP"] == _UNSTRUCTURED]
-        if not found:
+        unstructured = [name for name in meshes if meshes[name].attrs["TYP"] == _UNSTRUCTURED]
+        if not unstructured:
             raise ValueError(
                 f"{path}: found the meshes {', '.join(meshes) or 'none'}, expected an "
                 "unstructured one"
             )
         mesh_of = {name: _mesh_of(fields[name]) for name in fields}
-    return {mesh: tuple(name for name in mesh_of if mesh_of[name] == mesh) for mesh in found}
+    return {mesh: tuple(name for name in mesh_of if mesh_of[name] == mesh) for mesh in unstructured}
 
 
 def _require_version(path: Path, attributes: Mapping[str, Any]) -> None:

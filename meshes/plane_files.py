@@ -64,6 +64,6 @@ def read_plane_mesh(path: Path) -> PlaneMesh:
     try:
         plane.check()
     except ValueError as error:
-        said = str(error).split(";")[0]
-        raise ValueError(f"found that {said}, expected cells that hold points") from None
+        message = str(error).split(";")[0]
+        raise ValueError(f"found that {message}, expected cells that hold points") from None
     return plane

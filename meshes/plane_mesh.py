@@ -95,7 +95,7 @@ class PlaneMesh:
             cell of each point, −1 for one outside the mesh, shape (n,); reference coordinates,
             shape (n, 2).
         """
-        found = np.full(len(xy), -1, dtype=np.int64)
+        cells = np.full(len(xy), -1, dtype=np.int64)
         local = np.zeros((len(xy), 2))
         order = np.argsort(xy[:, 1], kind="stable")
         x, y = xy[order].T
@@ -107,13 +107,13 @@ class PlaneMesh:
         last = np.searchsorted(y, high[:, 1], side="right")
         for k, (i, j) in enumerate(zip(first, last, strict=True)):
             near = order[i:j][(x[i:j] >= low[k, 0]) & (x[i:j] <= high[k, 0])]
-            near = near[found[near] < 0]
+            near = near[cells[near] < 0]
             if near.size:
                 at = _inverse_map(self.cell, nodes[k], xy[near])
                 inside = self.cell.excess(at) <= TOLERANCE
-                found[near[inside]] = k
+                cells[near[inside]] = k
                 local[near[inside]] = at[inside]
-        return found, local
+        return cells, local
 
     def interpolation(self, cell: IntArray, local: FloatArray) -> sp.csr_array:
         """Values at located points as linear combinations of nodal values, (n, n_nodes)."""

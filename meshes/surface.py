@@ -108,7 +108,7 @@ def _locate(surface: SurfaceMesh, xy: FloatArray) -> tuple[IntArray, FloatArray]
         b = inverse[k, 0, 0] * dx + inverse[k, 0, 1] * dy
         c = inverse[k, 1, 0] * dx + inverse[k, 1, 1] * dy
         a = 1 - b - c
-        found = np.flatnonzero(np.minimum(np.minimum(a, b), c) >= -_TOLERANCE)
-        cell[order[i + found]] = k
-        barycentric[order[i + found]] = np.column_stack([a[found], b[found], c[found]])
+        inside = np.flatnonzero(np.minimum(np.minimum(a, b), c) >= -_TOLERANCE)
+        cell[order[i + inside]] = k
+        barycentric[order[i + inside]] = np.column_stack([a[inside], b[inside], c[inside]])
     return cell, barycentric

@@ -30,17 +30,17 @@ def run_calculix(end: float, step: float) -> Iterator[Agreement]:
         calculix_prism.simulation(reference.mesh, times, "backward_euler"),
         output_nodes=reference.front,
     )
-    found = CalculixAdapter().solve(asked)
-    own = BundledAdapter().solve(replace(asked, steps=found.ends))
-    pair = f"CalculiX (run here), the same to {end:g} s, {found.steps} steps"
-    yield from calculix_forces(pair, times[1:], own.force[1:], found.force[1:])
-    face = motion_error(own.displacement, found.displacement)
+    response = CalculixAdapter().solve(asked)
+    own = BundledAdapter().solve(replace(asked, steps=response.ends))
+    pair = f"CalculiX (run here), the same to {end:g} s, {response.steps} steps"
+    yield from calculix_forces(pair, times[1:], own.force[1:], response.force[1:])
+    face = motion_error(own.displacement, response.displacement)
     yield Agreement(pair, "face [nm]", face, GOALS["calculix face"])
     # The limit is known every 0.1 s.
     rows = np.flatnonzero(np.isin(times.round(6), reference.fine_times.round(6)))
     exact = np.interp(times[rows], reference.fine_times, reference.fine_force)
     pair = f"limit of small steps, the same to {end:g} s at {step:g} s a step"
-    yield Agreement(pair, "CalculiX: force [% of peak]", force_error(found.force[rows], exact))
+    yield Agreement(pair, "CalculiX: force [% of peak]", force_error(response.force[rows], exact))
     yield Agreement(
         pair, "bundled backward Euler: force [% of peak]", force_error(own.force[rows], exact)
     )

@@ -190,8 +190,8 @@ def run_calculix(deck: Path) -> tuple[FloatArray, FloatArray, float]:
         raise RuntimeError(f"ccx did not finish; it ends with: {done.stdout[-300:]}")
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     printed = deck.with_suffix(".dat").read_text(encoding="utf-8")
-    found = re.findall(r"and time\s+(\S+)\s+(\S+)\s+(\S+)\s+(\S+)", printed)
-    times, _, _, force = np.array(found, dtype=np.float64).T
+    rows = re.findall(r"and time\s+(\S+)\s+(\S+)\s+(\S+)\s+(\S+)", printed)
+    times, _, _, force = np.array(rows, dtype=np.float64).T
     return np.append(0.0, times), np.append(0.0, force), cpu
 
 

@@ -94,8 +94,8 @@ def check(case_path: Path) -> list[Finding]:
         n_images = experiment.history.n_images
         findings.append(_cost(case, adapter.capabilities(), n_cells, n_images, n_pixels))
         # What is wrong above would be told once more, in words for another reader.
-        told = any(finding.level == "error" for finding in of_solver)
-        if not told:
+        solver_refused = any(finding.level == "error" for finding in of_solver)
+        if not solver_refused:
             findings += _decks(case, adapter, experiment)
     picture = results_of(case) / CHECK_PICTURE
     try:
@@ -119,16 +119,16 @@ def _libraries() -> Iterator[Finding]:
     except PackageNotFoundError:
         yield Finding("error", "libraries", "prismid: found no installation, expected one by pip")
         return
-    found = [f"Python {platform.python_version()}"]
+    versions = [f"Python {platform.python_version()}"]
     for requirement in needed:
         if "extra ==" in requirement:
             continue
         name = requirement.split(">=")[0].strip()
         try:
-            found.append(f"{name} {version(name)}")
+            versions.append(f"{name} {version(name)}")
         except PackageNotFoundError:
             yield Finding("error", "libraries", f"{name}: found nothing, expected {requirement}")
-    yield Finding("ok", "libraries", ", ".join(found))
+    yield Finding("ok", "libraries", ", ".join(versions))
 
 
 def _orientation(case: Case) -> Iterator[Finding]:

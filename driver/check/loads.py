@@ -59,14 +59,14 @@ def stated_motion(case: Case, history: History) -> Finding:
     assert ratio is not None and sigma is not None  # the case refuses itself without them
     elongation = ratio * float(np.ptp(history.stage))
     strain = elongation / case.specimen.length
-    told = (
+    sentence = (
         f"boundary.stage_ratio: found {ratio:g} ± {sigma:g}, an elongation of "
         f"{1e3 * elongation:.3g} nm, {100 * strain:.2g} % of the length"
     )
     if strain > _LARGEST_STRAIN:
         expected = f"at most {100 * _LARGEST_STRAIN:g} %"
-        return Finding("warning", "boundary", f"{told}, expected {expected}")
+        return Finding("warning", "boundary", f"{sentence}, expected {expected}")
     if sigma > ratio:
         expected = "stage_ratio_uncertainty below the ratio"
-        return Finding("warning", "boundary", f"{told}, expected {expected}")
-    return Finding("ok", "boundary", told)
+        return Finding("warning", "boundary", f"{sentence}, expected {expected}")
+    return Finding("ok", "boundary", sentence)

@@ -47,19 +47,19 @@ def recommended_steps(case: Case, adapter: Adapter, history: History) -> Iterato
         return
     least = adapter.capabilities().least_steps
     wanted = max(min(stated * error / (_SHARE * noise) - _SERVED, _MOST_TOLD), least, 1)
-    found = (
+    estimate = (
         f"solver.steps_per_interval: found {stated}, with which backward Euler leaves about "
         f"{error:.2g} µN rms of the loads wrong (their noise is {noise:g} µN)"
     )
     if stated >= wanted or error <= _SHARE * noise and stated >= least:
-        yield Finding("ok", "steps", found)
+        yield Finding("ok", "steps", estimate)
         return
     why = f", and {case.solver.name} needs at least {least}" if stated < least else ""
     yield Finding(
         "warning",
         "steps",
-        f"{found}{why}; expected about {math.ceil(wanted)}. What is left is estimated in the run "
-        "and counted by the uncertainties",
+        f"{estimate}{why}; expected about {math.ceil(wanted)}. What is left is estimated in the "
+        "run and counted by the uncertainties",
     )
 
 

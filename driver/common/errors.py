@@ -33,5 +33,5 @@ def one_of(found: str, known: Sequence[str]) -> str:
 
 def why(error: BaseException) -> str:
     """Return what the system or a library said, without the path that the sentence names anyway."""
-    said = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    return f"“{' '.join(said.split()) or type(error).__name__}”"
+    message = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return f"“{' '.join(message.split()) or type(error).__name__}”"

@@ -58,17 +58,17 @@ def side_by_side(
         Whatever the first failing task raised; the others are ended. So they are after Ctrl-C,
         which this process alone hears, and where this process dies.
     """
-    found: dict[int, Result] = {}
+    results: dict[int, Result] = {}
     prepared: list[PreparedError] = []
 
     def take(index: int, result: Callable[[], Result]) -> None:
         try:
-            found[index] = result()
+            results[index] = result()
         except PreparedError as error:
             prepared.append(error)
         else:
             if done is not None:
-                done(index, found[index])
+                done(index, results[index])
 
     if min(processes, len(tasks)) <= 1:
         for index, task in enumerate(tasks):
@@ -77,7 +77,7 @@ def side_by_side(
         _in_processes(work, tasks, min(processes, len(tasks)), threads, take)
     if prepared:
         raise PreparedError.together(prepared)
-    return [found[index] for index in range(len(tasks))]
+    return [results[index] for index in range(len(tasks))]
 
 
 def _in_processes(

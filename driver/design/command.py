@@ -108,13 +108,13 @@ def design(
 
 def changed_forecasts(plans: Sequence[Plan], base: Plan, simulated: Simulated) -> list[Forecast]:
     """Forecasts of the changed experiments; those that need a simulation, side by side."""
-    found: dict[int, Forecast] = {}
+    forecasts: dict[int, Forecast] = {}
     for number, plan in enumerate(plans):
         if plan.variant.simulated_as(base.variant):
             own = prepare(plan)
             if can_serve(simulated, own):
-                found[number] = forecast(own, simulated)
-    alone = [number for number in range(len(plans)) if number not in found]
+                forecasts[number] = forecast(own, simulated)
+    alone = [number for number in range(len(plans)) if number not in forecasts]
     execution = base.variant.case.execution
     if alone:
         logger.info(f"{len(alone)} changed experiments, {execution.processes} at a time")
@@ -124,14 +124,14 @@ def changed_forecasts(plans: Sequence[Plan], base: Plan, simulated: Simulated) -
         nonlocal ended
         ended += 1
         name = plans[alone[index]].variant.name
-        said = f"failed: {result}" if isinstance(result, str) else "simulated"
+        outcome = f"failed: {result}" if isinstance(result, str) else "simulated"
         left = (perf_counter() - start) * (len(alone) / ended - 1)
-        logger.info(f"  {ended} of {len(alone)}, {name}: {said}; {left:.0f} s to go")
+        logger.info(f"  {ended} of {len(alone)}, {name}: {outcome}; {left:.0f} s to go")
 
     asked = [plans[number] for number in alone]
     ends = side_by_side(_attempt, asked, execution.processes, execution.threads, done)
-    found |= {n: end for n, end in zip(alone, ends, strict=True) if isinstance(end, Forecast)}
-    return [found[number] for number in sorted(found)]
+    forecasts |= {n: end for n, end in zip(alone, ends, strict=True) if isinstance(end, Forecast)}
+    return [forecasts[number] for number in sorted(forecasts)]
 
 
 def _attempt(plan: Plan) -> Forecast | str:

@@ -39,13 +39,13 @@ def pairs(forecast: Forecast) -> tuple[Pair, ...]:
 
 def _cosines(forecast: Forecast) -> dict[Pair, float]:
     """Cosine of each pair of causes, in the order of the alphabet."""
-    found = {
-        (one.cause.name, other): angle
-        for one in forecast.causes
-        for other, angle in one.cosines.items()
-        if one.cause.name < other
+    cosines = {
+        (outlook.cause.name, other): angle
+        for outlook in forecast.causes
+        for other, angle in outlook.cosines.items()
+        if outlook.cause.name < other
     }
-    return dict(sorted(found.items()))
+    return dict(sorted(cosines.items()))
 
 
 def by_group(ratios: Mapping[str, float]) -> dict[str, float]:

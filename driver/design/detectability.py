@@ -41,23 +41,23 @@ def outlooks(
         fitted: the same with the fitted parameters alone.
         parameters: declarations by name.
     """
-    found: list[tuple[Score, tuple[Visible, ...]]] = []
+    scored_causes: list[tuple[Score, tuple[Visible, ...]]] = []
     for cause in causes:
         rows = [wide.free.index(name) for name in cause.parameters]
         effect = prior_scaled(wide.jacobian[rows], cause.parameters, parameters)
         scored = score(cause, effect, fitted, len(causes))
-        found.append((scored, _visible(scored, effect, fitted, parameters)))
+        scored_causes.append((scored, _visible(scored, effect, fitted, parameters)))
     return tuple(
         Outlook(
             scored.cause,
             visible,
             {
                 other.cause.name: subspace_similarity(scored, other)
-                for other, _ in found
+                for other, _ in scored_causes
                 if other is not scored
             },
         )
-        for scored, visible in found
+        for scored, visible in scored_causes
     )
 
 
@@ -67,12 +67,12 @@ def _visible(
     coupling = np.linalg.solve(fitted.hessian, fitted.jacobian @ effect.T)
     projected = effect - coupling.T @ fitted.jacobian
     energy, whole = np.sum(projected**2, axis=1), np.sum(effect**2, axis=1)
-    found = []
+    limits = []
     for i, name in enumerate(scored.cause.parameters):
         parameter, seen = parameters[name], float(scored.visible[i])
         hidden_by, factor = _hidden_by(effect[i], fitted)
         nothing = not np.isfinite(seen)
-        found.append(
+        limits.append(
             Visible(
                 name=name,
                 unit=parameter.unit if not parameter.logarithmic else "",
@@ -87,7 +87,7 @@ def _visible(
                 factor=factor,
             )
         )
-    return tuple(found)
+    return tuple(limits)
 
 
 def _loads(projected: FloatArray, n_load: int, energy: float) -> float:

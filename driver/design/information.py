@@ -35,11 +35,11 @@ def groups_of(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
         "elongation_": "the knots", "tilt_": "the knots", "lambda_": "the apex amplitudes",
         "origin_": "the position in the images",
     }  # fmt: skip
-    found: dict[str, tuple[str, ...]] = {}
+    groups: dict[str, tuple[str, ...]] = {}
     for name in names:
         family = next((f for start, f in families.items() if _belongs(name, start)), name)
-        found[family] = (*found.get(family, ()), name)
-    return found
+        groups[family] = (*groups.get(family, ()), name)
+    return groups
 
 
 def _belongs(name: str, start: str) -> bool:
@@ -74,8 +74,8 @@ def _parts(here: Evaluation, data: Data, covariance: FloatArray) -> FloatArray:
     images, loads = noise[:, here.n_load :].sum(axis=1), noise[:, : here.n_load].sum(axis=1)
     simulation = np.sum(rows**2, axis=1) - images - loads
     prior = covariance**2 @ here.prior_weight
-    found = np.column_stack([images, loads, simulation, prior])
-    return np.asarray(found / np.diag(covariance)[:, None])
+    variances = np.column_stack([images, loads, simulation, prior])
+    return np.asarray(variances / np.diag(covariance)[:, None])
 
 
 def _one(

@@ -72,15 +72,21 @@ def discriminating_changes(
     simulated = simulate(prepared)
     before = forecast(prepared, simulated)
     others = changed_forecasts(plans, base, simulated)
-    found = [Discrimination(other.variant.name, apart(other, sizes)) for other in others]
-    found.sort(key=lambda change: -change.apart)
-    return (Discrimination("", apart(before, sizes)), *found)
+    changes = [Discrimination(other.variant.name, apart(other, sizes)) for other in others]
+    changes.sort(key=lambda change: -change.apart)
+    return (Discrimination("", apart(before, sizes)), *changes)
 
 
 def apart(expected: Forecast, sizes: Mapping[str, float]) -> float:
     """Smallest misfit that one cause of a set would leave of another one [σ]."""
-    outlook = {one.cause.name: one for one in expected.causes if one.cause.name in sizes}
-    misfit = {name: sizes[name] * SEEN_AT / one.in_scales for name, one in outlook.items()}
+    outlook = {
+        outlook_of.cause.name: outlook_of
+        for outlook_of in expected.causes
+        if outlook_of.cause.name in sizes
+    }
+    misfit = {
+        name: sizes[name] * SEEN_AT / outlook_of.in_scales for name, outlook_of in outlook.items()
+    }
     return min(
         (
             min(misfit[a], misfit[b]) * sqrt(max(1.0 - outlook[a].cosines[b] ** 2, 0.0))

@@ -87,7 +87,7 @@ def carried_on(knots: Mapping[str, float], history: History, longer: History) ->
         history: the history.
         longer: the same with a leg more.
     """
-    found = dict(knots)
+    extended = dict(knots)
     stage, far = history.stage[history.turning], longer.stage[longer.turning]
     back = [k for k in range(1, stage.size) if stage[k] < stage[k - 1]] or [stage.size - 1]
     for names in (elongation_names, tilt_names):
@@ -96,8 +96,8 @@ def carried_on(knots: Mapping[str, float], history: History, longer: History) ->
         # The last turning point moves on, or stays and a new one follows.
         start = far.size - 2
         end = old[start] + pace * (far[-1] - far[start])
-        found[names(longer.n_knots)[-1]] = float(end)
-    return found
+        extended[names(longer.n_knots)[-1]] = float(end)
+    return extended
 
 
 def _last_loading(history: History) -> tuple[int, int]:

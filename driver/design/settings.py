@@ -71,15 +71,15 @@ def read_change(text: str) -> dict[str, Any]:
         InputError: it is no TOML.
     """
     try:
-        found = tomllib.loads(text.replace(";", "\n"))
+        keys = tomllib.loads(text.replace(";", "\n"))
     except tomllib.TOMLDecodeError as error:
         raise InputError(
             f'--change: found "{text}" ({error}), expected KEY=VALUE as in the case file, such as '
             '"loads.noise_uN=2", or "test.holds=3"'
         ) from None
-    if not found:
+    if not keys:
         raise InputError(f'--change: found "{text}", expected KEY=VALUE, as "loads.noise_uN=2"')
-    return found
+    return keys
 
 
 def merged(whole: Any, change: Any) -> Any:
@@ -111,10 +111,10 @@ def label(change: dict[str, Any]) -> str:
 
 
 def _leaves(table: dict[str, Any], above: Sequence[str] = ()) -> list[tuple[str, str]]:
-    found: list[tuple[str, str]] = []
+    leaves: list[tuple[str, str]] = []
     for key, value in table.items():
         if isinstance(value, dict):
-            found += _leaves(value, (*above, key))
+            leaves += _leaves(value, (*above, key))
         else:
-            found.append((".".join((*above, key)), json.dumps(value, ensure_ascii=False)))
-    return found
+            leaves.append((".".join((*above, key)), json.dumps(value, ensure_ascii=False)))
+    return leaves

@@ -67,12 +67,12 @@ def _own(case: Case, unloaded: Experiment) -> Surface:
     # A test has many images to average; what the few repeats leave of noise is no pattern.
     square, noise = squared_slopes(images)
     share = np.clip(noise / square, 0.0, 1.0)
-    told = (
+    described = (
         f"{reference.n} repeats of the case: noise {1e3 * images.sigma:.2f} nm; "
         f"{noise / square.mean():.0%} of the squared slopes are noise and taken out"
     )
     images = replace(images, gradient=images.gradient * np.sqrt(1.0 - share))
-    return Surface(images, unloaded, told, case)
+    return Surface(images, unloaded, described, case)
 
 
 def _virtual(case: Case, settings: Settings, history: History) -> Surface:
@@ -105,12 +105,12 @@ def _virtual(case: Case, settings: Settings, history: History) -> Surface:
         reference, _no_frames(experiment, reference), heights, None, used_face(case)
     )
     face = settings.face
-    told = (
+    described = (
         f"no repeats yet: a virtual face with dots of {face.dot_height_nm:g} nm, "
         f"{face.dots_per_um2:g} a µm², polish of {face.roughness_nm:g} nm; "
         f"noise {1e3 * images.sigma:.2f} nm, {images.n_reference} repeats"
     )
-    return Surface(images, experiment, told, case)
+    return Surface(images, experiment, described, case)
 
 
 def _no_frames(experiment: Experiment, reference: Reference) -> SplineImages:

@@ -158,7 +158,7 @@ def in_words(won: Gain) -> str:
     for verb, names in (("shows", won.shown), ("no longer shows", won.lost)):
         if names:
             parts.append(f"{verb} {', '.join(names)}")
-    for verb, found in (("parts", won.parted), ("merges", won.merged)):
-        if found:
-            parts.append(f"{verb} " + ", ".join(f"{a} and {b}" for a, b in found))
+    for verb, pairs in (("parts", won.parted), ("merges", won.merged)):
+        if pairs:
+            parts.append(f"{verb} " + ", ".join(f"{a} and {b}" for a, b in pairs))
     return "; ".join(parts)

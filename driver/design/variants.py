@@ -143,9 +143,13 @@ def variants(
         given: changes of the command line.
         path: the file of the settings.
     """
-    found = [variant(base, name, change, path) for name, change in (usual | named).items()]
-    found += [variant(base, label(change), change, Path("--change")) for change in given]
-    return [one for one in found if (one.case, one.test) != (base.case, base.test)]
+    changed = [variant(base, name, change, path) for name, change in (usual | named).items()]
+    changed += [variant(base, label(change), change, Path("--change")) for change in given]
+    return [
+        candidate
+        for candidate in changed
+        if (candidate.case, candidate.test) != (base.case, base.test)
+    ]
 
 
 def _simulated(case: Case) -> dict[str, Any]:

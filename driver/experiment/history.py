@@ -122,15 +122,15 @@ def read_history(path: Path, with_images: bool = True, with_loads: bool = True) 
 
 
 def _image_rows(path: Path, rows: list[dict[str, str]]) -> IntArray:
-    found: list[int] = []
+    rows_of_images: list[int] = []
     for index, row in enumerate(rows):
         if not row["image"]:
             continue
-        if row["image"] != str(len(found)):
+        if row["image"] != str(len(rows_of_images)):
             raise _error(path, row, "image", row["image"],
-                         f"{len(found)}, for images are numbered 0, 1, 2, …")  # fmt: skip
-        found.append(index)
-    return np.array(found, dtype=np.int64)
+                         f"{len(rows_of_images)}, for images are numbered 0, 1, 2, …")  # fmt: skip
+        rows_of_images.append(index)
+    return np.array(rows_of_images, dtype=np.int64)
 
 
 def _load_of_images(

@@ -195,9 +195,9 @@ def heights(images: Images, levels: FloatArray) -> FloatArray:
     """
     sign = 1.0 if images.heights == "+Z" else -1.0
     arranged = arrange(images, levels)
-    found = (sign * images.level_um) * arranged + sign * images.offset_um
-    found[~_with_height(images, arranged)] = np.nan
-    return found
+    surface = (sign * images.level_um) * arranged + sign * images.offset_um
+    surface[~_with_height(images, arranged)] = np.nan
+    return surface
 
 
 def _with_height(images: Images, levels: FloatArray) -> BoolArray:

@@ -85,28 +85,28 @@ def export_case(
         expected = '"images": the fields that are exported are those of images and models'
         raise ExportError(sentence(case_path, "boundary.motion", '"stage"', expected))
     use_threads(case.execution.processes * case.execution.threads)
-    found = _finished_results(case)
-    if not found.diagnosed:
+    results = _finished_results(case)
+    if not results.diagnosed:
         logger.info("no extended model: there is no diagnosis of the case as it is")
     history = read_history(case.path(case.history.file))
     _make_folder(folder)
     with tempfile.TemporaryDirectory(prefix="partial-", dir=folder) as aside:
         written = Path(aside)
-        write_surface(written, found.measured, found.models, case.boundary.gauge == "rigid")
-        write_vtu(found.mesh, written / MESH_VTU)
-        _write_tables(written, found, history)
+        write_surface(written, results.measured, results.models, case.boundary.gauge == "rigid")
+        write_vtu(results.mesh, written / MESH_VTU)
+        _write_tables(written, results, history)
         if volume and not offers_volume(case):
             logger.info(f"no fields of the volume: the solver {case.solver.name} answers none")
             volume = False
         _refuse_foreign(folder, [*_names(written), Path(README)])
         if volume:
             # Told before the simulations, which take their time.
-            _refuse_foreign(folder, _volume_names(found, med))
+            _refuse_foreign(folder, _volume_names(results, med))
             workspace = capabilities_of(case).uses_workspace
             jobs = results_of(case) / JOBS if workspace else None
-            volume = _write_volume(written, case, found, history, med, jobs)
+            volume = _write_volume(written, case, results, history, med, jobs)
         names = [*_names(written), Path(README)]
-        write_readme(written / README, case_path, found.diagnosed, volume, volume and med, names)
+        write_readme(written / README, case_path, results.diagnosed, volume, volume and med, names)
         _refuse_foreign(folder, names)
         _move(written, folder)
     logger.info(f"{folder}: {len(names)} files, {README} says what they hold")
@@ -122,11 +122,11 @@ def _finished_results(case: Case) -> FinishedResults:
     folder = results_of(case)
     record = read_record(folder)
     done = finished(case, stages(case), _NEEDED, ExportError)
-    found = read_results(folder, diagnosed=_OPTIONAL in done)
+    results = read_results(folder, diagnosed=_OPTIONAL in done)
     if read_record(folder) != record:
         replaced, expected = "a run that replaces results", "one that has ended: export again"
         raise ExportError(sentence(folder, STAGES, replaced, expected))
-    return found
+    return results
 
 
 def _volume_names(found: FinishedResults, med: bool) -> list[Path]:

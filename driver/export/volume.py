@@ -148,9 +148,9 @@ def write_volumes(
         f"each {cost} (--no-volume leaves them out)"
     )
     for model in models:
-        told = tenths(f"  {model.label}: ")
-        found = simulate_volume(case, mesh, history, model.values, told, workspace)
+        progress = tenths(f"  {model.label}: ")
+        volume = simulate_volume(case, mesh, history, model.values, progress, workspace)
         for_paraview, for_salome = (folder / name for name in volume_files(model.label, True))
-        write_vtkhdf(for_paraview, found.mesh, found.times, found.point_data, found.cell_data)
+        write_vtkhdf(for_paraview, volume.mesh, volume.times, volume.point_data, volume.cell_data)
         if med:
-            write_results(for_salome, found.mesh, found.times, found.displacement, found.cells)
+            write_results(for_salome, volume.mesh, volume.times, volume.displacement, volume.cells)

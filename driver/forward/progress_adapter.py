@@ -62,8 +62,8 @@ def sentence_of(state: Progress) -> str:
     steps = f"{state.steps} steps, {state.iterations} iterations, {state.cuts} cut"
     parts = [steps] if state.steps else []
     parts += [] if math.isnan(state.remaining) else [f"{state.remaining:.0f} s left"]
-    told = f": {', '.join(parts)}" if parts else ""
-    return f"{run}simulation at {state.time:.4g} of {state.end:.4g} s{told}"
+    details = f": {', '.join(parts)}" if parts else ""
+    return f"{run}simulation at {state.time:.4g} of {state.end:.4g} s{details}"
 
 
 def _alone(inner: Adapter) -> Adapter:

@@ -95,8 +95,8 @@ def stops_of(model: ForwardModel) -> BoolArray:
     stops = np.zeros((rows.size, len(weights)), dtype=bool)
     before = -1
     for stop, row in zip(stops, rows, strict=True):
-        here = np.arange(before + 1, row + 1)
-        stop[here] = np.abs(weights[here] - weights[row]).max(axis=1) < 1e-9
+        between = np.arange(before + 1, row + 1)
+        stop[between] = np.abs(weights[between] - weights[row]).max(axis=1) < 1e-9
         before = row
     return stops
 

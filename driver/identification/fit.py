@@ -120,22 +120,22 @@ def fit(
         JobError, ResultFileError: a simulation was killed, ran out of memory or left no result.
     """
     began = monotonic()
-    here = start if start is not None else objective.evaluate(values, free)
-    start_load, history = here.load, [_record(here)]
+    current = start if start is not None else objective.evaluate(values, free)
+    start_load, history = current.load, [_record(current)]
 
     def ended(converged: bool, reason: str, given_up: bool = False) -> Fit:
         logger.info(f"  {'ended' if converged else 'NOT converged'}: {reason}")
         seconds = monotonic() - began
-        return Fit(here, converged, reason, tuple(history), start_load, seconds, given_up)
+        return Fit(current, converged, reason, tuple(history), start_load, seconds, given_up)
 
-    _tell(0, here, None)
+    _tell(0, current, None)
     iteration = 0
     while True:
-        step, decrement = newton(objective, here)
-        if promised_by(step, here) > bar:
+        step, decrement = newton(objective, current)
+        if promised_by(step, current) > bar:
             return ended(False, "a step promises too little", given_up=True)
-        excess = max(here.excess - SCATTER * math.sqrt(2.0 * here.residual.size), 0.0)
-        enough = max(tolerance, math.sqrt(share * here.cost), math.sqrt(excess) * NEGLIGIBLE)
+        excess = max(current.excess - SCATTER * math.sqrt(2.0 * current.residual.size), 0.0)
+        enough = max(tolerance, math.sqrt(share * current.cost), math.sqrt(excess) * NEGLIGIBLE)
         if decrement < enough:
             return ended(True, f"the Newton decrement is {decrement:.2g} σ")
         if iteration == most:
@@ -143,19 +143,19 @@ def fit(
             return ended(False, reason)
         flat = decrement < FLAT
         tried = (
-            objective.with_time_steps_of(here) if decrement < NEAR else objective
-        ).warm_started_from(here)
-        ahead = descend(tried, here, step, decrement)
+            objective.with_time_steps_of(current) if decrement < NEAR else objective
+        ).warm_started_from(current)
+        ahead = descend(tried, current, step, decrement)
         if ahead is None and flat:
             return ended(True, f"a step of {decrement:.2g} σ does not lower the cost")
         if ahead is None:
             reason = f"no shorter step lowers the cost (decrement {decrement:.2g} σ)"
             return ended(False, reason)
-        gained = here.cost - ahead.cost
-        fallen = gained / here.cost
-        here, iteration = ahead, iteration + 1
-        history.append(_record(here))
-        _tell(iteration, here, decrement)
+        gained = current.cost - ahead.cost
+        fallen = gained / current.cost
+        current, iteration = ahead, iteration + 1
+        history.append(_record(current))
+        _tell(iteration, current, decrement)
         if 0 <= fallen < share:
             reason = f"the last step lowered the cost by {fallen:.1%}"
             return ended(True, reason)

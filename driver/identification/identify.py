@@ -138,8 +138,8 @@ def identify(
         first, outcomes = _best_start(task)
     objective, stage_b = first.objective, first.stage_b
     if "fixed_pattern" in stage_b.best.free:
-        objective, here = objective.with_pattern_at(stage_b.best)
-        stage_b = replace(stage_b, best=here)
+        objective, patterned = objective.with_pattern_at(stage_b.best)
+        stage_b = replace(stage_b, best=patterned)
         working, finer = (replace(m, pattern=objective.model.pattern) for m in (working, finer))
     if plan.jitter:
         logger.info("noise of the boundary motion at the result")

@@ -218,7 +218,7 @@ def _by_component(
 ) -> FloatArray:
     """Rows over the pixels of what surface-node motions do to ρ, shape (n_rows, 3 n)."""
     effect = [rows @ (sp.diags_array(along) @ projection) for along in slope.T]
-    dense = [one.toarray() if sp.issparse(one) else one for one in effect]
+    dense = [block.toarray() if sp.issparse(block) else block for block in effect]
     return np.stack(dense, axis=2).reshape(dense[0].shape[0], -1)
 
 

@@ -83,13 +83,13 @@ def doubts(chi_load: float, n_loads: int, converged: bool) -> tuple[str, ...]:
         n_loads: number of loads.
         converged: whether the fit has.
     """
-    found = []
+    sentences = []
     if not converged:
-        found.append("the fit has not converged: take the values as a start, not as a result")
+        sentences.append("the fit has not converged: take the values as a start, not as a result")
     scatter = 1 / np.sqrt(2 * n_loads)
     if chi_load > 1 + _BEYOND * scatter:
-        found.append(
+        sentences.append(
             f"χ_F {chi_load:.2f} is more than noise makes (1 ± {scatter:.2f}): the model does not "
             "carry these loads, and the uncertainties do not count that"
         )
-    return tuple(found)
+    return tuple(sentences)

@@ -28,8 +28,8 @@ def lacking_pixels(images: SurfaceImages, motion: FloatArray) -> BoolArray | Non
     """
     reach = REACH * images.pixel
     corners = [np.array([x, y, 0.0]) for x in (-reach, reach) for y in (-reach, reach)]
-    found = np.zeros(motion.shape[:2], dtype=bool)
+    missing = np.zeros(motion.shape[:2], dtype=bool)
     for t, field in enumerate(motion):
         for corner in corners:
-            found[t] |= np.isnan(images.residual((field + corner)[None], np.array([t]))[0])
-    return found if found.any() else None
+            missing[t] |= np.isnan(images.residual((field + corner)[None], np.array([t]))[0])
+    return missing if missing.any() else None

@@ -102,9 +102,9 @@ def from_each_start(
 
     def done(index: int, result: Result | Failure) -> None:
         ended = outcome(result)
-        found = ", ".join(f"{name} {value:.4g}" for name, value in ended.values.items())
+        listed = ", ".join(f"{name} {value:.4g}" for name, value in ended.values.items())
         logger.info(
-            f"  start {index + 1}: cost {ended.cost:.1f}, {found or 'failed'} ({ended.reason})"
+            f"  start {index + 1}: cost {ended.cost:.1f}, {listed or 'failed'} ({ended.reason})"
         )
 
     jobs = [_Job[Task, Result](work, task, index == 0) for index, task in enumerate(tasks)]

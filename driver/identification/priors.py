@@ -63,10 +63,11 @@ def prior_of(
     """
     if table.prior == "none":
         return {}
-    found = widths(table, parameters)
+    known_widths = widths(table, parameters)
     if table.lambda_star is not None:
         alike = tikhonov_width(table.lambda_star, n_images, n_pixels)
-        found = {
-            name: alike / parameters[name].scale if name in LAMBDAS else alike for name in found
+        known_widths = {
+            name: alike / parameters[name].scale if name in LAMBDAS else alike
+            for name in known_widths
         }
-    return {name: (start[name], width) for name, width in found.items()}
+    return {name: (start[name], width) for name, width in known_widths.items()}

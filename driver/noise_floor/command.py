@@ -111,8 +111,8 @@ def noise_floor(case_path: Path) -> None:
         measured, freedom = measured_gamma_u(
             repeats, specimen.length, uv, w, roughness, case.dic.penalty
         )
-        found = errors(lab, uv, w, done, roughness, case.dic.penalty)
-        rows.append(Row(size, size_w, found, measured))
+        measured_errors = errors(lab, uv, w, done, roughness, case.dic.penalty)
+        rows.append(Row(size, size_w, measured_errors, measured))
     take = chosen(rows)
     for line in table(rows, take, freedom):
         logger.info(line)

@@ -40,16 +40,16 @@ def sizes(images: SurfaceImages, ratio: float) -> tuple[int, ...]:
     Raises:
         ImageError: there are too few pixels for any.
     """
-    found: list[int] = []
+    candidates: list[int] = []
     for size in LADDER:
         try:
             _refuse(images, size, ratio)
         except ImageError:
             continue
-        found.append(size)
-    if not found:
+        candidates.append(size)
+    if not candidates:
         _refuse(images, LADDER[-1], ratio)
-    return tuple(found[:MESHES])
+    return tuple(candidates[:MESHES])
 
 
 def _refuse(images: SurfaceImages, size: int, ratio: float) -> None:

@@ -142,7 +142,7 @@ def errors(
         roughness: as in `measure`.
         penalty: as in `measure`.
     """
-    found: dict[str, list[FloatArray]] = {quantity: [] for quantity in QUANTITIES}
+    deviations: dict[str, list[FloatArray]] = {quantity: [] for quantity in QUANTITIES}
     predicted, converged = [], []
     for number in range(SERIES):
         images = lab.series(number)
@@ -150,14 +150,16 @@ def errors(
         fields = np.concatenate([motion.at_pixels(), strain_yy(motion, images)[..., None]], axis=2)
         wrong = fields - np.repeat(lab.truth, DRAWS, axis=0)
         for index, quantity in enumerate(QUANTITIES[:4]):
-            found[quantity].append(wrong[..., index].reshape(len(lab.motions), DRAWS, -1))
+            deviations[quantity].append(wrong[..., index].reshape(len(lab.motions), DRAWS, -1))
         stretch, sigma = elongation(motion, images, lab.length)
-        found["elongation"].append(stretch.reshape(-1, DRAWS, 1) - lab.elongation[:, None, None])
+        deviations["elongation"].append(
+            stretch.reshape(-1, DRAWS, 1) - lab.elongation[:, None, None]
+        )
         predicted.append(sigma)
         converged.append(motion.converged.mean())
         done()
     bias, scatter = {}, {}
-    for quantity, series in found.items():
+    for quantity, series in deviations.items():
         draws = np.concatenate(series, axis=1)
         variance = draws.var(axis=1, ddof=1)
         square = np.mean(draws.mean(axis=1) ** 2 - variance / draws.shape[1], axis=1)

@@ -50,12 +50,12 @@ def draw(rows: Sequence[Row], take: Row, freedom: int) -> Figure:
 
 def _elongation(axes: Axes, rows: Sequence[Row], take: Row, freedom: int) -> None:
     sizes = np.array([row.size for row in rows])
-    found = [row.errors for row in rows]
-    predicted = [1e3 * errors.predicted for errors in found]
+    errors_of_meshes = [row.errors for row in rows]
+    predicted = [1e3 * errors.predicted for errors in errors_of_meshes]
     axes.plot(sizes, predicted, color=AFTER, label="noise by the covariance")
-    scatter = [1e3 * over_motions(errors.scatter["elongation"]) for errors in found]
+    scatter = [1e3 * over_motions(errors.scatter["elongation"]) for errors in errors_of_meshes]
     axes.plot(sizes, scatter, "s", color=AFTER, label="noise in the laboratory")
-    bias = [1e3 * over_motions(errors.bias["elongation"]) for errors in found]
+    bias = [1e3 * over_motions(errors.bias["elongation"]) for errors in errors_of_meshes]
     axes.plot(sizes, bias, "o-", color=BEFORE, label="bias")
     measured = np.array([1e3 * row.measured for row in rows])
     share = 1 / np.sqrt(2 * freedom)

@@ -41,7 +41,7 @@ def run_advise(context: StageContext) -> None:
 
 def _inseparable(diagnosis: Record) -> tuple[str, ...]:
     """Return the first set of causes that a diagnosis ends with; empty where it ends otherwise."""
-    group = next((one for one in diagnosis["sets"] if len(one) > 1), ())
+    group = next((names for names in diagnosis["sets"] if len(names) > 1), ())
     if diagnosis["verdict"] != "one of this set":
         return ()
     if set(group) & {flip.name for flip in FLIPS}:

@@ -221,7 +221,7 @@ def _set_edited_aside(old: Done | None, results: Path) -> None:
         if not path.is_file() or _content_hash(path) == digest:
             continue
         names = (edited(path, number) for number in count())
-        kept = next(one for one in names if not one.exists())
+        kept = next(path_aside for path_aside in names if not path_aside.exists())
         path.rename(kept)
         logger.info(f"{path} has changed since it was written: it is kept as {kept.name}")
 
@@ -263,12 +263,12 @@ def finished(
         InputError: one of them has no results, or such as are of another state or damaged.
     """
     results = results_of(case)
-    record, key, found = read_record(results), "", set()
+    record, key, done = read_record(results), "", set()
     for stage in stages:
         key = stage_key(stage, case, key)
         entry = record.get(stage.name)
         if is_done(entry, key, results):
-            found.add(stage.name)
+            done.add(stage.name)
         elif stage.name in needed:
             there = entry is not None and is_done(entry, entry["key"], results)
             state = "no results, or damaged ones"
@@ -277,7 +277,7 @@ def finished(
                     "results of another state of the case or its files, or of another version of "
                     "prismid"
                 )
-            last = [one.name for one in stages if one.name in needed][-1]
+            last = [stage_needed.name for stage_needed in stages if stage_needed.name in needed][-1]
             raise refuse(
                 sentence(
                     results, f"stage {stage.name}", state,
@@ -285,7 +285,7 @@ def finished(
                     "them)",
                 )
             )  # fmt: skip
-    return frozenset(found)
+    return frozenset(done)
 
 
 def _refuse_folders(entry: Done | None, results: Path) -> None:

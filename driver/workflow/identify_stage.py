@@ -63,20 +63,20 @@ def run_identify(context: StageContext) -> None:
     refuse_large_jitter(
         context.case, problem.plan.jitter, problem.start, problem.experiment.history
     )
-    found = identify(
+    identification = identify(
         problem.working, problem.finer, problem.objective, problem.start, problem.plan
     )  # fmt: skip
-    final = found.final
+    final = identification.final
     budget = error_budget(problem, final.best, read_hdf5(context.result(MEASURE))["chi"])
     for name in (n for n in (*LAMBDAS, *problem.law) if n in final.best.free):
         logger.info(f"  {value_told(name, final, problem.objective.parameters)}")
-    for warning in warnings_of(found):
+    for warning in warnings_of(identification):
         logger.info(f"  {warning}")
     logger.info(
         f"  budget: noise 1, free correlation {budget['free']:.2f}, "
         f"this model {budget['model']:.2f} (images), {budget['load']:.2f} (loads)"
     )
-    write_with_images(context.workdir, found, problem, budget)
+    write_with_images(context.workdir, identification, problem, budget)
 
 
 def refuse_large_jitter(
@@ -114,8 +114,8 @@ def error_budget(
     images = problem.images
     data = problem.objective.data
     seen = data.with_image
-    found = best.motion[data.index] + np.einsum("tr,rpc->tpc", best.shift, data.image.rigid)
-    variance = images.expected_residual_variance(found)
+    motion = best.motion[data.index] + np.einsum("tr,rpc->tpc", best.shift, data.image.rigid)
+    variance = images.expected_residual_variance(motion)
     return {
         "noise": 1.0,
         "free": float(np.sqrt(np.mean(free_chi[data.index[seen]] ** 2))),

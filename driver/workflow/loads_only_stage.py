@@ -107,16 +107,16 @@ def run_identify_loads(context: StageContext) -> None:
     case = context.case
     adapter = ProgressAdapter(adapter_of(case, context.prepare_only))
     problem = build_loads_problem(context, adapter)
-    found = identify_from_loads(
+    identification = identify_from_loads(
         problem.objective, problem.finer, problem.start, problem.plan
     )  # fmt: skip
-    final, history = found.final, problem.history
+    final, history = identification.final, problem.history
     for name in problem.plan.law:
         logger.info(f"  {value_told(name, final, problem.objective.parameters)}")
-    for warning in warnings_of(found):
+    for warning in warnings_of(identification):
         logger.info(f"  {warning}")
     n_loads, chi = problem.objective.data.n_load, final.best.chi_load
     logger.info(f"  budget: noise 1, this model {chi:.2f} (loads)")
     for sentence in doubts(chi, n_loads, final.converged):
         logger.info(f"  WARNING: {sentence}")
-    write_of_loads(context.workdir, found, problem.start, history)
+    write_of_loads(context.workdir, identification, problem.start, history)

@@ -50,10 +50,10 @@ def prepared_images(context: StageContext) -> PreparedImages:
 
 def _state(context: StageContext) -> tuple[tuple[Path, int, int], ...]:
     """Return the state of the measured files; of a folder or pattern that of each file."""
-    found = []
+    states = []
     for path in measured_files(context.case):
         each = [path]
         if not path.is_file():
             each = sorted(path.iterdir() if path.is_dir() else path.parent.glob(path.name))
-        found += [(file, file.stat().st_mtime_ns, file.stat().st_size) for file in each]
-    return tuple(found)
+        states += [(file, file.stat().st_mtime_ns, file.stat().st_size) for file in each]
+    return tuple(states)

@@ -29,32 +29,32 @@ def run_report_loads(context: StageContext) -> None:
     Raises:
         AbsentError, ResultError: a result is absent or damaged.
     """
-    found, case = read_hdf5(context.result(IDENTIFY)), context.case
-    told = read_identification(context.result(IDENTIFY))
+    results, case = read_hdf5(context.result(IDENTIFY)), context.case
+    identified = read_identification(context.result(IDENTIFY))
     declared = declared_parameters(history_of(case).n_knots, case.material.to_material())
-    groups, knots = estimate_rows(estimates(told.names, declared, found))
-    loads = fitted_loads(case, found["force"])
+    groups, knots = estimate_rows(estimates(identified.names, declared, results))
+    loads = fitted_loads(case, results["force"])
     picture = png(
         figures.loads(
-            found["stage"], found["time"], loads, {"before": found["final/load"]},
-            case.loads.gamma_F, found["initial/load"],
+            results["stage"], results["time"], loads, {"before": results["final/load"]},
+            case.loads.gamma_F, results["initial/load"],
         )
     )  # fmt: skip
     (context.workdir / report_figure("loads")).write_bytes(picture)
-    rest = np.delete(found["final/load_residual"], case.loads.left_out)
+    rest = np.delete(results["final/load_residual"], case.loads.left_out)
     page = render(
         "report_loads.html.j2",
         title=context.case.file.resolve().parent.name,
         version=prismid_version(),
         n_loads=rest.size,
         left_out=_left_out(case.loads.left_out),
-        chi=chi(float(found["budget/load"])),
+        chi=chi(float(results["budget/load"])),
         rms=number(float(np.sqrt(np.mean(rest**2))), 2),
         noise=number(case.loads.gamma_F),
         ratio=_ratio(case),
-        reason=told.reason,
-        doubts=doubts(float(found["budget/load"]), rest.size, told.converged),
-        warnings=[named(text, told.names) for text in told.warnings],
+        reason=identified.reason,
+        doubts=doubts(float(results["budget/load"]), rest.size, identified.converged),
+        warnings=[named(text, identified.names) for text in identified.warnings],
         groups=groups,
         knots=knots,
         picture=data_uri(picture),

@@ -61,8 +61,8 @@ class SplineImages:
 
 def spline_images(stack: FloatArray, pixel: float, origin: tuple[float, float]) -> SplineImages:
     """Spline coefficients of height maps [µm], shape (T, rows, cols), without gaps."""
-    found = np.stack([coefficients(np.ascontiguousarray(h, dtype=np.float64)) for h in stack])
-    return SplineImages(coefficients=found, pixel=pixel, origin=origin)
+    stacked = np.stack([coefficients(np.ascontiguousarray(h, dtype=np.float64)) for h in stack])
+    return SplineImages(coefficients=stacked, pixel=pixel, origin=origin)
 
 
 def samples(spline: FloatArray) -> FloatArray:

@@ -114,19 +114,19 @@ def user_causes(case: Case) -> tuple[Cause, ...]:
     Raises:
         InputError: as `read_causes`; or two causes have one name, or the same parameters.
     """
-    found: dict[str, Cause] = {}
+    causes: dict[str, Cause] = {}
     for path, cause in _of_files([case.path(name) for name in case.diagnosis.cause_files]):
-        if cause.name in found:
+        if cause.name in causes:
             raise InputError(
                 sentence(path, "causes.name", f'"{cause.name}" again', "a name for each cause")
             )
-        for other in found.values():
+        for other in causes.values():
             if set(other.parameters) == set(cause.parameters):
                 expected = f"other parameters than those of {other.name}"
-                said = f"{cause.name} of {', '.join(cause.parameters)}"
-                raise InputError(sentence(path, "causes.parameters", said, expected))
-        found[cause.name] = cause
-    return tuple(found.values())
+                named = f"{cause.name} of {', '.join(cause.parameters)}"
+                raise InputError(sentence(path, "causes.parameters", named, expected))
+        causes[cause.name] = cause
+    return tuple(causes.values())
 
 
 def asked_causes(case: Case, path: Path | None = None) -> tuple[Cause, ...]:

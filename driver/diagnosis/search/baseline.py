@@ -67,33 +67,33 @@ def prepared(
     """
     effects = effects_of(candidates, wide, objective.parameters)
     bad = bad_loads(baseline.best, objective.data, effects)
-    free, here = baseline.best.free, baseline
+    free, fitted = baseline.best.free, baseline
     if bad:
-        for one in bad:
-            logger.info(f"  the load of image {one.frame} is off by {one.off:+.3g} µN "
-                f"({one.sigmas:+.1f} σ): it is left out")  # fmt: skip
-        data = replace(objective.data, bad_loads=tuple(one.frame for one in bad))
+        for outlier in bad:
+            logger.info(f"  the load of image {outlier.frame} is off by {outlier.off:+.3g} µN "
+                f"({outlier.sigmas:+.1f} σ): it is left out")  # fmt: skip
+        data = replace(objective.data, bad_loads=tuple(outlier.frame for outlier in bad))
         objective = replace(objective, data=data)
-        here = _fitted_again(objective, here)
-    objective = replace(objective, data=with_load_noise(objective.data, here.best))
+        fitted = _fitted_again(objective, fitted)
+    objective = replace(objective, data=with_load_noise(objective.data, fitted.best))
     if settings.imaging_limited:
         image = objective.data.image
         louder = replace(image, noise_factor=max(image.noise_factor, settings.free_chi))
         objective = replace(objective, data=replace(objective.data, image=louder))
-    here = _fitted_again(objective, here)
-    uneven = examine_noise(here.best, objective.data, settings.wanted)
+    fitted = _fitted_again(objective, fitted)
+    uneven = examine_noise(fitted.best, objective.data, settings.wanted)
     left = (uneven,) if isinstance(uneven, NotExamined) else ()
     uneven = uneven if isinstance(uneven, Unevenness) else None
     if uneven is not None and uneven.named:
         logger.info(
             f"the noise of the images is uneven, by a factor of {uneven.ratio:.2f}: re-weighted"
         )
-        objective = _reweighted(objective, here, uneven, settings)
-        here = _fitted_again(objective, here)
-    moved = here.values != baseline.values
+        objective = _reweighted(objective, fitted, uneven, settings)
+        fitted = _fitted_again(objective, fitted)
+    moved = fitted.values != baseline.values
     known = None if moved else objective.compare(wide.prediction, wide.values, wide.free)
-    here = replace(here, best=objective.restrict(here.best, free))
-    return Prepared(here, objective, known, bad, uneven, left)
+    fitted = replace(fitted, best=objective.restrict(fitted.best, free))
+    return Prepared(fitted, objective, known, bad, uneven, left)
 
 
 def loads_taken_back(
@@ -117,22 +117,22 @@ def loads_taken_back(
     """
     if stops.effect is None or not begin.bad:
         return begin
-    objective, here = begin.objective, begin.baseline
+    objective, fitted = begin.objective, begin.baseline
     whole = replace(objective, data=replace(objective.data, bad_loads=()))
-    at = whole.compare(here.best.prediction, here.values, here.best.free)
-    if not explains_better(stops.effect, at, whole.data, [one.frame for one in begin.bad]):
+    at = whole.compare(fitted.best.prediction, fitted.values, fitted.best.free)
+    if not explains_better(stops.effect, at, whole.data, [outlier.frame for outlier in begin.bad]):
         return begin
     logger.info("  a noise of the boundary explains the loads that were left out better: with them")
-    here = _fitted_again(whole, here)
-    whole = replace(whole, data=with_load_noise(whole.data, here.best))
-    here = _fitted_again(whole, here)
-    wide = whole.complete(here.best, names)
+    fitted = _fitted_again(whole, fitted)
+    whole = replace(whole, data=with_load_noise(whole.data, fitted.best))
+    fitted = _fitted_again(whole, fitted)
+    wide = whole.complete(fitted.best, names)
     effects = effects_of(candidates, wide, whole.parameters)
-    noise = score_boundary_noise(stops.effect, here.best, whole.data, effects, len(effects) + 2)
+    noise = score_boundary_noise(stops.effect, fitted.best, whole.data, effects, len(effects) + 2)
     if noise.p >= FAMILY_LEVEL:
         logger.info(f"  it is not seen with any cause free (p {noise.p:.2g}): they stay left out")
         return begin
-    return replace(begin, baseline=here, objective=whole, wide=wide, bad=())
+    return replace(begin, baseline=fitted, objective=whole, wide=wide, bad=())
 
 
 def _reweighted(

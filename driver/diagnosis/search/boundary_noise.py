@@ -115,21 +115,21 @@ def score_boundary_noise(
     """
     fast = fast_loads(baseline)
     shown, y = fast.of(data.effect_of_stops(stops)), fast.residual
-    found = component(shown, y)
-    worst = found.p
+    noise = component(shown, y)
+    worst = noise.p
     for cause in causes:
         apart = _complement(fast.of(cause))
         worst = max(worst, component(shown @ apart, y @ apart).p)
     return Score(
         cause=BOUNDARY_NOISE,
-        statistic=found.ratio,
+        statistic=noise.ratio,
         degrees=1,
         p=min(1.0, worst * family),
         family=family,
-        log_evidence=found.log_evidence,
-        estimate=np.array([found.level]),
-        sigma=np.array([found.spread]),
-        visible=np.array([found.visible]),
+        log_evidence=noise.log_evidence,
+        estimate=np.array([noise.level]),
+        sigma=np.array([noise.spread]),
+        visible=np.array([noise.visible]),
         components=np.empty(0),
         directions=np.empty((0, baseline.residual.size)),
         strengths=np.empty(0),
@@ -172,8 +172,8 @@ def explains_better(
     choice = 0.5 * np.log(m)
     of_errors = 0.5 * m * np.log(float(y @ y) / float(off @ off))
     of_errors = max(of_errors - len(frames) * (choice + np.log(whole.n_load)), 0.0)
-    found = component(fast.of(data.effect_of_stops(stops)), y)
-    return bool(0.5 * found.ratio - choice > of_errors + _CLEAR)
+    noise = component(fast.of(data.effect_of_stops(stops)), y)
+    return bool(0.5 * noise.ratio - choice > of_errors + _CLEAR)
 
 
 def _complement(rows: FloatArray) -> FloatArray:
@@ -194,29 +194,29 @@ def refit_boundary_noise(
         SolverError: as `ForwardModel.predict`.
     """
     model, image = objective.model, objective.data.image
-    found, best = in_fast_loads(stops, baseline, objective.data), baseline
+    noise, best = in_fast_loads(stops, baseline, objective.data), baseline
     for turn in range(_TURNS):
-        noisy = with_level(objective, stops, found)
+        noisy = with_level(objective, stops, noise)
         with collected_lines():
             result = fit(
                 noisy, best.values, best.free, MOST_ITERATIONS,
                 start=noisy.complete(best, best.free), tolerance=TOLERANCE,
             )  # fmt: skip
-        before, best = found.level, result.best
+        before, best = noise.level, result.best
         if turn < _SIMULATED:
             stops = boundary_jitter(model, image, best.values, SIGMA_E.scale)
-        found = in_fast_loads(stops, objective.complete(best, best.free), objective.data)
-        if turn >= _SIMULATED and abs(found.level - before) <= _SETTLED * before:
+        noise = in_fast_loads(stops, objective.complete(best, best.free), objective.data)
+        if turn >= _SIMULATED and abs(noise.level - before) <= _SETTLED * before:
             break
-    noisy = with_level(objective, stops, found)
+    noisy = with_level(objective, stops, noise)
     result = replace(result, best=noisy.complete(best, best.free))
-    level, sigma = _level(found)
+    level, sigma = _level(noise)
     logger.info(
-        f"  {BOUNDARY_NOISE.name}: log evidence {found.log_evidence:+.1f}, "
+        f"  {BOUNDARY_NOISE.name}: log evidence {noise.log_evidence:+.1f}, "
         f"χ_F {result.best.chi_load:.2f}, χ of images {result.best.chi_image:.3f}, "
         f"σ_e {1e3 * level:.3g} nm"
     )
-    return Refit(BOUNDARY_NOISE, noisy, result, found.log_evidence, {SIGMA_E.name: (level, sigma)})
+    return Refit(BOUNDARY_NOISE, noisy, result, noise.log_evidence, {SIGMA_E.name: (level, sigma)})
 
 
 def with_level(objective: Objective, stops: BoundaryJitter, found: Component) -> Objective:
@@ -251,9 +251,9 @@ def level_again(
     scales = before[SIGMA_E.name][0] / SIGMA_E.scale
     stops = BoundaryJitter(assumed.load / scales, assumed.image / scales)
     bare = replace(objective, data=data)
-    found = in_fast_loads(stops, bare.complete(at, at.free), data)
-    if found.p < FAMILY_LEVEL:
-        return with_level(bare, stops, found), {SIGMA_E.name: _level(found)}
+    noise = in_fast_loads(stops, bare.complete(at, at.free), data)
+    if noise.p < FAMILY_LEVEL:
+        return with_level(bare, stops, noise), {SIGMA_E.name: _level(noise)}
     logger.info(f"{BOUNDARY_NOISE.name} is not needed any more")
     return bare, {}
 

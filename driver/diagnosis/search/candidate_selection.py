@@ -104,7 +104,7 @@ def to_refit(tried: Sequence[Score], most: int) -> list[Score]:
     if all(s.log_evidence <= bar for s in seen):
         return seen  # they are of a size beyond all that is usual, and vouch for no other
     hopeful = [s for s in tried[:most] if s not in seen and s.log_evidence > bar]
-    akin = [s for s in hopeful if any(subspace_similarity(s, one) > _AKIN for one in seen)]
+    akin = [s for s in hopeful if any(subspace_similarity(s, other) > _AKIN for other in seen)]
     return [s for s in tried if s in seen or s in akin]
 
 

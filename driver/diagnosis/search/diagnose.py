@@ -74,27 +74,27 @@ def diagnose(
     )
     begin = loads_taken_back(begin, stops, candidates, names)
     left += begin.left + (() if stops.why is None else (stops.why,))
-    for one in left:
-        logger.info(f"  {one.cause} is not examined: {one.why}")
-    found = rounds(begin, finer, stops, settings)
-    first, end, steps = found.begin, found.end, list(found.steps)
-    here, current, last = end.fit, end.objective, end.finer.one
+    for item in left:
+        logger.info(f"  {item.cause} is not examined: {item.why}")
+    selection = rounds(begin, finer, stops, settings)
+    first, end, steps = selection.begin, selection.end, list(selection.steps)
+    fitted, current, last = end.fit, end.objective, end.finer.one
     causes, levels = list(end.causes), dict(end.levels)
     if uneven is not None:
         steps = [_with_score(step, uneven.score) for step in steps]
     logger.info("the correction once more, and the held-out cycle predicted from the others")
     final = final_fits(
-        (first.fit, first.objective), (here, current), causes, last, cycles, settings
+        (first.fit, first.objective), (fitted, current), causes, last, cycles, settings
     )
     added = [n for cause in causes if cause not in COVARIANCE for n in cause.parameters]
-    passed = gate(current, here, final.fresh, last, steps[-1].scores, added)
+    passed = gate(current, fitted, final.fresh, last, steps[-1].scores, added)
     lost = steps[-1].lost
     if lost is not None and not causes:
         passed = lost
     logger.info(
         f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.cause}"
     )
-    explained = share_explained(final.uncounted, here.best) if causes else float("nan")
+    explained = share_explained(final.uncounted, fitted.best) if causes else float("nan")
     of_causes = {cause.name for cause in causes}
     # What was dropped and added again counts once.
     sets = {step.named[0]: step.named for step in steps if of_causes & set(step.named[:1])}
@@ -106,18 +106,18 @@ def diagnose(
         passed.words,
         {cause.name: cause.sentence for cause in every},
         {cause.name: cause.check for cause in every},
-        share_described(final.uncounted, here.best, steps[-1].omnibus.left),
+        share_described(final.uncounted, fitted.best, steps[-1].omnibus.left),
         any(s.degrees for step in steps for s in step.scores),
     )
-    fits = {"identified": first.fit} | ({"extended": here} if causes else {})
+    fits = {"identified": first.fit} | ({"extended": fitted} if causes else {})
     verdict = with_doubts(
         verdict,
         [
-            f"the fit of the {name} model has not converged ({one.reason})"
-            for name, one in fits.items()
-            if not one.converged
+            f"the fit of the {name} model has not converged ({item.reason})"
+            for name, item in fits.items()
+            if not item.converged
         ],
-        [*found.doubts, *_at_bounds(end)],
+        [*selection.doubts, *_at_bounds(end)],
     )
     if uneven is not None and uneven.named:
         verdict = with_uneven_noise(verdict)
@@ -126,15 +126,15 @@ def diagnose(
     return Diagnosis(
         baseline=first.fit,
         baseline_objective=first.objective,
-        extended=here,
+        extended=fitted,
         objective=current,
-        bad_loads=tuple(one for one in begin.bad if one.frame in current.data.bad_loads),
+        bad_loads=tuple(item for item in begin.bad if item.frame in current.data.bad_loads),
         steps=tuple(steps),
         causes=tuple(causes),
         gate=passed,
         held_out=final.held_out,
         explained=explained,
-        log_evidence=end.of_noise + log_evidence(final.before, here.best, current, causes),
+        log_evidence=end.of_noise + log_evidence(final.before, fitted.best, current, causes),
         not_examined=left + _never_tried(steps),
         verdict=verdict,
         levels=levels,
@@ -156,7 +156,12 @@ def _at_bounds(end: Extension) -> list[str]:
 def _never_tried(steps: Sequence[Step]) -> tuple[NotExamined, ...]:
     """Return the flips of the EBSD frame that no round tried, with the reason of the last one."""
     tried = {s.cause.name for step in steps for s in step.scores}
-    why = {one.cause: one for step in steps for one in step.untried if one.cause not in tried}
+    why = {
+        untried.cause: untried
+        for step in steps
+        for untried in step.untried
+        if untried.cause not in tried
+    }
     return tuple(why.values())
 
 

@@ -71,15 +71,15 @@ def gate(
     if not effects:
         return DiscretisationCheck(0.0, NUMERICS.name)
     worst = int(np.argmax(effects))
-    found = DiscretisationCheck(effects[worst], directions[worst].name)
-    if found.passed:
-        return found
+    largest = DiscretisationCheck(effects[worst], directions[worst].name)
+    if largest.passed:
+        return largest
     needed = _refinement(objective, here, fresh, finer, directions[worst])
-    return replace(found, needed=needed)
+    return replace(largest, needed=needed)
 
 
 def _directions(at: Evaluation, scores: Sequence[Score], named: Sequence[str]) -> list[_Direction]:
-    found = [
+    directions = [
         _Direction(s.cause.name, s.directions)
         for s in scores
         if s.directions.size and s.cause.name != NUMERICS.name
@@ -89,8 +89,8 @@ def _directions(at: Evaluation, scores: Sequence[Score], named: Sequence[str]) -
     for name in named:
         row = at.free.index(name)
         moved = covariance[row] @ at.jacobian / np.sqrt(covariance[row, row])
-        found.append(_Direction(name, moved[None]))
-    return found
+        directions.append(_Direction(name, moved[None]))
+    return directions
 
 
 def _refinement(

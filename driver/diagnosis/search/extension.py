@@ -67,15 +67,15 @@ def extended(before: Extension, winner: Refit, settings: Settings) -> Extension:
     """
     causes, of_noise = [*before.causes, winner.cause], before.of_noise
     finer = before.finer.turned((winner.cause,))
-    here, objective = winner.fit, winner.objective
+    fitted, objective = winner.fit, winner.objective
     levels: Mapping[str, Level] = {**before.levels, **winner.levels}
     for again in range(_MOST_CORRECTIONS):
         if again:
             logger.info("far from where the correction was taken: once more with that of this fit")
-        begin = here
+        begin = fitted
         objective = _corrected(objective, begin, finer, settings)
-        here, objective, levels = _fitted(begin, objective, levels)
-        if _moved(begin, here, objective) < _FAR:
+        fitted, objective, levels = _fitted(begin, objective, levels)
+        if _moved(begin, fitted, objective) < _FAR:
             break
     if BOUNDARY_NOISE in causes and not levels:
         causes.remove(BOUNDARY_NOISE)
@@ -83,19 +83,19 @@ def extended(before: Extension, winner: Refit, settings: Settings) -> Extension:
     elif winner.levels:
         of_noise = winner.log_evidence
     surpassed = (*before.surpassed, frozenset(before.causes))
-    here, objective, causes = eliminate(here, objective, causes, before.fitted, surpassed)
+    fitted, objective, causes = eliminate(fitted, objective, causes, before.fitted, surpassed)
     return replace(
-        before, fit=here, objective=objective, finer=finer, causes=tuple(causes), levels=levels,
+        before, fit=fitted, objective=objective, finer=finer, causes=tuple(causes), levels=levels,
         of_noise=of_noise, surpassed=surpassed,
     )  # fmt: skip
 
 
 def _moved(begin: Fit, end: Fit, objective: Objective) -> float:
     """By how much the prediction of one fit differs from that of another [σ]."""
-    one, other = (
+    before, other = (
         Correction(f.best.prediction.motion, f.best.prediction.load) for f in (begin, end)
     )
-    return float(np.linalg.norm(whitened_difference(objective, other, one)))
+    return float(np.linalg.norm(whitened_difference(objective, other, before)))
 
 
 def _corrected(objective: Objective, here: Fit, finer: FineModels, settings: Settings) -> Objective:
@@ -115,17 +115,17 @@ def _fitted(
 
     A load that was left out and that the extended model explains is taken back.
     """
-    here = fit_from(begin.best, objective, POLISH)
-    free, data = here.best.free, objective.data
+    fitted = fit_from(begin.best, objective, POLISH)
+    free, data = fitted.best.free, objective.data
     if data.bad_loads:
         whole = replace(objective, data=replace(data, bad_loads=()))
-        again = whole.compare(here.best.prediction, here.values, free)
-        still = {one.frame for one in bad_loads(again, whole.data)} & set(data.bad_loads)
+        again = whole.compare(fitted.best.prediction, fitted.values, free)
+        still = {outlier.frame for outlier in bad_loads(again, whole.data)} & set(data.bad_loads)
         data = replace(data, bad_loads=tuple(sorted(still)))
         objective = replace(objective, data=data)
-    at = objective.compare(here.best.prediction, here.values, free)
+    at = objective.compare(fitted.best.prediction, fitted.values, free)
     if levels:
         objective, levels = level_again(at, objective, levels)
-        at = objective.compare(here.best.prediction, here.values, free)
+        at = objective.compare(fitted.best.prediction, fitted.values, free)
     objective = replace(objective, data=with_load_noise(objective.data, at))
     return fit_from(at, objective, POLISH), objective, levels

@@ -67,20 +67,20 @@ def final_fits(
         cycles: number of the cycle of each image, shape (T,).
         settings: how the diagnosis is run.
     """
-    (baseline, objective), (here, current) = first, last
+    (baseline, objective), (extended, current) = first, last
     spread = current.spread
     if objective.spread is None:  # the other mesh was asked for in a later round
         objective = replace(objective, correction=objective.correction.mean_with(spread))
     counted = replace(objective, data=current.data)
     uncounted = replace(counted, data=replace(counted.data, jitter=objective.data.jitter))
-    tasks: list[_Refresh | _Again | HeldOutTask] = [_Refresh(current.model, finer, here)]
+    tasks: list[_Refresh | _Again | HeldOutTask] = [_Refresh(current.model, finer, extended)]
     if causes:
         tasks.append(_Again(counted, baseline))
     if BOUNDARY_NOISE in causes:
         tasks.append(_Again(uncounted, baseline))
-    tasks += _held_out_tasks(uncounted, current, baseline, here, cycles, settings)
+    tasks += _held_out_tasks(uncounted, current, baseline, extended, cycles, settings)
     ends = side_by_side(_run, tasks, settings.processes, settings.threads)
-    fits = [end.best for end in ends if isinstance(end, Fit)] or [here.best]
+    fits = [end.best for end in ends if isinstance(end, Fit)] or [extended.best]
     held = [end for end in ends if isinstance(end, HeldOut)]
     return Final(
         fresh=next(end for end in ends if isinstance(end, Correction)).mean_with(spread),

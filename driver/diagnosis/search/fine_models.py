@@ -63,13 +63,13 @@ class FineModels:
             another = self.another
             assert another is not None
             logger.info("the same on another mesh")
-            found = attempt(
+            another_change = attempt(
                 lambda: correction(working, another(), here.best.prediction, here.values)
             )
-            if isinstance(found, Failure):
-                logger.info(f"  one mesh has to do: {found.why}")
+            if isinstance(another_change, Failure):
+                logger.info(f"  one mesh has to do: {another_change.why}")
                 return None
-            return found
+            return another_change
 
         asked = [on_one, on_another] if both and self.another is not None else [on_one]
         # One after the other; jobs for another machine are prepared all at once.

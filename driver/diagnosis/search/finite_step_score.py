@@ -173,9 +173,9 @@ def _look(task: _Task) -> _Look:
 
 def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
     """Return the score of a cause from where it shows best, and its refits."""
-    near, here = task.near, task.here
+    near, fitted = task.near, task.here
     extended = with_prior(task.objective, near.cause)
-    sides = [_scored(task, at, n) for at, n in _sides(near, here, extended) if n]
+    sides = [_scored(task, at, n) for at, n in _sides(near, fitted, extended) if n]
     promising = [
         one
         for one in sides
@@ -183,22 +183,22 @@ def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
         and _may_be_far(one.score)
         and chi2.sf(one.score.statistic, one.score.degrees) < PROMISING
     ]
-    found = [near, *(one.score for one in promising)]
+    scores = [near, *(one.score for one in promising)]
     refits: list[Refit] = []
     worth = [one for one in promising if one.score.log_evidence > task.least]
     if worth:
         begin = max(worth, key=lambda one: one.score.statistic)
         start = Start(
-            near.cause, extended, begin.at.values, None, here.best, np.inf, MOST_FROM_AFAR
+            near.cause, extended, begin.at.values, None, fitted.best, np.inf, MOST_FROM_AFAR
         )
         for refit in refit_from([start], Executor(1, 1)):
             end = _gained(refit, begin.score, task)
             # What the sides promise the refit has tried.
-            found = [near]
+            scores = [near]
             if abs(end.estimate[0]) > FAR[0] and refit.log_evidence > WORTH:
                 refits.append(refit)
-                found.append(end)
-    best = max(found, key=lambda s: s.log_evidence)
+                scores.append(end)
+    best = max(scores, key=lambda s: s.log_evidence)
     limits = [one.score.visible for one in sides]
     # Near the null the derivative holds, beyond it what the weaker side shows.
     if limits and near.visible[0] > FAR[0]:
@@ -212,21 +212,21 @@ def _may_be_far(side: Score) -> bool:
 
 
 def _scored(task: _Task, at: Evaluation, amount: float) -> _Side:
-    here, degrees = task.here.inside(task.objective), task.objective.data.load_degrees
-    change = (here.residual - at.residual)[None] / amount
-    found = score(task.near.cause, change, here, task.family, degrees, task.variance)
-    return _Side(amount, at, found)
+    fitted, degrees = task.here.inside(task.objective), task.objective.data.load_degrees
+    change = (fitted.residual - at.residual)[None] / amount
+    scored = score(task.near.cause, change, fitted, task.family, degrees, task.variance)
+    return _Side(amount, at, scored)
 
 
 def _gained(refit: Refit, side: Score, task: _Task) -> Score:
     """Return score that a refit is: its statistic is the likelihood ratio, one parameter more."""
-    here, degrees = task.here.best, task.objective.data.load_degrees
+    fitted, degrees = task.here.best, task.objective.data.load_degrees
     at = refit.fit.best
     (amount,) = amounts_of(refit.cause.parameters, at.values, task.objective)
     # The cost of a refit has the prior of its cause.
-    gained = max(here.cost - (at.cost - (amount / FREED_WIDTH) ** 2), 0.0) / task.variance
+    gained = max(fitted.cost - (at.cost - (amount / FREED_WIDTH) ** 2), 0.0) / task.variance
     components = np.array([np.copysign(np.sqrt(gained), amount)])
-    p = significance(refit.cause, components, side.directions, here, task.family, degrees)
+    p = significance(refit.cause, components, side.directions, fitted, task.family, degrees)
     (name,) = refit.cause.parameters
     k, width = at.free.index(name), task.objective.parameters[name].width
     return replace(
@@ -261,4 +261,4 @@ def _sides(near: Score, here: Fit, extended: Objective) -> list[tuple[Evaluation
         return at, float(amounts_of(near.cause.parameters, values, extended)[0])
 
     both = side_by_side(side, (FAR[-1], -FAR[-1]), 1)
-    return [found for found in both if found is not None]
+    return [end for end in both if end is not None]

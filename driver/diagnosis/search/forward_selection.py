@@ -64,42 +64,50 @@ def rounds(
         SolverError: the simulation could not be finished.
     """
     fitted = begin.baseline.best.free
-    here = Extension(begin.baseline, begin.objective, finer, (), {}, 0.0, fitted, ())
-    before, known = here, begin.wide
+    extension = Extension(begin.baseline, begin.objective, finer, (), {}, 0.0, fitted, ())
+    before, known = extension, begin.wide
     first: Extension | None = None
     steps: list[Step] = []
     doubts: dict[str, str] = {}
 
     def ended(end: Extension, *rounds_: Step) -> Rounds:
         added = {cause.name for cause in end.causes}
-        told = tuple(why for name, why in doubts.items() if name not in added)
-        return Rounds(first or end, end, rounds_, told)
+        sentences = tuple(why for name, why in doubts.items() if name not in added)
+        return Rounds(first or end, end, rounds_, sentences)
 
     while True:
-        at = here.fit.best
+        at = extension.fit.best
         logger.info(f"screening at χ_F {at.chi_load:.2f}, χ of images {at.chi_image:.3f}")
-        found = examine(here.fit, here.objective, here.causes, settings, stops, known, here.finer)
-        known, step, winner = None, found.step, found.winner
-        here = replace(here, fit=found.fit, objective=found.objective)
-        first = first or here
-        if steps and _leaves_something(found, here):
+        round_ = examine(
+            extension.fit,
+            extension.objective,
+            extension.causes,
+            settings,
+            stops,
+            known,
+            extension.finer,
+        )
+        known, step, winner = None, round_.step, round_.winner
+        extension = replace(extension, fit=round_.fit, objective=round_.objective)
+        first = first or extension
+        if steps and _leaves_something(round_, extension):
             better = _by_a_rival(before, steps[-1], stops, settings)
             if better is not None:
                 end, exchanged, last = better
                 return ended(end, *steps[:-1], exchanged, last)
         steps.append(step)
         if winner is None:
-            return ended(here, *steps)
+            return ended(extension, *steps)
         if len(steps) == MOST_STEPS:
             name = winner.cause.name
             doubts[name] = f"{name} is not added, for the rounds come to no end"
             logger.info(doubts[name])
-            return ended(here, *steps[:-1], replace(step, named=()))
-        after, steps[-1], failed = _with_the_best(here, step, settings)
+            return ended(extension, *steps[:-1], replace(step, named=()))
+        after, steps[-1], failed = _with_the_best(extension, step, settings)
         doubts |= failed
         if after is None:
-            return ended(here, *steps)
-        before, here = here, after
+            return ended(extension, *steps)
+        before, extension = extension, after
 
 
 def _with_the_best(
@@ -158,7 +166,7 @@ def _by_a_rival(
         leaves something.
     """
     rivals = [r for r in last.refits if r.cause.name in last.named[1:] and r.log_evidence > WORTH]
-    found: list[tuple[Refit, Extension, Step]] = []
+    exchanged: list[tuple[Refit, Extension, Step]] = []
     left_something = [last.named[0]]
     for rival in rivals:
         logger.info(f"{last.named[0]} leaves something: {rival.cause.name} is tried in its place")
@@ -169,17 +177,17 @@ def _by_a_rival(
         tried, seen = end
         if is_settled(seen):
             logger.info("  nothing is left")
-            found.append((rival, tried, seen))
+            exchanged.append((rival, tried, seen))
         else:
             logger.info("  something is left as well")
             left_something.append(rival.cause.name)
-    if not found:
+    if not exchanged:
         return None
-    stand = [rival for rival, _, _ in found]
+    stand = [rival for rival, _, _ in exchanged]
     left = {r.cause.name for r in last.refits} - {r.cause.name for r in stand}
     scores = [score for score in last.scores if score.cause.name not in left]
     step = replace(last, named=set_of(stand, scores), left_something=tuple(left_something))
-    return found[0][1], step, found[0][2]
+    return exchanged[0][1], step, exchanged[0][2]
 
 
 def _exchanged(

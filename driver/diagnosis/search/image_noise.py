@@ -63,21 +63,21 @@ def examine_noise(
         return NotExamined(NOISE_NOT_UNIFORM.name, why)
     if data.image.variance is not None:
         return NotExamined(NOISE_NOT_UNIFORM.name, "images.noise_map states it")
-    found = unevenness(at, data, len(NAMES) + 1)
+    uneven = unevenness(at, data, len(NAMES) + 1)
     few = NotExamined(NOISE_NOT_UNIFORM.name, "there are too few images to tell noise by")
-    return few if found is None else found
+    return few if uneven is None else uneven
 
 
 def with_uneven_noise(verdict: Verdict) -> Verdict:
     """Let a verdict say so besides; where it said that nothing is wrong, this is its name."""
-    said = f"{NOISE_NOT_UNIFORM.sentence[:1].upper()}{NOISE_NOT_UNIFORM.sentence[1:]}"
+    sentence = f"{NOISE_NOT_UNIFORM.sentence[:1].upper()}{NOISE_NOT_UNIFORM.sentence[1:]}"
     check = f"Confirm {NOISE_NOT_UNIFORM.name}: {NOISE_NOT_UNIFORM.check}."
     nothing = verdict.kind == "nothing wrong"
     return replace(
         verdict,
         kind="named" if nothing else verdict.kind,
         sets=((NOISE_NOT_UNIFORM.name,), *verdict.sets),
-        text=f"{said}; the images were weighted accordingly. {verdict.text}",
+        text=f"{sentence}; the images were weighted accordingly. {verdict.text}",
         next=f"{check} {verdict.next}",
     )
 

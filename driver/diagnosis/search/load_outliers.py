@@ -60,14 +60,14 @@ def bad_loads(
         return ()
     unit = data.load_changes(np.eye(fitted.n_load))
     fast = _fast(fitted, unit)
-    found = _suspects(fast, max(1, int(MOST * fitted.n_load)))
-    found = _significant(fast, found)
-    for effect in causes if found else ():
-        found = _significant(_fast(freed(fitted, effect), unit), found)
-    if not found:
+    suspects = _suspects(fast, max(1, int(MOST * fitted.n_load)))
+    suspects = _significant(fast, suspects)
+    for effect in causes if suspects else ():
+        suspects = _significant(_fast(freed(fitted, effect), unit), suspects)
+    if not suspects:
         return ()
-    frames = data.load_index[found]
-    off, sigma = _joint(fast, found)
+    frames = data.load_index[suspects]
+    off, sigma = _joint(fast, suspects)
     ends = sorted(zip(frames.tolist(), off.tolist(), (off / sigma).tolist(), strict=True))
     return tuple(BadLoad(*end) for end in ends)
 
@@ -111,11 +111,9 @@ def load_noise(fitted: Evaluation, data: Data) -> tuple[float, float]:
 
 def _suspects(fast: _Fast, most: int) -> list[int]:
     """Find loads that stand out of a robust scale, the worst first; none of too many."""
-    found: list[int] = []
+    rows: list[int] = []
     while True:
-        basis = (
-            np.linalg.qr(fast.single[found].T)[0] if found else np.zeros((len(fast.residual), 0))
-        )
+        basis = np.linalg.qr(fast.single[rows].T)[0] if rows else np.zeros((len(fast.residual), 0))
         y = fast.residual - basis @ (basis.T @ fast.residual)
         single = fast.single - (fast.single @ basis) @ basis.T
         length = np.linalg.norm(single, axis=1)
@@ -124,10 +122,10 @@ def _suspects(fast: _Fast, most: int) -> list[int]:
         scale = float(np.median(np.abs(z[seen]))) / float(norm.ppf(0.75))
         worst = int(np.argmax(np.abs(z)))
         if abs(z[worst]) < _SUSPECT * scale:
-            return found
-        if len(found) == most:
+            return rows
+        if len(rows) == most:
             return []
-        found.append(worst)
+        rows.append(worst)
 
 
 def _joint(fast: _Fast, found: Sequence[int]) -> tuple[FloatArray, FloatArray]:

@@ -74,16 +74,16 @@ def refit_by_noise_continuation(
     soft = softened(objective, softness)
     logger.info(f"loads of {softness:.3g} times their noise, as far as the model is off")
     begin = _by_the_images(softened(objective, SOFTER * softness), baseline)
-    here = fit_from(begin.best, soft, POLISH, TOLERANCE)
-    wide = soft.complete(here.best, names)
-    tasks = [_task(one, objective, soft, wide, baseline) for one in tried]
-    promises = [here.best.cost - promised(task.soft, task.start) for task in tasks]
+    softened_fit = fit_from(begin.best, soft, POLISH, TOLERANCE)
+    wide = soft.complete(softened_fit.best, names)
+    tasks = [_task(scored, objective, soft, wide, baseline) for scored in tried]
+    promises = [softened_fit.best.cost - promised(task.soft, task.start) for task in tasks]
     order = np.argsort(promises)[::-1]
     bar = HOPEFUL * max(promises)
     chosen = [tasks[k] for n, k in enumerate(order) if n < most or promises[k] > bar]
     logger.info(f"refitting {', '.join(task.score.cause.name for task in chosen)}")
     ends = side_by_side(_below_soft_loads, chosen, executor.processes, executor.threads)
-    gained = [here.best.cost - end.best.cost for end in ends]
+    gained = [softened_fit.best.cost - end.best.cost for end in ends]
     for task, gain in zip(chosen, gained, strict=True):
         logger.info(f"  {task.score.cause.name}: gains {gain:.0f} σ² there")
     hopeful = [
@@ -103,11 +103,11 @@ def refit_by_noise_continuation(
 def _by_the_images(objective: Objective, baseline: Evaluation) -> Fit:
     """Fit where the images lead, from the nominal model: the baseline itself is bent."""
     values, free = nominal(baseline, objective), baseline.free
-    found = attempt(lambda: fit(objective, values, free, POLISH, tolerance=ON_THE_WAY))
-    if isinstance(found, Failure):
-        logger.info(f"  not from the nominal model ({found.why})")
+    result = attempt(lambda: fit(objective, values, free, POLISH, tolerance=ON_THE_WAY))
+    if isinstance(result, Failure):
+        logger.info(f"  not from the nominal model ({result.why})")
         return fit_from(baseline, objective, POLISH, ON_THE_WAY)
-    return found
+    return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +151,6 @@ def _as_precise_as_they_are(task: _Task) -> Refit:
         (half, MOST_ITERATIONS, ON_THE_WAY),
         (task.hard, MOST_FROM_AFAR, TOLERANCE),
     ):
-        found = fit_from(at, objective, most, tolerance)
-        at = found.best
-    return refit_of(task.score.cause, task.hard, found, task.baseline)
+        result = fit_from(at, objective, most, tolerance)
+        at = result.best
+    return refit_of(task.score.cause, task.hard, result, task.baseline)

@@ -237,8 +237,8 @@ def told(refit: Refit) -> str:
 @collected_lines()
 def _refit(task: Start) -> Refit | str:
     """Return the refit, or why the start was given up."""
-    objective, here = task.objective, task.start
-    if here is None:
+    objective, begin = task.objective, task.start
+    if begin is None:
         beside, free = (
             objective.warm_started_from(task.baseline),
             freed_with(task.baseline, task.cause),
@@ -246,8 +246,8 @@ def _refit(task: Start) -> Refit | str:
         first = attempt(lambda: beside.evaluate(task.values, free))
         if isinstance(first, Failure):
             return f"for it cannot be simulated ({first.why})"
-        here = first
-    result = fit(objective, here.values, here.free, task.most, here, TOLERANCE, bar=task.bar)
+        begin = first
+    result = fit(objective, begin.values, begin.free, task.most, begin, TOLERANCE, bar=task.bar)
     if result.given_up:
         return f"for {result.reason}"
     return refit_of(task.cause, objective, result, task.baseline)

@@ -76,14 +76,17 @@ def held_against_both(
     both = whitened_difference(objective, first.mean_with(spread), objective.correction)
     half = whitened_difference(objective, spread, Correction())
     effects = []
-    for one in seen:
+    for scored in seen:
         p = significance(
-            one.cause, one.components - one.directions @ both / widened, one.directions, here.best,
-            one.family, objective.data.load_degrees,
+            scored.cause, scored.components - scored.directions @ both / widened,
+            scored.directions, here.best,
+            scored.family, objective.data.load_degrees,
         )  # fmt: skip
-        moved = 2.0 * one.directions @ half / widened
+        moved = 2.0 * scored.directions @ half / widened
         effects.append(float(np.linalg.norm(moved) / np.sqrt(moved.size)))
-        logger.info(f"  {one.cause.name}: moved by {effects[-1]:.1f} σ, p {one.p:.2g} → {p:.2g}")
+        logger.info(
+            f"  {scored.cause.name}: moved by {effects[-1]:.1f} σ, p {scored.p:.2g} → {p:.2g}"
+        )
         if p < NAMING_LEVEL or effects[-1] <= GATE:
             return OnBoth(None, first, spread)
     lost = DiscretisationCheck(effects[0], seen[0].cause.name, "mesh", between_meshes=True)

@@ -217,10 +217,10 @@ def _first_order(
 
 def _looked(seen: _Seen, here: Fit, objective: Objective, executor: Executor) -> _Seen:
     """Return what is seen, from afar as well."""
-    found = finite_step_scores(
+    finite = finite_step_scores(
         seen.scores, here, objective, seen.widened**2, seen.tests.accepted, executor
     )
-    return replace(seen, scores=found.scores, afar=tuple(found.refits))
+    return replace(seen, scores=finite.scores, afar=tuple(finite.refits))
 
 
 def _significant(scores: Sequence[Score]) -> set[str]:

@@ -109,7 +109,7 @@ def log_bayes_factor(
         companions: names of those that exist only with a cause.
         rising: names of the parameters of causes that can only be above their null.
     """
-    names = [name for one in effects for name in one]
+    names = [name for names_of_effect in effects for name in names_of_effect]
     rows = [after.free.index(name) for name in names]
     others = objective.restrict(after, [name for name in after.free if name not in names])
     effect = prior_scaled(after.jacobian[rows], names, objective.parameters)
@@ -124,7 +124,9 @@ def log_bayes_factor(
     volume = np.linalg.slogdet(before.hessian)[1] - np.linalg.slogdet(others.hessian)[1]
     of_companions = sum(float(np.log(objective.prior[name][1])) for name in companions)
     above = [names.index(name) for name in rising]
-    of_effects = log_mean_likelihood(g, A, [len(one) for one in effects], above)
+    of_effects = log_mean_likelihood(
+        g, A, [len(names_of_effect) for names_of_effect in effects], above
+    )
     return (
         0.5 * (promised(objective, before) - cost_at_null)
         + 0.5 * float(volume)

@@ -106,9 +106,9 @@ def own_error_shapes(objective: Objective) -> FloatArray:
     of_steps = None if left is None else Correction(left.motion, left.load)
     known = [objective.correction, objective.spread, of_steps]
     shapes = [
-        whitened_difference(objective, one, Correction())
-        for one in known
-        if one is not None and isinstance(one.load, np.ndarray)
+        whitened_difference(objective, change, Correction())
+        for change in known
+        if change is not None and isinstance(change.load, np.ndarray)
     ]
     return np.stack(shapes) if shapes else np.zeros((0, 0))
 

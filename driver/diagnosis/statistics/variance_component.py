@@ -107,11 +107,11 @@ class Component:
 
     def _least_p(self, power: FloatArray) -> float:
         """Return the least p of the points."""
-        found = []
+        tails = []
         for point in _POINTS:
             share = 1.0 / (1.0 + point * self.strength / self.strength.max())
-            found.append(tail(float(share @ power / power.sum()) - share, 0.0))
-        return min(found)
+            tails.append(tail(float(share @ power / power.sum()) - share, 0.0))
+        return min(tails)
 
     @property
     def _m(self) -> int:

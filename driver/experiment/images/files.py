@@ -46,17 +46,17 @@ def files_of(path: str) -> list[Path]:
         given = Path(path)
         if given.is_file():
             return [given]
-        found = list(given.iterdir()) if given.is_dir() else list(map(Path, glob.glob(path)))
+        candidates = list(given.iterdir()) if given.is_dir() else list(map(Path, glob.glob(path)))
         # Names that begin with a dot are leftovers of file managers, not images.
         files = [
             file
-            for file in found
+            for file in candidates
             if file.suffix.lower() in SUFFIXES and file.name[0] != "." and file.is_file()
         ]
     except (OSError, ValueError) as error:
         raise Refused(why(error), f"a file, a folder or a pattern of {kinds} files") from None
     if not files:
-        what = f"no image among {len(found)} files" if found else "no image"
+        what = f"no image among {len(candidates)} files" if candidates else "no image"
         raise Refused(what, f"a file, a folder or a pattern of {kinds} files")
     return sorted(files, key=lambda file: (natural(file.name), file.name))
 

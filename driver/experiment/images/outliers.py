@@ -131,7 +131,7 @@ def find_outliers(
     if residual.size < FEWEST:
         return ()
     ratio = float(np.log(RATIO))
-    found: list[Outlier] = []
+    outliers: list[Outlier] = []
     for what, value, floor, of in (
         (RESIDUAL, residual, ratio, unit),
         (NOISE, 1e3 * noise, ratio, "nm"),
@@ -145,11 +145,11 @@ def find_outliers(
         for t in np.flatnonzero(distance > max(limit, floor)):
             if _beside(compared, int(t)) <= max(limit, floor):
                 continue  # a step that lasts
-            here = float(np.exp(usual[t]) if relative else usual[t])
-            if what == RESIDUAL and value[t] < here:
+            expected = float(np.exp(usual[t]) if relative else usual[t])
+            if what == RESIDUAL and value[t] < expected:
                 continue  # a good frame
-            found.append(Outlier(int(t), what, float(value[t]), here, of))
-    return tuple(sorted(found, key=lambda outlier: outlier.frame))
+            outliers.append(Outlier(int(t), what, float(value[t]), expected, of))
+    return tuple(sorted(outliers, key=lambda outlier: outlier.frame))
 
 
 def told(outliers: Sequence[Outlier]) -> dict[int, str]:

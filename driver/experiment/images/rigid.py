@@ -79,8 +79,8 @@ def phase_correlation(f: FloatArray, g: FloatArray) -> tuple[float, float]:
     for axis, at in enumerate(top):
         n = peak.shape[axis]
         line = np.take(peak, top[1 - axis], axis=1 - axis)
-        before, here, after = line[at - 1], line[at], line[(at + 1) % n]
-        curvature = before - 2.0 * here + after
+        before, highest, after = line[at - 1], line[at], line[(at + 1) % n]
+        curvature = before - 2.0 * highest + after
         offset = 0.5 * (before - after) / curvature if curvature < 0 else 0.0
         shift.append(float((at + n // 2) % n - n // 2 + offset))
     return shift[0], shift[1]

@@ -48,8 +48,8 @@ def strays(stack: FloatArray, region: BoolArray) -> BoolArray:
     """
     beyond = stack - np.median(stack, axis=0)
     beyond -= np.median(beyond[:, region], axis=1)[:, None, None]
-    found = np.any([_outside(one, region) for one in beyond], axis=0)
-    return _grown(np.asarray(found), region)
+    marked = np.any([_outside(mask, region) for mask in beyond], axis=0)
+    return _grown(np.asarray(marked), region)
 
 
 def _outside(beyond: FloatArray, region: BoolArray) -> BoolArray:

@@ -58,18 +58,18 @@ class SlipSteps:
         grain = self.grain[cell]
         height = np.zeros(x.size)
         for g, s in np.ndindex(self.rise.shape):
-            here = np.flatnonzero(grain == g)
-            rise = slip[here, s] * self.rise[g, s] * self.spacing
+            inside = np.flatnonzero(grain == g)
+            rise = slip[inside, s] * self.rise[g, s] * self.spacing
             across = float(np.linalg.norm(self.normals[g, s]))
-            if not here.size or np.abs(rise).max() < _NEGLIGIBLE or across < _NEGLIGIBLE:
+            if not inside.size or np.abs(rise).max() < _NEGLIGIBLE or across < _NEGLIGIBLE:
                 continue
-            places = np.column_stack([x.ravel()[here], y.ravel()[here]])
+            places = np.column_stack([x.ravel()[inside], y.ravel()[inside]])
             turns = places @ self.normals[g, s] / self.spacing + self.phases[g, s]
             blur = np.pi * self.resolution * across / self.spacing
             waves = int(np.ceil(np.sqrt(-0.5 * np.log(_NEGLIGIBLE)) / blur))
             k = np.arange(1, waves + 1)
             weights = np.exp(-2 * (k * blur) ** 2) / (np.pi * k)
-            height[here] += rise * (np.sin(2 * np.pi * np.outer(turns, k)) @ weights)
+            height[inside] += rise * (np.sin(2 * np.pi * np.outer(turns, k)) @ weights)
         return height.reshape(x.shape)
 
 
