@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.case.model import Case
-from driver.dic.series import basis_on
+from driver.dic.basis import basis_on
 from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.experiment.reading import Experiment
 from driver.forward.build import (
@@ -172,8 +172,8 @@ def build_problem(
     mesh_uv, mesh_w = correlation_meshes(case)
     image_data = build_image_data(
         images,
-        basis_on(images, mesh_uv),
-        basis_on(images, mesh_w),
+        basis_on(images.xy, images.bounds, mesh_uv),
+        basis_on(images.xy, images.bounds, mesh_w),
         seen.mean_motion,
         case.boundary.gauge,
         seen.places,
