@@ -70,7 +70,7 @@ _HIDDEN = {"load_gain": 0.12, "end_rotation": 0.2}  # µN/µN and 1
 _TRUE_LAW = {"tau0": 30.0, "c": 44e3, "d": 1140.0, "lambda_plus_Y": _LAMBDA_Y}
 _COLOURS = 256  # of a file
 _SHOWN = 7  # causes of a round
-_EXPLAINED = 0.9  # share of the misfit that `decide` asks of what is named
+EXPLAINED = 0.9  # share of the misfit that `decide` asks of what is named
 
 
 @styled
@@ -469,11 +469,11 @@ def verdicts() -> Figure:
         (alone, 4.0): f"χ of free correlation\nabove {IMAGING:g}?",
         (alone, 3.0): "do the tests of\nwhat is left reject?",
         (added, 5.0): f"{MOST_ADDITIONS} causes or more?",
-        (added, 4.0): f"tests reject, and less than\n{1e2 * _EXPLAINED:.0f} % is explained?",
+        (added, 4.0): f"tests reject, and less than\n{1e2 * EXPLAINED:.0f} % is explained?",
         (added, 3.0): "do the tests of\nwhat is left reject?",
         (added, 2.0): "does a set hold\nseveral causes?",
     }
-    little, much = _EXPLAINED - 0.01, _EXPLAINED
+    little, much = EXPLAINED - 0.01, EXPLAINED
     ends = {
         (ends_alone, 6.0): kind_of(numerics=True),
         (ends_alone, 4.0): kind_of(imaging_limited=True),
