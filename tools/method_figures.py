@@ -99,7 +99,7 @@ def law() -> Figure:
     runs: tuple[tuple[str, Integration, int, str], ...] = (
         ("exponential", "exponential", 1, "o"),
         ("backward Euler", "backward_euler", 1, "s"),
-        ("backward Euler, steps / 8", "backward_euler", 8, "d"),
+        ("backward Euler, steps / 4", "backward_euler", 4, "d"),
     )
     for (label, scheme, steps, marker), colour in zip(runs, CYCLES, strict=False):
         _, shear = most_active_system(_PAPER, time, strain, scheme, steps)
