@@ -1,4 +1,4 @@
-"""Parameters of the crystal law (docs/method.md), each with its unit and its null value."""
+"""Parameters of the crystal law (docs/method/law.md), each with its unit and its null value."""
 
 from __future__ import annotations
 

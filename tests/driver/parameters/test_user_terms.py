@@ -19,8 +19,8 @@ from driver.workflow.pipeline import stages
 from tools import closed_form
 from tools.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
-METHOD = Path(__file__).resolve().parents[3] / "docs" / "method.md"
-SECTION = METHOD.read_text(encoding="utf-8").split("### Terms of your own")[1].split("\n### ")[0]
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "method" / "diagnosis.md"
+SECTION = PAGE.read_text(encoding="utf-8").split("\n## Terms of your own")[1].split("\n## ")[0]
 
 
 def install(folder: Path, module: str, entry_points: str) -> None:

@@ -23,7 +23,7 @@ from driver.workflow.pipeline import run
 from tools import closed_form
 from tools.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
-METHOD = Path(__file__).resolve().parents[4] / "docs" / "method.md"
+PAGE = Path(__file__).resolve().parents[4] / "docs" / "method" / "diagnosis.md"
 TWISTED = Cause(
     name="twisted_grip",
     category="boundary",
@@ -57,8 +57,8 @@ def case_with(folder: Path, *names: str) -> Case:
 
 
 def test_the_example_of_the_documentation_is_a_cause(tmp_path: Path) -> None:
-    section = METHOD.read_text("utf-8").partition("\n### Causes of your own\n")[2]
-    (example,) = re.findall(r"```toml\n(.*?)```", section.partition("\n### ")[0], re.S)
+    section = PAGE.read_text("utf-8").partition("\n## Causes of your own\n")[2]
+    (example,) = re.findall(r"```toml\n(.*?)```", section.partition("\n## ")[0], re.S)
     (tmp_path / "my.toml").write_text(example, encoding="utf-8")
     (cause,) = read_causes(tmp_path / "my.toml")
     assert (cause.name, cause.category) == ("work_hardened_skin", "material")
