@@ -60,6 +60,16 @@ class Parameter:
     read_in: Reading | None = None
 
     @property
+    def title(self) -> str:
+        """The parameter as it is written in tables, figures and text; K, n, c, d by their names."""
+        return self.label or self.name
+
+    @property
+    def short_title(self) -> str:
+        """The same where there is little room, as beside a matrix."""
+        return self.short or self.title
+
+    @property
     def reading(self) -> Reading:
         """Factor and unit in which the value is read: degrees, nanometres, GPa or percent."""
         return self.read_in or _OF_ANGLES.get(self.unit, (1.0, self.unit))

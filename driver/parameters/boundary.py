@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from solver_adapters.parameter import NANOMETRES, PERCENT, Parameter
 
 _SIGNS = {
@@ -41,6 +43,12 @@ def elongation_names(n_knots: int) -> tuple[str, ...]:
 def tilt_names(n_knots: int) -> tuple[str, ...]:
     """Names of the free tilt knots, U_Z(S+) − U_Z(S−)."""
     return tuple(f"tilt_{k}" for k in range(1, n_knots))
+
+
+def knot_number(name: str) -> int | None:
+    """Return the number of the knot that a parameter is; None of one that is no knot."""
+    knot = re.fullmatch(r"(?:elongation|tilt)_(\d+)", name)
+    return int(knot[1]) if knot else None
 
 
 def knot_declarations(n_knots: int) -> tuple[Parameter, ...]:

@@ -19,10 +19,11 @@ from driver.case.solver_profiles import with_files_of
 from driver.diagnosis.answer.result_types import Diagnosis
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.ebsd_flips import half_turn
-from driver.diagnosis.causes.noise_causes import COVARIANCE, NOISE_RATIO, SIGMA_E
+from driver.diagnosis.causes.noise_causes import COVARIANCE
 from driver.experiment.reading import as_in_files
 from driver.forward.build import TRACE
 from driver.parameters.boundary import LAMBDAS
+from driver.parameters.covariance import NOISE_RATIO, SIGMA_E
 from driver.results.files import NOISE_MAP, RESULTS
 from solver_adapters.material import MATERIAL_DECLARATIONS, declarations_at
 

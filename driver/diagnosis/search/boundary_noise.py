@@ -18,7 +18,7 @@ from scipy.stats import chi2
 from driver.common.progress import Log, silent
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.candidates import NotExamined
-from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE, SIGMA_E
+from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.search.refit import MOST_ITERATIONS, TOLERANCE
 from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
 from driver.diagnosis.statistics.high_pass_loads import FEWEST, LEFT, fast_loads
@@ -28,6 +28,7 @@ from driver.identification.boundary_jitter import BoundaryJitter, boundary_jitte
 from driver.identification.data import Data
 from driver.identification.fit import fit
 from driver.identification.objective import Evaluation, Objective
+from driver.parameters.covariance import SIGMA_E
 
 FloatArray = NDArray[np.float64]
 Level = tuple[float, float]
