@@ -120,6 +120,11 @@ def refused(tmp_path: Path, *changes: tuple[str, str]) -> list[str]:
         ("left_out = []", "left_out = 3", "loads.left_out", "3", "a list of whole numbers"),
         ("noise_uN = 5.97", "noise_uN = nan", "loads.noise_uN", "NaN", "a finite number"),
         ("C12_GPa = 135.5", "C12_GPa = 300", "material.C11_GPa", "233.5", "> C12_GPa = 300"),
+        ("C12_GPa = 135.5", "C12_GPa = -135.5", "material.C11_GPa", "233.5", "> -2 C12_GPa = 271"),
+        ("C11_GPa = 233.5", "C11_GPa = -1", "material.C11_GPa", "-1", "> C12_GPa = 135.5"),
+        ("\nn = 10.0", "\nn = 0.5", "material.n", "0.5", "a number ≥ 1 (rate exponent)"),
+        ("h_latent = 0.0", "h_latent = -1.1", "material.h_latent", "-1.1", "≥ -1"),
+        ("\nb = 30.0", "\nb = 0", "material.b", "0", "> 0"),
     ],
 )  # fmt: skip
 def test_a_wrong_value_is_named_with_file_key_found_and_expected(
