@@ -253,5 +253,5 @@ MATERIAL_DECLARATIONS: tuple[Parameter, ...] = declarations_at(Material())
 
 def admissible_at(material: Material) -> dict[str, Range]:
     """Return what each scalar of the law may be beside the others of a material."""
-    declared = (*ELASTIC_CONSTANTS, *declarations_at(material))
-    return {constant.name: constant.admissible for constant in declared}
+    elastic = {constant.name: constant.admissible for constant in ELASTIC_CONSTANTS}
+    return elastic | {one.name: one.admissible for one in declarations_at(material)}

@@ -6,17 +6,19 @@ import re
 
 from solver_adapters.parameter import NANOMETRES, PERCENT, Parameter
 
-_SIGNS = {
-    "lambda_plus_Y": "λ⁺_Y", "lambda_plus_Z": "λ⁺_Z",
-    "lambda_minus_Y": "λ⁻_Y", "lambda_minus_Z": "λ⁻_Z",
-}  # fmt: skip
-LAMBDAS = tuple(_SIGNS)
+AMPLITUDE_DECLARATIONS: tuple[Parameter, ...] = tuple(
+    Parameter(
+        f"lambda_{apex}", "", 1.0, 0.1, -3.0, 5.0, enters="ends", label=sign,
+        key=f"boundary.lambda_start.{apex}",
+    )
+    for apex, sign in (
+        ("plus_Y", "λ⁺_Y"), ("plus_Z", "λ⁺_Z"), ("minus_Y", "λ⁻_Y"), ("minus_Z", "λ⁻_Z"),
+    )
+)  # fmt: skip
+LAMBDAS = tuple(parameter.name for parameter in AMPLITUDE_DECLARATIONS)
 
 BOUNDARY_DECLARATIONS: tuple[Parameter, ...] = (
-    *(
-        Parameter(name, "", 1.0, 0.1, -3.0, 5.0, enters="ends", label=sign)
-        for name, sign in _SIGNS.items()
-    ),
+    *AMPLITUDE_DECLARATIONS,
     Parameter(
         "apex_curvature", "", 0.0, 0.2, -3.0, 3.0, enters="ends",
         label="apex amplitude growing with strain",

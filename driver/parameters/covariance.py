@@ -6,7 +6,7 @@ from solver_adapters.parameter import NANOMETRES, Parameter
 
 SIGMA_E = Parameter(
     "sigma_e", "µm", 0.0, 3e-4, 0.0, enters="covariance", label="σₑ, noise of the elongation",
-    read_in=NANOMETRES,
+    key="boundary.jitter_nm", read_in=NANOMETRES,
 )  # fmt: skip
 """Standard deviation of the elongation at a stop; its scale is that of a good stage."""
 

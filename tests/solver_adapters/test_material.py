@@ -9,6 +9,7 @@ from solver_adapters.material import (
     ELASTIC_CONSTANTS,
     MATERIAL_DECLARATIONS,
     MATERIAL_PARAMETERS,
+    Constant,
     Material,
     admissible_at,
     declarations_at,
@@ -33,7 +34,8 @@ def test_back_stresses_are_scaled_by_the_saturation_of_the_case() -> None:
 
 @pytest.mark.parametrize("name", MATERIAL_PARAMETERS)
 def test_every_scalar_of_the_law_is_declared_once_with_what_it_may_be(name: str) -> None:
-    declared = [one for one in (*ELASTIC_CONSTANTS, *MATERIAL_DECLARATIONS) if one.name == name]
+    every: tuple[Constant | Parameter, ...] = (*ELASTIC_CONSTANTS, *MATERIAL_DECLARATIONS)
+    declared = [one for one in every if one.name == name]
     assert len(declared) == 1 and declared[0].key.startswith("material.")
     assert declared[0].admissible.holds(getattr(Material(), name))
 

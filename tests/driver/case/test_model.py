@@ -227,6 +227,17 @@ def test_every_scalar_of_the_law_has_its_key_in_its_unit(tmp_path: Path) -> None
     )  # fmt: skip
 
 
+def test_values_are_read_and_changed_at_dotted_keys() -> None:
+    case = default_case()
+    changed = case.with_values_at({"boundary.lambda_start.plus_Y": 0.8, "material.tau0_MPa": 21.0})
+    assert changed.boundary.lambda_start.plus_Y == changed.value_at("boundary.lambda_start.plus_Y")
+    assert (changed.boundary.lambda_start.plus_Y, changed.material.tau0_MPa) == (0.8, 21.0)
+    back = {
+        key: case.value_at(key) for key in ("boundary.lambda_start.plus_Y", "material.tau0_MPa")
+    }
+    assert changed.with_values_at(back) == case and changed.file == case.file
+
+
 def test_every_key_stands_in_the_written_case() -> None:
     text, document = case_text(default_case()), schema()
     tables = {**document["properties"], **document["$defs"]}
