@@ -439,15 +439,12 @@ def kind_of(
         imaging_limited: whether χ of free correlation is too large.
         explained: share of the misfit that is no noise that the additions explain.
     """
-    names = [cause.name for cause in EVERY]
-    sets = [names[k::added][: 1 + rivals] for k in range(added)]
+    sets = [EVERY[k::added][: 1 + rivals] for k in range(added)]
     return decide(
         sets,
         ("structure",) if left else (),
         imaging_limited,
         "refine" if numerics else None,
-        {cause.name: cause.sentence for cause in EVERY},
-        {cause.name: cause.check for cause in EVERY},
         explained,
         True,
     ).kind

@@ -16,7 +16,6 @@ from driver.diagnosis.answer.residual_localisation import (
 )
 from driver.diagnosis.answer.result_types import Diagnosis, Settings
 from driver.diagnosis.answer.verdict import with_places
-from driver.diagnosis.causes.noise_causes import COVARIANCE_PARAMETERS, NOISE_RATIO
 from driver.diagnosis.causes.user_causes import user_causes
 from driver.diagnosis.search.diagnose import diagnose
 from driver.diagnosis.search.fine_models import FineModels
@@ -26,6 +25,7 @@ from driver.forward.build import geometry_of
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Evaluation
 from driver.identification.problem import IdentificationProblem, on_another_mesh
+from driver.parameters.covariance import COVARIANCE_PARAMETERS, NOISE_RATIO
 from driver.results.diagnosis import diagnosis_record
 from driver.results.extended_case import (
     added_parameters,

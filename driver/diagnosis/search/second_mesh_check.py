@@ -86,7 +86,7 @@ def held_against_both(
         logger.info(f"  {one.cause.name}: moved by {effects[-1]:.1f} σ, p {one.p:.2g} → {p:.2g}")
         if p < NAMING_LEVEL or effects[-1] <= GATE:
             return OnBoth(None, first, spread)
-    lost = DiscretisationCheck(effects[0], seen[0].cause.name, "mesh", between_meshes=True)
+    lost = DiscretisationCheck(effects[0], seen[0].cause, "mesh", between_meshes=True)
     return OnBoth(lost, first, spread)
 
 
