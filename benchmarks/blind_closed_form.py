@@ -33,20 +33,20 @@ def quick(seed: int = 7) -> None:
     rng, began = np.random.default_rng(seed), time.process_time()
     first = _diagnosed({}, rng)
     of_size = _effects(first)
-    silent, named = [_is_silent(first)], [bool(first.verdict.causes)]
+    silent, named = [_is_silent(first)], [bool(first.verdict.names)]
     right: list[bool] = []
     alone: list[bool] = []
     while time.process_time() - began < BUDGET:
         if (len(silent) + len(right)) % SHARE_OF_NULLS == 0:
             found = _diagnosed({}, rng)
             silent.append(_is_silent(found))
-            named.append(bool(found.verdict.causes))
+            named.append(bool(found.verdict.names))
             continue
         cause = str(rng.choice(list(of_size)))
         parameter, sides = of_size[cause]
         value = float(rng.choice(sides))
         found = _diagnosed({parameter: value}, rng)
-        answer = found.verdict.causes
+        answer = found.verdict.names
         right.append(cause in answer)
         alone.append(answer == (cause,))
         if not right[-1]:

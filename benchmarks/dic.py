@@ -26,9 +26,8 @@ from numpy.typing import NDArray
 
 from benchmarks.measuring import in_child, show
 from driver.case.model import load_case
-from driver.dic.correlation import Correlation, correlate
+from driver.dic.correlation import Correlation, Options, correlate
 from driver.dic.elongation import edge_motion
-from driver.dic.search import Options
 from driver.dic.series import measure
 from driver.experiment.history import knot_weights, read_history
 from driver.experiment.images.rigid import shift_between

@@ -16,7 +16,7 @@ FACE_GROUPS = ("S_PLUS", "S_MINUS", "TOP")
 
 @dataclass(frozen=True, eq=False)
 class PrismMesh:
-    """A mesh of the prism, of tet10 or wedge15 cells, in the specimen frame (docs/method.md).
+    """A mesh of the prism, of tet10 or wedge15 cells, in the specimen frame (docs/method).
 
     Attributes:
         points: node coordinates [µm], shape (n_nodes, 3).

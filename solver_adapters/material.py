@@ -1,12 +1,20 @@
-"""Parameters of the crystal law (docs/method.md), each with its unit and its null value."""
+"""Parameters of the crystal law (docs/method/law.md): unit, null and what each may be."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from math import inf
 from typing import Any, Literal
 
-from solver_adapters.parameter import GIGAPASCALS, Parameter
+from solver_adapters.parameter import (
+    FINITE,
+    GIGAPASCALS,
+    NOT_NEGATIVE,
+    POSITIVE,
+    Parameter,
+    Range,
+)
 
 StrainMeasure = Literal["small", "finite"]
 
@@ -102,82 +110,148 @@ def with_parameters(material: Material, values: Mapping[str, float]) -> Material
     return replace(material, **changes)
 
 
+LEAST_EXPONENT = 1.5
+"""Of n in a fit, and in the exponential scheme, whose relaxation has no power law at n = 1."""
+# CalculiX has −0.1; below −1 slip would soften others by more than it hardens its own system.
+LATENT = Range("-1 or more", -1)
+"""Of an entry of the interaction matrix, and of what is added to it."""
 _SLOW_STRESS = 10.0  # saturated second back stress that a prior scale of c2 stands for [MPa]
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A constant of the law that no fit moves.
+
+    Attributes:
+        name: as in `Material`.
+        key: dotted key in the case.
+        admissible: what it may be.
+    """
+
+    name: str
+    key: str
+    admissible: Range
+
+
+ELASTIC_CONSTANTS = (
+    Constant("C11", "material.C11_GPa", FINITE),
+    Constant("C12", "material.C12_GPa", FINITE),
+    Constant("C44", "material.C44_GPa", POSITIVE),
+)
+"""What C11 and C12 may be hangs on each other: `least_C11`."""
+
+
+def least_C11(C12: float) -> float:
+    """Return the bound above which C11 makes the stiffness of a cubic crystal positive definite.
+
+    C11 > |C12| and C11 + 2 C12 > 0, in the unit of C12.
+    """
+    return max(C12, -2.0 * C12)
 
 
 def declarations_at(material: Material) -> tuple[Parameter, ...]:
     """Return the parameters that can be identified or tried, scaled at a case's constants.
 
-    A back strain saturates at 1/d: the scale of x0 is a tenth of it, its bounds are three. The
+    Bounds are those of a fit, and beside them stands what is admissible in a simulation. A back
+    strain saturates at 1/d: the scale of x0 is a tenth of it, its bounds are three. The
     scale of c2 is that of a saturated stress c2/d2 of 10 MPa, and the second back stress is
-    the slow one, d2 at most d/10 (or what the case says).
+    the slow one, d2 at most d/10 (or what the case says). The rates b and d2 may be 0 in a
+    simulation, but not where a diagnosis begins that frees them by their logarithm.
     """
     d = max(material.d, 1.0)
+    saturated = 1.0 / material.d if material.d > 0 else inf
+    back_strain = Range("less than 1/d in size", -saturated, saturated, open=True)
     return (
-        Parameter("tau0", "MPa", 40.0, 1.0, 0.1, 2000.0, True, label="τ₀", key="tau0_MPa"),
-        Parameter("c", "MPa", 40e3, 1.0, 1.0, 1e7, True, key="c_MPa", read_in=GIGAPASCALS),
-        Parameter("d", "", 1500.0, 1.0, 1.0, 1e6, True),
-        Parameter("K", "MPa·s^(1/n)", 12.0, 0.3, 0.1, 1e3, True),
-        Parameter("n", "", 10.0, 0.3, 1.5, 60.0, True),
-        Parameter("Q", "MPa", 0.0, 10.0, 0.0, 2000.0, key="Q_MPa"),
-        Parameter("b", "", 30.0, 0.47, 1.0, 3000.0, True),
-        Parameter("tau0_112", "", 1.0, 0.10, 0.3, 3.0, True, label="τ₀ of {112} / τ₀ of {110}"),
         Parameter(
-            "tau0_grain2", "", 1.0, 0.10, 0.3, 3.0, True, label="τ₀ of grain 2 / τ₀ of grain 1"
+            "tau0", "MPa", 40.0, 1.0, 0.1, 2000.0, True, label="τ₀", key="material.tau0_MPa",
+            admissible=POSITIVE,
         ),
         Parameter(
-            "tau0_antitwinning",
-            "",
-            1.0,
-            0.10,
-            0.3,
-            3.0,
-            True,
-            label="τ₀ of {112}, antitwinning / twinning",
-        ),
-        Parameter("a1", "", 0.0, 0.10, -0.9, 0.9, label="non-Schmid factor a₁"),
-        Parameter("h_latent", "", 0.0, 0.2, -1.0, 10.0, label="latent hardening h"),
-        Parameter(
-            "Q_latent", "MPa", 0.0, 2.0, 0.0, 500.0, label="latent hardening Q", key="Q_latent_MPa"
+            "c", "MPa", 40e3, 1.0, 1.0, 1e7, True, key="material.c_MPa", read_in=GIGAPASCALS,
+            admissible=NOT_NEGATIVE,
         ),
         Parameter(
-            "c2",
-            "MPa",
-            0.0,
-            _SLOW_STRESS * material.d2,
-            0.0,
-            1e6,
-            label="c of the second back stress",
-            key="c2_MPa",
+            "d", "", 1500.0, 1.0, 1.0, 1e6, True, key="material.d", admissible=NOT_NEGATIVE
         ),
         Parameter(
-            "d2",
-            "",
-            150.0,
-            0.5,
-            1.0,
-            max(d / 10, material.d2),
-            True,
-            label="d of the second back stress",
+            "K", "MPa·s^(1/n)", 12.0, 0.3, 0.1, 1e3, True, key="material.K", admissible=POSITIVE
         ),
-        Parameter("x0", "", 0.0, 0.1 / d, -0.3 / d, 0.3 / d, label="initial back strain x₀"),
-        Parameter("eigenstrain", "", 0.0, 2e-4, -5e-3, 5e-3, label="eigenstrain, apex less face"),
-        Parameter("skin_tau0", "", 1.0, 0.15, 0.3, 5.0, True, label="τ₀ of the skin / τ₀ inside"),
         Parameter(
-            "skin_thickness",
-            "µm",
-            0.3,
-            0.5,
-            0.01,
-            2.0,
-            True,
-            label="thickness of the skin",
-            key="skin_thickness_um",
+            "n", "", 10.0, 0.3, LEAST_EXPONENT, 60.0, True, key="material.n",
+            admissible=Range("one or more", 1),
         ),
-        Parameter("elastic_scale", "", 1.0, 0.05, 0.3, 3.0, True, label="factor on C₁₁, C₁₂, C₄₄"),
-        Parameter("C44_scale", "", 1.0, 0.10, 0.5, 2.0, True, label="factor on C₄₄"),
-    )
+        Parameter(
+            "Q", "MPa", 0.0, 10.0, 0.0, 2000.0, key="material.Q_MPa", admissible=NOT_NEGATIVE
+        ),
+        Parameter(
+            "b", "", 30.0, 0.47, 1.0, 3000.0, True, key="material.b", admissible=NOT_NEGATIVE,
+            startable=POSITIVE,
+        ),
+        Parameter(
+            "tau0_112", "", 1.0, 0.10, 0.3, 3.0, True, label="τ₀ of {112} / τ₀ of {110}",
+            key="material.tau0_112", admissible=POSITIVE,
+        ),
+        Parameter(
+            "tau0_grain2", "", 1.0, 0.10, 0.3, 3.0, True, label="τ₀ of grain 2 / τ₀ of grain 1",
+            key="material.tau0_grain2", admissible=POSITIVE,
+        ),
+        Parameter(
+            "tau0_antitwinning", "", 1.0, 0.10, 0.3, 3.0, True,
+            label="τ₀ of {112}, antitwinning / twinning", key="material.tau0_antitwinning",
+            admissible=POSITIVE,
+        ),
+        Parameter(
+            "a1", "", 0.0, 0.10, -0.9, 0.9, label="non-Schmid factor a₁", key="material.a1"
+        ),
+        Parameter(
+            "h_latent", "", 0.0, 0.2, -1.0, 10.0, label="latent hardening h",
+            key="material.h_latent", admissible=LATENT,
+        ),
+        Parameter(
+            "Q_latent", "MPa", 0.0, 2.0, 0.0, 500.0, label="latent hardening Q",
+            key="material.Q_latent_MPa", admissible=NOT_NEGATIVE,
+        ),
+        Parameter(
+            "c2", "MPa", 0.0, _SLOW_STRESS * material.d2, 0.0, 1e6,
+            label="c of the second back stress", key="material.c2_MPa", admissible=NOT_NEGATIVE,
+        ),
+        Parameter(
+            "d2", "", 150.0, 0.5, 1.0, max(d / 10, material.d2), True,
+            label="d of the second back stress", key="material.d2", admissible=NOT_NEGATIVE,
+            startable=POSITIVE,
+        ),
+        Parameter(
+            "x0", "", 0.0, 0.1 / d, -0.3 / d, 0.3 / d, label="initial back strain x₀",
+            key="material.x0", admissible=back_strain,
+        ),
+        Parameter(
+            "eigenstrain", "", 0.0, 2e-4, -5e-3, 5e-3, label="eigenstrain, apex less face",
+            key="material.eigenstrain",
+        ),
+        Parameter(
+            "skin_tau0", "", 1.0, 0.15, 0.3, 5.0, True, label="τ₀ of the skin / τ₀ inside",
+            key="material.skin_tau0", admissible=POSITIVE,
+        ),
+        Parameter(
+            "skin_thickness", "µm", 0.3, 0.5, 0.01, 2.0, True, label="thickness of the skin",
+            key="material.skin_thickness_um", admissible=POSITIVE,
+        ),
+        Parameter(
+            "elastic_scale", "", 1.0, 0.05, 0.3, 3.0, True, label="factor on C₁₁, C₁₂, C₄₄",
+            key="material.elastic_scale", admissible=POSITIVE,
+        ),
+        Parameter(
+            "C44_scale", "", 1.0, 0.10, 0.5, 2.0, True, label="factor on C₄₄",
+            key="material.C44_scale", admissible=POSITIVE,
+        ),
+    )  # fmt: skip
 
 
 MATERIAL_DECLARATIONS: tuple[Parameter, ...] = declarations_at(Material())
 """The same at the constants of the paper."""
+
+
+def admissible_at(material: Material) -> dict[str, Range]:
+    """Return what each scalar of the law may be beside the others of a material."""
+    elastic = {constant.name: constant.admissible for constant in ELASTIC_CONSTANTS}
+    return elastic | {one.name: one.admissible for one in declarations_at(material)}

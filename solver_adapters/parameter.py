@@ -1,9 +1,9 @@
-"""How a parameter of the general model is declared: null, unit, scale, bounds, label, place."""
+"""How a parameter of the general model is declared: null, unit, scale, bounds, label, key."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, inf, log, pi
+from math import exp, inf, isfinite, log, pi
 from typing import Literal
 
 Place = Literal[
@@ -26,6 +26,33 @@ _OF_ANGLES = {"rad": (_DEGREES, "°"), "rad/µm": (_DEGREES, "°/µm")}
 
 
 @dataclass(frozen=True)
+class Range:
+    """Finite numbers between two bounds.
+
+    Attributes:
+        words: the same as it is told: what was expected.
+        lower, upper: the bounds.
+        open: whether the bounds themselves are left out.
+    """
+
+    words: str
+    lower: float = -inf
+    upper: float = inf
+    open: bool = False
+
+    def holds(self, value: float) -> bool:
+        """Whether a number is one of these."""
+        if self.open and value in (self.lower, self.upper):
+            return False
+        return isfinite(value) and self.lower <= value <= self.upper
+
+
+FINITE = Range("a finite number")
+POSITIVE = Range("a positive number", 0, open=True)
+NOT_NEGATIVE = Range("zero or more", 0)
+
+
+@dataclass(frozen=True)
 class Parameter:
     """One scalar of the general model and the variable θ in which it is identified.
 
@@ -37,13 +64,16 @@ class Parameter:
         unit: unit of the value, "" for a ratio.
         null: value at which the parameter changes nothing (or its usual start).
         scale: prior scale; of log p for logarithmic parameters, else in the parameter's unit.
-        lower, upper: bounds of the value.
+        lower, upper: bounds of the value in a fit.
         logarithmic: whether the parameter is positive and identified by its logarithm.
         enters: where it enters the model.
         label: as it is written in tables and figures; empty where the name is.
         short: the same where there is little room; empty where the label is short.
-        key: its key in the table [material] of the case; empty for its name.
+        key: dotted key of its start in the case; empty where only [extensions] states it.
+        deviation_key: dotted key of its standard deviation before data, where the case states one.
         read_in: factor and unit in which it is read, where that is not the internal unit.
+        admissible: what it may be at all; a fit may well stay inside of that.
+        startable: what of it a case may state; None where that is all of it.
     """
 
     name: str
@@ -57,7 +87,20 @@ class Parameter:
     label: str = ""
     short: str = ""
     key: str = ""
+    deviation_key: str = ""
     read_in: Reading | None = None
+    admissible: Range = FINITE
+    startable: Range | None = None
+
+    @property
+    def title(self) -> str:
+        """The parameter as it is written in tables, figures and text; K, n, c, d by their names."""
+        return self.label or self.name
+
+    @property
+    def short_title(self) -> str:
+        """The same where there is little room, as beside a matrix."""
+        return self.short or self.title
 
     @property
     def reading(self) -> Reading:

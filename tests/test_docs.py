@@ -20,12 +20,13 @@ from solver_adapters.material import MATERIAL_PARAMETERS
 from solver_adapters.parameter import Parameter
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-CASE_FILE, METHOD, RESULTS, ADAPTERS = (
+CASE_FILE, DIAGNOSIS, VERDICTS, RESULTS, ADAPTERS = (
     (DOCS / f"{name}.md").read_text(encoding="utf-8")
-    for name in ("case-file", "method", "results", "solver-adapters")
+    for name in ("case-file", "method/diagnosis", "method/verdicts", "results", "solver-adapters")
 )
 README = DOCS.parent / "README.md"
-DOCUMENTS = (*sorted(DOCS.glob("*.md")), README, DOCS.parent / "CHANGELOG.md")
+METHOD = sorted((DOCS / "method").glob("*.md"))
+DOCUMENTS = (*sorted(DOCS.rglob("*.md")), README, DOCS.parent / "CHANGELOG.md")
 # Open tables: their keys are names of parameters.
 OPEN = {"extensions", "identification.prior_width"}
 
@@ -97,7 +98,7 @@ def test_every_parameter_is_documented_with_unit_null_and_scale(parameter: Param
 
 @pytest.mark.parametrize("cause", EVERY, ids=lambda cause: cause.name)
 def test_every_cause_is_listed_with_its_parameters(cause: Any) -> None:
-    (row,) = re.findall(rf"^\| \w+ \| `{cause.name}` \|(.*)\|$", METHOD, re.M)
+    (row,) = re.findall(rf"^\| \w+ \| `{cause.name}` \|(.*)\|$", DIAGNOSIS, re.M)
     if cause is not NUMERICS:
         names = re.findall(r"`(\w+)`", row)
         assert names[: 1 if cause in COVARIANCE else None] == [*cause.parameters, *cause.companions]
@@ -105,7 +106,7 @@ def test_every_cause_is_listed_with_its_parameters(cause: Any) -> None:
 
 @pytest.mark.parametrize("kind", get_args(Kind))
 def test_every_verdict_is_explained(kind: str) -> None:
-    assert f"**{kind}**" in METHOD
+    assert f"**{kind}**" in VERDICTS
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -125,7 +126,7 @@ def anchors(text: str) -> set[str]:
     return {re.sub(r"[^\w\s-]", "", h).strip().lower().replace(" ", "-") for h in headings}
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: f"{path.parent.name}/{path.name}")
 def test_links_between_the_documents_lead_somewhere(document: Path) -> None:
     text = document.read_text(encoding="utf-8")
     for link in re.findall(r"\]\(([^)\s]+)\)", text):
@@ -135,6 +136,20 @@ def test_links_between_the_documents_lead_somewhere(document: Path) -> None:
         target = document.parent / name if name else document
         assert target.exists(), link
         assert not anchor or anchor in anchors(target.read_text(encoding="utf-8")), link
+
+
+@pytest.mark.parametrize("page", METHOD, ids=lambda path: path.name)
+def test_every_module_that_a_page_of_the_method_names_exists(page: Path) -> None:
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+    for module in re.findall(r"`([\w/]+(?:\.py|/))`", text):
+        assert module == "my_terms.py" or (DOCS.parent / module).exists(), module
+
+
+@pytest.mark.parametrize("page", METHOD, ids=lambda path: path.name)
+def test_the_equations_of_a_page_are_numbered_from_one_on(page: Path) -> None:
+    numbers = re.findall(r"\\tag\{(\d+)\}", page.read_text(encoding="utf-8"))
+    assert numbers == [str(k) for k in range(1, len(numbers) + 1)]
+    assert numbers or page.name == "README.md"
 
 
 def test_the_readme_names_every_solver_that_ships_with_its_document() -> None:

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from driver.case.messages import refusal
 from driver.case.values import Count, FileName, NonNegative, Number, Positive, Table
+from driver.common.element_sizes import ELEMENT_UV, ELEMENT_W
 
 Axis = Literal["+X", "-X", "+Y", "-Y"]
 _AXES = {f"{sign}{name}": (1.0 if sign == "+" else -1.0) * np.eye(3)[axis]
@@ -95,8 +96,12 @@ class Images(Table):
 class Dic(Table):
     """Meshes and regularisation of the digital image correlation."""
 
-    element_px: Count = Field(default=16, description="element of the in-plane motion, pixels")
-    height_element_px: Count = Field(default=8, description="element of the height change, pixels")
+    element_px: Count = Field(
+        default=ELEMENT_UV, description="element of the in-plane motion, pixels"
+    )
+    height_element_px: Count = Field(
+        default=ELEMENT_W, description="element of the height change, pixels"
+    )
     mesh: FileName | None = Field(
         default=None,
         description='a text in quotes, a plane mesh file (.msh, .med, .vtu; µm) or "trace"',

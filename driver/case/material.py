@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from driver.case.messages import refusal
-from driver.case.values import NonNegative, Number, Positive, Table
+from driver.case.values import Number, Table
 from driver.common.errors import show
 from solver_adapters.crystal import N_SYSTEMS
 from solver_adapters.interaction import bcc24_classes
-from solver_adapters.material import Material
+from solver_adapters.material import (
+    ELASTIC_CONSTANTS,
+    MATERIAL_DECLARATIONS,
+    Material,
+    admissible_at,
+    least_C11,
+)
 
 _INTERACTION = f"{N_SYSTEMS} rows of {N_SYSTEMS} numbers, or the four numbers [H1, H2, H3, H4]"
 
@@ -45,67 +51,81 @@ Classes = tuple[Number, Number, Number, Number]
 Interaction = Annotated[Matrix | Classes | None, BeforeValidator(_matrix_or_classes)]
 
 
+# Finite bounds are 0, which is the same in GPa, or of numbers without a unit.
+_STARTABLE = {constant.key: constant.admissible for constant in ELASTIC_CONSTANTS} | {
+    parameter.key: parameter.startable or parameter.admissible
+    for parameter in MATERIAL_DECLARATIONS
+}
+
+
+def _constant(key: str, default: float, description: str) -> Any:
+    """Return the field of a constant of the law, with the bounds of its declaration."""
+    allowed = _STARTABLE[f"material.{key}"]
+    above, below = ("gt", "lt") if allowed.open else ("ge", "le")
+    bounds: dict[str, Any] = {above: allowed.lower, below: allowed.upper}
+    finite = {bound: value for bound, value in bounds.items() if isfinite(value)}
+    return Field(default=default, description=description, strict=True, **finite)
+
+
 class MaterialTable(Table):
     """Constants of the crystal law, `solver_adapters.material.Material` with units in the names."""
 
-    C11_GPa: Positive = Field(default=233.5, description="cubic elastic constant")
-    C12_GPa: Positive = Field(default=135.5, description="cubic elastic constant")
-    C44_GPa: Positive = Field(default=118.0, description="cubic elastic constant")
-    K: Positive = Field(default=12.0, description="viscous stress in MPa·s^(1/n)")
-    n: Positive = Field(default=10.0, description="rate exponent")
-    tau0_MPa: Positive = Field(default=40.0, description="critical resolved shear stress")
-    c_MPa: NonNegative = Field(default=40e3, description="kinematic modulus")
-    d: NonNegative = Field(default=1500.0, description="recall of the back stress")
-    Q_MPa: NonNegative = Field(default=0.0, description="saturated isotropic hardening")
-    b: Positive = Field(default=30.0, description="rate of the isotropic hardening")
-    h_latent: Number = Field(
-        default=0.0, description="added to the interaction matrix off its diagonal"
-    )
-    Q_latent_MPa: NonNegative = Field(
-        default=0.0, description="saturated hardening of a system by each other one, without Q, too"
+    C11_GPa: float = _constant("C11_GPa", 233.5, "cubic elastic constant")
+    C12_GPa: float = _constant("C12_GPa", 135.5, "cubic elastic constant")
+    C44_GPa: float = _constant("C44_GPa", 118.0, "cubic elastic constant")
+    K: float = _constant("K", 12.0, "viscous stress in MPa·s^(1/n)")
+    n: float = _constant("n", 10.0, "rate exponent")
+    tau0_MPa: float = _constant("tau0_MPa", 40.0, "critical resolved shear stress")
+    c_MPa: float = _constant("c_MPa", 40e3, "kinematic modulus")
+    d: float = _constant("d", 1500.0, "recall of the back stress")
+    Q_MPa: float = _constant("Q_MPa", 0.0, "saturated isotropic hardening")
+    b: float = _constant("b", 30.0, "rate of the isotropic hardening")
+    h_latent: float = _constant("h_latent", 0.0, "added to the interaction matrix off its diagonal")
+    Q_latent_MPa: float = _constant(
+        "Q_latent_MPa", 0.0, "saturated hardening of a system by each other one, without Q, too"
     )
     interaction: Interaction = Field(default=None, description=_INTERACTION)
-    tau0_112: Positive = Field(default=1.0, description="ratio of tau0 on {112} to {110}")
-    tau0_grain2: Positive = Field(default=1.0, description="ratio of tau0 in grain 2 to grain 1")
-    tau0_antitwinning: Positive = Field(
-        default=1.0, description="ratio of tau0 on {112}, antitwinning to twinning sense"
+    tau0_112: float = _constant("tau0_112", 1.0, "ratio of tau0 on {112} to {110}")
+    tau0_grain2: float = _constant("tau0_grain2", 1.0, "ratio of tau0 in grain 2 to grain 1")
+    tau0_antitwinning: float = _constant(
+        "tau0_antitwinning", 1.0, "ratio of tau0 on {112}, antitwinning to twinning sense"
     )
-    a1: Number = Field(default=0.0, description="non-Schmid factor on {110}")
-    c2_MPa: NonNegative = Field(default=0.0, description="modulus of a second back stress")
-    d2: Positive = Field(default=150.0, description="recall of the second back stress")
+    a1: float = _constant("a1", 0.0, "non-Schmid factor on {110}")
+    c2_MPa: float = _constant("c2_MPa", 0.0, "modulus of a second back stress")
+    d2: float = _constant("d2", 150.0, "recall of the second back stress")
+    # What x0 may be hangs on d.
     x0: Number = Field(default=0.0, description="initial back strain along the loading axis")
-    eigenstrain: Number = Field(
-        default=0.0, description="difference of axial eigenstrain between apex line and face"
+    eigenstrain: float = _constant(
+        "eigenstrain", 0.0, "difference of axial eigenstrain between apex line and face"
     )
-    skin_tau0: Positive = Field(default=1.0, description="ratio of tau0 at the surface to inside")
-    skin_thickness_um: Positive = Field(default=0.3, description="depth over which it fades")
-    elastic_scale: Positive = Field(default=1.0, description="factor on all elastic constants")
-    C44_scale: Positive = Field(default=1.0, description="factor on C44 alone")
+    skin_tau0: float = _constant("skin_tau0", 1.0, "ratio of tau0 at the surface to inside")
+    skin_thickness_um: float = _constant("skin_thickness_um", 0.3, "depth over which it fades")
+    elastic_scale: float = _constant("elastic_scale", 1.0, "factor on all elastic constants")
+    C44_scale: float = _constant("C44_scale", 1.0, "factor on C44 alone")
     strain_measure: Literal["small", "finite"] = Field(
         default="finite", description="strain measure"
     )
 
     @model_validator(mode="after")
-    def _stable(self) -> Self:
-        if self.C11_GPa <= self.C12_GPa:
-            raise refusal(f"a number > C12_GPa = {self.C12_GPa:g} (a stable crystal)", "C11_GPa")
-        if abs(self.x0) * self.d >= 1:
-            raise refusal(f"a number smaller in size than 1/d = {1 / self.d:g}", "x0")
+    def _beside_each_other(self) -> Self:
+        if not self.C11_GPa > least_C11(self.C12_GPa):
+            least = "C12_GPa" if self.C12_GPa >= 0 else "-2 C12_GPa"
+            expected = f"a number > {least} = {least_C11(self.C12_GPa):g} (a stable crystal)"
+            raise refusal(expected, "C11_GPa")
+        back_strain = admissible_at(self.to_material())["x0"]
+        if not back_strain.holds(self.x0):
+            raise refusal(f"a number smaller in size than 1/d = {back_strain.upper:g}", "x0")
         return self
 
     def to_material(self) -> Material:
         """Return the constants in MPa and s."""
         return Material(
             C11=self.C11_GPa * 1e3, C12=self.C12_GPa * 1e3, C44=self.C44_GPa * 1e3,
-            K=self.K, n=self.n, tau0=self.tau0_MPa, c=self.c_MPa, d=self.d, Q=self.Q_MPa,
-            b=self.b, h_latent=self.h_latent, Q_latent=self.Q_latent_MPa,
-            interaction=self._interaction_matrix(),
-            tau0_112=self.tau0_112, tau0_grain2=self.tau0_grain2,
-            tau0_antitwinning=self.tau0_antitwinning, a1=self.a1, c2=self.c2_MPa, d2=self.d2,
-            x0=self.x0, eigenstrain=self.eigenstrain, skin_tau0=self.skin_tau0,
-            skin_thickness=self.skin_thickness_um,
-            elastic_scale=self.elastic_scale, C44_scale=self.C44_scale,
-            strain_measure=self.strain_measure,
+            interaction=self._interaction_matrix(), strain_measure=self.strain_measure,
+            **{
+                parameter.name: getattr(self, parameter.key.removeprefix("material."))
+                for parameter in MATERIAL_DECLARATIONS
+            },
         )  # fmt: skip
 
     def _interaction_matrix(self) -> Matrix | None:

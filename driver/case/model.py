@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from functools import reduce
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +29,7 @@ from solver_adapters.crystal import bunge_matrix
 from templates import render
 
 FloatArray = NDArray[np.float64]
+AnyTable = TypeVar("AnyTable", bound=Table)
 
 
 # Parameters that a single grain does not have, by the beginning of their names.
@@ -179,6 +182,17 @@ class Case(Table):
         """Return a path of the case file, relative to the folder of the case."""
         return self._file.parent / name
 
+    def value_at(self, key: str) -> Any:
+        """Return what stands at a dotted key of the case, as `boundary.lambda_start.plus_Y`."""
+        return reduce(getattr, key.split("."), self)
+
+    def with_values_at(self, values: Mapping[str, Any]) -> Case:
+        """Return the case with other values at dotted keys; they are not validated anew."""
+        changed = self
+        for key, value in values.items():
+            changed = _with_value(changed, key, value)
+        return changed
+
     @property
     def section(self) -> float:
         """Section of the specimen that scales the force [µm²]."""
@@ -200,6 +214,12 @@ class Case(Table):
         return np.array(
             [self.orientation.rotation @ bunge_matrix(*grain.euler_deg) for grain in self.grains]
         )
+
+
+def _with_value(table: AnyTable, key: str, value: Any) -> AnyTable:
+    name, _, below = key.partition(".")
+    changed = _with_value(getattr(table, name), below, value) if below else value
+    return table.model_copy(update={name: changed})
 
 
 def load_case(path: Path) -> Case:

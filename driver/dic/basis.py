@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from driver.dic.kernels import grid_places
+from driver.dic.kernels import grid_places, motion_of
 from meshes.plane_mesh import PlaneMesh
 
 FloatArray = NDArray[np.float64]
@@ -88,6 +88,21 @@ class GridBasis(Basis):
         return _matrix(self.mesh, *_place(points, self.bounds, self.cells))
 
 
+def basis_on(
+    xy: FloatArray, bounds: tuple[float, float, float, float], mesh: float | PlaneMesh
+) -> Basis:
+    """Basis of a component over the region of interest.
+
+    Args:
+        xy: pixels of the region of interest [µm], shape (n_pixels, 2).
+        bounds: rectangle (x0, x1, y0, y1) of a regular grid [µm].
+        mesh: size of the elements of that grid [µm], or a mesh that holds all pixels.
+    """
+    if isinstance(mesh, PlaneMesh):
+        return mesh_basis(xy, mesh)
+    return grid_basis(xy, bounds, mesh)
+
+
 def mesh_basis(xy: FloatArray, mesh: PlaneMesh) -> Basis:
     """Basis on any plane mesh.
 
@@ -128,6 +143,22 @@ def grid_basis(
     cell, shape = _place(xy, bounds, cells)
     mesh = _grid(bounds, cells)
     return GridBasis(mesh=mesh, cell=cell, shape=shape, bounds=bounds, cells=cells)
+
+
+def motion_at_pixels(basis_uv: Basis, basis_w: Basis, p: FloatArray) -> FloatArray:
+    """u, v, w at the pixels, shape (T, n_pixels, 3).
+
+    Args:
+        basis_uv: basis of u and of v.
+        basis_w: basis of w.
+        p: nodal values [u | v | w], shape (T, n).
+    """
+    uv, w = basis_uv, basis_w
+    motion: FloatArray = motion_of(
+        uv.mesh.cells, uv.cell, uv.shape, w.mesh.cells, w.cell, w.shape,
+        np.ascontiguousarray(p.T), len(uv.nodes),
+    )  # fmt: skip
+    return motion.T
 
 
 @lru_cache(maxsize=16)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from driver.common.element_sizes import ELEMENT_UV, ELEMENT_W
 from driver.common.splines.kernels import coefficients, slopes_at
-from driver.dic.basis import Basis, grid_basis, mesh_basis
-from driver.dic.messages import explanation
+from driver.dic.basis import Basis, basis_on, motion_at_pixels
+from driver.dic.engine import Noise, Problem, Regularisation, Solution, in_threads, solve
+from driver.dic.missing_pixels import mark_gaps
 from driver.dic.pyramid import Starter
-from driver.dic.search import Options, Search, expected_variance, motion_at_pixels
-from driver.dic.system import Pixels, System
+from driver.dic.regularisation import Penalty
+from driver.dic.system import Pixels
 from driver.experiment.images.heightmaps import ImageError, fill_off_surface
 from meshes.plane_mesh import PlaneMesh
 
@@ -25,55 +25,80 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-ELEMENT_UV, ELEMENT_W = 16.0, 8.0  # px
-SPREAD = 3  # px around a pixel without height that its spline coefficients carry it to
+SPREAD = 3  # px around a gap of the reference where its slopes are those of what fills it
 LARGEST_DENSE = 5000  # unknowns of a covariance given as one matrix: 200 MB
 
 
-@dataclass(frozen=True, eq=False)
-class Correlation:
-    """Measured motion in T images; lengths in the unit of `pixel`, heights in that of the images.
+@dataclass(frozen=True)
+class Options:
+    """How a correlation is regularised and ended.
 
     Attributes:
-        system: bases, Hessian, penalty and factor of the last iterations.
-        coefficients: nodal values [u | v | w], shape (T, n); u along the rows' index, v along the
-            columns' index.
-        residual: ρ = f + w − g(x + u, y + v) at each pixel, NaN where not compared, (T, n_pix).
-        sigma: standard deviation of the noise of one image at a pixel: as given, else estimated
-            from the residual.
-        n_reference: number of images averaged into the reference.
-        roughness, roughness_w: as used, see `Options`.
-        iterations: Gauss–Newton steps of the last system, (T,).
-        converged: whether the update fell below the tolerance, (T,).
-        reason: why each image's iteration ended, and what to try if it failed, length T.
+        penalty: what is penalised of u, v: "tikhonov" (second derivatives), "equilibrium_gap"
+            (nodal forces inside an elastic sheet) or "elastic" (its energy). None takes the first
+            on grids and the second on other meshes.
+        roughness: standard deviation granted to what is penalised [px]: inf for no penalty; None
+            for the value that makes the images most probable.
+        roughness_w: the same for the second differences (or the Laplacian) of w, in the unit of
+            the images.
+        tolerance: largest nodal update of u, v at convergence [px].
+        workers: threads over the images; the result does not depend on it.
+    """
+
+    penalty: Penalty | None = None
+    roughness: float | None = None
+    roughness_w: float | None = None
+    tolerance: float = 1e-3
+    workers: int = 1
+
+    def __post_init__(self) -> None:
+        for name in ("roughness", "roughness_w"):
+            value = getattr(self, name)
+            if value is not None and not value > 0:
+                raise ImageError(f"{name} = {value}; a positive number, inf or None is expected.")
+        if not self.tolerance > 0 or self.workers < 1:
+            raise ImageError(
+                f"tolerance = {self.tolerance}, workers = {self.workers}; "
+                "a positive tolerance and at least 1 worker are expected."
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Correlation(Solution):
+    """Measured motion in T images; lengths in the unit of `pixel`, heights in that of the images.
+
+    u runs along the rows' index, v along the columns' index.
+
+    Attributes:
         shape: of an image.
     """
 
-    system: System
-    coefficients: FloatArray
-    residual: FloatArray
-    sigma: float
-    n_reference: int
-    roughness: float
-    roughness_w: float
-    iterations: IntArray
-    converged: BoolArray
-    reason: tuple[str, ...]
     shape: tuple[int, int]
 
     @property
-    def basis_uv(self) -> Basis:
-        """Basis of u and of v."""
-        return self.system.basis_uv
+    def sigma(self) -> float:
+        """Standard deviation of the noise of one image: as given, else as the residual says."""
+        return self.estimate.sigma
 
     @property
-    def basis_w(self) -> Basis:
-        """Basis of w."""
-        return self.system.basis_w
+    def n_reference(self) -> int:
+        """Number of images averaged into the reference."""
+        return self.noise.n_reference
+
+    @property
+    def roughness(self) -> float:
+        """As used [px], see `Options`."""
+        return self.estimate.roughness / self.system.pixels.pixel
+
+    @property
+    def roughness_w(self) -> float:
+        """As used, see `Options`."""
+        return self.estimate.roughness_w
 
     def at_pixels(self, t: int = 0) -> FloatArray:
         """u, v, w of image t at the pixels of the region of interest, shape (n_pix, 3)."""
-        return motion_at_pixels(self.system, self.coefficients[t])
+        p = self.coefficients[t : t + 1]
+        return np.asarray(motion_at_pixels(self.basis_uv, self.basis_w, p)[0])
 
     def residual_map(self, t: int = 0, in_sigma: bool = False) -> FloatArray:
         """ρ of image t over the image, NaN where not compared, shape (rows, cols).
@@ -86,32 +111,12 @@ class Correlation:
         picture = np.full(self.shape, np.nan)
         values = self.residual[t]
         if in_sigma:
-            values = values / np.sqrt(self._variance(t))
+            values = values / np.sqrt(self.variance(t))
         picture[at.rows.astype(int), at.cols.astype(int)] = values
         return picture
 
-    @property
-    def chi(self) -> FloatArray:
-        """Residual of each image in units of noise; 1 if only noise is left, shape (T,)."""
-        freedom = self.system.freedom()
-        squares = [self.residual[t] ** 2 / self._variance(t) for t in range(len(self.residual))]
-        used = np.isfinite(self.residual).sum(axis=1)
-        return np.asarray(np.sqrt(np.nansum(squares, axis=1) / (used - freedom)))
-
-    def covariance_of(self, functionals: FloatArray) -> FloatArray:
-        """Covariance that the noise of one image causes in linear functionals of [u | v | w].
-
-        σ² L A⁻¹ M A⁻¹ Lᵀ with A = M + P. Between the images t and t' it is to be multiplied by
-        δ_tt' + 1/n_reference. A penalty takes noise away and adds a bias, which is not in it.
-        Between the pixels interpolation smoothes the noise of an image, but its slopes as much.
-
-        Args:
-            functionals: L, shape (m, n).
-        """
-        return self.sigma**2 * self.system.covariance_of(functionals, self.system.hessian)
-
     def covariance_one(self) -> FloatArray:
-        """Return the same of all nodal values together, shape (n, n).
+        """Return `covariance_of` all nodal values together, shape (n, n).
 
         Raises:
             ImageError: the matrix would not fit in memory.
@@ -122,10 +127,6 @@ class Correlation:
                 f"{LARGEST_DENSE} are given so: ask covariance_of for the combinations wanted."
             )
         return self.covariance_of(np.eye(self.system.size))
-
-    def _variance(self, t: int) -> FloatArray:
-        gain = expected_variance(self.system, self.coefficients[t], self.n_reference)
-        return self.sigma**2 * gain
 
 
 def correlate(
@@ -138,11 +139,12 @@ def correlate(
     sigma: float | None = None,
     n_reference: int = 1,
     options: Options | None = None,
+    gradient: NDArray[Any] | None = None,
 ) -> Correlation:
     """Find the motion of every image against the reference.
 
-    As in `series.measure`, with M of the gradient of the reference, factored once for all images.
-    A coarse stiff motion, followed from image to image through binned copies, gives the starts.
+    `engine.solve`, which `series.measure` calls too. A coarse stiff motion, followed from image to
+    image through binned copies, gives the starts.
 
     Args:
         reference: heights f, NaN where none was measured, shape (rows, cols).
@@ -156,6 +158,8 @@ def correlate(
         sigma: noise of one image at a pixel; estimated from the residual if None.
         n_reference: number of images averaged into the reference.
         options: regularisation and ending.
+        gradient: ∂f/∂X (along the rows' index), ∂f/∂Y where it is better known than from the
+            reference alone, whose spline gives it if None, shape (rows, cols, 2).
 
     Raises:
         ImageError: shapes that differ, nothing left to correlate, or impossible parameters.
@@ -166,33 +170,31 @@ def correlate(
     f = _gapless(f)
     basis_uv, basis_w, rows, cols = _bases(region, pixel, mesh_uv, mesh_w)
     starter = Starter.build(f, region)
-    slope = slopes_at(coefficients(f), rows, cols) / pixel
-    pixels = Pixels(rows.astype(float), cols.astype(float), f[rows, cols], slope, pixel)
     whole = [_gapless(g) for g in stack]
     starts = starter.follow(whole, basis_uv.nodes / pixel, basis_w.nodes / pixel)
-    n_uv = len(basis_uv.nodes)
-    for start in starts:
-        start[: 2 * n_uv] *= pixel
-    with ExitStack() as closing:
-        pool = None
-        if min(options.workers, len(stack)) > 1:
-            pool = closing.enter_context(ThreadPoolExecutor(options.workers))
-        splines = list((pool.map if pool else map)(_coefficients, whole, stack))
-        search = Search(pixels, basis_uv, basis_w, options, sigma, n_reference, splines, pool)
-        system, ends, estimate = search.run(starts)
-    return Correlation(
-        system=system,
-        coefficients=np.array([end.p for end in ends]),
-        residual=np.array([end.residual for end in ends]),
-        sigma=estimate.sigma,
-        n_reference=n_reference,
-        roughness=estimate.roughness / pixel,
-        roughness_w=estimate.roughness_w,
-        iterations=np.array([end.iterations for end in ends]),
-        converged=np.array([end.reason == "converged" for end in ends]),
-        reason=tuple(explanation(end, options.tolerance) for end in ends),
-        shape=(f.shape[0], f.shape[1]),
+    starts[:, : 2 * len(basis_uv.nodes)] *= pixel
+    if gradient is None:
+        slope = slopes_at(coefficients(f), rows, cols) / pixel
+    else:
+        slope = _sloped(gradient, f)[rows, cols]
+    solution = solve(
+        Problem(
+            pixels=Pixels(rows.astype(float), cols.astype(float), f[rows, cols], slope, pixel),
+            basis_uv=basis_uv,
+            basis_w=basis_w,
+            splines=in_threads(_coefficients, options.workers, whole, stack),
+            noise=Noise(n_reference, sigma),
+        ),
+        starts,
+        Regularisation(
+            options.penalty,
+            None if options.roughness is None else options.roughness * pixel,
+            options.roughness_w,
+        ),
+        options.tolerance,
+        options.workers,
     )
+    return Correlation(**vars(solution), shape=(f.shape[0], f.shape[1]))
 
 
 def _checked(
@@ -240,17 +242,24 @@ def _region(f: FloatArray, mask: NDArray[Any] | None) -> BoolArray:
     return np.asarray(region)
 
 
+def _sloped(gradient: NDArray[Any], f: FloatArray) -> FloatArray:
+    slope = np.asarray(gradient, dtype=np.float64)
+    if slope.shape != (*f.shape, 2):
+        raise ImageError(
+            f"gradient of shape {slope.shape}; {(*f.shape, 2)} is expected: two slopes a pixel."
+        )
+    return slope
+
+
 def _gapless(image: FloatArray) -> FloatArray:
     valid = np.isfinite(image)
     return image if valid.all() else fill_off_surface(image, valid)
 
 
 def _coefficients(whole: FloatArray, image: FloatArray) -> FloatArray:
-    """Spline coefficients, NaN where they carry heights that were not measured."""
+    """Spline coefficients, NaN where no height was measured."""
     spline: FloatArray = coefficients(whole)
-    missing = ~np.isfinite(image)
-    if missing.any():
-        spline[ndimage.binary_dilation(missing, iterations=SPREAD)] = np.nan
+    mark_gaps(spline, image)
     return spline
 
 
@@ -278,9 +287,7 @@ def _bases(
     high = np.maximum(np.array([rows.max(), cols.max()]) * pixel, low + pixel)
     bounds = (float(low[0]), float(high[0]), float(low[1]), float(high[1]))
     uv, w = (
-        mesh_basis(xy, mesh)
-        if isinstance(mesh, PlaneMesh)
-        else grid_basis(xy, bounds, mesh * pixel)
+        basis_on(xy, bounds, mesh if isinstance(mesh, PlaneMesh) else mesh * pixel)
         for mesh in (mesh_uv, mesh_w)
     )
     return uv, w, rows, cols

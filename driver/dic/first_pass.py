@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.common.splines.images import samples
+from driver.dic.engine import COARSE
+from driver.dic.jump import after_jump
 from driver.dic.kernels import binned
 from driver.dic.surface_images import SurfaceImages
 from driver.dic.system import System
@@ -13,9 +15,6 @@ from driver.experiment.images.heightmaps import fill_off_surface
 from driver.experiment.images.rigid import phase_correlation
 
 FloatArray = NDArray[np.float64]
-
-JUMP = 0.5  # px; a smaller shift between two frames is left to Gauss–Newton
-TOLERANCE_FIRST = 2e-2  # px; enough to warp the images back
 
 
 def first_pass(images: SurfaceImages, system: System) -> FloatArray:
@@ -28,7 +27,6 @@ def first_pass(images: SurfaceImages, system: System) -> FloatArray:
     Returns:
         Nodal values [µm], shape (T, n).
     """
-    n = 2 * system.n_uv
     box = np.s_[
         images.rows.min() : images.rows.max() + 1, images.cols.min() : images.cols.max() + 1
     ]
@@ -38,12 +36,7 @@ def first_pass(images: SurfaceImages, system: System) -> FloatArray:
         seen = samples(spline)[box]
         after = binned(fill_off_surface(seen, np.isfinite(seen)), 2)
         shift = 2 * images.pixel * np.array(phase_correlation(before, after))
-        p = last
-        if np.hypot(*shift) > JUMP * images.pixel:
-            moved = p + np.repeat([*shift, 0.0], [n // 2, n // 2, system.size - n])
-            left = [float(np.nanstd(system.residual(spline, q))) for q in (p, moved)]
-            p = moved if left[1] < left[0] else p
-        end = system.iterate(spline, p, TOLERANCE_FIRST)
+        end = system.iterate(spline, after_jump(system, spline, last, shift), COARSE)
         starts[t] = end.p
         # A frame that was not followed would lead astray all that come after it.
         if end.reason == "converged":

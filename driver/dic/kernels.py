@@ -20,6 +20,9 @@ _compiled: Any = njit(
     cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}
 )
 
+# Without contraction: the same to the last bit on every machine.
+_exact: Any = njit(cache=True, nogil=True, error_model="numpy")
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -65,7 +68,7 @@ def grid_places(
     return cell, shape, outside
 
 
-@_compiled
+@_exact
 def motion_of(
     cells_uv: IntArray,
     cell_uv: IntArray,
@@ -76,15 +79,22 @@ def motion_of(
     p: FloatArray,
     n_uv: int,
 ) -> FloatArray:
-    """u, v, w at the pixels, shape (n, 3); arguments as of `residual_and_right_side`."""
-    motion = np.zeros((len(cell_uv), 3))
+    """u, v, w at the pixels for columns p of nodal values (size, T), shape (3, n, T).
+
+    The other arguments are those of `residual_and_right_side`.
+    """
+    n_images = p.shape[1]
+    motion = np.zeros((3, len(cell_uv), n_images))
     for k in range(len(cell_uv)):
         for a in range(shape_uv.shape[1]):
             node, value = cells_uv[cell_uv[k], a], shape_uv[k, a]
-            motion[k, 0] += value * p[node]
-            motion[k, 1] += value * p[n_uv + node]
+            for t in range(n_images):
+                motion[0, k, t] += value * p[node, t]
+                motion[1, k, t] += value * p[n_uv + node, t]
         for a in range(shape_w.shape[1]):
-            motion[k, 2] += shape_w[k, a] * p[2 * n_uv + cells_w[cell_w[k], a]]
+            node, value = 2 * n_uv + cells_w[cell_w[k], a], shape_w[k, a]
+            for t in range(n_images):
+                motion[2, k, t] += value * p[node, t]
     return motion
 
 

@@ -22,7 +22,7 @@ def explanation(end: End, tolerance: float) -> str:
     if end.reason == "diverged":
         return (
             f"diverged: the last update was {end.last_update:.2g} px; try larger elements of u, v, "
-            "a ramp of weights, or a smaller roughness"
+            "or a smaller roughness"
         )
     return (
         f"no convergence in {MAX_ITERATIONS} steps: the last update was {end.last_update:.2g} px; "

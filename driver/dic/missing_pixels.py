@@ -1,4 +1,4 @@
-"""The equations of a frame that lacks some of the pixels."""
+"""Frames that lack some of the pixels: their splines and their equations."""
 
 from __future__ import annotations
 
@@ -8,11 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.dic.basis import Basis
-from driver.dic.factor import Matrix
 from driver.dic.system import MIN_USED, End, Pixels, System
+from driver.experiment.images.heightmaps import on_surface
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+
+
+def mark_gaps(coefficients: FloatArray, heights: FloatArray) -> None:
+    """Set to NaN the spline coefficients of pixels without a height.
+
+    Whatever would be interpolated from there is NaN. The coefficients beside them are those of the
+    surface extended over the gap: two pixels off they err by 2 % of what that is wrong by.
+
+    Args:
+        coefficients: cubic B-spline coefficients of filled images [µm], written.
+        heights: these images with their gaps, same shape.
+    """
+    coefficients[~on_surface(heights)] = np.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,14 +33,13 @@ class Equations:
     """The normal equations of a series.
 
     Attributes:
-        whole: of the frames that have every pixel, weighed.
-        bending: penalty of w, which holds it only where a frame has no pixel, shape (n, n).
-        weight: of `bending`, for a roughness as large as the relief: nothing beside a pixel.
+        whole: of the frames that have every pixel, with penalties of u, v and of w, weighed.
+        least_weight: of the penalty of w where a frame has no pixel, for a roughness as large as
+            the relief: nothing beside a pixel.
     """
 
     whole: System
-    bending: Matrix
-    weight: float
+    least_weight: float
 
     def of(self, kept: BoolArray) -> System:
         """Return the equations of a frame.
@@ -46,9 +58,10 @@ class Equations:
             some,
             _part(self.whole.basis_uv, kept),
             _part(self.whole.basis_w, kept),
-            (*self.whole.parts, self.bending),
+            self.whole.parts,
         )
-        system.weigh((*self.whole.weights, self.weight))
+        weight, weight_w = self.whole.weights
+        system.weigh((weight, max(weight_w, self.least_weight)))
         return system
 
     def solve(self, image: FloatArray, start: FloatArray, tolerance: float) -> End:
@@ -62,10 +75,11 @@ class Equations:
             start: nodal values [µm], shape (n,).
             tolerance: largest nodal update of u, v at the end [px].
         """
-        kept = np.isfinite(self.whole.residual(image, start))
-        if kept.all() or kept.mean() < MIN_USED:
-            return self.whole.iterate(image, start, tolerance)
-        end = self.of(kept).iterate(image, start, tolerance)
+        at_start = self.whole.compare(image, start)
+        n_pix = len(at_start.residual)
+        if at_start.used == n_pix or at_start.used < MIN_USED * n_pix:
+            return self.whole.iterate(image, start, tolerance, at_start)
+        end = self.of(np.isfinite(at_start.residual)).iterate(image, start, tolerance)
         return replace(end, residual=self.whole.residual(image, end.p))
 
 

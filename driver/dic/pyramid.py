@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from driver.common.splines.kernels import coefficients, slopes_at
 from driver.dic.basis import GridBasis, grid_basis
+from driver.dic.jump import after_jump
 from driver.dic.kernels import binned
 from driver.dic.regularisation import penalties
 from driver.dic.system import Pixels, System
@@ -62,8 +63,8 @@ class Starter:
 
     def follow(
         self, images: Sequence[FloatArray], nodes_uv: FloatArray, nodes_w: FloatArray
-    ) -> list[FloatArray]:
-        """Return starting values [u | v | w] in pixels and heights of each image of a series.
+    ) -> FloatArray:
+        """Return starting values [u | v | w] in pixels and heights of each image, shape (T, n).
 
         An image starts from where the one before it ended, or that with the shift between the
         two added, whichever leaves less; the coarse motion is followed through all images.
@@ -75,36 +76,24 @@ class Starter:
         """
         starts = []
         top = self.levels[0]
-        p = np.zeros(top.system.size)
+        p, box = np.zeros(top.system.size), _box(top.system.pixels)
         before = binned(self.reference, top.scale)
         for image in images:
             small = binned(image, top.scale)
-            p = self._best(top, p, before, small)
+            spline = coefficients(small)
+            shift = np.array(phase_correlation(before[box], small[box]))
+            p = after_jump(top.system, spline, p, shift)
             for level, coarser in zip(self.levels, (None, *self.levels), strict=False):
                 if coarser is not None:
                     p = _carried(coarser, p, level)
-                coarse = small if level is top else binned(image, level.scale)
-                end = level.system.iterate(coefficients(coarse), p, TOLERANCE)
+                    spline = coefficients(binned(image, level.scale))
+                end = level.system.iterate(spline, p, TOLERANCE)
                 p = end.p if end.reason in ("converged", "slow") else p
             last = self.levels[-1]
             starts.append(_values(last, p, nodes_uv, nodes_w))
             p = _carried(last, p, top) if last is not top else p
             before = small
-        return starts
-
-    def _best(
-        self, level: _Level, p: FloatArray, before: FloatArray, after: FloatArray
-    ) -> FloatArray:
-        """Return the old motion, or the old motion and the shift between the images (a jump)."""
-        box = _box(level.system.pixels)
-        shift = phase_correlation(before[box], after[box])
-        if np.hypot(*shift) < 0.5:
-            return p
-        n = level.system.n_uv
-        moved = p + np.repeat([*shift, 0.0], [n, n, level.system.size - 2 * n])
-        spline = coefficients(after)
-        left = [np.nanstd(level.system.residual(spline, q)) for q in (p, moved)]
-        return moved if left[1] < left[0] else p
+        return np.array(starts)
 
 
 def _level(reference: FloatArray, region: BoolArray, scale: int) -> _Level:

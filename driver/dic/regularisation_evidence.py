@@ -25,23 +25,23 @@ class NoiseAndRoughness:
     roughness: float
     roughness_w: float
 
+    def variance(self, n_reference: int) -> float:
+        """Variance of ρ at a pixel that did not move, with n images in the reference."""
+        return self.sigma**2 * (1 + 1 / n_reference)
+
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Images linearised about where they were solved: only d = b + M p of each is needed.
+    """Images linearised about where they were solved: only d = b + M p = A p of each is needed.
 
     Attributes:
         system: M and the penalties, with the weights of the last solution.
-        targets: d and the pull of an anchor, shape (T, n).
-        anchor: weight of the anchor, if the system has one.
         ranks: of the penalties of u, v and of w.
         free: which of roughness and roughness_w are to be found.
         n_reference: images averaged into the reference.
     """
 
     system: System
-    targets: FloatArray
-    anchor: float
     ranks: tuple[int, int]
     free: tuple[bool, bool]
     n_reference: int
@@ -60,6 +60,7 @@ class Evidence:
             estimate: behind these weights.
             sigma: noise found from what p left.
         """
+        targets = self._applied(p)
         now = np.log([estimate.roughness, estimate.roughness_w])
         stale = any(self.system.weights) and abs(np.log(sigma / estimate.sigma)) > ENOUGH
         last = now, np.zeros(2)
@@ -67,18 +68,23 @@ class Evidence:
             drift, share = self._drift(p, now, LEAST * sigma)
             if not stale and (np.abs(drift) * share <= ENOUGH).all():
                 break
-            leap = drift if step == 0 else _secant(now - last[0], drift - last[1], drift)
+            leap = drift.copy()
+            if step:
+                some = np.array(self.free)
+                moved, turned = now[some] - last[0][some], drift[some] - last[1][some]
+                leap[some] = _secant(moved, turned, drift[some])
             last, now, stale = (now, drift), now + leap, False
             estimate = NoiseAndRoughness(sigma, *(float(a) for a in np.exp(now)))
-            weigh(self.system, estimate, self.n_reference, self.anchor)
-            p = self._moved(p)
+            weigh(self.system, estimate, self.n_reference)
+            # Steps from p: a ridge in the factor does not pull them to 0.
+            lacking = np.ascontiguousarray((targets - self._applied(p)).T)
+            p = np.asarray(p + self.system.solve(lacking).T)
         return estimate, p
 
-    def _moved(self, p: FloatArray) -> FloatArray:
-        """Solutions of A p = d, as steps from p: a ridge in the factor does not pull them to 0."""
+    def _applied(self, p: FloatArray) -> FloatArray:
+        """Return A p of each image, the factor's ridge left out, shape (T, n)."""
         system = self.system
-        held = np.array([system.hessian @ q + system.penalty_force(q) for q in p])
-        return np.asarray(p + system.solve(np.ascontiguousarray((self.targets - held).T)).T)
+        return np.array([system.hessian @ q + system.penalty_force(q) for q in p])
 
     def _drift(
         self, p: FloatArray, now: FloatArray, least_w: float
@@ -99,11 +105,10 @@ class Evidence:
         return drift, share
 
 
-def weigh(system: System, estimate: NoiseAndRoughness, n_reference: int, anchor: float) -> None:
-    """Give the penalties of u, v and of w, and the anchor if there is one, their weights."""
-    variance = estimate.sigma**2 * (1 + 1 / n_reference)
-    weights = [variance / granted**2 for granted in (estimate.roughness, estimate.roughness_w)]
-    system.weigh([*weights, anchor][: len(system.parts)])
+def weigh(system: System, estimate: NoiseAndRoughness, n_reference: int) -> None:
+    """Give the penalties of u, v and of w their weights."""
+    variance = estimate.variance(n_reference)
+    system.weigh([variance / granted**2 for granted in (estimate.roughness, estimate.roughness_w)])
 
 
 def _secant(moved: FloatArray, turned: FloatArray, drift: FloatArray) -> FloatArray:

@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from driver.common.splines.images import SplineImages, spline_images, variance_gain
-from driver.experiment.images.flatfield import FlatField, left_over, without_noise
-from driver.experiment.images.heightmaps import ImageError, on_surface
+from driver.common.splines.images import SplineImages, spline_images
+from driver.dic.missing_pixels import mark_gaps
+from driver.dic.residual_noise import residual_chi, residual_variance
+from driver.experiment.images.flatfield import FlatField, without_noise
+from driver.experiment.images.heightmaps import ImageError
 from driver.experiment.images.reference import Reference, build_reference, corrected
 from driver.experiment.images.region import Bounds, CodeArray
 
@@ -94,47 +96,21 @@ class SurfaceImages:
         return residual_variance(at, shift, self.sigma, self.n_reference, self.sigma_flat)
 
     def chi(
-        self, motion: FloatArray, n_parameters: float = 0.0, index: IntArray | None = None
+        self,
+        motion: FloatArray,
+        n_parameters: float | FloatArray = 0.0,
+        index: IntArray | None = None,
     ) -> FloatArray:
-        """Residual of each frame in units of noise; 1 if only noise is left.
-
-        χ² = Σ ρ²/E[ρ²] / (n_pix − n_parameters), over the pixels that the frame has.
+        """Residual of each frame in units of noise, shape (T,), see `residual_chi`.
 
         Args:
             motion: as in `residual`.
-            n_parameters: degrees of freedom of the motion that were fitted to each frame.
+            n_parameters: degrees of freedom of the motion that were fitted, of all frames or (T,).
             index: as in `residual`.
-
-        Returns:
-            Shape (T,).
         """
-        squares = self.residual(motion, index) ** 2 / self.expected_residual_variance(motion)
-        freedom = np.maximum(np.isfinite(squares).sum(axis=1) - n_parameters, 1.0)
-        return np.asarray(np.sqrt(np.nansum(squares, axis=1) / freedom))
-
-
-def residual_variance(
-    at: FloatArray, shift: FloatArray, sigma: float, n_reference: float, sigma_flat: float
-) -> FloatArray:
-    """Variance of ρ from noise alone [µm²], shape (T, n_pix).
-
-    σ² (gain + 1/n): interpolation between pixels lowers the noise of a frame by a known
-    gain, and the reference adds that of its mean of n images. The error of the flat pattern
-    adds what it does not do to both images alike.
-
-    Args:
-        at: rows and columns of the pixels in the reference [px], shape (n_pix, 2).
-        shift: u, v [px], shape (T, n_pix, 2).
-        sigma: noise of one frame at a pixel [µm].
-        n_reference: images averaged into the reference.
-        sigma_flat: standard error of the flat pattern [µm].
-    """
-    moved = at + shift
-    gain = variance_gain(moved[..., 0], moved[..., 1])
-    variance = sigma**2 * (gain + 1.0 / n_reference)
-    if sigma_flat:
-        variance += sigma_flat**2 * left_over(shift, gain)
-    return np.asarray(variance)
+        return residual_chi(
+            self.residual(motion, index), self.expected_residual_variance(motion), n_parameters
+        )
 
 
 def prepare(
@@ -151,9 +127,7 @@ def prepare(
 
     The flat pattern is subtracted; repeats that moved significantly are registered to the
     first one; pixels that a repeat lacks are, with a margin, kept out of the region of interest,
-    as is dust. Where a frame lacks a height its spline has no number: whatever would be
-    interpolated from there is NaN in that frame alone. (Its neighbours' coefficients are those of
-    the surface extended over the gap: two pixels off they err by 2 % of what that is wrong by.)
+    as is dust; what a frame lacks is left out of that frame alone, see `mark_gaps`.
 
     Args:
         frames: height maps of the series [µm], shape (T, rows, cols).
@@ -179,7 +153,8 @@ def prepare(
     reference = build_reference(repeats, flat, pixel, origin, bounds, mask, mask_dust)
     smooth = ndimage.gaussian_filter(reference.heights, SMOOTHING)
     splines = spline_images(corrected(frames, flat, "frame"), pixel, origin)
-    return over_region(reference, _with_gaps(splines, frames), smooth, flat, bounds)
+    mark_gaps(splines.coefficients, frames)
+    return over_region(reference, splines, smooth, flat, bounds)
 
 
 def over_region(
@@ -222,11 +197,6 @@ def over_region(
         flat_noise=np.zeros(shape) if flat is None or pattern is None else flat.pattern - pattern,
         codes=reference.codes,
     )
-
-
-def _with_gaps(splines: SplineImages, frames: FloatArray) -> SplineImages:
-    splines.coefficients[~on_surface(frames)] = np.nan
-    return splines
 
 
 def refine_gradient(images: SurfaceImages, motion: FloatArray) -> SurfaceImages:

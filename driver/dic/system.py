@@ -58,7 +58,6 @@ class End:
         iterations: Gauss–Newton steps.
         reason: why it stopped.
         last_update: largest nodal update of u, v in the last step [px].
-        target: what A p should be, of the images linearised there: d = b + M p and the pull.
     """
 
     p: FloatArray
@@ -66,7 +65,21 @@ class End:
     iterations: int
     reason: Reason
     last_update: float
-    target: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """An image held against the reference at one motion.
+
+    Attributes:
+        residual: ρ at each pixel [µm], NaN where the pixel left the image or met no height.
+        right: b, shape (n,).
+        used: number of pixels that were compared.
+    """
+
+    residual: FloatArray
+    right: FloatArray
+    used: int
 
 
 class System:
@@ -170,11 +183,10 @@ class System:
 
     def residual(self, image: FloatArray, p: FloatArray) -> FloatArray:
         """ρ at each pixel [µm], NaN where it leaves the image or meets no height, shape (n,)."""
-        return self._residual_and_right(image, p)[0]
+        return self.compare(image, p).residual
 
-    def _residual_and_right(
-        self, image: FloatArray, p: FloatArray
-    ) -> tuple[FloatArray, FloatArray, int]:
+    def compare(self, image: FloatArray, p: FloatArray) -> Comparison:
+        """Residual and right-hand side of an image at the nodal values p."""
         at, uv, w = self.pixels, self.basis_uv, self.basis_w
         residual, right = np.empty(len(at.rows)), np.empty(self.size)
         used = residual_and_right_side(
@@ -182,10 +194,14 @@ class System:
             uv.mesh.cells, uv.cell, uv.shape, w.mesh.cells, w.cell, w.shape,
             p, self.n_uv, residual, right,
         )  # fmt: skip
-        return residual, right, used
+        return Comparison(residual, right, used)
 
     def iterate(
-        self, image: FloatArray, start: FloatArray, tolerance: float, pull: FloatArray | float = 0.0
+        self,
+        image: FloatArray,
+        start: FloatArray,
+        tolerance: float,
+        at_start: Comparison | None = None,
     ) -> End:
         """Gauss–Newton from a start until the nodal update of u, v falls below the tolerance.
 
@@ -193,34 +209,31 @@ class System:
             image: cubic B-spline coefficients of g [µm], NaN where nothing was measured.
             start: nodal values [µm], (n,).
             tolerance: [px].
-            pull: a R p₀ of a penalty on (p − p₀), (n,).
+            at_start: `compare` at the start, if it was called.
         """
         p, penalised = start, any(self.weights)
         step, before, first = 1.0, np.inf, np.inf
         reason: Reason = "slow"
         for iteration in range(1, MAX_ITERATIONS + 1):
-            residual, right, used = self._residual_and_right(image, p)
-            if used < MIN_USED * len(residual):
-                target = right + pull + self.hessian @ p
-                return End(p, residual, iteration, "left", before, target)
-            if penalised:
-                right += pull - self.penalty_force(p)
-            update = self.solve(right)
+            now = at_start if at_start and iteration == 1 else self.compare(image, p)
+            if now.used < MIN_USED * len(now.residual):
+                reason = "left"
+                break
+            force = self.penalty_force(p) if penalised else 0.0
+            update = self.solve(now.right - force)
             largest = float(np.abs(update[: 2 * self.n_uv]).max()) / self.pixels.pixel
             first = min(first, largest) if iteration == 1 else first
             # M is that of the reference: where the frame is steeper, full steps overshoot.
             if largest > 0.9 * before:
                 step = max(0.5 * step, 0.2)
-            last, p, before = p, p + step * update, largest
+            p, before = p + step * update, largest
             if largest < tolerance:
                 reason = "converged"
                 break
             if largest > DIVERGED * max(first, 1.0):
                 reason = "diverged"
                 break
-        if penalised:
-            right += self.penalty_force(last)
-        return End(p, residual, iteration, reason, before, right + self.hessian @ last)
+        return End(p, now.residual, iteration, reason, before)
 
     def _smallest_eigenvalue(self) -> float:
         """Of the scaled matrix, from above, by inverse iteration."""

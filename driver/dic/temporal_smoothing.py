@@ -134,8 +134,5 @@ def smoothed_motion(
     s = result.smoother
     share = 2.0 * s.diagonal() - (s**2).sum(axis=1)
     freedom = 3.0 + (motion.system.freedom() - 3.0) * share
-    pixels = found.at_pixels()
-    squares = images.residual(pixels) ** 2 / images.expected_residual_variance(pixels)
-    left = np.maximum(np.isfinite(squares).sum(axis=1) - freedom, 1.0)
-    chi = np.where(motion.lost, motion.chi, np.sqrt(np.nansum(squares, axis=1) / left))
+    chi = np.where(motion.lost, motion.chi, images.chi(found.at_pixels(), freedom))
     return replace(found, chi=chi), s

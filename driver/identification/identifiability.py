@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from driver.common.errors import InputError
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation
+from driver.parameters.registry import label_of
 
 FloatArray = NDArray[np.float64]
 
@@ -39,8 +40,8 @@ class PriorRule:
         stays = abs(self.moved) < 0.05
         where = "at whose mean it stays" if stays else f"{self.moved:+.1f} widths off its mean"
         return (
-            f"{self.name}: the data hardly see it; {self.share:.0%} of its variance is that of "
-            f"its prior, {where}"
+            f"{label_of(self.name)}: the data hardly see it; {self.share:.0%} of its variance is "
+            f"that of its prior, {where}"
         )
 
 

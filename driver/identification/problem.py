@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.case.model import Case
-from driver.dic.series import basis_on
+from driver.dic.basis import basis_on
 from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.experiment.reading import Experiment
 from driver.forward.build import (
@@ -28,7 +28,8 @@ from driver.identification.image_data import build_image_data, reweighted
 from driver.identification.missing_pixels import lacking_pixels
 from driver.identification.objective import Objective
 from driver.identification.priors import FREED_WIDTH, Prior, prior_of, widths
-from driver.parameters.boundary import LAMBDAS
+from driver.parameters.boundary import AMPLITUDE_DECLARATIONS
+from driver.parameters.instrument import LOAD_DECLARATIONS
 from driver.parameters.pose import POSE_DECLARATIONS
 from meshes.prism_mesh import PrismMesh
 
@@ -172,8 +173,8 @@ def build_problem(
     mesh_uv, mesh_w = correlation_meshes(case)
     image_data = build_image_data(
         images,
-        basis_on(images, mesh_uv),
-        basis_on(images, mesh_w),
+        basis_on(images.xy, images.bounds, mesh_uv),
+        basis_on(images.xy, images.bounds, mesh_w),
         seen.mean_motion,
         case.boundary.gauge,
         seen.places,
@@ -234,9 +235,8 @@ def _without(left_out: tuple[int, ...], values: FloatArray) -> FloatArray:
 
 def stated_start(case: Case, values: Mapping[str, float]) -> dict[str, float]:
     """Every parameter at the start: these values, and those that the case states instead."""
-    table = case.boundary.lambda_start
-    amplitudes = (table.plus_Y, table.plus_Z, table.minus_Y, table.minus_Z)
-    return {**values, **dict(zip(LAMBDAS, amplitudes, strict=True)), **case.extensions}
+    amplitudes = {one.name: case.value_at(one.key) for one in AMPLITUDE_DECLARATIONS}
+    return {**values, **amplitudes, **case.extensions}
 
 
 def stated_prior(
@@ -268,8 +268,6 @@ def law_of(case: Case) -> tuple[str, ...]:
 def load_uncertainties(case: Case) -> dict[str, float]:
     """Stated standard deviations of what the load cell makes of the force, by parameter."""
     stated = {
-        "load_gain": case.sections.relative_uncertainty,
-        "load_offset": case.loads.offset_uncertainty_uN,
-        "load_lag": case.loads.clock_uncertainty_s,
+        one.name: case.value_at(one.deviation_key) for one in LOAD_DECLARATIONS if one.deviation_key
     }
     return {name: deviation for name, deviation in stated.items() if deviation}

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from driver.case.model import Case
+from driver.dic.basis import grid_basis
 from driver.dic.regularisation import Penalty
 from driver.dic.resolution_check import refuse_too_fine
-from driver.dic.series import Roughness, basis_on, measure
+from driver.dic.series import Roughness, measure
 from driver.dic.surface_images import SurfaceImages
 from driver.experiment.images.heightmaps import ImageError
 from driver.experiment.images.plane import plane_modes
@@ -54,8 +55,8 @@ def sizes(images: SurfaceImages, ratio: float) -> tuple[int, ...]:
 
 def _refuse(images: SurfaceImages, size: int, ratio: float) -> None:
     """Refuse elements of a size as a correlation would."""
-    pixels = size, ratio * size
-    n_uv, n_w = (len(basis_on(images, n * images.pixel).nodes) for n in pixels)
+    sizes = size * images.pixel, ratio * size * images.pixel
+    n_uv, n_w = (len(grid_basis(images.xy, images.bounds, s).nodes) for s in sizes)
     refuse_too_fine(len(images.xy), n_uv, n_w)
 
 

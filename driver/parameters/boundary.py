@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import re
+
 from solver_adapters.parameter import NANOMETRES, PERCENT, Parameter
 
-_SIGNS = {
-    "lambda_plus_Y": "λ⁺_Y", "lambda_plus_Z": "λ⁺_Z",
-    "lambda_minus_Y": "λ⁻_Y", "lambda_minus_Z": "λ⁻_Z",
-}  # fmt: skip
-LAMBDAS = tuple(_SIGNS)
+AMPLITUDE_DECLARATIONS: tuple[Parameter, ...] = tuple(
+    Parameter(
+        f"lambda_{apex}", "", 1.0, 0.1, -3.0, 5.0, enters="ends", label=sign,
+        key=f"boundary.lambda_start.{apex}",
+    )
+    for apex, sign in (
+        ("plus_Y", "λ⁺_Y"), ("plus_Z", "λ⁺_Z"), ("minus_Y", "λ⁻_Y"), ("minus_Z", "λ⁻_Z"),
+    )
+)  # fmt: skip
+LAMBDAS = tuple(parameter.name for parameter in AMPLITUDE_DECLARATIONS)
 
 BOUNDARY_DECLARATIONS: tuple[Parameter, ...] = (
-    *(
-        Parameter(name, "", 1.0, 0.1, -3.0, 5.0, enters="ends", label=sign)
-        for name, sign in _SIGNS.items()
-    ),
+    *AMPLITUDE_DECLARATIONS,
     Parameter(
         "apex_curvature", "", 0.0, 0.2, -3.0, 3.0, enters="ends",
         label="apex amplitude growing with strain",
@@ -41,6 +45,12 @@ def elongation_names(n_knots: int) -> tuple[str, ...]:
 def tilt_names(n_knots: int) -> tuple[str, ...]:
     """Names of the free tilt knots, U_Z(S+) − U_Z(S−)."""
     return tuple(f"tilt_{k}" for k in range(1, n_knots))
+
+
+def knot_number(name: str) -> int | None:
+    """Return the number of the knot that a parameter is; None of one that is no knot."""
+    knot = re.fullmatch(r"(?:elongation|tilt)_(\d+)", name)
+    return int(knot[1]) if knot else None
 
 
 def knot_declarations(n_knots: int) -> tuple[Parameter, ...]:

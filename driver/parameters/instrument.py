@@ -10,13 +10,16 @@ LARGEST_LAG = 60.0
 LOAD_DECLARATIONS: tuple[Parameter, ...] = (
     Parameter(
         "load_gain", "", 0.0, 0.03, -0.9, 2.0, enters="load", label="error of the load gain",
-        short="load gain", read_in=PERCENT,
+        short="load gain", deviation_key="sections.relative_uncertainty", read_in=PERCENT,
     ),
-    Parameter("load_offset", "µN", 0.0, 10.0, enters="load", label="load offset"),
+    Parameter(
+        "load_offset", "µN", 0.0, 10.0, enters="load", label="load offset",
+        deviation_key="loads.offset_uncertainty_uN",
+    ),
     Parameter("load_drift", "µN", 0.0, 20.0, enters="load", label="load drift over the test"),
     Parameter(
         "load_lag", "s", 0.0, 3.0, -LARGEST_LAG, LARGEST_LAG, enters="load",
-        label="lag of the load behind the image",
+        label="lag of the load behind the image", deviation_key="loads.clock_uncertainty_s",
     ),
 )  # fmt: skip
 

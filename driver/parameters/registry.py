@@ -1,8 +1,9 @@
-"""All parameters of the general model."""
+"""All parameters of the general model, and the label of each by its name."""
 
 from __future__ import annotations
 
-from driver.parameters.boundary import BOUNDARY_DECLARATIONS, knot_declarations
+from driver.parameters.boundary import BOUNDARY_DECLARATIONS, knot_declarations, knot_number
+from driver.parameters.covariance import COVARIANCE_PARAMETERS
 from driver.parameters.history import HOLD_DECLARATIONS
 from driver.parameters.instrument import IMAGE_DECLARATIONS, LOAD_DECLARATIONS, PATTERN_DECLARATIONS
 from driver.parameters.microstructure import (
@@ -12,10 +13,7 @@ from driver.parameters.microstructure import (
 )
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.parameters.user_terms import declaration, installed_terms, refuse_doubles
-from solver_adapters.material import (
-    Material,
-    declarations_at,
-)
+from solver_adapters.material import Material, declarations_at
 from solver_adapters.parameter import Parameter
 
 _OF_THE_PAPER = Material()
@@ -39,3 +37,24 @@ def declared_parameters(n_knots: int, material: Material = _OF_THE_PAPER) -> dic
     )
     refuse_doubles(declared)
     return {parameter.name: parameter for parameter in declared}
+
+
+def declaration_of(name: str) -> Parameter | None:
+    """Return the declaration of a parameter of the general model or of the covariance.
+
+    None of a name that is declared no more: results may be older than the terms that are installed.
+    """
+    declared = declared_parameters((knot_number(name) or 0) + 1)
+    return declared.get(name) or COVARIANCE_PARAMETERS.get(name)
+
+
+def label_of(name: str) -> str:
+    """Return a parameter as it is written for a reader: by its label, or its name."""
+    declared = declaration_of(name)
+    return declared.title if declared else name
+
+
+def short_label_of(name: str) -> str:
+    """Return the same where there is little room."""
+    declared = declaration_of(name)
+    return declared.short_title if declared else name

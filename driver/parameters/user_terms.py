@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.common.errors import InputError, why
+from driver.parameters.boundary import knot_number
 from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
@@ -182,7 +183,7 @@ def _check_parameter(point: EntryPoint, parameter: Parameter) -> None:
     for key, kind, what in (*_TEXTS, *_NUMBERS):
         if not isinstance(value := getattr(parameter, key), kind) or isinstance(value, bool):
             raise _refused(point, f"the {key} {value!r} of its parameter", what)
-    knot = re.fullmatch(r"(elongation|tilt)_\d+", parameter.name)
+    knot = knot_number(parameter.name) is not None
     if knot or not re.fullmatch(r"[A-Za-z]\w*", parameter.name):
         expected = "letters, digits and _ that name no knot"
         raise _refused(point, f'the name "{parameter.name}" of its parameter', expected)

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from driver.experiment.reading import fitted_loads
 from driver.parameters.boundary import LAMBDAS
+from driver.parameters.registry import label_of, short_label_of
 from driver.report import evidence_figures, figures, history_figures, maps, matrix_figures
 from driver.report.findings import Findings, Record
 from driver.report.identified_tables import core
-from driver.report.labels import cause_label, label, reading_unit, short_label
+from driver.report.labels import cause_label, reading_unit
 from driver.report.tables import ordered
 
 FloatArray = NDArray[np.float64]
@@ -92,16 +93,16 @@ def _matrices(findings: Findings) -> Iterator[tuple[str, Figure]]:
     yield (
         "sensitivity",
         matrix_figures.hessian_and_correlation(
-            [short_label(name) for name in findings.hessian_names],
+            [short_label_of(name) for name in findings.hessian_names],
             findings.identified["kinematic_hessian"],
-            [short_label(name) for name in few],
+            [short_label_of(name) for name in few],
             part(few),
         ),
     )
     every = [*few, *(name for name in names if name not in few)]
     yield (
         "correlation",
-        matrix_figures.correlation_of_all([short_label(name) for name in every], part(every)),
+        matrix_figures.correlation_of_all([short_label_of(name) for name in every], part(every)),
     )
 
 
@@ -127,7 +128,9 @@ def _convergence(findings: Findings) -> Figure:
     def course(name: str) -> history_figures.Course:
         found = findings.estimates[name]
         factor, unit = reading_unit(name, found.parameter.unit)
-        return history_figures.Course(label(name), unit, column(name, factor), factor * found.sigma)
+        return history_figures.Course(
+            label_of(name), unit, column(name, factor), factor * found.sigma
+        )
 
     few = core(tuple(findings.estimates))
     return history_figures.convergence(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.case.model import Case
-from driver.dic.surface_images import residual_variance
+from driver.dic.residual_noise import residual_variance
 from driver.experiment.history import History, knot_weights, read_history
 from driver.forward.boundary_motion import BoundaryMotion
 from driver.forward.geometry import boundary_trace

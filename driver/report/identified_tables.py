@@ -21,8 +21,9 @@ from driver.common.formatting import (
 )
 from driver.identification.identifiability import INSENSITIVE
 from driver.parameters.boundary import LAMBDAS
+from driver.parameters.registry import label_of, short_label_of
 from driver.report.identified import IdentifiedParameter
-from driver.report.labels import label, reading_unit, short_label
+from driver.report.labels import reading_unit
 from solver_adapters.material import MATERIAL_DECLARATIONS
 
 FloatArray = NDArray[np.float64]
@@ -84,7 +85,7 @@ def _estimate_row(name: str, found: IdentifiedParameter) -> Row:
     prior, bound, share = found.prior_interval, found.at_bound, found.prior_share
     sigma = factor * found.sigma
     return {
-        "label": label(name),
+        "label": label_of(name),
         "name": name,
         "unit": unit or "1",
         "start": number(factor * found.start, 4),
@@ -115,7 +116,7 @@ def strongest(names: Sequence[str], correlation: FloatArray) -> str:
     if not order:
         return f"No two of these parameters are correlated beyond ± {_STRONG:g}."
     pairs = [
-        f"{short_label(names[rows[k]])} and {short_label(names[columns[k]])} "
+        f"{short_label_of(names[rows[k]])} and {short_label_of(names[columns[k]])} "
         f"({signed(float(values[k]), 2)})"
         for k in order
     ]
@@ -137,7 +138,7 @@ def apex_table(
     starts = (number(start) for start, _, _ in amplitudes.values())
     values = (with_sigma(value, sigma) for _, value, sigma in amplitudes.values())
     return Table(
-        ("", "χ_f", *map(label, amplitudes)),
+        ("", "χ_f", *map(label_of, amplitudes)),
         (
             ("free correlation (DIC)", chi(free), *("–" for _ in amplitudes)),
             ("start", chi(chi_f[0]), *starts),
@@ -159,7 +160,7 @@ def law_table(
     heads = []
     for name in names:
         unit = reading_unit(name, found[name].parameter.unit)[1]
-        heads.append(f"{label(name)} [{unit}]" if unit else label(name))
+        heads.append(f"{label_of(name)} [{unit}]" if unit else label_of(name))
     starts = [
         number(reading_unit(n, found[n].parameter.unit)[0] * found[n].start, 4) for n in names
     ]

@@ -8,6 +8,7 @@ import numpy as np
 
 from driver.common.formatting import chi, interval, number, with_sigma, with_unit
 from driver.parameters.boundary import LAMBDAS
+from driver.parameters.registry import label_of
 from driver.report.findings import Findings
 from driver.report.identified import interval_of
 from driver.report.identified_tables import (
@@ -19,7 +20,7 @@ from driver.report.identified_tables import (
     strongest,
     time_table,
 )
-from driver.report.labels import label, named, reading_unit
+from driver.report.labels import reading_unit
 
 Row = dict[str, Any]
 
@@ -42,7 +43,7 @@ def identification(findings: Findings) -> Row:
     return {
         "groups": groups,
         "many": many,
-        "warnings": [named(text, names) for text in findings.warnings],
+        "warnings": findings.warnings,
         "strongest": strongest(few, results["correlation"][np.ix_(rows, rows)]),
         "apex": apex_table(_amplitudes(findings), free, paper["chi_f"]),
         "law": law_table(found, paper),
@@ -102,7 +103,7 @@ def law_tiles(findings: Findings) -> list[Row]:
             before = f"; before the extension {earlier}"
         tiles.append(
             {
-                "title": label(name),
+                "title": label_of(name),
                 "value": with_unit(with_sigma(factor * value, factor * sigma), unit),
                 "note": f"95 %: {interval(factor * low, factor * high, factor * sigma)}{before}; "
                 f"start {number(factor * found.start, 4)}",
@@ -115,7 +116,7 @@ def _hessian_alternative(findings: Findings) -> str:
     size = np.diag(findings.identified["kinematic_hessian"])
     order = np.argsort(-size)[:2]
     # An attribute of the page takes no index.
-    first, second = (label(findings.hessian_names[k]).replace("_", "") for k in order)
+    first, second = (label_of(findings.hessian_names[k]).replace("_", "") for k in order)
     return (
         "Kinematic Hessian and correlation matrix, a number in each cell; "
         f"{first} and {second} move the images most"

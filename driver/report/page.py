@@ -10,10 +10,11 @@ import numpy as np
 from driver.common.formatting import chi, joined, number, probability
 from driver.diagnosis.answer.result_types import GATE, IMAGING
 from driver.experiment.reading import fitted_loads
+from driver.parameters.registry import label_of
 from driver.report.evidence_figures import signed_evidence
 from driver.report.findings import Findings
 from driver.report.identified_texts import identification, law_tiles
-from driver.report.labels import cause_label, label, readable
+from driver.report.labels import cause_label
 from driver.report.measured_texts import texts
 from driver.report.references import REFERENCES
 from driver.report.style import INDEXED, data_uri
@@ -56,8 +57,7 @@ def report_page(
     """
     diagnosis = findings.diagnosis
     declared = findings.declared
-    causes = {cause["cause"] for step in diagnosis["steps"] for cause in step["causes"]}
-    said = [readable(text, causes) for text in verdict_texts(diagnosis)]
+    said = verdict_texts(diagnosis)
     if findings.extended:
         said.append(gain_text(diagnosis))
     places, phases = whereabouts_rows(diagnosis["whereabouts"])
@@ -72,7 +72,7 @@ def report_page(
         tone=_TONES[diagnosis["verdict"]],
         headline=said[0],
         paragraphs=said[1:],
-        next=" ".join(filter(None, (readable(diagnosis["next"], causes), findings.advice))),
+        next=" ".join(filter(None, (diagnosis["next"], findings.advice))),
         added=added_rows(findings),
         law=law_tiles(findings),
         tiles=tiles(diagnosis),
@@ -120,7 +120,7 @@ def gain_text(diagnosis: Row) -> str:
     before, after = gain["budget_before"], gain["budget_after"]
     added = joined(
         [
-            f"{label(name)} = {measure(name, entry['unit'], entry['value'], entry['sigma'])}"
+            f"{label_of(name)} = {measure(name, entry['unit'], entry['value'], entry['sigma'])}"
             for name, entry in diagnosis["added"].items()
         ]
         + [cause_label(name) for name in diagnosis["flips"]]

@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from driver.common.formatting import number, probability, signed, with_sigma, with_unit
-from driver.diagnosis.causes.noise_causes import COVARIANCE_PARAMETERS
 from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
-from driver.parameters.boundary import LAMBDAS
+from driver.parameters.boundary import LAMBDAS, knot_number
+from driver.parameters.covariance import COVARIANCE_PARAMETERS
+from driver.parameters.registry import label_of
 from driver.report.evidence_figures import signed_evidence
 from driver.report.findings import Findings
-from driver.report.labels import cause_label, change, label, reading_unit, smallest
+from driver.report.labels import cause_label, change, reading_unit, smallest
 from solver_adapters.material import MATERIAL_DECLARATIONS
 from solver_adapters.parameter import Parameter
 
@@ -51,7 +52,7 @@ def _cause_row(cause: Row, step: Row, declared: Declared) -> Row:
         logarithmic = name in declared and declared[name].logarithmic
         parameters.append(
             {
-                "label": label(name),
+                "label": label_of(name),
                 "estimate": change(name, unit, estimate, logarithmic),
                 "refit": None if refit is None else _refitted(name, unit, refit),
                 "visible": smallest(name, unit, visible, logarithmic),
@@ -95,7 +96,7 @@ def added_rows(findings: Findings) -> list[Row]:
         off = findings.diagnosis["numerics"]["off_by_mesh"].get(name)
         rows.append(
             {
-                "label": label(name),
+                "label": label_of(name),
                 "name": name,
                 "value": measure(name, unit, record["value"], record["sigma"]),
                 "null": with_unit(number(factor * null, 4), shown),
@@ -116,7 +117,7 @@ def parameter_rows(findings: Findings) -> list[tuple[str, list[Row]]]:
         start = findings.start_of(name)
         groups.setdefault(_group(name, findings.diagnosis["added"]), []).append(
             {
-                "label": label(name),
+                "label": label_of(name),
                 "name": name,
                 "unit": shown,
                 "start": number(factor * start, 4),
@@ -160,10 +161,8 @@ def _group(name: str, added: Mapping[str, Any]) -> str:
         return "Added"
     if name in LAMBDAS:
         return "Apex amplitudes"
-    if name.startswith("elongation_"):
-        return "Elongation knots"
-    if name.startswith("tilt_") and name[5:].isdigit():
-        return "Tilt knots"
+    if knot_number(name) is not None:
+        return "Elongation knots" if name.startswith("elongation") else "Tilt knots"
     return "Law" if name in _LAW else "Instrument and geometry"
 
 

@@ -9,11 +9,11 @@ from driver.diagnosis.answer.detection_limits import not_found
 from driver.diagnosis.answer.residual_localisation import Excess, ResidualLocalisation, told
 from driver.diagnosis.answer.result_types import Diagnosis, Step
 from driver.diagnosis.causes.ebsd_flips import FLIPS
-from driver.diagnosis.causes.noise_causes import COVARIANCE_PARAMETERS
 from driver.diagnosis.statistics.goodness_of_fit import GoodnessOfFit
 from driver.diagnosis.statistics.score_test import Score
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
+from driver.parameters.covariance import COVARIANCE_PARAMETERS
 from driver.results.extended_case import added_parameters
 from driver.results.json_files import json_number
 
@@ -69,8 +69,8 @@ def diagnosis_record(
     before, after = found.baseline, found.extended
     record = {
         "verdict": found.verdict.kind,
-        "causes": list(found.verdict.causes),
-        "sets": [list(group) for group in found.verdict.sets],
+        "causes": list(found.verdict.names),
+        "sets": [[cause.name for cause in group] for group in found.verdict.sets],
         "text": found.verdict.text,
         "next": found.verdict.next,
         "added": {n: fitted(after)[n] for n in added_parameters(found)} | added,
@@ -83,7 +83,7 @@ def diagnosis_record(
         "gain": _gain_record(found, objective, law, budgets),
         "numerics": {
             "effect_sigma": found.gate.effect,
-            "on": found.gate.cause,
+            "on": found.gate.along.name,
             "passed": found.gate.passed,
             "needed": found.gate.needed,
             "between_meshes": found.gate.between_meshes,
@@ -146,7 +146,7 @@ def _end(fit_: Fit) -> dict[str, Any]:
 def _not_found(found: Diagnosis, objective: Objective) -> dict[str, str]:
     """Each cause that was tried and is not named: what the last round would have seen of it."""
     parameters = {**objective.parameters, **COVARIANCE_PARAMETERS}
-    named = set(found.verdict.causes)
+    named = set(found.verdict.names)
     flips = [s for step in found.steps for s in step.scores if s.cause in FLIPS]
     return {
         s.cause.name: not_found(s, found.steps[-1], parameters)
@@ -177,8 +177,8 @@ def _step_record(step: Step, objective: Objective) -> dict[str, Any]:
         }
 
     def scored(s: Score) -> dict[str, Any]:
-        scales = [parameters[n].scale if n in parameters else 1.0 for n in s.cause.parameters]
-        units = [parameters[n].unit if n in parameters else "" for n in s.cause.parameters]
+        scales = [parameters[n].scale for n in s.cause.parameters]
+        units = [parameters[n].unit for n in s.cause.parameters]
         return {
             "cause": s.cause.name,
             "category": s.cause.category,

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tifffile
@@ -19,12 +18,14 @@ from driver.case.solver_profiles import with_files_of
 from driver.diagnosis.answer.result_types import Diagnosis
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.ebsd_flips import half_turn
-from driver.diagnosis.causes.noise_causes import COVARIANCE, NOISE_RATIO, SIGMA_E
+from driver.diagnosis.causes.noise_causes import COVARIANCE
 from driver.experiment.reading import as_in_files
 from driver.forward.build import TRACE
 from driver.parameters.boundary import LAMBDAS
+from driver.parameters.covariance import NOISE_RATIO, SIGMA_E
+from driver.parameters.registry import declared_parameters
 from driver.results.files import NOISE_MAP, RESULTS
-from solver_adapters.material import MATERIAL_DECLARATIONS, declarations_at
+from solver_adapters.material import declarations_at
 
 
 def extended_case(case: Case, found: Diagnosis) -> Case:
@@ -33,16 +34,15 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     It stands in `results/`: its paths lead one folder up, or are absolute where that is a link.
     """
     values = found.extended.values
-    keys = {parameter.name: parameter.key or parameter.name for parameter in MATERIAL_DECLARATIONS}
-    constants = {
-        keys[name]: values[name] for name in keys if name in case.identification.parameters
+    declared = declared_parameters(1)
+    stated = {
+        declared[name].key: values[name] for name in (*case.identification.parameters, *LAMBDAS)
     }
-    lambdas = dict(
-        zip(("plus_Y", "plus_Z", "minus_Y", "minus_Z"), (values[n] for n in LAMBDAS), strict=True)
-    )
-    material = case.material.model_copy(update=constants)
+    if SIGMA_E.name in found.levels:
+        stated[SIGMA_E.key] = SIGMA_E.reading[0] * found.levels[SIGMA_E.name][0]
+    started = with_half_turns(case.with_values_at(stated), found.causes)
     freed = {
-        name: _within_bounds(name, values[name], material)
+        name: _within_bounds(name, values[name], started.material)
         for name in (*case.extensions, *added_parameters(found))
     }
     images = case.images
@@ -54,11 +54,6 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
     if NOISE_RATIO.name in found.levels:
         moved["noise_map"] = NOISE_MAP
     history = case.history.model_copy(update={"file": _from_results(case, case.history.file)})
-    boundary: dict[str, Any] = {
-        "lambda_start": case.boundary.lambda_start.model_copy(update=lambdas)
-    }
-    if SIGMA_E.name in found.levels:
-        boundary["jitter_nm"] = 1e3 * found.levels[SIGMA_E.name][0]
     wrong = {*case.loads.left_out, *(bad.frame for bad in found.bad_loads)}
     files = tuple(_from_results(case, name) for name in case.diagnosis.cause_files)
     meshes = {
@@ -66,10 +61,8 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
         for key in ("mesh", "height_mesh")
         if (name := getattr(case.dic, key)) is not None and name != TRACE
     }
-    return with_half_turns(case, found.causes).model_copy(
+    return started.model_copy(
         update={
-            "material": material,
-            "boundary": case.boundary.model_copy(update=boundary),
             "loads": case.loads.model_copy(update={"left_out": tuple(sorted(wrong))}),
             "extensions": freed,
             "images": images.model_copy(update=moved),

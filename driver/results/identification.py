@@ -36,7 +36,8 @@ def warnings_of(found: Identification) -> tuple[str, ...]:
     """Sentences on what the data did not decide, and on time steps that had to be cut."""
     parameters, final = found.objective.parameters, found.final
     bounds = [
-        f"{name} stands at its bound {final.values[name]:g}: its interval ends there"
+        f"{parameters[name].title} stands at its bound {final.values[name]:g}: "
+        "its interval ends there"
         for name in final.at_bounds(parameters)
     ]
     nuisances = {p.name for p in POSE_DECLARATIONS} | {"load_gain"}

@@ -13,7 +13,7 @@ from driver.common.errors import InputError, one_of
 from driver.experiment.history import History, turning_points
 from driver.forward.build import adapter_of, build_model, mesh_of
 from driver.forward.model import ForwardModel
-from driver.parameters.boundary import elongation_names, tilt_names
+from driver.parameters.boundary import AMPLITUDE_DECLARATIONS, elongation_names, tilt_names
 from driver.virtual.settings import Program
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import SurfaceMesh, trace
@@ -135,8 +135,8 @@ def true_model(
     mesh = mesh_of(truth, truth.specimen.mesh_size)
     steps = truth.solver.steps_per_interval
     model = build_model(truth, mesh, history, np.zeros((0, 2)), adapter, steps)
-    start = truth.boundary.lambda_start.model_dump()
-    values = model.null_values() | {f"lambda_{name}": value for name, value in start.items()}
+    amplitudes = {one.name: truth.value_at(one.key) for one in AMPLITUDE_DECLARATIONS}
+    values = model.null_values() | amplitudes
     refuse_unknown(hidden, model.parameters)
     return model, values | dict(hidden)
 

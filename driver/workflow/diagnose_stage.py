@@ -16,7 +16,6 @@ from driver.diagnosis.answer.residual_localisation import (
 )
 from driver.diagnosis.answer.result_types import Diagnosis, Settings
 from driver.diagnosis.answer.verdict import with_places
-from driver.diagnosis.causes.noise_causes import COVARIANCE_PARAMETERS, NOISE_RATIO
 from driver.diagnosis.causes.user_causes import user_causes
 from driver.diagnosis.search.diagnose import diagnose
 from driver.diagnosis.search.fine_models import FineModels
@@ -26,6 +25,7 @@ from driver.forward.build import geometry_of
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Evaluation
 from driver.identification.problem import IdentificationProblem, on_another_mesh
+from driver.parameters.covariance import COVARIANCE_PARAMETERS, NOISE_RATIO
 from driver.results.diagnosis import diagnosis_record
 from driver.results.extended_case import (
     added_parameters,
@@ -65,10 +65,10 @@ def run_diagnose(context: StageContext) -> None:
     identified = read_hdf5(context.result(IDENTIFY))
     measured = read_hdf5(context.result(MEASURE))
     free_chi = measured["chi"]
-    told = read_identification(context.result(IDENTIFY))
+    start_of = read_identification(context.result(IDENTIFY))
     # A term that was installed since is at its null.
-    values = problem.objective.model.null_values() | told.values
-    free, converged, reason = told.names, told.converged, told.reason
+    values = problem.objective.model.null_values() | start_of.values
+    free, converged, reason = start_of.names, start_of.converged, start_of.reason
     if not converged:
         logger.info(f"  the baseline has not converged ({reason}): read the verdict with care")
     objective = saved_objective(problem, identified)
@@ -96,25 +96,25 @@ def run_diagnose(context: StageContext) -> None:
         sizes=problem.plan.sizes,
         own=own,
     )
-    found = diagnose(
+    diagnosis = diagnose(
         baseline, objective, FineModels(problem.finer, lambda: on_another_mesh(case, problem)),
         cycles, settings, known,
     )  # fmt: skip
-    where = whereabouts(found, geometry_of(case), problem.experiment.history)
-    found = replace(found, verdict=with_places(found.verdict, still_missed(where)))
-    _tell(found, where, problem)
-    decks = _decks(found, context) if found.causes else None
+    where = whereabouts(diagnosis, geometry_of(case), problem.experiment.history)
+    diagnosis = replace(diagnosis, verdict=with_places(diagnosis.verdict, still_missed(where)))
+    _tell(diagnosis, where, problem)
+    decks = _decks(diagnosis, context) if diagnosis.causes else None
     budgets = (
-        error_budget(problem, found.baseline.best, free_chi),
-        error_budget(problem, found.extended.best, free_chi),
+        error_budget(problem, diagnosis.baseline.best, free_chi),
+        error_budget(problem, diagnosis.extended.best, free_chi),
     )
-    record = diagnosis_record(found, problem.objective, problem.law, budgets, decks, where)
+    record = diagnosis_record(diagnosis, problem.objective, problem.law, budgets, decks, where)
     write_json(context.workdir / DIAGNOSIS, record)
-    fits = {"before": found.baseline, "after": found.extended}
+    fits = {"before": diagnosis.baseline, "after": diagnosis.extended}
     write_fits(context.workdir / DIAGNOSIS_H5, fits, problem)
-    if NOISE_RATIO.name in found.levels:
-        write_noise_map(case, found, context.workdir / NOISE_MAP)
-    write_case(extended_case(case, found), context.workdir / EXTENDED)
+    if NOISE_RATIO.name in diagnosis.levels:
+        write_noise_map(case, diagnosis, context.workdir / NOISE_MAP)
+    write_case(extended_case(case, diagnosis), context.workdir / EXTENDED)
     (context.workdir / SCHEMA_FILE).write_text(schema_text(), encoding="utf-8")
 
 

@@ -14,7 +14,6 @@ from driver.parameters.registry import declared_parameters
 from driver.report import figures
 from driver.report.identified import estimates
 from driver.report.identified_tables import estimate_rows
-from driver.report.labels import named
 from driver.report.style import data_uri, png
 from driver.results.files import IDENTIFY, REPORT, report_figure
 from driver.results.hdf5 import prismid_version, read_hdf5
@@ -54,7 +53,7 @@ def run_report_loads(context: StageContext) -> None:
         ratio=_ratio(case),
         reason=identified.reason,
         doubts=doubts(float(results["budget/load"]), rest.size, identified.converged),
-        warnings=[named(text, identified.names) for text in identified.warnings],
+        warnings=identified.warnings,
         groups=groups,
         knots=knots,
         picture=data_uri(picture),

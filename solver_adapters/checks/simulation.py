@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from numbers import Integral
 from typing import Any, get_args
 
@@ -27,54 +25,19 @@ from solver_adapters.interface import (
     Simulation,
     UnsupportedError,
 )
-from solver_adapters.material import Material, StrainMeasure
+from solver_adapters.material import (
+    LATENT,
+    LEAST_EXPONENT,
+    MATERIAL_PARAMETERS,
+    Material,
+    StrainMeasure,
+    admissible_at,
+    least_C11,
+)
+from solver_adapters.parameter import POSITIVE
 from solver_adapters.time_steps import SAME_INSTANT
 
 _ROUNDING = 1e-9  # of a rotation [-]
-
-
-LEAST_EXPONENT = 1.5
-"""Of n in the exponential scheme, whose relaxation has no power law at n = 1."""
-
-
-@dataclass(frozen=True)
-class _Rule:
-    holds: Callable[[float, Material], bool]
-    expected: str
-
-
-_POSITIVE = _Rule(lambda v, m: 0 < v < np.inf, "a positive number")
-_NOT_NEGATIVE = _Rule(lambda v, m: 0 <= v < np.inf, "zero or more")
-# CalculiX has −0.1; below −1 slip would soften others by more than it hardens its own system.
-_LATENT = _Rule(lambda v, m: -1 <= v < np.inf, "-1 or more")
-_FINITE = _Rule(lambda v, m: bool(np.isfinite(v)), "a finite number")
-
-_RULES: dict[str, _Rule] = {
-    "C11": _FINITE,
-    "C12": _FINITE,
-    "C44": _POSITIVE,
-    "K": _POSITIVE,
-    "n": _Rule(lambda v, m: 1 <= v < np.inf, "one or more"),
-    "tau0": _POSITIVE,
-    "c": _NOT_NEGATIVE,
-    "d": _NOT_NEGATIVE,
-    "Q": _NOT_NEGATIVE,
-    "b": _NOT_NEGATIVE,
-    "tau0_112": _POSITIVE,
-    "tau0_grain2": _POSITIVE,
-    "tau0_antitwinning": _POSITIVE,
-    "a1": _FINITE,
-    "h_latent": _LATENT,
-    "Q_latent": _NOT_NEGATIVE,
-    "c2": _NOT_NEGATIVE,
-    "d2": _NOT_NEGATIVE,
-    "x0": _Rule(lambda v, m: bool(np.isfinite(v)) and abs(v) * m.d < 1, "less than 1/d in size"),
-    "eigenstrain": _FINITE,
-    "skin_tau0": _POSITIVE,
-    "skin_thickness": _POSITIVE,
-    "elastic_scale": _POSITIVE,
-    "C44_scale": _POSITIVE,
-}
 
 
 def refuse_bad_simulation(simulation: Simulation) -> None:
@@ -97,12 +60,13 @@ def refuse_bad_simulation(simulation: Simulation) -> None:
 
 
 def _refuse_bad_material(m: Material) -> None:
-    for name, rule in _RULES.items():
+    for name in MATERIAL_PARAMETERS:
+        expect_number(name, getattr(m, name))
+    for name, admissible in admissible_at(m).items():
         value = getattr(m, name)
-        expect_number(name, value)
-        if not rule.holds(value, m):
-            raise UnsupportedError(f"{name} is {value:g}; expected {rule.expected}")
-    if not (abs(m.C12) < m.C11 and m.C11 + 2 * m.C12 > 0):
+        if not admissible.holds(value):
+            raise UnsupportedError(f"{name} is {value:g}; expected {admissible.words}")
+    if not m.C11 > least_C11(m.C12):
         raise UnsupportedError(
             f"C11 = {m.C11:g}, C12 = {m.C12:g} MPa do not make a positive definite stiffness; "
             "expected C11 > |C12| and C11 + 2 C12 > 0"
@@ -111,7 +75,7 @@ def _refuse_bad_material(m: Material) -> None:
         raise BadSimulationError(f"tau0_grains is {m.tau0_grains!r}; expected a tuple of numbers")
     for ratio in m.tau0_grains:
         expect_number("tau0_grains", ratio)
-        if not 0 < ratio < np.inf:
+        if not POSITIVE.holds(ratio):
             raise UnsupportedError(f"tau0_grains holds {ratio:g}; expected positive numbers")
     if m.interaction is not None:
         _refuse_bad_interaction(m.interaction)
@@ -141,8 +105,8 @@ def _refuse_bad_interaction(table: Any) -> None:
             "interaction holds a number that is not finite; expected 24 × 24 finite numbers"
         )
     least = min(min(row) for row in table)
-    if least < -1:
-        raise UnsupportedError(f"interaction holds {least:g}; expected -1 or more")
+    if not LATENT.holds(least):
+        raise UnsupportedError(f"interaction holds {least:g}; expected {LATENT.words}")
 
 
 def _refuse_bad_crystals(simulation: Simulation) -> None:

@@ -239,7 +239,7 @@ def _write_identified(folder: Path) -> None:
             "names": json.dumps(names),
             "units": json.dumps([""] * len(names)),
             "converged": "yes",
-            "warnings": json.dumps(["d: the data hardly see it", "lambda_plus_Y stands at 5"]),
+            "warnings": json.dumps(["d: the data hardly see it", "λ⁺_Y stands at 5"]),
             "all_values": json.dumps(everything),
             "reason": "the Newton decrement is 0.04 σ",
         },
@@ -296,7 +296,7 @@ def diagnosis() -> dict[str, Any]:
         "causes": ["grain_contrast"],
         "sets": [["grain_contrast"]],
         "text": "The two grains have different critical resolved shear stresses.",
-        "next": "Confirm grain_contrast: nano-indentation of both grains.",
+        "next": "Confirm grain contrast: nano-indentation of both grains.",
         "added": added,
         "whereabouts": {
             "text": "The identified model misses what the images show most at grain 2.",

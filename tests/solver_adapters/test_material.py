@@ -1,14 +1,21 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from solver_adapters.material import (
+    ELASTIC_CONSTANTS,
     MATERIAL_DECLARATIONS,
     MATERIAL_PARAMETERS,
+    Constant,
     Material,
+    admissible_at,
     declarations_at,
+    least_C11,
 )
-from solver_adapters.parameter import Parameter
+from solver_adapters.parameter import Parameter, Range
 
 
 @pytest.mark.parametrize("parameter", MATERIAL_DECLARATIONS, ids=lambda p: p.name)
@@ -23,3 +30,40 @@ def test_back_stresses_are_scaled_by_the_saturation_of_the_case() -> None:
     # 10 MPa of saturated slow back stress, which recovers ten times more slowly than the first.
     assert at["c2"].scale == pytest.approx(400.0) and at["d2"].upper == pytest.approx(50.0)
     assert at["c2"].scale / 40.0 == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize("name", MATERIAL_PARAMETERS)
+def test_every_scalar_of_the_law_is_declared_once_with_what_it_may_be(name: str) -> None:
+    every: tuple[Constant | Parameter, ...] = (*ELASTIC_CONSTANTS, *MATERIAL_DECLARATIONS)
+    declared = [one for one in every if one.name == name]
+    assert len(declared) == 1 and declared[0].key.startswith("material.")
+    assert declared[0].admissible.holds(getattr(Material(), name))
+
+
+@pytest.mark.parametrize("parameter", MATERIAL_DECLARATIONS, ids=lambda p: p.name)
+def test_a_fit_stays_within_what_is_admissible(parameter: Parameter) -> None:
+    assert parameter.admissible.holds(parameter.lower) and parameter.admissible.holds(
+        parameter.upper
+    )
+
+
+def test_a_range_holds_finite_numbers_between_its_bounds_and_an_open_one_not_the_bounds() -> None:
+    closed, unbounded = Range("from 1 to 2", 1, 2), Range("any")
+    opened = replace(closed, open=True)
+    assert [closed.holds(value) for value in (0.9, 1, 1.5, 2, 2.1)] == [False, *3 * [True], False]
+    assert [opened.holds(value) for value in (1, 1.5, 2)] == [False, True, False]
+    assert unbounded.holds(-1e300)
+    assert not any(r.holds(v) for r in (closed, unbounded) for v in (np.nan, np.inf, -np.inf))
+
+
+@pytest.mark.parametrize("C12", [100.0, 0.0, -30.0])
+def test_the_least_C11_parts_stable_crystals_from_others(C12: float) -> None:
+    """The cubic stiffness has the eigenvalues C11 − C12 (twice) and C11 + 2 C12."""
+    for C11, stable in ((least_C11(C12) + 1e-6, True), (least_C11(C12) - 1e-6, False)):
+        block = np.full((3, 3), C12) + np.diag(np.full(3, C11 - C12))
+        assert (np.linalg.eigvalsh(block).min() > 0) == stable
+
+
+def test_an_initial_back_strain_is_bounded_by_the_recall_of_the_case() -> None:
+    assert admissible_at(Material(d=500.0))["x0"].upper == 2e-3
+    assert admissible_at(Material(d=0.0))["x0"].holds(10.0)

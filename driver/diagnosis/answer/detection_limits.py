@@ -62,7 +62,7 @@ def not_seen(scored: Score, parameters: Mapping[str, Parameter]) -> str:
             "against the model of its round"
         )
     sizes = [
-        f"{name} by {_size(float(visible), parameters[name])}"
+        f"{parameters[name].title} by {_size(float(visible), parameters[name])}"
         for name, visible in zip(names, scored.visible, strict=True)
         if np.isfinite(visible)
     ]

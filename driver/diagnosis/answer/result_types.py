@@ -15,6 +15,7 @@ from driver.diagnosis.statistics.goodness_of_fit import GoodnessOfFit
 from driver.diagnosis.statistics.score_test import Score
 from driver.identification.fit import Fit
 from driver.identification.objective import Objective
+from solver_adapters.parameter import Parameter
 
 GATE = 1.0  # effect of the change of the correction on a score [σ]
 Refinement = Literal["mesh", "steps", "mesh and steps"]
@@ -140,13 +141,13 @@ class DiscretisationCheck:
 
     Attributes:
         effect: largest effect on the score of any cause [σ].
-        cause: the cause whose score it would change most.
+        along: the cause whose score it would change most, or the added parameter.
         needed: what has to be refined, None where the gate is passed.
         between_meshes: whether it is the change from one finer mesh to another.
     """
 
     effect: float
-    cause: str
+    along: Cause | Parameter
     needed: Refinement | None = None
     between_meshes: bool = False
 
@@ -167,12 +168,12 @@ class DiscretisationCheck:
         }[self.needed]
         if self.between_meshes:
             return (
-                f"what looks like {self.cause} is gone on another mesh of the same size, which "
-                f"moves it by {self.effect:.1f} σ; {finer}"
+                f"what looks like {self.along.title} is gone on another mesh of the same size, "
+                f"which moves it by {self.effect:.1f} σ; {finer}"
             )
         return (
             f"close to the result its own error still changes by {self.effect:.1f} σ "
-            f"along {self.cause}; {finer}"
+            f"along {self.along.title}; {finer}"
         )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
 
 Kind = Literal[
@@ -34,23 +35,26 @@ class Verdict:
     """
 
     kind: Kind
-    sets: tuple[tuple[str, ...], ...]
+    sets: tuple[tuple[Cause, ...], ...]
     text: str
     next: str
 
     @property
-    def causes(self) -> tuple[str, ...]:
+    def causes(self) -> tuple[Cause, ...]:
         """All causes of the sets, each once."""
-        return tuple(dict.fromkeys(name for group in self.sets for name in group))
+        return tuple(dict.fromkeys(cause for group in self.sets for cause in group))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of these causes."""
+        return tuple(cause.name for cause in self.causes)
 
 
 def decide(
-    added: Sequence[Sequence[str]],
+    added: Sequence[Sequence[Cause]],
     left: Sequence[str],
     imaging_limited: bool,
     numerics: str | None,
-    sentences: dict[str, str],
-    checks: dict[str, str],
     explained: float,
     tried: bool,
 ) -> Verdict:
@@ -61,40 +65,38 @@ def decide(
         left: what the tests see in what is left, in words; nothing where it is noise.
         imaging_limited: whether the images carry errors that no motion explains.
         numerics: the refinement that the simulation needs, or None if it is fine enough.
-        sentences: what a person would say of each cause.
-        checks: the physical check of each cause.
         explained: share of the misfit that is no noise, as far as tests see it, that the
             additions explain.
         tried: whether any cause could be tried.
     """
     if numerics is not None:
         return Verdict(
-            "numerics", (("discretisation",),),
+            "numerics", ((NUMERICS,),),
             f"The simulation itself is not exact enough to judge: {numerics}.",
             "Refine as said, then run again.",
         )  # fmt: skip
     if not added:
         return _without_a_name(left, imaging_limited, tried)
     sets = _beside_each_other(added)
-    names = [group[0] for group in sets]
-    said = _capital("; and ".join(_said(group, sentences) for group in sets))
+    best = [group[0] for group in sets]
+    said = _capital("; and ".join(_said(group) for group in sets))
     # A noise is no effect that others could be the shadow of.
-    effects = [name for name in names if name != BOUNDARY_NOISE.name]
+    effects = [cause for cause in best if cause != BOUNDARY_NOISE]
     if len(effects) >= MOST_ADDITIONS:
         return Verdict(
             "unexplained", sets,
-            f"Three or more causes were needed ({', '.join(effects)}): their sum describes the "
+            f"Three or more causes were needed ({_titles(effects)}): their sum describes the "
             "data, but so many at once are more likely the shadow of one that was not tried.",
             "Look at the maps of what is left, and think of a cause of your own.",
         )  # fmt: skip
     if left and explained < _MOST:
         return Verdict(
             "unexplained", sets,
-            f"The best that was tried ({', '.join(names)}) explains {explained:.0%} of the "
+            f"The best that was tried ({_titles(best)}) explains {explained:.0%} of the "
             f"misfit that is no noise, and what is left is structured as well: {_list(left)}.",
             "Look at the maps of what is left: where and when it stands tells what to think of.",
         )  # fmt: skip
-    do_next = " ".join(_to_do(group, checks) for group in sets)
+    do_next = " ".join(_to_do(group) for group in sets)
     if left:
         return Verdict(
             "named, but something is left", sets,
@@ -141,11 +143,11 @@ def with_doubts(verdict: Verdict, unsettled: Sequence[str], limits: Sequence[str
     )
 
 
-def _beside_each_other(added: Sequence[Sequence[str]]) -> tuple[tuple[str, ...], ...]:
+def _beside_each_other(added: Sequence[Sequence[Cause]]) -> tuple[tuple[Cause, ...], ...]:
     """Return sets without what was added beside them: a cause needed as well is no rival."""
     winners = {group[0] for group in added}
     return tuple(
-        (group[0], *(name for name in group[1:] if name not in winners)) for group in added
+        (group[0], *(cause for cause in group[1:] if cause not in winners)) for group in added
     )
 
 
@@ -178,17 +180,26 @@ def _without_a_name(left: Sequence[str], imaging_limited: bool, tried: bool) -> 
     )  # fmt: skip
 
 
-def _said(group: Sequence[str], sentences: dict[str, str]) -> str:
-    if len(group) == 1:
-        return sentences[group[0]]
-    return f"either {', or '.join(sentences[name] for name in group)}"
+def to_confirm(cause: Cause) -> str:
+    """Return the physical check of a cause as a sentence."""
+    return f"Confirm {cause.title}: {cause.check}."
 
 
-def _to_do(group: Sequence[str], checks: dict[str, str]) -> str:
+def _said(group: Sequence[Cause]) -> str:
     if len(group) == 1:
-        return f"Confirm {group[0]}: {checks[group[0]]}."
-    each = " ".join(f"Check {name}: {checks[name]}." for name in group)
-    return f"These data cannot tell {' or '.join(group)}. {each}"
+        return group[0].sentence
+    return f"either {', or '.join(cause.sentence for cause in group)}"
+
+
+def _to_do(group: Sequence[Cause]) -> str:
+    if len(group) == 1:
+        return to_confirm(group[0])
+    each = " ".join(f"Check {cause.title}: {cause.check}." for cause in group)
+    return f"These data cannot tell {' or '.join(cause.title for cause in group)}. {each}"
+
+
+def _titles(causes: Sequence[Cause]) -> str:
+    return ", ".join(cause.title for cause in causes)
 
 
 def _list(texts: Sequence[str]) -> str:

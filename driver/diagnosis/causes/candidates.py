@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from driver.diagnosis.causes.causes import LIBRARY, Cause
+from driver.parameters.registry import label_of
 
 
 @dataclass(frozen=True)
@@ -77,11 +78,11 @@ def _why_not(
     """Why a cause cannot be tried, empty where it can."""
     for name in (*cause.parameters, *cause.companions):
         if name not in specimen:
-            return _ABSENT.get(name, f"the specimen has no {name}")
+            return _ABSENT.get(name, f"the specimen has no {label_of(name)}")
     for name in (*cause.parameters, *cause.companions):
         if name not in solver:
-            return f"the solver cannot honour {name}"
+            return f"the solver cannot honour {label_of(name)}"
     for name in cause.parameters:
         if name in fitted:
-            return f"{name} is fitted in the baseline"
+            return f"{label_of(name)} is fitted in the baseline"
     return ""

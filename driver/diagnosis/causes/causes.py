@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from solver_adapters.parameter import Parameter
+from driver.parameters.covariance import DISCRETISATION
 
 Category = Literal["material", "microstructure", "boundary", "instrument", "numerics"]
 
@@ -273,10 +273,6 @@ LIBRARY: tuple[Cause, ...] = (
     ),
 )  # fmt: skip
 
-DISCRETISATION = Parameter(
-    "discretisation", "", 0.0, 1.0, enters="covariance",
-    label="share of the finer-minus-working difference",
-)  # fmt: skip
 NUMERICS = Cause(
     "discretisation", "numerics", (DISCRETISATION.name,),
     "the mesh or the time steps of the simulation are too coarse",

@@ -92,7 +92,7 @@ def flips_of(
     for flip in FLIPS:
         if wanted is not None and flip.name not in wanted:
             continue
-        alike = [other.name for other in kept if _same((flip, other), orientations)]
+        alike = [other.title for other in kept if _same((flip, other), orientations)]
         if _same((flip,), orientations):
             left.append(NotExamined(flip.name, "it changes no lattice of this specimen"))
         elif alike:

@@ -19,7 +19,7 @@ from scipy.stats import chi2
 from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.candidates import NotExamined
-from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE, SIGMA_E
+from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.search.refit import MOST_ITERATIONS, TOLERANCE
 from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
 from driver.diagnosis.statistics.high_pass_loads import FEWEST, LEFT, fast_loads
@@ -29,6 +29,7 @@ from driver.identification.boundary_jitter import BoundaryJitter, boundary_jitte
 from driver.identification.data import Data
 from driver.identification.fit import fit
 from driver.identification.objective import Evaluation, Objective
+from driver.parameters.covariance import SIGMA_E
 
 logger = logging.getLogger(__name__)
 

@@ -14,7 +14,7 @@ from driver.diagnosis.answer.verdict import decide, with_doubts
 from driver.diagnosis.causes.all_causes import EVERY
 from driver.diagnosis.causes.candidates import NotExamined, not_examined
 from driver.diagnosis.causes.ebsd_flips import flips_of
-from driver.diagnosis.causes.noise_causes import COVARIANCE, NOISE_NOT_UNIFORM, NOISE_RATIO
+from driver.diagnosis.causes.noise_causes import COVARIANCE, NOISE_NOT_UNIFORM
 from driver.diagnosis.search.baseline import loads_taken_back, prepared
 from driver.diagnosis.search.boundary_noise import sensitivities_where_they_pay
 from driver.diagnosis.search.discretisation_check import gate
@@ -32,6 +32,7 @@ from driver.diagnosis.statistics.score_test import Score
 from driver.diagnosis.statistics.screening import honoured, parameters_of_the_specimen, screened
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
+from driver.parameters.covariance import NOISE_RATIO
 
 logger = logging.getLogger(__name__)
 
@@ -92,20 +93,18 @@ def diagnose(
     if lost is not None and not causes:
         passed = lost
     logger.info(
-        f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.cause}"
+        f"  change of the simulation's own error: {passed.effect:.2f} σ along {passed.along.name}"
     )
     explained = share_explained(final.uncounted, fitted.best) if causes else float("nan")
     of_causes = {cause.name for cause in causes}
     # What was dropped and added again counts once.
     sets = {step.named[0]: step.named for step in steps if of_causes & set(step.named[:1])}
-    every = (*EVERY, *settings.own)
+    by_name = {cause.name: cause for cause in (*EVERY, *settings.own)}
     verdict = decide(
-        list(sets.values()),
+        [[by_name[name] for name in names] for names in sets.values()],
         steps[-1].omnibus.seen,
         settings.imaging_limited,
         passed.words,
-        {cause.name: cause.sentence for cause in every},
-        {cause.name: cause.check for cause in every},
         share_described(final.uncounted, fitted.best, steps[-1].omnibus.left),
         any(s.degrees for step in steps for s in step.scores),
     )
@@ -146,7 +145,7 @@ def _at_bounds(end: Extension) -> list[str]:
     known, values = end.objective.parameters, end.fit.values
     of_causes = {name for cause in end.causes for name in cause.parameters}
     return [
-        f"{name} stands at its bound, {values[name]:g} {known[name].unit}".rstrip()
+        f"{known[name].title} stands at its bound, {values[name]:g} {known[name].unit}".rstrip()
         + f": the data would have it {'larger' if values[name] >= known[name].upper else 'smaller'}"
         for name in end.fit.at_bounds(known)
         if name in of_causes

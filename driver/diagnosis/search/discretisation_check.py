@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import DiscretisationCheck, Refinement
-from driver.diagnosis.causes.causes import NUMERICS
+from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.statistics.score_test import Score
 from driver.diagnosis.statistics.screening import whitened_difference
 from driver.forward.model import ForwardModel
 from driver.identification.fit import Fit
 from driver.identification.identify import correction
 from driver.identification.objective import Correction, Evaluation, Objective
+from solver_adapters.parameter import Parameter
 
 FloatArray = NDArray[np.float64]
 
@@ -25,14 +26,14 @@ _MATTERS = 0.5  # of the larger of two effects, from which the smaller one count
 
 @dataclass(frozen=True, eq=False)
 class _Direction:
-    """A cause as the rows that turn a whitened change into its effect on the score [σ].
+    """Rows that turn a whitened change into its effect on the score of a cause [σ].
 
     Attributes:
-        name: of the cause.
+        along: the cause, or a parameter that was added.
         rows: shape (k, n).
     """
 
-    name: str
+    along: Cause | Parameter
     rows: FloatArray
 
     def effect(self, change: FloatArray) -> float:
@@ -66,30 +67,32 @@ def gate(
     """
     at = here.best
     change = whitened_difference(objective, fresh, objective.correction)
-    directions = _directions(at, scores, named)
+    directions = _directions(at, scores, [objective.parameters[name] for name in named])
     effects = [direction.effect(change) for direction in directions]
     if not effects:
-        return DiscretisationCheck(0.0, NUMERICS.name)
+        return DiscretisationCheck(0.0, NUMERICS)
     worst = int(np.argmax(effects))
-    largest = DiscretisationCheck(effects[worst], directions[worst].name)
+    largest = DiscretisationCheck(effects[worst], directions[worst].along)
     if largest.passed:
         return largest
     needed = _refinement(objective, here, fresh, finer, directions[worst])
     return replace(largest, needed=needed)
 
 
-def _directions(at: Evaluation, scores: Sequence[Score], named: Sequence[str]) -> list[_Direction]:
+def _directions(
+    at: Evaluation, scores: Sequence[Score], named: Sequence[Parameter]
+) -> list[_Direction]:
     directions = [
-        _Direction(s.cause.name, s.directions)
+        _Direction(s.cause, s.directions)
         for s in scores
-        if s.directions.size and s.cause.name != NUMERICS.name
+        if s.directions.size and s.cause != NUMERICS
     ]
     # What was named already is fitted: there the change moves the parameter itself.
     covariance = np.linalg.inv(at.hessian)
-    for name in named:
-        row = at.free.index(name)
+    for parameter in named:
+        row = at.free.index(parameter.name)
         moved = covariance[row] @ at.jacobian / np.sqrt(covariance[row, row])
-        directions.append(_Direction(name, moved[None]))
+        directions.append(_Direction(parameter, moved[None]))
     return directions
 
 

@@ -100,7 +100,7 @@ def rounds(
             return ended(extension, *steps)
         if len(steps) == MOST_STEPS:
             name = winner.cause.name
-            doubts[name] = f"{name} is not added, for the rounds come to no end"
+            doubts[name] = f"{winner.cause.title} is not added, for the rounds come to no end"
             logger.info(doubts[name])
             return ended(extension, *steps[:-1], replace(step, named=()))
         after, steps[-1], failed = _with_the_best(extension, step, settings)
@@ -126,7 +126,9 @@ def _with_the_best(
         logger.info(f"adding {name}, log evidence {best.log_evidence:+.1f}")
         after = attempt(partial(extended, here, best, settings))
         if isinstance(after, Failure):
-            failed[name] = f"{name} is not added, for its model cannot be simulated ({after.why})"
+            failed[name] = (
+                f"{best.cause.title} is not added, for its model cannot be simulated ({after.why})"
+            )
             logger.info(failed[name])
             refits = refits[1:]
             continue

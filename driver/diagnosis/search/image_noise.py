@@ -15,14 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f
 
-from driver.diagnosis.answer.verdict import Verdict
+from driver.diagnosis.answer.verdict import Verdict, to_confirm
 from driver.diagnosis.causes.all_causes import NAMES
 from driver.diagnosis.causes.candidates import NotExamined
-from driver.diagnosis.causes.noise_causes import NOISE_NOT_UNIFORM, NOISE_RATIO
+from driver.diagnosis.causes.noise_causes import NOISE_NOT_UNIFORM
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, SEEN_AT, Score
 from driver.identification.cosine_modes import fast_modes
 from driver.identification.data import Data
 from driver.identification.objective import Evaluation
+from driver.parameters.covariance import NOISE_RATIO
 
 FloatArray = NDArray[np.float64]
 
@@ -71,14 +72,13 @@ def examine_noise(
 def with_uneven_noise(verdict: Verdict) -> Verdict:
     """Let a verdict say so besides; where it said that nothing is wrong, this is its name."""
     sentence = f"{NOISE_NOT_UNIFORM.sentence[:1].upper()}{NOISE_NOT_UNIFORM.sentence[1:]}"
-    check = f"Confirm {NOISE_NOT_UNIFORM.name}: {NOISE_NOT_UNIFORM.check}."
     nothing = verdict.kind == "nothing wrong"
     return replace(
         verdict,
         kind="named" if nothing else verdict.kind,
-        sets=((NOISE_NOT_UNIFORM.name,), *verdict.sets),
+        sets=((NOISE_NOT_UNIFORM,), *verdict.sets),
         text=f"{sentence}; the images were weighted accordingly. {verdict.text}",
-        next=f"{check} {verdict.next}",
+        next=f"{to_confirm(NOISE_NOT_UNIFORM)} {verdict.next}",
     )
 
 

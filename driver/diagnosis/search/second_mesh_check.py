@@ -89,7 +89,7 @@ def held_against_both(
         )
         if p < NAMING_LEVEL or effects[-1] <= GATE:
             return OnBoth(None, first, spread)
-    lost = DiscretisationCheck(effects[0], seen[0].cause.name, "mesh", between_meshes=True)
+    lost = DiscretisationCheck(effects[0], seen[0].cause, "mesh", between_meshes=True)
     return OnBoth(lost, first, spread)
 
 

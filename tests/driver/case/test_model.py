@@ -118,6 +118,11 @@ def refused(tmp_path: Path, *changes: tuple[str, str]) -> list[str]:
         ("left_out = []", "left_out = 3", "loads.left_out", "3", "a list of whole numbers"),
         ("noise_uN = 5.97", "noise_uN = nan", "loads.noise_uN", "NaN", "a finite number"),
         ("C12_GPa = 135.5", "C12_GPa = 300", "material.C11_GPa", "233.5", "> C12_GPa = 300"),
+        ("C12_GPa = 135.5", "C12_GPa = -135.5", "material.C11_GPa", "233.5", "> -2 C12_GPa = 271"),
+        ("C11_GPa = 233.5", "C11_GPa = -1", "material.C11_GPa", "-1", "> C12_GPa = 135.5"),
+        ("\nn = 10.0", "\nn = 0.5", "material.n", "0.5", "a number ≥ 1 (rate exponent)"),
+        ("h_latent = 0.0", "h_latent = -1.1", "material.h_latent", "-1.1", "≥ -1"),
+        ("\nb = 30.0", "\nb = 0", "material.b", "0", "> 0"),
     ],
 )  # fmt: skip
 def test_a_wrong_value_is_named_with_file_key_found_and_expected(
@@ -194,6 +199,17 @@ def test_a_written_interaction_reads_back_equal(
     path = tmp_path / "case.toml"
     path.write_text(case_text(case), encoding="utf-8")
     assert load_case(path).material == material
+
+
+def test_values_are_read_and_changed_at_dotted_keys() -> None:
+    case = default_case()
+    changed = case.with_values_at({"boundary.lambda_start.plus_Y": 0.8, "material.tau0_MPa": 21.0})
+    assert changed.boundary.lambda_start.plus_Y == changed.value_at("boundary.lambda_start.plus_Y")
+    assert (changed.boundary.lambda_start.plus_Y, changed.material.tau0_MPa) == (0.8, 21.0)
+    back = {
+        key: case.value_at(key) for key in ("boundary.lambda_start.plus_Y", "material.tau0_MPa")
+    }
+    assert changed.with_values_at(back) == case and changed.file == case.file
 
 
 def test_every_key_stands_in_the_written_case() -> None:

@@ -119,7 +119,7 @@ def test_what_the_penalty_holds_back_is_the_bias_of_motions_as_rough_as_it_grant
     motion = measure(images, roughness=0.05 * PIXEL)
     functional = edge_motion(motion, images, *BOUNDS[2:]).difference(1)
     system = motion.system
-    (weight,), part = system.weights, np.asarray(system.parts[0])
+    (weight, _), part = system.weights, np.asarray(system.parts[0])
     variance = images.sigma**2 * (1 + 1 / images.n_reference)
     values, vectors = np.linalg.eigh(weight * part / variance)
     rough = values > 1e-9 * values[-1]

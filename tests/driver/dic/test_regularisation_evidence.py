@@ -33,10 +33,10 @@ def drawn() -> tuple[System, NDArray[np.float64]]:
 def test_the_roughness_that_the_motion_was_drawn_with_is_found() -> None:
     system, targets = drawn()
     first = NoiseAndRoughness(SIGMA, 1.0, 20.0)
-    weigh(system, first, 1, 0.0)
+    weigh(system, first, 1)
     start = system.solve(targets.T).T
     found, p = Evidence(
-        system, targets, 0.0, ranks(system.basis_uv, system.basis_w, None), (True, True), 1
+        system, ranks(system.basis_uv, system.basis_w, None), (True, True), 1
     ).settle(start, first, SIGMA)
     # known to about 1 in √(2 · 40 · rank), 1 %, less the share that noise hides; ends within 10 %
     assert found.roughness == pytest.approx(ROUGH, rel=0.1)
@@ -57,10 +57,10 @@ def test_ranks_are_those_of_the_penalties(penalty: Penalty) -> None:
 def test_what_is_given_stays_and_only_the_noise_is_taken_over() -> None:
     system, targets = drawn()
     first = NoiseAndRoughness(3 * SIGMA, ROUGH, ROUGH_W)
-    weigh(system, first, 1, 0.0)
+    weigh(system, first, 1)
     start = system.solve(targets.T).T
     found, _ = Evidence(
-        system, targets, 0.0, ranks(system.basis_uv, system.basis_w, None), (False, False), 1
+        system, ranks(system.basis_uv, system.basis_w, None), (False, False), 1
     ).settle(start, first, SIGMA)
     assert found.sigma == SIGMA
     assert [found.roughness, found.roughness_w] == pytest.approx([ROUGH, ROUGH_W])

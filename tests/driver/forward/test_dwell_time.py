@@ -104,7 +104,7 @@ def test_the_derivative_is_that_of_two_simulations_and_others_stay_in_place() ->
 
 def test_a_hidden_error_of_the_holds_is_named_and_its_size_found() -> None:
     found = diagnosed(30.0)
-    assert found.verdict.kind == "named" and found.verdict.causes == ("hold_time",)
+    assert found.verdict.kind == "named" and found.verdict.names == ("hold_time",)
     sigma = found.extended.sigma(HOLD, found.objective.parameters)
     assert abs(found.extended.values[HOLD] - 30.0) < 3.5 * sigma < 15.0
     assert found.extended.best.chi_load < found.baseline.best.chi_load

@@ -140,7 +140,7 @@ def test_an_evaluation_follows_the_pattern_to_where_it_is_read() -> None:
 
 def test_a_pattern_that_was_left_is_named_and_its_share_found() -> None:
     found = diagnosed(SHARE)
-    assert found.verdict.kind == "named" and found.verdict.causes == ("fixed_pattern",)
+    assert found.verdict.kind == "named" and found.verdict.names == ("fixed_pattern",)
     sigma = found.extended.sigma("fixed_pattern", found.objective.parameters)
     assert abs(found.extended.values["fixed_pattern"] - SHARE) < 3.5 * sigma < 0.3 * SHARE
     assert found.extended.best.chi_image < found.baseline.best.chi_image

@@ -4,10 +4,25 @@ from collections import Counter
 from dataclasses import replace
 from typing import get_args
 
+import pytest
+
 from driver.case.material import MaterialTable
-from driver.parameters.registry import declared_parameters
-from solver_adapters.material import MATERIAL_PARAMETERS, Material
-from solver_adapters.parameter import Place
+from driver.case.model import default_case
+from driver.parameters import registry
+from driver.parameters.boundary import LAMBDAS
+from driver.parameters.covariance import COVARIANCE_PARAMETERS, SIGMA_E
+from driver.parameters.instrument import LOAD_DECLARATIONS
+from driver.parameters.registry import (
+    declaration_of,
+    declared_parameters,
+    label_of,
+    short_label_of,
+)
+from driver.report.style import INDEXED
+from solver_adapters.material import MATERIAL_DECLARATIONS, MATERIAL_PARAMETERS, Material
+from solver_adapters.parameter import Parameter, Place
+
+EVERY = {**declared_parameters(4), **COVARIANCE_PARAMETERS}
 
 
 def test_every_declared_null_lies_inside_its_bounds() -> None:
@@ -27,7 +42,7 @@ def test_there_are_an_elongation_and_a_tilt_for_each_knot_but_the_first() -> Non
 
 
 def test_every_place_of_the_model_has_parameters_but_the_covariance() -> None:
-    """Levels of noise are declared by their causes: no model takes them."""
+    """Levels of noise are no parameters of a model."""
     counted = Counter(parameter.enters for parameter in declared_parameters(2).values())
     assert set(counted) == set(get_args(Place)) - {"covariance"}
     assert (counted["knots"], counted["orientations"], counted["pixels"]) == (2, 9, 2)
@@ -38,8 +53,8 @@ def test_what_enters_the_law_is_a_constant_of_the_material_and_a_key_of_the_case
     # The elastic constants are scaled, not fitted one by one.
     fixed = {"C11", "C12", "C44"}
     assert {parameter.name for parameter in law} == set(MATERIAL_PARAMETERS) - fixed
-    keys = {parameter.key or parameter.name for parameter in law}
-    assert keys <= set(MaterialTable.model_fields)
+    keys = {parameter.key for parameter in law}
+    assert keys <= {f"material.{field}" for field in MaterialTable.model_fields}
 
 
 def test_scales_and_bounds_that_hang_on_the_material_are_those_of_the_one_given() -> None:
@@ -50,3 +65,53 @@ def test_scales_and_bounds_that_hang_on_the_material_are_those_of_the_one_given(
     changed = {name for name in paper if paper[name] != other[name]}
     assert "x0" in changed and "tau0" not in changed
     assert declared_parameters(2) == declared_parameters(2, Material())
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_the_declaration_of_a_parameter_is_found_by_its_name(name: str) -> None:
+    assert declaration_of(name) == EVERY[name]
+
+
+def test_levels_of_noise_are_no_parameters_of_the_general_model() -> None:
+    assert not set(COVARIANCE_PARAMETERS) & set(declared_parameters(4))
+
+
+def test_every_parameter_has_a_label_of_its_own_without_underscores() -> None:
+    labels = {name: label_of(name) for name in EVERY}
+    assert not [name for name, text in labels.items() if "_" in INDEXED.sub("", text)]
+    assert len(set(labels.values())) == len(labels)
+
+
+def test_labels_come_from_the_declarations(monkeypatch: pytest.MonkeyPatch) -> None:
+    shorter = tuple(
+        replace(one, label=f"label of {one.name}", short="") for one in LOAD_DECLARATIONS
+    )
+    monkeypatch.setattr(registry, "LOAD_DECLARATIONS", shorter)
+    assert label_of("load_gain") == short_label_of("load_gain") == "label of load_gain"
+
+
+def test_what_is_declared_no_more_or_without_a_label_is_written_by_its_name() -> None:
+    assert declaration_of("gone_term") is None
+    assert label_of("gone_term") == short_label_of("gone_term") == "gone_term"
+    assert label_of("c") == "c" and declaration_of("elongation_0") is None
+
+
+def test_beside_a_matrix_labels_are_short() -> None:
+    assert short_label_of("elongation_3") == "ΔU_Y 3" and short_label_of("origin_X") == "origin X"
+    assert max(len(short_label_of(name)) for name in EVERY if "lambda" in name) <= 4
+
+
+@pytest.mark.parametrize("parameter", EVERY.values(), ids=lambda one: one.name)
+def test_the_keys_of_a_declaration_lead_to_a_number_of_the_case(parameter: Parameter) -> None:
+    """Nulls of the case are those of the declarations, but for the constants of the law."""
+    case = default_case()
+    if parameter.key:
+        stated = case.value_at(parameter.key)
+        assert stated == getattr(case.material.to_material(), parameter.name, parameter.null)
+    if parameter.deviation_key:
+        assert case.value_at(parameter.deviation_key) == 0.0
+
+
+def test_laws_and_apex_amplitudes_have_a_start_in_the_case_and_all_others_are_extensions() -> None:
+    stated = {name for name, parameter in EVERY.items() if parameter.key}
+    assert stated == {*LAMBDAS, *(one.name for one in MATERIAL_DECLARATIONS), SIGMA_E.name}

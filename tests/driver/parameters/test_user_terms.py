@@ -19,8 +19,8 @@ from driver.workflow.pipeline import stages
 from tools import closed_form
 from tools.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
-METHOD = Path(__file__).resolve().parents[3] / "docs" / "method.md"
-SECTION = METHOD.read_text(encoding="utf-8").split("### Terms of your own")[1].split("\n### ")[0]
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "method" / "diagnosis.md"
+SECTION = PAGE.read_text(encoding="utf-8").split("\n## Terms of your own")[1].split("\n## ")[0]
 
 
 def install(folder: Path, module: str, entry_points: str) -> None:
@@ -120,7 +120,7 @@ def test_an_effect_of_a_term_is_named_by_a_cause_of_ones_own(documented: Path) -
     made = replace(made, data=replace(made.data, load=read))
     cell = replace(own[0], name="cell", category="instrument", parameters=("cell_warming",))
     found = diagnosis_of(problem, identified(problem, made), replace(SETTINGS, own=(*own, cell)))
-    assert found.verdict.causes[0] == "cell"
+    assert found.verdict.names[0] == "cell"
     assert found.extended.values["cell_warming"] == pytest.approx(0.5, rel=0.3)
     scored = {score.cause.name for score in found.steps[0].scores}
     assert {"cell", "swinging_grip"} <= scored

@@ -148,7 +148,7 @@ def test_the_variance_of_what_the_loads_do_not_tell_is_that_of_its_prior(
     width = dict(zip(names, results["prior/width"], strict=True))
     theta = np.sqrt(np.diag(results["covariance"]))[names.index("lambda_plus_Z")]
     assert theta == pytest.approx(width["lambda_plus_Z"])
-    assert "lambda_plus_Z: the data hardly see it; 100% of its variance" in log
+    assert "λ⁺_Z: the data hardly see it; 100% of its variance" in log
 
 
 def test_the_report_says_what_it_rests_on(finished: tuple[Path, str]) -> None:

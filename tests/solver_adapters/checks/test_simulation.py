@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_adapters.checks.simulation import _RULES, refuse_bad_simulation
+from solver_adapters.checks.simulation import refuse_bad_simulation
 from solver_adapters.interface import (
     BadSimulationError,
     FloatArray,
@@ -15,7 +15,7 @@ from solver_adapters.interface import (
     Trajectory,
     UnsupportedError,
 )
-from solver_adapters.material import MATERIAL_PARAMETERS, Material
+from solver_adapters.material import MATERIAL_PARAMETERS, Material, admissible_at
 from tests.solver_adapters.simulations import (
     GOOD,
     INF,
@@ -252,7 +252,14 @@ def test_broken_input_is_named_in_one_sentence(simulation: Simulation, sentence:
 
 
 def test_every_constant_of_the_law_has_a_rule() -> None:
-    assert set(_RULES) == set(MATERIAL_PARAMETERS)
+    assert set(admissible_at(Material())) == set(MATERIAL_PARAMETERS)
+
+
+@pytest.mark.parametrize("name", MATERIAL_PARAMETERS)
+def test_no_constant_of_the_law_may_be_infinite(name: str) -> None:
+    expected = admissible_at(Material())[name].words
+    with pytest.raises(UnsupportedError, match=rf"^{name} is inf; expected {expected}$"):
+        refuse_bad_simulation(of_material(**{name: INF}))
 
 
 def _turn(time: float, points: FloatArray) -> FloatArray:

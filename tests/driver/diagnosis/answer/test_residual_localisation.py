@@ -130,7 +130,7 @@ def test_the_misfit_is_that_of_the_motion_less_what_the_fit_takes_of_it() -> Non
 def test_what_the_extension_explains_is_gone_afterwards() -> None:
     made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": 2e-3})
     answer = diagnosis_of(BENCH, identified(BENCH, made))
-    assert answer.verdict.causes == ("tilt_drift",)
+    assert answer.verdict.names == ("tilt_drift",)
     where = whereabouts(answer, GEOMETRY, BENCH.history)
     assert any(one.seen for one in where.before) and not any(one.seen for one in where.after)
     assert told(where).endswith("The extended model leaves none of it.")

@@ -1,22 +1,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import get_args
 
 import pytest
 
 from driver.diagnosis.answer.verdict import (
     MOST_ADDITIONS,
+    Kind,
     Verdict,
     decide,
     with_doubts,
     with_places,
 )
-from driver.diagnosis.causes.causes import LIBRARY
+from driver.diagnosis.causes.all_causes import EVERY
+from driver.diagnosis.causes.causes import Cause
+from driver.diagnosis.search.image_noise import with_uneven_noise
 
-SENTENCES = {cause.name: cause.sentence for cause in LIBRARY}
-CHECKS = {cause.name: cause.check for cause in LIBRARY}
+BY_NAME = {cause.name: cause for cause in EVERY}
+SENTENCES = {cause.name: cause.sentence for cause in EVERY}
+CHECKS = {cause.name: cause.check for cause in EVERY}
 SLOW, SMOOTH = "a slow part of the loads", "a smooth motion"
 CONTRAST, GAIN, DRIFT = ("grain_contrast",), ("load_gain", "section_depth"), ("tilt_drift",)
+
+
+def causes(*names: str) -> tuple[Cause, ...]:
+    return tuple(BY_NAME[name] for name in names)
 
 
 def of(
@@ -28,7 +38,7 @@ def of(
     tried: bool = True,
 ) -> Verdict:
     left = () if accepted else (SLOW, SMOOTH)
-    return decide(added, left, imaging, numerics, SENTENCES, CHECKS, explained, tried)
+    return decide([causes(*names) for names in added], left, imaging, numerics, explained, tried)
 
 
 @pytest.mark.parametrize("kind", [of(), of(CONTRAST), of(GAIN)], ids=lambda one: one.kind)
@@ -54,7 +64,7 @@ def test_where_no_cause_could_be_tried_nothing_is_said_of_any() -> None:
 
 
 @pytest.mark.parametrize(
-    ("found", "kind", "causes"),
+    ("found", "kind", "names"),
     [
         (of(), "nothing wrong", ()),
         (of(accepted=False), "unexplained", ()),
@@ -73,8 +83,8 @@ def test_where_no_cause_could_be_tried_nothing_is_said_of_any() -> None:
         (of(CONTRAST, numerics="a finer mesh is needed"), "numerics", ("discretisation",)),
     ],
 )
-def test_the_kind_of_the_answer(found: Verdict, kind: str, causes: tuple[str, ...]) -> None:
-    assert found.kind == kind and found.causes == causes
+def test_the_kind_of_the_answer(found: Verdict, kind: str, names: tuple[str, ...]) -> None:
+    assert found.kind == kind and found.names == names and found.causes == causes(*names)
     assert found.text[0].isupper() and found.text.endswith(".") and found.next.endswith(".")
 
 
@@ -95,23 +105,25 @@ def test_what_cannot_be_told_apart_is_said_with_the_check_of_each() -> None:
     assert found.text.startswith(
         f"Either {SENTENCES['load_gain']}, or {SENTENCES['section_depth']}"
     )
-    assert found.next.startswith("These data cannot tell load_gain or section_depth.")
+    assert found.next.startswith("These data cannot tell load gain or depth of the section.")
     assert CHECKS["load_gain"] in found.next and CHECKS["section_depth"] in found.next
 
 
 @pytest.mark.parametrize("added", [(CONTRAST, GAIN), (GAIN, CONTRAST)])
 def test_a_cause_that_is_sure_stays_so_beside_a_set(added: tuple[Sequence[str], ...]) -> None:
     found = of(*added)
-    assert found.kind == "one of this set" and found.sets == added
+    assert found.kind == "one of this set" and found.sets == tuple(
+        causes(*names) for names in added
+    )
     assert f"either {SENTENCES['load_gain']}, or" in found.text.lower()
     assert f"either {SENTENCES['grain_contrast']}" not in found.text.lower()
-    assert f"Confirm grain_contrast: {CHECKS['grain_contrast']}." in found.next
-    assert "cannot tell load_gain or section_depth." in found.next
+    assert f"Confirm grain contrast: {CHECKS['grain_contrast']}." in found.next
+    assert "cannot tell load gain or depth of the section." in found.next
 
 
 def test_a_cause_that_was_added_beside_another_is_no_rival_of_it() -> None:
     found = of(("load_gain", "tilt_drift"), DRIFT)
-    assert found.kind == "named" and found.sets == (("load_gain",), DRIFT)
+    assert found.kind == "named" and found.sets == (causes("load_gain"), causes(*DRIFT))
 
 
 def test_what_is_left_is_said() -> None:
@@ -145,6 +157,37 @@ def test_a_fit_that_has_not_converged_is_told_with_the_answer() -> None:
 
 def test_what_could_not_be_added_is_told_with_the_answer_and_asks_for_no_other_fit() -> None:
     answer = of(CONTRAST)
-    told = with_doubts(answer, [], ["load_lag is not added, for the rounds come to no end"])
+    told = with_doubts(answer, [], ["load lag is not added, for the rounds come to no end"])
     assert told.text.startswith(answer.text) and told.text.endswith("come to no end.")
     assert told.next == answer.next
+
+
+IDENTIFIERS = [cause.name for cause in EVERY if "_" in cause.name]
+
+
+@pytest.mark.parametrize("cause", EVERY, ids=lambda cause: cause.name)
+def test_no_identifier_of_a_cause_stands_in_the_text_of_a_verdict(cause: Cause) -> None:
+    """Of every kind: the best of a set and its rival, alone and beside others."""
+    one, other = (cause.name,), tuple(n for n in ("load_gain", "tilt_drift") if n != cause.name)
+    answers = [
+        of(), of(accepted=False), of(imaging=True), of(tried=False), of(one, numerics="coarse"),
+        of(one), of((*one, *other)), of((*other, *one)), of(one, other), of(one, accepted=False),
+        of((*one, *other), accepted=False), of(one, accepted=False, explained=0.5),
+        of(one, CONTRAST, DRIFT, ("load_lag",)),
+    ]  # fmt: skip
+    assert {answer.kind for answer in answers} == set(get_args(Kind))
+    for answer in (*answers, *map(with_uneven_noise, answers)):
+        written = f"{answer.text} {answer.next}"
+        assert not [name for name in IDENTIFIERS if name in written]
+    assert cause.title in of(one).next and cause.title in of((*one, *other)).next
+
+
+@pytest.mark.parametrize("added", [(CONTRAST,), (GAIN,), (CONTRAST, DRIFT, ("load_lag",))])
+def test_a_verdict_writes_the_labels_that_its_causes_carry(
+    added: tuple[Sequence[str], ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, cause in BY_NAME.items():
+        monkeypatch.setitem(BY_NAME, name, replace(cause, label=f"label of {cause.title}"))
+    answer = of(*added)
+    assert all(cause.title.startswith("label of ") for cause in answer.causes)
+    assert all(cause.title in f"{answer.text} {answer.next}" for cause in answer.causes)

@@ -29,9 +29,9 @@ def test_every_cause_is_tried_or_left_out_with_a_reason() -> None:
     assert {one.cause for one in left} | {cause.name for cause in tried} == set(NAMES)
     assert len(left) + len(tried) == len(NAMES)
     why = {one.cause: one.why for one in left}
-    assert why["boundary_position"] == "the specimen has no boundary_shift"
+    assert why["boundary_position"] == "the specimen has no shift of the boundary along Y"
     assert why["isotropic_hardening"] == "the solver cannot honour Q"
-    assert why["load_gain"] == "load_gain is fitted in the baseline"
+    assert why["load_gain"] == "error of the load gain is fitted in the baseline"
     only = not_examined(specimen, solver, (), ("load_gain", "boundary_bow"))
     assert [one.cause for one in only] == ["boundary_bow"]
 
@@ -47,4 +47,4 @@ def test_a_cause_whose_companion_nobody_can_honour_is_not_tried() -> None:
     own = Cause("mine", "material", ("load_offset",), "", "", companions=("fixed_pattern",))
     assert causes_of(every - {"fixed_pattern"}, (), (), (own,)) == ()
     (left,) = not_examined(every, every - {"fixed_pattern"}, (), (), (own,))
-    assert left.why == "the solver cannot honour fixed_pattern"
+    assert left.why == "the solver cannot honour share of the flat pattern left"

@@ -71,7 +71,7 @@ def test_flips_that_make_the_same_lattices_are_tried_once() -> None:
     assert kept == (X,)
     assert {one.cause: one.why for one in left} == {
         Y.name: "it changes no lattice of this specimen",
-        Z.name: "it makes the same lattices as ebsd_flip_x",
+        Z.name: "it makes the same lattices as EBSD frame turned by half a turn about X",
     }
 
 

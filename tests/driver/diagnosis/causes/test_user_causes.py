@@ -23,7 +23,7 @@ from driver.workflow.pipeline import run
 from tools import closed_form
 from tools.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
-METHOD = Path(__file__).resolve().parents[4] / "docs" / "method.md"
+PAGE = Path(__file__).resolve().parents[4] / "docs" / "method" / "diagnosis.md"
 TWISTED = Cause(
     name="twisted_grip",
     category="boundary",
@@ -57,8 +57,8 @@ def case_with(folder: Path, *names: str) -> Case:
 
 
 def test_the_example_of_the_documentation_is_a_cause(tmp_path: Path) -> None:
-    section = METHOD.read_text("utf-8").partition("\n### Causes of your own\n")[2]
-    (example,) = re.findall(r"```toml\n(.*?)```", section.partition("\n### ")[0], re.S)
+    section = PAGE.read_text("utf-8").partition("\n## Causes of your own\n")[2]
+    (example,) = re.findall(r"```toml\n(.*?)```", section.partition("\n## ")[0], re.S)
     (tmp_path / "my.toml").write_text(example, encoding="utf-8")
     (cause,) = read_causes(tmp_path / "my.toml")
     assert (cause.name, cause.category) == ("work_hardened_skin", "material")
@@ -206,14 +206,17 @@ def test_a_change_of_a_design_may_ask_for_causes_of_the_files_alone(tmp_path: Pa
 def test_an_own_cause_that_cannot_be_tried_is_listed_with_the_reason() -> None:
     every = frozenset(declared_parameters(5))
     (left,) = not_examined(every, every - {"end_shear"}, (), None, (TWISTED,))[-1:]
-    assert (left.cause, left.why) == ("twisted_grip", "the solver cannot honour end_shear")
+    assert (left.cause, left.why) == (
+        "twisted_grip",
+        "the solver cannot honour sideways motion of S⁺ / half elongation",
+    )
 
 
 def test_an_effect_of_two_parameters_is_named_by_the_own_cause_that_has_both() -> None:
     problem = closed_form.problem()
     made = closed_form.objective(problem, problem.truth | {"end_rotation": 0.4, "end_shear": 0.4})
     found = diagnosis_of(problem, identified(problem, made), replace(SETTINGS, own=(TWISTED,)))
-    assert found.verdict.causes[0] == "twisted_grip"
+    assert found.verdict.names[0] == "twisted_grip"
     assert found.verdict.text.startswith("The grip is mounted askew")
     assert TWISTED.check in found.verdict.next
     assert found.extended.values["end_rotation"] == pytest.approx(0.4, rel=0.3)

@@ -10,7 +10,7 @@ import pytest
 
 from driver.diagnosis.answer.result_types import Diagnosis, Refit
 from driver.diagnosis.causes.all_causes import NAMES
-from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE, SIGMA_E
+from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.search import selection_round as one_round
 from driver.diagnosis.search.baseline import with_load_noise
 from driver.diagnosis.search.boundary_noise import (
@@ -36,6 +36,7 @@ from driver.identification.boundary_jitter import (
 )
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
+from driver.parameters.covariance import SIGMA_E
 from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import Simulation
 from tools import closed_form, closed_form_diagnosis
@@ -158,7 +159,7 @@ def test_loads_that_a_noise_of_the_boundary_explains_are_taken_back_and_it_is_na
     objective, fitted = baseline(2e-4, seed=208)
     assert bad_loads(fitted.best, objective.data)
     found = diagnosis_of(BENCH, (objective, fitted), SETTINGS)
-    assert found.verdict.causes == ("boundary_noise",)
+    assert found.verdict.names == ("boundary_noise",)
     assert not found.bad_loads and not found.objective.data.bad_loads
 
 
@@ -187,7 +188,7 @@ def test_real_noise_is_found_without_bias_by_the_loads_that_are_fast() -> None:
 
 def test_a_hidden_noise_of_the_boundary_is_named_and_its_level_found() -> None:
     found = diagnosed(NOISE)
-    assert found.verdict.kind == "named" and found.verdict.causes == ("boundary_noise",)
+    assert found.verdict.kind == "named" and found.verdict.names == ("boundary_noise",)
     assert found.steps[0].named == ("boundary_noise",) and len(found.steps[0].refits) == 1
     level, sigma = found.levels["sigma_e"]
     assert abs(level - NOISE) < 3 * sigma < level
@@ -220,13 +221,13 @@ def test_without_it_no_stop_is_simulated_and_the_reason_is_said() -> None:
 
 def test_a_slow_error_is_not_taken_for_noise() -> None:
     found = diagnosed(0.0, "stretch_curvature", 0.1)
-    assert found.verdict.causes == ("stretch_not_proportional",) and not found.levels
+    assert found.verdict.names == ("stretch_not_proportional",) and not found.levels
 
 
 def test_noise_and_a_slow_error_come_out_as_two() -> None:
     found = diagnosed(NOISE, "tilt_drift", 2e-3)
     assert found.verdict.kind == "named"
-    assert found.verdict.causes == ("boundary_noise", "tilt_drift")
+    assert found.verdict.names == ("boundary_noise", "tilt_drift")
     level, sigma = found.levels["sigma_e"]
     assert abs(level - NOISE) < 3 * sigma
     off = abs(found.extended.values["tilt_drift"] - 2e-3)
@@ -240,7 +241,7 @@ def test_a_suspected_noise_that_is_not_worth_adding_leaves_the_round_to_the_caus
     with patch.object(one_round, "refit_boundary_noise", worthless):
         found = diagnosis_of(BENCH, baseline(NOISE, "tilt_drift", 2e-3), SETTINGS)
     # What the noise leaves in the loads may be taken for something else besides.
-    assert "tilt_drift" in found.verdict.causes and not found.levels
+    assert "tilt_drift" in found.verdict.names and not found.levels
     noise = next(s for s in found.steps[0].scores if s.cause == BOUNDARY_NOISE)
     assert noise.p < FAMILY_LEVEL
 

@@ -103,7 +103,7 @@ def test_what_was_put_in_is_named_and_measured(
     parameter: str, value: float, cause: str, category: str
 ) -> None:
     found = diagnosed({parameter: value})
-    assert found.verdict.kind == "named" and found.verdict.causes == (cause,)
+    assert found.verdict.kind == "named" and found.verdict.names == (cause,)
     assert found.causes[0].category == category
     # The prior draws a weakly seen parameter towards its null.
     assert abs(found.extended.values[parameter] - value) < 3.5 * sigma(found, parameter)
@@ -113,7 +113,7 @@ def test_what_was_put_in_is_named_and_measured(
 
 def test_the_gain_is_measured_on_all_images_and_on_a_cycle_that_was_not_fitted() -> None:
     found = curved()
-    assert found.verdict.causes == ("stretch_not_proportional",)
+    assert found.verdict.names == ("stretch_not_proportional",)
     assert found.extended.values["stretch_curvature"] == pytest.approx(0.1, abs=0.01)
     assert found.explained == pytest.approx(1.0, abs=0.1)
     assert found.baseline.best.chi_load > 3 and found.extended.best.chi_load < 1.2
@@ -127,13 +127,13 @@ def test_the_gain_is_measured_on_all_images_and_on_a_cycle_that_was_not_fitted()
 def test_causes_that_scale_the_load_alike_are_one_set() -> None:
     found = diagnosed({"elastic_scale": 1.2})
     assert found.verdict.kind == "one of this set"
-    assert {"elastic_stiffness", "load_gain", "section_depth"} <= set(found.verdict.causes)
+    assert {"elastic_stiffness", "load_gain", "section_depth"} <= set(found.verdict.names)
 
 
 def test_two_effects_come_out_as_two() -> None:
     found = diagnosed({"tilt_drift": 2e-3, "load_drift": 50.0})
     assert found.verdict.kind == "named"
-    assert set(found.verdict.causes) == {"tilt_drift", "load_drift"}
+    assert set(found.verdict.names) == {"tilt_drift", "load_drift"}
     assert found.steps[0].named == ("tilt_drift",) and len(found.steps) == 3
 
 
@@ -159,7 +159,7 @@ def test_a_load_that_is_wrong_alone_is_left_out_and_blamed_on_no_cause(frame: in
 def test_an_effect_beside_a_wrong_load_is_named() -> None:
     wrong = np.where(np.arange(BENCH.history.n_images) == 20, -40.0, 0.0)
     found = diagnosed({"tilt_drift": 2e-3}, in_load=wrong, settings=NONE_HELD_OUT)
-    assert found.verdict.causes == ("tilt_drift",)
+    assert found.verdict.names == ("tilt_drift",)
     assert [bad.frame for bad in found.bad_loads] == [20]
 
 
@@ -167,7 +167,7 @@ def test_an_effect_beside_a_wrong_load_is_named() -> None:
 def test_a_cause_that_shows_in_few_loads_is_named_and_they_are_kept(parameter: str) -> None:
     value = {"load_offset": 30.0, "load_lag": 3.0}[parameter]
     found = diagnosed({parameter: value}, settings=NONE_HELD_OUT)
-    assert parameter in found.verdict.causes and not found.bad_loads
+    assert parameter in found.verdict.names and not found.bad_loads
 
 
 @pytest.mark.parametrize("stated", [1 / 2.2, 2.2])
@@ -227,7 +227,7 @@ def test_flips_that_are_not_wanted_are_not_tried() -> None:
         {"stretch_curvature": 0.1},
         settings=replace(NONE_HELD_OUT, wanted=("stretch_not_proportional",)),
     )
-    assert found.verdict.causes == ("stretch_not_proportional",) and not found.not_examined
+    assert found.verdict.names == ("stretch_not_proportional",) and not found.not_examined
 
 
 def test_only_wanted_causes_are_tried() -> None:
@@ -237,7 +237,7 @@ def test_only_wanted_causes_are_tried() -> None:
     )
     tried = {s.cause.name for s in found.steps[0].scores}
     assert tried == {"load_gain", "end_rotation", NUMERICS.name}
-    assert "tilt_drift" not in found.verdict.causes and found.held_out is None
+    assert "tilt_drift" not in found.verdict.names and found.held_out is None
 
 
 def test_images_that_free_correlation_cannot_follow_limit_what_is_named() -> None:
@@ -269,7 +269,7 @@ def test_a_simulation_that_changes_its_own_error_is_refused_a_verdict() -> None:
     agreed = identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
     found = diagnosis_of(BENCH, agreed, SETTINGS, by=0.5)
     assert found.verdict.kind == "numerics" and not found.gate.passed
-    assert f"by {found.gate.effect:.1f} σ along {found.gate.cause}" in found.verdict.text
+    assert f"by {found.gate.effect:.1f} σ along {found.gate.along.title}" in found.verdict.text
     # Both are of one mesh: it is the steps that this solver takes otherwise.
     assert found.gate.needed == "steps"
     assert "time steps half as long are needed" in found.verdict.text

@@ -44,16 +44,16 @@ def test_what_the_steps_alone_do_not_explain_is_the_mesh(
     fine = OTHER_STEPS if steps_differ else BENCH.model
     found = gate(*baseline(), change(times), fine, [], ["tau0", "c"])
     assert not found.passed and found.needed == needed
-    assert found.words is not None and found.words.endswith(f"along {found.cause}; {told}")
+    assert found.words is not None and found.words.endswith(f"along {found.along.title}; {told}")
 
 
 def test_a_correction_that_has_not_changed_passes_without_another_simulation() -> None:
     objective, here = baseline()
     found = gate(objective, here, objective.correction, OTHER_STEPS, [], ["tau0"])
     assert found.passed and found.effect == pytest.approx(0.0, abs=1e-9)
-    assert found.cause == "tau0" and found.needed is None and found.words is None
+    assert found.along.name == "tau0" and found.needed is None and found.words is None
 
 
 def test_where_no_cause_could_be_tried_nothing_can_be_mistaken() -> None:
     found = gate(*baseline(), change(1.0), OTHER_STEPS, [], [])
-    assert found.passed and found.cause == NUMERICS.name
+    assert found.passed and found.along == NUMERICS

@@ -7,7 +7,7 @@ from unittest.mock import patch
 import pytest
 
 from driver.diagnosis.answer.result_types import Diagnosis, DiscretisationCheck, Refit, Settings
-from driver.diagnosis.causes.causes import Cause
+from driver.diagnosis.causes.causes import LIBRARY, Cause
 from driver.diagnosis.search import forward_selection
 from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
 from driver.diagnosis.search.extension import Extension, extended
@@ -22,6 +22,7 @@ from tools import closed_form
 from tools.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
 
 BENCH = closed_form.problem()
+BY_NAME = {cause.name: cause for cause in LIBRARY}
 TRUE, WRONG, OTHER = "tilt_drift", "magnification_drift", "end_rotation"
 
 
@@ -62,7 +63,7 @@ def diagnosed(
 
 def test_of_causes_that_evidence_does_not_part_the_one_that_leaves_nothing_is_named() -> None:
     found = diagnosed((WRONG, OTHER, TRUE), (WRONG, OTHER, TRUE))
-    assert found.verdict.kind == "named" and found.verdict.causes == (TRUE,)
+    assert found.verdict.kind == "named" and found.verdict.names == (TRUE,)
     first, last = found.steps
     assert first.named == (TRUE,) and first.left_something == (WRONG, OTHER)
     assert last.omnibus.accepted and TRUE in found.extended.best.free
@@ -71,7 +72,7 @@ def test_of_causes_that_evidence_does_not_part_the_one_that_leaves_nothing_is_na
 
 def test_a_cause_that_was_told_from_the_best_is_not_taken_into_the_set_of_another() -> None:
     found = diagnosed((WRONG, OTHER, TRUE), (WRONG, TRUE))
-    assert found.verdict.kind == "named" and found.verdict.causes == (TRUE,)
+    assert found.verdict.kind == "named" and found.verdict.names == (TRUE,)
     assert found.steps[0].named == (TRUE,) and found.steps[0].left_something == (WRONG,)
 
 
@@ -90,7 +91,7 @@ def test_where_each_of_a_set_leaves_something_the_one_of_most_evidence_stays() -
 
 
 def test_what_another_mesh_takes_away_asks_for_no_other_cause() -> None:
-    gone = DiscretisationCheck(2.0, OTHER, "mesh", between_meshes=True)
+    gone = DiscretisationCheck(2.0, BY_NAME[OTHER], "mesh", between_meshes=True)
     found = diagnosed((WRONG, TRUE), (WRONG, TRUE), gone)
     assert found.steps[0].named == (WRONG, TRUE) and not found.steps[0].left_something
 
@@ -129,25 +130,30 @@ def unless(*failing: str) -> Callable[[Extension, Refit, Settings], Extension]:
 def test_a_cause_whose_model_cannot_be_simulated_finer_gives_way_to_the_next() -> None:
     with patch.object(forward_selection, "extended", unless(WRONG)):
         found = diagnosed((WRONG, TRUE), (WRONG, TRUE))
-    assert found.verdict.kind == "named" and found.verdict.causes == (TRUE,)
+    assert found.verdict.kind == "named" and found.verdict.names == (TRUE,)
     assert found.steps[0].named == (TRUE,)
-    told = f"{WRONG} is not added, for its model cannot be simulated (a cell is inside out)"
+    why = "its model cannot be simulated (a cell is inside out)"
+    told = f"{BY_NAME[WRONG].title} is not added, for {why}"
     assert told in found.verdict.text and not found.verdict.next.startswith("Let the fit")
 
 
 def test_where_none_of_the_causes_can_be_simulated_finer_none_is_named_and_that_is_told() -> None:
     with patch.object(forward_selection, "extended", unless(WRONG, TRUE)):
         found = diagnosed((WRONG, TRUE), (WRONG, TRUE))
-    assert found.verdict.kind == "unexplained" and not found.verdict.causes
+    assert found.verdict.kind == "unexplained" and not found.verdict.names
     assert found.extended is found.baseline and found.steps[-1].named == ()
-    assert all(f"{name} is not added" in found.verdict.text for name in (WRONG, TRUE))
+    assert all(
+        f"{BY_NAME[name].title} is not added" in found.verdict.text for name in (WRONG, TRUE)
+    )
 
 
 def test_rounds_that_come_to_no_end_are_told() -> None:
     with patch.object(forward_selection, "MOST_STEPS", 1):
         found = diagnosed((TRUE,), (TRUE,))
     assert found.verdict.kind == "unexplained" and not found.causes
-    assert f"{TRUE} is not added, for the rounds come to no end" in found.verdict.text
+    assert (
+        f"{BY_NAME[TRUE].title} is not added, for the rounds come to no end" in found.verdict.text
+    )
 
 
 def test_a_cause_that_is_added_after_all_is_not_told_to_be_missing() -> None:
@@ -165,8 +171,8 @@ def test_a_cause_that_is_added_after_all_is_not_told_to_be_missing() -> None:
 
     with patch.object(forward_selection, "extended", at_first):
         found = diagnosis_of(BENCH, baseline, settings)
-    assert set(found.verdict.causes) == {TRUE, "load_drift"} and tries[0] == tries[2]
+    assert set(found.verdict.names) == {TRUE, "load_drift"} and tries[0] == tries[2]
     assert "is not added" not in found.verdict.text
     with patch.object(forward_selection, "extended", unless(tries[0])):
         found = diagnosis_of(BENCH, baseline, settings)
-    assert found.verdict.text.count(f"{tries[0]} is not added") == 1
+    assert found.verdict.text.count(f"{BY_NAME[tries[0]].title} is not added") == 1

@@ -66,7 +66,7 @@ def diagnosed(kind: str, hidden: str = "", size: float = 0.0) -> Diagnosis:
 @pytest.mark.parametrize("kind", ["steep", "defocus"])
 def test_noise_that_differs_over_the_pixels_is_named_and_weighted(kind: str) -> None:
     found = diagnosed(kind)
-    assert found.verdict.kind == "named" and found.verdict.causes == ("noise_not_uniform",)
+    assert found.verdict.kind == "named" and found.verdict.names == ("noise_not_uniform",)
     ratio, sigma = found.levels["noise_ratio"]
     images = found.objective.data.image.images
     low, high = np.percentile(uneven(kind)[images.rows, images.cols], (5, 95))
@@ -102,10 +102,10 @@ def test_under_even_noise_p_is_no_smaller_than_it_should_be() -> None:
 
 def test_a_model_error_is_not_taken_for_noise_and_both_come_out() -> None:
     alone = diagnosed("even", "tilt_drift", 2e-3)
-    assert alone.verdict.causes == ("tilt_drift",)
+    assert alone.verdict.names == ("tilt_drift",)
     both = diagnosed("steep", "tilt_drift", 2e-3)
     assert both.verdict.kind == "named"
-    assert both.verdict.causes == ("noise_not_uniform", "tilt_drift")
+    assert both.verdict.names == ("noise_not_uniform", "tilt_drift")
 
 
 def test_weighted_numbers_of_uneven_noise_are_white() -> None:

@@ -59,7 +59,7 @@ def diagnosed(
 
 def test_what_is_there_on_another_mesh_as_well_is_named() -> None:
     found, _ = diagnosed(DRIFT, FINE)
-    assert found.verdict.kind == "named" and found.verdict.causes == ("tilt_drift",)
+    assert found.verdict.kind == "named" and found.verdict.names == ("tilt_drift",)
 
 
 class LittleErringMesh(ErringMesh):
@@ -71,7 +71,7 @@ class LittleErringMesh(ErringMesh):
 def test_what_is_named_has_the_mean_of_both_meshes_and_what_either_is_off_is_told() -> None:
     little = replace(BENCH.model, adapter=LittleErringMesh(0.001))
     (one, _), (both, lines) = (diagnosed(DRIFT, mesh) for mesh in (FINE, little))
-    assert one.verdict.causes == both.verdict.causes == ("tilt_drift",)
+    assert one.verdict.names == both.verdict.names == ("tilt_drift",)
     half = 0.25 * DRIFT
     moved = both.extended.values["tilt_drift"] - one.extended.values["tilt_drift"]
     assert moved == pytest.approx(-half, rel=0.05)
@@ -88,7 +88,7 @@ def test_where_both_meshes_agree_neither_is_off(size: float) -> None:
 def test_what_another_mesh_takes_away_is_not_named_and_a_finer_one_is_asked_for() -> None:
     found, lines = diagnosed(DRIFT, ERRING)
     assert found.verdict.kind == "numerics" and not found.causes
-    assert "what looks like tilt_drift is gone on another mesh" in found.verdict.text
+    assert "what looks like tilt drift is gone on another mesh" in found.verdict.text
     assert "a mesh half as large is needed" in found.verdict.text
     assert found.gate.between_meshes and found.gate.needed == "mesh"
     first = found.steps[0].scores[0]
@@ -182,7 +182,7 @@ def test_what_the_meshes_differ_by_is_taken_at_the_extended_model() -> None:
     objective, baseline = identified(BENCH, made)
     both = FineModels(FINE, lambda: meshes.pop(0))
     found = diagnose(baseline, objective, both, BENCH.history.cycle, WANTED)
-    assert found.verdict.causes == ("tilt_drift",) and not meshes
+    assert found.verdict.names == ("tilt_drift",) and not meshes
     assert found.off_by_mesh("tilt_drift") == pytest.approx(0.0, abs=1e-5 * DRIFT)
     agreeing, _ = diagnosed(DRIFT, FINE)
     value = agreeing.extended.values["tilt_drift"]

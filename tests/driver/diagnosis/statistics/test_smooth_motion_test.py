@@ -104,7 +104,7 @@ def diagnosed(solver: closed_form.ClosedFormSolver) -> Diagnosis:
 
 def test_what_moves_the_face_smoothly_and_is_like_no_cause_is_unexplained() -> None:
     found = diagnosed(Little())
-    assert found.verdict.kind == "unexplained" and not found.verdict.causes
+    assert found.verdict.kind == "unexplained" and not found.verdict.names
     tests = found.steps[-1].omnibus
     assert tests.smooth < 1e-4 and min(tests.image_slow, tests.together) > 0.01
     assert diagnosed(Warped()).verdict.kind == "nothing wrong"

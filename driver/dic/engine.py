@@ -1,0 +1,279 @@
+"""The correlation engine: the motion of every image, with the noise and roughness they ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from driver.dic.basis import Basis, motion_at_pixels
+from driver.dic.factor import Matrix
+from driver.dic.messages import explanation
+from driver.dic.missing_pixels import Equations
+from driver.dic.regularisation import Penalty, penalties, ranks
+from driver.dic.regularisation_evidence import Evidence, NoiseAndRoughness, weigh
+from driver.dic.residual_noise import residual_chi, residual_variance
+from driver.dic.system import End, Pixels, System
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+Result = TypeVar("Result")
+
+FIRST_ROUGHNESS = 1.0  # px; where the estimate of what the motion needs begins
+FIRST_ROUGHNESS_W, FIRST_NOISE = 0.1, 0.05  # of the relief
+COARSE = 2e-2  # px; largest update at the end before an estimate, and enough to warp images back
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What is known of the noise of the images.
+
+    Attributes:
+        n_reference: number of images averaged into the reference.
+        sigma: standard deviation of the noise of one image at a pixel [µm]; None for what the
+            residual says.
+        sigma_flat: standard error of the flat pattern that was subtracted [µm]; known with sigma.
+    """
+
+    n_reference: int
+    sigma: float | None = None
+    sigma_flat: float = 0.0
+
+
+@dataclass(frozen=True)
+class Regularisation:
+    """What is penalised, and how much of it is granted.
+
+    Attributes:
+        penalty: of u and v; None for "tikhonov" on a grid and "equilibrium_gap" elsewhere.
+        roughness: standard deviation granted to what is penalised of u, v [µm]; infinity for no
+            penalty, None for what makes the images most probable.
+        roughness_w: the same of w [µm].
+    """
+
+    penalty: Penalty | None
+    roughness: float | None
+    roughness_w: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Images to be correlated with one reference.
+
+    Attributes:
+        pixels: the reference over n_pix pixels, and the gradient by which motion is seen.
+        basis_uv: basis of u and of v at these pixels.
+        basis_w: basis of w.
+        splines: cubic B-spline coefficients of the T images [µm], NaN where nothing was measured.
+        noise: of the images.
+    """
+
+    pixels: Pixels
+    basis_uv: Basis
+    basis_w: Basis
+    splines: Sequence[FloatArray]
+    noise: Noise
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Measured motion in T images.
+
+    Attributes:
+        equations: normal equations of the last iterations.
+        coefficients: nodal values [u | v | w] [µm], shape (T, n).
+        residual: ρ = f + w − g(x + u, y + v) at each pixel [µm], NaN where not compared,
+            shape (T, n_pix).
+        noise: what was known of it.
+        estimate: noise and roughness, as given or as the images say.
+        lost: whether most of the pixels left the image or the iteration diverged, (T,).
+        iterations: Gauss–Newton steps of the last iterations, (T,).
+        converged: whether the update fell below the tolerance, (T,).
+        reason: why each image's iteration ended, and what to try if it failed, length T.
+    """
+
+    equations: Equations
+    coefficients: FloatArray
+    residual: FloatArray
+    noise: Noise
+    estimate: NoiseAndRoughness
+    lost: BoolArray
+    iterations: IntArray
+    converged: BoolArray
+    reason: tuple[str, ...]
+
+    @property
+    def system(self) -> System:
+        """The equations of an image that has every pixel: bases, Hessian, penalties and factor."""
+        return self.equations.whole
+
+    @property
+    def basis_uv(self) -> Basis:
+        """Basis of u and of v."""
+        return self.system.basis_uv
+
+    @property
+    def basis_w(self) -> Basis:
+        """Basis of w."""
+        return self.system.basis_w
+
+    def variance(self, t: int) -> FloatArray:
+        """Variance of ρ of image t from noise alone [µm²], shape (n_pix,)."""
+        return _variance(self.system, self.coefficients[t], self.noise, self.estimate.sigma)
+
+    @property
+    def chi(self) -> FloatArray:
+        """Residual of each image in units of noise, degrees of freedom counted, shape (T,).
+
+        The relief stands for the residual of an image that is lost.
+        """
+        height, freedom = self.system.pixels.height, self.system.freedom()
+        chi = np.empty(len(self.lost))
+        for t, lost in enumerate(self.lost):
+            residual = height - height.mean() if lost else self.residual[t]
+            chi[t : t + 1] = residual_chi(residual[None], self.variance(t), freedom)
+        return chi
+
+    def covariance_of(self, functionals: FloatArray, noise: Matrix | None = None) -> FloatArray:
+        """Covariance that the noise of one image causes in linear functionals of [u | v | w].
+
+        σ² L A⁻¹ N A⁻¹ Lᵀ with A = M + P. Between the images t and t' it is to be multiplied by
+        δ_tt' + 1/n_reference. A penalty takes noise away and adds a bias, which is not in it.
+
+        Args:
+            functionals: L, shape (m, n).
+            noise: N, covariance of the right-hand side b over σ² (1 + 1/n_reference), shape (n, n);
+                M if None: between the pixels interpolation smoothes the noise of an image, but
+                its slopes as much.
+        """
+        noise = self.system.hessian if noise is None else noise
+        return self.estimate.sigma**2 * self.system.covariance_of(functionals, noise)
+
+
+def solve(
+    problem: Problem,
+    starts: FloatArray,
+    regularisation: Regularisation,
+    tolerance: float,
+    workers: int = 1,
+) -> Solution:
+    """Find the motion of every image against the reference.
+
+    The residual is ρ = f + w − g(x + u, y + v). With ∇f = (∂f/∂x, ∂f/∂y, −1) and the nodal
+    functions ψ of all three components, each Gauss–Newton step solves (M + P) δ = b − P p,
+
+        M_ij = Σ (∇f·ψ_i)(∇f·ψ_j),    b_i = Σ (∇f·ψ_i) ρ,
+
+    factored once for all images. P = σ²(1 + 1/n)(R_uv/a_uv² + R_w/a_w²), with the penalties R of
+    `regularisation`, keeps modes in bounds that a weak pattern leaves to the noise.
+
+    Where σ or a roughness a is not given:
+
+    1. the images are solved roughly, with 1 pixel for u, v and a tenth of the relief for w;
+    2. σ is taken from their residual, and each a from their motion, by `Evidence`;
+    3. the images are solved again from the motion that this leads to.
+
+    A pixel without a height in one image is left out of ρ, b and M of that image alone. An image
+    that is lost has no say in σ and a.
+
+    Args:
+        problem: the images.
+        starts: nodal values [µm], shape (T, n).
+        regularisation: penalty and roughness.
+        tolerance: largest nodal update of u, v at the end [px].
+        workers: threads over the images; the result does not depend on it.
+    """
+    pixels, noise = problem.pixels, problem.noise
+    relief = float(np.std(pixels.height))
+    estimate = NoiseAndRoughness(
+        sigma=noise.sigma or FIRST_NOISE * relief,
+        roughness=regularisation.roughness or FIRST_ROUGHNESS * pixels.pixel,
+        roughness_w=regularisation.roughness_w or FIRST_ROUGHNESS_W * relief,
+    )
+    bases, penalty = (problem.basis_uv, problem.basis_w), regularisation.penalty
+    system = System(pixels, *bases, penalties(*bases, penalty))
+    weigh(system, estimate, noise.n_reference)
+    free = (regularisation.roughness is None, regularisation.roughness_w is None)
+    if any(free) or (noise.sigma is None and any(system.weights)):
+        _, ends = _solved(problem, system, estimate, starts, COARSE, workers)
+        kept = followed(_lost(ends))
+        sigma = noise.sigma or _sigma(system, ends, noise)
+        evidence = Evidence(system, ranks(*bases, penalty), free, noise.n_reference)
+        p = np.array([end.p for end in ends])[kept]
+        estimate, p = evidence.settle(p, estimate, sigma)
+        starts = starts.copy()
+        starts[kept] = p
+    equations, ends = _solved(problem, system, estimate, starts, tolerance, workers)
+    if noise.sigma is None:
+        estimate = replace(estimate, sigma=_sigma(system, ends, noise))
+    return Solution(
+        equations=equations,
+        coefficients=np.array([end.p for end in ends]),
+        residual=np.array([end.residual for end in ends]),
+        noise=noise,
+        estimate=estimate,
+        lost=_lost(ends),
+        iterations=np.array([end.iterations for end in ends]),
+        converged=np.array([end.reason == "converged" for end in ends]),
+        reason=tuple(explanation(end, tolerance) for end in ends),
+    )
+
+
+def _solved(
+    problem: Problem,
+    system: System,
+    estimate: NoiseAndRoughness,
+    starts: FloatArray,
+    tolerance: float,
+    workers: int,
+) -> tuple[Equations, list[End]]:
+    """Solve all images with the system as it is weighed."""
+    variance = estimate.variance(problem.noise.n_reference)
+    equations = Equations(system, variance / float(np.var(problem.pixels.height)))
+
+    def end(spline: FloatArray, start: FloatArray) -> End:
+        return equations.solve(spline, start, tolerance)
+
+    return equations, in_threads(end, workers, problem.splines, list(starts))
+
+
+def in_threads(
+    work: Callable[..., Result], workers: int, *arguments: Sequence[FloatArray]
+) -> list[Result]:
+    """Results of `work` on the arguments of each image, in their order."""
+    if min(workers, len(arguments[0])) == 1:
+        return list(map(work, *arguments))
+    with ThreadPoolExecutor(workers) as pool:
+        return list(pool.map(work, *arguments))
+
+
+def followed(lost: BoolArray) -> BoolArray:
+    """Return the images that are not lost; all where none is left."""
+    return lost if lost.all() else ~lost
+
+
+def _lost(ends: Sequence[End]) -> BoolArray:
+    return np.array([end.reason in ("left", "diverged") for end in ends])
+
+
+def _sigma(system: System, ends: Sequence[End], noise: Noise) -> float:
+    """Noise of one image that the residuals of those that are not lost say."""
+    squares, freedom, each = 0.0, 0.0, system.freedom()
+    for end, kept in zip(ends, followed(_lost(ends)), strict=True):
+        if kept:
+            squares += float(np.nansum(end.residual**2 / _variance(system, end.p, noise, 1.0)))
+            freedom += float(np.isfinite(end.residual).sum()) - each
+    return float(np.sqrt(squares / max(freedom, 1.0)))
+
+
+def _variance(system: System, p: FloatArray, noise: Noise, sigma: float) -> FloatArray:
+    """Variance of ρ from noise alone, for nodal values p of one image, shape (n_pix,)."""
+    at = system.pixels
+    shift = motion_at_pixels(system.basis_uv, system.basis_w, p[None])[0, :, :2] / at.pixel
+    places = np.column_stack([at.rows, at.cols])
+    return residual_variance(places, shift, sigma, noise.n_reference, noise.sigma_flat)
