@@ -51,9 +51,9 @@ def stored_code_aster() -> Iterator[Agreement]:
     with np.load(calculix_prism.REFERENCE.with_name("code_aster_point.npz")) as data:
         times, strains, _, stress = data["table"][:, :4].T
     law = Material(strain_measure="small")
-    found = BundledAdapter().solve(uniaxial(law, ORIENTATIONS[0], times, strains)).force
+    own_force = BundledAdapter().solve(uniaxial(law, ORIENTATIONS[0], times, strains)).force
     pair = "Code_Aster 15.2 (stored), one element, its 60 steps"
-    yield Agreement(pair, "force [% of peak]", force_error(found, stress), GOALS["element"])
+    yield Agreement(pair, "force [% of peak]", force_error(own_force, stress), GOALS["element"])
     asked, expected = code_aster_prism.reference()
     ends, table_of_forces = code_aster_prism.forces()
     rows = np.searchsorted(ends, table_of_forces[:, 0] - 1e-6)

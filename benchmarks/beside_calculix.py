@@ -75,8 +75,8 @@ def as_accurate(
     for steps in range(15, 66, 3):
         instants = calculix_prism.graded_times(steps)
         run = in_child(own_run, instants, integration)
-        found = force_errors(instants, run.force, common)
-        if found[0] <= rms and found[1] <= largest:
+        errors = force_errors(instants, run.force, common)
+        if errors[0] <= rms and errors[1] <= largest:
             again = [in_child(own_run, instants, integration) for _ in range(2)]
             return instants, min((run, *again), key=lambda run: run.cpu)
     raise RuntimeError(f"{integration}: {steps} steps are not as accurate as CalculiX")

@@ -35,20 +35,20 @@ def stated_by(trial: Trial, recorded: Case) -> Case:
     predicted only where the trial has a figure of it: no answer hangs on it.
     """
     noise = measured_with(trial) if trial.kind in ("known", "large") else known_case()
-    told: dict[str, object] = {
+    tables: dict[str, object] = {
         "loads": recorded.loads.model_copy(update={"noise_uN": noise.loads.noise_uN}),
         "material": recorded.material.model_copy(update=dict(trial.companions)),
     }
     if _is_elastic(trial):
         parameters = (*recorded.identification.parameters, "K")
-        told["identification"] = recorded.identification.model_copy(
+        tables["identification"] = recorded.identification.model_copy(
             update={"parameters": parameters}
         )
     if trial.kind == "jitter":
-        told["boundary"] = recorded.boundary.model_copy(update={"jitter_nm": trial.level})
+        tables["boundary"] = recorded.boundary.model_copy(update={"jitter_nm": trial.level})
     if trial.kind != "cause" or trial.seed % HELD_OUT:
-        told["diagnosis"] = recorded.diagnosis.model_copy(update={"held_out_cycle": "none"})
-    return recorded.model_copy(update=told)
+        tables["diagnosis"] = recorded.diagnosis.model_copy(update={"held_out_cycle": "none"})
+    return recorded.model_copy(update=tables)
 
 
 def _is_elastic(trial: Trial) -> bool:

@@ -38,21 +38,23 @@ def quick(seed: int = 7) -> None:
     alone: list[bool] = []
     while time.process_time() - began < BUDGET:
         if (len(silent) + len(right)) % SHARE_OF_NULLS == 0:
-            found = _diagnosed({}, rng)
-            silent.append(_is_silent(found))
-            named.append(bool(found.verdict.names))
+            diagnosis = _diagnosed({}, rng)
+            silent.append(_is_silent(diagnosis))
+            named.append(bool(diagnosis.verdict.names))
             continue
         cause = str(rng.choice(list(of_size)))
         parameter, sides = of_size[cause]
         value = float(rng.choice(sides))
-        found = _diagnosed({parameter: value}, rng)
-        answer = found.verdict.names
+        diagnosis = _diagnosed({parameter: value}, rng)
+        answer = diagnosis.verdict.names
         right.append(cause in answer)
         alone.append(answer == (cause,))
         if not right[-1]:
-            told = f"{found.verdict.kind}, {', '.join(answer) or 'no cause'}"
-            statistic = next(s.statistic for s in found.steps[0].scores if s.cause.name == cause)
-            print(f"miss: {parameter} = {value:g}: {told}; its statistic {statistic:.1f}")
+            outcome = f"{diagnosis.verdict.kind}, {', '.join(answer) or 'no cause'}"
+            statistic = next(
+                s.statistic for s in diagnosis.steps[0].scores if s.cause.name == cause
+            )
+            print(f"miss: {parameter} = {value:g}: {outcome}; its statistic {statistic:.1f}")
     n = len(silent) + len(right)
     print(f"closed form: {len(of_size)} causes, each of {LEVEL:g} σ")
     show_share("closed form, null: something named [%]", named, "<= 1")
@@ -74,7 +76,7 @@ def _is_silent(found: Diagnosis) -> bool:
 
 def _effects(null: Diagnosis) -> dict[str, tuple[str, list[float]]]:
     """By cause its parameter, and the values of it that leave a misfit of `LEVEL`."""
-    parameters, found = null.objective.parameters, {}
+    parameters, effects = null.objective.parameters, {}
     for score in null.steps[0].scores:
         cause = score.cause
         if len(cause.parameters) > 1 or cause.parameters[0] not in parameters:
@@ -86,5 +88,5 @@ def _effects(null: Diagnosis) -> dict[str, tuple[str, list[float]]]:
         theta = size * p.width
         sides = [theta] if cause.one_sided else [theta, -theta]
         null_value = BENCH.truth[p.name]
-        found[cause.name] = (p.name, [p.value(side, null_value) for side in sides])
-    return found
+        effects[cause.name] = (p.name, [p.value(side, null_value) for side in sides])
+    return effects

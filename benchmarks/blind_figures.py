@@ -42,8 +42,8 @@ def print_figures(lines: Sequence[Record]) -> None:
     for kind in SILENT:
         of = _of(ran, kind)
         show_share(f"{kind}: something named [%]", [bool(line["said"]) for line in of], "<= 1")
-        said = [line["verdict"] != "nothing wrong" for line in of]
-        show_share(f"{kind}: anything said [%]", said, "<= 2.5")
+        answered = [line["verdict"] != "nothing wrong" for line in of]
+        show_share(f"{kind}: anything said [%]", answered, "<= 2.5")
     large = [line for line in kinds["cause"] if line["misfit"] >= 6]
     _of_causes("misfit >= 6 sigma", large, "97")
     loud = [line for line in kinds["cause"] + kinds["large"] if line["chi_load"][0] >= 10]
@@ -92,8 +92,8 @@ def print_figures(lines: Sequence[Record]) -> None:
     for kind, goal in (*((kind, 6) for kind in SILENT), *((k, 25) for k in LOUD)):
         times = [line["cpu"] for line in _of(ran, kind)]
         if times:
-            told = f"{np.median(times):.1f}, mean {np.mean(times):.1f}"
-            print(f"{kind}: CPU time of a diagnosis, median [s] = {told} (goal: <= {goal})")
+            times_told = f"{np.median(times):.1f}, mean {np.mean(times):.1f}"
+            print(f"{kind}: CPU time of a diagnosis, median [s] = {times_told} (goal: <= {goal})")
     made = [line["cpu_of_truth"] for line in ran]
     print(
         f"CPU time of all truths, of all diagnoses [h] = {sum(made) / 3600:.2f}, "
@@ -132,10 +132,10 @@ def has_class(line: Record) -> bool:
 
 def has_both(line: Record) -> bool:
     """Whether each of two truths is in a set of its own."""
-    one, two = (set(line["alike"][name]) for name in line["trial"]["truths"])
+    first, two = (set(line["alike"][name]) for name in line["trial"]["truths"])
     sets = [set(named) for named in _sets(line)]
     return any(
-        one & a and two & b for k, a in enumerate(sets) for m, b in enumerate(sets) if k != m
+        first & a and two & b for k, a in enumerate(sets) for m, b in enumerate(sets) if k != m
     )
 
 
@@ -212,8 +212,8 @@ def _of_b_30(line: Record) -> bool:
 
 def _in_a_set(line: Record) -> bool:
     """Whether the truth is one of several that the answer names, or nothing of it is seen."""
-    found = _set(line)
-    return not found or (len(found) > 1 and line["trial"]["truths"][0] in found)
+    names = _set(line)
+    return not names or (len(names) > 1 and line["trial"]["truths"][0] in names)
 
 
 def _named_alone(line: Record) -> bool:

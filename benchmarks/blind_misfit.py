@@ -50,13 +50,13 @@ def left_of(path: Path, course: Course, causes: tuple[Cause, ...]) -> Left:
     names = [name for cause in causes for name in cause.parameters]
     wide = objective.evaluate(values, tuple(dict.fromkeys([*free, *names])))
     objective, wide = objective.with_pattern_at(wide)
-    here = objective.restrict(wide, free)
+    fitted = objective.restrict(wide, free)
     data, known = objective.data, objective.parameters
     true = shown(course, objective)
-    excess = here.residual - data.residual(true, course.load)[0]
-    missed = data.change(true - here.motion, course.load - here.load)
-    J = here.jacobian
-    along = missed - J.T @ np.linalg.solve(here.hessian, J @ missed)
+    excess = fitted.residual - data.residual(true, course.load)[0]
+    missed = data.change(true - fitted.motion, course.load - fitted.load)
+    J = fitted.jacobian
+    along = missed - J.T @ np.linalg.solve(fitted.hessian, J @ missed)
     seen = float(along @ excess / np.linalg.norm(along))
     whole = float(np.sqrt(max(seen * abs(seen) - OF_THE_MESH**2, 0.0)))
     like_itself: list[float] = []
@@ -65,7 +65,7 @@ def left_of(path: Path, course: Course, causes: tuple[Cause, ...]) -> Left:
         rows = [wide.free.index(name) for name in cause.parameters]
         effect = prior_scaled(wide.jacobian[rows], cause.parameters, known)
         others = [n for n in wide.free if n not in cause.parameters]
-        for at, found in ((here, like_itself), (objective.restrict(wide, others), beside)):
+        for at, found in ((fitted, like_itself), (objective.restrict(wide, others), beside)):
             # Its directions are perpendicular to all that the fit can take, priors aside.
             directions = score(cause, effect, at, 1).directions
             found.append(float(np.linalg.norm(directions @ excess)))

@@ -223,14 +223,14 @@ def sized(
                 course, hidden = make(amplitude)
             except (SolverError, InputError) as error:
                 raise TooSmallError(str(error)) from None
-            found = Truth(course, measure.misfit(course, cause), hidden)
-            grown = amplitude * float(np.clip(level / max(found.misfit, 1e-9), 0.3, 3.0))
-            if abs(found.misfit / level - 1) < CLOSE or min(amplitude, grown) >= most:
+            truth = Truth(course, measure.misfit(course, cause), hidden)
+            grown = amplitude * float(np.clip(level / max(truth.misfit, 1e-9), 0.3, 3.0))
+            if abs(truth.misfit / level - 1) < CLOSE or min(amplitude, grown) >= most:
                 break
             amplitude = min(grown, most)
-        if found.misfit < (1 - CLOSE) * level and amplitude < most:
-            raise TooSmallError(f"the effect of {hidden} is {found.misfit:.1f} σ")
-        return found
+        if truth.misfit < (1 - CLOSE) * level and amplitude < most:
+            raise TooSmallError(f"the effect of {hidden} is {truth.misfit:.1f} σ")
+        return truth
 
     return kept(cache / f"{name}_{level:g}.pickle", sought)
 
@@ -250,8 +250,8 @@ def truth_of_cause(
         return pulled(hidden), hidden
 
     start = level / max(measure.length(cause, direction), 1e-9)
-    told = json.dumps([direction.tolist(), dict(companions)])
-    name = f"{cause.name}_{hashlib.sha256(told.encode()).hexdigest()[:8]}"
+    text = json.dumps([direction.tolist(), dict(companions)])
+    name = f"{cause.name}_{hashlib.sha256(text.encode()).hexdigest()[:8]}"
     most = min(most, measure.largest(cause, direction))
     return sized(cache, name, level, start, make, cause.name, most)
 

@@ -46,9 +46,9 @@ def cache_folder(root: Path) -> Path:
     Args:
         root: the folder of all such folders.
     """
-    told = [case.model_dump_json() for case in (known_case(), true_case())]
+    cases = [case.model_dump_json() for case in (known_case(), true_case())]
     sources = (*(PACKAGES / name for name in TRUTHS), *sorted((PACKAGES / "meshes").glob("*.py")))
-    versions = {"cases": json.dumps(told), "solver": solver_hash()}
+    versions = {"cases": json.dumps(cases), "solver": solver_hash()}
     folder = root / hash_of(sources, versions)[:12]
     folder.mkdir(parents=True, exist_ok=True)
     return folder
@@ -67,8 +67,8 @@ def kept(path: Path, make: Callable[[], Kept]) -> Kept:
     """Return what a file of the cache holds, made and written if it is not there."""
     if path.is_file():
         with path.open("rb") as file:
-            found: Kept = pickle.load(file)
-        return found
+            stored: Kept = pickle.load(file)
+        return stored
     made = make()
     unfinished = path.with_suffix(f".{os.getpid()}")
     unfinished.write_bytes(pickle.dumps(made))

@@ -223,32 +223,33 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
         run_stages(load_case(path), _chain(stated), "diagnose")
         known = tuple(BY_NAME[n] for n in trial.truths if n in BY_NAME)
         left = left_of(path, truth.course, known) if trial.truths else Left(0.0, (), ())
-        found = json.loads((path.parent / "results" / "diagnosis.json").read_text("utf-8"))
+        diagnosis = json.loads((path.parent / "results" / "diagnosis.json").read_text("utf-8"))
     owner = {p: c.name for c in EVERY for p in c.parameters}
-    added = list(dict.fromkeys(owner[p] for p in found["added"] if p in owner)) + found["flips"]
-    first, last = found["steps"][0], found["steps"][-1]
+    added = list(dict.fromkeys(owner[p] for p in diagnosis["added"] if p in owner))
+    added += diagnosis["flips"]
+    first, last = diagnosis["steps"][0], diagnosis["steps"][-1]
     scores = {s["cause"]: s["statistic"] for s in first["causes"]}
     return {
         "misfit": left.whole,
         "like_itself": left.like_itself,
         "beside": left.beside,
-        "answer": " ".join([found["verdict"], *found["causes"]]),
-        "verdict": found["verdict"],
-        "said": found["causes"],
+        "answer": " ".join([diagnosis["verdict"], *diagnosis["causes"]]),
+        "verdict": diagnosis["verdict"],
+        "said": diagnosis["causes"],
         "added": added,
-        "sets": found["sets"],
+        "sets": diagnosis["sets"],
         "statistic": {n: scores.get(n) for n in trial.truths},
         "best": [[s["cause"], s["log_evidence"]] for s in first["causes"][:3]],
         "refits": [
             {s["cause"]: s["refit"]["log_evidence"] for s in step["causes"] if s["refit"]}
-            for step in found["steps"]
+            for step in diagnosis["steps"]
         ],
         "chi_load": [first["chi_load"], last["chi_load"]],
         "chi_image": [first["chi_image"], last["chi_image"]],
         "omnibus": last["omnibus"],
-        "numerics": found["numerics"],
-        "held_out": found["gain"].get("held_out"),
-        "baseline": found["baseline"]["reason"],
+        "numerics": diagnosis["numerics"],
+        "held_out": diagnosis["gain"].get("held_out"),
+        "baseline": diagnosis["baseline"]["reason"],
     }
 
 
@@ -260,22 +261,22 @@ def _chain(case: Case) -> tuple[Stage, ...]:
 
 def spent(lines: Sequence[Record]) -> dict[str, float]:
     """Mean CPU time of a trial without an effect and of one with an effect [s]."""
-    found = dict(SECONDS)
-    for key in found:
+    seconds = dict(SECONDS)
+    for key in seconds:
         times = [
             line["cpu"] + line.get("cpu_of_truth", 0.0)
             for line in lines
             if _loudness(line["trial"]["kind"]) == key
         ]
         if times:
-            found[key] = sum(times) / len(times)
-    return found
+            seconds[key] = sum(times) / len(times)
+    return seconds
 
 
 def _as_told(trial: Trial) -> Record:
     """Return a trial as a line of the results has it."""
-    told: Record = json.loads(json.dumps(asdict(trial)))
-    return told
+    record: Record = json.loads(json.dumps(asdict(trial)))
+    return record
 
 
 def _loudness(kind: str) -> str:

@@ -113,14 +113,14 @@ def draw(seed: int) -> Draw:
             load_case(record(Path(folder), believed(), course, seed, settings))
         )
     measured = time.process_time()
-    found = identify(
+    identification = identify(
         problem.working,
         problem.finer,
         problem.objective,
         problem.start,
         problem.plan,
     )
-    final = found.final
+    final = identification.final
     return {
         "study": study(),
         "seed": seed,
@@ -130,7 +130,7 @@ def draw(seed: int) -> Draw:
         "chi_load": final.best.chi_load,
         "chi_image": final.best.chi_image,
         "converged": final.converged,
-        "iterations": [len(stage.history) - 1 for stage in found.stages.values()],
+        "iterations": [len(stage.history) - 1 for stage in identification.stages.values()],
         "cpu": [made - began, measured - made, time.process_time() - measured],
     }
 
@@ -162,7 +162,7 @@ def finished(path: Path) -> list[Draw]:
     if not path.is_file():
         return []
     lines = [json.loads(line) for line in path.read_text("utf-8").splitlines() if line.strip()]
-    return list({one["seed"]: one for one in lines if one["study"] == study()}.values())
+    return list({drawn["seed"]: drawn for drawn in lines if drawn["study"] == study()}.values())
 
 
 def run(path: Path, draws: int, processes: int) -> list[Draw]:
@@ -201,7 +201,7 @@ class Coverage:
 def coverage(draws: list[Draw]) -> Mapping[str, Coverage]:
     """Coverage by parameter, and of law and λ's, of knots and of all together."""
     names = tuple(draws[0]["value"])
-    off = {name: np.array([_deviation(one, name) for one in draws]) for name in names}
+    off = {name: np.array([_deviation(line, name) for line in draws]) for name in names}
     groups: dict[str, tuple[str, ...]] = {name: (name,) for name in names}
     groups |= {
         "law and lambdas": (*LAW, *LAMBDAS),

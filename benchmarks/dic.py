@@ -82,14 +82,14 @@ def synthetic(folder: Path, size: str, cases: tuple[str, ...]) -> None:
     """Errors on the synthetic pairs, everything left to its default."""
     for case in cases:
         p = read_pair(folder, f"{size}_{case}")
-        found = correlate(p["f"], p["g"], mask=p["mask"])
-        u, v, w = errors(found, p)
+        motion = correlate(p["f"], p["g"], mask=p["mask"])
+        u, v, w = errors(motion, p)
         goal = GOALS[case] if size == "m" else None
         show(f"u rmse {size} {case} [px]", u, goal)
         show(f"v rmse {size} {case} [px]", v)
         goal_w = "<= 0.75" if case == "HW" and size == "m" else None
         show(f"w rmse {size} {case} [levels]", w, goal_w)
-        show(f"noise found {size} {case} [levels]", found.sigma, f"{NOISE:.3f}")
+        show(f"noise found {size} {case} [levels]", motion.sigma, f"{NOISE:.3f}")
 
 
 def covariance(folder: Path) -> None:
@@ -99,9 +99,9 @@ def covariance(folder: Path) -> None:
     options = Options(roughness=1.0, roughness_w=np.inf)
     for name, image in (("still", pair["f"]), ("moved", pair["g"])):
         draws = image + NOISE * rng.normal(size=(DRAWS, *image.shape))
-        found = correlate(pair["f"], draws, mask=pair["mask"], sigma=NOISE, options=options)
-        scatter = found.coefficients - found.coefficients.mean(axis=0)
-        precision = np.linalg.inv(found.covariance_one())
+        motion = correlate(pair["f"], draws, mask=pair["mask"], sigma=NOISE, options=options)
+        scatter = motion.coefficients - motion.coefficients.mean(axis=0)
+        precision = np.linalg.inv(motion.covariance_one())
         n = scatter.shape[1]
         ratio = np.einsum("ti,ij,tj->", scatter, precision, scatter) / (n * (DRAWS - 1))
         show(f"scatter over stated covariance, 100 draws, {name} [sigma]", ratio**0.5, "0.9 to 1.1")
@@ -119,8 +119,8 @@ def sample14(folder: Path) -> None:
         ("quad8 strips of 64 px", strips(f.shape, 30, 64), "<= 0.006", elastic),
         ("Q4 of 16 px", 16.0, None, None),
     ):
-        found = correlate(f, g, mask=mask, mesh_uv=mesh, mesh_w=200.0, options=options)
-        error = found.at_pixels()[:, 1] - command[found.system.pixels.cols.astype(int)]
+        motion = correlate(f, g, mask=mask, mesh_uv=mesh, mesh_w=200.0, options=options)
+        error = motion.at_pixels()[:, 1] - command[motion.system.pixels.cols.astype(int)]
         show(f"u rmse sample 14, {name} [px]", float(np.sqrt(np.mean(error**2))), goal)
 
 
@@ -129,10 +129,10 @@ def shear(folder: Path) -> None:
     names = ("Pattern_1.bmp", "Pattern_1_Shear.bmp")
     images = [np.asarray(mpl_image.imread(folder / "opencorr_shear" / n), float) for n in names]
     f, g = (i if i.ndim == 2 else i[..., 0] for i in images)
-    found = correlate(f, g, mask=inset(f.shape, 20))
-    at = found.system.pixels
+    motion = correlate(f, g, mask=inset(f.shape, 20))
+    at = motion.system.pixels
     place = np.column_stack([at.rows, at.cols, np.ones_like(at.rows)])
-    slopes = np.linalg.lstsq(place, found.at_pixels()[:, :2], rcond=None)[0][:2]
+    slopes = np.linalg.lstsq(place, motion.at_pixels()[:, :2], rcond=None)[0][:2]
     error = np.abs(slopes - [[0.0, 0.01], [0.01, 0.0]]).max()
     show("largest error of the mean strain, sheared speckle", float(error), "<= 1e-5")
 
@@ -142,10 +142,12 @@ def repeat_scans(folder: Path) -> None:
     pair = read_pair(folder / "semi_afm", "semi_afm_TN")
     truth = np.array([pair["v"].mean(), pair["u"].mean()])
     f, g = pair["f"], pair["g"]
-    found = np.array(shift_between(f, g, 1.0, pair["mask"])[:2])
+    measured = np.array(shift_between(f, g, 1.0, pair["mask"])[:2])
     goal = "<= 0.02"
     show(
-        "AFM texture, known shift: error of the rigid shift [px]", np.abs(found - truth).max(), goal
+        "AFM texture, known shift: error of the rigid shift [px]",
+        np.abs(measured - truth).max(),
+        goal,
     )
     wrong = np.abs(np.array(whole_frame_phase(f, g)) - truth).max()
     show("the same by whitened phase correlation of the whole frame [px]", wrong)
@@ -204,8 +206,8 @@ def laboratory_scatter() -> None:
         nodal.append(
             np.mean((p[:, 1] - p[:, 0]) ** 2 / 2 / motion.covariance_one.diagonal()[:n_uv])
         )
-        found, sigma = elongation(motion, series, length)
-        stretch.append(np.var(found.reshape(len(motions), 2), axis=1, ddof=1))
+        measured, sigma = elongation(motion, series, length)
+        stretch.append(np.var(measured.reshape(len(motions), 2), axis=1, ddof=1))
         stated.append(sigma**2 / (1 + 1 / motion.n_reference))
     ratio = np.sqrt(np.mean(stretch) / np.mean(stated))
     show(
@@ -251,8 +253,8 @@ def large_pair() -> float:
     f = np.fft.irfft2(spectrum)
     g = np.fft.irfft2(spectrum * np.exp(-2j * np.pi * 0.3 * np.fft.fftfreq(2000)[:, None]))
     scale = 30 / f.std()
-    found = correlate(f * scale, g * scale, mask=inset(f.shape, 8), sigma=NOISE, options=FIXED)
-    mean = found.at_pixels()[:, 0].mean()
+    motion = correlate(f * scale, g * scale, mask=inset(f.shape, 8), sigma=NOISE, options=FIXED)
+    mean = motion.at_pixels()[:, 0].mean()
     if not abs(mean - 0.3) < 1e-3:
         raise RuntimeError(f"the pair of 4 Mpx was not followed: {mean} px instead of 0.3")
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

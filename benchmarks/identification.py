@@ -45,11 +45,11 @@ def main() -> None:
     parts = (choice.only,) if choice.only else PARTS
     if "alpha" in parts or "femu" in parts:
         case = variant(ALPHA / "case.toml", RESULTS / "alpha", {"extensions": RATIO})
-        found = identify_case(case)
+        identified = identify_case(case)
         if "alpha" in parts:
-            demo(found)
+            demo(identified)
         if "femu" in parts:
-            beside_updating(found, update(case, LAW, RATIO))
+            beside_updating(identified, update(case, LAW, RATIO))
     if "coverage" in parts:
         covered(coverage.run(DRAWS, choice.draws, choice.processes))
     if "if_steel" in parts:
@@ -94,13 +94,14 @@ def beside_updating(found: Found, updated: Updated) -> None:
 def covered(draws: list[coverage.Draw]) -> None:
     """Coverage of the stated 95 % intervals."""
     low, high = (100 * share for share in coverage.GOAL)
-    for name, one in coverage.coverage(draws).items():
-        show(f"coverage of {name} [%], {one.n} intervals", 100 * one.share, f"{low:g} to {high:g}")
-        show(f"spread of {name} [sigma]", one.spread, "1")
+    for name, interval in coverage.coverage(draws).items():
+        title, goal = f"coverage of {name} [%], {interval.n} intervals", f"{low:g} to {high:g}"
+        show(title, 100 * interval.share, goal)
+        show(f"spread of {name} [sigma]", interval.spread, "1")
     show("draws", len(draws), ">= 200")
-    show("draws that did not converge", sum(not one["converged"] for one in draws))
-    show("chi_F, median", float(np.median([one["chi_load"] for one in draws])))
-    show("a draw [CPU-s]", float(np.median([sum(one["cpu"]) for one in draws])))
+    show("draws that did not converge", sum(not interval["converged"] for interval in draws))
+    show("chi_F, median", float(np.median([interval["chi_load"] for interval in draws])))
+    show("a draw [CPU-s]", float(np.median([sum(interval["cpu"]) for interval in draws])))
 
 
 if __name__ == "__main__":

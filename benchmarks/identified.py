@@ -127,10 +127,10 @@ def read_truth(path: Path) -> dict[str, float]:
 def variant(case_path: Path, folder: Path, tables: Mapping[str, Mapping[str, object]]) -> Path:
     """Return the same case with other keys in some of its tables; its files stay where they are."""
     case = load_case(case_path)
-    here = {key: str(case.path(getattr(case.images, key)))
+    stacks = {key: str(case.path(getattr(case.images, key)))
             for key in ("frames", "flats", "repeats")}  # fmt: skip
     changes: dict[str, Mapping[str, object]] = {
-        "images": here, "history": {"file": str(case.path(case.history.file))}, **tables
+        "images": stacks, "history": {"file": str(case.path(case.history.file))}, **tables
     }  # fmt: skip
     for table, keys in changes.items():
         old = getattr(case, table)

@@ -116,13 +116,15 @@ def main() -> None:
         (folder / "settings.toml").write_text(_SETTINGS, encoding="utf-8")
         with progress_to(print):
             virtual(folder / "case.toml", folder / "settings.toml", folder / "data", 1)
-        found = {solver: identified(folder / "data", solver) for solver in ("bundled", "calculix")}
+        outcomes = {
+            solver: identified(folder / "data", solver) for solver in ("bundled", "calculix")
+        }
         jobs = len(list((folder / "calculix" / "results" / "jobs").iterdir()))
-    for solver, outcome in found.items():
+    for solver, outcome in outcomes.items():
         print(f"{solver}: {outcome.seconds:.0f} s, {outcome.reason}")
-    doubts = len(found["calculix"].doubts)
+    doubts = len(outcomes["calculix"].doubts)
     print(f"jobs of CalculiX: {jobs}; derivatives called doubtful: {doubts} (goal: 0)")
-    own, other = found["bundled"].values, found["calculix"].values
+    own, other = outcomes["bundled"].values, outcomes["calculix"].values
     for name, (value, sigma) in own.items():
         truth = f" (truth {TRUTH[name]:g})" if name in TRUTH else ""
         print(

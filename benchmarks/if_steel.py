@@ -37,11 +37,11 @@ def study() -> None:
         with progress_to(print):
             virtual(FOLDER / "case.toml", FOLDER / "virtual.toml", DATA, SEED)
     truth = read_truth(DATA / "truth.json")
-    found = identify_case(DATA / "case.toml")
-    against(found, truth, "")
-    tables(found)
-    cost(found)
-    without_prior(found, truth)
+    identified = identify_case(DATA / "case.toml")
+    against(identified, truth, "")
+    tables(identified)
+    cost(identified)
+    without_prior(identified, truth)
     held = variant(
         DATA / "case.toml", VARIANTS / "paper_order", {"identification": {"order": "paper"}}
     )

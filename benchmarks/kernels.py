@@ -44,10 +44,10 @@ def kernel_time(measure: StrainMeasure, integration: Integration, repeats: int) 
             turned = row > 1 and (e[row] - e[row - 1]) * (e[row - 1] - e[row - 2]) < 0
             guess = np.zeros_like(slips) if turned else slips
             start = time.process_time()
-            found = points.update(paths[row], state, guess, float(t[row] - t[row - 1]))
+            updated = points.update(paths[row], state, guess, float(t[row] - t[row - 1]))
             total += time.process_time() - start
-            state, slips = found.state, found.slips
-            if found.iterations.min() < 0:
+            state, slips = updated.state, updated.slips
+            if updated.iterations.min() < 0:
                 raise RuntimeError(f"{measure} strain: a point did not converge in row {row}")
         best = min(best, total)
     return 1e6 * best / n / (len(t) - 1)

@@ -282,7 +282,7 @@ def linear_solvers(quick: bool) -> None:
         full, n = _symmetric(lower), lower.shape[0]
         print(f"\n# {len(cells)} tets, {n} unknowns, {lower.nnz} entries")
         rhs = np.random.default_rng(0).normal(size=(n, N_RHS))
-        one = rhs[:, :1].copy()
+        single = rhs[:, :1].copy()
         factor_times = {}
         for name, kind in _candidates():
             candidate = kind(lower)
@@ -291,7 +291,7 @@ def linear_solvers(quick: bool) -> None:
                 print(f"symbolic {name} [ms] = {_milliseconds(symbolic, 3):.2f}")
             factor_times[name] = _milliseconds(candidate.factor, repeats)
             print(f"factor {name} [ms] = {factor_times[name]:.2f}")
-            for count, columns in ((1, one), (N_RHS, rhs)):
+            for count, columns in ((1, single), (N_RHS, rhs)):
                 elapsed = _milliseconds(partial(candidate.solve, columns), repeats)
                 print(f"solve {count} rhs {name} [ms] = {elapsed:.2f}")
             residual = np.linalg.norm(full @ candidate.solve(rhs) - rhs) / np.linalg.norm(rhs)

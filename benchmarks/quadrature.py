@@ -51,12 +51,12 @@ def rows() -> Iterator[Row]:
     load = np.mean([p.load for _, p in fine], axis=0)
     motion = np.mean([p.motion for _, p in fine], axis=0)
     for size in SIZES:
-        found = [predicted(size, points) for points in RULES]
+        predictions = [predicted(size, points) for points in RULES]
         yield Row(
             size,
-            found[0][0],
-            _both(float(np.sqrt(np.mean((p.load - load) ** 2))) for _, p in found),
-            _both(float(1e3 * np.sqrt(np.mean((p.motion - motion) ** 2))) for _, p in found),
+            predictions[0][0],
+            _both(float(np.sqrt(np.mean((p.load - load) ** 2))) for _, p in predictions),
+            _both(float(1e3 * np.sqrt(np.mean((p.motion - motion) ** 2))) for _, p in predictions),
         )
 
 

@@ -41,8 +41,8 @@ def threads(quick: bool) -> None:
             ]
             for count in (1, 2)
         }
-        one, two = (min(run.wall for run in runs[count]) for count in (1, 2))
-        show("speed of two threads / one (wall clock)", one / two, ">= 1.6")
+        alone, two = (min(run.wall for run in runs[count]) for count in (1, 2))
+        show("speed of two threads / one (wall clock)", alone / two, ">= 1.6")
         print(f"    load of the machine before {load:.2f}, cores {os.cpu_count()}")
 
 

@@ -64,7 +64,7 @@ def time_errors() -> list[TimeError]:
     best = problem.objective.evaluate(values, free)
     jacobian = best.jacobian
     hessian = best.hessian
-    found = []
+    errors = []
     for integration, steps in VARIANTS:
         (residual, load), seconds = _predict(problem, values, integration, steps)
         change = residual - exact[0]
@@ -72,7 +72,7 @@ def time_errors() -> list[TimeError]:
         rest = change - jacobian.T @ shift
         biases = abs(shift) / np.sqrt(np.diag(np.linalg.inv(hessian)))
         worst = int(np.argmax(biases))
-        found.append(
+        errors.append(
             TimeError(
                 integration,
                 steps,
@@ -84,7 +84,7 @@ def time_errors() -> list[TimeError]:
                 seconds,
             )
         )
-    return found
+    return errors
 
 
 def _predict(

@@ -128,10 +128,10 @@ class _Problem:
             return np.full(self.force.size + self.nodal.size, _FAILED)
         u, v, w = np.moveaxis(prediction.motion, 2, 0)
         n = self.n_uv
-        found = (u[:, :n], v[:, :n], w[:, n:])
+        components = (u[:, :n], v[:, :n], w[:, n:])
         seen = np.split(self.nodal, [n, 2 * n], axis=1)
         parts = [(self.force - prediction.load) / self.force_noise]
-        for component, (measured, simulated) in enumerate(zip(seen, found, strict=True)):
+        for component, (measured, simulated) in enumerate(zip(seen, components, strict=True)):
             gap = measured - simulated
             gap -= gap.mean(axis=1, keepdims=True)  # the stage moves between images
             parts.append((gap / self.scatter[int(component == 2)]).ravel())

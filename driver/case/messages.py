@@ -64,11 +64,11 @@ def sentences(
         by_value.setdefault((key, found), []).append(expected)
         meaning[key] = field.description or "" if field else ""
     # Each branch of a union refuses the same value: together they are one sentence.
-    told = (
+    by_key = (
         sentence(path, key, found, meaning[key] if len(expected) > 1 else expected[0])
         for (key, found), expected in by_value.items()
     )
-    return "\n".join((*dict.fromkeys(whole), *told))
+    return "\n".join((*dict.fromkeys(whole), *by_key))
 
 
 def _explain(

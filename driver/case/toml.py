@@ -43,10 +43,10 @@ def read_toml(path: Path, expected: str, refuse: type[InputError] = InputError) 
 
 def no_toml(path: Path, error: tomllib.TOMLDecodeError | UnicodeDecodeError) -> str:
     """Return the sentence for a file whose text is no TOML."""
-    said = str(error)
-    if said.startswith(_TWICE):
-        return sentence(path, "file", f"a key twice{said.removeprefix(_TWICE)}", "each key once")
-    return sentence(path, "file", f"“{said}”", "a TOML file in UTF-8")
+    message = str(error)
+    if message.startswith(_TWICE):
+        return sentence(path, "file", f"a key twice{message.removeprefix(_TWICE)}", "each key once")
+    return sentence(path, "file", f"“{message}”", "a TOML file in UTF-8")
 
 
 def read_tables(path: Path, model: type[Tables], expected: str) -> Tables:

@@ -45,14 +45,14 @@ def covariance_in_time(
     Returns:
         [µm²], shape (k, T, T).
     """
-    found = []
+    components = []
     for weights in pixel_weights(motion, functionals):
         own = noise_of_weights(weights, images.rows, images.cols, motion.shared_noise)
-        one = images.sigma**2 * (np.diag(own) + weights @ weights.T / images.n_reference)
+        component = images.sigma**2 * (np.diag(own) + weights @ weights.T / images.n_reference)
         if images.sigma_flat:
-            one += flat_covariance(motion, images, weights)
-        found.append(one)
-    return np.array(found)
+            component += flat_covariance(motion, images, weights)
+        components.append(component)
+    return np.array(components)
 
 
 def held_back(motion: SurfaceMotion, images: SurfaceImages, functional: FloatArray) -> float:
@@ -76,11 +76,11 @@ def pixel_weights(motion: SurfaceMotion, functionals: FloatArray) -> FloatArray:
     """q_t of every frame, 0 at pixels that it lacks, for k rows L (k, n), shape (k, T, n_pix)."""
     whole, right = motion.system, np.ascontiguousarray(functionals.T)
     seen = sensitivity(whole.pixels.slope, motion.basis_uv, motion.basis_w)
-    found = np.repeat((seen @ whole.solve(right)).T[:, None], len(motion.compared), axis=1)
+    pixel_share = np.repeat((seen @ whole.solve(right)).T[:, None], len(motion.compared), axis=1)
     for t in np.flatnonzero(~motion.compared.all(axis=1) & ~motion.lost):
         kept = motion.compared[t]
-        found[:, t] = (seen @ motion.equations.of(kept).solve(right)).T * kept
-    return np.asarray(found)
+        pixel_share[:, t] = (seen @ motion.equations.of(kept).solve(right)).T * kept
+    return np.asarray(pixel_share)
 
 
 def flat_covariance(

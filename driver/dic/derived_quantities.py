@@ -76,7 +76,7 @@ def readings(
     mean_w[-len(measured.basis_w.nodes) :] = measured.basis_w.values.mean(axis=0)
     functionals = np.array([reach * edges.difference(1), reach * edges.difference(2), mean_w])
     covariances = covariance_in_time(measured, images, functionals)
-    found = {}
+    readings_by_name = {}
     for name, functional, covariance in zip(
         ("elongation", "tilt", "mean_w"), functionals, covariances, strict=True
     ):
@@ -84,5 +84,7 @@ def readings(
         single = float(np.median(np.sqrt(covariance.diagonal() + held**2)))
         if name != "mean_w":
             covariance = smoother @ covariance @ smoother.T
-        found[name] = Reading(smoothed.coefficients @ functional, covariance, held, single)
-    return found
+        readings_by_name[name] = Reading(
+            smoothed.coefficients @ functional, covariance, held, single
+        )
+    return readings_by_name

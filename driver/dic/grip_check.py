@@ -112,11 +112,11 @@ class GripMotion:
 
     def ratio_of(self, loading: bool) -> Estimate | None:
         """Mean ratio of the loadings or of the unloadings, None if there are none."""
-        found = [phase.ratio for phase in self.phases if phase.loading == loading]
-        if not found:
+        ratios = [phase.ratio for phase in self.phases if phase.loading == loading]
+        if not ratios:
             return None
-        weights = np.array([ratio.sigma**-2 for ratio in found])
-        mean = float(np.average([ratio.value for ratio in found], weights=weights))
+        weights = np.array([ratio.sigma**-2 for ratio in ratios])
+        mean = float(np.average([ratio.value for ratio in ratios], weights=weights))
         return Estimate(mean, float(weights.sum() ** -0.5))
 
     @property
@@ -236,7 +236,7 @@ def _outliers(
 ) -> list[int]:
     """Images off the parabola of their phase, the worst taken out first."""
     limit = _limit(sum(images.size for images in of_phase))
-    found: list[int] = []
+    outliers: list[int] = []
     for images in of_phase:
         rest = images
         while rest.size > 2 * _SIDE:
@@ -245,9 +245,9 @@ def _outliers(
             worst = int(np.argmax(np.abs(off)))
             if abs(off[worst]) <= limit * spread:
                 break
-            found.append(int(rest[worst]))
+            outliers.append(int(rest[worst]))
             rest = np.delete(rest, worst)
-    return sorted(found)
+    return sorted(outliers)
 
 
 def _bow(stage: FloatArray, elongation: FloatArray, noise: float) -> Estimate | None:
@@ -262,15 +262,15 @@ def _bow(stage: FloatArray, elongation: FloatArray, noise: float) -> Estimate | 
 def _turns(
     stage: FloatArray, kept: Sequence[IntArray], lines: Sequence[_Line], noise: float
 ) -> list[Turn]:
-    found = []
+    turns = []
     for k in range(1, len(kept)):
         turn = int(kept[k - 1][-1])
         at = stage[[turn]]
         direction = np.sign(stage[kept[k][-1]] - at[0])
         gap = lines[k].at(at)[0] - lines[k - 1].at(at)[0]
         sigma = np.hypot(lines[k].deviation(at, noise)[0], lines[k - 1].deviation(at, noise)[0])
-        found.append(Turn(turn, Estimate(float(-direction * gap), float(sigma))))
-    return found
+        turns.append(Turn(turn, Estimate(float(-direction * gap), float(sigma))))
+    return turns
 
 
 def _slips(
@@ -279,10 +279,10 @@ def _slips(
     """Return the largest break of each phase that is significant, beside its parabola."""
     places = [range(_SIDE, images.size - _SIDE + 1) for images in kept]
     limit = _limit(sum(len(of) for of in places))
-    found = []
+    slips = []
     for images, at in zip(kept, places, strict=True):
-        here = (stage[images] - stage[images].mean()) / max(np.ptp(stage[images]), 1e-300)
-        parabola = np.vander(here, 3, increasing=True)
+        scaled = (stage[images] - stage[images].mean()) / max(np.ptp(stage[images]), 1e-300)
+        parabola = np.vander(scaled, 3, increasing=True)
         best: Slip | None = None
         for place in at:
             after = (np.arange(images.size) >= place).astype(np.float64)
@@ -300,5 +300,5 @@ def _slips(
             ):
                 best = slip
         if best is not None:
-            found.append(best)
-    return found
+            slips.append(best)
+    return slips

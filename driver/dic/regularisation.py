@@ -121,10 +121,10 @@ def _size(basis_uv: Basis, basis_w: Basis) -> int:
 @lru_cache(maxsize=16)
 def _dense_curvatures(cells_uv: tuple[int, int], cells_w: tuple[int, int]) -> list[Matrix]:
     """Both curvature penalties of small grids: made of many small sparse products, so kept."""
-    one, w = (second_differences(cells).toarray() for cells in (cells_uv, cells_w))
-    n, n_w = len(one), len(w)
+    uv, w = (second_differences(cells).toarray() for cells in (cells_uv, cells_w))
+    n, n_w = len(uv), len(w)
     motion, height = np.zeros((2, 2 * n + n_w, 2 * n + n_w))
-    motion[:n, :n] = motion[n : 2 * n, n : 2 * n] = one
+    motion[:n, :n] = motion[n : 2 * n, n : 2 * n] = uv
     height[2 * n :, 2 * n :] = w
     return [motion, height]
 

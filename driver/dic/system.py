@@ -162,9 +162,9 @@ class System:
 
         Exact for a small system, else from fixed random vectors.
         """
-        found = [0.0] * len(self.parts)
+        values = [0.0] * len(self.parts)
         if not self._used:
-            return found
+            return values
         if isinstance(self._factor, DenseFactor):
             used = self._factor.traces()
         else:
@@ -173,8 +173,8 @@ class System:
             every = probes.shape[1]
             used = [float(np.sum(solved * (self.parts[k] @ probes))) / every for k in self._used]
         for k, trace in zip(self._used, used, strict=True):
-            found[k] = trace
-        return found
+            values[k] = trace
+        return values
 
     def covariance_of(self, functionals: FloatArray, noise: Matrix) -> FloatArray:
         """L A⁻¹ N A⁻¹ Lᵀ for the rows L (m, n) and the covariance N (n, n) of the right side."""

@@ -130,9 +130,9 @@ def smoothed_motion(
     result = smooth_along_travel(
         motion.coefficients - shift, travel, length, motion.n_reference, None, kept
     )
-    found = replace(motion, coefficients=shift + result.coefficients)
+    smoothed = replace(motion, coefficients=shift + result.coefficients)
     s = result.smoother
     share = 2.0 * s.diagonal() - (s**2).sum(axis=1)
     freedom = 3.0 + (motion.system.freedom() - 3.0) * share
-    chi = np.where(motion.lost, motion.chi, images.chi(found.at_pixels(), freedom))
-    return replace(found, chi=chi), s
+    chi = np.where(motion.lost, motion.chi, images.chi(smoothed.at_pixels(), freedom))
+    return replace(smoothed, chi=chi), s

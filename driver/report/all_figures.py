@@ -126,10 +126,10 @@ def _convergence(findings: Findings) -> Figure:
         return [np.array([factor * r.get(name, np.nan) for r in record]) for record in records]
 
     def course(name: str) -> history_figures.Course:
-        found = findings.estimates[name]
-        factor, unit = reading_unit(name, found.parameter.unit)
+        estimate = findings.estimates[name]
+        factor, unit = reading_unit(name, estimate.parameter.unit)
         return history_figures.Course(
-            label_of(name), unit, column(name, factor), factor * found.sigma
+            label_of(name), unit, column(name, factor), factor * estimate.sigma
         )
 
     few = core(tuple(findings.estimates))

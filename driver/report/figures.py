@@ -56,8 +56,8 @@ def budget(free: float, sides: Mapping[str, Mapping[str, float]]) -> Figure:
         if key == "model":
             bars.append(("free\ncorrelation", free, CYCLES[0]))
         bars += [
-            (names[side].replace(" ", "\n"), found[key], SIDE_COLOURS[side])
-            for side, found in sides.items()
+            (names[side].replace(" ", "\n"), of_side[key], SIDE_COLOURS[side])
+            for side, of_side in sides.items()
         ]
         for place, (_, height, colour) in enumerate(bars):
             axis.bar(place, height, width=0.65, color=colour)

@@ -134,8 +134,8 @@ class Findings:
 
     def start_of(self, name: str) -> float:
         """Value of a parameter where the identification began."""
-        found = self.estimates.get(name)
-        return self.values[name] if found is None else found.start
+        estimate = self.estimates.get(name)
+        return self.values[name] if estimate is None else estimate.start
 
     def fitted_values(self, side: str) -> dict[str, float]:
         """Every parameter of the general model before or after."""
@@ -190,7 +190,7 @@ def read_findings(case: Case, results: Path) -> Findings:
     """
     paths = {name: present(results, name) for name in _READ}
     identified = _datasets(paths[IDENTIFY], _IDENTIFIED)
-    told = read_identification(paths[IDENTIFY])
+    identification = read_identification(paths[IDENTIFY])
     measured = _datasets(paths[MEASURE], _MEASURED)
     history = read_history(case.path(case.history.file))
     # A term of the user's own that was installed since the identification is at its null.
@@ -204,12 +204,12 @@ def read_findings(case: Case, results: Path) -> Findings:
         motion=measured_motion(measured, case.images.level_um, boundary_trace(case)),
         pictures={Path(name).stem: present(results, name).read_bytes() for name in FIGURES},
         fitted=_datasets(paths[DIAGNOSIS_H5], _FITTED),
-        estimates=estimates(told.names, _declared(case, history), identified),
+        estimates=estimates(identification.names, _declared(case, history), identified),
         identified=identified,
         hessian_names=tuple(name.decode() for name in identified["hessian_names"].tolist()),
-        warnings=told.warnings,
+        warnings=identification.warnings,
         seconds=_seconds(results, iterations),
-        values=null | told.values,
+        values=null | identification.values,
         noise_factor=float(identified["noise_factor"]),
         iterations=iterations,
         diagnosis=_diagnosis(paths[DIAGNOSIS]),
@@ -234,11 +234,11 @@ def _seconds(results: Path, iterations: Record) -> dict[str, float]:
 
 
 def _datasets(path: Path, expected: tuple[str, ...]) -> dict[str, FloatArray]:
-    found = read_hdf5(path)
+    datasets = read_hdf5(path)
     for name in expected:
-        if name not in found:
+        if name not in datasets:
             raise damaged(path, f"no dataset {name}")
-    return found
+    return datasets
 
 
 def _diagnosis(path: Path) -> Record:

@@ -193,14 +193,16 @@ def budget_table(
         paper: χ_f over 2γ_f² of the models for which it is known.
         noise: the same where noise alone is left.
     """
-    one, none = chi(1.0), "–"
+    unit, none = chi(1.0), "–"
     rows = [
-        ("noise alone", one, chi(noise), one, one),
+        ("noise alone", unit, chi(noise), unit, unit),
         ("free correlation (DIC)", chi(free[0]), chi(free[1]), none, none),
     ]
-    for name, found in sides.items():
+    for name, of_side in sides.items():
         weighed = chi(paper[name]) if name in paper else none
-        rows.append((name, chi(found["model"]), weighed, chi(found["basis"]), chi(found["load"])))
+        rows.append(
+            (name, chi(of_side["model"]), weighed, chi(of_side["basis"]), chi(of_side["load"]))
+        )
     return Table(("", "χ, pixels", "χ_f", "χ, correlation mesh", "χ_F, loads"), tuple(rows))
 
 

@@ -29,9 +29,9 @@ _MODELS = {"before": "identified model", "after": "extended model"}
 
 def identification(findings: Findings) -> Row:
     """Tables and texts of the section on the identification, by name."""
-    found, results = findings.estimates, findings.identified
-    few = core(tuple(found))
-    names = list(found)
+    estimates_of, results = findings.estimates, findings.identified
+    few = core(tuple(estimates_of))
+    names = list(estimates_of)
     rows = [names.index(name) for name in few]
     free = free_chi_f(findings)
     paper = {
@@ -39,14 +39,14 @@ def identification(findings: Findings) -> Row:
         for key in ("chi", "chi_f", "chi_F")
     }
     gain = findings.diagnosis["gain"]
-    groups, many = estimate_rows(found)
+    groups, many = estimate_rows(estimates_of)
     return {
         "groups": groups,
         "many": many,
         "warnings": findings.warnings,
         "strongest": strongest(few, results["correlation"][np.ix_(rows, rows)]),
         "apex": apex_table(_amplitudes(findings), free, paper["chi_f"]),
-        "law": law_table(found, paper),
+        "law": law_table(estimates_of, paper),
         "budget": budget_table(
             (gain["budget_before"]["free"], free),
             {_MODELS[side]: gain[f"budget_{side}"] for side in findings.sides},
@@ -63,12 +63,12 @@ def identification(findings: Findings) -> Row:
 def _amplitudes(findings: Findings) -> dict[str, tuple[float, float, float | None]]:
     """Start, value and standard deviation; in the paper's order they are held at the end."""
     first = next(iter(findings.iterations.values()))["iterations"][0]
-    found = findings.estimates
+    estimates_of = findings.estimates
     return {
         name: (
             first[name],
             findings.values[name],
-            found[name].sigma if name in found else None,
+            estimates_of[name].sigma if name in estimates_of else None,
         )
         for name in LAMBDAS
         if name in first
@@ -91,22 +91,22 @@ def law_tiles(findings: Findings) -> list[Row]:
     """Return the parameters of the law as they came out, with their 95 % intervals."""
     last = findings.diagnosis["extended" if findings.extended else "baseline"]["values"]
     tiles = []
-    for name, found in findings.estimates.items():
+    for name, estimate in findings.estimates.items():
         if name not in core((name,)) or name in LAMBDAS:
             continue
-        factor, unit = reading_unit(name, found.parameter.unit)
+        factor, unit = reading_unit(name, estimate.parameter.unit)
         value, sigma = last[name]["value"], last[name]["sigma"]
-        low, high = interval_of(found.parameter, value, sigma / found.parameter.slope(value))
+        low, high = interval_of(estimate.parameter, value, sigma / estimate.parameter.slope(value))
         before = ""
         if findings.extended:
-            earlier = with_sigma(factor * found.value, factor * found.sigma)
+            earlier = with_sigma(factor * estimate.value, factor * estimate.sigma)
             before = f"; before the extension {earlier}"
         tiles.append(
             {
                 "title": label_of(name),
                 "value": with_unit(with_sigma(factor * value, factor * sigma), unit),
                 "note": f"95 %: {interval(factor * low, factor * high, factor * sigma)}{before}; "
-                f"start {number(factor * found.start, 4)}",
+                f"start {number(factor * estimate.start, 4)}",
             }
         )
     return tiles

@@ -231,15 +231,15 @@ def phases(stage: FloatArray, cycle: IntArray) -> list[tuple[bool, IntArray]]:
         stage: stage travel [µm], shape (T,).
         cycle: cycle of each image, shape (T,).
     """
-    found: list[tuple[bool, IntArray]] = []
+    phases_of_test: list[tuple[bool, IntArray]] = []
     start = 0
     for peak in peaks(stage, cycle).tolist():
         last = int(np.flatnonzero(cycle == cycle[peak])[-1])
-        found.append((True, np.arange(start, peak + 1)))
+        phases_of_test.append((True, np.arange(start, peak + 1)))
         if last > peak:
-            found.append((False, np.arange(peak, last + 1)))
+            phases_of_test.append((False, np.arange(peak, last + 1)))
         start = last
-    return found
+    return phases_of_test
 
 
 def _round_down(value: float) -> float:

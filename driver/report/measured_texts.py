@@ -129,9 +129,9 @@ def _stopped(m: MeasuredMotion) -> str:
     failed = np.flatnonzero(~m.converged)
     if not failed.size:
         return f" The correlation of all {len(m.chi)} images converged."
-    told = "; ".join(f"image {t} {m.stopped[t]}" for t in failed[:_TOLD])
+    listed = "; ".join(f"image {t} {m.stopped[t]}" for t in failed[:_TOLD])
     more = f"; so did {failed.size - _TOLD} others" if failed.size > _TOLD else ""
-    return f" Crosses: {failed.size} of {len(m.chi)} images did not converge: {told}{more}."
+    return f" Crosses: {failed.size} of {len(m.chi)} images did not converge: {listed}{more}."
 
 
 def _grip(m: MeasuredMotion) -> PictureText:

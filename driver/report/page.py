@@ -57,9 +57,9 @@ def report_page(
     """
     diagnosis = findings.diagnosis
     declared = findings.declared
-    said = verdict_texts(diagnosis)
+    sentences = verdict_texts(diagnosis)
     if findings.extended:
-        said.append(gain_text(diagnosis))
+        sentences.append(gain_text(diagnosis))
     places, phases = whereabouts_rows(diagnosis["whereabouts"])
     shifts = parameter_rows(findings) if findings.extended else []
     page = render(
@@ -70,8 +70,8 @@ def report_page(
         extended=findings.extended,
         kind=diagnosis["verdict"],
         tone=_TONES[diagnosis["verdict"]],
-        headline=said[0],
-        paragraphs=said[1:],
+        headline=sentences[0],
+        paragraphs=sentences[1:],
         next=" ".join(filter(None, (diagnosis["next"], findings.advice))),
         added=added_rows(findings),
         law=law_tiles(findings),
@@ -169,10 +169,10 @@ def tiles(diagnosis: Row) -> list[Row]:
     """Return the figures that a reader looks for first."""
     gain, added = diagnosis["gain"], bool(diagnosis["added"] or diagnosis["flips"])
     before, after = gain["budget_before"], gain["budget_after"]
-    found = []
+    rows = []
     if added:
         share = gain["share_of_excess_explained"]
-        found += [
+        rows += [
             _tile(
                 "log Bayes factor", signed_evidence(gain["log_bayes_factor"]),
                 "of the extended model against the identified one",
@@ -186,17 +186,17 @@ def tiles(diagnosis: Row) -> list[Row]:
         held = gain["held_out"]
         load = held["chi_load_before"], held["chi_load_after"]
         image = held["chi_image_before"], held["chi_image_after"]
-        found.append(
+        rows.append(
             _tile(f"held-out cycle {held['cycle']}: χ_F", _change(load, added),
                   f"predicted, not fitted; images: χ {_change(image, added)}")
         )  # fmt: skip
-    found += [
+    rows += [
         _tile("loads: χ_F", _change((before["load"], after["load"]), added),
               "1 where no more is left than noise and the error of the mesh"),
         _tile("images: χ", _change((before["basis"], after["basis"]), added),
               "on the correlation mesh, 1 where only noise is left"),
     ]  # fmt: skip
-    return found
+    return rows
 
 
 def checks(findings: Findings) -> list[Row]:
@@ -234,23 +234,23 @@ def checks(findings: Findings) -> list[Row]:
 def untried(findings: Findings) -> list[str]:
     """Sentences on what the verdict does not speak of: causes not tried, loads left out."""
     case, diagnosis = findings.case, findings.diagnosis
-    found = []
+    sentences = []
     if case.diagnosis.causes != "all":
-        found.append("Of the library only the causes that the case asks for were tried.")
+        sentences.append("Of the library only the causes that the case asks for were tried.")
     by_reason: dict[str, list[str]] = {}
     for name, why in diagnosis["not_examined"].items():
         by_reason.setdefault(why, []).append(cause_label(name))
-    found += [f"Not examined: {joined(names)}; {why}." for why, names in by_reason.items()]
+    sentences += [f"Not examined: {joined(names)}; {why}." for why, names in by_reason.items()]
     if case.loads.left_out:
         numbers = [str(image) for image in sorted(case.loads.left_out)]
         what = "load of image" if len(numbers) == 1 else "loads of images"
-        found.append(f"The case leaves out the {what} {joined(numbers)}.")
+        sentences.append(f"The case leaves out the {what} {joined(numbers)}.")
     for bad in diagnosis["bad_loads"]:
-        found.append(
+        sentences.append(
             f"The load of image {bad['image']} is left out: it is off by "
             f"{number(bad['off_uN'])} µN, {number(bad['sigmas'], 2)} of its standard deviations."
         )
-    return found
+    return sentences
 
 
 def facts(findings: Findings) -> list[tuple[str, str]]:

@@ -77,8 +77,8 @@ def diagnosis_record(
         "flips": [cause.name for cause in found.causes if cause in FLIPS],
         "whereabouts": {
             "text": told(where),
-            "before": [_excess_record(one) for one in where.before],
-            "after": [_excess_record(one) for one in where.after],
+            "before": [_excess_record(excess) for excess in where.before],
+            "after": [_excess_record(excess) for excess in where.after],
         },
         "gain": _gain_record(found, objective, law, budgets),
         "numerics": {
@@ -164,7 +164,7 @@ def _step_record(step: Step, objective: Objective) -> dict[str, Any]:
             return None
         fit_, cause = refits[name].fit, refits[name].cause
         best: Evaluation = fit_.best
-        found = refits[name].levels or {
+        levels = refits[name].levels or {
             n: (fit_.values[n], fit_.sigma(n, parameters))
             for n in (*cause.parameters, *cause.companions)
         }
@@ -172,8 +172,8 @@ def _step_record(step: Step, objective: Objective) -> dict[str, Any]:
             "log_evidence": refits[name].log_evidence,
             "chi_load": best.chi_load,
             "chi_image": best.chi_image,
-            "values": {n: value for n, (value, _) in found.items()},
-            "sigma": {n: sigma for n, (_, sigma) in found.items()},
+            "values": {n: value for n, (value, _) in levels.items()},
+            "sigma": {n: sigma for n, (_, sigma) in levels.items()},
         }
 
     def scored(s: Score) -> dict[str, Any]:

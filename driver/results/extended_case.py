@@ -115,10 +115,10 @@ def _profiles_from_results(case: Case) -> dict[str, ProfileTable]:
     moved = dict(case.solver.profiles)
     for name, profile in moved.items():
         if profile.command is not None:
-            found = with_files_of(case.path(""), profile.command)
+            resolved = with_files_of(case.path(""), profile.command)
             words = (
                 _from_results(case, word) if word != there else word
-                for word, there in zip(profile.command, found, strict=True)
+                for word, there in zip(profile.command, resolved, strict=True)
             )
             moved[name] = profile.model_copy(update={"command": tuple(words)})
     return moved

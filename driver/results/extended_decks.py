@@ -31,14 +31,14 @@ def write_decks(
     Returns:
         By the name of the solver: None where the deck was written, else why it was not.
     """
-    found: dict[str, str | None] = {}
+    refusals: dict[str, str | None] = {}
     for name, files in rendered_decks(case, model, values).items():
-        found[name] = files if isinstance(files, str) else None
+        refusals[name] = files if isinstance(files, str) else None
         for file, content in {} if isinstance(files, str) else files.items():
             path = folder / DECKS / name / file
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
-    return found
+    return refusals
 
 
 def rendered_decks(
@@ -54,22 +54,22 @@ def rendered_decks(
     Returns:
         By the name of the solver: the files of the deck, or why it cannot honour the simulation.
     """
-    found: dict[str, Mapping[str, bytes] | str] = {}
+    decks: dict[str, Mapping[str, bytes] | str] = {}
     for name in adapter_names():
         own = case.model_copy(update={"solver": case.solver.model_copy(update={"name": name})})
         try:
             adapter = find_adapter(name, profile_of(own))
         except SolverError as unusable:
-            found[name] = str(unusable)
+            decks[name] = str(unusable)
             continue
         if not isinstance(adapter, ExternalAdapter):
             continue
         asked = _as_offered(model.simulation(values), adapter.capabilities())
         try:
-            found[name] = adapter.files(asked)
+            decks[name] = adapter.files(asked)
         except SolverError as refused:
-            found[name] = str(refused)
-    return found
+            decks[name] = str(refused)
+    return decks
 
 
 def _as_offered(simulation: Simulation, solver: Capabilities) -> Simulation:

@@ -77,11 +77,11 @@ def read_hdf5(path: Path) -> dict[str, Array]:
     Raises:
         ResultError: the file is absent, truncated or no HDF5 file.
     """
-    found: dict[str, Array] = {}
+    datasets: dict[str, Array] = {}
 
     def take(name: str, item: h5py.Dataset | h5py.Group) -> None:
         if isinstance(item, h5py.Dataset):
-            found[name] = np.asarray(item[()])
+            datasets[name] = np.asarray(item[()])
 
     try:
         with h5py.File(path, "r") as file:
@@ -91,7 +91,7 @@ def read_hdf5(path: Path) -> dict[str, Array]:
             f"{path}: found no readable HDF5 file ({error}), expected a result of prismid; "
             f"{_remedy(path)}"
         ) from None
-    return found
+    return datasets
 
 
 def damaged(path: Path, found: str) -> ResultError:

@@ -71,8 +71,8 @@ def _left_by_steps(correction: Correction) -> Arrays:
 
 def value_told(name: str, fit: Fit, parameters: Mapping[str, Parameter]) -> str:
     """Return a value with its uncertainty, the digits that this leaves, and its unit."""
-    told, unit = with_sigma(fit.values[name], fit.sigma(name, parameters)), parameters[name].unit
-    return f"{name} = ({told}) {unit}" if unit else f"{name} = {told}"
+    text, unit = with_sigma(fit.values[name], fit.sigma(name, parameters)), parameters[name].unit
+    return f"{name} = ({text}) {unit}" if unit else f"{name} = {text}"
 
 
 def _write(folder: Path, found: Identification, start: Mapping[str, float], more: Arrays) -> None:

@@ -78,8 +78,11 @@ def read_results(results: Path, diagnosed: bool) -> FinishedResults:
 def _identified(path: Path, sizes: dict[str, int]) -> tuple[FittedModel, dict[str, float]]:
     arrays = read_hdf5(path)
     predicted = _predictions(path, arrays, "final", sizes)
-    told = read_identification(path)
-    all_values, by_name = told.values, dict(zip(told.names, told.units, strict=True))
+    identification = read_identification(path)
+    all_values, by_name = (
+        identification.values,
+        dict(zip(identification.names, identification.units, strict=True)),
+    )
     _expect(path, arrays, {"sigma": "K", "start": "K"}, {"K": len(by_name)})
     model = FittedModel(
         label=LABELS[0],

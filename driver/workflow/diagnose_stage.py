@@ -65,10 +65,10 @@ def run_diagnose(context: StageContext) -> None:
     identified = read_hdf5(context.result(IDENTIFY))
     measured = read_hdf5(context.result(MEASURE))
     free_chi = measured["chi"]
-    start_of = read_identification(context.result(IDENTIFY))
+    identification = read_identification(context.result(IDENTIFY))
     # A term that was installed since is at its null.
-    values = problem.objective.model.null_values() | start_of.values
-    free, converged, reason = start_of.names, start_of.converged, start_of.reason
+    values = problem.objective.model.null_values() | identification.values
+    free, converged, reason = identification.names, identification.converged, identification.reason
     if not converged:
         logger.info(f"  the baseline has not converged ({reason}): read the verdict with care")
     objective = saved_objective(problem, identified)

@@ -75,20 +75,20 @@ def places_on(geometry: PrismGeometry, xy: FloatArray) -> dict[str, BoolArray]:
     """
     x, y = xy.T
     band, edge = _BAND * geometry.width, 0.5 * geometry.width
-    found: dict[str, BoolArray] = {}
+    places: dict[str, BoolArray] = {}
     if geometry.boundary_point is None or geometry.boundary_normal is None:
-        found["the face"] = np.ones(len(xy), dtype=bool)
+        places["the face"] = np.ones(len(xy), dtype=bool)
     else:
         normal = np.array(geometry.boundary_normal) / np.linalg.norm(geometry.boundary_normal)
         on_face = np.column_stack([xy, np.zeros(len(xy))])
         off = (on_face - geometry.boundary_point) @ normal
         # Across the trace, as it is seen on the face.
         off /= max(float(np.hypot(*normal[:2])), 1e-9)
-        found["grain 1"], found["grain 2"] = off < -band, off > band
-        found["the grain boundary"] = np.abs(off) <= band
-    found["the end S−"], found["the end S+"] = y < band, y > geometry.length - band
-    found["the long edges"] = np.abs(x) > edge - 0.5 * band
-    return {name: there for name, there in found.items() if there.sum() >= _FEWEST_PIXELS}
+        places["grain 1"], places["grain 2"] = off < -band, off > band
+        places["the grain boundary"] = np.abs(off) <= band
+    places["the end S−"], places["the end S+"] = y < band, y > geometry.length - band
+    places["the long edges"] = np.abs(x) > edge - 0.5 * band
+    return {name: there for name, there in places.items() if there.sum() >= _FEWEST_PIXELS}
 
 
 def phases_of(history: History) -> dict[str, BoolArray]:
@@ -97,13 +97,13 @@ def phases_of(history: History) -> dict[str, BoolArray]:
     stage = history.stage[history.image_row]
     stands = np.zeros(len(stage), dtype=bool)
     stands[1:] = np.abs(np.diff(stage)) < _STANDS * np.ptp(history.stage)
-    found = {
+    phases = {
         "the first loading": (number == 0) & ~stands,
         "unloading": (number % 2 == 1) & ~stands,
         "loading again": (number % 2 == 0) & (number > 0) & ~stands,
         "holds": stands,
     }
-    return {name: then for name, then in found.items() if then.sum() >= _FEWEST_IMAGES}
+    return {name: then for name, then in phases.items() if then.sum() >= _FEWEST_IMAGES}
 
 
 def excess(
@@ -139,12 +139,12 @@ def excess(
             read = data.load_index
             lines = np.stack([np.ones(read.size), stretch[read]])
             rows[LOADS, phase] = data.load_changes(course[read] * lines)
-    found = []
+    excesses = []
     for (place, phase), these in rows.items():
-        one = score_together([these], at, data.load_degrees, variance)
-        misfit = float(np.sqrt(max(one.statistic - one.degrees, 0.0)))
-        found.append(Excess(place, phase, misfit, min(1.0, one.p * len(rows))))
-    return tuple(found)
+        scored = score_together([these], at, data.load_degrees, variance)
+        misfit = float(np.sqrt(max(scored.statistic - scored.degrees, 0.0)))
+        excesses.append(Excess(place, phase, misfit, min(1.0, scored.p * len(rows))))
+    return tuple(excesses)
 
 
 def whereabouts(
@@ -172,9 +172,9 @@ def whereabouts(
 def told(where: ResidualLocalisation) -> str:
     """Return the same in words."""
     text = _most_of("The identified model", where.before)
-    if not where.after or not any(one.seen for one in where.before):
+    if not where.after or not any(part.seen for part in where.before):
         return text
-    if not any(one.seen for one in where.after):
+    if not any(part.seen for part in where.after):
         return f"{text} The extended model leaves none of it."
     return f"{text} {_most_of('The extended model', where.after)}"
 
@@ -182,26 +182,26 @@ def told(where: ResidualLocalisation) -> str:
 def still_missed(where: ResidualLocalisation) -> str:
     """Say what the last of both models misses; nothing where no place or phase shows any."""
     last = where.after or where.before
-    if not any(one.seen for one in last):
+    if not any(part.seen for part in last):
         return ""
     return _most_of("the extended model" if where.after else "the identified model", last)
 
 
 def _most_of(who: str, every: Sequence[Excess]) -> str:
-    said, silent = [], []
+    places, silent = [], []
     for signal in ("the images", LOADS):
-        of = [one for one in every if (one.place == LOADS) == (signal == LOADS)]
-        if seen := [one for one in of if one.seen]:
-            said.append(_where_and_when(signal, seen))
+        of = [part for part in every if (part.place == LOADS) == (signal == LOADS)]
+        if seen := [part for part in of if part.seen]:
+            places.append(_where_and_when(signal, seen))
         elif of:
             silent.append(signal)
-    if not said:
+    if not places:
         return (
             f"{who} leaves no more than noise at any single place of the face, in any single phase "
             "of the test and in the loads."
         )
     rest = f"; {silent[0]} show nothing beyond noise" if silent else ""
-    return f"{who} misses what {', and '.join(said)}{rest}."
+    return f"{who} misses what {', and '.join(places)}{rest}."
 
 
 def _where_and_when(signal: str, seen: Sequence[Excess]) -> str:

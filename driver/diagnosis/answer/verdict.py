@@ -79,7 +79,7 @@ def decide(
         return _without_a_name(left, imaging_limited, tried)
     sets = _beside_each_other(added)
     best = [group[0] for group in sets]
-    said = _capital("; and ".join(_said(group) for group in sets))
+    named = _capital("; and ".join(_said(group) for group in sets))
     # A noise is no effect that others could be the shadow of.
     effects = [cause for cause in best if cause != BOUNDARY_NOISE]
     if len(effects) >= MOST_ADDITIONS:
@@ -100,11 +100,11 @@ def decide(
     if left:
         return Verdict(
             "named, but something is left", sets,
-            f"{said}. This explains a part; what is left is still not noise: {_list(left)}.",
+            f"{named}. This explains a part; what is left is still not noise: {_list(left)}.",
             do_next + " Then look at the maps of what is left.",
         )  # fmt: skip
     several = any(len(group) > 1 for group in sets)
-    return Verdict("one of this set" if several else "named", sets, f"{said}.", do_next)
+    return Verdict("one of this set" if several else "named", sets, f"{named}.", do_next)
 
 
 def with_places(verdict: Verdict, missed: str) -> Verdict:
