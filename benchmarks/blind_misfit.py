@@ -48,9 +48,9 @@ def left_of(path: Path, course: Course, causes: tuple[Cause, ...]) -> Left:
     """
     objective, values, free = identified(path)
     names = [name for cause in causes for name in cause.parameters]
-    wide = objective.evaluate(values, tuple(dict.fromkeys([*free, *names])))
-    objective, wide = objective.with_pattern_at(wide)
-    fitted = objective.restrict(wide, free)
+    augmented = objective.evaluate(values, tuple(dict.fromkeys([*free, *names])))
+    objective, augmented = objective.with_pattern_at(augmented)
+    fitted = objective.restrict(augmented, free)
     data, known = objective.data, objective.parameters
     true = shown(course, objective)
     excess = fitted.residual - data.residual(true, course.load)[0]
@@ -62,10 +62,10 @@ def left_of(path: Path, course: Course, causes: tuple[Cause, ...]) -> Left:
     like_itself: list[float] = []
     beside: list[float] = []
     for cause in causes:
-        rows = [wide.free.index(name) for name in cause.parameters]
-        effect = prior_scaled(wide.jacobian[rows], cause.parameters, known)
-        others = [n for n in wide.free if n not in cause.parameters]
-        for at, found in ((fitted, like_itself), (objective.restrict(wide, others), beside)):
+        rows = [augmented.free.index(name) for name in cause.parameters]
+        effect = prior_scaled(augmented.jacobian[rows], cause.parameters, known)
+        others = [n for n in augmented.free if n not in cause.parameters]
+        for at, found in ((fitted, like_itself), (objective.restrict(augmented, others), beside)):
             # Its directions are perpendicular to all that the fit can take, priors aside.
             directions = score(cause, effect, at, 1).directions
             found.append(float(np.linalg.norm(directions @ excess)))

@@ -58,14 +58,14 @@ class Ruler:
     Attributes:
         objective: of the last stage.
         here: evaluation at the fit, of the fitted parameters.
-        wide: the same with the parameters of all causes free.
+        augmented: the same with the parameters of all causes free.
         causes: of the library, that this specimen can have.
         unaffected: the course without an effect.
     """
 
     objective: Objective
     here: Evaluation
-    wide: Evaluation
+    augmented: Evaluation
     causes: tuple[Cause, ...]
     unaffected: Course
 
@@ -91,9 +91,9 @@ class Ruler:
 
     def length(self, cause: Cause, direction: FloatArray) -> float:
         """Linear misfit for a step of one along a direction in prior scales [σ]."""
-        rows = [self.wide.free.index(name) for name in cause.parameters]
+        rows = [self.augmented.free.index(name) for name in cause.parameters]
         scales = [self.objective.parameters[name].width for name in cause.parameters]
-        step = np.asarray(direction * np.array(scales)) @ self.wide.jacobian[rows]
+        step = np.asarray(direction * np.array(scales)) @ self.augmented.jacobian[rows]
         return self._left_of(np.asarray(step))
 
     def reach(self, cause: Cause, direction: FloatArray) -> float:
@@ -120,7 +120,7 @@ class Ruler:
     @cached_property
     def _scores(self) -> dict[str, Score]:
         baseline = Fit(self.here, True, "", ())
-        effects = effects_of(self.causes, self.wide, self.objective.parameters)
+        effects = effects_of(self.causes, self.augmented, self.objective.parameters)
         sizes = known_case().specimen.mesh_size, known_case().specimen.fine_mesh_size
         scores, _ = screen(baseline, self.objective, self.causes, effects, sizes)
         return {score.cause.name: score for score in scores}
@@ -162,8 +162,8 @@ def _made(cache: Path) -> Ruler:
     run(path, "identify", False)
     objective, values, free = identified(path)
     causes, names = screened(objective.model, free, None)
-    objective, wide = objective.with_pattern_at(objective.evaluate(values, names))
-    return Ruler(objective, objective.restrict(wide, free), wide, causes, unaffected)
+    objective, augmented = objective.with_pattern_at(objective.evaluate(values, names))
+    return Ruler(objective, objective.restrict(augmented, free), augmented, causes, unaffected)
 
 
 def identified(path: Path) -> tuple[Objective, dict[str, float], tuple[str, ...]]:

@@ -25,8 +25,8 @@ def sensitivity_runs(
     simulations = [
         beginning(specimen(size, "finite", stops(SHORT_CYCLES), free), n_images) for free in frees
     ]
-    rounds = [[solve(s) for s in simulations] for _ in range(repeats)]
-    return [min(runs, key=lambda run: run.cpu) for runs in zip(*rounds, strict=True)]
+    forward_selection = [[solve(s) for s in simulations] for _ in range(repeats)]
+    return [min(runs, key=lambda run: run.cpu) for runs in zip(*forward_selection, strict=True)]
 
 
 def sensitivities(quick: bool) -> None:

@@ -25,7 +25,7 @@ from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.parameters.registry import declared_parameters
 from tools import closed_form
-from tools.closed_form import KNOTS, LAW, SIZES, Bench, ClosedFormSolver, problem
+from tools.closed_form import KNOTS, LAW, SIZES, ClosedFormSolver, Problem, problem
 
 PRECISE = 0.2  # µN
 SETTINGS = Settings(
@@ -34,7 +34,7 @@ SETTINGS = Settings(
 """What a test asks of a diagnosis unless it says otherwise."""
 
 
-def finer(b: Bench, by: float = 0.001) -> ForwardModel:
+def finer(b: Problem, by: float = 0.001) -> ForwardModel:
     """Return the model of a finer simulation, another by so much (`ClosedFormSolver`)."""
     solver = b.model.adapter
     assert isinstance(solver, ClosedFormSolver)
@@ -50,7 +50,7 @@ def priors(start: Mapping[str, float]) -> dict[str, tuple[float, float]]:
 
 
 def identified(
-    b: Bench, made_with: Objective, sizes: tuple[float, float] = SIZES
+    b: Problem, made_with: Objective, sizes: tuple[float, float] = SIZES
 ) -> tuple[Objective, Fit]:
     """Return the baseline of a diagnosis: all but the extensions fitted, with the correction."""
     n = len(KNOTS) + 1
@@ -64,7 +64,10 @@ def identified(
 
 
 def diagnosis_of(
-    b: Bench, baseline: tuple[Objective, Fit], settings: Settings = SETTINGS, by: float = 0.001
+    b: Problem,
+    baseline: tuple[Objective, Fit],
+    settings: Settings = SETTINGS,
+    by: float = 0.001,
 ) -> Diagnosis:
     """Return what is wrong with a baseline (`identified`)."""
     objective, fitted = baseline
@@ -84,12 +87,12 @@ def large_effect(name: str, value: float) -> tuple[Objective, Fit, Evaluation, l
         objective, baseline = identified(b, made)
     at = baseline.best
     causes, names = screened(objective.model, at.free, None)
-    wide = objective.evaluate(baseline.values, names)
-    rows = dict(zip(wide.free, wide.jacobian, strict=True))
+    augmented = objective.evaluate(baseline.values, names)
+    rows = dict(zip(augmented.free, augmented.jacobian, strict=True))
     scores = [
         score(cause, np.array([rows[name] for name in cause.parameters]), at, len(causes))
         for cause in causes
         if cause != NUMERICS and cause not in COVARIANCE
     ]
     tried = [one for one in scores if one.degrees]
-    return objective, baseline, wide, sorted(tried, key=lambda one: -one.log_evidence)
+    return objective, baseline, augmented, sorted(tried, key=lambda one: -one.log_evidence)

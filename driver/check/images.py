@@ -13,7 +13,7 @@ from driver.dic.basis import grid_basis
 from driver.dic.resolution_check import refuse_too_fine
 from driver.experiment.images.flatfield import FlatField, flat_pattern
 from driver.experiment.images.heightmaps import on_surface
-from driver.experiment.images.outliers import find_outliers, frame_statistics, told
+from driver.experiment.images.outliers import find_outliers, frame_statistics, texts_by_frame
 from driver.experiment.images.reference import Reference, corrected
 from driver.experiment.images.region import Excluded
 from driver.experiment.reading import Experiment
@@ -185,7 +185,7 @@ def _frames(
         return
     largest = np.abs(seen.shift[:, :2]).max() / pixel
     yield Finding("ok", "images", f"the stage moved the frames by up to {largest:.1f} px")
-    for frame, what in told(
+    for frame, what in texts_by_frame(
         find_outliers(1e3 * seen.residual, seen.noise, seen.shift, pixel, "nm")
     ).items():
         yield Finding("warning", "images", f"frame {frame} is unlike its neighbours: {what}")

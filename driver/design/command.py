@@ -28,7 +28,7 @@ from driver.design.record import design_of
 from driver.design.schedule import changed
 from driver.design.settings import Settings, read_change, read_settings
 from driver.design.surface import Surface, expected_surface
-from driver.design.text import told
+from driver.design.text import lines_of
 from driver.design.variants import base_variant, refuse_without_images, usual_changes, variants
 from driver.diagnosis.causes.user_causes import asked_causes
 from driver.experiment.history import History, HistoryError, read_history
@@ -100,7 +100,7 @@ def design(
     before = forecast(prepared, simulated)
     logger.info(f"  simulated, {len(simulated.names)} sensitivities")
     others = changed_forecasts(plans, base, simulated)
-    for line in told(before, surface.told, others):
+    for line in lines_of(before, surface.told, others):
         logger.info(line)
     _write(results, before, surface, others)
     logger.info(f"{results}: {DESIGN}, {DESIGN_PICTURE}")

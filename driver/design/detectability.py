@@ -29,7 +29,7 @@ class then as one of it: measured on a surrogate with 30 causes. It is seen from
 
 def outlooks(
     causes: Sequence[Cause],
-    wide: Evaluation,
+    augmented: Evaluation,
     fitted: Evaluation,
     parameters: Mapping[str, Parameter],
 ) -> tuple[Outlook, ...]:
@@ -37,14 +37,14 @@ def outlooks(
 
     Args:
         causes: the causes.
-        wide: expected evaluation with the parameters of every cause free.
+        augmented: expected evaluation with the parameters of every cause free.
         fitted: the same with the fitted parameters alone.
         parameters: declarations by name.
     """
     scored_causes: list[tuple[Score, tuple[Visible, ...]]] = []
     for cause in causes:
-        rows = [wide.free.index(name) for name in cause.parameters]
-        effect = prior_scaled(wide.jacobian[rows], cause.parameters, parameters)
+        rows = [augmented.free.index(name) for name in cause.parameters]
+        effect = prior_scaled(augmented.jacobian[rows], cause.parameters, parameters)
         scored = score(cause, effect, fitted, len(causes))
         scored_causes.append((scored, _visible(scored, effect, fitted, parameters)))
     return tuple(

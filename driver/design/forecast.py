@@ -192,8 +192,8 @@ def forecast(own: Prepared, simulated: Simulated) -> Forecast:
         sizes = (case.specimen.mesh_size, case.specimen.fine_mesh_size)
         objective = with_correction(objective, 1.0, simulated.change, sizes)
     rows = [simulated.names.index(name) for name in own.names]
-    wide = objective.expect(simulated.prediction.restrict(rows), own.values, own.names)
-    fitted = objective.restrict(wide, own.fitted)
+    augmented = objective.expect(simulated.prediction.restrict(rows), own.values, own.names)
+    fitted = objective.restrict(augmented, own.fitted)
     turning = own.history.turning
     next_image = np.abs(own.history.image_row[None] - turning[:, None]).argmin(axis=1)
     names = elongation_names(own.history.n_knots)
@@ -204,7 +204,7 @@ def forecast(own: Prepared, simulated: Simulated) -> Forecast:
         elongation=np.array([0.0, *(own.values[name] for name in names)]),
         load=simulated.prediction.load[next_image],
         parameters=knowledge(fitted, objective.data, objective.parameters),
-        causes=outlooks(own.causes, wide, fitted, objective.parameters),
+        causes=outlooks(own.causes, augmented, fitted, objective.parameters),
     )
 
 

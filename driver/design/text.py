@@ -31,7 +31,7 @@ def shown(value: float, unit: str, relative: bool = False) -> str:
     return f"{number} {unit}".strip()
 
 
-def told(base: Forecast, surface: str, others: Sequence[Forecast]) -> list[str]:
+def lines_of(base: Forecast, surface: str, others: Sequence[Forecast]) -> list[str]:
     """All that is told of a design."""
     lines = [*_assumed(base, surface), "", *_parameters(base), "", *_causes(base)]
     if others:

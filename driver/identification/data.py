@@ -3,7 +3,7 @@
 Image part: with ρ = f + w − g(x + u) of a predicted motion, b_j = Σ_pixels (∇f·ψ_j) ρ tests the
 residual with the functions of the correlation mesh. Its noise covariance is σ² M, M_jk =
 Σ (∇f·ψ_j)(∇f·ψ_k), times (δ_tt' + S_tt') between frames, for all share the reference and the error
-of the flat pattern (`shared_noise`). The stage re-centres between images: what a rigid motion
+of the flat pattern (`reference_noise`). The stage re-centres between images: what a rigid motion
 explains is projected out.
 Load part: (F_measured − F_predicted)/γ_F, whitened for AR(1) noise over the frames in use.
 Both together are whitened for noise of the boundary motion, which moves images and loads alike.

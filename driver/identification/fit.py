@@ -99,7 +99,7 @@ def fit(
     start: Evaluation | None = None,
     tolerance: float = DECREMENT,
     share: float = 0.0,
-    bar: float = math.inf,
+    threshold: float = math.inf,
 ) -> Fit:
     """Minimise the cost; a step that fails, or leads nowhere lower, is shortened.
 
@@ -112,7 +112,7 @@ def fit(
         tolerance: Newton decrement at which the fit has converged [σ].
         share: the fit also ends when a step lowers the cost, or would, by less than this share
             of it: enough for a fit that only starts another one.
-        bar: cost that each step has to promise; where one does not, the fit is given up.
+        threshold: cost that each step has to promise; where one does not, the fit is given up.
 
     Raises:
         SolverError: the model cannot be evaluated at the start.
@@ -132,7 +132,7 @@ def fit(
     iteration = 0
     while True:
         step, decrement = newton(objective, current)
-        if promised_by(step, current) > bar:
+        if promised_by(step, current) > threshold:
             return ended(False, "a step promises too little", given_up=True)
         excess = max(current.excess - SCATTER * math.sqrt(2.0 * current.residual.size), 0.0)
         enough = max(tolerance, math.sqrt(share * current.cost), math.sqrt(excess) * NEGLIGIBLE)

@@ -149,7 +149,7 @@ def identify(
     change = correction(working, finer, stage_b.best.prediction, stage_b.values, with_steps=True)
     corrected = with_correction(objective, noise, change, plan.sizes)
     logger.info("stage C: all together, with the correction")
-    begin = corrected.complete(stage_b.best, plan.free("C"))
+    begin = corrected.with_free(stage_b.best, plan.free("C"))
     last = fit(corrected, stage_b.values, plan.free("C"), plan.most, start=begin)
     refuse_what_is_not_seen(last.best)
     return Identification(
@@ -197,7 +197,7 @@ def _first_stages(task: _Task) -> _First:
     values = unloaded(stage_a.values) if joint else stage_a.values
     if plan.jitter and objective.data.jitter is None:
         objective = _with_jitter(objective, values, plan.jitter)
-    known = None if joint else objective.complete(stage_a.best, plan.free("B"))
+    known = None if joint else objective.with_free(stage_a.best, plan.free("B"))
     stage_b = fit(objective, values, plan.free("B"), plan.most, start=known, share=task.share)
     return _First(objective, stage_a, stage_b)
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from driver.dic.basis import Basis
 from driver.dic.surface_images import SurfaceImages
-from driver.identification.reference_noise import shared_noise
+from driver.identification.reference_noise import reference_noise
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -209,7 +209,7 @@ def build_image_data(
     ).tocsr()
     rigid = _rigid_motions(images.xy, gauge)
     whiten = _whitening(images, test, (test.T @ test).toarray(), rigid)
-    shared = shared_noise(images, test, whiten, places)
+    shared = reference_noise(images, test, whiten, places)
     return ImageData(images, test, rigid, mean_motion, whiten, shared, lacking=lacking)
 
 

@@ -165,7 +165,7 @@ class Objective:
             paper=PaperChi(0.0, 0.0, 0.0),
         )
 
-    def complete(self, evaluation: Evaluation, free: Sequence[str]) -> Evaluation:
+    def with_free(self, evaluation: Evaluation, free: Sequence[str]) -> Evaluation:
         """Return an evaluation at the same values with other parameters free.
 
         Only the derivatives that it lacks are simulated; data, prior and correction may be others.

@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 _TESTS = 24  # numbers of an image of whose weights the autocorrelation is the mean
 
 
-def shared_noise(
+def reference_noise(
     images: SurfaceImages, test: sp.csr_array, whiten: FloatArray, places: FloatArray
 ) -> FloatArray:
     """Covariance between the frames beside their own noise, in units of its variance, (T, T).

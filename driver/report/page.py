@@ -18,7 +18,7 @@ from driver.report.labels import cause_label
 from driver.report.measured_texts import texts
 from driver.report.references import REFERENCES
 from driver.report.style import INDEXED, data_uri
-from driver.report.tables import added_rows, cause_rows, measure, parameter_rows, whereabouts_rows
+from driver.report.tables import added_rows, cause_rows, localisation_rows, measure, parameter_rows
 from templates import render
 
 TEMPLATE = "report.html.j2"
@@ -60,7 +60,7 @@ def report_page(
     sentences = verdict_texts(diagnosis)
     if findings.extended:
         sentences.append(gain_text(diagnosis))
-    places, phases = whereabouts_rows(diagnosis["whereabouts"])
+    places, phases = localisation_rows(diagnosis["whereabouts"])
     shifts = parameter_rows(findings) if findings.extended else []
     page = render(
         TEMPLATE,
@@ -202,13 +202,13 @@ def tiles(diagnosis: Row) -> list[Row]:
 def checks(findings: Findings) -> list[Row]:
     """Return what had to hold for the verdict to be trusted, and whether it did."""
     diagnosis = findings.diagnosis
-    gate, last = diagnosis["numerics"], diagnosis["steps"][-1]["omnibus"]
+    discretisation_check, last = diagnosis["numerics"], diagnosis["steps"][-1]["omnibus"]
     free = diagnosis["gain"]["budget_before"]["free"]
-    effect = number(gate["effect_sigma"], 2)
+    effect = number(discretisation_check["effect_sigma"], 2)
     rows = [
         {
             "what": "mesh and time steps",
-            "passed": gate["passed"],
+            "passed": discretisation_check["passed"],
             "text": f"their error changes by {effect} σ from the identified to the extended model "
             f"(at most {GATE:g} σ is tolerated)",
         },

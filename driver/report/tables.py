@@ -131,7 +131,7 @@ def parameter_rows(findings: Findings) -> list[tuple[str, list[Row]]]:
     return [(group, groups[group]) for group in order if group in groups]
 
 
-def whereabouts_rows(where: Mapping[str, Any]) -> tuple[list[str], list[Row]]:
+def localisation_rows(where: Mapping[str, Any]) -> tuple[list[str], list[Row]]:
     """Places as columns, and a row for each phase: misfits before and after, and which are seen.
 
     Args:

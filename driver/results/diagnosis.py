@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from driver.diagnosis.answer.detection_limits import not_found
-from driver.diagnosis.answer.residual_localisation import Excess, ResidualLocalisation, told
+from driver.diagnosis.answer.residual_localisation import Excess, ResidualLocalisation, as_text
 from driver.diagnosis.answer.result_types import Diagnosis, Step
 from driver.diagnosis.causes.ebsd_flips import FLIPS
 from driver.diagnosis.statistics.goodness_of_fit import GoodnessOfFit
@@ -19,7 +19,7 @@ from driver.results.json_files import json_number
 
 Budget = dict[str, float]
 
-# Entries of `omnibus` by name, and what each is of the tests.
+# Entries of `goodness_of_fit` by name, and what each is of the tests.
 OMNIBUS = {
     "load_slow_p": "load_slow",
     "load_serial_p": "load_serial",
@@ -76,17 +76,17 @@ def diagnosis_record(
         "added": {n: fitted(after)[n] for n in added_parameters(found)} | added,
         "flips": [cause.name for cause in found.causes if cause in FLIPS],
         "whereabouts": {
-            "text": told(where),
+            "text": as_text(where),
             "before": [_excess_record(excess) for excess in where.before],
             "after": [_excess_record(excess) for excess in where.after],
         },
         "gain": _gain_record(found, objective, law, budgets),
         "numerics": {
-            "effect_sigma": found.gate.effect,
-            "on": found.gate.along.name,
-            "passed": found.gate.passed,
-            "needed": found.gate.needed,
-            "between_meshes": found.gate.between_meshes,
+            "effect_sigma": found.numerics.effect,
+            "on": found.numerics.along.name,
+            "passed": found.numerics.passed,
+            "needed": found.numerics.needed,
+            "between_meshes": found.numerics.between_meshes,
             "off_by_mesh": {n: found.off_by_mesh(n) for n in added_parameters(found)},
         },
         "load_noise": {
@@ -200,7 +200,7 @@ def _step_record(step: Step, objective: Objective) -> dict[str, Any]:
         "chi_load": step.chi_load,
         "chi_image": step.chi_image,
         "widened": step.widened,
-        "omnibus": _omnibus_record(step.omnibus),
+        "omnibus": _omnibus_record(step.goodness_of_fit),
         "named": list(step.named),
         "left_something": list(step.left_something),
         "causes": [scored(s) for s in step.scores],

@@ -166,7 +166,7 @@ def _as_in_the_paper(found: Identification) -> Arrays:
     objective, final = found.objective, found.final
     model = objective.model
     names = tuple(dict.fromkeys((*LAMBDAS, *filter(model.simulated, found.law))))
-    whole = objective.complete(final.best, names)
+    whole = objective.with_free(final.best, names)
     first, last = found.stages["A"].history[0], final.history[-1]
     return {
         "kinematic_hessian": (kinematic_hessian(objective, whole, names), "of log p"),

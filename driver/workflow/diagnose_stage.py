@@ -10,9 +10,9 @@ import numpy as np
 from driver.case.model import SCHEMA_FILE, schema_text, write_case
 from driver.diagnosis.answer.residual_localisation import (
     ResidualLocalisation,
+    as_text,
+    residual_localisation,
     still_missed,
-    told,
-    whereabouts,
 )
 from driver.diagnosis.answer.result_types import Diagnosis, Settings
 from driver.diagnosis.answer.verdict import with_places
@@ -75,11 +75,11 @@ def run_diagnose(context: StageContext) -> None:
     # One simulation gives the baseline and the sensitivities of every cause: that of the
     # identification, once more.
     again = same_simulation(objective, identified, values)
-    wide = again.evaluate(values, screened(objective.model, free, wanted, own)[1])
-    objective, wide = objective.with_pattern_at(wide)
+    augmented = again.evaluate(values, screened(objective.model, free, wanted, own)[1])
+    objective, augmented = objective.with_pattern_at(augmented)
     problem = replace(problem, finer=replace(problem.finer, pattern=objective.model.pattern))
-    baseline = Fit(objective.restrict(wide, free), converged, reason, ())
-    known: Evaluation | None = wide
+    baseline = Fit(objective.restrict(augmented, free), converged, reason, ())
+    known: Evaluation | None = augmented
     if held := [name for name in problem.plan.every if name not in free]:
         # An error of a held knot would be found as one of the model.
         logger.info(f"fitted again with what the identification held: {', '.join(held)}")
@@ -100,7 +100,7 @@ def run_diagnose(context: StageContext) -> None:
         baseline, objective, FineModels(problem.finer, lambda: on_another_mesh(case, problem)),
         cycles, settings, known,
     )  # fmt: skip
-    where = whereabouts(diagnosis, geometry_of(case), problem.experiment.history)
+    where = residual_localisation(diagnosis, geometry_of(case), problem.experiment.history)
     diagnosis = replace(diagnosis, verdict=with_places(diagnosis.verdict, still_missed(where)))
     _tell(diagnosis, where, problem)
     decks = _decks(diagnosis, context) if diagnosis.causes else None
@@ -121,7 +121,7 @@ def run_diagnose(context: StageContext) -> None:
 def _tell(found: Diagnosis, where: ResidualLocalisation, problem: IdentificationProblem) -> None:
     """Tell the verdict, where the model misses the data, what was added, what to do next."""
     logger.info(f"verdict: {found.verdict.kind}. {found.verdict.text}")
-    logger.info(f"  {told(where)}")
+    logger.info(f"  {as_text(where)}")
     for name in added_parameters(found):
         logger.info(f"  {value_told(name, found.extended, problem.objective.parameters)}")
         if (off := found.off_by_mesh(name)) is not None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from driver.case.model import Case
 from driver.dic.derived_quantities import Reading
 from driver.dic.series import SurfaceMotion
-from driver.experiment.images.outliers import Outlier, told
+from driver.experiment.images.outliers import Outlier, texts_by_frame
 
 logger = logging.getLogger(__name__)
 
@@ -83,7 +83,7 @@ def tell_frames(
         left: frames whose images are not fitted, shape (T,).
         elongation: against the repeats.
     """
-    for frame, what in told(outliers).items():
+    for frame, what in texts_by_frame(outliers).items():
         kept = "its image is not fitted, its load is" if left[frame] else "it is kept"
         logger.info(f"  frame {frame} is unlike its neighbours: {what}; {kept}")
     for frame in np.flatnonzero(motion.lost).tolist():

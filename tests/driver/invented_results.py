@@ -287,10 +287,10 @@ def _write_diagnosed(folder: Path, rng: np.random.Generator) -> None:
 def diagnosis() -> dict[str, Any]:
     """A verdict that names one cause, found in two rounds."""
     added = {"tau0_grain2": {"value": 1.1493, "sigma": 0.0041, "unit": ""}}
-    omnibus = {"load_slow_p": 0.4, "load_serial_p": 0.2, "image_slow_p": 0.6,
+    goodness_of_fit = {"load_slow_p": 0.4, "load_serial_p": 0.2, "image_slow_p": 0.6,
                "image_outlier_p": 0.9, "together_p": 0.5, "smooth_p": 0.4,
                "accepted": True}  # fmt: skip
-    found = omnibus | {"load_slow_p": 3e-7, "accepted": False}
+    found = goodness_of_fit | {"load_slow_p": 3e-7, "accepted": False}
     return {
         "verdict": "named",
         "causes": ["grain_contrast"],
@@ -337,7 +337,7 @@ def diagnosis() -> dict[str, Any]:
                 "causes": _causes(("grain_contrast", "family_112"), ()),
             },
             {
-                "chi_load": 0.98, "chi_image": 1.03, "omnibus": omnibus, "named": [],
+                "chi_load": 0.98, "chi_image": 1.03, "omnibus": goodness_of_fit, "named": [],
                 "left_something": [],
                 "causes": _causes((), ("grain_contrast",)),
             },

@@ -147,7 +147,7 @@ def excess(
     return tuple(excesses)
 
 
-def whereabouts(
+def residual_localisation(
     found: Diagnosis, geometry: PrismGeometry, history: History
 ) -> ResidualLocalisation:
     """Where and when the identified and the extended model miss the data.
@@ -169,7 +169,7 @@ def whereabouts(
     return ResidualLocalisation(before, after)
 
 
-def told(where: ResidualLocalisation) -> str:
+def as_text(where: ResidualLocalisation) -> str:
     """Return the same in words."""
     text = _most_of("The identified model", where.before)
     if not where.after or not any(part.seen for part in where.before):

@@ -60,7 +60,7 @@ class Step:
         scores: every cause that was tried, best log evidence first.
         refits: the nonlinear refits, best first.
         named: the cause that was added and those that cannot be told from it, or empty.
-        omnibus: tests of the baseline of this round.
+        goodness_of_fit: tests of the baseline of this round.
         chi_load, chi_image: of that baseline.
         widened: by how much the simulation's own error widens the scores.
         untried: flips of the EBSD frame that were not tried in it, and why.
@@ -72,7 +72,7 @@ class Step:
     scores: tuple[Score, ...]
     refits: tuple[Refit, ...]
     named: tuple[str, ...]
-    omnibus: GoodnessOfFit
+    goodness_of_fit: GoodnessOfFit
     chi_load: float
     chi_image: float
     widened: float = 1.0
@@ -94,7 +94,7 @@ class Diagnosis:
         bad_loads: the loads that were left out.
         steps: the rounds.
         causes: the causes that were added.
-        gate: the test of the simulation's own error.
+        numerics: the test of the simulation's own error.
         held_out: score of the held-out cycle before and after, None where none is held out.
         explained: share of the excess misfit that the extension explains (NaN where the
             excess is within the scatter of noise).
@@ -112,7 +112,7 @@ class Diagnosis:
     bad_loads: tuple[BadLoad, ...]
     steps: tuple[Step, ...]
     causes: tuple[Cause, ...]
-    gate: DiscretisationCheck
+    numerics: DiscretisationCheck
     held_out: tuple[HeldOut, HeldOut] | None
     explained: float
     log_evidence: float

@@ -35,7 +35,7 @@ class Prepared:
     Attributes:
         baseline: the fit to examine.
         objective: its objective.
-        wide: evaluation there with the parameters of every cause free, None if unknown.
+        augmented: evaluation there with the parameters of every cause free, None if unknown.
         bad: the loads that were left out.
         uneven: how the noise varies over the pixels, None where that was not asked.
         left: the cause that was not asked for, if any.
@@ -43,7 +43,7 @@ class Prepared:
 
     baseline: Fit
     objective: Objective
-    wide: Evaluation | None
+    augmented: Evaluation | None
     bad: tuple[BadLoad, ...]
     uneven: Unevenness | None
     left: tuple[NotExamined, ...]
@@ -52,7 +52,7 @@ class Prepared:
 def prepared(
     baseline: Fit,
     objective: Objective,
-    wide: Evaluation,
+    augmented: Evaluation,
     candidates: Sequence[Cause],
     settings: Settings,
 ) -> Prepared:
@@ -61,11 +61,11 @@ def prepared(
     Args:
         baseline: the fit.
         objective: its objective.
-        wide: evaluation at the fit with the parameters of every candidate free.
+        augmented: evaluation at the fit with the parameters of every candidate free.
         candidates: the causes.
         settings: how the diagnosis is run.
     """
-    effects = effects_of(candidates, wide, objective.parameters)
+    effects = effects_of(candidates, augmented, objective.parameters)
     bad = bad_loads(baseline.best, objective.data, effects)
     free, fitted = baseline.best.free, baseline
     if bad:
@@ -91,7 +91,9 @@ def prepared(
         objective = _reweighted(objective, fitted, uneven, settings)
         fitted = _fitted_again(objective, fitted)
     moved = fitted.values != baseline.values
-    known = None if moved else objective.compare(wide.prediction, wide.values, wide.free)
+    known = (
+        None if moved else objective.compare(augmented.prediction, augmented.values, augmented.free)
+    )
     fitted = replace(fitted, best=objective.restrict(fitted.best, free))
     return Prepared(fitted, objective, known, bad, uneven, left)
 
@@ -126,13 +128,13 @@ def loads_taken_back(
     fitted = _fitted_again(whole, fitted)
     whole = replace(whole, data=with_load_noise(whole.data, fitted.best))
     fitted = _fitted_again(whole, fitted)
-    wide = whole.complete(fitted.best, names)
-    effects = effects_of(candidates, wide, whole.parameters)
+    augmented = whole.with_free(fitted.best, names)
+    effects = effects_of(candidates, augmented, whole.parameters)
     noise = score_boundary_noise(stops.effect, fitted.best, whole.data, effects, len(effects) + 2)
     if noise.p >= FAMILY_LEVEL:
         logger.info(f"  it is not seen with any cause free (p {noise.p:.2g}): they stay left out")
         return begin
-    return replace(begin, baseline=fitted, objective=whole, wide=wide, bad=())
+    return replace(begin, baseline=fitted, objective=whole, augmented=augmented, bad=())
 
 
 def _reweighted(

@@ -22,7 +22,7 @@ from driver.diagnosis.causes.candidates import NotExamined
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.search.refit import MOST_ITERATIONS, TOLERANCE
 from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
-from driver.diagnosis.statistics.high_pass_loads import FEWEST, LEFT, fast_loads
+from driver.diagnosis.statistics.high_pass_loads import FEWEST, LEFT, high_pass_loads
 from driver.diagnosis.statistics.score_test import Score
 from driver.diagnosis.statistics.variance_component import Component, component
 from driver.identification.boundary_jitter import BoundaryJitter, boundary_jitter
@@ -114,7 +114,7 @@ def score_boundary_noise(
         causes: whitened sensitivities per prior scale of each cause, shapes (k_c, n).
         family: number of tries, of which a cause is one.
     """
-    fast = fast_loads(baseline)
+    fast = high_pass_loads(baseline)
     shown, y = fast.of(data.effect_of_stops(stops)), fast.residual
     noise = component(shown, y)
     worst = noise.p
@@ -145,7 +145,7 @@ def in_fast_loads(stops: BoundaryJitter, at: Evaluation, data: Data) -> Componen
         at: a fit, whitened without them.
         data: the data without them.
     """
-    fast = fast_loads(at)
+    fast = high_pass_loads(at)
     return component(fast.of(data.effect_of_stops(stops)), fast.residual)
 
 
@@ -165,7 +165,7 @@ def explains_better(
         frames: of the loads in question.
     """
     # In the space in which they were found to be errors.
-    fast = fast_loads(whole, LEFT)
+    fast = high_pass_loads(whole, LEFT)
     y, m = fast.residual, fast.residual.size
     single = np.eye(whole.n_load)[np.isin(data.load_index, frames)]
     across = _complement(fast.of(data.load_changes(data.load_noise * single)))
@@ -201,16 +201,16 @@ def refit_boundary_noise(
         with collected_lines():
             result = fit(
                 noisy, best.values, best.free, MOST_ITERATIONS,
-                start=noisy.complete(best, best.free), tolerance=TOLERANCE,
+                start=noisy.with_free(best, best.free), tolerance=TOLERANCE,
             )  # fmt: skip
         before, best = noise.level, result.best
         if turn < _SIMULATED:
             stops = boundary_jitter(model, image, best.values, SIGMA_E.scale)
-        noise = in_fast_loads(stops, objective.complete(best, best.free), objective.data)
+        noise = in_fast_loads(stops, objective.with_free(best, best.free), objective.data)
         if turn >= _SIMULATED and abs(noise.level - before) <= _SETTLED * before:
             break
     noisy = with_level(objective, stops, noise)
-    result = replace(result, best=noisy.complete(best, best.free))
+    result = replace(result, best=noisy.with_free(best, best.free))
     level, sigma = _level(noise)
     logger.info(
         f"  {BOUNDARY_NOISE.name}: log evidence {noise.log_evidence:+.1f}, "
@@ -252,7 +252,7 @@ def level_again(
     scales = before[SIGMA_E.name][0] / SIGMA_E.scale
     stops = BoundaryJitter(assumed.load / scales, assumed.image / scales)
     bare = replace(objective, data=data)
-    noise = in_fast_loads(stops, bare.complete(at, at.free), data)
+    noise = in_fast_loads(stops, bare.with_free(at, at.free), data)
     if noise.p < FAMILY_LEVEL:
         return with_level(bare, stops, noise), {SIGMA_E.name: _level(noise)}
     logger.info(f"{BOUNDARY_NOISE.name} is not needed any more")

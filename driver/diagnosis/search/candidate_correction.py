@@ -60,8 +60,8 @@ def with_candidate_corrections(
     """
     if not refits:
         return []
-    bar = max(refits[0].log_evidence - REACH, 0.0)
-    leading = [refit for refit in refits if refit.log_evidence > bar]
+    threshold = max(refits[0].log_evidence - REACH, 0.0)
+    leading = [refit for refit in refits if refit.log_evidence > threshold]
     if len(leading) < 2:
         return list(refits)
     logger.info("finer mesh and steps at the end of each refit that leads")

@@ -67,8 +67,8 @@ def refits_of_likely(
         known = {refit.cause for refit in best}
         others = [s for s in tried if s.cause not in known]
         logger.info(f"a large effect, or one half explained: refitting {_listed(others)}")
-        bar = cost_to_promise(best, baseline)
-        more = refit_causes(others, screening, baseline, objective, executor, bar)
+        threshold = cost_to_promise(best, baseline)
+        more = refit_causes(others, screening, baseline, objective, executor, threshold)
         best = best_of_each([*best, *afar, *more])
     if not best:
         return []
@@ -79,8 +79,10 @@ def refits_of_likely(
     again = [s for s in tried if s.cause.name in stalled | leading]
     if again:
         logger.info(f"from other starts: {_listed(again)}")
-        bar = cost_to_promise(best, baseline)
-        best = best_of_each([*best, *refit_from_afar(again, baseline, objective, executor, bar)])
+        threshold = cost_to_promise(best, baseline)
+        best = best_of_each(
+            [*best, *refit_from_afar(again, baseline, objective, executor, threshold)]
+        )
     return best
 
 
@@ -100,10 +102,10 @@ def to_refit(tried: Sequence[Score], most: int) -> list[Score]:
     best = tried[0].log_evidence
     # Refits come in another order than scores that differ by less than refit and score do.
     seen = [s for k, s in enumerate(seen) if k < most or s.log_evidence > _RIVAL * best]
-    bar = HOPEFUL * best
-    if all(s.log_evidence <= bar for s in seen):
+    threshold = HOPEFUL * best
+    if all(s.log_evidence <= threshold for s in seen):
         return seen  # they are of a size beyond all that is usual, and vouch for no other
-    hopeful = [s for s in tried[:most] if s not in seen and s.log_evidence > bar]
+    hopeful = [s for s in tried[:most] if s not in seen and s.log_evidence > threshold]
     akin = [s for s in hopeful if any(subspace_similarity(s, other) > _AKIN for other in seen)]
     return [s for s in tried if s in seen or s in akin]
 

@@ -17,11 +17,11 @@ from driver.diagnosis.causes.ebsd_flips import flips_of
 from driver.diagnosis.causes.noise_causes import COVARIANCE, NOISE_NOT_UNIFORM
 from driver.diagnosis.search.baseline import loads_taken_back, prepared
 from driver.diagnosis.search.boundary_noise import sensitivities_where_they_pay
-from driver.diagnosis.search.discretisation_check import gate
+from driver.diagnosis.search.discretisation_check import discretisation_check
 from driver.diagnosis.search.extension import Extension
-from driver.diagnosis.search.final_comparison import final_fits
+from driver.diagnosis.search.final_comparison import final_comparison
 from driver.diagnosis.search.fine_models import FineModels
-from driver.diagnosis.search.forward_selection import rounds
+from driver.diagnosis.search.forward_selection import forward_selection
 from driver.diagnosis.search.image_noise import with_uneven_noise
 from driver.diagnosis.statistics.model_comparison import (
     log_evidence,
@@ -45,7 +45,7 @@ def diagnose(
     finer: FineModels,
     cycles: IntArray,
     settings: Settings,
-    wide: Evaluation | None = None,
+    augmented: Evaluation | None = None,
 ) -> Diagnosis:
     """Find out what the baseline gets wrong.
 
@@ -55,7 +55,7 @@ def diagnose(
         finer: the finer models behind the correction.
         cycles: number of the cycle of each image, shape (T,).
         settings: how to run.
-        wide: evaluation at the baseline with the parameters of `screened` free, if known.
+        augmented: evaluation at the baseline with the parameters of `screened` free, if known.
 
     Raises:
         SolverError: a simulation could not be finished.
@@ -66,9 +66,9 @@ def diagnose(
         settings.own,
     ) + flips_of(model.microstructure.orientations, settings.wanted)[1]  # fmt: skip
     candidates, names = screened(model, baseline.best.free, settings.wanted, settings.own)
-    if wide is None:
-        wide = objective.evaluate(baseline.values, names)
-    begin = prepared(baseline, objective, wide, candidates, settings)
+    if augmented is None:
+        augmented = objective.evaluate(baseline.values, names)
+    begin = prepared(baseline, objective, augmented, candidates, settings)
     stated, uneven = objective.data.load_noise, begin.uneven
     stops = sensitivities_where_they_pay(
         begin.baseline.best, begin.objective, stated, settings.wanted
@@ -77,18 +77,18 @@ def diagnose(
     left += begin.left + (() if stops.why is None else (stops.why,))
     for item in left:
         logger.info(f"  {item.cause} is not examined: {item.why}")
-    selection = rounds(begin, finer, stops, settings)
+    selection = forward_selection(begin, finer, stops, settings)
     first, end, steps = selection.begin, selection.end, list(selection.steps)
     fitted, current, last = end.fit, end.objective, end.finer.one
     causes, levels = list(end.causes), dict(end.levels)
     if uneven is not None:
         steps = [_with_score(step, uneven.score) for step in steps]
     logger.info("the correction once more, and the held-out cycle predicted from the others")
-    final = final_fits(
+    final = final_comparison(
         (first.fit, first.objective), (fitted, current), causes, last, cycles, settings
     )
     added = [n for cause in causes if cause not in COVARIANCE for n in cause.parameters]
-    passed = gate(current, fitted, final.fresh, last, steps[-1].scores, added)
+    passed = discretisation_check(current, fitted, final.fresh, last, steps[-1].scores, added)
     lost = steps[-1].lost
     if lost is not None and not causes:
         passed = lost
@@ -102,10 +102,10 @@ def diagnose(
     by_name = {cause.name: cause for cause in (*EVERY, *settings.own)}
     verdict = decide(
         [[by_name[name] for name in names] for names in sets.values()],
-        steps[-1].omnibus.seen,
+        steps[-1].goodness_of_fit.seen,
         settings.imaging_limited,
         passed.words,
-        share_described(final.uncounted, fitted.best, steps[-1].omnibus.left),
+        share_described(final.uncounted, fitted.best, steps[-1].goodness_of_fit.left),
         any(s.degrees for step in steps for s in step.scores),
     )
     fits = {"identified": first.fit} | ({"extended": fitted} if causes else {})
@@ -130,7 +130,7 @@ def diagnose(
         bad_loads=tuple(item for item in begin.bad if item.frame in current.data.bad_loads),
         steps=tuple(steps),
         causes=tuple(causes),
-        gate=passed,
+        numerics=passed,
         held_out=final.held_out,
         explained=explained,
         log_evidence=end.of_noise + log_evidence(final.before, fitted.best, current, causes),

@@ -41,7 +41,7 @@ class _Direction:
         return float(np.linalg.norm(self.rows @ change) / np.sqrt(len(self.rows)))
 
 
-def gate(
+def discretisation_check(
     objective: Objective,
     here: Fit,
     fresh: Correction,

@@ -46,7 +46,7 @@ class Final:
     held_out: tuple[HeldOut, HeldOut] | None
 
 
-def final_fits(
+def final_comparison(
     first: tuple[Fit, Objective],
     last: tuple[Fit, Objective],
     causes: Sequence[Cause],

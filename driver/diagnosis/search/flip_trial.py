@@ -56,7 +56,7 @@ def try_flips(
     baseline: Evaluation,
     objective: Objective,
     executor: Executor,
-    bar: float,
+    threshold: float,
 ) -> FlipTrial:
     """Evaluate each flip from two starts, and refit where a first step promises enough.
 
@@ -69,7 +69,7 @@ def try_flips(
         baseline: the baseline at its optimum.
         objective: the objective of the baseline.
         executor: who tries them.
-        bar: cost which the first step has to promise.
+        threshold: cost which the first step has to promise.
 
     Raises:
         NotRunError: a simulation was not run.
@@ -80,7 +80,7 @@ def try_flips(
     logger.info(f"other frames of the EBSD: {', '.join(flip.name for flip in flips)}")
     starts = [
         Start(flip, replace(objective, model=turned(objective.model, (flip,))), values, None,
-              baseline, bar, MOST_FROM_AFAR)
+              baseline, threshold, MOST_FROM_AFAR)
         for flip in flips
         for values in (baseline.values, nominal(baseline, objective))
     ]  # fmt: skip
@@ -101,10 +101,10 @@ def try_flips(
         promises = [_promise(start) for start in seen]
         promise = min(promises)
         scores.append(_score(flip, baseline.cost - promise))
-        if promise > bar:
+        if promise > threshold:
             logger.info(
                 f"  {flip.name}: given up, for its first step promises too little "
-                f"(cost {promise:.0f}, {bar:.0f} is asked for)"
+                f"(cost {promise:.0f}, {threshold:.0f} is asked for)"
             )
         else:
             hopeful.append(seen[promises.index(promise)])

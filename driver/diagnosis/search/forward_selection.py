@@ -16,7 +16,7 @@ from driver.diagnosis.search.extension import Extension, extended
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.selection_round import (
     WITHIN,
-    Round,
+    SelectionRound,
     at_first_sight,
     examine,
     is_settled,
@@ -30,7 +30,7 @@ MOST_STEPS = 6  # rounds, where elimination keeps taking back what was added
 
 
 @dataclass(frozen=True, eq=False)
-class Rounds:
+class Selection:
     """Where the rounds ended.
 
     Attributes:
@@ -46,12 +46,12 @@ class Rounds:
     doubts: tuple[str, ...] = ()
 
 
-def rounds(
+def forward_selection(
     begin: Prepared,
     finer: FineModels,
     stops: BoundaryNoiseSensitivities,
     settings: Settings,
-) -> Rounds:
+) -> Selection:
     """Add one cause after the other, until none stands out, or not on another mesh.
 
     Args:
@@ -65,15 +65,15 @@ def rounds(
     """
     fitted = begin.baseline.best.free
     extension = Extension(begin.baseline, begin.objective, finer, (), {}, 0.0, fitted, ())
-    before, known = extension, begin.wide
+    before, known = extension, begin.augmented
     first: Extension | None = None
     steps: list[Step] = []
     doubts: dict[str, str] = {}
 
-    def ended(end: Extension, *rounds_: Step) -> Rounds:
+    def ended(end: Extension, *rounds_: Step) -> Selection:
         added = {cause.name for cause in end.causes}
         sentences = tuple(why for name, why in doubts.items() if name not in added)
-        return Rounds(first or end, end, rounds_, sentences)
+        return Selection(first or end, end, rounds_, sentences)
 
     while True:
         at = extension.fit.best
@@ -137,7 +137,7 @@ def _with_the_best(
     return None, replace(step, named=()), failed
 
 
-def _leaves_something(found: Round, here: Extension) -> bool:
+def _leaves_something(found: SelectionRound, here: Extension) -> bool:
     """Whether the last addition leaves what is no noise, and what hardly anything can be added to.
 
     What another mesh takes away is an error of the meshes, and asks for no other cause. Nor does
@@ -146,7 +146,7 @@ def _leaves_something(found: Round, here: Extension) -> bool:
     little = found.winner is None or found.winner.log_evidence < WITHIN
     effects = [cause for cause in here.causes if cause not in COVARIANCE]
     few = len(effects) < MOST_ADDITIONS
-    return little and few and found.step.lost is None and not found.step.omnibus.accepted
+    return little and few and found.step.lost is None and not found.step.goodness_of_fit.accepted
 
 
 def _by_a_rival(

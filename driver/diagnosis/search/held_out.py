@@ -48,7 +48,7 @@ def trained_on_others(task: HeldOutTask) -> Fit:
     without = replace(task.objective, data=task.objective.data.frames(others))
     shared = tuple(name for name in best.free if name not in task.knots)
     return fit(
-        without, best.values, shared, MOST_ITERATIONS, without.complete(best, shared),
+        without, best.values, shared, MOST_ITERATIONS, without.with_free(best, shared),
         TOLERANCE,
     )  # fmt: skip
 
@@ -58,7 +58,7 @@ def predict_held_out(task: HeldOutTask) -> HeldOut:
     inside = np.flatnonzero(task.frames == task.cycle)
     trained = trained_on_others(task)
     only = replace(task.objective, data=task.objective.data.frames(inside))
-    begin = only.complete(trained.best, task.knots)
+    begin = only.with_free(trained.best, task.knots)
     predicted = fit(only, trained.values, task.knots, MOST_ITERATIONS, begin, TOLERANCE).best
     loads = predicted.residual[: predicted.n_load]
     # The elongation knots are seen by the loads, the tilt knots by the images.

@@ -1,6 +1,6 @@
 """Loads that are wrong one by one, and the noise of the others, both from the fast load residual.
 
-In y (see `fast_loads`) an error of a single load is a known direction. Its t statistic, the
+In y (see `high_pass_loads`) an error of a single load is a known direction. Its t statistic, the
 externally studentised and leverage-corrected residual, is exact whatever the noise is.
 """
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm, t
 
 from driver.diagnosis.answer.result_types import BadLoad
-from driver.diagnosis.statistics.high_pass_loads import FEWEST, LEFT, fast_loads, freed
+from driver.diagnosis.statistics.high_pass_loads import FEWEST, LEFT, freed, high_pass_loads
 from driver.identification.data import Data
 from driver.identification.objective import Evaluation
 
@@ -74,7 +74,7 @@ def bad_loads(
 
 def _fast(fitted: Evaluation, unit: FloatArray) -> _Fast:
     # One load, of a turning point say, may stand just where the model moves fast loads.
-    fast = fast_loads(fitted, LEFT)
+    fast = high_pass_loads(fitted, LEFT)
     return _Fast(fast.residual, fast.of(unit))
 
 
@@ -103,7 +103,7 @@ def load_noise(fitted: Evaluation, data: Data) -> tuple[float, float]:
         return 1.0, data.load_degrees
     if fitted.n_load < 2 * FEWEST:
         return 1.0, np.inf
-    y = fast_loads(fitted).residual
+    y = high_pass_loads(fitted).residual
     if y.size < FEWEST:
         return 1.0, np.inf
     return float(np.sqrt(np.mean(y**2))), float(y.size)

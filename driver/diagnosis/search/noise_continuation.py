@@ -25,10 +25,10 @@ from driver.diagnosis.search.refit import (
     MOST_ITERATIONS,
     TOLERANCE,
     Executor,
+    as_text,
     freed_with,
     nominal,
     refit_of,
-    told,
     with_prior,
 )
 from driver.diagnosis.statistics.score_test import Score
@@ -75,12 +75,12 @@ def refit_by_noise_continuation(
     logger.info(f"loads of {softness:.3g} times their noise, as far as the model is off")
     begin = _by_the_images(softened(objective, SOFTER * softness), baseline)
     softened_fit = fit_from(begin.best, soft, POLISH, TOLERANCE)
-    wide = soft.complete(softened_fit.best, names)
-    tasks = [_task(scored, objective, soft, wide, baseline) for scored in tried]
+    augmented = soft.with_free(softened_fit.best, names)
+    tasks = [_task(scored, objective, soft, augmented, baseline) for scored in tried]
     promises = [softened_fit.best.cost - promised(task.soft, task.start) for task in tasks]
     order = np.argsort(promises)[::-1]
-    bar = HOPEFUL * max(promises)
-    chosen = [tasks[k] for n, k in enumerate(order) if n < most or promises[k] > bar]
+    threshold = HOPEFUL * max(promises)
+    chosen = [tasks[k] for n, k in enumerate(order) if n < most or promises[k] > threshold]
     logger.info(f"refitting {', '.join(task.score.cause.name for task in chosen)}")
     ends = side_by_side(_below_soft_loads, chosen, executor.processes, executor.threads)
     gained = [softened_fit.best.cost - end.best.cost for end in ends]
@@ -93,7 +93,7 @@ def refit_by_noise_continuation(
     ]
 
     def done(index: int, result: Refit) -> None:
-        logger.info(told(result))
+        logger.info(as_text(result))
 
     return side_by_side(
         _as_precise_as_they_are, hopeful, executor.processes, executor.threads, done
@@ -129,10 +129,10 @@ class _Task:
 
 
 def _task(
-    one: Score, objective: Objective, soft: Objective, wide: Evaluation, baseline: Evaluation
+    one: Score, objective: Objective, soft: Objective, augmented: Evaluation, baseline: Evaluation
 ) -> _Task:
     extended = with_prior(soft, one.cause)
-    start = extended.restrict(wide, freed_with(baseline, one.cause))
+    start = extended.restrict(augmented, freed_with(baseline, one.cause))
     return _Task(one, with_prior(objective, one.cause), extended, start, baseline)
 
 

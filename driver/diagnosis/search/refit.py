@@ -52,7 +52,7 @@ class Start:
         values: every parameter.
         start: evaluation there, None where it is not known yet.
         baseline: the baseline at its optimum.
-        bar: cost which each step has to promise.
+        threshold: cost which each step has to promise.
         most: largest number of iterations.
     """
 
@@ -61,7 +61,7 @@ class Start:
     values: dict[str, float]
     start: Evaluation | None
     baseline: Evaluation
-    bar: float
+    threshold: float
     most: int
 
 
@@ -106,7 +106,7 @@ def refit_causes(
     baseline: Evaluation,
     objective: Objective,
     executor: Executor,
-    bar: float = np.inf,
+    threshold: float = np.inf,
 ) -> list[Refit]:
     """Refit causes side by side, each from the biased optimum of the baseline.
 
@@ -116,16 +116,18 @@ def refit_causes(
         baseline: the baseline at its optimum.
         objective: the objective of the baseline.
         executor: who refits.
-        bar: cost which each step has to promise; a cause of which one does not is left out.
+        threshold: cost which each step has to promise; a cause of which one does not is left out.
     """
     tasks, hopeless = [], []
     for scored in scores:
         extended = with_prior(objective, scored.cause)
         begin = extended.restrict(screening, freed_with(baseline, scored.cause))
-        if np.isfinite(bar) and promised(extended, begin) > bar:
+        if np.isfinite(threshold) and promised(extended, begin) > threshold:
             hopeless.append(scored.cause.name)
             continue
-        start = Start(scored.cause, extended, begin.values, begin, baseline, bar, MOST_ITERATIONS)
+        start = Start(
+            scored.cause, extended, begin.values, begin, baseline, threshold, MOST_ITERATIONS
+        )
         tasks.append(start)
     if hopeless:
         logger.info(f"  the first step promises too little of {', '.join(hopeless)}")
@@ -137,7 +139,7 @@ def refit_from_afar(
     baseline: Evaluation,
     objective: Objective,
     executor: Executor,
-    bar: float,
+    threshold: float,
 ) -> list[Refit]:
     """Refit causes from the nominal model with ±1 and ±3 prior scales of each.
 
@@ -149,13 +151,13 @@ def refit_from_afar(
         baseline: the baseline at its optimum.
         objective: the objective of the baseline.
         executor: who refits.
-        bar: cost which each step has to promise; a start of which one does not is given up.
+        threshold: cost which each step has to promise; a start of which one does not is given up.
     """
     tasks = []
     for scored in scores:
         extended, cause = with_prior(objective, scored.cause), scored.cause
         for values in nominal_starts(scored, baseline, extended):
-            tasks.append(Start(cause, extended, values, None, baseline, bar, MOST_FROM_AFAR))
+            tasks.append(Start(cause, extended, values, None, baseline, threshold, MOST_FROM_AFAR))
     return refit_from(tasks, executor)
 
 
@@ -219,13 +221,13 @@ def refit_from(tasks: Sequence[Start], executor: Executor) -> list[Refit]:
         if isinstance(result, str):
             logger.info(f"  {name}: a start is given up, {result}")
             return
-        logger.info(told(result))
+        logger.info(as_text(result))
 
     ends = side_by_side(_refit, tasks, executor.processes, executor.threads, done)
     return [end for end in ends if isinstance(end, Refit)]
 
 
-def told(refit: Refit) -> str:
+def as_text(refit: Refit) -> str:
     """Return a refit as a line of the log."""
     best = refit.fit.best
     return (
@@ -247,7 +249,15 @@ def _refit(task: Start) -> Refit | str:
         if isinstance(first, Failure):
             return f"for it cannot be simulated ({first.why})"
         begin = first
-    result = fit(objective, begin.values, begin.free, task.most, begin, TOLERANCE, bar=task.bar)
+    result = fit(
+        objective,
+        begin.values,
+        begin.free,
+        task.most,
+        begin,
+        TOLERANCE,
+        threshold=task.threshold,
+    )
     if result.given_up:
         return f"for {result.reason}"
     return refit_of(task.cause, objective, result, task.baseline)

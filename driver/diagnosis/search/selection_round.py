@@ -33,7 +33,7 @@ from driver.diagnosis.search.finite_step_score import finite_step_scores
 from driver.diagnosis.search.flip_trial import FlipTrial, not_warranted, try_flips
 from driver.diagnosis.search.refit import Executor
 from driver.diagnosis.search.second_mesh_check import held_against_both, with_both
-from driver.diagnosis.statistics.goodness_of_fit import GoodnessOfFit, omnibus
+from driver.diagnosis.statistics.goodness_of_fit import GoodnessOfFit, goodness_of_fit
 from driver.diagnosis.statistics.score_test import (
     NAMING_LEVEL,
     PARALLEL,
@@ -55,7 +55,7 @@ WITHIN = 3.0  # log evidence within which causes are not told apart
 
 
 @dataclass(frozen=True, eq=False)
-class Round:
+class SelectionRound:
     """A round, and what was examined in it.
 
     Attributes:
@@ -77,9 +77,9 @@ def examine(
     added: Sequence[Cause],
     settings: Settings,
     stops: BoundaryNoiseSensitivities,
-    wide: Evaluation | None,
+    augmented: Evaluation | None,
     finer: FineModels,
-) -> Round:
+) -> SelectionRound:
     """Screen all causes, refit the best, and pick the one to add.
 
     Noise of the boundary is the first suspect: where it is worth adding, no other cause is
@@ -91,14 +91,14 @@ def examine(
         added: causes that were added before.
         settings: how the diagnosis is run.
         stops: the answers to a noise of the boundary, if they were computed.
-        wide: evaluation at the fit with the parameters of every cause free, if known.
+        augmented: evaluation at the fit with the parameters of every cause free, if known.
         finer: the finer models behind the correction.
 
     Raises:
         SolverError: the simulation could not be finished.
     """
     candidates, names = screened(objective.model, here.best.free, settings.wanted, settings.own)
-    screening = wide if wide is not None else objective.complete(here.best, names)
+    screening = augmented if augmented is not None else objective.with_free(here.best, names)
     seen = _first_order(here, objective, candidates, screening, settings, stops)
     refits: list[Refit] = []
     trial = FlipTrial()
@@ -144,7 +144,7 @@ def examine(
     step = Step(
         tuple(scores), tuple(refits), named, seen.tests, *chi, seen.widened, trial.untried, lost
     )  # fmt: skip
-    return Round(step, winner, here, objective)
+    return SelectionRound(step, winner, here, objective)
 
 
 def at_first_sight(
@@ -159,7 +159,7 @@ def at_first_sight(
         stops: the answers to a noise of the boundary, if they were computed.
     """
     candidates, names = screened(objective.model, here.best.free, settings.wanted, settings.own)
-    screening = objective.complete(here.best, names)
+    screening = objective.with_free(here.best, names)
     seen = _first_order(here, objective, candidates, screening, settings, stops)
     chi = here.best.chi_load, here.best.chi_image
     return Step(tuple(seen.scores), (), (), seen.tests, *chi, seen.widened)
@@ -168,7 +168,7 @@ def at_first_sight(
 def is_settled(step: Step) -> bool:
     """Whether nothing is left: the tests accept, and no cause is significant."""
     causes = [s for s in step.scores if s.degrees and s.cause != NUMERICS]
-    return step.omnibus.accepted and all(s.p >= level_of(s.cause) for s in causes)
+    return step.goodness_of_fit.accepted and all(s.p >= level_of(s.cause) for s in causes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +206,7 @@ def _first_order(
         logger.info(f"  the simulation's own error widens scores by {np.sqrt(variance):.2f}")
     fields = smooth_fields(objective.data, here.best.motion)
     own = own_error_shapes(objective)
-    tests = omnibus(here.best, objective.data, effects, fields, own, variance)
+    tests = goodness_of_fit(here.best, objective.data, effects, fields, own, variance)
     noise = _noise_of_boundary(here, objective, effects, stops)
     if noise is not None:
         scores = sorted([*scores, noise], key=lambda s: -s.log_evidence)

@@ -73,7 +73,7 @@ class GoodnessOfFit:
         return tuple(what for what, p in tests.items() if len(tests) * p <= FAMILY_LEVEL)
 
 
-def omnibus(
+def goodness_of_fit(
     fitted: Evaluation,
     data: Data,
     effects: Sequence[FloatArray],

@@ -56,7 +56,7 @@ class HighPassLoads:
         return np.asarray((self.root @ (fast - self.taken @ seen)).T)
 
 
-def fast_loads(fitted: Evaluation, left: float = UNTOUCHED) -> HighPassLoads:
+def high_pass_loads(fitted: Evaluation, left: float = UNTOUCHED) -> HighPassLoads:
     """Return the residual of a fit to images and fast loads alone: slow loads do not enter it.
 
     Args:

@@ -258,17 +258,17 @@ def _absorbed(truth: Score, other: Score) -> float:
 
 
 def effects_of(
-    causes: Sequence[Cause], wide: Evaluation, parameters: Mapping[str, Parameter]
+    causes: Sequence[Cause], augmented: Evaluation, parameters: Mapping[str, Parameter]
 ) -> list[FloatArray]:
     """Whitened sensitivities of each cause per prior scale, shapes (k_c, n).
 
     Args:
         causes: the causes.
-        wide: evaluation with the parameters of all of them free.
+        augmented: evaluation with the parameters of all of them free.
         parameters: declarations by name.
     """
-    rows = [[wide.free.index(name) for name in cause.parameters] for cause in causes]
+    rows = [[augmented.free.index(name) for name in cause.parameters] for cause in causes]
     return [
-        prior_scaled(wide.jacobian[these], cause.parameters, parameters)
+        prior_scaled(augmented.jacobian[these], cause.parameters, parameters)
         for these, cause in zip(rows, causes, strict=True)
     ]

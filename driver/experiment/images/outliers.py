@@ -152,7 +152,7 @@ def find_outliers(
     return tuple(sorted(outliers, key=lambda outlier: outlier.frame))
 
 
-def told(outliers: Sequence[Outlier]) -> dict[int, str]:
+def texts_by_frame(outliers: Sequence[Outlier]) -> dict[int, str]:
     """Return what is unlike in each frame that was named, by its number."""
     lines: dict[int, list[str]] = {}
     for outlier in outliers:

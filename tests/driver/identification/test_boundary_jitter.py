@@ -23,12 +23,12 @@ from driver.identification.objective import Objective
 from driver.parameters.boundary import elongation_names
 from solver_adapters.interface import Progress, Response, Simulation, Trajectory
 from tools import closed_form
-from tools.closed_form import KNOTS, LAW, Bench
+from tools.closed_form import KNOTS, LAW, Problem
 
 FloatArray = NDArray[np.float64]
 
 
-def one_image_a_stop() -> Bench:
+def one_image_a_stop() -> Problem:
     """The small specimen with an image at the end of each hold only."""
     whole = closed_form.problem()
     stage = whole.history.stage

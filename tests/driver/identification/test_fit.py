@@ -446,10 +446,10 @@ def test_a_fit_is_given_up_where_a_step_promises_too_little_though_the_first_pro
     whole = fit(objective, {"x": 0.0}, ("x",), 30)
     assert whole.converged and whole.best.cost > 4
     assert promised(objective, objective.evaluate({"x": 0.0}, ("x",))) < 1
-    ended = fit(objective, {"x": 0.0}, ("x",), 30, bar=1.0)
+    ended = fit(objective, {"x": 0.0}, ("x",), 30, threshold=1.0)
     assert ended.given_up and not ended.converged and 1 < len(ended.history) < len(whole.history)
     assert lines[-1] == "  NOT converged: a step promises too little"
-    assert not fit(objective, {"x": 0.0}, ("x",), 30, bar=whole.best.cost + 1).given_up
+    assert not fit(objective, {"x": 0.0}, ("x",), 30, threshold=whole.best.cost + 1).given_up
 
 
 @pytest.mark.parametrize(("measured", "converged"), [(0.35, True), (10.0, False)])

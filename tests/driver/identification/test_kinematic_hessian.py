@@ -36,8 +36,8 @@ def test_it_is_the_sum_over_pixels_and_images_of_the_squared_change_of_the_resid
 
 def test_loads_prior_and_other_parameters_do_not_enter() -> None:
     objective = closed_form.objective(BENCH, BENCH.truth)
-    wide = objective.evaluate(BENCH.truth, (*NAMES, "load_gain"))
+    augmented = objective.evaluate(BENCH.truth, (*NAMES, "load_gain"))
     alone = objective.evaluate(BENCH.truth, NAMES)
     np.testing.assert_allclose(
-        kinematic_hessian(objective, wide, NAMES), kinematic_hessian(objective, alone, NAMES)
+        kinematic_hessian(objective, augmented, NAMES), kinematic_hessian(objective, alone, NAMES)
     )

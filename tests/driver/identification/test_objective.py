@@ -54,7 +54,7 @@ def test_what_an_evaluation_lacks_is_added_without_iterations_and_in_its_steps(
 ) -> None:
     values = objective.model.null_values() | closed_form.problem().truth
     fitted = objective.evaluate(values, FITTED)
-    completed = objective.complete(fitted, (*FURTHER, *FITTED))
+    completed = objective.with_free(fitted, (*FURTHER, *FITTED))
     simulation, response = watched(objective)[-1]
     known = fitted.prediction.response
     assert [direction.name for direction in simulation.directions] == [*FURTHER]

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy import ndimage
 
-from driver.identification.reference_noise import shared_noise
+from driver.identification.reference_noise import reference_noise
 from tools import closed_form
 
 BENCH = closed_form.problem()
@@ -30,7 +30,7 @@ def numbers_of(weights: np.ndarray) -> tuple[sp.csr_array, np.ndarray]:
 
 def test_without_flats_frames_share_the_reference_alone() -> None:
     images = replace(IMAGES, n_reference=4, sigma_flat=0.0)
-    found = shared_noise(images, *numbers_of(weights()), np.ones((3, 2, 2)))
+    found = reference_noise(images, *numbers_of(weights()), np.ones((3, 2, 2)))
     np.testing.assert_allclose(found, 0.25)
 
 
@@ -39,7 +39,7 @@ def test_the_error_of_the_flats_is_shared_as_draws_of_it_are() -> None:
     tested, shifts = weights(), np.array([[0, 0], [1, 0], [0, 2], [3, -1], [2, 0]])
     images = replace(IMAGES, sigma_flat=FLAT * IMAGES.sigma)
     places = np.repeat(shifts[:, None] * images.pixel, 2, axis=1)
-    stated = shared_noise(images, *numbers_of(tested), places) - 1.0 / images.n_reference
+    stated = reference_noise(images, *numbers_of(tested), places) - 1.0 / images.n_reference
     draws, rows, cols = 4000, images.rows, images.cols
     drawn = np.zeros((draws, len(shifts), len(tested)))
     for k in range(draws):

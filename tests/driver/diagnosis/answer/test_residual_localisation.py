@@ -12,12 +12,12 @@ from driver.diagnosis.answer.residual_localisation import (
     WHOLE,
     Excess,
     ResidualLocalisation,
+    as_text,
     excess,
     phases_of,
     places_on,
+    residual_localisation,
     still_missed,
-    told,
-    whereabouts,
 )
 from driver.experiment.history import History, turning_points
 from driver.forward.build import geometry_of
@@ -87,7 +87,7 @@ def test_a_motion_that_no_model_has_is_found_where_and_when_it_was(place: str) -
     assert (worst.place, worst.phase) == (place, "loading again") and worst.seen
     loads = [one for one in found(at) if one.place == LOADS]
     assert not any(one.seen for one in loads)
-    text = told(ResidualLocalisation(found(at), ()))
+    text = as_text(ResidualLocalisation(found(at), ()))
     assert f"the images show most at {place} in loading again" in text
     assert text.endswith("the loads show nothing beyond noise.")
 
@@ -131,11 +131,13 @@ def test_what_the_extension_explains_is_gone_afterwards() -> None:
     made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": 2e-3})
     answer = diagnosis_of(BENCH, identified(BENCH, made))
     assert answer.verdict.names == ("tilt_drift",)
-    where = whereabouts(answer, GEOMETRY, BENCH.history)
+    where = residual_localisation(answer, GEOMETRY, BENCH.history)
     assert any(one.seen for one in where.before) and not any(one.seen for one in where.after)
-    assert told(where).endswith("The extended model leaves none of it.")
-    quiet = whereabouts(diagnosis_of(BENCH, clean()), GEOMETRY, BENCH.history)
-    assert quiet.after == () and told(quiet).startswith("The identified model leaves no more than")
+    assert as_text(where).endswith("The extended model leaves none of it.")
+    quiet = residual_localisation(diagnosis_of(BENCH, clean()), GEOMETRY, BENCH.history)
+    assert quiet.after == () and as_text(quiet).startswith(
+        "The identified model leaves no more than"
+    )
 
 
 def test_what_is_still_missed_is_that_of_the_last_model() -> None:

@@ -38,29 +38,29 @@ def begin(off: float = 0.0, stated: float = 1.0, free_chi: float = 1.0) -> Prepa
         stated: noise of the loads as stated over what they have.
         free_chi: χ of free correlation.
     """
-    objective, fitted, wide = baseline(off)
+    objective, fitted, augmented = baseline(off)
     causes, _ = screened(objective.model, fitted.best.free, None)
     data = replace(objective.data, load_noise=stated * objective.data.load_noise)
     objective = replace(objective, data=data)
-    wide = objective.compare(wide.prediction, wide.values, wide.free)
-    fitted = replace(fitted, best=objective.restrict(wide, fitted.best.free))
+    augmented = objective.compare(augmented.prediction, augmented.values, augmented.free)
+    fitted = replace(fitted, best=objective.restrict(augmented, fitted.best.free))
     settings = replace(SETTINGS, free_chi=free_chi)
-    return prepared(fitted, objective, wide, causes, settings)
+    return prepared(fitted, objective, augmented, causes, settings)
 
 
 def test_a_baseline_that_is_near_enough_keeps_the_sensitivities_that_are_known() -> None:
     found = begin()
     assert found.bad == () and found.baseline.values == baseline(0.0)[1].values
-    assert found.wide is not None and found.wide.free == baseline(0.0)[2].free
+    assert found.augmented is not None and found.augmented.free == baseline(0.0)[2].free
     residual = found.baseline.best.residual
-    assert found.wide.residual[: residual.size] == pytest.approx(residual, abs=1e-9)
+    assert found.augmented.residual[: residual.size] == pytest.approx(residual, abs=1e-9)
 
 
 def test_a_load_that_is_wrong_alone_is_left_out_of_the_fit_that_is_examined() -> None:
     found = begin(OFF)
     (bad,) = found.bad
     assert bad.frame == WRONG and bad.off == pytest.approx(OFF, rel=0.15)
-    assert found.objective.data.bad_loads == (WRONG,) and found.wide is None
+    assert found.objective.data.bad_loads == (WRONG,) and found.augmented is None
     clean = baseline(0.0)[1].values
     moved, bent = (
         abs(values["tau0"] - clean["tau0"])

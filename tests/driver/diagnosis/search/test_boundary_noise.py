@@ -79,8 +79,8 @@ class Drawn:
         self.objective, fitted = baseline(0.0)
         self.at, data = fitted.best, self.objective.data
         names = screened(self.objective.model, self.at.free, None)
-        wide = self.objective.evaluate(self.at.values, names[1])
-        self.causes = effects_of(names[0], wide, self.objective.parameters)
+        augmented = self.objective.evaluate(self.at.values, names[1])
+        self.causes = effects_of(names[0], augmented, self.objective.parameters)
         self.stops = boundary_jitter(self.objective.model, data.image, fitted.values, SIGMA_E.scale)
         self.effect = data.effect_of_stops(self.stops)
 
@@ -192,7 +192,7 @@ def test_a_hidden_noise_of_the_boundary_is_named_and_its_level_found() -> None:
     assert found.steps[0].named == ("boundary_noise",) and len(found.steps[0].refits) == 1
     level, sigma = found.levels["sigma_e"]
     assert abs(level - NOISE) < 3 * sigma < level
-    assert found.steps[-1].omnibus.accepted and found.log_evidence > 5
+    assert found.steps[-1].goodness_of_fit.accepted and found.log_evidence > 5
     assert found.explained == pytest.approx(1.0, abs=0.1)
     assert found.objective.data.jitter is not None
     # Not five times the stated noise, as it is without σ_e.
@@ -256,7 +256,7 @@ def test_a_noise_that_the_data_do_without_is_taken_back() -> None:
     # The same assumed of data that have none.
     quiet, at = baseline(0.0)
     assumed = replace(quiet, data=replace(quiet.data, jitter=found.objective.data.jitter))
-    best = assumed.complete(at.best, at.best.free)
+    best = assumed.with_free(at.best, at.best.free)
     bare, none = level_again(best, assumed, found.levels)
     assert bare.data.jitter is None and not none
 

@@ -52,16 +52,16 @@ CREW = Executor(1, 1)
 
 def test_from_a_baseline_that_is_lost_no_refit_begins() -> None:
     """Its own next step is hundreds of σ long."""
-    objective, baseline, wide, tried = large_effect("stretch_curvature", 0.5)
+    objective, baseline, augmented, tried = large_effect("stretch_curvature", 0.5)
     with patch.object(candidate_selection, "refit_causes", None):
-        found = refits_of_likely(tried, (), wide, baseline.best, objective, 5, CREW)
+        found = refits_of_likely(tried, (), augmented, baseline.best, objective, 5, CREW)
     assert found[0].cause.name == "stretch_not_proportional"
     assert found[0].fit.best.chi_load < 1.3 < LARGE < baseline.best.chi_load
 
 
 def test_a_large_effect_that_refits_from_the_baseline_explain_needs_no_soft_loads() -> None:
-    objective, baseline, wide, tried = large_effect("Q", 60.0)
+    objective, baseline, augmented, tried = large_effect("Q", 60.0)
     assert baseline.best.chi_load > LARGE
     with patch.object(candidate_selection, "refit_by_noise_continuation", None):
-        found = refits_of_likely(tried, (), wide, baseline.best, objective, 5, CREW)
+        found = refits_of_likely(tried, (), augmented, baseline.best, objective, 5, CREW)
     assert found[0].cause.name == "isotropic_hardening"

@@ -107,7 +107,7 @@ def test_what_was_put_in_is_named_and_measured(
     assert found.causes[0].category == category
     # The prior draws a weakly seen parameter towards its null.
     assert abs(found.extended.values[parameter] - value) < 3.5 * sigma(found, parameter)
-    assert found.log_evidence > 5 and found.gate.passed
+    assert found.log_evidence > 5 and found.numerics.passed
     assert found.steps[0].named[0] == cause and found.steps[-1].named == ()
 
 
@@ -120,8 +120,8 @@ def test_the_gain_is_measured_on_all_images_and_on_a_cycle_that_was_not_fitted()
     assert found.held_out is not None
     before, after = found.held_out
     assert before.cycle == after.cycle == 2 and after.chi_load < 0.3 * before.chi_load
-    assert found.steps[0].refits and found.steps[-1].omnibus.accepted
-    assert not found.steps[0].omnibus.accepted
+    assert found.steps[0].refits and found.steps[-1].goodness_of_fit.accepted
+    assert not found.steps[0].goodness_of_fit.accepted
 
 
 def test_causes_that_scale_the_load_alike_are_one_set() -> None:
@@ -141,7 +141,7 @@ def test_what_is_not_in_the_library_is_not_explained_away() -> None:
     progress = BENCH.model.instrument.progress
     found = diagnosed({}, in_load=20 * np.sin(6 * np.pi * progress))
     assert found.verdict.kind in ("unexplained", "named, but something is left")
-    assert not found.steps[-1].omnibus.accepted and found.explained < 0.7
+    assert not found.steps[-1].goodness_of_fit.accepted and found.explained < 0.7
 
 
 @pytest.mark.parametrize("frame", [0, 20, 43])
@@ -206,9 +206,9 @@ def test_a_flipped_frame_is_named_by_trying_it(flip: Cause) -> None:
     found = flipped(flip)
     assert found.verdict.kind == "named" and found.causes == (flip,)
     assert flip.sentence in found.verdict.text[0].lower() + found.verdict.text[1:]
-    assert found.steps[-1].omnibus.accepted and found.extended.best.chi_image < 1.1
+    assert found.steps[-1].goodness_of_fit.accepted and found.extended.best.chi_image < 1.1
     assert found.extended.best.free == found.baseline.best.free
-    assert found.log_evidence > 10 and found.gate.passed
+    assert found.log_evidence > 10 and found.numerics.passed
     # All three were looked at, and none once more from the flipped frame.
     assert {s.cause for s in found.steps[0].scores} >= set(FLIPS)
     assert not {s.cause for s in found.steps[-1].scores} & set(FLIPS)
@@ -252,7 +252,7 @@ def test_a_value_that_ends_at_its_bound_is_told_and_leaves_what_is_beyond() -> N
     settings = replace(NONE_HELD_OUT, wanted=("tilt_drift", "load_gain"))
     found = diagnosed({"tilt_drift": 1.2e-2}, settings=settings)
     # Along a value that is held at its bound what is left is seen.
-    assert not found.steps[-1].omnibus.accepted
+    assert not found.steps[-1].goodness_of_fit.accepted
     assert found.causes[0].name == "tilt_drift" and found.verdict.kind == "unexplained"
     assert "bound, 0.005: the data would have it larger" in found.verdict.text
     below = diagnosed({"tilt_drift": -1.2e-2}, settings=settings)
@@ -268,12 +268,14 @@ def test_a_simulation_that_changes_its_own_error_is_refused_a_verdict() -> None:
     """The correction was taken with a finer simulation that agreed; at the result it does not."""
     agreed = identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
     found = diagnosis_of(BENCH, agreed, SETTINGS, by=0.5)
-    assert found.verdict.kind == "numerics" and not found.gate.passed
-    assert f"by {found.gate.effect:.1f} σ along {found.gate.along.title}" in found.verdict.text
+    assert found.verdict.kind == "numerics" and not found.numerics.passed
+    assert (
+        f"by {found.numerics.effect:.1f} σ along {found.numerics.along.title}" in found.verdict.text
+    )
     # Both are of one mesh: it is the steps that this solver takes otherwise.
-    assert found.gate.needed == "steps"
+    assert found.numerics.needed == "steps"
     assert "time steps half as long are needed" in found.verdict.text
-    assert curved().gate.passed
+    assert curved().numerics.passed
 
 
 def test_a_drift_that_is_fitted_is_no_knot_of_the_held_out_cycle() -> None:

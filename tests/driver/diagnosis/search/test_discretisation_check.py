@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from driver.diagnosis.causes.causes import NUMERICS
-from driver.diagnosis.search.discretisation_check import gate
+from driver.diagnosis.search.discretisation_check import discretisation_check
 from driver.identification.fit import Fit
 from driver.identification.identify import correction
 from driver.identification.objective import Correction, Objective
@@ -42,18 +42,18 @@ def test_what_the_steps_alone_do_not_explain_is_the_mesh(
 ) -> None:
     """The fresh correction is that of other steps, or as large by the mesh, or twice as large."""
     fine = OTHER_STEPS if steps_differ else BENCH.model
-    found = gate(*baseline(), change(times), fine, [], ["tau0", "c"])
+    found = discretisation_check(*baseline(), change(times), fine, [], ["tau0", "c"])
     assert not found.passed and found.needed == needed
     assert found.words is not None and found.words.endswith(f"along {found.along.title}; {told}")
 
 
 def test_a_correction_that_has_not_changed_passes_without_another_simulation() -> None:
     objective, here = baseline()
-    found = gate(objective, here, objective.correction, OTHER_STEPS, [], ["tau0"])
+    found = discretisation_check(objective, here, objective.correction, OTHER_STEPS, [], ["tau0"])
     assert found.passed and found.effect == pytest.approx(0.0, abs=1e-9)
     assert found.along.name == "tau0" and found.needed is None and found.words is None
 
 
 def test_where_no_cause_could_be_tried_nothing_can_be_mistaken() -> None:
-    found = gate(*baseline(), change(1.0), OTHER_STEPS, [], [])
+    found = discretisation_check(*baseline(), change(1.0), OTHER_STEPS, [], [])
     assert found.passed and found.along == NUMERICS

@@ -25,11 +25,13 @@ WRONG = 12
 def refitted(objective: Objective, baseline: Fit, name: str = CAUSE) -> Refit:
     """A cause, refitted from the baseline."""
     causes, names = screened(objective.model, baseline.best.free, (name,))
-    wide = objective.evaluate(baseline.values, names)
+    augmented = objective.evaluate(baseline.values, names)
     (cause,) = causes
-    rows = [wide.free.index(name) for name in cause.parameters]
-    one = score(cause, wide.jacobian[rows], objective.restrict(wide, baseline.best.free), 1)
-    (found,) = refit_causes([one], wide, baseline.best, objective, Executor(1, 1))
+    rows = [augmented.free.index(name) for name in cause.parameters]
+    one = score(
+        cause, augmented.jacobian[rows], objective.restrict(augmented, baseline.best.free), 1
+    )
+    (found,) = refit_causes([one], augmented, baseline.best, objective, Executor(1, 1))
     return found
 
 

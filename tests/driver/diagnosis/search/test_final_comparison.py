@@ -8,7 +8,7 @@ import pytest
 
 from driver.diagnosis.causes.causes import LIBRARY, Cause
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
-from driver.diagnosis.search.final_comparison import Final, final_fits
+from driver.diagnosis.search.final_comparison import Final, final_comparison
 from driver.identification.boundary_jitter import boundary_jitter
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Objective
@@ -39,7 +39,7 @@ def extended() -> tuple[Fit, Objective]:
 
 
 def ends(last: tuple[Fit, Objective], *causes: Cause) -> Final:
-    return final_fits(baseline(), last, causes, finer(BENCH), BENCH.history.cycle, HELD_OUT)
+    return final_comparison(baseline(), last, causes, finer(BENCH), BENCH.history.cycle, HELD_OUT)
 
 
 def test_before_and_after_are_compared_under_the_covariance_of_the_end() -> None:

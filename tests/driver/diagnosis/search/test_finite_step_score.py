@@ -79,8 +79,8 @@ def examined(truth: float, solver: type[Bent] = Bent, seed: int = 0) -> Examined
     objective, fitted = identified(problem, objective)
     objective = replace(objective, model=replace(objective.model, adapter=solver()))
     candidates, names = screened(objective.model, fitted.best.free, WANTED)
-    wide = objective.evaluate(fitted.values, names)
-    effects = effects_of(candidates, wide, objective.parameters)
+    augmented = objective.evaluate(fitted.values, names)
+    effects = effects_of(candidates, augmented, objective.parameters)
     scores, _ = screen(fitted, objective, candidates, effects, SETTINGS.sizes)
     return Examined(scores, fitted, objective)
 

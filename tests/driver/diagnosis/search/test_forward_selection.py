@@ -13,7 +13,7 @@ from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
 from driver.diagnosis.search.extension import Extension, extended
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor, refit_causes
-from driver.diagnosis.search.selection_round import Round, at_first_sight, examine
+from driver.diagnosis.search.selection_round import SelectionRound, at_first_sight, examine
 from driver.diagnosis.statistics.screening import screened
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
@@ -28,17 +28,17 @@ TRUE, WRONG, OTHER = "tilt_drift", "magnification_drift", "end_rotation"
 
 def misled(
     refitted: Sequence[str], named: tuple[str, ...], lost: DiscretisationCheck | None
-) -> Callable[..., Round]:
+) -> Callable[..., SelectionRound]:
     """A round that prefers the first of these causes, after which nothing can be added."""
 
     def examined(
         here: Fit, objective: Objective, added: Sequence[Cause], settings: Settings,
-        stops: BoundaryNoiseSensitivities, wide: Evaluation | None, finer: FineModels,
-    ) -> Round:  # fmt: skip
+        stops: BoundaryNoiseSensitivities, augmented: Evaluation | None, finer: FineModels,
+    ) -> SelectionRound:  # fmt: skip
         if added:
             seen = at_first_sight(here, objective, settings, stops)
-            return Round(replace(seen, lost=lost), None, here, objective)
-        found = examine(here, objective, added, settings, stops, wide, finer)
+            return SelectionRound(replace(seen, lost=lost), None, here, objective)
+        found = examine(here, objective, added, settings, stops, augmented, finer)
         _, names = screened(objective.model, here.best.free, settings.wanted)
         screening = objective.evaluate(here.values, names)
         by_name = {score.cause.name: score for score in found.step.scores}
@@ -66,7 +66,7 @@ def test_of_causes_that_evidence_does_not_part_the_one_that_leaves_nothing_is_na
     assert found.verdict.kind == "named" and found.verdict.names == (TRUE,)
     first, last = found.steps
     assert first.named == (TRUE,) and first.left_something == (WRONG, OTHER)
-    assert last.omnibus.accepted and TRUE in found.extended.best.free
+    assert last.goodness_of_fit.accepted and TRUE in found.extended.best.free
     assert WRONG not in found.extended.best.free
 
 
@@ -87,7 +87,7 @@ def test_where_each_of_a_set_leaves_something_the_one_of_most_evidence_stays() -
     assert found.verdict.kind == "unexplained"
     first, last = found.steps
     assert first.named == (WRONG, OTHER) and not first.left_something
-    assert not last.omnibus.accepted and WRONG in found.extended.best.free
+    assert not last.goodness_of_fit.accepted and WRONG in found.extended.best.free
 
 
 def test_what_another_mesh_takes_away_asks_for_no_other_cause() -> None:

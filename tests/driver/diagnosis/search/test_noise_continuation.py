@@ -33,13 +33,13 @@ def best_of(refits: list[Refit]) -> Refit:
 def test_a_large_effect_is_found_and_measured_where_refits_from_the_baseline_are_far_from_done(
     cause: str, name: str, value: float, lines: list[str]
 ) -> None:
-    objective, baseline, wide, tried = large_effect(name, value)
+    objective, baseline, augmented, tried = large_effect(name, value)
     assert baseline.best.chi_load > 50
-    near = best_of(refit_causes(tried[:5], wide, baseline.best, objective, CREW))
+    near = best_of(refit_causes(tried[:5], augmented, baseline.best, objective, CREW))
     assert near.fit.best.chi_load > 3
     executor = Executor(1, 1)
     found = best_of(
-        refit_by_noise_continuation(tried, wide.free, baseline.best, objective, 5, executor)
+        refit_by_noise_continuation(tried, augmented.free, baseline.best, objective, 5, executor)
     )
     assert found.cause.name == cause and found.fit.best.chi_load < 1.3
     sigma = found.fit.sigma(name, objective.parameters)
@@ -49,15 +49,15 @@ def test_a_large_effect_is_found_and_measured_where_refits_from_the_baseline_are
 
 
 def test_what_gains_less_than_half_of_the_best_below_soft_loads_is_not_followed_further() -> None:
-    objective, baseline, wide, tried = large_effect("stretch_curvature", 0.5)
-    refits = refit_by_noise_continuation(tried, wide.free, baseline.best, objective, 5, CREW)
+    objective, baseline, augmented, tried = large_effect("stretch_curvature", 0.5)
+    refits = refit_by_noise_continuation(tried, augmented.free, baseline.best, objective, 5, CREW)
     assert [refit.cause.name for refit in refits] == ["stretch_not_proportional"]
 
 
 def test_where_the_nominal_model_cannot_be_simulated_the_baseline_is_begun_with(
     lines: list[str],
 ) -> None:
-    objective, baseline, wide, tried = large_effect("stretch_curvature", 0.5)
+    objective, baseline, augmented, tried = large_effect("stretch_curvature", 0.5)
     refused = [SolverError("no step is short enough\nat t = 1 s")]
 
     class Refusing(closed_form.ClosedFormSolver):
@@ -70,6 +70,8 @@ def test_where_the_nominal_model_cannot_be_simulated_the_baseline_is_begun_with(
 
     shy = replace(objective, model=replace(objective.model, adapter=Refusing()))
     executor = Executor(1, 1)
-    found = best_of(refit_by_noise_continuation(tried, wide.free, baseline.best, shy, 5, executor))
+    found = best_of(
+        refit_by_noise_continuation(tried, augmented.free, baseline.best, shy, 5, executor)
+    )
     assert "  not from the nominal model (no step is short enough)" in lines
     assert found.cause.name == "stretch_not_proportional" and found.fit.best.chi_load < 1.3

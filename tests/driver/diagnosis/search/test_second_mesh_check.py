@@ -76,7 +76,7 @@ def test_what_is_named_has_the_mean_of_both_meshes_and_what_either_is_off_is_tol
     moved = both.extended.values["tilt_drift"] - one.extended.values["tilt_drift"]
     assert moved == pytest.approx(-half, rel=0.05)
     assert both.off_by_mesh("tilt_drift") == pytest.approx(half, rel=0.05)
-    assert both.gate.effect < 0.1 and any("moved by" in line for line in lines)
+    assert both.numerics.effect < 0.1 and any("moved by" in line for line in lines)
 
 
 @pytest.mark.parametrize("size", [DRIFT, 3 * DRIFT])
@@ -90,9 +90,9 @@ def test_what_another_mesh_takes_away_is_not_named_and_a_finer_one_is_asked_for(
     assert found.verdict.kind == "numerics" and not found.causes
     assert "what looks like tilt drift is gone on another mesh" in found.verdict.text
     assert "a mesh half as large is needed" in found.verdict.text
-    assert found.gate.between_meshes and found.gate.needed == "mesh"
+    assert found.numerics.between_meshes and found.numerics.needed == "mesh"
     first = found.steps[0].scores[0]
-    assert found.gate.effect == pytest.approx(2 * np.linalg.norm(first.components), rel=0.3)
+    assert found.numerics.effect == pytest.approx(2 * np.linalg.norm(first.components), rel=0.3)
     assert not found.steps[0].refits
     assert any("moved by" in line for line in lines)
 
@@ -155,8 +155,8 @@ def test_what_no_mesh_moves_is_as_significant_as_before(
     made = closed_form.objective(BENCH, BENCH.truth | {"tilt_drift": DRIFT})
     objective, here = identified(BENCH, made)
     candidates, names = screened(objective.model, here.best.free, WANTED.wanted)
-    wide = objective.evaluate(here.values, names)
-    effects = effects_of(candidates, wide, objective.parameters)
+    augmented = objective.evaluate(here.values, names)
+    effects = effects_of(candidates, augmented, objective.parameters)
     (one, *rest), widened = screen(here, objective, candidates, effects, SETTINGS.sizes)
     looked = replace(one, family=4 * one.family, p=4 * one.p)
     found = held_against_both(

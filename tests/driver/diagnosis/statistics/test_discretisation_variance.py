@@ -79,9 +79,9 @@ def test_a_wider_score_is_that_of_data_as_much_noisier() -> None:
     louder: Any = evaluation(baseline.residual / 2.0, np.eye(1, N, N - 1), n_load=T)
     cause = Cause("x", "material", ("p",), "", "")
     effect = 3.0 * RNG.standard_normal((1, N))
-    wide, noisy = (
+    augmented, noisy = (
         score(cause, effect, baseline, K, variance=4.0),
         score(cause, effect / 2, louder, K),
     )
     for name in ("statistic", "p", "log_evidence", "estimate", "sigma", "visible", "strengths"):
-        np.testing.assert_allclose(getattr(wide, name), getattr(noisy, name), rtol=1e-9)
+        np.testing.assert_allclose(getattr(augmented, name), getattr(noisy, name), rtol=1e-9)

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import f, kstest
 
-from driver.diagnosis.statistics.goodness_of_fit import GoodnessOfFit, _outlier, omnibus
+from driver.diagnosis.statistics.goodness_of_fit import GoodnessOfFit, _outlier, goodness_of_fit
 from driver.identification.data import Data
 from tests.driver.analytic import evaluation
 
@@ -43,7 +43,7 @@ def after_a_fit(load: FloatArray, images: FloatArray) -> GoodnessOfFit:
     """The tests of what a least-squares fit with J leaves."""
     data = np.concatenate([load, images.ravel()])
     rest = data - J.T @ np.linalg.solve(J @ J.T, J @ data)
-    return omnibus(evaluation(rest, J, n_load=T), DATA, CAUSES, FIELDS, NO_SHAPES)
+    return goodness_of_fit(evaluation(rest, J, n_load=T), DATA, CAUSES, FIELDS, NO_SHAPES)
 
 
 @pytest.fixture(scope="module")
@@ -197,5 +197,5 @@ def test_too_few_images_for_a_serial_test_have_none() -> None:
     rng = np.random.default_rng(4)
     jacobian = rng.standard_normal((5, few * (1 + N_Z)))
     rest = evaluation(np.sin(np.arange(few * (1 + N_Z)) / 9), jacobian, n_load=few)
-    found = omnibus(rest, data, [], np.zeros((0, few * (1 + N_Z))), NO_SHAPES)
+    found = goodness_of_fit(rest, data, [], np.zeros((0, few * (1 + N_Z))), NO_SHAPES)
     assert found.load_serial == 1.0

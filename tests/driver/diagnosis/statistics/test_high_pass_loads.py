@@ -8,8 +8,8 @@ from driver.diagnosis.statistics.high_pass_loads import (
     LEFT,
     UNTOUCHED,
     HighPassLoads,
-    fast_loads,
     freed,
+    high_pass_loads,
 )
 from driver.identification.cosine_modes import cosine_modes, fast_modes
 from driver.identification.objective import Evaluation
@@ -37,7 +37,7 @@ def fitted(data: FloatArray, rows: FloatArray = J) -> Evaluation:
 
 def of_unit_data(left: float) -> FloatArray:
     """What each number of the data makes of y, shape (N, m)."""
-    return np.array([fast_loads(fitted(one), left).residual for one in np.eye(N)])
+    return np.array([high_pass_loads(fitted(one), left).residual for one in np.eye(N)])
 
 
 @pytest.mark.parametrize("left", [UNTOUCHED, LEFT])
@@ -55,14 +55,14 @@ def test_slow_errors_of_the_loads_do_not_enter() -> None:
     data = RNG.standard_normal(N)
     wrong = data.copy()
     wrong[:T] += 50 * cosine_modes(T, np.array([7]))[0]
-    before, after = (fast_loads(fitted(d)).residual for d in (data, wrong))
+    before, after = (high_pass_loads(fitted(d)).residual for d in (data, wrong))
     assert after == pytest.approx(before, abs=1e-8)
 
 
 def test_a_change_of_the_data_is_a_known_direction() -> None:
     data, changes = RNG.standard_normal(N), RNG.standard_normal((3, N))
-    found = fast_loads(fitted(data), LEFT)
-    moved = [fast_loads(fitted(data + one), LEFT).residual - found.residual for one in changes]
+    found = high_pass_loads(fitted(data), LEFT)
+    moved = [high_pass_loads(fitted(data + one), LEFT).residual - found.residual for one in changes]
     assert found.of(changes) == pytest.approx(np.array(moved), abs=1e-9)
 
 
@@ -78,7 +78,7 @@ def test_the_prior_counts_as_data_do() -> None:
         whole.residual[:-1], J, weight * np.eye(len(J))[-1], (off - theta) * np.eye(len(J))[-1],
         n_load=T,
     )  # fmt: skip
-    expected, found = fast_loads(whole, LEFT), fast_loads(held, LEFT)
+    expected, found = high_pass_loads(whole, LEFT), high_pass_loads(held, LEFT)
     assert found.residual == pytest.approx(expected.residual, abs=1e-9)
 
 
@@ -91,7 +91,7 @@ def test_what_is_freed_shows_no_more_than_its_prior_lets_it() -> None:
     effect = np.zeros(N)
     effect[:T] = 3 * fast_modes(T)[2]
     at = fitted(RNG.standard_normal(N))
-    before, after = fast_loads(at, 0.0), fast_loads(freed(at, effect[None]), 0.0)
+    before, after = high_pass_loads(at, 0.0), high_pass_loads(freed(at, effect[None]), 0.0)
     assert seen(before, effect) > 2.5
     # Of variance 1 + 100 · 3² in its direction nearly all is the freed amount.
     assert seen(after, effect) == pytest.approx(seen(before, effect) / np.sqrt(901), rel=0.05)

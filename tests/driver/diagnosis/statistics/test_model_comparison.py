@@ -70,11 +70,11 @@ def test_the_evidence_takes_the_prior_that_was_stated_before_the_data_were_seen(
     measured = np.array([0.3, 100.0]) @ A + RNG.standard_normal(N)
     bare = formula(lambda p: (p @ A, A), measured, PARAMETERS)
     stated = with_prior(bare, CAUSE)
-    wide = as_wide_as_found(stated, CAUSE, {"Q": 100.0})
-    before, after = _fit(bare, ("a",)), _fit(wide, ("a", "Q"))
+    augmented = as_wide_as_found(stated, CAUSE, {"Q": 100.0})
+    before, after = _fit(bare, ("a",)), _fit(augmented, ("a", "Q"))
     assert after.values["Q"] > _fit(stated, ("a", "Q")).values["Q"] + 0.1
     effect = bare.evaluate(before.values, ("Q",)).jacobian
-    found = log_evidence(before, after, wide, [CAUSE])
+    found = log_evidence(before, after, augmented, [CAUSE])
     assert found == pytest.approx(score(CAUSE, effect, before, 1).log_evidence, rel=1e-6)
 
 

@@ -12,7 +12,7 @@ from driver.experiment.images.outliers import (
     frame_statistics,
     left_out,
     noise_levels,
-    told,
+    texts_by_frame,
 )
 from driver.experiment.images.reference import Reference
 
@@ -64,7 +64,7 @@ def test_a_lasting_step_a_good_frame_and_a_trifle_are_no_outliers() -> None:
 
 def test_what_is_told_stands_once_for_each_frame() -> None:
     found = (Outlier(3, "residual", 2.0, 1.0, "σ"), Outlier(3, "noise", 18.0, 9.0, "nm"))
-    assert told(found) == {
+    assert texts_by_frame(found) == {
         3: "residual 2 σ where its neighbours have 1 σ, noise 18 nm where its neighbours have 9 nm"
     }
 
