@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.measuring import SCHEMES, Run, in_child, show, show_parts, solve, warm
-from solver_adapters.interface import FloatArray, Integration
+from meshes.arrays import FloatArray
+from solver_adapters.interface import Integration
 from tools import calculix_prism
 
 

@@ -15,7 +15,6 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.blind_specimen import LARGEST, PER_SIGMA, known_case, null_values, outside, pulled
 from benchmarks.blind_store import kept
@@ -34,9 +33,8 @@ from driver.virtual.writing import record
 from driver.workflow.engine import StageContext
 from driver.workflow.identify_stage import load_problem, saved_objective
 from driver.workflow.pipeline import run
+from meshes.arrays import FloatArray
 from solver_adapters.interface import SolverError
-
-FloatArray = NDArray[np.float64]
 
 RULER_SEED = 987_654
 CLOSE = 0.14  # relative error of the size of a truth that is good enough

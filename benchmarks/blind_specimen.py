@@ -10,18 +10,17 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.case.model import Case
 from driver.diagnosis.causes.ebsd_flips import FLIPS, half_turn
 from driver.experiment.history import History
 from driver.forward.build import adapter_of, build_model, mesh_of
 from driver.virtual.truth import Course, history_of_rows, seen_course, true_model
+from meshes.arrays import FloatArray
 from solver_adapters.interface import Simulation
 from tools.short_specimen import CYCLES, small_case, true_knots
 from tools.short_specimen import true_case as as_it_is
 
-FloatArray = NDArray[np.float64]
 Change = Callable[[Simulation, History], Simulation]
 
 LENGTH = 8.0

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.case.images import Images
 from driver.case.inference import Identification
@@ -41,10 +40,10 @@ from driver.virtual.command import true_case
 from driver.virtual.settings import Discretisation, Virtual
 from driver.virtual.truth import pull, stage_program
 from driver.virtual.writing import record
+from meshes.arrays import FloatArray
 from meshes.prism_mesh import PrismMesh
 from tools.short_specimen import GRAINS, short_prism
 
-FloatArray = NDArray[np.float64]
 Draw = dict[str, Any]
 
 LAW = ("tau0", "c", "d")

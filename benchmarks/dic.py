@@ -36,9 +36,9 @@ from driver.forward.build import surface_images
 from driver.noise_floor.floor import relief_rms
 from driver.noise_floor.laboratory import elongation, laboratory
 from driver.noise_floor.motions import known_motions
+from meshes.arrays import FloatArray
 from meshes.plane_mesh import PlaneMesh
 
-FloatArray = NDArray[np.float64]
 ROOT = Path(__file__).parents[1]
 SMALL = ROOT / "tests" / "data" / "dic"
 ALPHA = ROOT / "examples" / "alpha" / "case.toml"

@@ -10,16 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-import numpy as np
-from numpy.typing import NDArray
 
 from driver.case.model import load_case, write_case
 from driver.common.progress import progress_to
 from driver.results.files import RESULTS
 from driver.results.hdf5 import read_hdf5
 from driver.workflow import pipeline
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 _SECONDS = "cpu_seconds.json"
 

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.measuring import MEASURES, SCHEMES, in_child, show
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.fem.problem import build_problem
 from solver_adapters.crystal import N_SYSTEMS, rotation_vector_matrix
-from solver_adapters.interface import FloatArray, Integration
+from solver_adapters.interface import Integration
 from solver_adapters.material import Material, StrainMeasure
 from tools.boxes import ORIENTATIONS, box, pulled
 

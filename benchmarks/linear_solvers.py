@@ -22,9 +22,9 @@ import scipy.sparse as sp
 from cvxopt import cholmod, matrix, spmatrix
 from scipy.sparse.linalg import splu
 
+from meshes.arrays import FloatArray, IntArray
 from meshes.gmsh_library import running_gmsh
 from solver_adapters.bundled.linear.symmetric import SymmetricSolver
-from solver_adapters.interface import FloatArray, IntArray
 
 try:
     from pypardiso import PyPardisoSolver

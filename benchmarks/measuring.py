@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.adapter import BundledAdapter
-from solver_adapters.interface import Direction, FloatArray, Integration, Simulation
+from solver_adapters.interface import Direction, Integration, Simulation
 from solver_adapters.material import Material, StrainMeasure
 from tools.boxes import box, pulled
 

@@ -11,7 +11,8 @@ import numpy as np
 from driver.case.model import load_case
 from driver.experiment.history import History, read_history, turning_points
 from driver.forward.build import adapter_of, build_model, mesh_of
-from solver_adapters.interface import IntArray, Simulation
+from meshes.arrays import IntArray
+from solver_adapters.interface import Simulation
 from solver_adapters.material import Material, StrainMeasure
 
 ALPHA = Path(__file__).parents[1] / "examples" / "alpha"

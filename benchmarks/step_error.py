@@ -27,8 +27,8 @@ from driver.forward.build import build_model, mesh_of
 from driver.parameters.boundary import elongation_names
 from driver.results.hdf5 import read_hdf5
 from driver.workflow import pipeline
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.adapter import BundledAdapter
-from solver_adapters.interface import FloatArray
 
 RATIO = 4.5e-4
 TAU0 = 25.0  # MPa

@@ -23,7 +23,8 @@ from driver.parameters.boundary import LAMBDAS
 from driver.workflow import pipeline
 from driver.workflow.engine import StageContext
 from driver.workflow.identify_stage import load_problem
-from solver_adapters.interface import FloatArray, Integration
+from meshes.arrays import FloatArray
+from solver_adapters.interface import Integration
 
 REFERENCE_STEPS = 32
 VARIANTS: tuple[tuple[Integration, int], ...] = (

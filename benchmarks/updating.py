@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from driver.case.model import load_case
@@ -25,10 +24,9 @@ from driver.identification.identify import start_values
 from driver.parameters.boundary import LAMBDAS
 from driver.results.files import MESH, RESULTS
 from driver.results.hdf5 import read_hdf5
+from meshes.arrays import FloatArray
 from meshes.files import read_med
 from solver_adapters.interface import SolverError
-
-FloatArray = NDArray[np.float64]
 
 STEP = 0.02  # of each parameter
 MOST = 30  # iterations

@@ -6,12 +6,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meshes import tet10, wedge15
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from meshes.arrays import FloatArray, IntArray
 
 EDGES: Mapping[int, IntArray] = MappingProxyType({10: tet10.EDGES, 15: wedge15.EDGES})
 """Corners joined by the edges that carry the nodes after the corners."""

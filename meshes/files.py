@@ -10,16 +10,13 @@ from typing import Any
 import medcoupling as mc
 import meshio
 import numpy as np
-from numpy.typing import NDArray
 
 from meshes import tet10, wedge15
+from meshes.arrays import FloatArray, IntArray
 from meshes.cells import inverted_cells
 from meshes.med_file import open_med, write_as_med_4_0
 from meshes.prism_mesh import FACE_GROUPS, PrismMesh
 from meshes.tet10 import node_groups
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _CELLS, _FACES, _NODES = 0, -1, 1  # levels of a MED mesh, relative to its dimension
 _FIRST_GRAIN = "GRAIN1"

@@ -9,12 +9,9 @@ from typing import Any, Literal
 
 import medcoupling as mc
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray, IntArray
 from meshes.med_file import MedFile, open_med, quiet_library, write_as_med_4_0
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 Place = Literal["nodes", "cells", "points", "cell nodes"]
 

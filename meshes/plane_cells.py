@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 CellKind = Literal["tri3", "tri6", "quad4", "quad8"]
 

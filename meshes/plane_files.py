@@ -8,12 +8,10 @@ from pathlib import Path
 
 import meshio
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import IntArray
 from meshes.plane_cells import CELLS, CellKind
 from meshes.plane_mesh import PlaneMesh
-
-IntArray = NDArray[np.int64]
 
 _FORMATS = {".msh": "gmsh", ".med": "med", ".vtu": "vtu"}
 _KINDS: dict[str, CellKind] = {

@@ -6,12 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray, IntArray
 from meshes.plane_cells import CELLS, CellKind, PlaneCell
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 TOLERANCE = 1e-9
 """How far outside a cell a point may lie to be counted in, in reference coordinates."""

@@ -11,16 +11,14 @@ from types import ModuleType
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray, IntArray
 from meshes.cells import inverted_cells
 from meshes.gmsh_library import running_gmsh
 from meshes.prism_mesh import PrismMesh
 from meshes.tet10 import node_groups, outer_faces
 from meshes.wedge15 import swept
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Vector = tuple[float, float, float]
 CellKind = Literal["tet10", "wedge15"]
 

@@ -5,11 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from meshes.arrays import FloatArray, IntArray
 
 FACE_GROUPS = ("S_PLUS", "S_MINUS", "TOP")
 

@@ -6,14 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from meshes.arrays import BoolArray, FloatArray, IntArray
 from meshes.plane_mesh import PlaneMesh
 from meshes.prism_mesh import PrismMesh
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 _TOLERANCE = 1e-9
 

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray, IntArray
 from meshes.prism_mesh import FACE_GROUPS
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
 """Corners joined by the edges that carry local nodes 4 to 9 (VTK order)."""

@@ -11,13 +11,11 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from meshes.cells import EDGES, inverted_cells
 from meshes.prism import PrismGeometry
 from meshes.prism_mesh import PrismMesh
-
-FloatArray = NDArray[np.float64]
 
 
 class InvertedCellsError(ValueError):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_adapters.interface import FloatArray
+from meshes.arrays import FloatArray
 
 
 @dataclass(frozen=True)

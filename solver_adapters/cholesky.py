@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from cvxopt import cholmod, matrix, sparse, spmatrix
 
-from solver_adapters.interface import FloatArray, IntArray
+from meshes.arrays import FloatArray, IntArray
 
 
 class Cholesky:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from solver_adapters.crystal import N_SYSTEMS
 from solver_adapters.material import Material
-
-FloatArray = NDArray[np.float64]
 
 
 def elastic_constants(material: Material) -> tuple[float, float, float]:

@@ -7,11 +7,9 @@ The hardening of system s is Q Σ_r h_sr (1 − exp(−b p_r)); this module make
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from solver_adapters.crystal import N_SYSTEMS
-
-FloatArray = NDArray[np.float64]
 
 # Pairs of {110} systems that Code_Aster 15 counts with those of one direction (lcmhsr), from 1.
 _PAIRS_AS_ONE_DIRECTION = ((4, 1), (7, 2), (10, 3), (8, 6), (12, 5), (11, 9))

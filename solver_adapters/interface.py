@@ -9,14 +9,10 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import BoolArray, FloatArray, IntArray
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.material import Material
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 Integration = Literal["backward_euler", "exponential"]
 

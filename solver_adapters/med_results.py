@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from meshes.arrays import FloatArray
 from meshes.files import write_med
 from meshes.med_fields import MedField, Place, add_med_fields
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.crystal import N_SYSTEMS
-from solver_adapters.interface import CellFields, FloatArray
+from solver_adapters.interface import CellFields
 
 _AXES = ("X", "Y", "Z")
 _STRESSES = ("SIXX", "SIYY", "SIZZ", "SIYZ", "SIXZ", "SIXY")

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_adapters.interface import Direction, FloatArray, Response
+from meshes.arrays import FloatArray
+from solver_adapters.interface import Direction, Response
 
 Pair = tuple[tuple[float, Response], tuple[float, Response]]
 """Two runs, each with its distance from the asked one."""

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_adapters.interface import FloatArray, Response, Simulation
+from meshes.arrays import FloatArray
+from solver_adapters.interface import Response, Simulation
 
 SAME_INSTANT = 1e-9
 """Instants that differ by less than this share of the whole time are the same."""

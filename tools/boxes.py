@@ -8,10 +8,11 @@ from itertools import permutations
 
 import numpy as np
 
+from meshes.arrays import FloatArray, IntArray
 from meshes.cells import EDGES
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.crystal import bunge_matrix
-from solver_adapters.interface import FloatArray, IntArray, Simulation
+from solver_adapters.interface import Simulation
 from solver_adapters.material import Material
 
 ORIENTATIONS = np.stack([bunge_matrix(281, 8, 47), bunge_matrix(211, 45, 150)])

@@ -16,10 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
+from meshes.arrays import FloatArray, IntArray
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.crystal import bunge_matrix
-from solver_adapters.interface import FloatArray, IntArray, Integration, Simulation
+from solver_adapters.interface import Integration, Simulation
 from solver_adapters.material import Material
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "solver" / "calculix_prism.npz"

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import tifffile
-from numpy.typing import NDArray
 
 from driver.case.model import Case, default_case, write_case
 from driver.dic.basis import grid_basis
@@ -27,13 +26,12 @@ from driver.identification.image_data import build_image_data
 from driver.identification.objective import Objective
 from driver.parameters.boundary import elongation_names, tilt_names
 from driver.parameters.registry import declared_parameters
+from meshes.arrays import FloatArray
 from meshes.prism import generate
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.crystal import rotation_vector_matrix
 from solver_adapters.interface import Capabilities, Direction, Progress, Response, Simulation
 from solver_adapters.material import MATERIAL_PARAMETERS, Material
-
-FloatArray = NDArray[np.float64]
 
 LENGTH, WIDTH = 4.0, 2.0
 PIXEL = 0.11

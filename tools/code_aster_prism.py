@@ -10,12 +10,13 @@ from pathlib import Path
 import medcoupling as mc
 import numpy as np
 
+from meshes.arrays import FloatArray
 from meshes.prism_mesh import PrismMesh
 from meshes.tet10 import MIRRORED
 from solver_adapters.code_aster.deck import FORCES, LISTING, NODES
 from solver_adapters.code_aster.result import read
 from solver_adapters.crystal import bunge_matrix
-from solver_adapters.interface import FloatArray, Response, Simulation
+from solver_adapters.interface import Response, Simulation
 from solver_adapters.material import Material
 
 DATA = Path(__file__).parents[1] / "tests" / "data"

@@ -15,7 +15,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyBboxPatch, Patch
-from numpy.typing import NDArray
 from PIL import Image
 
 from driver.diagnosis.answer.result_types import IMAGING, Diagnosis
@@ -47,6 +46,7 @@ from driver.report.style import (
     styled,
     typeset,
 )
+from meshes.arrays import FloatArray
 from meshes.prism import generate
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.crystal import bunge_matrix, schmid_tensors
@@ -56,8 +56,6 @@ from tools import closed_form
 from tools.boxes import uniaxial
 from tools.closed_form_diagnosis import diagnosis_of, identified, priors
 from tools.short_specimen import GRAINS, small_case
-
-FloatArray = NDArray[np.float64]
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "method"
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from driver.case.images import Dic, Images
@@ -25,10 +24,10 @@ from driver.common.errors import InputError, one_of
 from driver.parameters.boundary import LAMBDAS
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.parameters.registry import declared_parameters
+from meshes.arrays import FloatArray
 from solver_adapters.crystal import bunge_matrix
 from templates import render
 
-FloatArray = NDArray[np.float64]
 AnyTable = TypeVar("AnyTable", bound=Table)
 
 

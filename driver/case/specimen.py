@@ -8,7 +8,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from driver.case.messages import refusal
-from driver.case.values import FloatArray, Positive, Table, Vector
+from driver.case.values import Positive, Table, Vector
+from meshes.arrays import FloatArray
 
 
 class Specimen(Table):

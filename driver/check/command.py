@@ -9,7 +9,6 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.case.model import Case, load_case
 from driver.case.solver_profiles import profile_of
@@ -37,14 +36,13 @@ from driver.forward.build import (
 from driver.results.extended_decks import rendered_decks
 from driver.results.files import CHECK_PICTURE, results_of
 from driver.workflow.cost import estimate
+from meshes.arrays import FloatArray
 from meshes.plane_mesh import PlaneMesh
 from meshes.prism import generate
 from solver_adapters.external import ABSENT, ExternalAdapter
 from solver_adapters.interface import Adapter, Capabilities, SolverError
 from solver_adapters.profile import config_path
 from solver_adapters.registry import find_adapter
-
-FloatArray = NDArray[np.float64]
 
 
 def check(case_path: Path) -> list[Finding]:

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.case.model import Case
 from driver.check.check_result import Finding
 from driver.experiment.history import History
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 _STRONGEST = 5000.0  # MPa, more than any micro-specimen of a metal bears
 _LARGEST_STRAIN = 0.3

@@ -11,15 +11,14 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
 
 from driver.case.model import Case
 from driver.experiment.history import History
 from driver.experiment.images.region import CodeArray, Excluded
 from driver.experiment.reading import Experiment, fitted_loads
 from driver.forward.geometry import boundary_trace
+from meshes.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 _ROI, _BOUNDARY, _AXES = "#ffe14d", "#ff8a1f", "#35d0ff"
 _LEFT_OUT = {
     Excluded.TRENCH: ("#3b6cff", "trench"),

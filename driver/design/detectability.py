@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.design.information import groups_of
 from driver.diagnosis.causes.causes import Cause
@@ -18,9 +17,8 @@ from driver.diagnosis.statistics.score_test import (
 )
 from driver.identification.objective import Evaluation
 from driver.results.design import Outlook, Visible
+from meshes.arrays import FloatArray
 from solver_adapters.parameter import Parameter
-
-FloatArray = NDArray[np.float64]
 
 NAMED_AT = 6.0
 """Projected misfit [σ] from which a cause is named rightly in 19 of 20 cases, if not alone in its

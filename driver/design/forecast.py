@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.common.progress import collected_lines
 from driver.design.detectability import outlooks
@@ -28,8 +27,7 @@ from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.parameters.registry import declared_parameters
 from driver.results.design import Knowledge, Outlook
 from driver.virtual.truth import knots, refuse_unknown
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,14 +13,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.identification.data import Data
 from driver.identification.objective import Evaluation
 from driver.results.design import Knowledge
+from meshes.arrays import FloatArray
 from solver_adapters.parameter import Parameter
-
-FloatArray = NDArray[np.float64]
 
 SOURCES = ("images", "loads", "simulation", "prior")
 """What variance comes from: noise of images and of loads, error of the simulation, prior."""

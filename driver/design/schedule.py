@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from driver.design.settings import Schedule
 from driver.experiment.history import History, turning_points
 from driver.parameters.boundary import elongation_names, tilt_names
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 
 def changed(history: History, test: Schedule) -> History:

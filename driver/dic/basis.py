@@ -6,14 +6,11 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from driver.dic.kernels import grid_places, motion_of
+from meshes.arrays import FloatArray, IntArray
 from meshes.plane_mesh import PlaneMesh
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,11 +19,8 @@ from driver.dic.pyramid import Starter
 from driver.dic.regularisation import Penalty
 from driver.dic.system import Pixels
 from driver.experiment.images.heightmaps import ImageError, fill_off_surface
+from meshes.arrays import BoolArray, FloatArray, IntArray
 from meshes.plane_mesh import PlaneMesh
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 SPREAD = 3  # px around a gap of the reference where its slopes are those of what fills it
 LARGEST_DENSE = 5000  # unknowns of a covariance given as one matrix: 200 MB

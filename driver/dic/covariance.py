@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from driver.dic.interpolation_noise import noise_of_weights
 from driver.dic.series import SurfaceMotion, sensitivity
 from driver.dic.surface_images import SurfaceImages
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 _MARGIN = 10  # px, over which the cardinal cubic spline falls to 2e-6
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.dic.covariance import covariance_in_time, held_back
 from driver.dic.elongation import edge_motion
 from driver.dic.series import SurfaceMotion
 from driver.dic.surface_images import SurfaceImages
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

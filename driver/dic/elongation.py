@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from driver.dic.basis import Basis
 from driver.dic.series import SurfaceMotion
 from driver.dic.surface_images import SurfaceImages
 from driver.experiment.images.heightmaps import ImageError
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from meshes.arrays import BoolArray, FloatArray
 
 SAMPLES = 64  # along each edge
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.dic.basis import Basis, motion_at_pixels
 from driver.dic.factor import Matrix
@@ -18,10 +17,8 @@ from driver.dic.regularisation import Penalty, penalties, ranks
 from driver.dic.regularisation_evidence import Evidence, NoiseAndRoughness, weigh
 from driver.dic.residual_noise import residual_chi, residual_variance
 from driver.dic.system import End, Pixels, System
+from meshes.arrays import BoolArray, FloatArray, IntArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 Result = TypeVar("Result")
 
 FIRST_ROUGHNESS = 1.0  # px; where the estimate of what the motion needs begins

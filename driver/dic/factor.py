@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from typing import Protocol, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.sparse import csc_array
 
 from driver.dic.patterns import lower_union, spread
+from meshes.arrays import FloatArray, IntArray
 from solver_adapters.cholesky import Cholesky
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Matrix: TypeAlias = FloatArray | csc_array
 
 DENSE = 400  # unknowns, up to which dense matrices are faster than sparse ones

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.common.splines.images import samples
 from driver.dic.engine import COARSE
@@ -13,8 +12,7 @@ from driver.dic.surface_images import SurfaceImages
 from driver.dic.system import System
 from driver.experiment.images.heightmaps import fill_off_surface
 from driver.experiment.images.rigid import phase_correlation
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 
 def first_pass(images: SurfaceImages, system: System) -> FloatArray:

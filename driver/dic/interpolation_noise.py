@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 from scipy.sparse import csc_array, csr_array
 
 from driver.common.splines.images import noise_autocorrelation
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from meshes.arrays import FloatArray, IntArray
 
 REACH = 5  # px; farther apart, interpolated noise shares less than 0.002 of its variance
 _BINS = 32  # of the fraction of a pixel

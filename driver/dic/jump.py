@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.dic.system import System
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 JUMP = 0.5  # px; a smaller shift between two images is left to Gauss–Newton
 

@@ -7,13 +7,11 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from meshes.arrays import FloatArray, IntArray
 
 # Loaded for its folder of compiled kernels.
 from solver_adapters import kernels as kernels
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 # NaN has to stay NaN: it marks what was not measured.
 _compiled: Any = njit(

@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.dic.basis import Basis
 from driver.dic.system import MIN_USED, End, Pixels, System
 from driver.experiment.images.heightmaps import on_surface
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from meshes.arrays import BoolArray, FloatArray
 
 
 def mark_gaps(coefficients: FloatArray, heights: FloatArray) -> None:

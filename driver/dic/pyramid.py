@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.common.splines.kernels import coefficients, slopes_at
 from driver.dic.basis import GridBasis, grid_basis
@@ -15,9 +14,7 @@ from driver.dic.kernels import binned
 from driver.dic.regularisation import penalties
 from driver.dic.system import Pixels, System
 from driver.experiment.images.rigid import phase_correlation
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from meshes.arrays import BoolArray, FloatArray
 
 ELEMENT = 16  # px of the level
 STIFF = 0.05  # px; granted to second differences: nearly affine, no local minimum to fall into

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.experiment.images.heightmaps import ImageError
 from driver.experiment.images.region import Bounds
+from meshes.arrays import BoolArray
 from meshes.plane_mesh import PlaneMesh
-
-BoolArray = NDArray[np.bool_]
 
 
 def within(meshes: Sequence[PlaneMesh], bounds: Bounds) -> Bounds:

@@ -11,10 +11,8 @@ from scipy.sparse import block_diag, coo_array, csc_array, diags_array, eye_arra
 
 from driver.dic.basis import Basis, GridBasis
 from driver.dic.factor import DENSE, Matrix
+from meshes.arrays import BoolArray, FloatArray
 from meshes.plane_mesh import PlaneMesh
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 Penalty = Literal["tikhonov", "equilibrium_gap", "elastic"]
 POISSON = 0.3

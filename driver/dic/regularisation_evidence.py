@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.dic.system import System
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 STEPS = 3  # factorisations spent on the estimate
 ENOUGH = 0.1  # relative change, times the share of the unknowns that the images decide

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.common.splines.images import variance_gain
 from driver.experiment.images.flatfield import left_over
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 
 def residual_variance(

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array, hstack
 
 from driver.common.element_sizes import ELEMENT_UV, ELEMENT_W
@@ -20,11 +19,9 @@ from driver.dic.regularisation_evidence import NoiseAndRoughness, weigh
 from driver.dic.resolution_check import refuse_too_fine
 from driver.dic.surface_images import SurfaceImages, refine_gradient
 from driver.dic.system import Pixels, System
+from meshes.arrays import BoolArray, FloatArray, IntArray
 from meshes.plane_mesh import PlaneMesh
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 Roughness = float | Literal["estimated"] | None
 
 ROUGHNESS = 1.0  # px; a jump of 6 % in strain between two elements of 16 px

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.common.splines.images import spline_images
 from driver.dic.surface_images import SurfaceImages
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 # Variance of the slope of a cubic spline at a sample, through white samples of unit variance: the
 # mean over all frequencies of (3 sin ω/(2 + cos ω))².

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from driver.common.splines.images import SplineImages, spline_images
@@ -15,10 +14,7 @@ from driver.experiment.images.flatfield import FlatField, without_noise
 from driver.experiment.images.heightmaps import ImageError
 from driver.experiment.images.reference import Reference, build_reference, corrected
 from driver.experiment.images.region import Bounds, CodeArray
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from meshes.arrays import BoolArray, FloatArray, IntArray
 
 SMOOTHING = 1.0  # px; of the first gradient, whose noise would otherwise rival the pattern
 RING = 4  # px around the region of interest that the derivative of a cubic spline still feels

@@ -8,7 +8,6 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
 from driver.dic.basis import Basis
@@ -16,8 +15,7 @@ from driver.dic.factor import DENSE, DenseFactor, Factor, Matrix, make_factor
 from driver.dic.kernels import cell_pairs, pair_hessians, residual_and_right_side
 from driver.dic.patterns import summed_dense, summed_sparse
 from driver.experiment.images.heightmaps import ImageError
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 Reason = Literal["converged", "slow", "diverged", "left"]
 

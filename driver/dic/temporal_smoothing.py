@@ -5,15 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.dic.series import SurfaceMotion
 from driver.dic.surface_images import SurfaceImages
 from driver.experiment.images.heightmaps import ImageError
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-IntArray = NDArray[np.int64]
+from meshes.arrays import BoolArray, FloatArray, IntArray
 
 _UNHEARD = 1e-6  # weight of a frame that is left out: less than any other, enough to stand alone
 

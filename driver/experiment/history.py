@@ -11,13 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.common.errors import InputError, sentence, why
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from meshes.arrays import BoolArray, FloatArray, IntArray
 
 _BEYOND = "beyond the columns"
 COLUMNS = ("time_s", "stage_um", "image", "force_N")

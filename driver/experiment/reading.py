@@ -16,9 +16,8 @@ from driver.common.errors import InputError, sentence
 from driver.experiment.history import History, HistoryError, read_history
 from driver.experiment.images.files import Refused, files_of, split_dataset
 from driver.experiment.images.heightmaps import Stack, load_stack
+from meshes.arrays import BoolArray, FloatArray
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 Anything = TypeVar("Anything")
 Scalar = TypeVar("Scalar", bound=np.generic)
 

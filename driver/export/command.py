@@ -8,9 +8,6 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from driver.case.model import Case, load_case
 from driver.common.errors import InputError, sentence
 from driver.experiment.history import History, read_history
@@ -36,13 +33,13 @@ from driver.results.reader import FinishedResults, FittedModel, read_results
 from driver.results.stage_record import read_record
 from driver.workflow.engine import finished
 from driver.workflow.pipeline import stages
+from meshes.arrays import FloatArray
 from meshes.files import write_vtu
 from solver_adapters.jobs.errors import CommandMissingError
 from solver_adapters.kernels import use_threads
 
 logger = logging.getLogger(__name__)
 
-FloatArray = NDArray[np.float64]
 
 _NEEDED, _OPTIONAL = ("mesh", "measure", "identify"), "diagnose"
 

@@ -7,13 +7,10 @@ from pathlib import Path
 
 import meshio
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.results.files import SURFACE_FRAMES, SURFACE_SERIES, surface_frame
 from driver.results.reader import FittedModel
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from meshes.arrays import FloatArray, IntArray
 
 
 def write_surface(

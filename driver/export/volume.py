@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.case.model import Case
 from driver.common.formatting import cost_told
@@ -19,13 +18,13 @@ from driver.forward.build import adapter_of, build_model, capabilities_of
 from driver.forward.cost import simulation_memory, simulation_seconds
 from driver.results.files import volume_med, volume_vtkhdf
 from driver.results.reader import FittedModel
+from meshes.arrays import FloatArray
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.interface import CellFields, Progress
 from solver_adapters.med_results import write_results
 
 logger = logging.getLogger(__name__)
 
-FloatArray = NDArray[np.float64]
 
 # Bytes of the fields of a cell at an image, held twice while they are written.
 _FIELD_BYTES = 2 * 8 * (6 + 24 + 24 + 3)

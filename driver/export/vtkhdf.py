@@ -11,11 +11,9 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from meshes.prism_mesh import PrismMesh
-
-FloatArray = NDArray[np.float64]
 
 # VTK_QUADRATIC_TETRA and VTK_QUADRATIC_WEDGE by nodes of a cell.
 _KINDS = {10: 24, 15: 26}

@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 
 from driver.parameters.boundary import BOUNDARY_DECLARATIONS, elongation_names, tilt_names
 from driver.parameters.user_terms import BoundaryTerm, EndFaces
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from meshes.arrays import FloatArray, IntArray
 
 _TINY = 1e-30  # complex step: the motion is a rational function of its parameters
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from driver.case.model import Case
@@ -23,6 +22,7 @@ from driver.forward.microstructure import build_microstructure
 from driver.forward.model import ForwardModel
 from driver.forward.surface_projection import PixelProjection
 from driver.parameters.user_terms import BoundaryTerm, ReadingTerm, terms_of
+from meshes.arrays import FloatArray
 from meshes.plane_files import read_plane_mesh
 from meshes.plane_mesh import PlaneMesh
 from meshes.prism import PrismGeometry, generate
@@ -32,8 +32,6 @@ from solver_adapters.external import ExternalAdapter
 from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import Adapter, Capabilities, Integration
 from solver_adapters.registry import find_adapter
-
-FloatArray = NDArray[np.float64]
 
 _SMALLER = (0.93, 0.9, 0.87, 0.84, 0.8, 0.75)  # elements of another mesh over those of the first
 _COMMON = 0.2  # share of its nodes that it may have in common with the first

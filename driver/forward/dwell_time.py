@@ -7,11 +7,8 @@ hold its instants keep their share of it.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-
+from meshes.arrays import BoolArray, FloatArray
 
 _SHORTEST = 0.05  # share of its stamped length that a hold keeps at least
 _STILL = 1e-9  # change of the knot weights below which the stage stands

@@ -8,12 +8,10 @@ f + w − g(x + u) gets −a (P(x + u) − P(x)), as if the specimen had risen b
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.common.splines.images import spline_images
 from driver.dic.surface_images import SurfaceImages
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 
 def apparent_rise(images: SurfaceImages, motion: FloatArray) -> FloatArray | None:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.case.model import Case
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 
 def boundary_trace(case: Case) -> FloatArray | None:

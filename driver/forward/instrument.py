@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.parameters.user_terms import ReadingTerm
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 _TINY = 1e-30  # complex step
 

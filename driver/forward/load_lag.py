@@ -9,12 +9,10 @@ to that after it (cubic Hermite pieces), while the force in the row itself is no
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from driver.parameters.instrument import LARGEST_LAG
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 _MOMENT = 0.5  # half of the time in which the rate changes at a row [s]
 

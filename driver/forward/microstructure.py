@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.parameters.microstructure import GRADIENTS, OF_BOUNDARY
+from meshes.arrays import FloatArray
 from meshes.prism import PrismGeometry
 from meshes.prism_mesh import PrismMesh
 from meshes.velocity import (
@@ -22,8 +22,6 @@ from meshes.velocity import (
 )
 from solver_adapters.crystal import rotation_vector_matrix
 from solver_adapters.interface import SolverError
-
-FloatArray = NDArray[np.float64]
 
 
 def _vector(values: Mapping[str, float], what: str) -> FloatArray:

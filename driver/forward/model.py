@@ -8,7 +8,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.forward.boundary_motion import BoundaryMotion
 from driver.forward.dwell_time import dwells, dwells_tangent, stretch_dwells
@@ -19,6 +18,7 @@ from driver.forward.prediction import Prediction
 from driver.forward.surface_projection import PixelProjection, Projection, apply
 from driver.parameters.history import HOLD
 from driver.parameters.registry import declared_parameters
+from meshes.arrays import FloatArray, IntArray
 from solver_adapters.interface import (
     Adapter,
     Direction,
@@ -34,9 +34,6 @@ from solver_adapters.material import (
     with_parameters,
 )
 from solver_adapters.parameter import Parameter, Place
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 Values = Mapping[str, float]
 

@@ -6,12 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.forward.surface_projection import Projection, apply
+from meshes.arrays import FloatArray
 from solver_adapters.interface import Response
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from meshes.surface import SurfaceMesh, interpolation
-
-FloatArray = NDArray[np.float64]
 
 _STEP = 1e-3  # half step of the difference quotient of the shape functions [µm]
 _INSET = 2e-3  # pixels stay this far inside the face [µm]

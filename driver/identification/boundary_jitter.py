@@ -21,18 +21,16 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.forward.model import ForwardModel
 from driver.parameters.boundary import elongation_names, knot_declarations
+from meshes.arrays import BoolArray, FloatArray
 from solver_adapters.interface import Direction
 from solver_adapters.time_steps import once_more
 
 if TYPE_CHECKING:
     from driver.identification.image_data import ImageData
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _TOGETHER = 64  # directions of one simulation: they are held in memory together
 

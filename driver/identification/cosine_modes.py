@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 
 def cosine_modes(T: int, orders: NDArray[np.int64]) -> FloatArray:

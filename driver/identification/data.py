@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.forward.prediction import Prediction
 from driver.identification.boundary_jitter import BoundaryJitter
@@ -23,10 +22,7 @@ from driver.identification.discretisation_covariance import DiscretisationError
 from driver.identification.image_data import ImageData
 from driver.identification.load_noise import whiten_markov
 from driver.identification.step_error import StepError
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from meshes.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,12 +20,12 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from meshes.arrays import FloatArray
 
 if TYPE_CHECKING:
     from driver.identification.image_data import ImageData
 
-FloatArray = NDArray[np.float64]
 
 _SHAPES = 3  # shapes in time that are kept: onset of yield, growth, what unloading changes
 

@@ -12,16 +12,15 @@ from dataclasses import dataclass, field
 from time import monotonic
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.identification.gauss_newton_step import is_at_bound
 from driver.identification.line_search import FLAT, SCORE, descend, newton, promised_by
 from driver.identification.objective import Evaluation, Objective
+from meshes.arrays import FloatArray
 from solver_adapters.parameter import Parameter
 
 logger = logging.getLogger(__name__)
 
-FloatArray = NDArray[np.float64]
 
 DECREMENT = 0.1  # Newton decrement at convergence: a tenth of a standard deviation
 # A model error leaves an excess misfit, and makes convergence slow (its residual is large where

@@ -6,14 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.common.errors import InputError
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation
 from driver.parameters.registry import label_of
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 INSENSITIVE = 0.5  # share of the variance that is the prior's from which a parameter is named
 # Eigenvalue of the Hessian, scaled to a diagonal of ones, below which rounding decides.

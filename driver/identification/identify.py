@@ -16,7 +16,6 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.common.parallel import side_by_side
 from driver.common.progress import collected_lines
@@ -37,10 +36,10 @@ from driver.identification.step_error import (
     parts_of,
 )
 from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
+from meshes.arrays import FloatArray
 
 logger = logging.getLogger(__name__)
 
-FloatArray = NDArray[np.float64]
 Stage = Literal["A", "B", "C"]
 
 START = 0.05  # a stage that only starts the next one ends when its misfit falls by less

@@ -13,15 +13,11 @@ from typing import Literal
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from driver.dic.basis import Basis
 from driver.dic.surface_images import SurfaceImages
 from driver.identification.reference_noise import reference_noise
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from meshes.arrays import BoolArray, FloatArray, IntArray
 
 Gauge = Literal["translation", "rigid"]
 _SHIFT_ITERATIONS = 3

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.identification.objective import Evaluation, Objective
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 
 def kinematic_hessian(

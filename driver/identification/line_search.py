@@ -5,19 +5,16 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
 from driver.common.errors import InputError
 from driver.common.outcomes import first_line
 from driver.identification.gauss_newton_step import bounded_step, trial_values
 from driver.identification.objective import Evaluation, Objective
+from meshes.arrays import FloatArray
 from solver_adapters.interface import SolverError
 from solver_adapters.jobs.errors import is_by_circumstances, is_out_of_time
 
 logger = logging.getLogger(__name__)
 
-FloatArray = NDArray[np.float64]
 
 MOST_HALVINGS, MOST_IF_FLAT = 5, 3  # lengths of a step that are tried
 # Precise loads make a narrow valley that bends: a full step along it climbs its side, for the loads

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.dic.surface_images import SurfaceImages
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from meshes.arrays import BoolArray, FloatArray
 
 REACH = 0.5  # px about its measured place within which a pixel must have a height
 

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
 from driver.common.splines.images import SplineImages
 from driver.dic.surface_images import SurfaceImages
 from driver.identification.image_data import ImageData
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from meshes.arrays import FloatArray, IntArray
 
 
 class NoImages(ImageData):

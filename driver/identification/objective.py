@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.forward.fixed_pattern import apparent_rise
 from driver.forward.model import ForwardModel
@@ -17,9 +16,8 @@ from driver.forward.prediction import Prediction
 from driver.identification.data import Data
 from driver.identification.paper_chi import PaperChi, paper_chi
 from driver.identification.step_error import StepError
+from meshes.arrays import FloatArray
 from solver_adapters.parameter import Parameter
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

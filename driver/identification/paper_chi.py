@@ -11,12 +11,11 @@ from math import sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from meshes.arrays import FloatArray
 
 if TYPE_CHECKING:
     from driver.identification.data import Data
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

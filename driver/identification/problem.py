@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.case.model import Case
 from driver.dic.basis import basis_on
@@ -31,10 +30,8 @@ from driver.identification.priors import FREED_WIDTH, Prior, prior_of, widths
 from driver.parameters.boundary import AMPLITUDE_DECLARATIONS
 from driver.parameters.instrument import LOAD_DECLARATIONS
 from driver.parameters.pose import POSE_DECLARATIONS
+from meshes.arrays import BoolArray, FloatArray
 from meshes.prism_mesh import PrismMesh
-
-BoolArray = NDArray[np.bool_]
-FloatArray = NDArray[np.float64]
 
 _PLACES = 25  # at which the motion of the specimen over the camera is followed
 

@@ -13,12 +13,10 @@ from collections.abc import Iterable
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 from scipy import fft, ndimage
 
 from driver.dic.surface_images import SurfaceImages
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 _TESTS = 24  # numbers of an image of whose weights the autocorrelation is the mean
 

@@ -13,13 +13,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.forward.model import ForwardModel
 from driver.forward.prediction import Prediction
+from meshes.arrays import FloatArray
 from solver_adapters.interface import Integration
-
-FloatArray = NDArray[np.float64]
 
 FIRST_ORDER: Integration = "backward_euler"
 """The scheme whose error falls with the length of the steps."""

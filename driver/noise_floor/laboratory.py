@@ -18,8 +18,7 @@ from driver.noise_floor.quiet import without_noise
 from driver.results.noise_floor import QUANTITIES, Errors
 from driver.virtual.microscope.series import carried
 from driver.virtual.microscope.texture import Texture, texture
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 SERIES, DRAWS = 4, 2  # series with a reference of their own; images of each motion in a series
 _MARGIN = 32  # px of the reference around the region of interest that are kept

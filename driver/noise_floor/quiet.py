@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from driver.experiment.images.plane import plane_modes
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 _BAND = 0.02  # cycles/px; width of a band of frequencies
 

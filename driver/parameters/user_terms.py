@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from driver.common.errors import InputError, why
 from driver.parameters.boundary import knot_number
+from meshes.arrays import FloatArray
 from solver_adapters.parameter import Parameter
 
-FloatArray = NDArray[np.float64]
 # Real or complex: derivatives are taken by complex steps through the formulas.
 Field: TypeAlias = NDArray[np.inexact]
 Term = TypeVar("Term")

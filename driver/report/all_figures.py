@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from driver.experiment.reading import fitted_loads
 from driver.parameters.boundary import LAMBDAS
@@ -16,8 +15,7 @@ from driver.report.findings import Findings, Record
 from driver.report.identified_tables import core
 from driver.report.labels import cause_label, reading_unit
 from driver.report.tables import ordered
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 _STAGE_NAMES = {
     "A": "A: images",

@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from driver.diagnosis.search.selection_round import WITHIN
 from driver.report.style import (
@@ -19,8 +18,7 @@ from driver.report.style import (
     new_figure,
     styled,
 )
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 _LINEAR = 10.0  # of the evidence axis; logarithmic beyond
 

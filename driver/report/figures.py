@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from driver.common.formatting import chi, number
 from driver.report.style import (
@@ -21,9 +20,7 @@ from driver.report.style import (
     styled,
     typeset,
 )
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from meshes.arrays import FloatArray, IntArray
 
 SIDE_COLOURS = {"before": BEFORE, "after": AFTER}
 

@@ -38,11 +38,11 @@ from driver.results.hdf5 import damaged, read_hdf5
 from driver.results.identification import read_identification
 from driver.results.json_files import read_json
 from driver.results.stage_record import read_record
+from meshes.arrays import FloatArray
 from meshes.files import read_med
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.parameter import Parameter
 
-FloatArray = NDArray[np.float64]
 Record = dict[str, Any]
 
 FILES = {

@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from numpy.typing import NDArray
 
 from driver.common.formatting import chi, number
 from driver.report.style import (
@@ -23,8 +22,8 @@ from driver.report.style import (
     styled,
     typeset,
 )
+from meshes.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Parts = Sequence[FloatArray]  # one array for each stage
 
 _COLOURS = (AFTER, BEFORE, CYCLES[1], CYCLES[2], CYCLES[0], CYCLES[3], MEASURED, CYCLES[4])

@@ -7,11 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from solver_adapters.parameter import Parameter
-
-FloatArray = NDArray[np.float64]
 
 COVERED = 1.959964  # standard deviations to either side of 95 % of a normal distribution
 _AT_BOUND = 1e-9

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.common.formatting import (
     chi,
@@ -24,9 +23,9 @@ from driver.parameters.boundary import LAMBDAS
 from driver.parameters.registry import label_of, short_label_of
 from driver.report.identified import IdentifiedParameter
 from driver.report.labels import reading_unit
+from meshes.arrays import FloatArray
 from solver_adapters.material import MATERIAL_DECLARATIONS
 
-FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
 Groups = list[tuple[str, list[Row]]]
 

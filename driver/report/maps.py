@@ -11,13 +11,10 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
-from numpy.typing import NDArray
 
 from driver.report.figures import side_labels
 from driver.report.style import GREY, SIGNED, new_figure, styled
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from meshes.arrays import FloatArray, IntArray
 
 GRAINS = ("#a8cfe6", "#f3c98b")
 _BOUNDARY = "#d55e00"

@@ -10,12 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
-from numpy.typing import NDArray
 
 from driver.common.formatting import compact
 from driver.report.style import SIGNED, WIDTH, new_figure, styled, typeset
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 _DECADES = 8  # of the logarithmic scale at most: what is smaller is beyond any use
 _LARGEST_TYPE, _SMALLEST_TYPE = 9.5, 7.0  # pt, of numbers in cells

@@ -10,10 +10,7 @@ from numpy.typing import NDArray
 
 from driver.dic.grip_check import GripMotion, grip_motion
 from driver.report.maps import Face
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from meshes.arrays import BoolArray, FloatArray, IntArray
 
 DATASETS = (
     "stage", "cycle", "reference", "pixel", "origin", "rows", "cols", "motion", "coefficients",

@@ -10,15 +10,13 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from driver.report.maps import Face
 from driver.report.measured import MeasuredMotion
 from driver.report.style import SIGNED, WIDTH, new_figure, styled
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from meshes.arrays import FloatArray, IntArray
 
 FIELD = "viridis"  # perceptually uniform, and told apart by the colour-blind
 COMPONENTS = ("u (along X)", "v (along Y)", "w (along Z)")

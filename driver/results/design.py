@@ -11,16 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.statistics.score_test import PARALLEL, SEEN_AT
 from driver.results.files import DESIGN
 from driver.results.hdf5 import prismid_version
 from driver.results.json_files import json_number, write_json
+from meshes.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Pair = tuple[str, str]
 
 

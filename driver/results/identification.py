@@ -25,10 +25,10 @@ from driver.parameters.boundary import LAMBDAS
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.results.files import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
 from driver.results.hdf5 import damaged, write_csv, write_hdf5
+from meshes.arrays import FloatArray
 from solver_adapters.interface import Trajectory
 from solver_adapters.parameter import Parameter
 
-FloatArray = NDArray[np.float64]
 Arrays = dict[str, tuple[NDArray[np.generic] | float, str]]
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.case.model import Case
 from driver.dic.derived_quantities import Reading
@@ -20,9 +19,7 @@ from driver.experiment.images.region import Excluded
 from driver.experiment.reading import Experiment
 from driver.results.files import MEASURE, MEASURE_CSV
 from driver.results.hdf5 import write_csv, write_hdf5
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from meshes.arrays import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,13 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.results.files import NOISE_FLOOR, NOISE_FLOOR_CSV
 from driver.results.hdf5 import prismid_version, write_csv
 from driver.results.json_files import write_json
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 QUANTITIES = ("u", "v", "w", "strain", "elongation")
 """Motions and elongation [µm], ε_YY at a pixel [-]."""

@@ -8,16 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from driver.results.files import DIAGNOSIS, DIAGNOSIS_H5, IDENTIFY, MEASURE, MESH
 from driver.results.hdf5 import damaged, read_hdf5
 from driver.results.identification import read_identification
+from meshes.arrays import FloatArray
 from meshes.files import read_med
 from meshes.prism_mesh import PrismMesh
-
-FloatArray = NDArray[np.float64]
 
 LABELS = ("model", "extended")
 # Sizes by letter: T images, P pixels, K free parameters, R rows and C columns of the reference.

@@ -15,8 +15,8 @@ from driver.experiment.history import COLUMNS, History
 from driver.results.files import FLATS_TIF, HISTORY_CSV, IMAGES_TIF, REPEATS_TIF, TRUTH, TRUTH_H5
 from driver.results.hdf5 import prismid_version, write_hdf5
 from driver.results.json_files import write_json
+from meshes.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Levels = Sequence[NDArray[np.generic]]
 
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.case.model import Case
 from driver.common.errors import InputError, one_of
@@ -15,12 +14,11 @@ from driver.forward.build import adapter_of, build_model, mesh_of
 from driver.forward.model import ForwardModel
 from driver.parameters.boundary import AMPLITUDE_DECLARATIONS, elongation_names, tilt_names
 from driver.virtual.settings import Program
+from meshes.arrays import FloatArray
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import SurfaceMesh, trace
 from solver_adapters.interface import Adapter, Progress, Response, Simulation
 from solver_adapters.parameter import Parameter
-
-FloatArray = NDArray[np.float64]
 
 _STAGE_SPEED, _STOP, _HOLD = 0.5, 5.0, 30.0  # µm/s, µm between two images, s before each
 

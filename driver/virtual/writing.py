@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.case.model import CASE_FILE, SCHEMA_FILE, Case, schema_text, write_case
 from driver.common.errors import InputError
@@ -21,8 +20,7 @@ from driver.virtual.microscope.slip_steps import slip_steps
 from driver.virtual.settings import Face as FaceTable
 from driver.virtual.settings import Virtual
 from driver.virtual.truth import Course
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 _AROUND = 1.5  # µm beyond the face on which there are dots
 _PATTERN = (1.5, 6.0)  # wavelengths of the fixed pattern [µm]

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.case.model import Case, CaseError
 from driver.common.errors import sentence
@@ -29,11 +28,10 @@ from driver.results.identification import (
 )
 from driver.workflow.engine import StageContext
 from driver.workflow.prepared_images import prepared_images
+from meshes.arrays import FloatArray
 from meshes.files import read_med
 
 logger = logging.getLogger(__name__)
-
-FloatArray = NDArray[np.float64]
 
 
 def load_problem(context: StageContext) -> IdentificationProblem:

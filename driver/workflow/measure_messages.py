@@ -6,16 +6,15 @@ import logging
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.case.model import Case
 from driver.dic.derived_quantities import Reading
 from driver.dic.series import SurfaceMotion
 from driver.experiment.images.outliers import Outlier, texts_by_frame
+from meshes.arrays import BoolArray
 
 logger = logging.getLogger(__name__)
 
-BoolArray = NDArray[np.bool_]
 
 _TOLD = 5  # frames at most, of which it is told why they stopped
 _STRETCHED = 5.0  # σ of the elongation before loading, beyond which the images are in doubt

@@ -6,7 +6,6 @@ import logging
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.case.model import Case
 from driver.common.errors import InputError
@@ -32,11 +31,10 @@ from driver.results.measurement import Measurement, write_measurement
 from driver.workflow.engine import StageContext
 from driver.workflow.measure_messages import tell_frames, tell_readings, tell_regularisation
 from driver.workflow.prepared_images import prepared_images
+from meshes.arrays import BoolArray, FloatArray
 
 logger = logging.getLogger(__name__)
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _AT_A_TIME = 4096  # pixels, whose rows of a dense matrix fit into memory
 _OTHER_SURFACE = 2.0  # χ of a frame that did not converge, beyond which it shows something else

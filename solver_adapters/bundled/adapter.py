@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled import restart
 from solver_adapters.bundled.direction_reduction import reduced_directions
 from solver_adapters.bundled.fem.cell_fields import WIDTHS, cell_fields
@@ -30,8 +30,6 @@ from solver_adapters.interface import (
 from solver_adapters.material import MATERIAL_PARAMETERS
 from solver_adapters.simulation_key import simulation_key
 from solver_adapters.time_steps import between_instants, step_ends
-
-FloatArray = NDArray[np.float64]
 
 _BETWEEN_CHECKPOINTS = 60.0  # s
 _BETWEEN_KEPT = 1.0  # s; beside its interval an interruption may lose so much

@@ -9,12 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from solver_adapters.interface import Direction, Response, Simulation
 from solver_adapters.material import Material
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,8 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.fem.assembly import displacement_gradients, element_forces
 from solver_adapters.bundled.fem.problem import Problem
 from solver_adapters.bundled.fem.state import Increment, Instant
@@ -16,8 +16,6 @@ from solver_adapters.bundled.linear.residual_check import LinearSolverError
 from solver_adapters.bundled.linear.split_matrix import RESIDUAL
 from solver_adapters.bundled.statistics import Statistics
 from solver_adapters.bundled.tangent_system import TangentSystem
-
-FloatArray = NDArray[np.float64]
 
 MOST_NEWTON = 14
 # A residual this far below the reaction is rounding, whatever tolerance was asked for.

@@ -10,13 +10,11 @@ from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.fem.state import Increment, Instant
 from solver_adapters.bundled.law.law import NS
 from solver_adapters.interface import SolverError
-
-FloatArray = NDArray[np.float64]
 
 FILE = "restart.npz"
 _ROUNDING = 1e-9  # of the time of an instant (share of all)

@@ -6,8 +6,8 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.equilibrium import Equilibrium, Trial
 from solver_adapters.bundled.fem.assembly import (
     add_force_changes,
@@ -18,8 +18,6 @@ from solver_adapters.bundled.fem.assembly import (
 from solver_adapters.bundled.fem.problem import Tangents
 from solver_adapters.bundled.fem.state import Instant
 from solver_adapters.bundled.law.gauss_points import PointTangents
-
-FloatArray = NDArray[np.float64]
 
 
 class Differentiation:

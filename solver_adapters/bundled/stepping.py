@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.equilibrium import Equilibrium, NotConvergedError, Trial
 from solver_adapters.bundled.fem.problem import Problem, Tangents
 from solver_adapters.bundled.fem.state import Increment, Instant
@@ -17,8 +17,6 @@ from solver_adapters.bundled.sensitivities import Differentiation
 from solver_adapters.bundled.statistics import Statistics
 from solver_adapters.interface import SolverError, Trajectory
 from solver_adapters.time_steps import between_instants
-
-FloatArray = NDArray[np.float64]
 
 MOST_HALVINGS = 10
 # A time in which no system slips by a countable amount [s].

@@ -9,16 +9,14 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.fem.assembly import element_stiffness
 from solver_adapters.bundled.fem.problem import Problem
 from solver_adapters.bundled.linear.split_matrix import RESIDUAL
 from solver_adapters.bundled.linear.symmetric import SymmetricSolver
 from solver_adapters.bundled.linear.unsymmetric import UnsymmetricSolver
 from solver_adapters.bundled.statistics import Statistics
-
-FloatArray = NDArray[np.float64]
 
 
 class TangentSystem:

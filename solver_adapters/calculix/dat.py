@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from meshes.arrays import FloatArray, IntArray
 from solver_adapters.calculix.text import read_text
-from solver_adapters.interface import FloatArray, IntArray
 from solver_adapters.result_files import ResultFileError
 
 _TOTAL = re.compile(

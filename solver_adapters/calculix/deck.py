@@ -12,9 +12,10 @@ from typing import SupportsInt
 
 import numpy as np
 
+from meshes.arrays import FloatArray, IntArray
 from solver_adapters.calculix.limits import hardens
 from solver_adapters.constants import elastic_constants, grain_ratios
-from solver_adapters.interface import FloatArray, IntArray, Simulation
+from solver_adapters.interface import Simulation
 from solver_adapters.time_steps import between_instants, step_ends
 from templates import render
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from meshes.arrays import FloatArray
 from solver_adapters.calculix.text import read_text
-from solver_adapters.interface import FloatArray
 from solver_adapters.result_files import ResultFileError
 
 # Step, increment, attempt (with U where it failed), iterations, total time, step time, length.

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from solver_adapters.checks.arrays import expect_finite, expect_indices, expect_shape
 from solver_adapters.checks.mesh import twice
-from solver_adapters.interface import BadSimulationError, FloatArray, Simulation
+from solver_adapters.interface import BadSimulationError, Simulation
 
 AnyArray = NDArray[Any]
 

@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from meshes.arrays import FloatArray, IntArray
 from meshes.tet10 import centre_gradients
 from solver_adapters.code_aster.law import system_order
 from solver_adapters.code_aster.rmed import Field, ResultFile
 from solver_adapters.crystal import schmid_tensors
-from solver_adapters.interface import CellFields, FloatArray, IntArray, Simulation
+from solver_adapters.interface import CellFields, Simulation
 
 _STRESS = ("SIXX", "SIYY", "SIZZ", "SIYZ", "SIXZ", "SIXY")
 _ELASTIC_PART = tuple(f"V{number}" for number in range(112, 121))

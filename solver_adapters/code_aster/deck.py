@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from meshes.arrays import FloatArray, IntArray
 from meshes.files import write_med
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.code_aster.law import hardening, has_two_families
 from solver_adapters.constants import grain_ratios
 from solver_adapters.crystal import bunge_angles
 from solver_adapters.external import Profile
-from solver_adapters.interface import FloatArray, IntArray, Simulation
+from solver_adapters.interface import Simulation
 from solver_adapters.time_steps import step_ends
 from templates import render
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_adapters.interface import FloatArray
+from meshes.arrays import FloatArray
 from solver_adapters.result_files import ResultFileError
 
 _COMMENT = "#"

@@ -19,10 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from meshes.arrays import FloatArray, IntArray
 from solver_adapters.constants import isotropic_hardening
 from solver_adapters.crystal import N_110, N_SYSTEMS, slip_systems
 from solver_adapters.interaction import bcc24_classes, self_and_latent
-from solver_adapters.interface import FloatArray, IntArray
 from solver_adapters.material import Material
 
 # Plane normal and slip direction of the systems of CUBIQUE1 (lcmmsg).

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from meshes.arrays import FloatArray
 from solver_adapters.code_aster.cells import mean_fields
 from solver_adapters.code_aster.deck import CELLS, FORCES, LISTING, NODES
 from solver_adapters.code_aster.force_table import read_resultants
 from solver_adapters.code_aster.listing import Steps, steps_taken
 from solver_adapters.code_aster.rmed import ResultFile
-from solver_adapters.interface import FloatArray, Response, Simulation
+from solver_adapters.interface import Response, Simulation
 from solver_adapters.result_files import ResultFileError
 
 _MOTION = ("DX", "DY", "DZ")

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from meshes.arrays import FloatArray, IntArray
 from meshes.med_fields import Place, read_med_field
 from meshes.med_file import open_med
 from meshes.prism_mesh import PrismMesh
 from meshes.tet10 import MIRRORED
-from solver_adapters.interface import FloatArray, IntArray
 from solver_adapters.result_files import ResultFileError
 
 # The name of a field is that of its concept, padded to eight signs, and its own: U_______DEPL.

@@ -8,14 +8,13 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.paper_chi import PaperChi
+from meshes.arrays import FloatArray
 from solver_adapters.interface import Response
 from solver_adapters.parameter import Parameter
 
-FloatArray = NDArray[np.float64]
 Curve = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 

@@ -21,9 +21,9 @@ from driver.report.measured import MeasuredMotion, measured_motion
 from driver.report.measured_figures import FIGURES
 from driver.results.hdf5 import read_hdf5, write_hdf5
 from driver.workflow.engine import StageContext
+from meshes.arrays import FloatArray, IntArray
 from meshes.files import write_med
 from meshes.prism import generate
-from solver_adapters.interface import FloatArray, IntArray
 
 STAGE = (0.0, 10.0, 20.0, 30.0, 20.0, 10.0, 25.0, 40.0, 55.0, 45.0, 35.0)
 CYCLE = (1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from meshes.plane_cells import CELLS, CellKind
 from meshes.plane_mesh import PlaneMesh
 from tests.meshes.plane_examples import distorted
 
-FloatArray = NDArray[np.float64]
 KINDS: list[CellKind] = ["tri3", "tri6", "quad4", "quad8"]
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
 from meshes.tet10 import EDGES
@@ -20,7 +21,6 @@ from meshes.velocity import (
     moved,
 )
 
-FloatArray = NDArray[np.float64]
 Field = Callable[[PrismMesh, PrismGeometry], FloatArray]
 
 FIELDS: dict[str, Field] = {

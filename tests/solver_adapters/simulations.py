@@ -10,12 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from meshes.arrays import FloatArray
 from solver_adapters.checks.simulation import refuse_bad_simulation
-from solver_adapters.interface import (
-    Direction,
-    FloatArray,
-    Simulation,
-)
+from solver_adapters.interface import Direction, Simulation
 from solver_adapters.material import Material
 from tools.boxes import box, pulled
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from meshes.arrays import FloatArray
 from solver_adapters.constants import (
     elastic_constants,
     grain_ratios,
@@ -12,7 +13,6 @@ from solver_adapters.constants import (
     isotropic_hardening,
 )
 from solver_adapters.interaction import bcc24_classes, self_and_latent
-from solver_adapters.interface import FloatArray
 from solver_adapters.material import Material
 
 

@@ -9,17 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled import equilibrium
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.finite_differences import FiniteDifferences, shifted
-from solver_adapters.interface import (
-    Capabilities,
-    Direction,
-    FloatArray,
-    Progress,
-    Response,
-    Simulation,
-)
+from solver_adapters.interface import Capabilities, Direction, Progress, Response, Simulation
 from solver_adapters.material import Material
 from tools.boxes import box, pulled
 

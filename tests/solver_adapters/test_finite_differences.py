@@ -12,6 +12,7 @@ from threading import Barrier
 import numpy as np
 import pytest
 
+from meshes.arrays import FloatArray
 from solver_adapters import finite_differences
 from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import (
@@ -19,7 +20,6 @@ from solver_adapters.interface import (
     BadSimulationError,
     Capabilities,
     Direction,
-    FloatArray,
     NotRunError,
     PreparedError,
     Progress,

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.calculix.deck import render_files
 from solver_adapters.checks.simulation import refuse_bad_simulation
-from solver_adapters.interface import BadSimulationError, FloatArray, Simulation
+from solver_adapters.interface import BadSimulationError, Simulation
 from solver_adapters.material import Material
 from solver_adapters.time_steps import between_instants, step_ends
 from tools.boxes import box, pulled

@@ -7,13 +7,12 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from driver.common.splines.kernels import POLE, coefficients
+from meshes.arrays import FloatArray, IntArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Number = TypeVar("Number", float, FloatArray)
 
 

@@ -6,13 +6,11 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from meshes.arrays import FloatArray, IntArray
 
 # Loaded for its folder of compiled kernels.
 from solver_adapters import kernels as kernels
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _compiled: Any = njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz", "arcp"})
 

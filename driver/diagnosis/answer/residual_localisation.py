@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.diagnosis.answer.result_types import Diagnosis
 from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
@@ -20,10 +19,8 @@ from driver.diagnosis.statistics.score_test import beside, score_together
 from driver.diagnosis.statistics.screening import own_error_shapes
 from driver.experiment.history import History, phase_of_images
 from driver.identification.objective import Evaluation, Objective
+from meshes.arrays import BoolArray, FloatArray
 from meshes.prism import PrismGeometry
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 WHOLE, LOADS = "the whole test", "the loads"
 _BAND = 0.25  # of the width: what is near the grain boundary, an end or a long edge

@@ -13,12 +13,10 @@ from collections.abc import Sequence
 from itertools import permutations, product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.diagnosis.causes.candidates import NotExamined
 from driver.diagnosis.causes.causes import Cause
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 ODDS = 0.01
 """Prior odds of each flip against none: one specimen in a hundred."""

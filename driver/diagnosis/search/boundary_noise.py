@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from driver.common.progress import collected_lines
@@ -30,10 +29,10 @@ from driver.identification.data import Data
 from driver.identification.fit import fit
 from driver.identification.objective import Evaluation, Objective
 from driver.parameters.covariance import SIGMA_E
+from meshes.arrays import FloatArray
 
 logger = logging.getLogger(__name__)
 
-FloatArray = NDArray[np.float64]
 Level = tuple[float, float]
 
 _TURNS = 5  # of fit and level

@@ -6,9 +6,6 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from driver.diagnosis.answer.result_types import Diagnosis, Settings, Step
 from driver.diagnosis.answer.verdict import decide, with_doubts
 from driver.diagnosis.causes.all_causes import EVERY
@@ -33,10 +30,9 @@ from driver.diagnosis.statistics.screening import honoured, parameters_of_the_sp
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
 from driver.parameters.covariance import NOISE_RATIO
+from meshes.arrays import IntArray
 
 logger = logging.getLogger(__name__)
-
-IntArray = NDArray[np.int64]
 
 
 def diagnose(

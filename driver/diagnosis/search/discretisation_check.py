@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import DiscretisationCheck, Refinement
@@ -17,9 +16,8 @@ from driver.forward.model import ForwardModel
 from driver.identification.fit import Fit
 from driver.identification.identify import correction
 from driver.identification.objective import Correction, Evaluation, Objective
+from meshes.arrays import FloatArray
 from solver_adapters.parameter import Parameter
-
-FloatArray = NDArray[np.float64]
 
 _MATTERS = 0.5  # of the larger of two effects, from which the smaller one counts, too
 

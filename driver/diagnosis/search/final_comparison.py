@@ -8,9 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from driver.common.parallel import side_by_side
 from driver.common.progress import collected_lines
 from driver.diagnosis.answer.result_types import HeldOut, Settings
@@ -22,8 +19,7 @@ from driver.identification.fit import POLISH, Fit, fit_from
 from driver.identification.identify import correction
 from driver.identification.objective import Correction, Evaluation, Objective
 from driver.parameters.boundary import elongation_names, tilt_names
-
-IntArray = NDArray[np.int64]
+from meshes.arrays import IntArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from driver.diagnosis.answer.result_types import HeldOut
 from driver.identification.fit import Fit, fit
 from driver.identification.objective import Objective
+from meshes.arrays import IntArray
 
-IntArray = NDArray[np.int64]
 MOST_ITERATIONS = 5
 TOLERANCE = 0.3
 

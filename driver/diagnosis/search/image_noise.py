@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import f
 
 from driver.diagnosis.answer.verdict import Verdict, to_confirm
@@ -24,8 +23,7 @@ from driver.identification.cosine_modes import fast_modes
 from driver.identification.data import Data
 from driver.identification.objective import Evaluation
 from driver.parameters.covariance import NOISE_RATIO
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 EVEN_ENOUGH = 1.15  # ratio of σ below which weights change no answer
 _QUIETEST = 0.2  # of the mean variance

@@ -10,15 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm, t
 
 from driver.diagnosis.answer.result_types import BadLoad
 from driver.diagnosis.statistics.high_pass_loads import FEWEST, LEFT, freed, high_pass_loads
 from driver.identification.data import Data
 from driver.identification.objective import Evaluation
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 LEVEL = 0.01  # of all loads together
 MOST = 0.05  # share of the loads beyond which they are no outliers but noise of another kind

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.diagnosis.answer.detection_limits import level_of
 from driver.diagnosis.answer.result_types import DiscretisationCheck, Refit, Settings, Step
@@ -46,10 +45,10 @@ from driver.diagnosis.statistics.screening import own_error_shapes, screen, scre
 from driver.diagnosis.statistics.smooth_motion_test import smooth_fields
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
+from meshes.arrays import FloatArray
 
 logger = logging.getLogger(__name__)
 
-FloatArray = NDArray[np.float64]
 
 WITHIN = 3.0  # log evidence within which causes are not told apart
 

@@ -21,15 +21,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp
 from scipy.stats import gamma
 
 from driver.identification.line_search import promised
 from driver.identification.objective import Evaluation, Objective
+from meshes.arrays import FloatArray
 from solver_adapters.parameter import Parameter
-
-FloatArray = NDArray[np.float64]
 
 DEGREES = 4.0  # degrees of freedom of the prior
 _STEP = 0.35

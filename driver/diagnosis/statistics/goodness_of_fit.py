@@ -14,15 +14,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2, f, norm
 
 from driver.diagnosis.statistics.score_test import beside, score_together
 from driver.identification.cosine_modes import cosine_modes
 from driver.identification.data import Data
 from driver.identification.objective import Evaluation
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 LAGS = 10
 SLOW_SHARE = 8  # the slowest eighth of the modes against the fastest half

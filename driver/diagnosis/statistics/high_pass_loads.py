@@ -11,12 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.identification.cosine_modes import fast_modes
 from driver.identification.objective import Evaluation
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 FEWEST = 8  # degrees of freedom without which nothing is said of the noise
 _RIDGE = 1e-12

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.noise_causes import COVARIANCE
 from driver.diagnosis.statistics.bayes_factor import log_bayes_factor
 from driver.identification.objective import Evaluation, Objective
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 _SCATTER = 3.0  # standard deviations of the misfit of noise
 

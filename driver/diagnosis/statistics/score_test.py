@@ -15,16 +15,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2, f
 
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.statistics.bayes_factor import log_mean_likelihood, prior_scaled, projected
 from driver.identification.objective import Evaluation
 from driver.identification.priors import FREED_WIDTH
+from meshes.arrays import FloatArray
 from solver_adapters.parameter import Parameter
-
-FloatArray = NDArray[np.float64]
 
 NAMING_LEVEL = 0.005
 """Of the family of all causes: less than one model in a hundred that is right gets a cause."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.diagnosis.causes.candidates import causes_of
 from driver.diagnosis.causes.causes import NUMERICS, Cause
@@ -18,9 +17,8 @@ from driver.identification.objective import Correction, Objective
 from driver.parameters.history import HOLD
 from driver.parameters.instrument import PATTERN_DECLARATIONS
 from driver.parameters.microstructure import LATTICE_DECLARATIONS
+from meshes.arrays import FloatArray
 from solver_adapters.material import MATERIAL_PARAMETERS
-
-FloatArray = NDArray[np.float64]
 
 
 def screened(

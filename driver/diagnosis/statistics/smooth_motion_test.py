@@ -9,11 +9,9 @@ along these few directions it is not.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.identification.data import Data
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 DEGREE = 3
 

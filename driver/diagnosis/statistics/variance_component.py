@@ -19,13 +19,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.stats import norm
 
 from driver.diagnosis.statistics.score_test import SEEN_AT
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 _RATIOS = np.geomspace(1e-4, 1e5, 700)  # q times the largest a at which L is tabulated
 _POINTS = (3.0, 100.0)  # the same at which it is tested

@@ -6,15 +6,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft, ndimage
 
 from driver.experiment.images.heightmaps import ImageError, fill_off_surface, on_surface
 from driver.experiment.images.plane import plane_modes
 from driver.experiment.images.spikes import NORMAL
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from meshes.arrays import BoolArray, FloatArray
 
 # Robust standard deviations beyond which a pixel of a flat is dirt: of 400 flats of 300 000
 # pixels noise alone loses 70 readings, nothing to the mean.

@@ -12,9 +12,7 @@ from scipy import ndimage
 from driver.common.errors import InputError, sentence
 from driver.experiment.images.files import Refused, files_of, gap, split_dataset
 from driver.experiment.images.formats import read_file
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from meshes.arrays import BoolArray, FloatArray
 
 
 class ImageError(InputError):

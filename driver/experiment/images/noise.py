@@ -5,15 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from driver.experiment.images.heightmaps import ImageError
 from driver.experiment.images.plane import plane_modes
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
-
+from meshes.arrays import BoolArray, FloatArray
 
 # Squares of second differences of white noise are correlated: k of them, from k + 2 frames, have
 # the scatter of k/(1 + 2 (4/6)² + 2 (1/6)²) independent ones.

@@ -6,16 +6,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.stats import t as student
 
 from driver.experiment.images.reference import Reference
 from driver.experiment.images.rigid import shift_between
 from driver.experiment.images.spikes import NORMAL
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from meshes.arrays import BoolArray, FloatArray
 
 NEIGHBOURS = 10  # half of them may be outliers themselves
 FEWEST = 12  # frames, below which a spread says too little

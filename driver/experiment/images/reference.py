@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.stats import chi2
 
@@ -16,9 +15,7 @@ from driver.experiment.images.noise import Noise, noise_from_repeats
 from driver.experiment.images.region import Bounds, CodeArray, Excluded, region_codes
 from driver.experiment.images.rigid import shift_between
 from driver.experiment.images.spikes import spikes, strays
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from meshes.arrays import BoolArray, FloatArray
 
 SMOOTHING = 1.0  # px; of the slopes by which the shifts of the repeats are weighed
 SIGNIFICANCE = 1e-3  # chance of registering repeats that did not move

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from driver.experiment.images.heightmaps import ImageError
+from meshes.arrays import BoolArray
 
-BoolArray = NDArray[np.bool_]
 CodeArray = NDArray[np.uint8]
 Bounds = tuple[float, float, float, float]
 

@@ -12,9 +12,7 @@ from scipy import ndimage
 
 from driver.experiment.images.heightmaps import ImageError, fill_off_surface, on_surface
 from driver.experiment.images.plane import plane_modes
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from meshes.arrays import BoolArray, FloatArray
 
 SMOOTHING = 1.0  # px; of the gradient only, against noise that would dampen the steps
 BANDWIDTH = 0.12  # cycles/px; phases beyond are noise on a pattern of several pixels

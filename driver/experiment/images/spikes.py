@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from meshes.arrays import BoolArray, FloatArray
 
 MEDIAN = 5  # px; a spike fills less than half of this window, a dot of the pattern fills it
 # Robust standard deviations. The largest of a clean map: 4 to 5 on the platinum dots of a prism,

@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
+
 Scene = Callable[[FloatArray, FloatArray], FloatArray]
 """Heights [µm] at places X, Y [µm] of the image; NaN where the surface is out of range."""
 

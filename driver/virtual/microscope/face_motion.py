@@ -7,12 +7,9 @@ from functools import cached_property
 
 import numpy as np
 from matplotlib.tri import Triangulation
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray, IntArray
 from meshes.surface import SurfaceMesh
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _INSIDE = 1 - 1e-9  # points on the edge count as on the face
 # Derivatives of the barycentric coordinates (a, b, c) along b and c.

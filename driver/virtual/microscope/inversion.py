@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 _TOLERANCE = 1e-11  # µm
 _MAX_ITERATIONS = 25

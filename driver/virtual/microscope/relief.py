@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
+
 Bounds = tuple[float, float, float, float]
 
 _N_WAVES = 40

@@ -13,8 +13,8 @@ from driver.virtual.microscope.face_motion import Face, NodalMotion
 from driver.virtual.microscope.inversion import Motion, material_points
 from driver.virtual.microscope.relief import Relief
 from driver.virtual.microscope.slip_steps import SlipSteps
+from meshes.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Image = NDArray[np.generic]
 
 

@@ -15,14 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.virtual.microscope.face_motion import Face
+from meshes.arrays import FloatArray, IntArray
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.crystal import slip_systems
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _NEGLIGIBLE = 1e-6  # µm of height; and share of a wave
 

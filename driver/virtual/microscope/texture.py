@@ -11,10 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft, ndimage, signal
 
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 _FINER = 4
 _ORDER = 5

@@ -17,13 +17,9 @@ from typing import Any
 
 import numpy as np
 from numba import prange
-from numpy.typing import NDArray
 
+from meshes.arrays import BoolArray, FloatArray, IntArray
 from solver_adapters.kernels import batch_kernel, kernel
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 
 def displacement_gradients(

@@ -10,15 +10,13 @@ in this package:
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.fem.problem import Problem
 from solver_adapters.bundled.fem.state import Instant
 from solver_adapters.bundled.law.law import NS, S_ACC
 from solver_adapters.crystal import schmid_tensors
-
-FloatArray = NDArray[np.float64]
 
 WIDTHS = {"stress": 6, "slip": NS, "accumulated_slip": NS, "rotation": 3}
 """Components of each field."""

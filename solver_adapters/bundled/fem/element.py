@@ -16,9 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meshes import tet10, wedge15
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from meshes.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray, IntArray
 from meshes.cells import outer_triangles
 from solver_adapters.bundled.fem.element import (
     Element,
@@ -29,8 +30,6 @@ from solver_adapters.bundled.law.law import N_STATE, S_X2
 from solver_adapters.interface import Direction, Simulation
 
 AnyArray = NDArray[Any]
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 AT_REST = ("x0", "eigenstrain", "skin_tau0", "skin_thickness")
 """Scalars of the law that act through the fields of this module, not through local constants."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray, IntArray
 from solver_adapters.bundled.fem.assembly import Pattern, displacement_gradients, stiffness_pattern
 from solver_adapters.bundled.fem.element import (
     Element,
@@ -25,9 +25,6 @@ from solver_adapters.bundled.fem.fields import (
 from solver_adapters.bundled.law.gauss_points import Points, PointTangents, points_of_grains
 from solver_adapters.bundled.law.law import local_tangent, longer_step_tangent
 from solver_adapters.interface import Direction, Simulation
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

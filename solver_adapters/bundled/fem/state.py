@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.law.law import NS
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

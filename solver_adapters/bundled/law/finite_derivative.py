@@ -6,9 +6,7 @@ constants and history make at fixed H; and dFp⁰⁻¹ itself where it enters ou
 `response` prepares the matrices.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
+from meshes.arrays import BoolArray, FloatArray, IntArray
 from solver_adapters.bundled.law import simd_rows, tensors
 from solver_adapters.bundled.law.finite_strain import (
     CONDENSED,
@@ -87,10 +85,6 @@ from solver_adapters.bundled.law.tensors import (
 )
 from solver_adapters.bundled.law.workspace_layout import D_TAU, EXPLICIT, OTHER, SIGN, STEP
 from solver_adapters.kernels import kernel
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 B_FP0 = B_SLIP_END  # derivative of Fp⁰⁻¹, 9
 B_GRADIENT = B_FP0 + 9 * LANES  # of H, with what dFp⁰⁻¹ and a turn of the crystal count as, 9

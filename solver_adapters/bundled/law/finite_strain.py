@@ -16,9 +16,7 @@ Names with D_ are changes along `width` directions at once: the same formulas se
 directions), the tangent (9) and a derivative (1).
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.law.law import NS, P_A1
 from solver_adapters.bundled.law.law_terms import driving_modes
 from solver_adapters.bundled.law.slip import (
@@ -53,8 +51,6 @@ from solver_adapters.bundled.law.workspace_layout import (
     WEIGHTED,
 )
 from solver_adapters.kernels import kernel
-
-FloatArray = NDArray[np.float64]
 
 SCHMID = N_SLIP_ROWS  # modes of m⊗n, 8 × 24
 CONJUGATE_SCHMID = SCHMID + NM * NS  # modes of the conjugate tensors, 8 × 24

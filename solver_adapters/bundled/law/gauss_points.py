@@ -6,8 +6,8 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import BoolArray, FloatArray, IntArray
 from solver_adapters.bundled.law import point_kernels
 from solver_adapters.bundled.law.law import (
     NS,
@@ -22,10 +22,6 @@ from solver_adapters.bundled.law.law import (
 from solver_adapters.constants import interaction_matrix
 from solver_adapters.interface import Integration
 from solver_adapters.material import Material, StrainMeasure
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 # Parts in which the strain of a step is applied where the whole of it finds no solution.
 _CONTINUATION = 8

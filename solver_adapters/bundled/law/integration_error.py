@@ -14,8 +14,8 @@ slip within the step are evaluated again by a better rule, and compared:
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.law.gauss_points import Points
 from solver_adapters.bundled.law.law import (
     NS,
@@ -31,8 +31,6 @@ from solver_adapters.bundled.law.law import (
     S_X2,
     SLIP_AT_REST,
 )
-
-FloatArray = NDArray[np.float64]
 
 _LEAST_POWER = 0.5  # of n − 1, below which the second tangent is none
 

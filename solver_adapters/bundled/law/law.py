@@ -25,13 +25,11 @@ by ten orders of magnitude, needs tens.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from solver_adapters.constants import elastic_constants, grain_ratios
 from solver_adapters.crystal import N_110, N_SYSTEMS, schmid_tensors, slip_systems
 from solver_adapters.material import Material
-
-FloatArray = NDArray[np.float64]
 
 NS = N_SYSTEMS
 

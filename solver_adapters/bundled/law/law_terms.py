@@ -4,9 +4,7 @@ They are called where their parameter is not null: at null the baseline is compu
 operations as if they did not exist.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.law.back_strain import gained, growth, recall_slope, share_left
 from solver_adapters.bundled.law.fast_math import decay
 from solver_adapters.bundled.law.law import (
@@ -38,8 +36,6 @@ from solver_adapters.bundled.law.workspace_layout import (
     X20,
 )
 from solver_adapters.kernels import kernel
-
-FloatArray = NDArray[np.float64]
 
 
 @kernel

@@ -2,8 +2,8 @@
 
 import numpy as np
 from numba import prange
-from numpy.typing import NDArray
 
+from meshes.arrays import BoolArray, FloatArray, IntArray
 from solver_adapters.bundled.law import (
     finite_derivative,
     finite_strain,
@@ -14,10 +14,6 @@ from solver_adapters.bundled.law import (
 from solver_adapters.bundled.law.law import CONJUGATE_MODES, NS, S_X, SCHMID_MODES, TWINNING_SENSE
 from solver_adapters.bundled.law.simd_rows import LANES
 from solver_adapters.kernels import batch_kernel, kernel
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 # Slip by which a solved system may be wrong.
 SLIP_TOLERANCE = 1e-13

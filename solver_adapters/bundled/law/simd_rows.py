@@ -6,13 +6,9 @@ stand in the workspace of the point: loops over directions vectorise, and a syst
 no direction moves, is passed over for all of them.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.law.law import NS
 from solver_adapters.kernels import kernel
-
-FloatArray = NDArray[np.float64]
 
 LANES = 32
 

@@ -4,8 +4,8 @@ The terms of the general law stand in `law_terms`.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.law.back_strain import gained, growth, share_left
 from solver_adapters.bundled.law.fast_math import decay, fast_exp, fast_log
 from solver_adapters.bundled.law.law import (
@@ -67,8 +67,6 @@ from solver_adapters.bundled.law.workspace_layout import (
     XHAT,
 )
 from solver_adapters.kernels import kernel
-
-FloatArray = NDArray[np.float64]
 
 # Of numbers from 64 on: more than every system starting at once.
 _EXPONENT_OF_64 = 1029

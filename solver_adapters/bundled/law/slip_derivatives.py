@@ -5,9 +5,7 @@ for many directions at once (`simd_rows`), over the systems that move; what cons
 direction that changes one.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
+from meshes.arrays import FloatArray, IntArray
 from solver_adapters.bundled.law.back_strain import growth, recall_slope, share_left
 from solver_adapters.bundled.law.fast_math import decay, fast_log
 from solver_adapters.bundled.law.law import (
@@ -66,9 +64,6 @@ from solver_adapters.bundled.law.workspace_layout import (
     XHAT,
 )
 from solver_adapters.kernels import kernel
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @kernel

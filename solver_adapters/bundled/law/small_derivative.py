@@ -4,9 +4,7 @@ A direction changes the trial modes by V·dH + dV·H − dep⁰ and puts a load 
 condensed system; `response` prepares its inverse.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
+from meshes.arrays import BoolArray, FloatArray, IntArray
 from solver_adapters.bundled.law.law import NS, P_A1, P_C11, P_C12, P_C44
 from solver_adapters.bundled.law.law_terms import non_schmid_derivative
 from solver_adapters.bundled.law.simd_rows import (
@@ -51,10 +49,6 @@ from solver_adapters.bundled.law.small_strain import (
 )
 from solver_adapters.bundled.law.workspace_layout import D_TAU, EXPLICIT, OTHER, SIGN, STEP
 from solver_adapters.kernels import kernel
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 B_H = B_SLIP_END  # derivative of H, 9
 B_TRIAL = B_H + 9 * LANES  # of e* and the trace mode, 6

@@ -1,11 +1,7 @@
 """Small dense systems inside the workspace of a point: LU factors without pivoting."""
 
-import numpy as np
-from numpy.typing import NDArray
-
+from meshes.arrays import FloatArray
 from solver_adapters.kernels import kernel
-
-FloatArray = NDArray[np.float64]
 
 
 @kernel

@@ -10,9 +10,7 @@ With a non-Schmid term the second P is that of the driving stress; with latent h
 matrix. Both make the condensed system unsymmetric.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.law.law import NS, P_A1, P_C11, P_C12, P_C44
 from solver_adapters.bundled.law.law_terms import driving_modes
 from solver_adapters.bundled.law.slip import (
@@ -36,8 +34,6 @@ from solver_adapters.bundled.law.workspace_layout import (
     WEIGHTED,
 )
 from solver_adapters.kernels import kernel
-
-FloatArray = NDArray[np.float64]
 
 SCHMID = N_SLIP_ROWS  # modes of the Schmid tensors, 5 × 24
 CONJUGATE_SCHMID = SCHMID + 5 * NS  # modes of the conjugate tensors, 5 × 24

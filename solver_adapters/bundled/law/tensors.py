@@ -5,12 +5,10 @@ loops over directions vectorise; a single tensor is the case of width 1.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.law.law import P_C11, P_C12, P_C44
 from solver_adapters.kernels import kernel
-
-FloatArray = NDArray[np.float64]
 
 NM = 8  # modes of a tensor without trace, in the order of `law.SLIP_MODES`
 _R2, _R6 = 1 / np.sqrt(2.0), 1 / np.sqrt(6.0)

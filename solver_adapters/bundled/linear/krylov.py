@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.linear.split_matrix import Backsolve, TwoTriangles
-from solver_adapters.interface import FloatArray
 
 PATIENCE = 4
 """Iterations that may be behind the pace."""

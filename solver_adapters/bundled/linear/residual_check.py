@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse.linalg import splu
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.linear.split_matrix import Backsolve, TwoTriangles, column_norms
 from solver_adapters.cholesky import singular
-from solver_adapters.interface import FloatArray, SolverError
+from solver_adapters.interface import SolverError
 
 REFINEMENTS = 2
 """Steps of iterative refinement before the fallback, or the error."""

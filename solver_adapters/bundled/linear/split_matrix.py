@@ -6,12 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
-from solver_adapters.interface import FloatArray, IntArray
+from meshes.arrays import BoolArray, FloatArray, IntArray
 
 Backsolve = Callable[[FloatArray], FloatArray]
-BoolArray = NDArray[np.bool_]
 
 RESIDUAL = 1e-10
 """Largest ‖b − A x‖ / ‖b‖ that is accepted without a question."""

@@ -6,6 +6,7 @@ indefinite matrix, or a solution fails the check of its residual, SuperLU takes 
 
 from __future__ import annotations
 
+from meshes.arrays import FloatArray, IntArray
 from solver_adapters.bundled.linear.krylov import conjugate_gradients
 from solver_adapters.bundled.linear.residual_check import (
     LinearSolverError,
@@ -16,7 +17,6 @@ from solver_adapters.bundled.linear.residual_check import (
 )
 from solver_adapters.bundled.linear.split_matrix import RESIDUAL, Backsolve, TwoTriangles
 from solver_adapters.cholesky import Cholesky
-from solver_adapters.interface import FloatArray, IntArray
 
 
 class SymmetricSolver:

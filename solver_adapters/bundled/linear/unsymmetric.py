@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from meshes.arrays import FloatArray, IntArray
 from solver_adapters.bundled.linear.krylov import skew_iteration
 from solver_adapters.bundled.linear.residual_check import (
     LinearSolverError,
@@ -18,7 +19,6 @@ from solver_adapters.bundled.linear.residual_check import (
 )
 from solver_adapters.bundled.linear.split_matrix import RESIDUAL, Backsolve, TwoTriangles
 from solver_adapters.cholesky import Cholesky
-from solver_adapters.interface import FloatArray, IntArray
 
 DIAGONAL = 1e-10
 """Largest diagonal entry of N, relative to S, that is taken for the rounding of a sum."""

@@ -7,7 +7,7 @@ import pytest
 
 from driver.case.model import CaseError, case_text, default_case, load_case, schema
 from driver.case.solver import ProfileTable
-from solver_adapters.interface import FloatArray
+from meshes.arrays import FloatArray
 from solver_adapters.material import Material
 
 ALPHA = Path(__file__).parents[3] / "examples" / "alpha" / "case.toml"

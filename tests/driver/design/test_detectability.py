@@ -2,16 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.design.detectability import NAMED_AT, outlooks
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.statistics.score_test import SEEN_AT
 from driver.results.design import Outlook
+from meshes.arrays import FloatArray
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import evaluation
-
-FloatArray = NDArray[np.float64]
 
 N_LOAD, N = 10, 50
 RNG = np.random.default_rng(6)

@@ -5,14 +5,12 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.design.information import LOOSE, SOURCES, groups_of, knowledge
 from driver.results.design import Knowledge
+from meshes.arrays import FloatArray
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import evaluation
-
-FloatArray = NDArray[np.float64]
 
 N_LOAD, N = 12, 40
 RNG = np.random.default_rng(3)

@@ -4,11 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.dic.surface_images import SurfaceImages, prepare
+from meshes.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Field = Callable[[FloatArray, FloatArray], FloatArray]
 Scene = Callable[..., SurfaceImages]
 

@@ -13,12 +13,12 @@ from driver.dic.correlation import Correlation, Options, correlate
 from driver.dic.regularisation import Penalty, modes, penalties
 from driver.dic.surface_images import SurfaceImages
 from driver.experiment.images.heightmaps import ImageError
+from meshes.arrays import FloatArray
 from meshes.plane_cells import CellKind
 from meshes.plane_mesh import PlaneMesh
 from meshes.surface import SurfaceMesh
 from tests.meshes.plane_examples import distorted
 
-FloatArray = NDArray[np.float64]
 Field = Callable[[FloatArray, FloatArray], FloatArray]
 Scene = Callable[..., SurfaceImages]
 PIXEL = 0.11

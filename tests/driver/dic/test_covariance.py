@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.dic.covariance import covariance_in_time, held_back
 from driver.dic.elongation import edge_motion
 from driver.dic.series import SurfaceMotion, measure
 from driver.dic.surface_images import SurfaceImages, prepare
 from driver.experiment.images.flatfield import FlatField, flat_pattern
+from meshes.arrays import FloatArray
 from tests.driver.dic.conftest import BOUNDS, ORIGIN, PIXEL, SHAPE, deformed, zero
 
-FloatArray = NDArray[np.float64]
 DRAWS = 60
 STRETCH = (0.0, 0.004, 0.012)
 

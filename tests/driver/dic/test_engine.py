@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.dic.correlation import Correlation, Options, correlate
 from driver.dic.series import Roughness, SurfaceMotion, measure
 from driver.dic.surface_images import prepare
+from meshes.arrays import FloatArray
 from meshes.plane_mesh import PlaneMesh
 from tests.driver.dic.conftest import BOUNDS, ORIGIN, PIXEL, constant, deformed, zero
 from tests.meshes.plane_examples import distorted
 
-FloatArray = NDArray[np.float64]
 SIGMA = 0.006
 
 

@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.dic.grip_check import GripMotion, grip_motion
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 RATIO, NOMINAL, SIGMA = 2e-4, 12.0 / 32e3, 0.0026  # of the paper; a tenth of its noise [µm]
 # Three cycles of 26, 6, 26, 6, 26 and 6 moves of 5 µm, an image after each.

@@ -17,8 +17,7 @@ from driver.dic.interpolation_noise import (
 )
 from driver.dic.series import measure
 from driver.dic.surface_images import prepare
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 SHAPE = (34, 36)
 

@@ -11,7 +11,7 @@ from driver.dic.series import measure
 from driver.dic.surface_images import SurfaceImages
 from driver.dic.temporal_smoothing import smooth_along_travel, smoothed_motion
 from driver.experiment.images.heightmaps import ImageError
-from solver_adapters.interface import FloatArray
+from meshes.arrays import FloatArray
 from tests.driver.dic.conftest import PIXEL
 
 Field = Callable[[np.ndarray, np.ndarray], np.ndarray]

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.experiment.history import knot_weights
 from driver.forward.boundary_motion import BoundaryMotion, knots_of_stage
@@ -14,8 +13,6 @@ from driver.parameters.boundary import (
     tilt_names,
 )
 from tools import closed_form
-
-FloatArray = NDArray[np.float64]
 
 NULL = {p.name: p.null for p in BOUNDARY_DECLARATIONS}
 KNOTS = dict(zip(elongation_names(5), (0.10, 0.07, 0.30, 0.26), strict=True))

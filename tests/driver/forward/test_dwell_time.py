@@ -6,17 +6,15 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.diagnosis.answer.result_types import Diagnosis
 from driver.diagnosis.statistics.screening import honoured, parameters_of_the_specimen
 from driver.forward.dwell_time import dwells, dwells_tangent, stretch_dwells
 from driver.parameters.history import HOLD
+from meshes.arrays import FloatArray
 from solver_adapters.interface import Capabilities, Simulation
 from tools import closed_form
 from tools.closed_form_diagnosis import diagnosis_of, identified
-
-FloatArray = NDArray[np.float64]
 
 BENCH = closed_form.problem()
 RECALLED = closed_form.time_signals

@@ -5,7 +5,6 @@ from functools import cache
 from unittest.mock import patch
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from driver.diagnosis.answer.result_types import Diagnosis
@@ -13,11 +12,10 @@ from driver.forward.fixed_pattern import apparent_rise
 from driver.identification.identify import Plan, identify
 from driver.identification.objective import Correction, Objective
 from driver.parameters.boundary import LAMBDAS
+from meshes.arrays import FloatArray
 from tools import closed_form
 from tools.closed_form import LAW, SIZES
 from tools.closed_form_diagnosis import SETTINGS, diagnosis_of, finer, identified
-
-FloatArray = NDArray[np.float64]
 
 BENCH = closed_form.problem()
 SHARE = 0.5

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.forward.load_lag import load_at
 from driver.identification.fit import fit
@@ -13,8 +12,6 @@ from driver.parameters.instrument import LARGEST_LAG
 from tools import closed_form
 from tools.closed_form import KNOTS, LAW
 from tools.closed_form_diagnosis import priors
-
-FloatArray = NDArray[np.float64]
 
 # A move of 10 s, a hold of 30 s in which the load relaxes by 6 µN, and the next move.
 TIMES = np.array([0.0, 10.0, 40.0, 50.0])

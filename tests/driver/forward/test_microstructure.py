@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.forward.microstructure import Microstructure, build_microstructure
 from driver.parameters.microstructure import (
@@ -15,8 +14,6 @@ from driver.parameters.microstructure import (
 from meshes.prism import PrismGeometry, generate
 from solver_adapters.crystal import bunge_matrix
 from solver_adapters.interface import SolverError
-
-FloatArray = NDArray[np.float64]
 
 NULL = {
     p.name: p.null

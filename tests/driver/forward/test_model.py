@@ -7,7 +7,6 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.experiment.history import History, turning_points
 from driver.forward.build import build_model, geometry_of
@@ -17,13 +16,12 @@ from driver.forward.surface_projection import apply
 from driver.parameters.boundary import elongation_names, tilt_names
 from driver.parameters.history import HOLD
 from driver.parameters.registry import declared_parameters
+from meshes.arrays import FloatArray
 from meshes.prism import generate
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.interface import Progress, Response, Simulation
 from solver_adapters.material import MATERIAL_DECLARATIONS
 from tools import closed_form
-
-FloatArray = NDArray[np.float64]
 
 # One of each kind: law, orientation, boundary motion, geometry, load cell, images, pose.
 # No step may reach a kink, where a slip system starts: the next one of c is 1.3e-4 to 2.5e-4 off.

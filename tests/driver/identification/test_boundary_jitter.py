@@ -21,11 +21,10 @@ from driver.identification.data import Data
 from driver.identification.fit import fit
 from driver.identification.objective import Objective
 from driver.parameters.boundary import elongation_names
+from meshes.arrays import FloatArray
 from solver_adapters.interface import Progress, Response, Simulation, Trajectory
 from tools import closed_form
 from tools.closed_form import KNOTS, LAW, Problem
-
-FloatArray = NDArray[np.float64]
 
 
 def one_image_a_stop() -> Problem:

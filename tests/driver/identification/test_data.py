@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.common.splines.images import spline_images
 from driver.dic.basis import grid_basis
@@ -15,10 +14,9 @@ from driver.identification.identify import with_correction
 from driver.identification.image_data import Gauge, build_image_data
 from driver.identification.missing_pixels import lacking_pixels
 from driver.identification.objective import Correction
+from meshes.arrays import FloatArray
 from tools import closed_form
 from tools.closed_form import BOUNDS, ORIGIN, PIXEL, SHAPE
-
-FloatArray = NDArray[np.float64]
 
 T = 6
 SIGMA, N_REFERENCE, LOAD_NOISE, AUTOCORRELATION = 0.001, 4, 3.0, 0.6

@@ -2,12 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.identification.discretisation_covariance import DiscretisationError, simulation_error
+from meshes.arrays import FloatArray
 from tools import closed_form
-
-FloatArray = NDArray[np.float64]
 
 T, N_Z = 9, 5
 RNG = np.random.default_rng(3)

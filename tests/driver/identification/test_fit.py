@@ -6,21 +6,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.common.errors import InputError
 from driver.identification.fit import DECREMENT, Fit, fit
 from driver.identification.gauss_newton_step import LARGEST_STEP, LARGEST_STEP_LOG
 from driver.identification.line_search import MOST_HALVINGS, promised
 from driver.identification.objective import Evaluation
+from meshes.arrays import FloatArray
 from solver_adapters.interface import NotRunError, PreparedError, SolverError
 from solver_adapters.jobs.errors import CommandMissingError, JobError
 from solver_adapters.jobs.status import Status
 from solver_adapters.parameter import Parameter
 from solver_adapters.result_files import ResultFileError
 from tests.driver.analytic import Curve, Formula, bent, formula, rosenbrock
-
-FloatArray = NDArray[np.float64]
 
 RNG = np.random.default_rng(4)
 A = RNG.standard_normal((3, 40))

@@ -6,7 +6,6 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.common.progress import progress_to
 from driver.experiment.history import knot_weights
@@ -31,8 +30,6 @@ from tests.driver.analytic import evaluation
 from tools import closed_form
 from tools.closed_form import KNOTS, LAW, LENGTH, SIZES, TILTS, WIDTH
 from tools.closed_form_diagnosis import priors
-
-FloatArray = NDArray[np.float64]
 
 BENCH = closed_form.problem()
 WEIGHTS = knot_weights(BENCH.history)

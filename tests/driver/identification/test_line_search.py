@@ -2,18 +2,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.identification.fit import Fit, fit
 from driver.identification.gauss_newton_step import LARGEST_STEP
 from driver.identification.line_search import newton, promised
+from meshes.arrays import FloatArray
 from solver_adapters.interface import SolverError
 from solver_adapters.jobs.errors import JobError
 from solver_adapters.jobs.status import Status
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import Curve, bent, formula, rosenbrock
-
-FloatArray = NDArray[np.float64]
 
 PLAIN = [Parameter("a", "", 0.0, 1.0), Parameter("b", "", 0.0, 0.5)]
 

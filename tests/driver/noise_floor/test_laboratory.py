@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.dic.series import measure
 from driver.dic.surface_images import SurfaceImages, prepare
@@ -20,8 +19,6 @@ from driver.noise_floor.laboratory import (
 from driver.noise_floor.motions import known_motions
 from driver.results.noise_floor import Errors
 from driver.virtual.microscope.relief import Waves
-
-FloatArray = NDArray[np.float64]
 
 PIXEL, LENGTH, WIDTH, NOISE = 0.11, 6.0, 2.2, 0.004
 ORIGIN, SHAPE = (17.5, 9.0), (36, 73)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.noise_floor.quiet import without_noise
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 SHAPE, SIGMA, N = (80, 150), 9.0, 10
 ROW, COL = np.indices(SHAPE, dtype=np.float64)

@@ -5,7 +5,7 @@ from matplotlib.patches import Rectangle
 
 from driver.report import figures, maps
 from driver.report.style import png
-from solver_adapters.interface import FloatArray, IntArray
+from meshes.arrays import FloatArray, IntArray
 
 T = 9
 STAGE = np.r_[np.linspace(0, 40, 5), np.linspace(30, 0, 4)]

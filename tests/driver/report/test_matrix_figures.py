@@ -4,7 +4,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from driver.report import matrix_figures
-from solver_adapters.interface import FloatArray
+from meshes.arrays import FloatArray
 
 HESSIAN = np.array([[4.0e5, -300.0, 0.0], [-300.0, 2.0, 0.05], [0.0, 0.05, 0.5]])
 CORRELATION = np.array([[1.0, -0.93, 0.2], [-0.93, 1.0, 0.1], [0.2, 0.1, 1.0]])

@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from driver.report import measured_curves as curves
 from driver.report.measured import MeasuredMotion
-from solver_adapters.interface import FloatArray
+from meshes.arrays import FloatArray
 from tests.driver.invented_results import PEAKS, STAGE
 
 

@@ -13,7 +13,7 @@ from matplotlib.patches import Rectangle
 from driver.report import measured_maps as maps
 from driver.report.maps import Face
 from driver.report.measured import MeasuredMotion
-from solver_adapters.interface import FloatArray
+from meshes.arrays import FloatArray
 from tests.driver.invented_results import ORIGIN, PEAKS, PIXEL
 
 

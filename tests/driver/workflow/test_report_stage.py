@@ -19,7 +19,7 @@ from driver.report.tables import cause_rows
 from driver.results.files import AbsentError
 from driver.results.hdf5 import ResultError
 from driver.workflow.report_stage import run_report
-from solver_adapters.interface import FloatArray
+from meshes.arrays import FloatArray
 from tests.driver.invented_results import Results
 
 FIGURES = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_adapters.interface import FloatArray
+from meshes.arrays import FloatArray
 from solver_adapters.material import Material
 
 

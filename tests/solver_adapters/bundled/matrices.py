@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from solver_adapters.interface import FloatArray, IntArray
+from meshes.arrays import FloatArray, IntArray
 
 N = 60
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.fem.initial import initial_state
 from solver_adapters.bundled.law.gauss_points import Points
 from solver_adapters.bundled.law.law import S_X2
-from solver_adapters.interface import FloatArray
 
 
 def state_at_rest(points: Points) -> FloatArray:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled import adapter
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.bundled.equilibrium import NotConvergedError
@@ -19,7 +20,6 @@ from solver_adapters.bundled.stepping import Stepper
 from solver_adapters.crystal import rotation_vector_matrix, schmid_tensors
 from solver_adapters.interface import (
     Direction,
-    FloatArray,
     Integration,
     Progress,
     Response,

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.equilibrium import Equilibrium, NotConvergedError, Trial
 from solver_adapters.bundled.fem.problem import Problem
 from solver_adapters.bundled.fem.state import Increment, Instant
@@ -17,8 +17,6 @@ from solver_adapters.bundled.statistics import Statistics
 from solver_adapters.material import Material
 from tests.solver_adapters.bundled.troubled_law import calls, troubled_problem
 from tools.boxes import box, pulled
-
-FloatArray = NDArray[np.float64]
 
 ELASTIC, PLASTIC = 1e-4, 4e-3
 

@@ -10,10 +10,11 @@ from dataclasses import replace
 import numpy as np
 
 from meshes import tet10, wedge15
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.bundled.fem.problem import build_problem
 from solver_adapters.crystal import rotation_vector_matrix
-from solver_adapters.interface import FloatArray, Response, Simulation
+from solver_adapters.interface import Response, Simulation
 from solver_adapters.material import Material, StrainMeasure
 from tests.solver_adapters.bundled.elasticity import stiffness
 from tools.boxes import BOXES, ORIENTATIONS, moved, one_grain, pulled, skin

@@ -8,16 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled import equilibrium
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.crystal import rotation_vector_matrix
-from solver_adapters.interface import (
-    Direction,
-    FloatArray,
-    Integration,
-    Response,
-    Simulation,
-)
+from solver_adapters.interface import Direction, Integration, Response, Simulation
 from solver_adapters.material import (
     MATERIAL_DECLARATIONS,
     MATERIAL_PARAMETERS,

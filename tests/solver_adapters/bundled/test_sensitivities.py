@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.equilibrium import Equilibrium, Trial
 from solver_adapters.bundled.fem.problem import Tangents, build_problem, build_tangents
 from solver_adapters.bundled.fem.state import Instant
 from solver_adapters.bundled.sensitivities import Differentiation
 from solver_adapters.bundled.statistics import Statistics
-from solver_adapters.interface import Direction, FloatArray
+from solver_adapters.interface import Direction
 from solver_adapters.material import Material, StrainMeasure
 from tools.boxes import box, pulled
 

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.fem.problem import Problem, build_tangents
 from solver_adapters.bundled.fem.state import Instant
 from solver_adapters.bundled.stepping import Stepper
-from solver_adapters.interface import FloatArray, SolverError
+from solver_adapters.interface import SolverError
 from solver_adapters.material import Material
 from tests.solver_adapters.bundled.troubled_law import troubled_problem
 from tools.boxes import box, pulled

@@ -7,10 +7,11 @@ from itertools import permutations, product
 
 import numpy as np
 
+from meshes.arrays import FloatArray, IntArray
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.bundled.fem.problem import build_problem
 from solver_adapters.crystal import rotation_vector_matrix
-from solver_adapters.interface import FloatArray, IntArray, Response, Simulation
+from solver_adapters.interface import Response, Simulation
 from solver_adapters.material import Material, StrainMeasure
 from tools.boxes import BOXES, ORIENTATIONS, pulled
 

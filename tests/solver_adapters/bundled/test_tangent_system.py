@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.linalg import solve
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.fem.assembly import displacement_gradients, element_forces
 from solver_adapters.bundled.fem.problem import Problem, build_problem
 from solver_adapters.bundled.statistics import Statistics
 from solver_adapters.bundled.tangent_system import TangentSystem
-from solver_adapters.interface import FloatArray
 from solver_adapters.material import Material, StrainMeasure
 from tests.solver_adapters.bundled.elasticity import stiffness
 from tools.boxes import BOXES, pulled

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from scipy.linalg import polar
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.fem.problem import build_problem
 from solver_adapters.bundled.law.gauss_points import PointSolution
 from solver_adapters.crystal import rotation_vector_matrix, schmid_tensors, slip_systems
-from solver_adapters.interface import FloatArray, Simulation
+from solver_adapters.interface import Simulation
 from solver_adapters.material import Material, StrainMeasure
 from tests.solver_adapters.bundled.elasticity import stiffness
 from tools.boxes import BOXES, one_grain, pulled

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.fem.problem import Problem, build_problem
 from solver_adapters.bundled.law.gauss_points import Points, PointSolution
-from solver_adapters.interface import FloatArray, Simulation
+from solver_adapters.interface import Simulation
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,14 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from meshes.arrays import FloatArray
 from solver_adapters.checks.simulation import refuse_bad_simulation
-from solver_adapters.interface import (
-    BadSimulationError,
-    FloatArray,
-    Simulation,
-    Trajectory,
-    UnsupportedError,
-)
+from solver_adapters.interface import BadSimulationError, Simulation, Trajectory, UnsupportedError
 from solver_adapters.material import MATERIAL_PARAMETERS, Material, admissible_at
 from tests.solver_adapters.simulations import (
     GOOD,

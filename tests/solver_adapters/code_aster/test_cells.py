@@ -9,10 +9,11 @@ import medcoupling as mc
 import numpy as np
 import pytest
 
+from meshes.arrays import FloatArray
 from meshes.files import write_med
 from solver_adapters.code_aster.cells import mean_fields
 from solver_adapters.crystal import rotation_vector_matrix, schmid_tensors
-from solver_adapters.interface import FloatArray, Simulation
+from solver_adapters.interface import Simulation
 from tools.code_aster_cases import small_case
 
 WEIGHTS = [-2 / 15, 3 / 40, 3 / 40, 3 / 40, 3 / 40]

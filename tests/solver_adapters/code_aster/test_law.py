@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from meshes.arrays import FloatArray
 from solver_adapters.code_aster.law import (
     hardening,
     has_two_families,
     system_order,
 )
 from solver_adapters.interaction import bcc24_classes, self_and_latent
-from solver_adapters.interface import FloatArray
 from solver_adapters.material import Material
 
 HARD = Material(Q=10.0)

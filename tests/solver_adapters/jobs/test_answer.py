@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_adapters.interface import FloatArray, Response, Simulation
+from meshes.arrays import FloatArray
+from solver_adapters.interface import Response, Simulation
 from solver_adapters.jobs.answer import refuse_bad_response
 from solver_adapters.material import Material
 from solver_adapters.result_files import ResultFileError

@@ -5,8 +5,8 @@ import pytest
 
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.ebsd_flips import FLIPS, disorientation, flips_of, half_turn
+from meshes.arrays import FloatArray
 from solver_adapters.crystal import bunge_matrix, rotation_vector_matrix, schmid_tensors
-from solver_adapters.interface import FloatArray
 from tools import closed_form
 
 X, Y, Z = FLIPS

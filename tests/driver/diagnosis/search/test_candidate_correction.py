@@ -5,7 +5,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.candidate_correction import REACH, with_candidate_corrections
@@ -14,13 +13,12 @@ from driver.diagnosis.search.refit import Executor, refit_causes
 from driver.diagnosis.statistics.score_test import score
 from driver.diagnosis.statistics.screening import screened
 from driver.identification.fit import Fit
+from meshes.arrays import FloatArray
 from solver_adapters.interface import NotRunError, Simulation, SolverError
 from solver_adapters.jobs.errors import JobError
 from solver_adapters.jobs.status import Status
 from tools import closed_form
 from tools.closed_form_diagnosis import finer, identified
-
-FloatArray = NDArray[np.float64]
 
 BENCH = closed_form.problem()
 TRUE, RIVAL = "grain_contrast", "boundary_position"

@@ -5,7 +5,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.diagnosis.answer.detection_limits import not_seen
 from driver.diagnosis.answer.result_types import Diagnosis, Settings
@@ -14,10 +13,9 @@ from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.causes.ebsd_flips import FLIPS
 from driver.diagnosis.search.flip_trial import turned
 from driver.identification.fit import fit
+from meshes.arrays import FloatArray
 from tools import closed_form, closed_form_diagnosis
 from tools.closed_form_diagnosis import diagnosis_of, identified
-
-FloatArray = NDArray[np.float64]
 
 BENCH = closed_form.problem()
 SETTINGS = replace(closed_form_diagnosis.SETTINGS, refit=5, held_out=2)

@@ -21,7 +21,8 @@ from driver.diagnosis.statistics.score_test import NAMING_LEVEL, WORTH, Score, e
 from driver.diagnosis.statistics.screening import screen, screened
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
-from solver_adapters.interface import FloatArray, PreparedError, Simulation, SolverError
+from meshes.arrays import FloatArray
+from solver_adapters.interface import PreparedError, Simulation, SolverError
 from tools import closed_form
 from tools.closed_form import ClosedFormSolver
 from tools.closed_form_diagnosis import SETTINGS, finer, identified

@@ -10,7 +10,8 @@ import pytest
 from driver.diagnosis.causes.ebsd_flips import FLIPS
 from driver.diagnosis.search.flip_trial import try_flips
 from driver.diagnosis.search.refit import Executor
-from solver_adapters.interface import FloatArray, NotRunError, Simulation, SolverError
+from meshes.arrays import FloatArray
+from solver_adapters.interface import NotRunError, Simulation, SolverError
 from solver_adapters.jobs.errors import JobError
 from solver_adapters.jobs.status import Status
 from tools import closed_form

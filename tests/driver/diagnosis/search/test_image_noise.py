@@ -7,7 +7,6 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.diagnosis.answer.result_types import Diagnosis
 from driver.diagnosis.causes.candidates import NotExamined
@@ -15,10 +14,9 @@ from driver.diagnosis.search.image_noise import examine_noise, unevenness
 from driver.identification.fit import Fit
 from driver.identification.image_data import reweighted
 from driver.identification.objective import Objective
+from meshes.arrays import FloatArray
 from tools import closed_form
 from tools.closed_form_diagnosis import diagnosis_of, identified
-
-FloatArray = NDArray[np.float64]
 
 BENCH = closed_form.problem()
 RECORD = closed_form.height_maps

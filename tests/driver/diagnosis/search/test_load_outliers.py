@@ -7,15 +7,13 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import kstest
 
 from driver.diagnosis.search.load_outliers import bad_loads, load_noise
 from driver.identification.data import Data
 from driver.identification.objective import Evaluation
+from meshes.arrays import FloatArray
 from tests.driver.analytic import evaluation
-
-FloatArray = NDArray[np.float64]
 
 T = 60
 CLOCK = np.linspace(0, 1, T)

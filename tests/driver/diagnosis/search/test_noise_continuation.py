@@ -2,18 +2,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.noise_continuation import refit_by_noise_continuation
 from driver.diagnosis.search.refit import Executor, refit_causes
+from meshes.arrays import FloatArray
 from solver_adapters.interface import Simulation, SolverError
 from tools import closed_form
 from tools.closed_form_diagnosis import large_effect
-
-FloatArray = NDArray[np.float64]
 
 BENCH = closed_form.problem()
 CREW = Executor(1, 1)

@@ -6,7 +6,6 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.search.refit import (
@@ -22,14 +21,13 @@ from driver.diagnosis.search.refit import (
 from driver.diagnosis.statistics.score_test import Score, score
 from driver.identification.fit import fit
 from driver.identification.objective import Objective
+from meshes.arrays import FloatArray
 from solver_adapters.interface import NotRunError, SolverError
 from solver_adapters.jobs.errors import JobError
 from solver_adapters.jobs.status import Status
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import formula
 from tools import closed_form
-
-FloatArray = NDArray[np.float64]
 
 RNG = np.random.default_rng(9)
 A = RNG.standard_normal((4, 50))

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.common.progress import progress_to
 from driver.diagnosis.answer.result_types import Diagnosis, Settings
@@ -15,11 +14,10 @@ from driver.diagnosis.search.second_mesh_check import held_against_both
 from driver.diagnosis.statistics.score_test import effects_of
 from driver.diagnosis.statistics.screening import screen, screened
 from driver.forward.model import ForwardModel
+from meshes.arrays import FloatArray
 from solver_adapters.interface import PreparedError, Simulation, SolverError
 from tools import closed_form
 from tools.closed_form_diagnosis import SETTINGS, finer, identified
-
-FloatArray = NDArray[np.float64]
 
 DRIFT = 4e-4
 WANTED = replace(SETTINGS, wanted=("tilt_drift",))

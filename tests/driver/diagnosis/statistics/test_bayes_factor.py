@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import quad
 from scipy.stats import multivariate_t, t
 
@@ -21,10 +20,9 @@ from driver.diagnosis.statistics.bayes_factor import (
 from driver.diagnosis.statistics.score_test import score
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.priors import FREED_WIDTH
+from meshes.arrays import FloatArray
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import formula
-
-FloatArray = NDArray[np.float64]
 
 RNG = np.random.default_rng(9)
 A = RNG.standard_normal((5, 50))

@@ -5,16 +5,14 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.diagnosis.causes.causes import Category, Cause
 from driver.diagnosis.statistics.discretisation_variance import score_variance
 from driver.diagnosis.statistics.score_test import Score, score
 from driver.identification.data import Data
 from driver.identification.objective import Correction
+from meshes.arrays import FloatArray
 from tests.driver.analytic import evaluation
-
-FloatArray = NDArray[np.float64]
 
 RNG = np.random.default_rng(21)
 T, N, K = 10, 400, 40

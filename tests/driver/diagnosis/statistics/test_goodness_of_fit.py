@@ -6,14 +6,12 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import f, kstest
 
 from driver.diagnosis.statistics.goodness_of_fit import GoodnessOfFit, _outlier, goodness_of_fit
 from driver.identification.data import Data
+from meshes.arrays import FloatArray
 from tests.driver.analytic import evaluation
-
-FloatArray = NDArray[np.float64]
 
 T, N_Z, K = 60, 12, 11
 CLOCK = np.linspace(0, 1, T)

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.diagnosis.statistics.high_pass_loads import (
     LEFT,
@@ -13,9 +12,8 @@ from driver.diagnosis.statistics.high_pass_loads import (
 )
 from driver.identification.cosine_modes import cosine_modes, fast_modes
 from driver.identification.objective import Evaluation
+from meshes.arrays import FloatArray
 from tests.driver.analytic import evaluation
-
-FloatArray = NDArray[np.float64]
 
 T, N = 30, 90  # loads, and loads and images
 RNG = np.random.default_rng(5)

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.search.refit import as_wide_as_found, with_prior
@@ -15,10 +14,9 @@ from driver.diagnosis.statistics.model_comparison import (
 from driver.diagnosis.statistics.score_test import score
 from driver.identification.fit import fit
 from driver.identification.objective import Evaluation, Objective
+from meshes.arrays import FloatArray
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import evaluation, formula
-
-FloatArray = NDArray[np.float64]
 
 RNG = np.random.default_rng(19)
 N_LOAD, N = 60, 5060

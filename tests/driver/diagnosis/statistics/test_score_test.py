@@ -4,17 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import kstest, multivariate_normal, multivariate_t
 
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.statistics.bayes_factor import prior_scaled
 from driver.diagnosis.statistics.score_test import Score, score, subspace_similarity
 from driver.identification.objective import Evaluation
+from meshes.arrays import FloatArray
 from solver_adapters.parameter import Parameter
 from tests.driver.analytic import evaluation
-
-FloatArray = NDArray[np.float64]
 
 N, K = 30, 4
 RNG = np.random.default_rng(8)

@@ -3,7 +3,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from driver.diagnosis.answer.result_types import Diagnosis
 from driver.diagnosis.causes.causes import NUMERICS
@@ -11,12 +10,11 @@ from driver.diagnosis.statistics.smooth_motion_test import smooth_fields
 from driver.dic.basis import grid_basis
 from driver.identification.data import Data
 from driver.identification.image_data import build_image_data
+from meshes.arrays import FloatArray
 from solver_adapters.interface import Simulation
 from tools import closed_form
 from tools.closed_form import LENGTH, PIXEL
 from tools.closed_form_diagnosis import SETTINGS, diagnosis_of, identified
-
-FloatArray = NDArray[np.float64]
 
 BENCH = closed_form.problem()
 MOTION = BENCH.model.predict(BENCH.truth).motion

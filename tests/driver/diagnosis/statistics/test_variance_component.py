@@ -2,12 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from driver.diagnosis.statistics.variance_component import Component, component, tail
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 N, STOPS = 60, 40
 # Some numbers answer, others hardly: as loads do in elastic and in plastic stretches.

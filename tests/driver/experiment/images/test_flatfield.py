@@ -2,14 +2,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from driver.common.splines.images import variance_gain
 from driver.experiment.images.flatfield import flat_pattern, left_over, without_noise
 from driver.experiment.images.heightmaps import ImageError
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 SIGMA = 0.009
 

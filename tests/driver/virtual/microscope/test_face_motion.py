@@ -2,13 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.virtual.microscope.face_motion import Face, NodalMotion
+from meshes.arrays import FloatArray
 from meshes.prism import PrismGeometry, generate
 from meshes.surface import trace
-
-FloatArray = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

@@ -2,11 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.virtual.microscope.inversion import material_points
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 
 def wave(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:

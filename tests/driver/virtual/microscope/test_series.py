@@ -6,16 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.virtual.microscope.camera import Bits, Camera
 from driver.virtual.microscope.face_motion import Face, NodalMotion
 from driver.virtual.microscope.relief import Relief
 from driver.virtual.microscope.series import Stage, Subject, flats, frames, repeats
+from meshes.arrays import FloatArray
 from meshes.prism import PrismGeometry, generate
 from meshes.surface import trace
-
-FloatArray = NDArray[np.float64]
 
 PIXEL, LENGTH, WIDTH = 0.11, 4.0, 2.0
 NOISE = 0.009  # µm, of the microscope of the paper

@@ -2,16 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.virtual.microscope.face_motion import Face
 from driver.virtual.microscope.slip_steps import SlipSteps, cells_below, slip_steps
+from meshes.arrays import FloatArray
 from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import trace
 from solver_adapters.crystal import bunge_matrix, slip_systems
-
-FloatArray = NDArray[np.float64]
 
 SYSTEM, SPACING = 3, 0.5
 SLIP = 0.01

@@ -2,12 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from driver.common.splines.images import spline_images
 from driver.virtual.microscope.texture import texture
-
-FloatArray = NDArray[np.float64]
+from meshes.arrays import FloatArray
 
 PIXEL, ORIGIN, SHAPE = 0.11, (11.5, 4.0), (40, 56)
 ROWS, COLUMNS = np.indices(SHAPE, dtype=np.float64)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from meshes.arrays import FloatArray, IntArray
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.bundled.fem import assembly
 from solver_adapters.bundled.fem.element import element_of, shape_gradients
-from solver_adapters.interface import FloatArray, IntArray
 from tools.boxes import BOXES
 
 RNG = np.random.default_rng(5)

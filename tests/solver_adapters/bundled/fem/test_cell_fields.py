@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.bundled.fem.cell_fields import (
     cell_means,
@@ -18,14 +19,7 @@ from solver_adapters.bundled.fem.cell_fields import (
 )
 from solver_adapters.bundled.fem.element import element_of, shape_gradients
 from solver_adapters.crystal import rotation_vector_matrix, schmid_tensors
-from solver_adapters.interface import (
-    CellFields,
-    FloatArray,
-    Progress,
-    Response,
-    Simulation,
-    UnfinishedError,
-)
+from solver_adapters.interface import CellFields, Progress, Response, Simulation, UnfinishedError
 from solver_adapters.material import Material, StrainMeasure
 from tools.boxes import BOXES, ORIENTATIONS, box, moved, pulled, skin
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.fem.element import Element, element_of, gauss_positions
 from solver_adapters.bundled.fem.fields import (
     AtRest,
@@ -17,7 +18,7 @@ from solver_adapters.bundled.fem.fields import (
     frame_change,
 )
 from solver_adapters.bundled.law.law import N_STATE, S_OVER, S_X, S_X2, STRAIN_MODES
-from solver_adapters.interface import Direction, FloatArray, Simulation
+from solver_adapters.interface import Direction, Simulation
 from solver_adapters.material import Material
 from tools.boxes import BOXES, ORIENTATIONS, one_grain, pulled
 

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.law.fast_math import fast_exp, fast_log
-from solver_adapters.interface import FloatArray
 
 RNG = np.random.default_rng(0)
 LN2, SMALLEST, LARGEST = np.log(2.0), np.finfo(float).tiny, np.finfo(float).max

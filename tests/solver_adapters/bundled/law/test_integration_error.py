@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.law.gauss_points import Points, points_of_grains
 from solver_adapters.bundled.law.integration_error import _relaxed, stress_error
 from solver_adapters.bundled.law.relaxation import near_fall, rate_ratio
 from solver_adapters.crystal import bunge_matrix
-from solver_adapters.interface import FloatArray, Integration
+from solver_adapters.interface import Integration
 from solver_adapters.material import Material
 from tests.solver_adapters.bundled.rest import state_at_rest
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.law import simd_rows
 from solver_adapters.bundled.law.simd_rows import LANES
-from solver_adapters.interface import FloatArray
 
 RNG = np.random.default_rng(3)
 TARGET, SOURCE, ROWS = 2 * LANES, 20 * LANES, 40

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.law import slip
 from solver_adapters.bundled.law import workspace_layout as rows
 from solver_adapters.bundled.law.law import (
@@ -31,7 +32,6 @@ from solver_adapters.bundled.law.law import (
 )
 from solver_adapters.constants import interaction_matrix
 from solver_adapters.interaction import bcc24_classes
-from solver_adapters.interface import FloatArray
 from solver_adapters.material import Material
 from tests.solver_adapters.bundled import reference_law as reference
 

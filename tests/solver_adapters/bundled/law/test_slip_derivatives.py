@@ -8,11 +8,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from meshes.arrays import FloatArray, IntArray
 from solver_adapters.bundled.law import slip_derivatives
 from solver_adapters.bundled.law import workspace_layout as rows
 from solver_adapters.bundled.law.law import N_STATE, NS, P_B, P_C2, S_ACC, S_OVER, S_X, S_X2
 from solver_adapters.bundled.law.simd_rows import B_EXPLICIT, B_OVER, B_SLIP_END, B_STEP, LANES
-from solver_adapters.interface import FloatArray, IntArray
 from tests.solver_adapters.bundled.slip_workspace import (
     ACCUMULATED,
     COUPLED,

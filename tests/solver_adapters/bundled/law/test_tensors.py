@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.law import tensors
 from solver_adapters.bundled.law.law import SLIP_MODES, local_parameters
-from solver_adapters.interface import FloatArray
 from solver_adapters.material import Material
 from tests.solver_adapters.bundled.elasticity import stiffness
 

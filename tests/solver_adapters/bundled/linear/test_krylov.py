@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.linear.krylov import PATIENCE, conjugate_gradients, skew_iteration
 from solver_adapters.bundled.linear.split_matrix import TwoTriangles
-from solver_adapters.interface import FloatArray
 from tests.solver_adapters.bundled.matrices import (
     N,
     antisymmetric,

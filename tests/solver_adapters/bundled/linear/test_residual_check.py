@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.linear.residual_check import (
     LinearSolverError,
     checked_columns,
@@ -15,7 +16,6 @@ from solver_adapters.bundled.linear.residual_check import (
     superlu,
 )
 from solver_adapters.bundled.linear.split_matrix import RESIDUAL, TwoTriangles
-from solver_adapters.interface import FloatArray
 from tests.solver_adapters.bundled.matrices import (
     N,
     chain,

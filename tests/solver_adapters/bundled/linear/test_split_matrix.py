@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.linear.split_matrix import (
     LARGEST_RESIDUAL,
     RESIDUAL,
     TwoTriangles,
     column_norms,
 )
-from solver_adapters.interface import FloatArray
 from tests.solver_adapters.bundled.matrices import (
     N,
     antisymmetric,

@@ -10,12 +10,12 @@ import pytest
 import scipy.sparse as sp
 from cvxopt import cholmod
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.linear import residual_check, symmetric
 from solver_adapters.bundled.linear.residual_check import LinearSolverError
 from solver_adapters.bundled.linear.split_matrix import LARGEST_RESIDUAL, RESIDUAL
 from solver_adapters.bundled.linear.symmetric import SymmetricSolver, iterations_for_factor
 from solver_adapters.cholesky import Cholesky
-from solver_adapters.interface import FloatArray
 from tests.solver_adapters.bundled.matrices import (
     N,
     chain,

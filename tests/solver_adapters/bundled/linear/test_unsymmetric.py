@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.linear import residual_check
 from solver_adapters.bundled.linear.residual_check import LinearSolverError
 from solver_adapters.bundled.linear.split_matrix import LARGEST_RESIDUAL, RESIDUAL
 from solver_adapters.bundled.linear.unsymmetric import UnsymmetricSolver
 from solver_adapters.cholesky import Cholesky
-from solver_adapters.interface import FloatArray
 from tests.solver_adapters.bundled.matrices import (
     N,
     antisymmetric,
