@@ -19,7 +19,6 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import quadrature
-from solver_adapters.agreement import Agreement, force_error, motion_error, table
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
 from solver_adapters.code_aster.result import read
@@ -27,6 +26,7 @@ from solver_adapters.interface import Response, Simulation
 from solver_adapters.material import Material
 from tools import calculix_prism, code_aster_prism
 from tools import code_aster_runs as adapter_runs
+from tools.agreement import Agreement, force_error, motion_error, table
 from tools.boxes import ORIENTATIONS, uniaxial
 from tools.calculix_agreement import GOALS, calculix_forces, run_calculix
 from tools.code_aster_cases import three_grains

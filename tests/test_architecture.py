@@ -47,7 +47,6 @@ FLOORS: tuple[tuple[str, ...], ...] = (
         "solver_adapters.response_file",
     ),
     (
-        "solver_adapters.agreement",
         "solver_adapters.bundled.law",
         "solver_adapters.cholesky",
         "solver_adapters.med_results",

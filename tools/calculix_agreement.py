@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from meshes.arrays import FloatArray
-from solver_adapters.agreement import Agreement, force_error, motion_error
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.calculix.adapter import CalculixAdapter
 from tools import calculix_prism
+from tools.agreement import Agreement, force_error, motion_error
 
 FIRST_LOADING = 10.0  # s, of the prism of CalculiX
 GOALS = {

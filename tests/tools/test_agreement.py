@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_adapters.agreement import Agreement, force_error, motion_error, table
 from tests.solver_adapters.calculix.runs import needs_ccx
+from tools.agreement import Agreement, force_error, motion_error, table
 from tools.calculix_agreement import run_calculix
 
 
