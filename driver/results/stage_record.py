@@ -13,10 +13,12 @@ from driver.results.files import STAGES
 class Done(TypedDict):
     """What is kept of a finished stage.
 
-    Its key, names of its results, the hashes of their content, when it ended, how long it took.
+    Its key, what it depends on by name with a hash each, names of its results, the hashes of their
+    content, when it ended, how long it took.
     """
 
     key: str
+    inputs: NotRequired[dict[str, str]]
     outputs: list[str]
     digests: NotRequired[dict[str, str]]
     finished: str

@@ -26,6 +26,10 @@ from driver.workflow.run_lock import sole_run
 
 logger = logging.getLogger(__name__)
 
+_VERSION = "version"
+_UNREADABLE = "unreadable"
+_NOTHING = hashlib.sha256().hexdigest()
+
 
 class StageError(InputError):
     """A stage that cannot be run: what was found and what was expected."""
@@ -154,16 +158,43 @@ def run_stages(
 
 def stage_key(stage: Stage, case: Case, key_before: str) -> str:
     """SHA-256 of all on which the results of a stage depend."""
-    content = {
-        "stage": stage.name,
-        "version": stage.version,
-        # How a program is called changes no result.
-        "case": case.model_dump(
-            mode="json", include=set(stage.sections), exclude={"solver": {"profiles"}}
-        ),
-        "files": [_content_hash(path) for path in stage.files(case)],
-        "before": key_before,
-    }
+    return _hash([stage.name, sorted(stage_inputs(stage, case).items()), key_before])
+
+
+def stage_inputs(stage: Stage, case: Case) -> dict[str, str]:
+    """Return what a stage reads beside the results of earlier ones, by name, with a hash each."""
+    # How a program is called changes no result.
+    tables = case.model_dump(
+        mode="json", include=set(stage.sections), exclude={"solver": {"profiles"}}
+    )
+    return (
+        {_VERSION: stage.version}
+        | {f"[{section}]": _hash(table) for section, table in tables.items()}
+        | {_name_of(path, case): _content_hash(path) for path in stage.files(case)}
+    )
+
+
+def _name_of(path: Path, case: Case) -> str:
+    """Return the path of a file as the case may name it: a case and its files may be moved."""
+    folder = case.file.parent
+    return str(path.relative_to(folder) if path.is_relative_to(folder) else path)
+
+
+def changed_inputs(entry: Done, stage: Stage, case: Case) -> str:
+    """Say what has changed since a stage has run."""
+    if "inputs" not in entry:
+        return "of another version of prismid"
+    then, now = entry["inputs"], stage_inputs(stage, case)
+    changed = [name for name in now if then.get(name) != now[name]]
+    if not changed:
+        return "an earlier stage has changed"
+    if _VERSION in changed:
+        return f"of version {then.get(_VERSION)} of this stage, which has {now[_VERSION]}"
+    states = {_UNREADABLE: "cannot be read", _NOTHING: "is empty or not there"}
+    return "; ".join(f"{name} {states.get(now[name], 'has changed')}" for name in changed)
+
+
+def _hash(content: object) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
@@ -204,6 +235,7 @@ def _run_stage(
         (results / name).unlink(missing_ok=True)
     done[stage.name] = {
         "key": key,
+        "inputs": stage_inputs(stage, case),
         "outputs": outputs,
         "digests": {name: _content_hash(results / name) for name in outputs},
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -272,11 +304,8 @@ def finished(
         elif stage.name in needed:
             there = entry is not None and is_done(entry, entry["key"], results)
             state = "no results, or damaged ones"
-            if there:
-                state = (
-                    "results of another state of the case or its files, or of another version of "
-                    "prismid"
-                )
+            if there and entry is not None:
+                state = f"results of another state ({changed_inputs(entry, stage, case)})"
             last = [stage_needed.name for stage_needed in stages if stage_needed.name in needed][-1]
             raise refuse(
                 sentence(
@@ -306,5 +335,5 @@ def _content_hash(path: Path) -> str:
         files = sorted(path.iterdir()) if path.is_dir() else sorted(map(Path, glob.glob(str(path))))
         parts = [f"{file.name} {_content_hash(file)}" for file in files if file.is_file()]
     except (OSError, ValueError):
-        return "unreadable"  # the stage that needs it says so, with the key of the case
+        return _UNREADABLE  # the stage that needs it says so, with the key of the case
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()

@@ -9,11 +9,12 @@ from driver.case.model import CaseError, default_case, load_case, write_case
 from driver.common.errors import InputError
 from driver.common.progress import progress_to
 from driver.results.files import AbsentError
-from driver.results.stage_record import read_record
+from driver.results.stage_record import Done, read_record
 from driver.workflow.engine import (
     Stage,
     StageContext,
     StageError,
+    changed_inputs,
     finished,
     measured_files,
     run_stages,
@@ -286,8 +287,31 @@ def test_stages_that_are_done_for_the_case_as_it_is_are_known(workshop: Workshop
     assert done("mesh", "measure") == {"mesh", "measure"}
     workshop.edit("element_px = 16", "element_px = 20")
     assert done("mesh") == {"mesh"}
-    with pytest.raises(StageError, match="stage measure: found results of another state of the"):
+    told = r"stage measure: found results of another state \(\[dic\] has changed\), expected those"
+    with pytest.raises(StageError, match=told):
         done("mesh", "measure")
+
+
+def test_what_has_changed_since_a_stage_has_run_is_told(workshop: Workshop) -> None:
+    workshop.run()
+    case = load_case(workshop.case_path)
+    entry, measure = read_record(workshop.folder / "results")["measure"], workshop.stages[1]
+
+    def changed(stage: Stage, entry: Done = entry) -> str:
+        return changed_inputs(entry, stage, case)
+
+    assert changed(measure) == "an earlier stage has changed"
+    newer = replace(measure, version="99")
+    assert changed(newer) == f"of version {measure.version} of this stage, which has 99"
+    missing = replace(measure, files=lambda case: [workshop.folder / "gone.tif"])
+    assert changed(missing) == "gone.tif is empty or not there"
+    (workshop.folder / "there.tif").write_bytes(b"levels")
+    there = replace(measure, files=lambda case: [workshop.folder / "there.tif"])
+    assert changed(there) == "there.tif has changed"
+    without: Done = {
+        "key": entry["key"], "outputs": [], "finished": entry["finished"], "seconds": 1.0
+    }  # fmt: skip
+    assert changed(measure, without) == "of another version of prismid"
 
 
 def test_one_name_for_two_results_is_refused(workshop: Workshop) -> None:
