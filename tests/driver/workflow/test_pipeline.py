@@ -322,16 +322,30 @@ def test_a_diagnosis_that_cannot_be_asked_for_is_one_sentence(
     assert (copied.results / "diagnosis.json").is_file()
 
 
+class Narrow(closed_form.ClosedFormSolver):
+    """A solver that honours few parameters and small strain alone."""
+
+    def capabilities(self) -> Capabilities:
+        few = frozenset({"tau0", "c"})
+        return replace(super().capabilities(), material=few, strain_measures=frozenset({"small"}))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
         ('parameters = ["tau0", "c", "d"]', 'parameters = ["tau0", "n", "K"]', ['"n"', '"K"']),
-        ('strain_measure = "small"', 'strain_measure = "finite"', ['"finite"']),
+        ('parameters = ["tau0", "c", "d"]', 'parameters = ["tau0", "c"]', ['"finite"']),
     ],
 )
 def test_what_the_solver_cannot_is_told_before_the_measurement(
-    copied: Run, old: str, new: str, told: list[str], lines: list[str]
+    copied: Run,
+    old: str,
+    new: str,
+    told: list[str],
+    lines: list[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(build, "find_adapter", lambda name, profile: Narrow(0.001))
     copied.edit(old, new)
     with pytest.raises(InputError) as refused:
         pipeline.run(copied.path, None, True)
