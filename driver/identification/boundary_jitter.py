@@ -6,8 +6,7 @@ C₀ + σ_e² G Gᵀ, G_st = ∂(data of image s)/∂e_t, which ties images and 
 
 G is that of the simulation, with a direction for the stop of each image. A cheaper one would not
 do: where the specimen yields, its load answers with a fifth to a two-hundredth of the elastic
-stiffness, and what a stop leaves in the crystals is seen for dozens of images after it (figures
-in benchmarks/identification.md).
+stiffness, and what a stop leaves in the crystals is seen for dozens of images after it.
 
 The answer is linear, and read when the image was taken: σ_e is small against the travel between
 two images, so that no stop turns loading into unloading, and a lag of the loads is short against
