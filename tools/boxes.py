@@ -138,7 +138,7 @@ def wedge_box(
     points, number = _corners(shape, size, jitter)
     cells = []
     for i, j, k in np.ndindex(*shape):
-        # MeasuredSeries along Y, Z × X is right-handed.
+        # Seen along Y, Z × X is right-handed.
         a, b, c, d = ((i, k), (i, k + 1), (i + 1, k + 1), (i + 1, k))
         for triangle in ((a, b, c), (a, c, d)):
             cells.append([int(number[x, y, z]) for y in (j, j + 1) for x, z in triangle])
