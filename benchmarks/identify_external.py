@@ -50,7 +50,7 @@ def small_case() -> Case:
         grains=(Grain(name="grain", euler_deg=(281.0, 8.0, 47.0)),),
         material=MaterialTable(strain_measure="small", tau0_112=1e9),
         images=Images(frames="images.tif"),
-        solver=Solver(steps_per_interval=5, fine_steps_per_interval=10),
+        solver=Solver(steps_per_interval=20, fine_steps_per_interval=40),
         execution=Execution(processes=2),
     )
 

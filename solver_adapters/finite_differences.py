@@ -58,8 +58,8 @@ class _Asked:
 class FiniteDifferences:
     """An adapter that gives another one derivatives.
 
-    A derivative costs two runs, four where its first step does not do, and three more where its
-    runs took other time steps than the asked one.
+    A derivative costs two runs, up to eight where its first step does not do, and three more where
+    its runs took other time steps than the asked one.
 
     Attributes:
         adapter: the solver.
@@ -117,18 +117,15 @@ class FiniteDifferences:
         noise = self.adapter.capabilities().noise
         share = (noise / 2) ** (1 / 3)
         first = [(direction, share * direction.scale) for direction in moving]
-        try:
-            base = self.adapter.solve(plain, workspace, count.tell)
-        except PreparedError as error:
-            try:
-                self._pairs(plain, first, workspace, count)
-            except PreparedError as others:
-                raise PreparedError.together([error, others]) from None
-            raise
-        count.ended()
-        repeated = once_more(plain, base)
+        base = self._beside_pairs(plain, first, workspace, count)
+        repeated, middle = once_more(plain, base), base
+        if base.cuts and repeated.steps is not plain.steps:
+            # Steps that are given are not taken as those that were chosen: runs of one deck differ
+            # by less than those of two.
+            count.more(1)
+            middle = self._beside_pairs(repeated, first, workspace, count)
         pairs = self._pairs(repeated, first, workspace, count)
-        asked = [_Asked(repeated, base, [slope_through(base, pair, noise)]) for pair in pairs]
+        asked = [_Asked(repeated, middle, [slope_through(middle, pair, noise)]) for pair in pairs]
         for k, direction in enumerate(moving):
             asked[k] = self._in_common_steps(asked[k], direction, workspace, count)
         for _ in range(1, MOST_STEPS):
@@ -167,6 +164,29 @@ class FiniteDifferences:
             seconds={**base.seconds, "finite differences": time.monotonic() - begun},
             notes=(*base.notes, *notes),
         )
+
+    def _beside_pairs(
+        self,
+        simulation: Simulation,
+        steps: Sequence[tuple[Direction, float]],
+        workspace: Path | None,
+        count: _Count,
+    ) -> Response:
+        """Return the run between the pairs; where it is prepared only, they are, too.
+
+        Raises:
+            PreparedError: jobs are prepared; the folders of all are in it.
+        """
+        try:
+            response = self.adapter.solve(simulation, workspace, count.tell)
+        except PreparedError as error:
+            try:
+                self._pairs(simulation, steps, workspace, count)
+            except PreparedError as others:
+                raise PreparedError.together([error, others]) from None
+            raise
+        count.ended()
+        return response
 
     def _in_common_steps(
         self, asked: _Asked, direction: Direction, workspace: Path | None, count: _Count

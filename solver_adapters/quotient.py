@@ -17,10 +17,16 @@ ASYMMETRY = 0.02
 """Largest difference of a one-sided slope from the derivative, in shares of it, that needs no word.
 
 It leaves 1 %: curvature leaves a third of it at most (28 directions on a prism in two cycles),
-independent noise 0.6 of it.
+independent noise 0.6 of it, and a jump of one run alone all of it.
 """
 
-MOST_STEPS = 3
+OTHER_STEPS = 0.25
+"""Share of the time steps that runs need not have in common, as where a step was cut.
+
+What such runs are off by stands in the asymmetry: all three would have to be off by as much.
+"""
+
+MOST_STEPS = 4
 """Steps that are tried for a derivative."""
 
 _WIDEST = 0.5  # step in shares of the scale
@@ -41,9 +47,10 @@ class Slope:
         asymmetry: largest difference of a one-sided slope, in shares of the derivative; infinite
             where that is 0.
         uncertainty: what the derivative may be wrong by, in shares of it: half of the asymmetry,
-            or what it differs by from that of another step.
+            or what it differs by from that of another step. All of the asymmetry where a run took
+            other time steps in part: that run alone may be off.
         noise: what of this the noise of the solver would make.
-        same_steps: whether both runs took the time steps of the asked one.
+        other_steps: share of the time steps that only a run or the asked one took.
         seen: whether any number of either run differs from the asked one.
         norms: of displacement and force of the asked run.
         ends: ends of the most time steps that one of the three runs took [s], None if unknown.
@@ -55,7 +62,7 @@ class Slope:
     asymmetry: float
     uncertainty: float
     noise: float
-    same_steps: bool
+    other_steps: float
     seen: bool
     norms: tuple[float, float] = (1.0, 1.0)
     ends: FloatArray | None = None
@@ -66,17 +73,31 @@ class Slope:
         return max(abs(amount) for amount in self.amounts)
 
     @property
+    def allowed(self) -> float:
+        """Largest asymmetry that needs no word."""
+        return ASYMMETRY / 2 if self.other_steps else ASYMMETRY
+
+    @property
     def doubtful(self) -> bool:
         """Whether the derivative may be wrong by more than needs no word."""
         return not self.uncertainty <= ASYMMETRY / 2
 
+    @property
+    def same_steps(self) -> bool:
+        """Whether both runs took the time steps of the asked one, but for few that were cut."""
+        return self.other_steps <= OTHER_STEPS
+
     def better_step(self, scale: float) -> float | None:
-        """Return a step that leaves half of the asymmetry that needs no word, or None."""
-        if not self.doubtful:
+        """Return a step that leaves half of the asymmetry that needs no word, or None.
+
+        Where noise makes the asymmetry, one run alone may be off, and the derivative by all of it.
+        """
+        noisy = self.noise >= self.asymmetry / 2  # both are infinite where nothing was seen
+        if not (self.doubtful or (noisy and self.asymmetry > ASYMMETRY / 2)):
             return None
         step = self.step
-        wanted = ASYMMETRY / 2
-        if self.noise >= self.asymmetry / 2:  # both are infinite where nothing was seen
+        wanted = self.allowed / 2
+        if noisy:
             return min(self.asymmetry / wanted * step, _WIDEST * scale)
         factor = max(wanted / self.asymmetry, self.noise / wanted, _NARROWEST)
         return min(factor, 0.5) * step
@@ -100,7 +121,7 @@ class Slope:
                 f"derivative along {direction.name!r}: uncertain by about "
                 f"{min(self.uncertainty, 1.0):.0%}, as a slope to one side differs from it by "
                 f"{self.asymmetry:.1%} (steps {self.amounts[0]:.3g} and {self.amounts[1]:.3g}, "
-                f"scale {direction.scale:.3g}); expected {ASYMMETRY:.0%} or less"
+                f"scale {direction.scale:.3g}); expected {self.allowed:.0%} or less"
             )
         if not self.same_steps:
             doubts.append(
@@ -118,17 +139,26 @@ def following_step(tried: Sequence[Slope], scale: float) -> float | None:
         scale: of the direction.
     """
     best = best_of(tried)
-    if len(tried) == 1 or not best.doubtful:
+    if len(tried) == 1:
         return best.better_step(scale)
-    first, second = tried[0].step, tried[1].step
-    factor = second / first if best.step == second else first / second
-    step = min(best.step * min(max(factor, 1 / _FURTHER), _FURTHER), _WIDEST * scale)
+    if not best.doubtful or len(tried) >= MOST_STEPS:
+        return None
+    wider = [slope for slope in tried if slope.step > best.step]
+    narrower = [slope for slope in tried if slope.step < best.step]
+    if wider and narrower:
+        next_best = min((*wider, *narrower), key=lambda slope: slope.uncertainty)
+        step = float(np.sqrt(best.step * next_best.step))
+    else:
+        # Beyond the best one, as far as the nearest other one is on its other side.
+        nearest = min(s.step for s in wider) if wider else max(s.step for s in narrower)
+        factor = best.step / nearest
+        step = min(best.step * min(max(factor, 1 / _FURTHER), _FURTHER), _WIDEST * scale)
     known = any(1 / _OTHER < step / other.step < _OTHER for other in tried)
-    return None if known or len(tried) >= MOST_STEPS else step
+    return None if known else step
 
 
 def best_of(tried: Sequence[Slope]) -> Slope:
-    """Return the derivative of least asymmetry in the same time steps, and how sure it is.
+    """Return the least uncertain derivative in the same time steps, and how sure it is.
 
     Two steps that agree tell that neither noise nor curvature makes a derivative wrong; where the
     asymmetry does not change with the step there is a kink, and they tell nothing.
@@ -136,7 +166,7 @@ def best_of(tried: Sequence[Slope]) -> Slope:
     # Runs in other time steps than the asked one differ by the error of these, too.
     alike = [slope for slope in tried if slope.same_steps] or tried
     # Of steps that all show no change the last, widest one is told.
-    best = min(reversed(alike), key=lambda slope: slope.asymmetry)
+    best = min(reversed(alike), key=lambda slope: slope.uncertainty)
     agreed = [
         best.apart(other)
         for other in alike
@@ -166,16 +196,17 @@ def slope_through(base: Response, pair: Pair, noise: float) -> Slope:
     # Of the whole response: what hardly moves the one half need not be known to a share of that.
     off = max(_size(norms, u - displacement, f - force) for u, f in sides)
     asymmetry = off / size if size else np.inf
+    other_steps = max(_other_steps(base, run) for run in (one, two))
     return Slope(
         amounts=(a1, a2),
         displacement=displacement,
         force=force,
         asymmetry=asymmetry,
-        uncertainty=asymmetry / 2,
+        uncertainty=asymmetry if other_steps else asymmetry / 2,
         norms=norms,
         ends=_finest_steps(base, pair),
         noise=2 * noise / (size * min(abs(a1), abs(a2))) if size else np.inf,
-        same_steps=all(_same_steps(base, run) for run in (one, two)),
+        other_steps=other_steps,
         seen=bool(size or off),
     )
 
@@ -192,8 +223,10 @@ def _size(norms: tuple[float, float], displacement: FloatArray, force: FloatArra
     )
 
 
-def _same_steps(base: Response, run: Response) -> bool:
+def _other_steps(base: Response, run: Response) -> float:
+    """Return the share of the time steps of two runs that only one of them took."""
+    if not (base.ends.size and run.ends.size):
+        return float(base.steps != run.steps)
     # Some result files have seven digits of a time.
-    if base.ends.size and base.ends.size == run.ends.size:
-        return bool(np.allclose(base.ends, run.ends, rtol=1e-6, atol=0))
-    return base.steps == run.steps
+    common = int(np.isclose(base.ends[:, None], run.ends, rtol=1e-6, atol=0).any(axis=1).sum())
+    return 1 - common / (base.ends.size + run.ends.size - common)

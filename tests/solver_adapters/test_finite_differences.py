@@ -427,3 +427,49 @@ def test_runs_that_took_other_steps_are_made_again_in_the_steps_of_the_one_that_
     np.testing.assert_array_equal(solver.asked[-1].steps, [1.0, 1.5, 2.0])
     # The answer itself is that in the steps of its own.
     assert response.ends.size == 2
+
+
+def test_where_the_asked_run_was_cut_differences_are_of_runs_in_given_steps_alone() -> None:
+    class Chosen(Toy):
+        """A step is cut unless steps are given; either way to the same ends is off by its own."""
+
+        def solve(
+            self,
+            simulation: Simulation,
+            workspace: Path | None = None,
+            progress: Report | None = None,
+        ) -> Response:
+            found = super().solve(simulation, workspace, progress)
+            off = 1.0 if simulation.steps is not None else 1.01
+            return replace(
+                found, force=off * found.force, displacement=off * found.displacement,
+                ends=np.array([1.0, 1.5, 2.0]), steps=3, cuts=int(simulation.steps is None),
+            )  # fmt: skip
+
+    solver = Chosen()
+    response = FiniteDifferences(solver).solve(along(*BOTH))
+    assert len(solver.asked) == 1 + 1 + 2 * 2
+    assert [run.steps is None for run in solver.asked] == [True] + 5 * [False]
+    assert _error_of_tau0(response) < 1e-4 and response.notes == ()
+    # The answer itself is that of the asked run.
+    plain = Toy().solve(along())
+    np.testing.assert_allclose(response.force, 1.01 * plain.force)
+    assert response.cuts == 1
+
+
+def test_where_the_asked_run_was_cut_its_repetition_is_prepared_with_the_runs_beside() -> None:
+    class Elsewhere(Toy):
+        def solve(
+            self,
+            simulation: Simulation,
+            workspace: Path | None = None,
+            progress: Report | None = None,
+        ) -> Response:
+            if simulation.steps is not None:
+                raise PreparedError([Path(f"{simulation.material.tau0 - 40:+.1f}")])
+            found = super().solve(simulation, workspace, progress)
+            return replace(found, ends=np.array([1.0, 2.0]), steps=2, cuts=1)
+
+    with pytest.raises(PreparedError) as error:
+        FiniteDifferences(Elsewhere()).solve(along(ALONG_TAU0), Path("jobs"))
+    assert error.value.folders == (Path("+0.0"), Path("+0.7"), Path("-0.7"))
