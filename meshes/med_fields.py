@@ -83,13 +83,13 @@ def _instant(item: MedField, step: int, support: Any) -> Any:
     array = mc.DataArrayDouble(np.ascontiguousarray(item.values[step], dtype=np.float64))
     named = zip(item.components, item.units, strict=True)
     array.setInfoOnComponents([f"{name} [{unit}]" if unit else name for name, unit in named])
-    field = mc.MEDCouplingFieldDouble(_KINDS[item.place], mc.ONE_TIME)
-    field.setName(item.name)
-    field.setMesh(support)
-    field.setArray(array)
-    field.setTime(float(item.times[step]), step, -1)
-    field.setTimeUnit("s")
-    return field
+    instant = mc.MEDCouplingFieldDouble(_KINDS[item.place], mc.ONE_TIME)
+    instant.setName(item.name)
+    instant.setMesh(support)
+    instant.setArray(array)
+    instant.setTime(float(item.times[step]), step, -1)
+    instant.setTimeUnit("s")
+    return instant
 
 
 def read_med_fields(
@@ -120,13 +120,13 @@ def read_med_fields(
             f"{', '.join(file.fields) or 'no fields'}"
         )
     read = {name: read_med_field(file, name) for name in (names or file.fields)}
-    absent = [name for name, field in read.items() if field is None]
+    absent = [name for name, item in read.items() if item is None]
     if names is not None and absent:
         raise ValueError(
             f"{path}: found the fields {', '.join(absent)} on faces or edges alone, expected "
             "values at nodes or in cells"
         )
-    return {name: field for name, field in read.items() if field is not None}
+    return {name: item for name, item in read.items() if item is not None}
 
 
 def read_med_field(file: MedFile, name: str) -> MedField | None:

@@ -18,7 +18,7 @@ from matplotlib.patches import FancyBboxPatch, Patch
 from PIL import Image
 
 from driver.diagnosis.answer.result_types import IMAGING, Diagnosis
-from driver.diagnosis.answer.verdict import MOST_ADDITIONS, Kind, decide
+from driver.diagnosis.answer.verdict import LEAST_EXPLAINED, MOST_ADDITIONS, Kind, decide
 from driver.diagnosis.causes.all_causes import EVERY
 from driver.diagnosis.search.selection_round import WITHIN
 from driver.diagnosis.statistics.score_test import WORTH
@@ -28,7 +28,7 @@ from driver.forward.build import build_model, geometry_of
 from driver.forward.model import ForwardModel
 from driver.identification.discretisation_covariance import share_left
 from driver.identification.fit import Fit, fit
-from driver.identification.identifiability import prior_shares
+from driver.identification.identifiability import INSENSITIVE, prior_shares
 from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.parameters.registry import declared_parameters
@@ -67,7 +67,6 @@ _HIDDEN = {"load_gain": 0.12, "end_rotation": 0.2}  # µN/µN and 1
 _TRUE_LAW = {"tau0": 30.0, "c": 44e3, "d": 1140.0, "lambda_plus_Y": _LAMBDA_Y}
 _COLOURS = 256  # of a file
 _SHOWN = 7  # causes of a round
-EXPLAINED = 0.9  # share of the misfit that `decide` asks of what is named
 
 
 @styled
@@ -207,10 +206,10 @@ def boundary_motion() -> Figure:
 
 def _draw_knots(course: Axes) -> None:
     """Draw elongation and tilt of a test against time, with their knots and the stage travel."""
-    bench = closed_form.problem()
-    boundary, history = bench.model.boundary, bench.history
-    motion = boundary.evaluate(bench.truth)
-    edge = np.isclose(bench.mesh.points[boundary.nodes, 2], 0.0)
+    problem = closed_form.problem()
+    boundary, history = problem.model.boundary, problem.history
+    motion = boundary.evaluate(problem.truth)
+    edge = np.isclose(problem.mesh.points[boundary.nodes, 2], 0.0)
     plus = boundary.side > 0
     travel = course.twinx()
     travel.plot(history.time, history.stage, color=GREY, ls="--", lw=1.2)
@@ -233,8 +232,8 @@ def _draw_knots(course: Axes) -> None:
 @styled
 def images() -> Figure:
     """Draw reference, difference of two images, residual of correlation, and measured motion."""
-    bench = closed_form.problem()
-    images_ = closed_form.surface_images(bench, bench.truth, 1)
+    problem = closed_form.problem()
+    images_ = closed_form.surface_images(problem, problem.truth, 1)
     motion = measure(images_)
     last = images_.n_frames - 1
     still = np.zeros((1, len(images_.xy), 3))
@@ -263,7 +262,9 @@ def images() -> Figure:
         axes.set_ylabel("X [µm]")
         figure.colorbar(drawn, ax=axes, label=label, location="bottom", aspect=30)
     profile = figure.add_subplot(grid_of[1, :2])
-    truth = bench.model.predict(bench.truth).motion[last] + closed_form.stage_error(bench)[last]
+    truth = (
+        problem.model.predict(problem.truth).motion[last] + closed_form.stage_error(problem)[last]
+    )
     found = motion.at_pixels()[last]
     across = np.abs(images_.xy[:, 0])
     middle = images_.rows == images_.rows[np.argmin(across)]
@@ -291,13 +292,13 @@ def images() -> Figure:
 
 def _closed_form_fit() -> tuple[Fit, tuple[str, ...]]:
     """Return the fit of a specimen in closed form from the nominal law, and what is free in it."""
-    bench = closed_form.problem()
-    made = closed_form.objective(bench, bench.truth | _TRUE_LAW)
+    problem = closed_form.problem()
+    made = closed_form.objective(problem, problem.truth | _TRUE_LAW)
     n_knots = len(closed_form.KNOTS) + 1
     knots = (*elongation_names(n_knots), *tilt_names(n_knots))
     free = (*LAMBDAS, *(p.name for p in POSE_DECLARATIONS), *knots, *closed_form.LAW)
-    start = replace(made, prior=priors(bench.truth))
-    return fit(start, bench.truth, free, 15), free
+    start = replace(made, prior=priors(problem.truth))
+    return fit(start, problem.truth, free, 15), free
 
 
 @styled
@@ -327,7 +328,7 @@ def identification() -> Figure:
     matrix.set_title("Correlation of the estimates")
     figure.colorbar(drawn, ax=matrix, location="bottom", aspect=30, label="correlation [1]")
     share.barh(range(len(names)), prior_shares(found.best)[rows], color=GREY)
-    share.axvline(0.5, color=BEFORE, ls="--", lw=1.1)
+    share.axvline(INSENSITIVE, color=BEFORE, ls="--", lw=1.1)
     share.set_yticks(range(len(names)), labels)
     share.invert_yaxis()
     share.set_xlim(0, 1)
@@ -376,9 +377,9 @@ def simulation_error() -> Figure:
 
 def _hidden_effects() -> Diagnosis:
     """Return the diagnosis of a specimen in closed form with two hidden effects."""
-    bench = closed_form.problem()
-    made = closed_form.objective(bench, bench.truth | _HIDDEN)
-    return diagnosis_of(bench, identified(bench, made))
+    problem = closed_form.problem()
+    made = closed_form.objective(problem, problem.truth | _HIDDEN)
+    return diagnosis_of(problem, identified(problem, made))
 
 
 @styled
@@ -463,11 +464,11 @@ def verdicts() -> Figure:
         (alone, 4.0): f"χ of free correlation\nabove {IMAGING:g}?",
         (alone, 3.0): "do the tests of\nwhat is left reject?",
         (added, 5.0): f"{MOST_ADDITIONS} causes or more?",
-        (added, 4.0): f"tests reject, and less than\n{1e2 * EXPLAINED:.0f} % is explained?",
+        (added, 4.0): f"tests reject, and less than\n{1e2 * LEAST_EXPLAINED:.0f} % is explained?",
         (added, 3.0): "do the tests of\nwhat is left reject?",
         (added, 2.0): "does a set hold\nseveral causes?",
     }
-    little, much = EXPLAINED - 0.01, EXPLAINED
+    little, much = LEAST_EXPLAINED - 0.01, LEAST_EXPLAINED
     ends = {
         (ends_alone, 6.0): kind_of(numerics=True),
         (ends_alone, 4.0): kind_of(imaging_limited=True),

@@ -48,7 +48,7 @@ def look_at_images(case: Case, experiment: Experiment) -> tuple[list[Finding], R
         reference = reference_of(case, experiment, flat)
     except InputError as error:
         return [*findings, Finding("error", "images", str(error))], None
-    findings += _surface(case, experiment, reference, flat)
+    findings += _surface(case, reference, flat)
     findings += _elements(case, reference)
     findings += _frames(experiment, reference, flat)
     return findings, reference
@@ -99,9 +99,7 @@ def _face(case: Case, experiment: Experiment) -> Finding:
     return Finding("ok", "images", f"measured face at {place}")
 
 
-def _surface(
-    case: Case, experiment: Experiment, reference: Reference, flat: FlatField | None
-) -> Iterator[Finding]:
+def _surface(case: Case, reference: Reference, flat: FlatField | None) -> Iterator[Finding]:
     count = {reason: reference.count(reason) for reason in Excluded}
     yield Finding(
         "ok",

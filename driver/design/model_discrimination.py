@@ -79,18 +79,12 @@ def discriminating_changes(
 
 def apart(expected: Forecast, sizes: Mapping[str, float]) -> float:
     """Smallest misfit that one cause of a set would leave of another one [σ]."""
-    outlook = {
-        outlook_of.cause.name: outlook_of
-        for outlook_of in expected.causes
-        if outlook_of.cause.name in sizes
-    }
-    misfit = {
-        name: sizes[name] * SEEN_AT / outlook_of.in_scales for name, outlook_of in outlook.items()
-    }
+    outlooks = {o.cause.name: o for o in expected.causes if o.cause.name in sizes}
+    misfit = {name: sizes[name] * SEEN_AT / o.in_scales for name, o in outlooks.items()}
     return min(
         (
-            min(misfit[a], misfit[b]) * sqrt(max(1.0 - outlook[a].cosines[b] ** 2, 0.0))
-            for a, b in combinations(outlook, 2)
+            min(misfit[a], misfit[b]) * sqrt(max(1.0 - outlooks[a].cosines[b] ** 2, 0.0))
+            for a, b in combinations(outlooks, 2)
         ),
         default=0.0,
     )

@@ -64,11 +64,11 @@ def draw(base: Forecast, others: Sequence[Forecast]) -> Figure:
 def _representatives(base: Forecast) -> list[Knowledge]:
     """Each parameter; of the knots of each motion the one that is known worst."""
     knots = groups_of([p.name for p in base.parameters]).get("the knots", ())
-    shown = [p for p in base.parameters if p.name not in knots]
+    chosen = [p for p in base.parameters if p.name not in knots]
     for start in ("elongation", "tilt"):
         ones = [p for p in base.parameters if p.name in knots and p.name.startswith(start)]
-        shown += sorted(ones, key=lambda p: -p.theta)[:1]
-    return shown
+        chosen += sorted(ones, key=lambda p: -p.theta)[:1]
+    return chosen
 
 
 def _parameters(axes: Axes, known: Sequence[Knowledge]) -> None:

@@ -1,1 +1,1 @@
-"""What the simulation gets wrong, and why: gates, score, refit, name, extend, gain."""
+"""What the simulation gets wrong, and why: checks, scores, refits, verdict."""

@@ -43,14 +43,14 @@ def covariance_in_time(
     Returns:
         [µm²], shape (k, T, T).
     """
-    components = []
+    covariances = []
     for weights in pixel_weights(motion, functionals):
         own = noise_of_weights(weights, images.rows, images.cols, motion.shared_noise)
-        component = images.sigma**2 * (np.diag(own) + weights @ weights.T / images.n_reference)
+        covariance = images.sigma**2 * (np.diag(own) + weights @ weights.T / images.n_reference)
         if images.sigma_flat:
-            component += flat_covariance(motion, images, weights)
-        components.append(component)
-    return np.array(components)
+            covariance += flat_covariance(motion, images, weights)
+        covariances.append(covariance)
+    return np.array(covariances)
 
 
 def held_back(motion: SurfaceMotion, images: SurfaceImages, functional: FloatArray) -> float:
@@ -74,11 +74,11 @@ def pixel_weights(motion: SurfaceMotion, functionals: FloatArray) -> FloatArray:
     """q_t of every frame, 0 at pixels that it lacks, for k rows L (k, n), shape (k, T, n_pix)."""
     whole, right = motion.system, np.ascontiguousarray(functionals.T)
     seen = sensitivity(whole.pixels.slope, motion.basis_uv, motion.basis_w)
-    pixel_share = np.repeat((seen @ whole.solve(right)).T[:, None], len(motion.compared), axis=1)
+    weights = np.repeat((seen @ whole.solve(right)).T[:, None], len(motion.compared), axis=1)
     for t in np.flatnonzero(~motion.compared.all(axis=1) & ~motion.lost):
         kept = motion.compared[t]
-        pixel_share[:, t] = (seen @ motion.equations.of(kept).solve(right)).T * kept
-    return np.asarray(pixel_share)
+        weights[:, t] = (seen @ motion.equations.of(kept).solve(right)).T * kept
+    return np.asarray(weights)
 
 
 def flat_covariance(

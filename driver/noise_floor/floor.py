@@ -55,8 +55,8 @@ def sizes(images: SurfaceImages, ratio: float) -> tuple[int, ...]:
 
 def _refuse(images: SurfaceImages, size: int, ratio: float) -> None:
     """Refuse elements of a size as a correlation would."""
-    sizes = size * images.pixel, ratio * size * images.pixel
-    n_uv, n_w = (len(grid_basis(images.xy, images.bounds, s).nodes) for s in sizes)
+    elements = size * images.pixel, ratio * size * images.pixel
+    n_uv, n_w = (len(grid_basis(images.xy, images.bounds, s).nodes) for s in elements)
     refuse_too_fine(len(images.xy), n_uv, n_w)
 
 

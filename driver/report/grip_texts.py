@@ -32,7 +32,7 @@ def _phases(grip: GripMotion) -> str:
 
 
 def _findings(grip: GripMotion) -> list[str]:
-    sentences = [
+    findings = [
         f"Between images {phase.first} and {phase.last} the elongation is no straight line: it "
         f"bows by {_nm(phase.bow)} half-way."
         for phase in grip.bowed
@@ -43,21 +43,21 @@ def _findings(grip: GripMotion) -> list[str]:
         ratio = grip.ratio_of(True) or grip.ratio
         travel = number(abs(turn.lost.value / ratio.value), 2)
         what = "lags (play)" if turn.lost.value > 0 else "runs ahead (a grip slides back)"
-        sentences.append(
+        findings.append(
             f"After the turn at image {turn.image} it {what} by {_nm(turn.lost)}, "
             f"{travel} µm of stage travel."
         )
-    sentences += [
+    findings += [
         f"At image {slip.image} it jumps by {_nm(slip.jump)} and stays there (slip)."
         for slip in grip.slips
     ]
     if grip.outliers:
         several = len(grip.outliers) > 1
         images = joined([str(image) for image in grip.outliers])
-        sentences.append(
+        findings.append(
             f"Image{'s' if several else ''} {images} {'lie' if several else 'lies'} off."
         )
-    return sentences
+    return findings
 
 
 def _nothing(grip: GripMotion) -> str:

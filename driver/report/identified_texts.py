@@ -29,9 +29,9 @@ _MODELS = {"before": "identified model", "after": "extended model"}
 
 def identification(findings: Findings) -> Row:
     """Tables and texts of the section on the identification, by name."""
-    estimates_of, results = findings.estimates, findings.identified
-    few = core(tuple(estimates_of))
-    names = list(estimates_of)
+    estimates, results = findings.estimates, findings.identified
+    few = core(tuple(estimates))
+    names = list(estimates)
     rows = [names.index(name) for name in few]
     free = free_chi_f(findings)
     paper = {
@@ -39,14 +39,14 @@ def identification(findings: Findings) -> Row:
         for key in ("chi", "chi_f", "chi_F")
     }
     gain = findings.diagnosis["gain"]
-    groups, many = estimate_rows(estimates_of)
+    groups, many = estimate_rows(estimates)
     return {
         "groups": groups,
         "many": many,
         "warnings": findings.warnings,
         "strongest": strongest(few, results["correlation"][np.ix_(rows, rows)]),
         "apex": apex_table(_amplitudes(findings), free, paper["chi_f"]),
-        "law": law_table(estimates_of, paper),
+        "law": law_table(estimates, paper),
         "budget": budget_table(
             (gain["budget_before"]["free"], free),
             {_MODELS[side]: gain[f"budget_{side}"] for side in findings.sides},
@@ -63,12 +63,12 @@ def identification(findings: Findings) -> Row:
 def _amplitudes(findings: Findings) -> dict[str, tuple[float, float, float | None]]:
     """Start, value and standard deviation; in the paper's order they are held at the end."""
     first = next(iter(findings.iterations.values()))["iterations"][0]
-    estimates_of = findings.estimates
+    estimates = findings.estimates
     return {
         name: (
             first[name],
             findings.values[name],
-            estimates_of[name].sigma if name in estimates_of else None,
+            estimates[name].sigma if name in estimates else None,
         )
         for name in LAMBDAS
         if name in first

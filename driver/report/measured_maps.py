@@ -55,7 +55,7 @@ def reference(measured: MeasuredMotion) -> Figure:
         axes.plot(face.trace[:, 1], face.trace[:, 0], color=_BOUNDARY, lw=2.2, path_effects=_RIM,
                   label="grain boundary")  # fmt: skip
     _frame(axes, face, heights.shape)
-    _scale_bar(axes, face)
+    _scale_bar(axes)
     axes.set(xlabel="Y [µm] (loading axis)", ylabel="X [µm]")
     figure.legend(loc="outside upper center", ncols=4)
     return figure
@@ -224,7 +224,7 @@ def _frame(axes: Axes, face: Face, shape: tuple[int, ...]) -> None:
     axes.set_aspect("equal")
 
 
-def _scale_bar(axes: Axes, face: Face) -> None:
+def _scale_bar(axes: Axes) -> None:
     """Draw a bar of about a sixth of the width, a round number of micrometres long."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     power = 10.0 ** np.floor(np.log10((right - left) / 6))

@@ -75,10 +75,8 @@ def _identified(path: Path, sizes: dict[str, int]) -> tuple[FittedModel, dict[st
     arrays = read_hdf5(path)
     predicted = _predictions(path, arrays, "final", sizes)
     identification = read_identification(path)
-    all_values, by_name = (
-        identification.values,
-        dict(zip(identification.names, identification.units, strict=True)),
-    )
+    all_values = identification.values
+    by_name = dict(zip(identification.names, identification.units, strict=True))
     _expect(path, arrays, {"sigma": "K", "start": "K"}, {"K": len(by_name)})
     model = FittedModel(
         label=LABELS[0],

@@ -146,19 +146,25 @@ def run_stages(
     key, memory = "", dict[str, Any]()
     with sole_run(results):
         for stage in stages[:last]:
-            key = stage_key(stage, case, key)
+            inputs = stage_inputs(stage, case)
+            key = _key(stage, inputs, key)
             done = read_record(results)
             entry = done.get(stage.name)
             if not force and is_done(entry, key, results):
                 logger.info(f"{stage.name}: done and unchanged")
                 continue
             _refuse_folders(entry, results)
-            _run_stage(stage, case, results, key, prepare_only, memory)
+            _run_stage(stage, case, results, key, inputs, prepare_only, memory)
 
 
 def stage_key(stage: Stage, case: Case, key_before: str) -> str:
     """SHA-256 of all on which the results of a stage depend."""
-    return _hash([stage.name, sorted(stage_inputs(stage, case).items()), key_before])
+    return _key(stage, stage_inputs(stage, case), key_before)
+
+
+def _key(stage: Stage, inputs: dict[str, str], key_before: str) -> str:
+    # Contents alone: the name of a file depends on how the case was named and where it lies.
+    return _hash([stage.name, *inputs.values(), key_before])
 
 
 def stage_inputs(stage: Stage, case: Case) -> dict[str, str]:
@@ -185,13 +191,15 @@ def changed_inputs(entry: Done, stage: Stage, case: Case) -> str:
     if "inputs" not in entry:
         return "of another version of prismid"
     then, now = entry["inputs"], stage_inputs(stage, case)
+    gone = [name for name in then if name not in now]
     changed = [name for name in now if then.get(name) != now[name]]
-    if not changed:
+    if not changed and not gone:
         return "an earlier stage has changed"
     if _VERSION in changed:
         return f"of version {then.get(_VERSION)} of this stage, which has {now[_VERSION]}"
     states = {_UNREADABLE: "cannot be read", _NOTHING: "is empty or not there"}
-    return "; ".join(f"{name} {states.get(now[name], 'has changed')}" for name in changed)
+    said = [f"{name} {states.get(now[name], 'has changed')}" for name in changed]
+    return "; ".join([*said, *(f"{name} is read no more" for name in gone)])
 
 
 def _hash(content: object) -> str:
@@ -203,6 +211,7 @@ def _run_stage(
     case: Case,
     results: Path,
     key: str,
+    inputs: dict[str, str],
     prepare_only: bool,
     memory: dict[str, Any],
 ) -> None:
@@ -235,7 +244,7 @@ def _run_stage(
         (results / name).unlink(missing_ok=True)
     done[stage.name] = {
         "key": key,
-        "inputs": stage_inputs(stage, case),
+        "inputs": inputs,
         "outputs": outputs,
         "digests": {name: _content_hash(results / name) for name in outputs},
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -253,7 +262,7 @@ def _set_edited_aside(old: Done | None, results: Path) -> None:
         if not path.is_file() or _content_hash(path) == digest:
             continue
         names = (edited(path, number) for number in count())
-        kept = next(path_aside for path_aside in names if not path_aside.exists())
+        kept = next(name for name in names if not name.exists())
         path.rename(kept)
         logger.info(f"{path} has changed since it was written: it is kept as {kept.name}")
 
@@ -306,7 +315,7 @@ def finished(
             state = "no results, or damaged ones"
             if there and entry is not None:
                 state = f"results of another state ({changed_inputs(entry, stage, case)})"
-            last = [stage_needed.name for stage_needed in stages if stage_needed.name in needed][-1]
+            last = [name for name in (s.name for s in stages) if name in needed][-1]
             raise refuse(
                 sentence(
                     results, f"stage {stage.name}", state,

@@ -6,11 +6,9 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import AnyArray
 from solver_adapters.interface import BadSimulationError
-
-AnyArray = NDArray[Any]
 
 
 def expect_number(name: str, value: Any) -> None:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from meshes.arrays import AnyArray
 from meshes.cells import EDGES, inverted_cells
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.checks.arrays import (
@@ -19,8 +17,6 @@ from solver_adapters.checks.arrays import (
     expect_shape,
 )
 from solver_adapters.interface import BadSimulationError, UnsupportedError
-
-AnyArray = NDArray[Any]
 
 _NODE_GROUPS = ("S_PLUS", "S_MINUS")
 

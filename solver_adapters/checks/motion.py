@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from meshes.arrays import FloatArray
+from meshes.arrays import AnyArray, FloatArray
 from solver_adapters.checks.arrays import expect_finite, expect_indices, expect_shape
 from solver_adapters.checks.mesh import twice
 from solver_adapters.interface import BadSimulationError, Simulation
-
-AnyArray = NDArray[Any]
 
 _AT_REST = 1e-9  # µm, of a first motion
 _RIGID = 1e-8  # smallest singular value, in shares of the largest, of a rigid motion that is held

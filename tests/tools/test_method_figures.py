@@ -7,8 +7,8 @@ from typing import get_args
 import pytest
 from PIL import Image
 
-from driver.diagnosis.answer.verdict import Kind
-from tools.method_figures import EXPLAINED, FIGURES, FOLDER, draw_all, kind_of
+from driver.diagnosis.answer.verdict import LEAST_EXPLAINED, Kind
+from tools.method_figures import FIGURES, FOLDER, draw_all, kind_of
 
 LARGEST = 80_000  # bytes of a figure
 
@@ -46,10 +46,10 @@ def test_the_flow_of_the_verdict_ends_in_every_kind() -> None:
         kind_of(left=True),
         kind_of(added=1),
         kind_of(added=1, rivals=1),
-        kind_of(added=1, left=True, explained=EXPLAINED),
+        kind_of(added=1, left=True, explained=LEAST_EXPLAINED),
     ]
     assert set(ends) == set(get_args(Kind)) and len(ends) == len(set(ends))
-    assert kind_of(added=1, left=True, explained=EXPLAINED - 0.01) == "unexplained"
+    assert kind_of(added=1, left=True, explained=LEAST_EXPLAINED - 0.01) == "unexplained"
 
 
 def test_the_questions_of_the_flow_are_asked_in_its_order() -> None:

@@ -185,20 +185,20 @@ def still_missed(where: ResidualLocalisation) -> str:
 
 
 def _most_of(who: str, every: Sequence[Excess]) -> str:
-    places, silent = [], []
+    clauses, silent = [], []
     for signal in ("the images", LOADS):
         of = [part for part in every if (part.place == LOADS) == (signal == LOADS)]
         if seen := [part for part in of if part.seen]:
-            places.append(_where_and_when(signal, seen))
+            clauses.append(_where_and_when(signal, seen))
         elif of:
             silent.append(signal)
-    if not places:
+    if not clauses:
         return (
             f"{who} leaves no more than noise at any single place of the face, in any single phase "
             "of the test and in the loads."
         )
     rest = f"; {silent[0]} show nothing beyond noise" if silent else ""
-    return f"{who} misses what {', and '.join(places)}{rest}."
+    return f"{who} misses what {', and '.join(clauses)}{rest}."
 
 
 def _where_and_when(signal: str, seen: Sequence[Excess]) -> str:

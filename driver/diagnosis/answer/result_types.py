@@ -142,7 +142,7 @@ class DiscretisationCheck:
     Attributes:
         effect: largest effect on the score of any cause [σ].
         along: the cause whose score it would change most, or the added parameter.
-        needed: what has to be refined, None where the gate is passed.
+        needed: what has to be refined, None where the check is passed.
         between_meshes: whether it is the change from one finer mesh to another.
     """
 
@@ -158,7 +158,7 @@ class DiscretisationCheck:
 
     @property
     def words(self) -> str | None:
-        """What is wrong and what is needed, None where the gate is passed."""
+        """What is wrong and what is needed, None where the check is passed."""
         if self.needed is None:
             return None
         finer = {

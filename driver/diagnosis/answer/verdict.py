@@ -20,7 +20,8 @@ Kind = Literal[
 ]
 
 MOST_ADDITIONS = 3
-_MOST = 0.9  # share of what is no noise without which a name explains nothing
+LEAST_EXPLAINED = 0.9
+"""Share of what is no noise without which a name explains nothing."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def decide(
         return _without_a_name(left, imaging_limited, tried)
     sets = _beside_each_other(added)
     best = [group[0] for group in sets]
-    named = _capital("; and ".join(_said(group) for group in sets))
+    answer = _capital("; and ".join(_said(group) for group in sets))
     # A noise is no effect that others could be the shadow of.
     effects = [cause for cause in best if cause != BOUNDARY_NOISE]
     if len(effects) >= MOST_ADDITIONS:
@@ -89,7 +90,7 @@ def decide(
             "data, but so many at once are more likely the shadow of one that was not tried.",
             "Look at the maps of what is left, and think of a cause of your own.",
         )  # fmt: skip
-    if left and explained < _MOST:
+    if left and explained < LEAST_EXPLAINED:
         return Verdict(
             "unexplained", sets,
             f"The best that was tried ({_titles(best)}) explains {explained:.0%} of the "
@@ -100,11 +101,11 @@ def decide(
     if left:
         return Verdict(
             "named, but something is left", sets,
-            f"{named}. This explains a part; what is left is still not noise: {_list(left)}.",
+            f"{answer}. This explains a part; what is left is still not noise: {_list(left)}.",
             do_next + " Then look at the maps of what is left.",
         )  # fmt: skip
     several = any(len(group) > 1 for group in sets)
-    return Verdict("one of this set" if several else "named", sets, f"{named}.", do_next)
+    return Verdict("one of this set" if several else "named", sets, f"{answer}.", do_next)
 
 
 def with_places(verdict: Verdict, missed: str) -> Verdict:

@@ -123,8 +123,8 @@ def user_causes(case: Case) -> tuple[Cause, ...]:
         for other in causes.values():
             if set(other.parameters) == set(cause.parameters):
                 expected = f"other parameters than those of {other.name}"
-                named = f"{cause.name} of {', '.join(cause.parameters)}"
-                raise InputError(sentence(path, "causes.parameters", named, expected))
+                found = f"{cause.name} of {', '.join(cause.parameters)}"
+                raise InputError(sentence(path, "causes.parameters", found, expected))
         causes[cause.name] = cause
     return tuple(causes.values())
 

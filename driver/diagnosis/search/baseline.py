@@ -70,8 +70,10 @@ def prepared(
     free, fitted = baseline.best.free, baseline
     if bad:
         for outlier in bad:
-            logger.info(f"  the load of image {outlier.frame} is off by {outlier.off:+.3g} µN "
-                f"({outlier.sigmas:+.1f} σ): it is left out")  # fmt: skip
+            logger.info(
+                f"  the load of image {outlier.frame} is off by {outlier.off:+.3g} µN "
+                f"({outlier.sigmas:+.1f} σ): it is left out"
+            )
         data = replace(objective.data, bad_loads=tuple(outlier.frame for outlier in bad))
         objective = replace(objective, data=data)
         fitted = _fitted_again(objective, fitted)
@@ -160,8 +162,10 @@ def with_load_noise(data: Data, fitted: Evaluation) -> Data:
     factor, degrees = load_noise(fitted, data)
     noise = factor * data.load_noise
     if factor != 1.0:
-        logger.info(f"  noise of the loads {noise:.3g} µN, {factor:.2f} of that before, "
-            f"by {degrees:.0f} degrees of freedom")  # fmt: skip
+        logger.info(
+            f"  noise of the loads {noise:.3g} µN, {factor:.2f} of that before, "
+            f"by {degrees:.0f} degrees of freedom"
+        )
     return replace(data, load_noise=noise, load_degrees=degrees)
 
 

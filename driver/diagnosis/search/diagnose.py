@@ -71,8 +71,8 @@ def diagnose(
     )
     begin = loads_taken_back(begin, stops, candidates, names)
     left += begin.left + (() if stops.why is None else (stops.why,))
-    for item in left:
-        logger.info(f"  {item.cause} is not examined: {item.why}")
+    for unexamined in left:
+        logger.info(f"  {unexamined.cause} is not examined: {unexamined.why}")
     selection = forward_selection(begin, finer, stops, settings)
     first, end, steps = selection.begin, selection.end, list(selection.steps)
     fitted, current, last = end.fit, end.objective, end.finer.one
@@ -108,9 +108,9 @@ def diagnose(
     verdict = with_doubts(
         verdict,
         [
-            f"the fit of the {name} model has not converged ({item.reason})"
-            for name, item in fits.items()
-            if not item.converged
+            f"the fit of the {name} model has not converged ({fit.reason})"
+            for name, fit in fits.items()
+            if not fit.converged
         ],
         [*selection.doubts, *_at_bounds(end)],
     )
@@ -123,7 +123,7 @@ def diagnose(
         baseline_objective=first.objective,
         extended=fitted,
         objective=current,
-        bad_loads=tuple(item for item in begin.bad if item.frame in current.data.bad_loads),
+        bad_loads=tuple(load for load in begin.bad if load.frame in current.data.bad_loads),
         steps=tuple(steps),
         causes=tuple(causes),
         numerics=passed,

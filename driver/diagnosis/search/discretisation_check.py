@@ -1,4 +1,4 @@
-"""The gate of numerics: does the simulation's own error change enough to be taken for a cause?"""
+"""The discretisation check: could the simulation's own error be taken for a cause?"""
 
 from __future__ import annotations
 

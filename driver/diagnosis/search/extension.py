@@ -25,7 +25,7 @@ logger = logging.getLogger(__name__)
 
 _FAR = 30.0
 """σ by which a prediction may move from where its correction was taken: a correction has changed
-by a hundredth of what the prediction moved by, and the gate of numerics is 1 σ."""
+by a hundredth of what the prediction moved by, and the discretisation check lets 1 σ pass."""
 _MOST_CORRECTIONS = 3  # of one extended model
 
 

@@ -167,8 +167,8 @@ def _of_the_mean(scores: Sequence[Score]) -> list[Score]:
 def _look(task: _Task) -> _Look:
     """Both sides of a cause, and a refit from the one that promises more."""
     with collected_lines() as lines:
-        score, refits = _best_score(task)
-    return _Look(score, tuple(refits), tuple(lines))
+        best, refits = _best_score(task)
+    return _Look(best, tuple(refits), tuple(lines))
 
 
 def _best_score(task: _Task) -> tuple[Score, list[Refit]]:

@@ -50,7 +50,7 @@ def held_against_both(
     """Hold what is significant against another mesh.
 
     A score stays if it is significant with the mean of both corrections, or if the other mesh
-    moves it by less than the gate allows.
+    moves it by less than `GATE`.
 
     Args:
         finer: the finer models.

@@ -46,7 +46,7 @@ def strays(stack: FloatArray, region: BoolArray) -> BoolArray:
     """
     beyond = stack - np.median(stack, axis=0)
     beyond -= np.median(beyond[:, region], axis=1)[:, None, None]
-    marked = np.any([_outside(mask, region) for mask in beyond], axis=0)
+    marked = np.any([_outside(of_image, region) for of_image in beyond], axis=0)
     return _grown(np.asarray(marked), region)
 
 

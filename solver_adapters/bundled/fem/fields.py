@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from meshes.arrays import FloatArray, IntArray
+from meshes.arrays import AnyArray, FloatArray, IntArray
 from meshes.cells import outer_triangles
 from solver_adapters.bundled.fem.element import (
     Element,
@@ -28,8 +27,6 @@ from solver_adapters.bundled.fem.initial import (
 )
 from solver_adapters.bundled.law.law import N_STATE, S_X2
 from solver_adapters.interface import Direction, Simulation
-
-AnyArray = NDArray[Any]
 
 AT_REST = ("x0", "eigenstrain", "skin_tau0", "skin_thickness")
 """Scalars of the law that act through the fields of this module, not through local constants."""

@@ -9,14 +9,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meshes.arrays import AnyArray
 from solver_adapters.bundled.law.law import N_STATE, NS, S_X, STRAIN_MODES
 from solver_adapters.crystal import slip_systems
 from solver_adapters.interface import UnsupportedError
 from solver_adapters.material import StrainMeasure
-
-AnyArray = NDArray[Any]
 
 # Pairs of point and facet that are looked at in one go.
 _PAIRS = 2_000_000

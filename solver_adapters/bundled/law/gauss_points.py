@@ -251,8 +251,8 @@ class Points:
         Args:
             H: as in `update`.
             state0: as in `update`.
-            dt: as in `update`.
             slips: converged slips of the step, (n_points, 24).
+            dt: as in `update`.
             dH: derivative of H, (n_points, 9, k).
             tangents: derivative of the law.
             out: filled; its state is that at the start, and becomes that at the end.

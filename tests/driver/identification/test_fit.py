@@ -26,10 +26,6 @@ PLAIN = [Parameter(name, "", 0.0, scale) for name, scale in (("a", 1.0), ("b", 0
 ZERO = dict.fromkeys("abc", 0.0)
 
 
-def silent(line: str) -> None:
-    pass
-
-
 def linear(p: FloatArray) -> tuple[FloatArray, FloatArray]:
     return p @ A, A
 

@@ -37,10 +37,6 @@ NAMES = elongation_names(5)
 TRUE = {"tau0": 46.0, "c": 34e3, "d": 1300.0, "lambda_plus_Y": 0.9, "lambda_minus_Z": 1.1}
 
 
-def silent(line: str) -> None:
-    pass
-
-
 def test_knots_are_read_off_a_measured_motion_whatever_its_reference() -> None:
     motion = WEIGHTS @ [0.0, *KNOTS] + 0.004
     assert knot_start(WEIGHTS, motion, NAMES) == pytest.approx(dict(zip(NAMES, KNOTS, strict=True)))

@@ -20,7 +20,7 @@ def test_the_ratio_stands_beside_that_of_the_grips() -> None:
 
 
 def test_sound_grips_are_called_so() -> None:
-    ratio, phases, verdict = sentences(checked())
+    _, phases, verdict = sentences(checked())
     assert "in loading and" in phases and "in unloading" in phases
     assert verdict.startswith("Within the noise all phases are straight")
 

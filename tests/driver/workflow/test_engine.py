@@ -18,6 +18,7 @@ from driver.workflow.engine import (
     finished,
     measured_files,
     run_stages,
+    stage_key,
 )
 from driver.workflow.run_lock import BusyError
 
@@ -303,15 +304,32 @@ def test_what_has_changed_since_a_stage_has_run_is_told(workshop: Workshop) -> N
     assert changed(measure) == "an earlier stage has changed"
     newer = replace(measure, version="99")
     assert changed(newer) == f"of version {measure.version} of this stage, which has 99"
-    missing = replace(measure, files=lambda case: [workshop.folder / "gone.tif"])
+    missing = replace(
+        measure, files=lambda case: (*measured_files(case), workshop.folder / "gone.tif")
+    )
     assert changed(missing) == "gone.tif is empty or not there"
     (workshop.folder / "there.tif").write_bytes(b"levels")
-    there = replace(measure, files=lambda case: [workshop.folder / "there.tif"])
+    there = replace(
+        measure, files=lambda case: (*measured_files(case), workshop.folder / "there.tif")
+    )
     assert changed(there) == "there.tif has changed"
+    more: Done = {**entry, "inputs": {**entry["inputs"], "old.tif": "0"}}
+    assert changed(measure, more) == "old.tif is read no more"
     without: Done = {
         "key": entry["key"], "outputs": [], "finished": entry["finished"], "seconds": 1.0
     }  # fmt: skip
     assert changed(measure, without) == "of another version of prismid"
+
+
+def test_the_key_of_a_stage_does_not_depend_on_how_its_case_is_named(
+    workshop: Workshop, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames = workshop.folder / "images.tif"
+    workshop.edit('frames = "images.tif"', f'frames = "{frames}"')
+    monkeypatch.chdir(workshop.folder)
+    measure = workshop.stages[1]
+    names = (workshop.case_path, Path("case.toml"))
+    assert len({stage_key(measure, load_case(name), "") for name in names}) == 1
 
 
 def test_one_name_for_two_results_is_refused(workshop: Workshop) -> None:
