@@ -52,7 +52,7 @@ def quick(seed: int = 7) -> None:
         if not right[-1]:
             outcome = f"{diagnosis.verdict.kind}, {', '.join(answer) or 'no cause'}"
             statistic = next(
-                s.statistic for s in diagnosis.steps[0].scores if s.cause.name == cause
+                s.statistic for s in diagnosis.rounds[0].scores if s.cause.name == cause
             )
             print(f"miss: {parameter} = {value:g}: {outcome}; its statistic {statistic:.1f}")
     n = len(silent) + len(right)
@@ -77,7 +77,7 @@ def _is_silent(found: Diagnosis) -> bool:
 def _effects(null: Diagnosis) -> dict[str, tuple[str, list[float]]]:
     """By cause its parameter, and the values of it that leave a misfit of `LEVEL`."""
     parameters, effects = null.objective.parameters, {}
-    for score in null.steps[0].scores:
+    for score in null.rounds[0].scores:
         cause = score.cause
         if len(cause.parameters) > 1 or cause.parameters[0] not in parameters:
             continue

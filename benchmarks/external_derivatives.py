@@ -20,10 +20,11 @@ import numpy as np
 from benchmarks.identify_external import small_case
 from driver.forward.build import build_model, mesh_of
 from driver.virtual.truth import stage_program
+from meshes.arrays import FloatArray
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.calculix.adapter import CalculixAdapter
 from solver_adapters.finite_differences import FiniteDifferences
-from solver_adapters.interface import FloatArray, Response, Simulation
+from solver_adapters.interface import Response, Simulation
 
 ASKED = {
     "lambda_plus_Y": 0.85, "lambda_plus_Z": 1.0, "lambda_minus_Y": 0.78, "lambda_minus_Z": 1.0,

@@ -225,7 +225,7 @@ def _saturating(stress: float, step: float, modulus: float, limit: float) -> flo
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class ClosedFormSpecimen:
     """The specimen, its model and the truth of its parameters."""
 
     case: Case
@@ -290,14 +290,14 @@ def pixels() -> FloatArray:
     return np.asarray(xy[inside])
 
 
-def problem(case: Case | None = None) -> Problem:
+def problem(case: Case | None = None) -> ClosedFormSpecimen:
     """Return specimen of a case (`small_case`), with every parameter at its null but the knots."""
     case, h = case or small_case(), history()
     mesh = generate(geometry_of(case), case.specimen.mesh_size)
     model = build_model(case, mesh, h, pixels(), ClosedFormSolver(), 1)
     n = len(KNOTS) + 1
     knots = dict(zip((*elongation_names(n), *tilt_names(n)), (*KNOTS, *TILTS), strict=True))
-    return Problem(case, mesh, h, model, model.null_values() | knots)
+    return ClosedFormSpecimen(case, mesh, h, model, model.null_values() | knots)
 
 
 def relief(x: FloatArray, y: FloatArray) -> FloatArray:
@@ -311,7 +311,7 @@ def relief(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def height_maps(
-    b: Problem, values: Mapping[str, float], seed: int
+    b: ClosedFormSpecimen, values: Mapping[str, float], seed: int
 ) -> tuple[FloatArray, FloatArray]:
     """Frames (T, rows, cols) and repeats [µm] of a specimen with these parameters."""
     signals, _ = time_signals(b.model.simulation(values))
@@ -347,13 +347,13 @@ def height_maps(
     )
 
 
-def stage_error(b: Problem) -> FloatArray:
+def stage_error(b: ClosedFormSpecimen) -> FloatArray:
     """Rigid motion of each frame after the stage has re-centred and refocused [µm], (T, 3)."""
     error = np.random.default_rng(77).uniform(-0.3, 0.3, (b.history.n_images, 3))
     return error * [PIXEL, PIXEL, 0.1]
 
 
-def readings(b: Problem, values: Mapping[str, float], seed: int) -> FloatArray:
+def readings(b: ClosedFormSpecimen, values: Mapping[str, float], seed: int) -> FloatArray:
     """Measured loads [µN], shape (T,)."""
     simulation = b.model.simulation(values)
     _, force = time_signals(simulation)
@@ -365,7 +365,7 @@ def readings(b: Problem, values: Mapping[str, float], seed: int) -> FloatArray:
     return gain * force + drift + LOAD_NOISE * noise
 
 
-def surface_images(b: Problem, values: Mapping[str, float], seed: int) -> SurfaceImages:
+def surface_images(b: ClosedFormSpecimen, values: Mapping[str, float], seed: int) -> SurfaceImages:
     """Return the images of a specimen with these parameters, gradient from the relief itself."""
     frames, repeats = height_maps(b, values, seed)
     images = prepare(frames, repeats, None, PIXEL, ORIGIN, BOUNDS)
@@ -377,7 +377,7 @@ def surface_images(b: Problem, values: Mapping[str, float], seed: int) -> Surfac
     return replace(images, gradient=gradient / (2 * h))
 
 
-def objective(b: Problem, values: Mapping[str, float], seed: int = 0) -> Objective:
+def objective(b: ClosedFormSpecimen, values: Mapping[str, float], seed: int = 0) -> Objective:
     """Return what is minimised for data made with these parameters, without priors."""
     images = surface_images(b, values, seed)
     motion = b.model.predict(values).motion + stage_error(b)[:, None]

@@ -25,7 +25,7 @@ from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.parameters.registry import declared_parameters
 from tools import closed_form
-from tools.closed_form import KNOTS, LAW, SIZES, ClosedFormSolver, Problem, problem
+from tools.closed_form import KNOTS, LAW, SIZES, ClosedFormSolver, ClosedFormSpecimen, problem
 
 PRECISE = 0.2  # µN
 SETTINGS = Settings(
@@ -34,7 +34,7 @@ SETTINGS = Settings(
 """What a test asks of a diagnosis unless it says otherwise."""
 
 
-def finer(b: Problem, by: float = 0.001) -> ForwardModel:
+def finer(b: ClosedFormSpecimen, by: float = 0.001) -> ForwardModel:
     """Return the model of a finer simulation, another by so much (`ClosedFormSolver`)."""
     solver = b.model.adapter
     assert isinstance(solver, ClosedFormSolver)
@@ -50,7 +50,7 @@ def priors(start: Mapping[str, float]) -> dict[str, tuple[float, float]]:
 
 
 def identified(
-    b: Problem, made_with: Objective, sizes: tuple[float, float] = SIZES
+    b: ClosedFormSpecimen, made_with: Objective, sizes: tuple[float, float] = SIZES
 ) -> tuple[Objective, Fit]:
     """Return the baseline of a diagnosis: all but the extensions fitted, with the correction."""
     n = len(KNOTS) + 1
@@ -64,7 +64,7 @@ def identified(
 
 
 def diagnosis_of(
-    b: Problem,
+    b: ClosedFormSpecimen,
     baseline: tuple[Objective, Fit],
     settings: Settings = SETTINGS,
     by: float = 0.001,

@@ -385,7 +385,7 @@ def _hidden_effects() -> Diagnosis:
 @styled
 def diagnosis() -> Figure:
     """Draw log Bayes factors of the best causes in the rounds of a diagnosis."""
-    steps = _hidden_effects().steps
+    steps = _hidden_effects().rounds
     figure = new_figure(4.4)
     for number, (axes, step) in enumerate(
         zip(np.atleast_1d(figure.subplots(1, len(steps))), steps, strict=True), start=1

@@ -69,7 +69,8 @@ def progress_to(
 def collected_lines() -> Iterator[list[str]]:
     """Collect the lines that are told inside instead of handing them on.
 
-    Lines of jobs side by side would interleave. Words for the moment pass through.
+    Words for the moment pass through. For one thread at a time: the handlers are those of the
+    process.
     """
     driver = logging.getLogger(LOGGER)
     level, handlers, propagate = driver.level, driver.handlers[:], driver.propagate
@@ -89,6 +90,13 @@ def collected_lines() -> Iterator[list[str]]:
         driver.setLevel(level)
         driver.handlers[:] = handlers
         driver.propagate = propagate
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep lines back, for one thread at a time: those of jobs side by side would interleave."""
+    with collected_lines():
+        yield
 
 
 def seldom(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from driver.common.progress import collected_lines
+from driver.common.progress import quiet
 from driver.design.detectability import outlooks
 from driver.design.information import LOOSE, knowledge
 from driver.design.schedule import carried_on, changed, compressed
@@ -167,7 +167,7 @@ def simulate(own: Prepared) -> Simulated:
         SolverError: a simulation could not be finished.
     """
     prediction = own.problem.working.predict(own.values, own.names)
-    with collected_lines():
+    with quiet():
         change = correction(
             own.problem.working, own.problem.finer, prediction, own.values, with_steps=True
         )

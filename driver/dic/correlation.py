@@ -13,7 +13,14 @@ from scipy import ndimage
 from driver.common.element_sizes import ELEMENT_UV, ELEMENT_W
 from driver.common.splines.kernels import coefficients, slopes_at
 from driver.dic.basis import Basis, basis_on, motion_at_pixels
-from driver.dic.engine import Noise, Problem, Regularisation, Solution, in_threads, solve
+from driver.dic.engine import (
+    CorrelationProblem,
+    KnownNoise,
+    Regularisation,
+    Solution,
+    in_threads,
+    solve,
+)
 from driver.dic.missing_pixels import mark_gaps
 from driver.dic.pyramid import Starter
 from driver.dic.regularisation import Penalty
@@ -175,12 +182,12 @@ def correlate(
     else:
         slope = _sloped(gradient, f)[rows, cols]
     solution = solve(
-        Problem(
+        CorrelationProblem(
             pixels=Pixels(rows.astype(float), cols.astype(float), f[rows, cols], slope, pixel),
             basis_uv=basis_uv,
             basis_w=basis_w,
             splines=in_threads(_coefficients, options.workers, whole, stack),
-            noise=Noise(n_reference, sigma),
+            noise=KnownNoise(n_reference, sigma),
         ),
         starts,
         Regularisation(

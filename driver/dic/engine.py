@@ -27,7 +27,7 @@ COARSE = 2e-2  # px; largest update at the end before an estimate, and enough to
 
 
 @dataclass(frozen=True)
-class Noise:
+class KnownNoise:
     """What is known of the noise of the images.
 
     Attributes:
@@ -59,7 +59,7 @@ class Regularisation:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class CorrelationProblem:
     """Images to be correlated with one reference.
 
     Attributes:
@@ -74,7 +74,7 @@ class Problem:
     basis_uv: Basis
     basis_w: Basis
     splines: Sequence[FloatArray]
-    noise: Noise
+    noise: KnownNoise
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ class Solution:
     equations: Equations
     coefficients: FloatArray
     residual: FloatArray
-    noise: Noise
+    noise: KnownNoise
     estimate: NoiseAndRoughness
     lost: BoolArray
     iterations: IntArray
@@ -153,7 +153,7 @@ class Solution:
 
 
 def solve(
-    problem: Problem,
+    problem: CorrelationProblem,
     starts: FloatArray,
     regularisation: Regularisation,
     tolerance: float,
@@ -222,7 +222,7 @@ def solve(
 
 
 def _solved(
-    problem: Problem,
+    problem: CorrelationProblem,
     system: System,
     estimate: NoiseAndRoughness,
     starts: FloatArray,
@@ -258,7 +258,7 @@ def _lost(ends: Sequence[End]) -> BoolArray:
     return np.array([end.reason in ("left", "diverged") for end in ends])
 
 
-def _sigma(system: System, ends: Sequence[End], noise: Noise) -> float:
+def _sigma(system: System, ends: Sequence[End], noise: KnownNoise) -> float:
     """Noise of one image that the residuals of those that are not lost say."""
     squares, freedom, each = 0.0, 0.0, system.freedom()
     for end, kept in zip(ends, followed(_lost(ends)), strict=True):
@@ -268,7 +268,7 @@ def _sigma(system: System, ends: Sequence[End], noise: Noise) -> float:
     return float(np.sqrt(squares / max(freedom, 1.0)))
 
 
-def _variance(system: System, p: FloatArray, noise: Noise, sigma: float) -> FloatArray:
+def _variance(system: System, p: FloatArray, noise: KnownNoise, sigma: float) -> FloatArray:
     """Variance of ρ from noise alone, for nodal values p of one image, shape (n_pix,)."""
     at = system.pixels
     shift = motion_at_pixels(system.basis_uv, system.basis_w, p[None])[0, :, :2] / at.pixel

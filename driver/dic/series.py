@@ -10,7 +10,7 @@ from scipy.sparse import csr_array, diags_array, hstack
 
 from driver.common.element_sizes import ELEMENT_UV, ELEMENT_W
 from driver.dic.basis import Basis, basis_on, motion_at_pixels
-from driver.dic.engine import Noise, Problem, Regularisation, followed, solve
+from driver.dic.engine import CorrelationProblem, KnownNoise, Regularisation, followed, solve
 from driver.dic.first_pass import first_pass
 from driver.dic.interpolation_noise import mean_autocorrelation, noise_of_right_side
 from driver.dic.missing_pixels import Equations
@@ -133,12 +133,12 @@ def measure(
     starts = first_pass(images, stiff)
     images = refine_gradient(images, motion_at_pixels(basis_uv, basis_w, starts))
     solution = solve(
-        Problem(
+        CorrelationProblem(
             pixels=_pixels(images),
             basis_uv=basis_uv,
             basis_w=basis_w,
             splines=list(images.frames.coefficients),
-            noise=Noise(n_reference, images.sigma, images.sigma_flat),
+            noise=KnownNoise(n_reference, images.sigma, images.sigma_flat),
         ),
         starts,
         Regularisation(penalty, wanted, np.inf),

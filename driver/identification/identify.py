@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 
 from driver.common.parallel import side_by_side
-from driver.common.progress import collected_lines
+from driver.common.progress import quiet
 from driver.forward.model import ForwardModel
 from driver.forward.prediction import Prediction
 from driver.identification.boundary_jitter import boundary_jitter
@@ -215,7 +215,7 @@ def _best_start(task: _Task) -> tuple[_First, tuple[Outcome, ...]]:
     )  # fmt: skip
 
 
-@collected_lines()
+@quiet()
 def _from_a_start(task: _Task) -> _First:
     return _first_stages(task)
 

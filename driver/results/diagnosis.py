@@ -7,7 +7,7 @@ from typing import Any
 
 from driver.diagnosis.answer.detection_limits import not_found
 from driver.diagnosis.answer.residual_localisation import Excess, ResidualLocalisation, as_text
-from driver.diagnosis.answer.result_types import Diagnosis, Step
+from driver.diagnosis.answer.result_types import Diagnosis, Round
 from driver.diagnosis.causes.ebsd_flips import FLIPS
 from driver.diagnosis.statistics.goodness_of_fit import GoodnessOfFit
 from driver.diagnosis.statistics.score_test import Score
@@ -101,7 +101,7 @@ def diagnosis_record(
         "not_examined": {left.cause: left.why for left in found.not_examined},
         "baseline": {"values": fitted(before), **_end(before)},
         "extended": {"values": fitted(after), **_end(after)},
-        "steps": [_step_record(step, objective) for step in found.steps],
+        "steps": [_round_record(round_, objective) for round_ in found.rounds],
     }
     if decks is not None:
         record["decks"] = dict(decks)
@@ -147,16 +147,16 @@ def _not_found(found: Diagnosis, objective: Objective) -> dict[str, str]:
     """Each cause that was tried and is not named: what the last round would have seen of it."""
     parameters = {**objective.parameters, **COVARIANCE_PARAMETERS}
     named = set(found.verdict.names)
-    flips = [s for step in found.steps for s in step.scores if s.cause in FLIPS]
+    flips = [s for round_ in found.rounds for s in round_.scores if s.cause in FLIPS]
     return {
-        s.cause.name: not_found(s, found.steps[-1], parameters)
-        for s in (*flips, *found.steps[-1].scores)
+        s.cause.name: not_found(s, found.rounds[-1], parameters)
+        for s in (*flips, *found.rounds[-1].scores)
         if s.cause.name not in named and s.cause.category != "numerics"
     }
 
 
-def _step_record(step: Step, objective: Objective) -> dict[str, Any]:
-    refits = {refit.cause.name: refit for refit in step.refits}
+def _round_record(round_: Round, objective: Objective) -> dict[str, Any]:
+    refits = {refit.cause.name: refit for refit in round_.refits}
     parameters = {**objective.parameters, **COVARIANCE_PARAMETERS}
 
     def refitted(name: str) -> dict[str, Any] | None:
@@ -197,13 +197,13 @@ def _step_record(step: Step, objective: Objective) -> dict[str, Any]:
         }
 
     return {
-        "chi_load": step.chi_load,
-        "chi_image": step.chi_image,
-        "widened": step.widened,
-        "omnibus": _omnibus_record(step.goodness_of_fit),
-        "named": list(step.named),
-        "left_something": list(step.left_something),
-        "causes": [scored(s) for s in step.scores],
+        "chi_load": round_.chi_load,
+        "chi_image": round_.chi_image,
+        "widened": round_.widened,
+        "omnibus": _omnibus_record(round_.goodness_of_fit),
+        "named": list(round_.named),
+        "left_something": list(round_.left_something),
+        "causes": [scored(s) for s in round_.scores],
     }
 
 

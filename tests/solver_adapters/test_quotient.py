@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_adapters.interface import Direction, FloatArray, Response
+from meshes.arrays import FloatArray
+from solver_adapters.interface import Direction, Response
 from solver_adapters.quotient import (
     ASYMMETRY,
     MOST_STEPS,

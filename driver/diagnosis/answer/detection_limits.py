@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from driver.diagnosis.answer.result_types import Step
+from driver.diagnosis.answer.result_types import Round
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE, NOISE_NOT_UNIFORM
 from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
@@ -24,7 +24,7 @@ UNDETECTABLE = 3.0
 """Prior scales that few effects exceed: what is seen only beyond is as good as undetectable."""
 
 
-def not_found(scored: Score, last: Step, parameters: Mapping[str, Parameter]) -> str:
+def not_found(scored: Score, last: Round, parameters: Mapping[str, Parameter]) -> str:
     """One sentence on a cause that the verdict does not name.
 
     Args:
@@ -37,7 +37,7 @@ def not_found(scored: Score, last: Step, parameters: Mapping[str, Parameter]) ->
     return not_seen(scored, parameters)
 
 
-def _why_not(scored: Score, last: Step) -> str:
+def _why_not(scored: Score, last: Round) -> str:
     refit = next((r for r in last.refits if r.cause == scored.cause), None)
     if last.lost is not None:
         return "the other finer mesh takes it away"

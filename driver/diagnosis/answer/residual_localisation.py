@@ -156,7 +156,7 @@ def residual_localisation(
     """
     places = places_on(geometry, found.objective.data.image.images.xy)
     phases = phases_of(history)
-    first, last = found.steps[0].widened ** 2, found.steps[-1].widened ** 2
+    first, last = found.rounds[0].widened ** 2, found.rounds[-1].widened ** 2
     objective = found.baseline_objective
     before = excess(found.baseline.inside(objective), objective, places, phases, first)
     if not found.causes:

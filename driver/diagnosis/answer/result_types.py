@@ -53,7 +53,7 @@ class Settings:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class Round:
     """One round of screening, and the cause that it added, if any.
 
     Attributes:
@@ -92,7 +92,7 @@ class Diagnosis:
         extended: the fit with the causes that were added (the baseline where there are none).
         objective: the objective of the extended fit.
         bad_loads: the loads that were left out.
-        steps: the rounds.
+        rounds: the rounds.
         causes: the causes that were added.
         numerics: the test of the simulation's own error.
         held_out: score of the held-out cycle before and after, None where none is held out.
@@ -110,7 +110,7 @@ class Diagnosis:
     extended: Fit
     objective: Objective
     bad_loads: tuple[BadLoad, ...]
-    steps: tuple[Step, ...]
+    rounds: tuple[Round, ...]
     causes: tuple[Cause, ...]
     numerics: DiscretisationCheck
     held_out: tuple[HeldOut, HeldOut] | None

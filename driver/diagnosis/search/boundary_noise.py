@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from driver.common.progress import collected_lines
+from driver.common.progress import quiet
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.candidates import NotExamined
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
@@ -197,7 +197,7 @@ def refit_boundary_noise(
     noise, best = in_fast_loads(stops, baseline, objective.data), baseline
     for turn in range(_TURNS):
         noisy = with_level(objective, stops, noise)
-        with collected_lines():
+        with quiet():
             result = fit(
                 noisy, best.values, best.free, MOST_ITERATIONS,
                 start=noisy.with_free(best, best.free), tolerance=TOLERANCE,

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
-from driver.common.progress import collected_lines
+from driver.common.progress import quiet
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import TOLERANCE, Executor, refit_of, with_prior
@@ -81,7 +81,7 @@ def with_candidate_corrections(
     return sorted([*own, *others], key=lambda refit: -refit.log_evidence)
 
 
-@collected_lines()
+@quiet()
 def _under_its_own(task: _Task) -> Refit | Failure:
     """Return the refit under the correction at its end, or why there is none."""
     refit, cause = task.refit, task.refit.cause

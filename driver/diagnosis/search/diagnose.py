@@ -6,7 +6,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
-from driver.diagnosis.answer.result_types import Diagnosis, Settings, Step
+from driver.diagnosis.answer.result_types import Diagnosis, Round, Settings
 from driver.diagnosis.answer.verdict import decide, with_doubts
 from driver.diagnosis.causes.all_causes import EVERY
 from driver.diagnosis.causes.candidates import NotExamined, not_examined
@@ -74,18 +74,18 @@ def diagnose(
     for unexamined in left:
         logger.info(f"  {unexamined.cause} is not examined: {unexamined.why}")
     selection = forward_selection(begin, finer, stops, settings)
-    first, end, steps = selection.begin, selection.end, list(selection.steps)
+    first, end, rounds = selection.begin, selection.end, list(selection.rounds)
     fitted, current, last = end.fit, end.objective, end.finer.one
     causes, levels = list(end.causes), dict(end.levels)
     if uneven is not None:
-        steps = [_with_score(step, uneven.score) for step in steps]
+        rounds = [_with_score(round_, uneven.score) for round_ in rounds]
     logger.info("the correction once more, and the held-out cycle predicted from the others")
     final = final_comparison(
         (first.fit, first.objective), (fitted, current), causes, last, cycles, settings
     )
     added = [n for cause in causes if cause not in COVARIANCE for n in cause.parameters]
-    passed = discretisation_check(current, fitted, final.fresh, last, steps[-1].scores, added)
-    lost = steps[-1].lost
+    passed = discretisation_check(current, fitted, final.fresh, last, rounds[-1].scores, added)
+    lost = rounds[-1].lost
     if lost is not None and not causes:
         passed = lost
     logger.info(
@@ -94,15 +94,15 @@ def diagnose(
     explained = share_explained(final.uncounted, fitted.best) if causes else float("nan")
     of_causes = {cause.name for cause in causes}
     # What was dropped and added again counts once.
-    sets = {step.named[0]: step.named for step in steps if of_causes & set(step.named[:1])}
+    sets = {round_.named[0]: round_.named for round_ in rounds if of_causes & set(round_.named[:1])}
     by_name = {cause.name: cause for cause in (*EVERY, *settings.own)}
     verdict = decide(
         [[by_name[name] for name in names] for names in sets.values()],
-        steps[-1].goodness_of_fit.seen,
+        rounds[-1].goodness_of_fit.seen,
         settings.imaging_limited,
         passed.words,
-        share_described(final.uncounted, fitted.best, steps[-1].goodness_of_fit.left),
-        any(s.degrees for step in steps for s in step.scores),
+        share_described(final.uncounted, fitted.best, rounds[-1].goodness_of_fit.left),
+        any(s.degrees for round_ in rounds for s in round_.scores),
     )
     fits = {"identified": first.fit} | ({"extended": fitted} if causes else {})
     verdict = with_doubts(
@@ -124,13 +124,13 @@ def diagnose(
         extended=fitted,
         objective=current,
         bad_loads=tuple(load for load in begin.bad if load.frame in current.data.bad_loads),
-        steps=tuple(steps),
+        rounds=tuple(rounds),
         causes=tuple(causes),
         numerics=passed,
         held_out=final.held_out,
         explained=explained,
         log_evidence=end.of_noise + log_evidence(final.before, fitted.best, current, causes),
-        not_examined=left + _never_tried(steps),
+        not_examined=left + _never_tried(rounds),
         verdict=verdict,
         levels=levels,
     )
@@ -148,18 +148,18 @@ def _at_bounds(end: Extension) -> list[str]:
     ]
 
 
-def _never_tried(steps: Sequence[Step]) -> tuple[NotExamined, ...]:
+def _never_tried(rounds: Sequence[Round]) -> tuple[NotExamined, ...]:
     """Return the flips of the EBSD frame that no round tried, with the reason of the last one."""
-    tried = {s.cause.name for step in steps for s in step.scores}
+    tried = {s.cause.name for round_ in rounds for s in round_.scores}
     why = {
         untried.cause: untried
-        for step in steps
-        for untried in step.untried
+        for round_ in rounds
+        for untried in round_.untried
         if untried.cause not in tried
     }
     return tuple(why.values())
 
 
-def _with_score(step: Step, score: Score) -> Step:
-    scores = sorted((*step.scores, score), key=lambda s: -s.log_evidence)
-    return replace(step, scores=tuple(scores))
+def _with_score(round_: Round, score: Score) -> Round:
+    scores = sorted((*round_.scores, score), key=lambda s: -s.log_evidence)
+    return replace(round_, scores=tuple(scores))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from driver.common.progress import collected_lines
+from driver.common.progress import quiet
 from driver.diagnosis.answer.result_types import DiscretisationCheck, Refinement
 from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.statistics.score_test import Score
@@ -103,7 +103,7 @@ def _refinement(
         model, steps_per_interval=finer.steps_per_interval, accuracy=finer.accuracy,
         adapter=finer.adapter,
     )  # fmt: skip
-    with collected_lines():
+    with quiet():
         halved = correction(model, between, here.best.prediction, here.values)
     of_steps = along.effect(whitened_difference(objective, halved, Correction()))
     of_mesh = along.effect(whitened_difference(objective, fresh, halved))

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from driver.common.parallel import side_by_side
-from driver.common.progress import collected_lines
+from driver.common.progress import quiet
 from driver.diagnosis.answer.result_types import HeldOut, Settings
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
@@ -103,7 +103,7 @@ class _Again:
     fit: Fit
 
 
-@collected_lines()
+@quiet()
 def _run(task: _Refresh | _Again | HeldOutTask) -> Correction | Fit | HeldOut:
     if isinstance(task, HeldOutTask):
         return predict_held_out(task)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from driver.common.outcomes import Failure, attempt
-from driver.diagnosis.answer.result_types import Refit, Settings, Step
+from driver.diagnosis.answer.result_types import Refit, Round, Settings
 from driver.diagnosis.answer.verdict import MOST_ADDITIONS
 from driver.diagnosis.causes.noise_causes import COVARIANCE
 from driver.diagnosis.search.baseline import Prepared
@@ -16,7 +16,7 @@ from driver.diagnosis.search.extension import Extension, extended
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.selection_round import (
     WITHIN,
-    SelectionRound,
+    ExaminedRound,
     at_first_sight,
     examine,
     is_settled,
@@ -26,7 +26,7 @@ from driver.diagnosis.statistics.score_test import WORTH
 
 logger = logging.getLogger(__name__)
 
-MOST_STEPS = 6  # rounds, where elimination keeps taking back what was added
+MOST_ROUNDS = 6  # rounds, where elimination keeps taking back what was added
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,13 +36,13 @@ class Selection:
     Attributes:
         begin: the model of the first round, to which nothing was added.
         end: the model at last.
-        steps: the rounds.
+        rounds: the rounds.
         doubts: what should have been added and could not be, in words.
     """
 
     begin: Extension
     end: Extension
-    steps: tuple[Step, ...]
+    rounds: tuple[Round, ...]
     doubts: tuple[str, ...] = ()
 
 
@@ -67,10 +67,10 @@ def forward_selection(
     extension = Extension(begin.baseline, begin.objective, finer, (), {}, 0.0, fitted, ())
     before, known = extension, begin.augmented
     first: Extension | None = None
-    steps: list[Step] = []
+    rounds: list[Round] = []
     doubts: dict[str, str] = {}
 
-    def ended(end: Extension, *rounds_: Step) -> Selection:
+    def ended(end: Extension, *rounds_: Round) -> Selection:
         added = {cause.name for cause in end.causes}
         sentences = tuple(why for name, why in doubts.items() if name not in added)
         return Selection(first or end, end, rounds_, sentences)
@@ -78,7 +78,7 @@ def forward_selection(
     while True:
         at = extension.fit.best
         logger.info(f"screening at χ_F {at.chi_load:.2f}, χ of images {at.chi_image:.3f}")
-        round_ = examine(
+        examined = examine(
             extension.fit,
             extension.objective,
             extension.causes,
@@ -87,39 +87,39 @@ def forward_selection(
             known,
             extension.finer,
         )
-        known, step, winner = None, round_.step, round_.winner
-        extension = replace(extension, fit=round_.fit, objective=round_.objective)
+        known, round_, winner = None, examined.round_, examined.winner
+        extension = replace(extension, fit=examined.fit, objective=examined.objective)
         first = first or extension
-        if steps and _leaves_something(round_, extension):
-            better = _by_a_rival(before, steps[-1], stops, settings)
+        if rounds and _leaves_something(examined, extension):
+            better = _by_a_rival(before, rounds[-1], stops, settings)
             if better is not None:
                 end, exchanged, last = better
-                return ended(end, *steps[:-1], exchanged, last)
-        steps.append(step)
+                return ended(end, *rounds[:-1], exchanged, last)
+        rounds.append(round_)
         if winner is None:
-            return ended(extension, *steps)
-        if len(steps) == MOST_STEPS:
+            return ended(extension, *rounds)
+        if len(rounds) == MOST_ROUNDS:
             name = winner.cause.name
             doubts[name] = f"{winner.cause.title} is not added, for the rounds come to no end"
             logger.info(doubts[name])
-            return ended(extension, *steps[:-1], replace(step, named=()))
-        after, steps[-1], failed = _with_the_best(extension, step, settings)
+            return ended(extension, *rounds[:-1], replace(round_, named=()))
+        after, rounds[-1], failed = _with_the_best(extension, round_, settings)
         doubts |= failed
         if after is None:
-            return ended(extension, *steps)
+            return ended(extension, *rounds)
         before, extension = extension, after
 
 
 def _with_the_best(
-    here: Extension, step: Step, settings: Settings
-) -> tuple[Extension | None, Step, dict[str, str]]:
+    here: Extension, round_: Round, settings: Settings
+) -> tuple[Extension | None, Round, dict[str, str]]:
     """Return the model with the best cause of a round that can be simulated finer.
 
     Returns:
         The model, None where there is no such cause; the round, its set that of this cause; those
         before it that cannot be simulated, by name, in words.
     """
-    refits, failed = step.refits, dict[str, str]()
+    refits, failed = round_.refits, dict[str, str]()
     while refits and refits[0].log_evidence > WORTH:
         best = refits[0]
         name = best.cause.name
@@ -132,12 +132,12 @@ def _with_the_best(
             logger.info(failed[name])
             refits = refits[1:]
             continue
-        named = set_of(refits, step.scores) if failed else step.named
-        return after, replace(step, named=named), failed
-    return None, replace(step, named=()), failed
+        named = set_of(refits, round_.scores) if failed else round_.named
+        return after, replace(round_, named=named), failed
+    return None, replace(round_, named=()), failed
 
 
-def _leaves_something(found: SelectionRound, here: Extension) -> bool:
+def _leaves_something(found: ExaminedRound, here: Extension) -> bool:
     """Whether the last addition leaves what is no noise, and what hardly anything can be added to.
 
     What another mesh takes away is an error of the meshes, and asks for no other cause. Nor does
@@ -146,12 +146,13 @@ def _leaves_something(found: SelectionRound, here: Extension) -> bool:
     little = found.winner is None or found.winner.log_evidence < WITHIN
     effects = [cause for cause in here.causes if cause not in COVARIANCE]
     few = len(effects) < MOST_ADDITIONS
-    return little and few and found.step.lost is None and not found.step.goodness_of_fit.accepted
+    round_ = found.round_
+    return little and few and round_.lost is None and not round_.goodness_of_fit.accepted
 
 
 def _by_a_rival(
-    before: Extension, last: Step, stops: BoundaryNoiseSensitivities, settings: Settings
-) -> tuple[Extension, Step, Step] | None:
+    before: Extension, last: Round, stops: BoundaryNoiseSensitivities, settings: Settings
+) -> tuple[Extension, Round, Round] | None:
     """Exchange the last addition for one that cannot be told from it, if that leaves nothing.
 
     A refit is judged by its evidence alone, and of large effects that do much the same the wrong
@@ -168,7 +169,7 @@ def _by_a_rival(
         leaves something.
     """
     rivals = [r for r in last.refits if r.cause.name in last.named[1:] and r.log_evidence > WORTH]
-    exchanged: list[tuple[Refit, Extension, Step]] = []
+    exchanged: list[tuple[Refit, Extension, Round]] = []
     left_something = [last.named[0]]
     for rival in rivals:
         logger.info(f"{last.named[0]} leaves something: {rival.cause.name} is tried in its place")
@@ -188,13 +189,13 @@ def _by_a_rival(
     stand = [rival for rival, _, _ in exchanged]
     left = {r.cause.name for r in last.refits} - {r.cause.name for r in stand}
     scores = [score for score in last.scores if score.cause.name not in left]
-    step = replace(last, named=set_of(stand, scores), left_something=tuple(left_something))
-    return exchanged[0][1], step, exchanged[0][2]
+    round_ = replace(last, named=set_of(stand, scores), left_something=tuple(left_something))
+    return exchanged[0][1], round_, exchanged[0][2]
 
 
 def _exchanged(
     before: Extension, rival: Refit, stops: BoundaryNoiseSensitivities, settings: Settings
-) -> tuple[Extension, Step]:
+) -> tuple[Extension, Round]:
     """Return the model with a rival, and what is left there at first sight."""
     tried = extended(before, rival, settings)
     return tried, at_first_sight(tried.fit, tried.objective, settings, stops)

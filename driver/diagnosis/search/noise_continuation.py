@@ -17,7 +17,7 @@ import numpy as np
 
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
-from driver.common.progress import collected_lines
+from driver.common.progress import quiet
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.refit import (
     HOPEFUL,
@@ -25,9 +25,9 @@ from driver.diagnosis.search.refit import (
     MOST_ITERATIONS,
     TOLERANCE,
     Executor,
-    as_text,
     freed_with,
     nominal,
+    refit_line,
     refit_of,
     with_prior,
 )
@@ -93,7 +93,7 @@ def refit_by_noise_continuation(
     ]
 
     def done(index: int, result: Refit) -> None:
-        logger.info(as_text(result))
+        logger.info(refit_line(result))
 
     return side_by_side(
         _as_precise_as_they_are, hopeful, executor.processes, executor.threads, done
@@ -136,13 +136,13 @@ def _task(
     return _Task(one, with_prior(objective, one.cause), extended, start, baseline)
 
 
-@collected_lines()
+@quiet()
 def _below_soft_loads(task: _Task) -> Fit:
     at = task.start
     return fit(task.soft, at.values, at.free, MOST_ITERATIONS, at, ON_THE_WAY)
 
 
-@collected_lines()
+@quiet()
 def _as_precise_as_they_are(task: _Task) -> Refit:
     """Return the refit, by way of loads half as soft on a logarithmic scale."""
     at = task.start

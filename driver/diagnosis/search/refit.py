@@ -10,7 +10,7 @@ import numpy as np
 
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
-from driver.common.progress import collected_lines
+from driver.common.progress import quiet
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.statistics.bayes_factor import log_bayes_factor
@@ -221,13 +221,13 @@ def refit_from(tasks: Sequence[Start], executor: Executor) -> list[Refit]:
         if isinstance(result, str):
             logger.info(f"  {name}: a start is given up, {result}")
             return
-        logger.info(as_text(result))
+        logger.info(refit_line(result))
 
     ends = side_by_side(_refit, tasks, executor.processes, executor.threads, done)
     return [end for end in ends if isinstance(end, Refit)]
 
 
-def as_text(refit: Refit) -> str:
+def refit_line(refit: Refit) -> str:
     """Return a refit as a line of the log."""
     best = refit.fit.best
     return (
@@ -236,7 +236,7 @@ def as_text(refit: Refit) -> str:
     )
 
 
-@collected_lines()
+@quiet()
 def _refit(task: Start) -> Refit | str:
     """Return the refit, or why the start was given up."""
     objective, begin = task.objective, task.start

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from driver.diagnosis.answer.detection_limits import level_of
-from driver.diagnosis.answer.result_types import DiscretisationCheck, Refit, Settings, Step
+from driver.diagnosis.answer.result_types import DiscretisationCheck, Refit, Round, Settings
 from driver.diagnosis.answer.verdict import MOST_ADDITIONS
 from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.causes.ebsd_flips import FLIPS, flips_of
@@ -54,17 +54,17 @@ WITHIN = 3.0  # log evidence within which causes are not told apart
 
 
 @dataclass(frozen=True, eq=False)
-class SelectionRound:
+class ExaminedRound:
     """A round, and what was examined in it.
 
     Attributes:
-        step: what was found.
+        round_: what was found.
         winner: the refit of the cause to add, None where none stands out.
         fit: the fit that was examined, with both meshes where they were asked for.
         objective: its objective.
     """
 
-    step: Step
+    round_: Round
     winner: Refit | None
     fit: Fit
     objective: Objective
@@ -78,7 +78,7 @@ def examine(
     stops: BoundaryNoiseSensitivities,
     augmented: Evaluation | None,
     finer: FineModels,
-) -> SelectionRound:
+) -> ExaminedRound:
     """Screen all causes, refit the best, and pick the one to add.
 
     Noise of the boundary is the first suspect: where it is worth adding, no other cause is
@@ -140,15 +140,15 @@ def examine(
     winner = refits[0] if refits and refits[0].log_evidence > WORTH else None
     named = set_of(refits, scores) if winner is not None else ()
     chi = here.best.chi_load, here.best.chi_image
-    step = Step(
+    round_ = Round(
         tuple(scores), tuple(refits), named, seen.tests, *chi, seen.widened, trial.untried, lost
     )  # fmt: skip
-    return SelectionRound(step, winner, here, objective)
+    return ExaminedRound(round_, winner, here, objective)
 
 
 def at_first_sight(
     here: Fit, objective: Objective, settings: Settings, stops: BoundaryNoiseSensitivities
-) -> Step:
+) -> Round:
     """Screen all causes, and refit none.
 
     Args:
@@ -161,13 +161,13 @@ def at_first_sight(
     screening = objective.with_free(here.best, names)
     seen = _first_order(here, objective, candidates, screening, settings, stops)
     chi = here.best.chi_load, here.best.chi_image
-    return Step(tuple(seen.scores), (), (), seen.tests, *chi, seen.widened)
+    return Round(tuple(seen.scores), (), (), seen.tests, *chi, seen.widened)
 
 
-def is_settled(step: Step) -> bool:
+def is_settled(round_: Round) -> bool:
     """Whether nothing is left: the tests accept, and no cause is significant."""
-    causes = [s for s in step.scores if s.degrees and s.cause != NUMERICS]
-    return step.goodness_of_fit.accepted and all(s.p >= level_of(s.cause) for s in causes)
+    causes = [s for s in round_.scores if s.degrees and s.cause != NUMERICS]
+    return round_.goodness_of_fit.accepted and all(s.p >= level_of(s.cause) for s in causes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -111,5 +111,5 @@ def test_a_hidden_error_of_the_holds_is_named_and_its_size_found() -> None:
 def test_holds_as_stamped_are_not_named() -> None:
     found = diagnosed(0.0)
     assert found.verdict.kind == "nothing wrong"
-    (scored,) = (s for s in found.steps[0].scores if s.cause.name == "hold_time")
+    (scored,) = (s for s in found.rounds[0].scores if s.cause.name == "hold_time")
     assert scored.p > 0.05 and np.isfinite(scored.visible).all()

@@ -147,7 +147,7 @@ def test_a_pattern_that_was_left_is_named_and_its_share_found() -> None:
 def test_a_pattern_that_was_removed_is_not_named() -> None:
     found = diagnosed(0.0)
     assert found.verdict.kind == "nothing wrong"
-    (scored,) = (s for s in found.steps[0].scores if s.cause.name == "fixed_pattern")
+    (scored,) = (s for s in found.rounds[0].scores if s.cause.name == "fixed_pattern")
     assert scored.p > 0.05 and scored.visible[0] * 0.2 < SHARE
 
 

@@ -24,10 +24,10 @@ from driver.parameters.boundary import elongation_names
 from meshes.arrays import FloatArray
 from solver_adapters.interface import Progress, Response, Simulation, Trajectory
 from tools import closed_form
-from tools.closed_form import KNOTS, LAW, Problem
+from tools.closed_form import KNOTS, LAW, ClosedFormSpecimen
 
 
-def one_image_a_stop() -> Problem:
+def one_image_a_stop() -> ClosedFormSpecimen:
     """The small specimen with an image at the end of each hold only."""
     whole = closed_form.problem()
     stage = whole.history.stage

@@ -122,7 +122,7 @@ def test_an_effect_of_a_term_is_named_by_a_cause_of_ones_own(documented: Path) -
     found = diagnosis_of(problem, identified(problem, made), replace(SETTINGS, own=(*own, cell)))
     assert found.verdict.names[0] == "cell"
     assert found.extended.values["cell_warming"] == pytest.approx(0.5, rel=0.3)
-    scored = {score.cause.name for score in found.steps[0].scores}
+    scored = {score.cause.name for score in found.rounds[0].scores}
     assert {"cell", "swinging_grip"} <= scored
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from driver.diagnosis.answer.detection_limits import not_found, not_seen
-from driver.diagnosis.answer.result_types import Step
+from driver.diagnosis.answer.result_types import Round
 from driver.diagnosis.statistics.score_test import Score
 from solver_adapters.parameter import Parameter
 
@@ -44,8 +44,8 @@ def test_a_cause_that_was_not_found_is_said_with_what_would_have_been_seen(
     assert not_seen(scored, PARAMETERS).startswith(said)
 
 
-def round_of(lost: object = None, *refits: object) -> Step:
-    return cast(Step, SimpleNamespace(lost=lost, refits=refits))
+def round_of(lost: object = None, *refits: object) -> Round:
+    return cast(Round, SimpleNamespace(lost=lost, refits=refits))
 
 
 def seen(name: str = "shift") -> Score:
@@ -59,13 +59,13 @@ def test_of_a_cause_that_is_seen_and_was_not_added_it_is_said_why() -> None:
         SimpleNamespace(cause=s.cause, log_evidence=e) for s, e in ((one, 0.4), (other, 5))
     )
     begin = "seen here (p 0.001) and not added: "
-    for step, why in (
+    for round_, why in (
         (round_of(object()), "the other finer mesh takes it away"),
         (round_of(None, weak), "its refit has a log evidence of +0.4, and 1 is wanted"),
         (round_of(), "no more causes were added"),
         (round_of(None, likely), "others were more likely"),
     ):
-        assert not_found(one, step, PARAMETERS) == begin + why
+        assert not_found(one, round_, PARAMETERS) == begin + why
     assert (
         not_found(other, round_of(None, likely), PARAMETERS) == begin + "no more causes were added"
     )

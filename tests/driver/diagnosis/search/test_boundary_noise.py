@@ -189,10 +189,10 @@ def test_real_noise_is_found_without_bias_by_the_loads_that_are_fast() -> None:
 def test_a_hidden_noise_of_the_boundary_is_named_and_its_level_found() -> None:
     found = diagnosed(NOISE)
     assert found.verdict.kind == "named" and found.verdict.names == ("boundary_noise",)
-    assert found.steps[0].named == ("boundary_noise",) and len(found.steps[0].refits) == 1
+    assert found.rounds[0].named == ("boundary_noise",) and len(found.rounds[0].refits) == 1
     level, sigma = found.levels["sigma_e"]
     assert abs(level - NOISE) < 3 * sigma < level
-    assert found.steps[-1].goodness_of_fit.accepted and found.log_evidence > 5
+    assert found.rounds[-1].goodness_of_fit.accepted and found.log_evidence > 5
     assert found.explained == pytest.approx(1.0, abs=0.1)
     assert found.objective.data.jitter is not None
     # Not five times the stated noise, as it is without σ_e.
@@ -242,7 +242,7 @@ def test_a_suspected_noise_that_is_not_worth_adding_leaves_the_round_to_the_caus
         found = diagnosis_of(BENCH, baseline(NOISE, "tilt_drift", 2e-3), SETTINGS)
     # What the noise leaves in the loads may be taken for something else besides.
     assert "tilt_drift" in found.verdict.names and not found.levels
-    noise = next(s for s in found.steps[0].scores if s.cause == BOUNDARY_NOISE)
+    noise = next(s for s in found.rounds[0].scores if s.cause == BOUNDARY_NOISE)
     assert noise.p < FAMILY_LEVEL
 
 

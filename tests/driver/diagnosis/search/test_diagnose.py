@@ -54,12 +54,12 @@ def test_nothing_is_wrong_where_nothing_was_put_in() -> None:
     found = null()
     assert found.verdict.kind == "nothing wrong" and not found.causes
     assert found.extended is found.baseline and found.log_evidence == 0
-    assert np.isnan(found.explained) and len(found.steps) == 1
+    assert np.isnan(found.explained) and len(found.rounds) == 1
     assert found.held_out is not None and found.held_out[0] == found.held_out[1]
 
 
 def test_every_cause_has_its_score_and_the_smallest_effect_that_would_have_been_seen() -> None:
-    (step,) = null().steps
+    (step,) = null().rounds
     scores = {s.cause.name: s for s in step.scores}
     # This solver knows of no lattice that turns; loads within their noise, no flats.
     left = {f"lattice_gradient_grain{grain}" for grain in (1, 2)}
@@ -80,7 +80,7 @@ def test_a_drift_of_the_heights_is_undetectable_and_no_false_zero() -> None:
     """The closed-form data drift by twenty nanometres, ten times their noise."""
     for found in (null(), diagnosed({"height_drift": 0.02})):
         assert found.verdict.kind == "nothing wrong"
-        (scored,) = (s for s in found.steps[0].scores if s.cause.name == "height_drift")
+        (scored,) = (s for s in found.rounds[0].scores if s.cause.name == "height_drift")
         assert scored.degrees == 0 and scored.p == 1.0 and np.isinf(scored.visible).all()
         assert not_seen(scored, BENCH.model.parameters) == (
             "undetectable here: of no size would these data show it, for the stage refocuses, so "
@@ -106,7 +106,7 @@ def test_what_was_put_in_is_named_and_measured(
     # The prior draws a weakly seen parameter towards its null.
     assert abs(found.extended.values[parameter] - value) < 3.5 * sigma(found, parameter)
     assert found.log_evidence > 5 and found.numerics.passed
-    assert found.steps[0].named[0] == cause and found.steps[-1].named == ()
+    assert found.rounds[0].named[0] == cause and found.rounds[-1].named == ()
 
 
 def test_the_gain_is_measured_on_all_images_and_on_a_cycle_that_was_not_fitted() -> None:
@@ -118,8 +118,8 @@ def test_the_gain_is_measured_on_all_images_and_on_a_cycle_that_was_not_fitted()
     assert found.held_out is not None
     before, after = found.held_out
     assert before.cycle == after.cycle == 2 and after.chi_load < 0.3 * before.chi_load
-    assert found.steps[0].refits and found.steps[-1].goodness_of_fit.accepted
-    assert not found.steps[0].goodness_of_fit.accepted
+    assert found.rounds[0].refits and found.rounds[-1].goodness_of_fit.accepted
+    assert not found.rounds[0].goodness_of_fit.accepted
 
 
 def test_causes_that_scale_the_load_alike_are_one_set() -> None:
@@ -132,14 +132,14 @@ def test_two_effects_come_out_as_two() -> None:
     found = diagnosed({"tilt_drift": 2e-3, "load_drift": 50.0})
     assert found.verdict.kind == "named"
     assert set(found.verdict.names) == {"tilt_drift", "load_drift"}
-    assert found.steps[0].named == ("tilt_drift",) and len(found.steps) == 3
+    assert found.rounds[0].named == ("tilt_drift",) and len(found.rounds) == 3
 
 
 def test_what_is_not_in_the_library_is_not_explained_away() -> None:
     progress = BENCH.model.instrument.progress
     found = diagnosed({}, in_load=20 * np.sin(6 * np.pi * progress))
     assert found.verdict.kind in ("unexplained", "named, but something is left")
-    assert not found.steps[-1].goodness_of_fit.accepted and found.explained < 0.7
+    assert not found.rounds[-1].goodness_of_fit.accepted and found.explained < 0.7
 
 
 @pytest.mark.parametrize("frame", [0, 20, 43])
@@ -204,19 +204,19 @@ def test_a_flipped_frame_is_named_by_trying_it(flip: Cause) -> None:
     found = flipped(flip)
     assert found.verdict.kind == "named" and found.causes == (flip,)
     assert flip.sentence in found.verdict.text[0].lower() + found.verdict.text[1:]
-    assert found.steps[-1].goodness_of_fit.accepted and found.extended.best.chi_image < 1.1
+    assert found.rounds[-1].goodness_of_fit.accepted and found.extended.best.chi_image < 1.1
     assert found.extended.best.free == found.baseline.best.free
     assert found.log_evidence > 10 and found.numerics.passed
     # All three were looked at, and none once more from the flipped frame.
-    assert {s.cause for s in found.steps[0].scores} >= set(FLIPS)
-    assert not {s.cause for s in found.steps[-1].scores} & set(FLIPS)
+    assert {s.cause for s in found.rounds[0].scores} >= set(FLIPS)
+    assert not {s.cause for s in found.rounds[-1].scores} & set(FLIPS)
     assert not {one.cause for one in found.not_examined} & {one.name for one in FLIPS}
 
 
 def test_a_large_effect_of_another_kind_is_no_flip() -> None:
     found = curved()
     assert found.baseline.best.chi_load > 3
-    tried = {s.cause for step in found.steps for s in step.scores} & set(FLIPS)
+    tried = {s.cause for step in found.rounds for s in step.scores} & set(FLIPS)
     assert tried == set(FLIPS) and not tried & set(found.causes)
 
 
@@ -233,7 +233,7 @@ def test_only_wanted_causes_are_tried() -> None:
         {"tilt_drift": 2e-3},
         settings=replace(NONE_HELD_OUT, wanted=("load_gain", "end_rotation")),
     )
-    tried = {s.cause.name for s in found.steps[0].scores}
+    tried = {s.cause.name for s in found.rounds[0].scores}
     assert tried == {"load_gain", "end_rotation", NUMERICS.name}
     assert "tilt_drift" not in found.verdict.names and found.held_out is None
 
@@ -250,13 +250,13 @@ def test_a_value_that_ends_at_its_bound_is_told_and_leaves_what_is_beyond() -> N
     settings = replace(NONE_HELD_OUT, wanted=("tilt_drift", "load_gain"))
     found = diagnosed({"tilt_drift": 1.2e-2}, settings=settings)
     # Along a value that is held at its bound what is left is seen.
-    assert not found.steps[-1].goodness_of_fit.accepted
+    assert not found.rounds[-1].goodness_of_fit.accepted
     assert found.causes[0].name == "tilt_drift" and found.verdict.kind == "unexplained"
     assert "bound, 0.005: the data would have it larger" in found.verdict.text
     below = diagnosed({"tilt_drift": -1.2e-2}, settings=settings)
     assert "bound, -0.005: the data would have it smaller" in below.verdict.text
     # A refit that is held promises nothing that lies beyond.
-    refit = found.steps[0].refits[0]
+    refit = found.rounds[0].refits[0]
     at = refit.fit.best
     assert refit.cause.name == "tilt_drift" and refit.fit.values["tilt_drift"] == 0.005
     assert refit.own_misfit == pytest.approx(float(at.residual @ at.residual), rel=0.02)

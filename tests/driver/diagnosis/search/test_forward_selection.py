@@ -13,7 +13,7 @@ from driver.diagnosis.search.boundary_noise import BoundaryNoiseSensitivities
 from driver.diagnosis.search.extension import Extension, extended
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor, refit_causes
-from driver.diagnosis.search.selection_round import SelectionRound, at_first_sight, examine
+from driver.diagnosis.search.selection_round import ExaminedRound, at_first_sight, examine
 from driver.diagnosis.statistics.screening import screened
 from driver.identification.fit import Fit
 from driver.identification.objective import Evaluation, Objective
@@ -28,26 +28,26 @@ TRUE, WRONG, OTHER = "tilt_drift", "magnification_drift", "end_rotation"
 
 def misled(
     refitted: Sequence[str], named: tuple[str, ...], lost: DiscretisationCheck | None
-) -> Callable[..., SelectionRound]:
+) -> Callable[..., ExaminedRound]:
     """A round that prefers the first of these causes, after which nothing can be added."""
 
     def examined(
         here: Fit, objective: Objective, added: Sequence[Cause], settings: Settings,
         stops: BoundaryNoiseSensitivities, augmented: Evaluation | None, finer: FineModels,
-    ) -> SelectionRound:  # fmt: skip
+    ) -> ExaminedRound:  # fmt: skip
         if added:
             seen = at_first_sight(here, objective, settings, stops)
-            return SelectionRound(replace(seen, lost=lost), None, here, objective)
+            return ExaminedRound(replace(seen, lost=lost), None, here, objective)
         found = examine(here, objective, added, settings, stops, augmented, finer)
         _, names = screened(objective.model, here.best.free, settings.wanted)
         screening = objective.evaluate(here.values, names)
-        by_name = {score.cause.name: score for score in found.step.scores}
+        by_name = {score.cause.name: score for score in found.round_.scores}
         chosen = [by_name[name] for name in refitted]
         refits = refit_causes(chosen, screening, here.best, objective, Executor(1, 1))
         # As near to the best as causes are that evidence does not part.
         refits = [replace(refit, log_evidence=20.0 - k) for k, refit in enumerate(refits)]
         return replace(
-            found, step=replace(found.step, refits=tuple(refits), named=named), winner=refits[0]
+            found, round_=replace(found.round_, refits=tuple(refits), named=named), winner=refits[0]
         )
 
     return examined
@@ -64,7 +64,7 @@ def diagnosed(
 def test_of_causes_that_evidence_does_not_part_the_one_that_leaves_nothing_is_named() -> None:
     found = diagnosed((WRONG, OTHER, TRUE), (WRONG, OTHER, TRUE))
     assert found.verdict.kind == "named" and found.verdict.names == (TRUE,)
-    first, last = found.steps
+    first, last = found.rounds
     assert first.named == (TRUE,) and first.left_something == (WRONG, OTHER)
     assert last.goodness_of_fit.accepted and TRUE in found.extended.best.free
     assert WRONG not in found.extended.best.free
@@ -73,19 +73,19 @@ def test_of_causes_that_evidence_does_not_part_the_one_that_leaves_nothing_is_na
 def test_a_cause_that_was_told_from_the_best_is_not_taken_into_the_set_of_another() -> None:
     found = diagnosed((WRONG, OTHER, TRUE), (WRONG, TRUE))
     assert found.verdict.kind == "named" and found.verdict.names == (TRUE,)
-    assert found.steps[0].named == (TRUE,) and found.steps[0].left_something == (WRONG,)
+    assert found.rounds[0].named == (TRUE,) and found.rounds[0].left_something == (WRONG,)
 
 
 def test_a_cause_of_too_little_evidence_to_be_tried_is_not_told_to_leave_something() -> None:
     with patch.object(forward_selection, "WORTH", 18.5):  # the third has 18
         found = diagnosed((WRONG, TRUE, OTHER), (WRONG, TRUE, OTHER))
-    assert found.steps[0].named == (TRUE,) and found.steps[0].left_something == (WRONG,)
+    assert found.rounds[0].named == (TRUE,) and found.rounds[0].left_something == (WRONG,)
 
 
 def test_where_each_of_a_set_leaves_something_the_one_of_most_evidence_stays() -> None:
     found = diagnosed((WRONG, OTHER), (WRONG, OTHER))
     assert found.verdict.kind == "unexplained"
-    first, last = found.steps
+    first, last = found.rounds
     assert first.named == (WRONG, OTHER) and not first.left_something
     assert not last.goodness_of_fit.accepted and WRONG in found.extended.best.free
 
@@ -93,7 +93,7 @@ def test_where_each_of_a_set_leaves_something_the_one_of_most_evidence_stays() -
 def test_what_another_mesh_takes_away_asks_for_no_other_cause() -> None:
     gone = DiscretisationCheck(2.0, BY_NAME[OTHER], "mesh", between_meshes=True)
     found = diagnosed((WRONG, TRUE), (WRONG, TRUE), gone)
-    assert found.steps[0].named == (WRONG, TRUE) and not found.steps[0].left_something
+    assert found.rounds[0].named == (WRONG, TRUE) and not found.rounds[0].left_something
 
 
 def without_the_rival(error: SolverError) -> Diagnosis:
@@ -113,7 +113,7 @@ def test_a_rival_that_was_not_run_is_not_done_without() -> None:
 
 def test_a_rival_that_cannot_be_simulated_takes_nothing_away() -> None:
     found = without_the_rival(SolverError("no step is short enough"))
-    assert found.steps[0].named == (WRONG, OTHER)
+    assert found.rounds[0].named == (WRONG, OTHER)
 
 
 def unless(*failing: str) -> Callable[[Extension, Refit, Settings], Extension]:
@@ -131,7 +131,7 @@ def test_a_cause_whose_model_cannot_be_simulated_finer_gives_way_to_the_next() -
     with patch.object(forward_selection, "extended", unless(WRONG)):
         found = diagnosed((WRONG, TRUE), (WRONG, TRUE))
     assert found.verdict.kind == "named" and found.verdict.names == (TRUE,)
-    assert found.steps[0].named == (TRUE,)
+    assert found.rounds[0].named == (TRUE,)
     why = "its model cannot be simulated (a cell is inside out)"
     told = f"{BY_NAME[WRONG].title} is not added, for {why}"
     assert told in found.verdict.text and not found.verdict.next.startswith("Let the fit")
@@ -141,14 +141,14 @@ def test_where_none_of_the_causes_can_be_simulated_finer_none_is_named_and_that_
     with patch.object(forward_selection, "extended", unless(WRONG, TRUE)):
         found = diagnosed((WRONG, TRUE), (WRONG, TRUE))
     assert found.verdict.kind == "unexplained" and not found.verdict.names
-    assert found.extended is found.baseline and found.steps[-1].named == ()
+    assert found.extended is found.baseline and found.rounds[-1].named == ()
     assert all(
         f"{BY_NAME[name].title} is not added" in found.verdict.text for name in (WRONG, TRUE)
     )
 
 
 def test_rounds_that_come_to_no_end_are_told() -> None:
-    with patch.object(forward_selection, "MOST_STEPS", 1):
+    with patch.object(forward_selection, "MOST_ROUNDS", 1):
         found = diagnosed((TRUE,), (TRUE,))
     assert found.verdict.kind == "unexplained" and not found.causes
     assert (

@@ -81,7 +81,7 @@ def test_noise_that_differs_over_the_pixels_is_named_and_weighted(kind: str) -> 
 def test_even_noise_is_not_named() -> None:
     found = diagnosed("even")
     assert found.verdict.kind == "nothing wrong" and not found.levels
-    (scored,) = (s for s in found.steps[0].scores if s.cause.name == "noise_not_uniform")
+    (scored,) = (s for s in found.rounds[0].scores if s.cause.name == "noise_not_uniform")
     assert scored.p > 0.05 and 0 < scored.visible[0] < 1
 
 

@@ -89,9 +89,9 @@ def test_what_another_mesh_takes_away_is_not_named_and_a_finer_one_is_asked_for(
     assert "what looks like tilt drift is gone on another mesh" in found.verdict.text
     assert "a mesh half as large is needed" in found.verdict.text
     assert found.numerics.between_meshes and found.numerics.needed == "mesh"
-    first = found.steps[0].scores[0]
+    first = found.rounds[0].scores[0]
     assert found.numerics.effect == pytest.approx(2 * np.linalg.norm(first.components), rel=0.3)
-    assert not found.steps[0].refits
+    assert not found.rounds[0].refits
     assert any("moved by" in line for line in lines)
 
 

@@ -35,7 +35,7 @@ def test_of_a_small_effect_that_its_cause_explains_no_other_cause_is_refitted() 
     objective, baseline = tilting()
     found = examine(baseline, objective, (), EVERY, NO_STOPS, None, FINER)
     assert found.winner is not None and found.winner.cause.name == "tilt_drift"
-    assert len(found.step.refits) == 1
+    assert len(found.round_.refits) == 1
 
 
 def test_where_loads_are_far_off_all_causes_are_tried_though_none_is_significant(
@@ -50,8 +50,8 @@ def test_where_loads_are_far_off_all_causes_are_tried_though_none_is_significant
     assert found.winner is not None and found.winner.cause.name == "tilt_drift"
     tried = next(line for line in lines if line.startswith("a large effect"))
     hopeless = next(line for line in lines if "the first step promises too little of" in line)
-    others = {s.cause.name for s in found.step.scores if s.degrees} - {"tilt_drift"}
-    refitted = {refit.cause.name for refit in found.step.refits}
+    others = {s.cause.name for s in found.round_.scores if s.degrees} - {"tilt_drift"}
+    refitted = {refit.cause.name for refit in found.round_.refits}
     seen = {name for name in others if name in tried and (name in hopeless or name in refitted)}
     assert len(seen) > 20 and others - seen <= {"discretisation", "boundary_noise"}
 
@@ -65,10 +65,10 @@ def test_an_effect_far_beyond_its_prior_is_significant_and_still_not_added() -> 
     narrow = dict(objective.parameters) | {"tilt_drift": replace(usual, scale=1e-6)}
     objective = replace(objective, parameters=narrow)
     found = examine(baseline, objective, (), TILT, NO_STOPS, None, FINER)
-    (refit,) = found.step.refits
-    assert found.step.scores[0].p < NAMING_LEVEL and refit.log_evidence < WORTH
-    assert refit.log_evidence == pytest.approx(found.step.scores[0].log_evidence, abs=0.3)
-    assert found.winner is None and found.step.named == ()
+    (refit,) = found.round_.refits
+    assert found.round_.scores[0].p < NAMING_LEVEL and refit.log_evidence < WORTH
+    assert refit.log_evidence == pytest.approx(found.round_.scores[0].log_evidence, abs=0.3)
+    assert found.winner is None and found.round_.named == ()
 
 
 ALONG = {"a": (1.0, 0.0, 0.0), "b": (0.0, 1.0, 0.0), "like b": (0.0, 0.999, 0.04), "c": (0, 0, 1.0)}

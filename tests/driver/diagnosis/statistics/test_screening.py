@@ -25,7 +25,7 @@ def test_scores_of_small_effects_are_what_a_refit_finds() -> None:
     score = next(s for s in scores if s.cause is cause)
     settings = replace(SETTINGS, wanted=("tilt_drift",))
     found = diagnosis_of(BENCH, (objective, baseline), settings)
-    (refit,) = found.steps[0].refits
+    (refit,) = found.rounds[0].refits
     assert refit.log_evidence == pytest.approx(score.log_evidence, rel=0.05)
     scale = objective.parameters["tilt_drift"].scale
     assert refit.fit.values["tilt_drift"] / scale == pytest.approx(score.estimate[0], rel=0.05)

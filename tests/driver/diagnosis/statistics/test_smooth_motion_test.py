@@ -103,7 +103,7 @@ def diagnosed(solver: closed_form.ClosedFormSolver) -> Diagnosis:
 def test_what_moves_the_face_smoothly_and_is_like_no_cause_is_unexplained() -> None:
     found = diagnosed(Little())
     assert found.verdict.kind == "unexplained" and not found.verdict.names
-    tests = found.steps[-1].goodness_of_fit
+    tests = found.rounds[-1].goodness_of_fit
     assert tests.smooth < 1e-4 and min(tests.image_slow, tests.together) > 0.01
     assert diagnosed(Warped()).verdict.kind == "nothing wrong"
 
@@ -115,7 +115,7 @@ def test_what_looks_like_the_error_of_the_mesh_is_no_smooth_motion() -> None:
     made = replace(closed_form.objective(BENCH, BENCH.truth), model=problem.model)
     settings = replace(SETTINGS, sizes=sizes)
     found = diagnosis_of(problem, identified(problem, made, sizes), settings)
-    (step,) = found.steps
+    (step,) = found.rounds
     assert found.verdict.kind == "nothing wrong" and step.goodness_of_fit.smooth > 0.05
     # It is there, and is told as what it is.
     assert next(s.p for s in step.scores if s.cause == NUMERICS) < 1e-6
