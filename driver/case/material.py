@@ -58,50 +58,65 @@ _STARTABLE = {constant.key: constant.admissible for constant in ELASTIC_CONSTANT
 }
 
 
-def _constant(key: str, default: float, description: str) -> Any:
-    """Return the field of a constant of the law, with the bounds of its declaration."""
+_CONSTANTS = Material()
+_DEFAULTS = {
+    constant.key: 1e-3 * getattr(_CONSTANTS, constant.name) for constant in ELASTIC_CONSTANTS
+} | {parameter.key: getattr(_CONSTANTS, parameter.name) for parameter in MATERIAL_DECLARATIONS}
+
+
+def _constant(key: str, description: str) -> Any:
+    """Return the field of a constant of the law, with default and bounds of its declaration.
+
+    The description stands in the schema and behind the key in a written case.
+    """
     allowed = _STARTABLE[f"material.{key}"]
     above, below = ("gt", "lt") if allowed.open else ("ge", "le")
     bounds: dict[str, Any] = {above: allowed.lower, below: allowed.upper}
     finite = {bound: value for bound, value in bounds.items() if isfinite(value)}
+    default = _DEFAULTS[f"material.{key}"]
     return Field(default=default, description=description, strict=True, **finite)
 
 
 class MaterialTable(Table):
     """Constants of the crystal law, `solver_adapters.material.Material` with units in the names."""
 
-    C11_GPa: float = _constant("C11_GPa", 233.5, "cubic elastic constant")
-    C12_GPa: float = _constant("C12_GPa", 135.5, "cubic elastic constant")
-    C44_GPa: float = _constant("C44_GPa", 118.0, "cubic elastic constant")
-    K: float = _constant("K", 12.0, "viscous stress in MPa·s^(1/n)")
-    n: float = _constant("n", 10.0, "rate exponent")
-    tau0_MPa: float = _constant("tau0_MPa", 40.0, "critical resolved shear stress")
-    c_MPa: float = _constant("c_MPa", 40e3, "kinematic modulus")
-    d: float = _constant("d", 1500.0, "recall of the back stress")
-    Q_MPa: float = _constant("Q_MPa", 0.0, "saturated isotropic hardening")
-    b: float = _constant("b", 30.0, "rate of the isotropic hardening")
-    h_latent: float = _constant("h_latent", 0.0, "added to the interaction matrix off its diagonal")
+    C11_GPa: float = _constant("C11_GPa", "cubic elastic constant")
+    C12_GPa: float = _constant("C12_GPa", "cubic elastic constant")
+    C44_GPa: float = _constant("C44_GPa", "cubic elastic constant")
+    K: float = _constant("K", "viscous stress in MPa·s^(1/n)")
+    n: float = _constant("n", "rate exponent")
+    tau0_MPa: float = _constant("tau0_MPa", "critical resolved shear stress")
+    c_MPa: float = _constant("c_MPa", "kinematic modulus")
+    d: float = _constant("d", "recall of the back stress")
+    Q_MPa: float = _constant("Q_MPa", "saturated isotropic hardening")
+    b: float = _constant("b", "rate of the isotropic hardening")
+    h_latent: float = _constant("h_latent", "added to the interaction matrix off its diagonal")
     Q_latent_MPa: float = _constant(
-        "Q_latent_MPa", 0.0, "saturated hardening of a system by each other one, without Q, too"
+        "Q_latent_MPa", "hardening by each other system, beside Q h; acts where Q is 0, too"
     )
     interaction: Interaction = Field(default=None, description=_INTERACTION)
-    tau0_112: float = _constant("tau0_112", 1.0, "ratio of tau0 on {112} to {110}")
-    tau0_grain2: float = _constant("tau0_grain2", 1.0, "ratio of tau0 in grain 2 to grain 1")
+    tau0_112: float = _constant("tau0_112", "ratio of tau0 on {112}<111> to {110}<111>")
+    tau0_grain2: float = _constant("tau0_grain2", "ratio of tau0 in grain 2 to grain 1")
     tau0_antitwinning: float = _constant(
-        "tau0_antitwinning", 1.0, "ratio of tau0 on {112}, antitwinning to twinning sense"
+        "tau0_antitwinning", "ratio of tau0 on {112}, antitwinning to twinning sense"
     )
-    a1: float = _constant("a1", 0.0, "non-Schmid factor on {110}")
-    c2_MPa: float = _constant("c2_MPa", 0.0, "modulus of a second back stress")
-    d2: float = _constant("d2", 150.0, "recall of the second back stress")
+    a1: float = _constant(
+        "a1", "non-Schmid factor: share of the shear stress on the {110} plane 60° away"
+    )
+    c2_MPa: float = _constant("c2_MPa", "modulus of a second back stress; none at 0")
+    d2: float = _constant("d2", "recall of the second back stress")
     # What x0 may be hangs on d.
-    x0: Number = Field(default=0.0, description="initial back strain along the loading axis")
-    eigenstrain: float = _constant(
-        "eigenstrain", 0.0, "difference of axial eigenstrain between apex line and face"
+    x0: Number = Field(
+        default=_CONSTANTS.x0,
+        description="back strain before the test of a system of Schmid factor 1/2; below 1/d",
     )
-    skin_tau0: float = _constant("skin_tau0", 1.0, "ratio of tau0 at the surface to inside")
-    skin_thickness_um: float = _constant("skin_thickness_um", 0.3, "depth over which it fades")
-    elastic_scale: float = _constant("elastic_scale", 1.0, "factor on all elastic constants")
-    C44_scale: float = _constant("C44_scale", 1.0, "factor on C44 alone")
+    eigenstrain: float = _constant(
+        "eigenstrain", "axial eigenstrain at the apex line less that at the face"
+    )
+    skin_tau0: float = _constant("skin_tau0", "ratio of tau0 at the free surface to that inside")
+    skin_thickness_um: float = _constant("skin_thickness_um", "depth over which skin_tau0 fades")
+    elastic_scale: float = _constant("elastic_scale", "factor on C11, C12, C44")
+    C44_scale: float = _constant("C44_scale", "factor on C44 alone")
     strain_measure: Literal["small", "finite"] = Field(
         default="finite", description="strain measure"
     )

@@ -236,7 +236,9 @@ def load_case(path: Path) -> Case:
 
 def case_text(case: Case) -> str:
     """Return the commented case file of a case; reading it back gives an equal case."""
-    return render("case.toml.j2", **case.model_dump(mode="json"))
+    constants = type(case.material).model_fields
+    comments = {key: constant.description for key, constant in constants.items()}
+    return render("case.toml.j2", comments=comments, **case.model_dump(mode="json"))
 
 
 def write_case(case: Case, path: Path) -> None:

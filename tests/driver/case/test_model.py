@@ -1,11 +1,14 @@
 import json
+import re
 import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import Field
 
-from driver.case.model import CaseError, case_text, default_case, load_case, schema
+from driver.case.material import MaterialTable
+from driver.case.model import Case, CaseError, case_text, default_case, load_case, schema
 from driver.case.solver import ProfileTable
 from meshes.arrays import FloatArray
 from solver_adapters.material import Material
@@ -219,6 +222,23 @@ def test_every_key_stands_in_the_written_case() -> None:
     assert len(keys) > 50 and tables
     missing = [key for key in keys if not any(f"{key}{mark}" in text for mark in (" = ", "]", "."))]
     assert missing == []
+
+
+def test_a_constant_that_the_law_gains_is_written_with_its_description() -> None:
+    class Law(MaterialTable):
+        gained: float = Field(default=0.25, description="a term to come")
+
+    class Longer(Case):
+        material: Law = Law()
+
+    gained = Longer(**default_case().model_dump(exclude={"material"}))
+    assert "\ngained = 0.25  # a term to come\n" in case_text(gained)
+
+
+def test_every_constant_of_the_law_stands_once_in_the_written_case() -> None:
+    law = case_text(default_case()).split("[material]\n")[1].split("\n[")[0]
+    written = re.findall(r"^(?:# )?(\w+) = ", law, re.MULTILINE)
+    assert sorted(written) == sorted(MaterialTable.model_fields)
 
 
 def test_the_schema_refuses_unknown_keys_and_is_named_by_the_case() -> None:
