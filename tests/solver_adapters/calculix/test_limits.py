@@ -8,8 +8,10 @@ import pytest
 
 from solver_adapters.calculix.adapter import CalculixAdapter
 from solver_adapters.calculix.limits import CAPABILITIES
+from solver_adapters.checks.capabilities import BASE
 from solver_adapters.interaction import self_and_latent
 from solver_adapters.interface import Direction, Simulation, UnsupportedError
+from solver_adapters.material import MATERIAL_DECLARATIONS, MATERIAL_PARAMETERS
 from solver_adapters.profile import Profile
 from tests.solver_adapters.calculix.runs import simulation
 
@@ -44,6 +46,17 @@ def test_a_term_that_calculix_lacks_is_refused_by_name_with_the_solvers_that_hav
     others = message.split("of the solvers that can: ")[1].split(", ")
     assert "bundled" in others
     assert "calculix" not in others
+
+
+@pytest.mark.parametrize(
+    "name",
+    sorted({*MATERIAL_PARAMETERS} - CAPABILITIES.material - CAPABILITIES.conditional - BASE),
+)
+def test_every_term_of_the_law_that_calculix_lacks_is_refused_at_its_scale(name: str) -> None:
+    (term,) = (declared for declared in MATERIAL_DECLARATIONS if declared.name == name)
+    changes: dict[str, Any] = {name: term.null + term.change(term.null)}
+    message = refusal(simulation(**changes))
+    assert message.startswith(f"{name} = ") and "the solver calculix cannot" in message
 
 
 @pytest.mark.parametrize("h_latent", [0.0, 0.1, -0.2])

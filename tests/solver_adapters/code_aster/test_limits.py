@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_adapters.checks.capabilities import BASE
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
 from solver_adapters.code_aster.limits import CAPABILITIES
 from solver_adapters.interaction import self_and_latent
 from solver_adapters.interface import Simulation, UnsupportedError
-from solver_adapters.material import MATERIAL_PARAMETERS, Material
+from solver_adapters.material import MATERIAL_DECLARATIONS, MATERIAL_PARAMETERS, Material
 from tools.boxes import pulled, wedge_box
 from tools.code_aster_cases import small_case
 
@@ -24,10 +25,20 @@ def unsymmetric() -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(row) for row in matrix.tolist())
 
 
-def test_what_code_aster_lacks_is_said() -> None:
-    assert sorted(set(MATERIAL_PARAMETERS) - CAPABILITIES.material) == [
-        "a1", "c2", "d2", "eigenstrain", "skin_tau0", "skin_thickness", "tau0_antitwinning", "x0",
+def test_what_code_aster_has_of_the_law_is_said() -> None:
+    assert sorted(CAPABILITIES.material) == [
+        "C11", "C12", "C44", "C44_scale", "K", "Q", "Q_latent", "b", "c", "d", "elastic_scale",
+        "h_latent", "n", "tau0", "tau0_112", "tau0_grain2",
     ]  # fmt: skip
+    assert CAPABILITIES.material < set(MATERIAL_PARAMETERS)
+
+
+@pytest.mark.parametrize("name", sorted({*MATERIAL_PARAMETERS} - CAPABILITIES.material - BASE))
+def test_every_term_of_the_law_that_code_aster_lacks_is_refused_at_its_scale(name: str) -> None:
+    (term,) = (declared for declared in MATERIAL_DECLARATIONS if declared.name == name)
+    asked = small_case(**{name: term.null + term.change(term.null)})
+    with pytest.raises(UnsupportedError, match=f"^{name} = .*: the solver code_aster cannot"):
+        ADAPTER.files(asked)
 
 
 @pytest.mark.parametrize(
