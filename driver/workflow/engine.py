@@ -182,14 +182,14 @@ def _name_of(path: Path, case: Case) -> str:
 
 def changed_inputs(entry: Done, stage: Stage, case: Case) -> str:
     """Say what has changed since a stage has run."""
-    if "inputs" not in entry:
+    if _VERSION not in entry.get("inputs", {}):
         return "of another version of prismid"
     then, now = entry["inputs"], stage_inputs(stage, case)
     changed = [name for name in now if then.get(name) != now[name]]
     if not changed:
         return "an earlier stage has changed"
     if _VERSION in changed:
-        return f"of version {then.get(_VERSION)} of this stage, which has {now[_VERSION]}"
+        return f"of version {then[_VERSION]} of this stage, which has {now[_VERSION]}"
     states = {_UNREADABLE: "cannot be read", _NOTHING: "is empty or not there"}
     return "; ".join(f"{name} {states.get(now[name], 'has changed')}" for name in changed)
 
