@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import errno
 import os
 import threading
 from collections.abc import Iterator, Mapping, Sequence
@@ -80,8 +81,18 @@ def write_as_med_4_0(data: Any, path: Path, replace: bool) -> None:
         data: medcoupling's MEDFileUMesh or MEDFileFieldMultiTS.
         path: the file.
         replace: whether the file is made anew, else the data are added to it.
+
+    Raises:
+        OSError: the library cannot write it, as where no space is left or the path is not UTF-8.
     """
-    data.write40(str(path), _REPLACE if replace else _ADD)
+    name = str(path)
+    try:
+        with quiet_library():
+            data.write40(name, _REPLACE if replace else _ADD)
+    except TypeError:  # of a path that no string of C++ is made of
+        raise OSError(errno.EILSEQ, "a path that is not UTF-8", name) from None
+    except mc.InterpKernelException:
+        raise OSError(errno.EIO, "no MED file could be written", name) from None
 
 
 @contextmanager

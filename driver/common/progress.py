@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import logging
 import math
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from time import monotonic
 
 from driver.common.formatting import duration
@@ -55,14 +57,65 @@ def progress_to(
         passing: takes words for the moment.
     """
     driver, handler = logging.getLogger(LOGGER), ProgressHandler(line, passing)
-    before = driver.level
-    driver.addHandler(handler)
-    driver.setLevel(PASSING)
+    with _heard_alone(driver):
+        driver.addHandler(handler)
+        try:
+            yield
+        finally:
+            driver.removeHandler(handler)
+
+
+class _Onward(logging.Handler):
+    """Hands on to the handlers above a logger what they were handed before."""
+
+    def __init__(self, logger: logging.Logger) -> None:
+        super().__init__(logger.getEffectiveLevel())
+        self.above = logger.parent
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Hand on a record."""
+        if self.above is not None:
+            self.above.callHandlers(record)
+
+
+@dataclass
+class _Hearing:
+    """How many are heard at a time, and what the last of them sets back."""
+
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    count: int = 0
+    level: int = logging.NOTSET
+    onward: _Onward | None = None
+
+
+_HEARING = _Hearing()
+
+
+@contextmanager
+def _heard_alone(driver: logging.Logger) -> Iterator[None]:
+    """Let a logger pass all words, without handlers above it being handed more than before.
+
+    Those inside one another, or of several threads, may end in any order.
+    """
+    with _HEARING.lock:
+        if not _HEARING.count:
+            _HEARING.level = driver.level
+            if driver.propagate:
+                _HEARING.onward = _Onward(driver)
+                driver.addHandler(_HEARING.onward)
+                driver.propagate = False
+            driver.setLevel(PASSING)
+        _HEARING.count += 1
     try:
         yield
     finally:
-        driver.setLevel(before)
-        driver.removeHandler(handler)
+        with _HEARING.lock:
+            _HEARING.count -= 1
+            if not _HEARING.count:
+                driver.setLevel(_HEARING.level)
+                if _HEARING.onward is not None:
+                    driver.removeHandler(_HEARING.onward)
+                    driver.propagate, _HEARING.onward = True, None
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,9 @@ class Options:
     workers: int = 1
 
     def __post_init__(self) -> None:
+        if self.penalty is not None and self.penalty not in get_args(Penalty):
+            known = ", ".join(get_args(Penalty))
+            raise ImageError(f"penalty = {self.penalty}; one of {known}, or None, is expected.")
         for name in ("roughness", "roughness_w"):
             value = getattr(self, name)
             if value is not None and not value > 0:
@@ -181,6 +184,8 @@ def correlate(
         slope = slopes_at(coefficients(f), rows, cols) / pixel
     else:
         slope = _sloped(gradient, f)[rows, cols]
+        if not np.isfinite(slope).all():
+            raise ImageError("gradient without a value at pixels to correlate: numbers expected.")
     solution = solve(
         CorrelationProblem(
             pixels=Pixels(rows.astype(float), cols.astype(float), f[rows, cols], slope, pixel),
@@ -208,11 +213,11 @@ def _checked(
     sigma: float | None,
     n_reference: int,
 ) -> tuple[FloatArray, list[FloatArray]]:
-    f = np.asarray(reference, dtype=np.float64)
+    f = _heights("reference", reference)
     if f.ndim != 2:
         raise ImageError(f"reference of shape {f.shape}; (rows, cols) is expected.")
     several = [images] if isinstance(images, np.ndarray) and images.ndim == 2 else images
-    stack = [np.asarray(g, dtype=np.float64) for g in several]
+    stack = [_heights(f"image {t}", g) for t, g in enumerate(several)]
     for t, g in enumerate(stack):
         if g.shape != f.shape:
             raise ImageError(f"image {t} of {g.shape} px, but the reference has {f.shape} px.")
@@ -224,9 +229,18 @@ def _checked(
         raise ImageError(f"pixel = {pixel}; a positive size is expected.")
     if sigma is not None and not (np.isfinite(sigma) and sigma > 0):
         raise ImageError(f"sigma = {sigma}; a positive height noise, or None, is expected.")
-    if n_reference < 1:
+    if not n_reference >= 1:
         raise ImageError(f"n_reference = {n_reference}; at least 1 image makes the reference.")
     return f, stack
+
+
+def _heights(name: str, image: NDArray[Any]) -> FloatArray:
+    """Return heights as numbers, NaN where a masked array has none."""
+    if np.iscomplexobj(image):
+        raise ImageError(f"{name} of complex numbers; heights are expected.")
+    heights = np.array(image, dtype=np.float64)
+    heights[np.ma.getmaskarray(image)] = np.nan
+    return heights
 
 
 def _region(f: FloatArray, mask: NDArray[Any] | None) -> BoolArray:
@@ -247,7 +261,7 @@ def _region(f: FloatArray, mask: NDArray[Any] | None) -> BoolArray:
 
 
 def _sloped(gradient: NDArray[Any], f: FloatArray) -> FloatArray:
-    slope = np.asarray(gradient, dtype=np.float64)
+    slope = _heights("gradient", gradient)
     if slope.shape != (*f.shape, 2):
         raise ImageError(
             f"gradient of shape {slope.shape}; {(*f.shape, 2)} is expected: two slopes a pixel."

@@ -13,6 +13,7 @@ from driver.dic.jump import after_jump
 from driver.dic.kernels import binned
 from driver.dic.regularisation import penalties
 from driver.dic.system import Pixels, System
+from driver.experiment.images.heightmaps import ImageError
 from driver.experiment.images.rigid import phase_correlation
 from meshes.arrays import BoolArray, FloatArray
 
@@ -98,6 +99,8 @@ def _level(reference: FloatArray, region: BoolArray, scale: int) -> _Level:
     inside = binned(region.astype(np.float64), scale) > 0.99
     if not inside.any():
         inside = binned(region.astype(np.float64), scale) > 0
+    if not inside.any():
+        raise ImageError(f"no pixel to correlate: none lies in {scale} × {scale} whole pixels.")
     at = inside.nonzero()
     # Samples taken for coefficients: a spline that smooths the noise a little.
     slope = slopes_at(f, *at)

@@ -31,6 +31,7 @@ from meshes.surface import trace
 from solver_adapters.external import ExternalAdapter
 from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import Adapter, Capabilities, Integration
+from solver_adapters.material import MATERIAL_PARAMETERS
 from solver_adapters.registry import find_adapter
 
 _SMALLER = (0.93, 0.9, 0.87, 0.84, 0.8, 0.75)  # elements of another mesh over those of the first
@@ -134,16 +135,21 @@ def refuse_unfit_solver(case: Case, mesh: PrismMesh, history: History) -> None:
 
 
 def refuse_parameters(case: Case, solver: Capabilities) -> None:
-    """Raise where parameters to identify are none that the solver honours.
+    """Raise where parameters to identify, or extensions, are none that the solver honours.
 
     Raises:
         InputError: there are some, a sentence a line.
     """
     expected = f"one that {case.solver.name} honours: {', '.join(sorted(solver.material))}"
+    unknown = frozenset(MATERIAL_PARAMETERS) - solver.material
     refused = [
-        sentence(case.file, "identification.parameters", f'"{name}"', expected)
-        for name in case.identification.parameters
-        if name not in solver.material
+        sentence(case.file, place, f'"{name}"', expected)
+        for place, names in (
+            ("identification.parameters", case.identification.parameters),
+            ("extensions", case.extensions),
+        )
+        for name in names
+        if name in unknown
     ]
     if refused:
         raise InputError("\n".join(refused))

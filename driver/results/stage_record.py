@@ -47,9 +47,21 @@ def _is_entry(entry: object) -> bool:
         isinstance(entry, dict)
         and isinstance(entry.get("key"), str)
         and isinstance(entry.get("outputs"), list)
-        and all(isinstance(name, str) for name in entry["outputs"])
+        and all(map(_is_result, entry["outputs"]))
+        and isinstance(entry.get("inputs", {}), dict)
         and isinstance(entry.get("digests", {}), dict)
         and isinstance(entry.get("seconds"), int | float)
+    )
+
+
+def _is_result(name: object) -> bool:
+    """Whether a name is that of a file below the results: those of a stage may be removed."""
+    return (
+        isinstance(name, str)
+        and "\0" not in name
+        and name not in ("", ".")
+        and not Path(name).is_absolute()
+        and ".." not in Path(name).parts
     )
 
 

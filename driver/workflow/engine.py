@@ -188,7 +188,7 @@ def _name_of(path: Path, case: Case) -> str:
 
 def changed_inputs(entry: Done, stage: Stage, case: Case) -> str:
     """Say what has changed since a stage has run."""
-    if "inputs" not in entry:
+    if _VERSION not in entry.get("inputs", {}):
         return "of another version of prismid"
     then, now = entry["inputs"], stage_inputs(stage, case)
     gone = [name for name in then if name not in now]
@@ -196,7 +196,7 @@ def changed_inputs(entry: Done, stage: Stage, case: Case) -> str:
     if not changed and not gone:
         return "an earlier stage has changed"
     if _VERSION in changed:
-        return f"of version {then.get(_VERSION)} of this stage, which has {now[_VERSION]}"
+        return f"of version {then[_VERSION]} of this stage, which has {now[_VERSION]}"
     states = {_UNREADABLE: "cannot be read", _NOTHING: "is empty or not there"}
     said = [f"{name} {states.get(now[name], 'has changed')}" for name in changed]
     return "; ".join([*said, *(f"{name} is read no more" for name in gone)])

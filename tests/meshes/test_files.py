@@ -77,6 +77,17 @@ def test_writing_twice_replaces_the_file(mesh: PrismMesh, med: Path) -> None:
     assert same(read_med(med), mesh)
 
 
+@pytest.mark.parametrize("folder", ["absent", "caf\udce9"])
+def test_a_file_that_cannot_be_written_is_told_with_its_name(
+    mesh: PrismMesh, folder: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / folder / "mesh.med"
+    with pytest.raises(OSError, match="MED file could be|not UTF-8") as refused:
+        write_med(mesh, path)
+    assert refused.value.filename == str(path)
+    assert capfd.readouterr().err == ""
+
+
 def test_the_file_holds_every_group_of_cells_faces_and_nodes(mesh: PrismMesh, med: Path) -> None:
     file = mc.MEDFileUMesh(str(med))
     assert file.getGroupsOnSpecifiedLev(0) == ("GRAIN1", "GRAIN2")

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import logging
 
+import pytest
+
 from driver.common.progress import PASSING, collected_lines, progress_to, seldom, tenths
 from solver_adapters.interface import Progress
 
@@ -33,6 +35,48 @@ def test_nothing_is_told_after_the_end_and_the_level_is_that_of_before() -> None
         pass
     logger.info("late")
     assert lines == [] and (driver.level, list(driver.handlers)) == before
+
+
+class Log(logging.Handler):
+    """A handler of a program of one's own, above that of prismid."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.messages: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.messages.append(record.getMessage())
+
+
+@pytest.mark.parametrize(
+    ("level", "heard"), [("WARNING", []), ("INFO", ["stage A"]), ("DEBUG", ["stage A", "at 3 s"])]
+)
+def test_the_log_of_a_program_is_told_what_it_asks_for_and_no_more(
+    level: str, heard: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root, log = logging.getLogger(), Log()
+    monkeypatch.setattr(root, "handlers", [log])
+    monkeypatch.setattr(root, "level", logging.getLevelName(level))
+    root.manager._clear_cache()  # type: ignore[attr-defined]
+    lines: list[str] = []
+    with progress_to(lines.append), progress_to(lines.append):
+        logger.info("stage A")
+        logger.log(PASSING, "at 3 s")
+    assert (log.messages, lines) == (heard, ["stage A"] * 2)
+
+
+def test_progress_of_two_threads_may_end_in_any_order() -> None:
+    driver = logging.getLogger("driver")
+    before = driver.level, driver.propagate, list(driver.handlers)
+    lines: list[str] = []
+    first, second = progress_to(lambda line: None), progress_to(lines.append)
+    first.__enter__()
+    second.__enter__()
+    first.__exit__(None, None, None)
+    logger.info("of the second")
+    second.__exit__(None, None, None)
+    assert lines == ["of the second"]
+    assert (driver.level, driver.propagate, list(driver.handlers)) == before
 
 
 def test_lines_of_a_job_are_collected_and_its_words_pass() -> None:

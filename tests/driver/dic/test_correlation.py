@@ -210,16 +210,20 @@ def relief() -> FloatArray:
     [
         ({"images": np.zeros((40, 61))}, r"image 0 of \(40, 61\) px, but the reference has"),
         ({"images": []}, "the stack is empty"),
+        ({"images": np.zeros((40, 60), complex)}, "image 0 of complex numbers"),
         ({"images": np.full((40, 60), np.nan)}, "image 0: no pixel carries a height"),
         ({"reference": np.zeros(40)}, r"reference of shape \(40,\)"),
         ({"reference": np.ones((40, 60))}, "no relief"),
         ({"mask": np.zeros((40, 60))}, "no pixel to correlate"),
+        ({"reference": relief()[:1], "images": relief()[:1]}, "none lies in 2 × 2 whole pixels"),
         ({"mask": np.zeros((40, 50))}, r"mask of \(40, 50\) px"),
         ({"pixel": 0.0}, "pixel = 0.0"),
         ({"sigma": -1.0}, "sigma = -1.0"),
         ({"n_reference": 0}, "n_reference = 0"),
+        ({"n_reference": np.nan}, "n_reference = nan"),
         ({"mesh_uv": -8.0}, "element of -8.0 px"),
         ({"gradient": np.zeros((40, 60))}, r"gradient of shape \(40, 60\)"),
+        ({"gradient": np.full((40, 60, 2), np.nan)}, "gradient without a value"),
         ({"mesh_uv": AWAY}, "no pixel lies in the mesh"),
     ],
 )
@@ -229,6 +233,16 @@ def test_bad_input_is_refused_in_one_sentence(change: dict[str, Any], said: str)
         correlate(**arguments)
 
 
+def test_what_a_masked_array_masks_carries_no_height() -> None:
+    f, gap = relief(), np.zeros((40, 60), dtype=bool)
+    gap[10:14, 20:24] = True
+    masked = np.ma.array(np.where(gap, 1e3, f), mask=gap)
+    absent = np.where(gap, np.nan, f)
+    for reference, image, same in ((masked, f, (absent, f)), (f, masked, (f, absent))):
+        found = correlate(reference, [image], options=NONE).coefficients
+        assert np.array_equal(found, correlate(same[0], [same[1]], options=NONE).coefficients)
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -236,6 +250,7 @@ def test_bad_input_is_refused_in_one_sentence(change: dict[str, Any], said: str)
         ({"roughness_w": -1.0}, "roughness_w = -1.0"),
         ({"workers": 0}, "workers = 0"),
         ({"tolerance": 0.0}, "tolerance = 0.0"),
+        ({"penalty": "none"}, "penalty = none; one of tikhonov, equilibrium_gap, elastic"),
     ],
 )
 def test_impossible_options_are_refused(change: dict[str, Any], said: str) -> None:

@@ -43,7 +43,8 @@ def test_where_nothing_has_run_no_stage_is_finished(tmp_path: Path) -> None:
     "damage",
     [
         {"key": 5}, {"key": None}, {"outputs": "mesh.med"}, {"outputs": [5]}, {"digests": []},
-        {"seconds": "2"},
+        {"seconds": "2"}, {"inputs": []}, {"inputs": None}, {"inputs": 3}, {"outputs": [""]},
+        {"outputs": ["../history.csv"]}, {"outputs": ["/history.csv"]}, {"outputs": ["a\0b"]},
     ],
 )  # fmt: skip
 def test_one_entry_that_is_damaged_makes_the_whole_record_none(

@@ -319,6 +319,7 @@ def test_what_has_changed_since_a_stage_has_run_is_told(workshop: Workshop) -> N
         "key": entry["key"], "outputs": [], "finished": entry["finished"], "seconds": 1.0
     }  # fmt: skip
     assert changed(measure, without) == "of another version of prismid"
+    assert changed(measure, without | {"inputs": {}}) == "of another version of prismid"
 
 
 def test_the_key_of_a_stage_does_not_depend_on_how_its_case_is_named(

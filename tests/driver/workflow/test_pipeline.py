@@ -335,6 +335,7 @@ class Narrow(closed_form.ClosedFormSolver):
     [
         ('parameters = ["tau0", "c", "d"]', 'parameters = ["tau0", "n", "K"]', ['"n"', '"K"']),
         ('parameters = ["tau0", "c", "d"]', 'parameters = ["tau0", "c"]', ['"finite"']),
+        ("[extensions]", "[extensions]\nskin_tau0 = 1.1\nload_gain = 0.01", ['"d"', '"skin_tau0"']),
     ],
 )
 def test_what_the_solver_cannot_is_told_before_the_measurement(
