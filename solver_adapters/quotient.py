@@ -35,6 +35,7 @@ _FURTHER = 3.0  # factor from the second step to the third, at most
 _OTHER = 1.1  # factor between two steps that are not the same
 # Of curvature the asymmetry grows with the step, of noise it falls, of a kink it stays.
 _NO_KINK = 1.5
+_DIGITS = 6  # of an uncertainty by which derivatives are told apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,19 +161,33 @@ def following_step(tried: Sequence[Slope], scale: float) -> float | None:
 def best_of(tried: Sequence[Slope]) -> Slope:
     """Return the least uncertain derivative in the same time steps, and how sure it is.
 
-    Two steps that agree tell that neither noise nor curvature makes a derivative wrong; where the
-    asymmetry does not change with the step there is a kink, and they tell nothing.
+    Two steps that agree tell that neither noise nor curvature makes a derivative wrong: the error
+    of the one falls with the step, that of the other grows. Where the asymmetry does not change
+    with the step there is a kink, and they tell nothing.
     """
     # Runs in other time steps than the asked one differ by the error of these, too.
     alike = [slope for slope in tried if slope.same_steps] or tried
     # Of steps that all show no change the last, widest one is told.
     best = min(reversed(alike), key=lambda slope: slope.uncertainty)
-    agreed = [
-        best.apart(other)
-        for other in alike
-        if best.seen and other.asymmetry >= _NO_KINK * best.asymmetry
+    if not best.doubtful:
+        return best
+    judged = [
+        replace(slope, uncertainty=min([slope.uncertainty, *_agreements(slope, alike)]))
+        for slope in reversed(alike)
     ]
-    return replace(best, uncertainty=min([best.uncertainty, *agreed]))
+    return min(judged, key=lambda slope: (round(slope.uncertainty, _DIGITS), slope.asymmetry))
+
+
+def _agreements(slope: Slope, others: Sequence[Slope]) -> list[float]:
+    """Return by how much the derivatives of clearly other asymmetry differ from one."""
+    if not slope.seen:
+        return []
+    return [
+        slope.apart(other)
+        for other in others
+        if max(slope.asymmetry, other.asymmetry) >= _NO_KINK * min(slope.asymmetry, other.asymmetry)
+        and other is not slope
+    ]
 
 
 def _finest_steps(base: Response, pair: Pair) -> FloatArray | None:

@@ -130,6 +130,31 @@ def test_two_steps_that_agree_take_the_doubt_away_where_curvature_or_noise_made_
     assert best.uncertainty == min(best.asymmetry / 2, many.apart(few))
 
 
+def test_two_wide_steps_that_agree_are_taken_where_the_best_narrow_one_is_noisy() -> None:
+    """Curvature makes their asymmetry, which the derivative from both sides does not have."""
+
+    def at(step: float) -> Slope:
+        return slope_through(
+            manufactured(0.0, curvature=20.0),
+            (
+                (step, manufactured(step, curvature=20.0, jump=1e-4)),
+                (-step, manufactured(-step, curvature=20.0, jump=1e-4)),
+            ),
+            1e-5,
+        )
+
+    def error(chosen: Slope) -> float:
+        off = chosen.displacement.ravel() - RATES
+        return float(np.linalg.norm(off) / np.linalg.norm(RATES))
+
+    narrow, middle, wide = at(0.002), at(0.016), at(0.032)
+    assert narrow.doubtful and middle.doubtful and wide.doubtful
+    assert min((narrow, middle, wide), key=lambda one: one.asymmetry) is narrow
+    best = best_of([narrow, middle, wide])
+    assert not best.doubtful and best.step == 0.016
+    assert error(best) < 0.002 < 0.01 < error(narrow)
+
+
 def test_between_two_worse_steps_a_further_one_lies_towards_the_better_of_them() -> None:
     tried = [
         replace(noisy(step, 1e-2), asymmetry=0.1, uncertainty=uncertainty)
