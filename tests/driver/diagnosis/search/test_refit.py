@@ -132,6 +132,7 @@ def test_a_start_that_cannot_be_simulated_is_given_up_and_told(
     lines: list[str],
 ) -> None:
     starts = where_nothing_answers(SolverError("no step is short enough\nat t = 1 s"))
+    lines.clear()
     assert refit_from(starts, Executor(1, 1)) == []
     told = "a start is given up, for it cannot be simulated (no step is short enough)"
     assert lines == [f"  x: {told}"]
