@@ -152,6 +152,9 @@ class Simulation:
         cell_fields: whether stress, slips and lattice rotation of the cells are wanted.
         tet10_points: Gauss points of a tetrahedron of ten nodes, 4 or 5, or None for those that
             the solver takes by itself.
+        mean_dilatation: whether the dilatation of a cell is projected on few functions, against
+            locking where plastic flow keeps the volume: its mean in a tetrahedron, a linear
+            function in a hexahedron.
         warm_start: the trajectory of a simulation of this mesh with other parameters, by which a
             solver may begin its iterations; in the same time steps no result depends on it by more
             than `tolerance`.
@@ -175,6 +178,7 @@ class Simulation:
     tolerance: float = 1e-7
     cell_fields: bool = False
     tet10_points: int | None = None
+    mean_dilatation: bool = False
     warm_start: Trajectory | None = None
 
 
@@ -282,6 +286,7 @@ class Capabilities:
         accuracy: whether steps are refined to a stated error of the force.
         cells: the kinds of cells on offer, by their number of nodes.
         tet10_points: the numbers of Gauss points of a tetrahedron of ten nodes on offer.
+        mean_dilatation: whether `Simulation.mean_dilatation` is honoured.
         least_steps: time steps between two instants below which the solver errs by more than its
             scheme does.
         runs_per_direction: simulations that a direction costs beside the asked one: none for a
@@ -305,6 +310,7 @@ class Capabilities:
     accuracy: bool = False
     cells: frozenset[int] = frozenset((10,))
     tet10_points: frozenset[int] = frozenset()
+    mean_dilatation: bool = False
     least_steps: int = 1
     runs_per_direction: int = 0
     in_process: bool = False

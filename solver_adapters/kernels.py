@@ -45,6 +45,7 @@ KERNEL_SOURCES = (
         )
     ),
     "solver_adapters/bundled/fem/assembly.py",
+    "solver_adapters/bundled/fem/dilatation.py",
     *(
         f"solver_adapters/{name}.py"
         for name in ("kernels", "constants", "crystal", "material", "parameter")

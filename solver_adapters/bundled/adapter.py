@@ -52,6 +52,7 @@ class BundledAdapter:
             accuracy=True,
             cells=frozenset((10, 15)),
             tet10_points=frozenset((4, 5)),
+            mean_dilatation=True,
             integrations=frozenset(("exponential", "backward_euler")),
             in_process=True,
             # Its checkpoints are for one run at a time, and its runs are short.

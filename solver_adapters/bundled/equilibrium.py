@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from meshes.arrays import FloatArray
-from solver_adapters.bundled.fem.assembly import displacement_gradients, element_forces
 from solver_adapters.bundled.fem.problem import Problem
 from solver_adapters.bundled.fem.state import Increment, Instant
 from solver_adapters.bundled.law.law import NS, P_C11
@@ -73,13 +72,10 @@ class Equilibrium:
         self, instant: Instant, u: FloatArray, guess: FloatArray, dt: float, moves: bool
     ) -> Trial:
         p, clock = self.problem, time.perf_counter()
-        H = np.empty((p.points.grain.size, 9))
-        displacement_gradients(u, p.cells, p.gradients, H)
+        H = p.strain(u)
         found = p.points.update(H, instant.state, guess, dt, instant.H)
         clock = self.statistics.clock("points", clock)
-        forces = np.empty(p.pattern.dofs.shape)
-        element_forces(found.P, p.gradients, p.weights, forces)
-        total = p.pattern.node_sum(forces, p.n_nodes)
+        total = p.forces(found.P)
         self.statistics.clock("assembly", clock)
         worst = int(np.argmin(found.iterations))
         failed = worst if found.iterations[worst] < 0 else None
@@ -135,12 +131,7 @@ class Equilibrium:
         self.assemble(trial)
         lifted = np.zeros((p.n_nodes, 3))
         lifted.ravel()[p.prescribed] = moved
-        H = np.empty((p.points.grain.size, 9))
-        displacement_gradients(lifted, p.cells, p.gradients, H)
-        stress = np.einsum("pij,pj->pi", trial.C, H)
-        forces = np.empty(p.pattern.dofs.shape)
-        element_forces(stress, p.gradients, p.weights, forces)
-        residual = trial.forces + p.pattern.node_sum(forces, p.n_nodes)
+        residual = trial.forces + p.forces(np.einsum("pij,pj->pi", trial.C, p.strain(lifted)))
         lifted.ravel()[p.pattern.free] = self.solve(trial, -residual[p.pattern.free])
         return self._evaluate(instant, instant.u + lifted, rest, dt, moves)
 

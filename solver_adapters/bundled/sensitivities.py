@@ -14,6 +14,7 @@ from solver_adapters.bundled.fem.assembly import (
     add_gradient_changes,
     direction_forces,
     direction_gradients,
+    displacement_gradients,
 )
 from solver_adapters.bundled.fem.problem import Tangents
 from solver_adapters.bundled.fem.state import Instant
@@ -68,8 +69,7 @@ class Differentiation:
         flat = du.reshape(3 * p.n_nodes, t.count)
         flat[p.prescribed] = motion_tangent
         dH = self._gradients
-        direction_gradients(du, p.cells, p.gradients, dH)
-        add_gradient_changes(trial.u, p.cells, t.gradients, self._changed, t.geometric, dH)
+        self._strain_change(trial.u, du, dH)
         out = replace(self._memory, state=self._changeable(instant.dstate))
         p.points.derive(trial.H, instant.state, trial.slips, dt, dH, law, out)
         change = self._force_change(trial, out.stress)
@@ -78,7 +78,7 @@ class Differentiation:
         clock = time.perf_counter()
         flat[p.prescribed] = 0.0
         flat[p.pattern.free] = follows
-        direction_gradients(du, p.cells, p.gradients, dH)
+        p.strain_directions(du, dH)
         out.follow(dH)
         # Virtual work of the pulled force: a unit motion of the pulled face against the stress.
         near = p.near_pulled
@@ -109,9 +109,42 @@ class Differentiation:
     def _is_own(self, dstate: FloatArray) -> bool:
         return any(np.may_share_memory(dstate, state) for state in self._states)
 
-    def _force_change(self, trial: Trial, dP: FloatArray) -> FloatArray:
+    def _strain_change(self, u: FloatArray, du: FloatArray, dH: FloatArray) -> None:
+        """Set dH to the derivative of H where the motion and the geometry change.
+
+        Args:
+            u: displacement, (n_nodes, 3).
+            du: its derivative, (n_nodes, 3, k).
+            dH: filled, (n_points, 9, k).
+        """
         p, t = self.problem, self.tangents
+        direction_gradients(du, p.cells, p.gradients, dH)
+        add_gradient_changes(u, p.cells, t.gradients, self._changed, t.geometric, dH)
+        if p.dilatation is None:
+            return
+        p.dilatation.project_directions(dH)
+        if t.dilatation:
+            H = np.empty((p.points.grain.size, 9))
+            displacement_gradients(u, p.cells, p.gradients, H)
+            for index, change in zip(t.geometric, t.dilatation, strict=True):
+                dH[:, :, index] += p.dilatation.change_of(H, change)
+
+    def _force_change(self, trial: Trial, dP: FloatArray) -> FloatArray:
+        """Return the change of the nodal forces by that of the stress and of the geometry.
+
+        Args:
+            trial: the converged step.
+            dP: derivative of its stress, left as it is, (n_points, 9, k).
+        """
+        p, t = self.problem, self.tangents
+        P = trial.P
+        if p.dilatation is not None:
+            dP, P = dP.copy(), P.copy()
+            p.dilatation.project_directions(dP)
+            for index, change in zip(t.geometric, t.dilatation, strict=True):
+                dP[:, :, index] += p.dilatation.change_of(P, change)
+            p.dilatation.project(P)
         forces = np.empty((*p.pattern.dofs.shape, t.count))
         direction_forces(dP, p.gradients, p.weights, forces)
-        add_force_changes(trial.P, t.weighted, self._changed, t.geometric, forces)
+        add_force_changes(P, t.weighted, self._changed, t.geometric, forces)
         return p.pattern.node_sums(forces, p.n_nodes)

@@ -44,11 +44,11 @@ class TangentSystem:
         """
         p, clock = self._problem, time.perf_counter()
         K = np.empty(p.pattern.slots.shape)
-        element_stiffness(C, p.gradients, p.weights, K, 1 if self._skew else 0)
+        element_stiffness(C, p.gradients, p.weights, K, 1 if self._skew else 0, p.dilatation)
         values = p.pattern.values(K)
         self._moves = moves
         if self._skew:
-            element_stiffness(C, p.gradients, p.weights, K, -1)
+            element_stiffness(C, p.gradients, p.weights, K, -1, p.dilatation)
             skew = p.pattern.antisymmetric_values(K)
             clock = self._statistics.clock("assembly", clock)
             self._skew.factor(values, skew)

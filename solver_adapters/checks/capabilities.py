@@ -86,6 +86,8 @@ def _wishes(simulation: Simulation) -> Iterator[_Wish]:
             "those that it has by itself",
             lambda c: points in c.tet10_points,
         )
+    if simulation.mean_dilatation:
+        yield _Wish("mean_dilatation", "False", lambda c: c.mean_dilatation)
     if simulation.accuracy is not None:
         yield _Wish(f"accuracy = {simulation.accuracy:g} µN", "None", lambda c: c.accuracy)
     if simulation.lattice_gradient is not None:

@@ -19,6 +19,7 @@ import numpy as np
 from numba import prange
 
 from meshes.arrays import BoolArray, FloatArray, IntArray
+from solver_adapters.bundled.fem.dilatation import Dilatation
 from solver_adapters.kernels import batch_kernel, kernel
 
 
@@ -82,7 +83,12 @@ def add_force_changes(
 
 
 def element_stiffness(
-    C: FloatArray, gradients: FloatArray, weights: FloatArray, K: FloatArray, part: int = 0
+    C: FloatArray,
+    gradients: FloatArray,
+    weights: FloatArray,
+    K: FloatArray,
+    part: int = 0,
+    dilatation: Dilatation | None = None,
 ) -> None:
     """Lower triangle of each element stiffness.
 
@@ -93,9 +99,15 @@ def element_stiffness(
         K: filled with the triangles, (n_cells, N (N + 1)/2).
         part: 0 for the stiffness as it is (a symmetric tangent), 1 for its symmetric part
             (K + Kᵀ)/2, −1 for its antisymmetric part (K − Kᵀ)/2 at row ≥ column.
+        dilatation: how H is mapped, None where it is not.
     """
     # The parts of K are the stiffnesses of the parts of C.
-    _element_stiffness(*gradients.shape[1:3])(C, gradients, weights, K, part)
+    n_gauss, n = gradients.shape[1:3]
+    _element_stiffness(n_gauss, n)(C, gradients, weights, K, part)
+    if dilatation is not None:
+        _add_projected_stiffness(n_gauss, n)(
+            C, gradients, weights, dilatation.axes, dilatation.divergence, K, part
+        )
 
 
 @cache
@@ -294,6 +306,60 @@ def _element_stiffness(n_gauss: int, n: int) -> Any:
                     slot += N - column
 
     return element_stiffness
+
+
+@cache
+def _add_projected_stiffness(n_gauss: int, n: int) -> Any:
+    """Make the stiffness of H one of H + R D u / 3, D the rows of `Dilatation.divergence`."""
+    N = 3 * n
+
+    @batch_kernel
+    def add_projected_stiffness(
+        C: FloatArray,
+        gradients: FloatArray,
+        weights: FloatArray,
+        axes: FloatArray,
+        divergence: FloatArray,
+        K: FloatArray,
+        part: int,
+    ) -> None:
+        mirrored = -1.0 if part == -1 else 1.0
+        for e in prange(weights.shape[0]):
+            # left[q, n·i + a] = w/3 Σ_J G[a, J] (C R)[3i + J] + w/18 (R C R) D
+            left = np.empty((n_gauss, N))
+            rows = divergence[e].copy().reshape(n_gauss, N)
+            stress = np.empty(9)
+            for q in range(n_gauss):
+                third = weights[e, q] / 3.0
+                given, R = C[n_gauss * e + q], axes[n_gauss * e + q]
+                for i in range(9):
+                    total = 0.0
+                    for m in range(9):
+                        if part == 0:
+                            total += given[i, m] * R[m]
+                        else:
+                            total += 0.5 * (given[i, m] + part * given[m, i]) * R[m]
+                    stress[i] = third * total
+                half = 0.0
+                for i in range(9):
+                    half += R[i] * stress[i] / 6.0
+                for i in range(3):
+                    for a in range(n):
+                        left[q, n * i + a] = half * rows[q, n * i + a] + (
+                            stress[3 * i] * gradients[e, q, a, 0]
+                            + stress[3 * i + 1] * gradients[e, q, a, 1]
+                            + stress[3 * i + 2] * gradients[e, q, a, 2]
+                        )
+            slot = 0
+            triangle = K[e]
+            for column in range(N):
+                for q in range(n_gauss):
+                    across, along = rows[q, column], mirrored * left[q, column]
+                    for i in range(column, N):
+                        triangle[slot + i - column] += left[q, i] * across + rows[q, i] * along
+                slot += N - column
+
+    return add_projected_stiffness
 
 
 @kernel

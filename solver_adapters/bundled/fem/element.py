@@ -28,19 +28,22 @@ class Element:
         weights: reference weights, their sum the reference volume, (n_gauss,).
         values: shape functions at the Gauss points, (n_gauss, n_nodes).
         gradients: reference gradients of the shape functions there, (n_gauss, n_nodes, 3).
+        dilatation: functions that a projected dilatation follows, at the Gauss points,
+            (n_gauss, n_functions), see `dilatation`.
     """
 
     name: str
     weights: FloatArray
     values: FloatArray
     gradients: FloatArray
+    dilatation: FloatArray
 
 
 def _tet10() -> Element:
     """Four points of degree 2."""
     a, b = (5 + 3 * np.sqrt(5)) / 20, (5 - np.sqrt(5)) / 20
     positions = np.vstack([np.zeros(3), (a - b) * np.eye(3)]) + b
-    return Element("tet10", np.full(4, 1 / 24), *tet10.shape_functions(positions))
+    return Element("tet10", np.full(4, 1 / 24), *tet10.shape_functions(positions), np.ones((4, 1)))
 
 
 def _tet10_five() -> Element:
@@ -48,7 +51,7 @@ def _tet10_five() -> Element:
     corners = np.full((4, 3), 1 / 6) + np.vstack([np.zeros(3), np.eye(3) / 3])
     positions = np.vstack([np.full(3, 0.25), corners])
     weights = np.array([-2 / 15, 3 / 40, 3 / 40, 3 / 40, 3 / 40])
-    return Element("tet10", weights, *tet10.shape_functions(positions))
+    return Element("tet10", weights, *tet10.shape_functions(positions), np.ones((5, 1)))
 
 
 def _wedge15() -> Element:
@@ -62,7 +65,7 @@ def _wedge15() -> Element:
     line, line_weights = np.polynomial.legendre.leggauss(2)
     positions = np.column_stack([np.tile(triangle, (2, 1)), np.repeat(line, 3)])
     weights = np.repeat(line_weights, 3) / 6
-    return Element("wedge15", weights, *wedge15.shape_functions(positions))
+    return Element("wedge15", weights, *wedge15.shape_functions(positions), np.ones((6, 1)))
 
 
 ELEMENTS: Mapping[int, Element] = MappingProxyType({10: _tet10(), 15: _wedge15()})

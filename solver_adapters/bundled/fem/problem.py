@@ -7,7 +7,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from meshes.arrays import FloatArray, IntArray
-from solver_adapters.bundled.fem.assembly import Pattern, displacement_gradients, stiffness_pattern
+from solver_adapters.bundled.fem.assembly import (
+    Pattern,
+    direction_gradients,
+    displacement_gradients,
+    element_forces,
+    stiffness_pattern,
+)
+from solver_adapters.bundled.fem.dilatation import (
+    Dilatation,
+    DilatationChange,
+    dilatation_change,
+    mean_dilatation,
+)
 from solver_adapters.bundled.fem.element import (
     Element,
     element_of,
@@ -48,6 +60,7 @@ class Problem:
         length: extent of the specimen along Y [µm].
         state: state of the Gauss points at rest, (n_points, n_state).
         strained: whether that state holds an eigenstrain, or a direction changes one.
+        dilatation: how the dilatation of the cells is projected, None where it is left alone.
     """
 
     element: Element
@@ -65,6 +78,30 @@ class Problem:
     length: float
     state: FloatArray
     strained: bool
+    dilatation: Dilatation | None
+
+    def strain(self, u: FloatArray) -> FloatArray:
+        """Return H at the Gauss points (n_points, 9) of a displacement (n_nodes, 3)."""
+        H = np.empty((self.points.grain.size, 9))
+        displacement_gradients(u, self.cells, self.gradients, H)
+        if self.dilatation is not None:
+            self.dilatation.project(H)
+        return H
+
+    def strain_directions(self, du: FloatArray, dH: FloatArray) -> None:
+        """Set dH (n_points, 9, k) to H of the motions du (n_nodes, 3, k)."""
+        direction_gradients(du, self.cells, self.gradients, dH)
+        if self.dilatation is not None:
+            self.dilatation.project_directions(dH)
+
+    def forces(self, P: FloatArray) -> FloatArray:
+        """Return the nodal forces [µN] (3·n_nodes,) of stresses P (n_points, 9)."""
+        if self.dilatation is not None:
+            P = P.copy()
+            self.dilatation.project(P)
+        forces = np.empty(self.pattern.dofs.shape)
+        element_forces(P, self.gradients, self.weights, forces)
+        return self.pattern.node_sum(forces, self.n_nodes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +118,8 @@ class Tangents:
         lengthening: relative change of the length of each interval, (n_times - 1, k).
         longer_step: change of the constants of each grain that does what a relatively longer
             step does, (n_grains, 16).
+        dilatation: for each of `geometric` the derivative of the map of the dilatation; none
+            where that is left alone.
     """
 
     law: PointTangents
@@ -91,6 +130,7 @@ class Tangents:
     weighted: FloatArray
     lengthening: FloatArray
     longer_step: FloatArray
+    dilatation: tuple[DilatationChange, ...]
 
     @property
     def count(self) -> int:
@@ -129,6 +169,12 @@ def build_problem(simulation: Simulation) -> Problem:
     unit.ravel()[pulled] = 1.0
     pull = np.empty((weights.size, 9))
     displacement_gradients(unit, mesh.cells, turned, pull)
+    dilatation = None
+    if simulation.mean_dilatation:
+        dilatation = mean_dilatation(
+            element.dilatation, gradients, weights, frames.rotation, frames.of_point
+        )
+        dilatation.project(pull)
     pull *= weights.reshape(-1, 1)
     return Problem(
         element=element,
@@ -156,6 +202,7 @@ def build_problem(simulation: Simulation) -> Problem:
         length=float(np.ptp(mesh.points[:, 1])),
         state=start.state,
         strained=strained,
+        dilatation=dilatation,
     )
 
 
@@ -170,7 +217,7 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
     turn, skinned = np.zeros((mesh.n_grains, k), dtype=np.int64), np.zeros(k, dtype=np.int64)
     grain_of = np.zeros(len(points.rotation), dtype=np.int64)
     grain_of[points.frame_of] = points.grain
-    geometric, gradients, weighted = [], [], []
+    geometric, gradients, weighted, dilatation = [], [], [], []
     lengthening = np.zeros((len(simulation.times) - 1, k))
     starts = np.zeros((*problem.state.shape, k))
     plain, _ = shape_gradients(mesh.points, mesh.cells, problem.element)
@@ -203,6 +250,13 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
                 direction, plain, problem, mesh.cells, rotation
             )
             gradients.append(change_of_gradients)
+            if problem.dilatation is not None:
+                dilatation.append(
+                    dilatation_change(
+                        problem.element.dilatation, problem.weights, weight_change, rotation,
+                        points.frame_of,
+                    )
+                )  # fmt: skip
             of_weights = weight_change[..., None, None] * problem.gradients
             weighted.append(problem.weights[..., None, None] * change_of_gradients + of_weights)
     law = PointTangents(local, turn, points.frame(np.array(rotations)), skinned, np.array(skins))
@@ -216,6 +270,7 @@ def build_tangents(simulation: Simulation, problem: Problem) -> Tangents:
         weighted=np.array(weighted).reshape(len(geometric), *shape),
         lengthening=lengthening,
         longer_step=longer_step_tangent(points.local),
+        dilatation=tuple(dilatation),
     )
 
 

@@ -19,7 +19,7 @@ from solver_adapters.material import (
     Material,
     StrainMeasure,
 )
-from tools.boxes import box, pulled, wedge_box
+from tools.boxes import BOXES, box, pulled, wedge_box
 
 RNG = np.random.default_rng(11)
 TOLERANCE = 1e-5
@@ -316,3 +316,25 @@ def test_asking_for_derivatives_does_not_change_the_answer() -> None:
     # The linear systems start from other factors: their solutions agree to their accuracy.
     np.testing.assert_allclose(asked.force, plain.force, rtol=1e-8)
     np.testing.assert_allclose(asked.displacement, plain.displacement, rtol=1e-8)
+
+
+def test_derivatives_with_mean_dilatation_are_difference_quotients(
+    kind: str, measure: StrainMeasure
+) -> None:
+    material = Material(strain_measure=measure, a1=0.1)
+    simulation = pulled(BOXES[kind](jitter=0.1), material, (0.002, 0.006), tolerance=1e-12)
+    simulation = replace(simulation, mean_dilatation=True)
+    points = 0.1 * np.sin(simulation.mesh.points[:, [1, 2, 0]])
+    spins = np.array([[0.3, -0.2, 0.5], [0.1, 0.4, -0.3]])
+    directions = (
+        _material("tau0"),
+        _material("C11"),
+        Direction("motion", motion=simulation.motion),
+        Direction("rotation", rotation=spins),
+        Direction("points", points=points),
+        Direction("gradient", lattice_gradient=spins),
+    )
+    response = BundledAdapter().solve(replace(simulation, directions=directions))
+    steps = (1e-3, 10.0, 1e-5, 1e-5, 1e-5, 1e-5)
+    for k, (direction, step) in enumerate(zip(directions, steps, strict=True)):
+        _compare(response, k, direction.name, _central(simulation, direction, step, response))
