@@ -1,4 +1,4 @@
-"""What tet10 and wedge15 cells have in common, by their number of nodes."""
+"""What tet10 and hex20 cells have in common, by their number of nodes."""
 
 from __future__ import annotations
 
@@ -7,16 +7,19 @@ from types import MappingProxyType
 
 import numpy as np
 
-from meshes import tet10, wedge15
+from meshes import hex20, tet10
 from meshes.arrays import FloatArray, IntArray
 
-EDGES: Mapping[int, IntArray] = MappingProxyType({10: tet10.EDGES, 15: wedge15.EDGES})
+EDGES: Mapping[int, IntArray] = MappingProxyType({10: tet10.EDGES, 20: hex20.EDGES})
 """Corners joined by the edges that carry the nodes after the corners."""
+
+FACES: Mapping[int, IntArray] = MappingProxyType({10: tet10.FACES, 20: hex20.FACES})
+"""Faces of a cell, outward normal: corners in order round it, then as many mid-edge nodes."""
 
 # Reference gradients of the shape functions at the corners and the centre.
 _GRADIENTS = {
     10: tet10.shape_functions(tet10.CHECKED)[1],
-    15: wedge15.shape_functions(wedge15.CHECKED)[1],
+    20: hex20.shape_functions(hex20.CHECKED)[1],
 }
 
 
@@ -25,11 +28,11 @@ def jacobians(points: FloatArray, cells: IntArray) -> FloatArray:
 
     Args:
         points: node coordinates [µm], shape (n_nodes, 3).
-        cells: connectivity in VTK order, shape (n_cells, 10) or (n_cells, 15).
+        cells: connectivity in VTK order, shape (n_cells, 10) or (n_cells, 20).
 
     Returns:
-        determinants [µm³] (6 times the volume of a straight tet10, the volume of a straight
-        wedge15), corners first, shape (n_cells, 5) or (n_cells, 7).
+        determinants [µm³] (6 times the volume of a straight tet10, an eighth of that of a hex20
+        with parallel faces), corners first, shape (n_cells, 5) or (n_cells, 9).
     """
     rows = np.einsum("qai,caj->icqj", _GRADIENTS[cells.shape[1]], points[cells])
     determinants: FloatArray = np.sum(rows[0] * np.cross(rows[1], rows[2]), axis=-1)
@@ -41,28 +44,35 @@ def inverted_cells(points: FloatArray, cells: IntArray) -> IntArray:
     return np.flatnonzero(~(jacobians(points, cells) > 0).all(axis=1))
 
 
-# Corners of the faces of a cell, those of a quadrilateral in order round it.
-_FACES = {
-    10: ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
-    15: ((0, 2, 1), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
-}
+def outer_faces(cells: IntArray) -> tuple[IntArray, IntArray]:
+    """Faces that belong to one cell only, with outward normal, in the order of the cells.
+
+    Args:
+        cells: connectivity in VTK order, shape (n_cells, 10) or (n_cells, 20).
+
+    Returns:
+        faces, tri6 of shape (n, 6) or quad8 of shape (n, 8); the cell of each, shape (n,).
+    """
+    table = FACES[cells.shape[1]]
+    faces = cells[:, table].reshape(-1, table.shape[1])
+    outer = np.sort(_single(faces[:, : table.shape[1] // 2]))
+    return faces[outer], outer // len(table)
 
 
 def outer_triangles(cells: IntArray) -> IntArray:
     """Corners of the outer faces of a mesh, quadrilaterals halved, in no order, shape (n, 3)."""
-    triangles = []
-    by_size: dict[int, list[tuple[int, ...]]] = {3: [], 4: []}
-    for face in _FACES[cells.shape[1]]:
-        by_size[len(face)].append(face)
-    for size, table in by_size.items():
-        if not table:
-            continue
-        faces = cells[:, np.array(table)].reshape(-1, size)
-        _, first, count = np.unique(
-            np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
-        )
-        outer = faces[first[count == 1]]
-        triangles.append(outer[:, :3])
-        if size == 4:
-            triangles.append(outer[:, [0, 2, 3]])
-    return np.concatenate(triangles)
+    table = FACES[cells.shape[1]]
+    size = table.shape[1] // 2
+    faces = cells[:, table[:, :size]].reshape(-1, size)
+    outer = faces[_single(faces)]
+    if size == 3:
+        return outer
+    return np.concatenate([outer[:, :3], outer[:, [0, 2, 3]]])
+
+
+def _single(faces: IntArray) -> IntArray:
+    """Rows of the faces (corners, in any order) that occur once, ordered by their nodes, (n,)."""
+    _, first, count = np.unique(
+        np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    return np.asarray(first[count == 1])

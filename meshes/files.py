@@ -11,9 +11,9 @@ import medcoupling as mc
 import meshio
 import numpy as np
 
-from meshes import tet10, wedge15
+from meshes import hex20, tet10
 from meshes.arrays import FloatArray, IntArray
-from meshes.cells import inverted_cells
+from meshes.cells import inverted_cells, jacobians, outer_faces
 from meshes.med_file import open_med, write_as_med_4_0
 from meshes.prism_mesh import FACE_GROUPS, PrismMesh
 from meshes.tet10 import node_groups
@@ -28,24 +28,21 @@ class _Kind:
 
     Attributes:
         med: its number in MED.
-        faces: those of its faces.
+        face: that of its faces.
         mirrored: its nodes in MED's order.
         vtu: its name in meshio, whose order of nodes is VTK's.
     """
 
     med: int
-    faces: tuple[int, ...]
+    face: int
     mirrored: IntArray
     vtu: str
 
 
 _KINDS = {
-    10: _Kind(mc.NORM_TETRA10, (mc.NORM_TRI6,), tet10.MIRRORED, "tetra10"),
-    15: _Kind(mc.NORM_PENTA15, (mc.NORM_TRI6, mc.NORM_QUAD8), wedge15.MIRRORED, "wedge15"),
+    10: _Kind(mc.NORM_TETRA10, mc.NORM_TRI6, tet10.MIRRORED, "tetra10"),
+    20: _Kind(mc.NORM_HEXA20, mc.NORM_QUAD8, hex20.MIRRORED, "hexahedron20"),
 }
-# meshio 5.3 knows how VTK stores these wedges but not that they fill space.
-meshio._mesh.topological_dimension.setdefault("wedge15", 3)
-_FACE_KINDS = {6: mc.NORM_TRI6, 8: mc.NORM_QUAD8}
 
 
 def write_med(mesh: PrismMesh, path: Path) -> None:
@@ -70,12 +67,8 @@ def write_med(mesh: PrismMesh, path: Path) -> None:
     file.setMeshAtLevel(_CELLS, _med_cells("prism", 3, kind.med, coordinates, cells))
     members: dict[str, IntArray] = {}
     if mesh.faces:
-        # The triangles of S_PLUS and S_MINUS come first, as MED numbers faces kind by kind.
         faces = [
-            _med_cells(
-                "prism", 2, _FACE_KINDS[mesh.faces[name].shape[1]], coordinates, mesh.faces[name]
-            )
-            for name in FACE_GROUPS
+            _med_cells("prism", 2, kind.face, coordinates, mesh.faces[name]) for name in FACE_GROUPS
         ]
         all_faces = mc.MEDCouplingUMesh.MergeUMeshesOnSameCoords(faces)
         all_faces.setName("prism")
@@ -94,10 +87,10 @@ def write_med(mesh: PrismMesh, path: Path) -> None:
 
 
 def read_med(path: Path, mesh: str | None = None) -> PrismMesh:
-    """Read a prism of tet10 or wedge15 cells with groups GRAIN1, …, S_PLUS, S_MINUS and TOP.
+    """Read a prism of tet10 or hex20 cells with groups GRAIN1, …, S_PLUS, S_MINUS and TOP.
 
     The node groups follow from the faces. Cells of either handedness are accepted. A group of
-    nodes stands for the outer faces between them where there is none of faces (tet10 only).
+    nodes stands for the outer faces between them where there is none of faces.
 
     Args:
         path: a MED file, in µm.
@@ -109,7 +102,7 @@ def read_med(path: Path, mesh: str | None = None) -> PrismMesh:
 
     Raises:
         ValueError: the file cannot be read, see `open_med`, lacks groups, has other cells than
-            tet10 or wedge15, inverted ones, a cell in no grain or in two, or a node in no cell.
+            tet10 or hex20, inverted ones, a cell in no grain or in two, or a node in no cell.
         FileNotFoundError: there is no such file.
     """
     file = open_med(path, mesh, groups=(_FIRST_GRAIN, *FACE_GROUPS)).mesh
@@ -123,8 +116,7 @@ def read_med(path: Path, mesh: str | None = None) -> PrismMesh:
             f"1 to {len(points)}"
         )
     # Some writers leave cells in VTK order.
-    corner = points[cells[:, :4]]
-    left_handed = np.linalg.det(corner[:, 1:] - corner[:, :1]) < 0
+    left_handed = jacobians(points, cells)[:, -1] < 0
     cells[left_handed] = cells[left_handed][:, kind.mirrored]
     inverted = inverted_cells(points, cells)
     if len(inverted):
@@ -132,7 +124,7 @@ def read_med(path: Path, mesh: str | None = None) -> PrismMesh:
     loose = len(points) - len(np.unique(cells))
     if loose:
         raise ValueError(f"{path}: {loose} of {len(points)} nodes belong to no cell")
-    faces = {name: _faces(path, file, name, cells) for name in FACE_GROUPS}
+    faces = {name: _faces(path, file, name, kind, cells) for name in FACE_GROUPS}
     return PrismMesh(points, cells, _grains(path, file), faces, node_groups(points, faces))
 
 
@@ -197,11 +189,11 @@ def _kind(path: Path, file: Any) -> _Kind:
     """Return the kind of all cells of a file."""
     cells, faces = (_kinds(file, level) for level in (_CELLS, _FACES))
     for kind in _KINDS.values():
-        if cells == [kind.med] and set(faces) <= set(kind.faces):
+        if cells == [kind.med] and set(faces) <= {kind.face}:
             return kind
     raise ValueError(
         f"{path}: found cells {_names(cells)} with faces {_names(faces)}; quadratic cells are "
-        "expected (TETRA10 with TRI6 faces, or PENTA15 with TRI6 and QUAD8 faces, and nothing else)"
+        "expected (TETRA10 with TRI6 faces, or HEXA20 with QUAD8 faces, and nothing else)"
     )
 
 
@@ -222,28 +214,19 @@ def _connectivity(file: Any, kind: int) -> IntArray:
     return flat.reshape(single.getNumberOfCells(), -1)
 
 
-def _faces(path: Path, file: Any, name: str, cells: IntArray) -> IntArray:
-    """Node indices of the faces of a group, which are of one kind, shape (n, nodes of it)."""
+def _faces(path: Path, file: Any, name: str, kind: _Kind, cells: IntArray) -> IntArray:
+    """Node indices of the faces of a group, shape (n, nodes of one)."""
     if name not in _groups(file, _FACES):
         return _faces_between(path, name, _members(file, _NODES, name), cells)
-    members, begin = _members(file, _FACES, name), 0
-    for kind in _kinds(file, _FACES):
-        faces = _connectivity(file, kind)
-        local = members - begin
-        if len(members) and ((local >= 0) & (local < len(faces))).all():
-            return faces[local]
-        begin += len(faces)
-    found = "triangles and quadrilaterals" if len(members) else "no face"
-    raise ValueError(f"{path}: group {name} holds {found}; expected one kind")
+    return _connectivity(file, kind.face)[_members(file, _FACES, name)]
 
 
 def _faces_between(path: Path, name: str, nodes: IntArray, cells: IntArray) -> IntArray:
-    """Outer faces with all corners among the nodes, shape (n, 6)."""
-    if cells.shape[1] == 10:
-        outer = tet10.outer_faces(cells)
-        faces = outer[np.isin(outer[:, :3], nodes).all(axis=1)]
-        if len(faces):
-            return faces
+    """Outer faces with all corners among the nodes, shape (n, nodes of one)."""
+    outer, _ = outer_faces(cells)
+    faces = outer[np.isin(outer[:, : outer.shape[1] // 2], nodes).all(axis=1)]
+    if len(faces):
+        return faces
     raise ValueError(
         f"{path}: group {name} of {len(nodes)} nodes stands for no faces; expected a group of faces"
     )

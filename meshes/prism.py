@@ -1,6 +1,6 @@
 """The two-grain triangular prism: its geometry and its conforming meshes.
 
-Tetrahedra are made by gmsh, wedges by sweeping a grid of the section.
+Tetrahedra are made by gmsh, hexahedra by sweeping quadrilaterals of the section.
 """
 
 from __future__ import annotations
@@ -13,14 +13,17 @@ from typing import Any, Literal
 import numpy as np
 
 from meshes.arrays import FloatArray, IntArray
-from meshes.cells import inverted_cells
+from meshes.cells import inverted_cells, outer_faces
 from meshes.gmsh_library import running_gmsh
+from meshes.hex20 import swept
 from meshes.prism_mesh import PrismMesh
-from meshes.tet10 import node_groups, outer_faces
-from meshes.wedge15 import swept
+from meshes.tet10 import node_groups
 
 Vector = tuple[float, float, float]
-CellKind = Literal["tet10", "wedge15"]
+CellKind = Literal["tet10", "hex20"]
+
+LAYER = 0.6
+"""Thickness of a layer of hexahedra over their width: slip varies most along the axis."""
 
 _GMSH_TET10 = 11
 # gmsh numbers the mid-edge nodes of 13 and 23 the other way round than VTK.
@@ -114,30 +117,40 @@ class PrismGeometry:
         )
 
 
-def generate(geometry: PrismGeometry, size: float, kind: CellKind = "tet10") -> PrismMesh:
+def generate(
+    geometry: PrismGeometry,
+    size: float,
+    kind: CellKind = "tet10",
+    layers: tuple[int, int] | None = None,
+) -> PrismMesh:
     """Mesh the prism with straight-sided quadratic cells that conform to the grain boundary.
 
     The same input always gives the same arrays.
 
     Args:
         geometry: the prism and its grain boundary.
-        size: edge length of the cells [µm].
-        kind: tetrahedra, or wedges in layers along Y that lean with the grain boundary.
+        size: edge length of the cells, of hexahedra across the section [µm].
+        kind: tetrahedra, or hexahedra in layers along Y that lean with the grain boundary.
+        layers: numbers of layers of hexahedra in the first and in the second grain (0 where there
+            is none), of equal share; None for a thickness of LAYER × size along the centre line.
 
     Returns:
         the mesh, every Jacobian positive.
 
     Raises:
         ValueError: the size is not positive, the boundary leaves one grain empty, or it meets an
-            end face, which layers of wedges cannot follow.
+            end face, which layers of hexahedra cannot follow; layers of tetrahedra, or none in a
+            grain.
         RuntimeError: gmsh could not mesh the prism.
     """
     if not (isfinite(size) and size > 0):
         raise ValueError(f"element size is {size} µm; it must be positive")
     if geometry.boundary_point is not None:
         _require_two_grains(geometry)
-    if kind == "wedge15":
-        return _layers(geometry, size)
+    if kind == "hex20":
+        return _layers(geometry, size, layers)
+    if layers is not None:
+        raise ValueError(f"layers are {layers} for a mesh of {kind}; hex20 alone has layers")
     points, cells = _tet10_by_gmsh(geometry, size)
     if len(inverted_cells(points, cells)):
         raise RuntimeError(
@@ -152,31 +165,34 @@ def generate(geometry: PrismGeometry, size: float, kind: CellKind = "tet10") -> 
     return PrismMesh(points, cells, grain, faces, node_groups(points, faces))
 
 
-def _layers(geometry: PrismGeometry, size: float) -> PrismMesh:
-    """Wedges: the section in similar triangles, swept in layers of equal share of each grain."""
+def _layers(geometry: PrismGeometry, size: float, layers: tuple[int, int] | None) -> PrismMesh:
+    """Hexahedra: the section in quadrilaterals, swept in layers of equal share of each grain."""
     section, length = geometry.section(), geometry.length
-    first, second = section[1] - section[0], section[2] - section[0]
-    divisions = max(1, round(float(max(np.linalg.norm(first), np.linalg.norm(second))) / size))
+    longest = float(np.linalg.norm(section - np.roll(section, -1, axis=0), axis=1).max())
+    divisions = max(1, round(longest / 2 / size))
     if geometry.boundary_point is None:
-        below, above = max(1, round(length / size)), 0
+        parts = [length]
     else:
         middle = np.array([[section[:, 0].mean(), 0.0, section[:, 1].mean()]])
         geometry.boundary_height(_corners(geometry))
         share = float(geometry.boundary_height(middle)[0])
-        below, above = (max(1, round(part / size)) for part in (share, length - share))
-    grid, cells, faces = swept(divisions, below + above)
-    across = grid[:, :2] / (2 * divisions)
-    points = np.zeros((len(grid), 3))
-    points[:, [0, 2]] = section[0] + across[:, [0]] * first + across[:, [1]] * second
-    height = geometry.boundary_height(points) if above else np.full(len(grid), length)
-    layer = grid[:, 2] / 2
+        parts = [share, length - share]
+    counts = [max(1, round(part / (LAYER * size))) for part in parts] if layers is None else layers
+    below, above = (*counts, 0)[:2]
+    if below < 1 or (above < 1 if len(parts) == 2 else above != 0):
+        expected = "2 grains; (1, 1) or more" if len(parts) == 2 else "one grain; (1 or more, 0)"
+        raise ValueError(f"layers are {layers} in a prism of {expected} are expected")
+    shares, layer, cells, faces = swept(divisions, below + above)
+    points = np.zeros((len(shares), 3))
+    points[:, [0, 2]] = shares @ section
+    height = geometry.boundary_height(points) if above else np.full(len(points), length)
     points[:, 1] = np.where(
         layer <= below,
         height * layer / below,
         height + (length - height) * (layer - below) / max(1, above),
     )
-    points[grid[:, 2] == 2 * (below + above), 1] = length
-    grain = (layer[cells[:, 12]] > below).astype(np.int64)
+    points[layer == below + above, 1] = length
+    grain = (layer[cells].mean(axis=1) > below).astype(np.int64)
     return PrismMesh(points, cells, grain, faces, node_groups(points, faces))
 
 
@@ -272,7 +288,7 @@ def _tet10(gmsh: ModuleType) -> tuple[FloatArray, IntArray]:
 
 def _faces(geometry: PrismGeometry, points: FloatArray, cells: IntArray) -> dict[str, IntArray]:
     """Return named faces; their nodes, off by gmsh's round-off, are put exactly on the planes."""
-    outer = outer_faces(cells)
+    outer, _ = outer_faces(cells)
     planes = {"S_PLUS": (1, geometry.length), "S_MINUS": (1, 0.0), "TOP": (2, 0.0)}
     faces = {}
     for name, (axis, value) in planes.items():

@@ -40,7 +40,7 @@ def trace(mesh: PrismMesh, group: str = "TOP") -> SurfaceMesh:
     """Return the mesh of a face that is not seen edge-on along Z.
 
     Args:
-        mesh: the prism, whose face is of tri6 or, as TOP in a mesh of wedges, of quad8.
+        mesh: the prism, whose face is of tri6 or, in a mesh of hex20 cells, of quad8.
         group: name of the face.
     """
     faces = mesh.faces[group]

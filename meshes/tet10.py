@@ -1,4 +1,4 @@
-"""The ten-node tetrahedron in VTK order: shape functions, outer faces, node groups."""
+"""The ten-node tetrahedron in VTK order: shape functions, node groups of a prism."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
 MIRRORED = np.array([0, 2, 1, 3, 6, 5, 4, 7, 9, 8])
 """Local order of the same tet10 seen with the other handedness."""
 
-# Faces of the reference cell, outward normal, as 3 corners and the mid-edge nodes 01, 12, 20.
-_FACES = np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]])
+FACES = np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]])
+"""Faces of the reference cell, outward normal, as 3 corners and the mid-edge nodes 01, 12, 20."""
 
 CHECKED = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0.25, 0.25, 0.25]])
 """The four corners and the centre, in reference coordinates."""
@@ -50,24 +50,6 @@ def centre_gradients(points: FloatArray, cells: IntArray) -> FloatArray:
     map_gradient = np.einsum("cai,aj->cij", points[cells], centre)
     gradients: FloatArray = centre @ np.linalg.inv(map_gradient)
     return gradients
-
-
-def outer_faces(cells: IntArray) -> IntArray:
-    """Faces that belong to one cell only, as tri6 with outward normal, shape (n, 6).
-
-    Raises:
-        ValueError: the cells are no tet10.
-    """
-    if cells.shape[1] != 10:
-        raise ValueError(
-            f"the cells have {cells.shape[1]} nodes; outer faces are found for tet10 cells only"
-        )
-    faces = cells[:, _FACES].reshape(-1, 6)
-    _, first, count = np.unique(
-        np.sort(faces[:, :3], axis=1), axis=0, return_index=True, return_counts=True
-    )
-    outer: IntArray = faces[np.sort(first[count == 1])]
-    return outer
 
 
 def node_groups(points: FloatArray, faces: Mapping[str, IntArray]) -> dict[str, IntArray]:

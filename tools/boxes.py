@@ -1,4 +1,4 @@
-"""Small boxes of tet10 or wedge15 cells, made by hand, and simulations that pull them along Y."""
+"""Small boxes of tet10 or hex20 cells, made by hand, and simulations that pull them along Y."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from itertools import permutations
 
 import numpy as np
 
+from meshes import hex20
 from meshes.arrays import FloatArray, IntArray
 from meshes.cells import EDGES
 from meshes.prism_mesh import PrismMesh
@@ -129,23 +130,22 @@ def pulled(
     return moved(mesh, material, ends, displacement, times, tolerance, steps)
 
 
-def wedge_box(
-    shape: tuple[int, int, int] = (1, 2, 1),
+def hex_box(
+    shape: tuple[int, int, int] = (2, 2, 1),
     size: tuple[float, float, float] = (2.0, 4.0, 2.0),
     jitter: float = 0.0,
 ) -> PrismMesh:
-    """Return the box of `box` in fifteen-node wedges along Y, two to a brick."""
+    """Return the box of `box` in twenty-node hexahedra, one to a brick.
+
+    A column one brick wide has motions without strain at the Gauss points.
+    """
     points, number = _corners(shape, size, jitter)
-    cells = []
-    for i, j, k in np.ndindex(*shape):
-        # Seen along Y, Z × X is right-handed.
-        a, b, c, d = ((i, k), (i, k + 1), (i + 1, k + 1), (i + 1, k))
-        for triangle in ((a, b, c), (a, c, d)):
-            cells.append([int(number[x, y, z]) for y in (j, j + 1) for x, z in triangle])
-    return _quadratic(points, np.array(cells), EDGES[15], size[1])
+    brick = hex20.CHECKED[:8].astype(np.int64) // 2 + 1
+    cells = [[int(number[tuple(corner)]) for corner in base + brick] for base in np.ndindex(*shape)]
+    return _quadratic(points, np.array(cells), EDGES[20], size[1])
 
 
-BOXES = {"tet10": box, "wedge15": wedge_box}
+BOXES = {"tet10": box, "hex20": hex_box}
 
 
 def uniaxial(

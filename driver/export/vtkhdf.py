@@ -15,8 +15,8 @@ import numpy as np
 from meshes.arrays import FloatArray
 from meshes.prism_mesh import PrismMesh
 
-# VTK_QUADRATIC_TETRA and VTK_QUADRATIC_WEDGE by nodes of a cell.
-_KINDS = {10: 24, 15: 26}
+# VTK_QUADRATIC_TETRA and VTK_QUADRATIC_HEXAHEDRON by nodes of a cell.
+_KINDS = {10: 24, 20: 25}
 
 
 def write_vtkhdf(

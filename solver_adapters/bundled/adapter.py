@@ -36,7 +36,7 @@ _BETWEEN_KEPT = 1.0  # s; beside its interval an interruption may lose so much
 
 
 class BundledAdapter:
-    """Crystal plasticity on quadratic tetrahedra or wedges, exact derivatives."""
+    """Crystal plasticity on quadratic tetrahedra or hexahedra, exact derivatives."""
 
     name = "bundled"
 
@@ -50,7 +50,7 @@ class BundledAdapter:
             lattice_gradient=True,
             times=True,
             accuracy=True,
-            cells=frozenset((10, 15)),
+            cells=frozenset((10, 20)),
             tet10_points=frozenset((4, 5)),
             mean_dilatation=True,
             integrations=frozenset(("exponential", "backward_euler")),

@@ -14,7 +14,7 @@ BESIDE = (
         f"solver_adapters/{name}.py"
         for name in ("constants", "crystal", "material", "kernels", "cholesky")
     ),
-    *(f"meshes/{name}.py" for name in ("cells", "tet10", "wedge15")),
+    *(f"meshes/{name}.py" for name in ("cells", "tet10", "hex20")),
 )
 
 

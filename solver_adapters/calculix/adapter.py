@@ -17,7 +17,7 @@ from solver_adapters.time_steps import step_ends
 
 
 class CalculixAdapter(ExternalAdapter):
-    """CalculiX's law SINGLE_CRYSTAL on quadratic tetrahedra or wedges."""
+    """CalculiX's law SINGLE_CRYSTAL on quadratic tetrahedra or hexahedra."""
 
     name = "calculix"
     programs = ("ccx",)

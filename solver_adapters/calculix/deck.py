@@ -22,14 +22,16 @@ from templates import render
 JOB = "job"
 """Stem of the input and result files."""
 FORCE_SET, OUTPUT_SET = "S_PLUS", "OUTPUT"
-CELLS = {10: "C3D10", 15: "C3D15"}
-"""CalculiX's names of the cells; their nodes come in the order of VTK."""
+CELLS = {10: "C3D10", 20: "C3D20R"}
+"""CalculiX's names of the cells with as many Gauss points; nodes come in the order of VTK."""
 
 # CalculiX divides by Q, b and c: a term at its null gets the smallest number that does no harm.
 _NULL = 1e-6
 _NO_RATE = 1.0
 # Of the length of a step: below it CalculiX gives up cutting.
 _SMALLEST = 1e-5
+# Most numbers in a line.
+_ENTRIES = 16
 
 
 def render_files(simulation: Simulation) -> Mapping[str, bytes]:
@@ -89,10 +91,16 @@ def _grains(simulation: Simulation) -> list[dict[str, object]]:
                 "crystal": int(distinct[grain]) + 1,
                 # The columns are the crystal axes in the specimen frame.
                 "axes": ",".join(map(number, rotation[:, :2].T.ravel())),
-                "cells": [_row(cell + 1, *(mesh.cells[cell] + 1)) for cell in cells],
+                "cells": [_element(cell + 1, *(mesh.cells[cell] + 1)) for cell in cells],
             }
         )
     return grains
+
+
+def _element(*integers: SupportsInt) -> str:
+    """Write a cell and its nodes in lines that CalculiX reads; a comma at the end carries on."""
+    lines = [integers[k : k + _ENTRIES] for k in range(0, len(integers), _ENTRIES)]
+    return ",\n".join(_row(*line) for line in lines)
 
 
 def _row(*integers: SupportsInt) -> str:

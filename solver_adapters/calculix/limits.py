@@ -23,7 +23,7 @@ CAPABILITIES = Capabilities(
     noise=1e-5,
     cost=50.0,
     conditional=frozenset(("tau0_112", "Q", "b", "h_latent", "Q_latent", "interaction")),
-    cells=frozenset((10, 15)),
+    cells=frozenset((10, 20)),
     tet10_points=frozenset((4,)),
     least_steps=20,
 )

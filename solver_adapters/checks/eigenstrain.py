@@ -9,10 +9,12 @@ from solver_adapters.constants import elastic_constants, grain_ratios
 from solver_adapters.crystal import N_110, N_SYSTEMS, slip_systems
 from solver_adapters.interface import Simulation, UnsupportedError
 
-# Cells with straight edges as tetrahedra of their corners.
+# Cells with plane faces as tetrahedra of their corners.
 _TETRAHEDRA = {
     10: np.array([[0, 1, 2, 3]]),
-    15: np.array([[0, 1, 2, 5], [0, 1, 5, 4], [0, 4, 5, 3]]),
+    20: np.array(
+        [[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]]
+    ),
 }
 
 

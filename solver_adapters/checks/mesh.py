@@ -33,8 +33,8 @@ def refuse_bad_mesh(mesh: PrismMesh) -> None:
     expect_array("mesh.cells", cells)
     if cells.ndim != 2 or cells.shape[1] not in EDGES or not len(cells):
         raise UnsupportedError(
-            f"mesh.cells has shape {cells.shape}; expected (n, 10) for tet10 or (n, 15) for "
-            "wedge15, with one cell or more"
+            f"mesh.cells has shape {cells.shape}; expected (n, 10) for tet10 or (n, 20) for "
+            "hex20, with one cell or more"
         )
     expect_indices("mesh.cells", cells, n_nodes, "nodes")
     expect_shape("mesh.grain", mesh.grain, (len(cells),))

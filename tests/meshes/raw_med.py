@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 # Nodes of the kinds of cells that the tests use.
-NODES_OF = {"PO1": 1, "SE3": 3, "TR6": 6, "QU8": 8, "T10": 10, "P15": 15, "HE8": 8}
+NODES_OF = {"PO1": 1, "SE3": 3, "TR6": 6, "QU8": 8, "T10": 10, "H20": 20, "HE8": 8}
 
 
 def version(path: Path) -> tuple[int, int]:

@@ -5,18 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshes import tet10, wedge15
+from meshes import hex20, tet10
 from meshes.cells import EDGES, outer_triangles
 from tools.boxes import BOXES
 
 CORNERS = {
     10: np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
-    15: np.array([[0.0, 0, -1], [1, 0, -1], [0, 1, -1], [0, 0, 1], [1, 0, 1], [0, 1, 1]]),
+    20: np.array(
+        [[-1.0, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1]]
+        + [[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]]
+    ),
 }
-SHAPES = {10: tet10.shape_functions, 15: wedge15.shape_functions}
+SHAPES = {10: tet10.shape_functions, 20: hex20.shape_functions}
 
 
-@pytest.mark.parametrize("n", [10, 15])
+@pytest.mark.parametrize("n", [10, 20])
 def test_each_shape_function_is_one_at_its_own_node_and_null_at_the_others(n: int) -> None:
     corners = CORNERS[n]
     nodes = np.concatenate([corners, corners[EDGES[n]].mean(axis=1)])
@@ -24,7 +27,7 @@ def test_each_shape_function_is_one_at_its_own_node_and_null_at_the_others(n: in
     np.testing.assert_allclose(values, np.eye(n), atol=1e-15)
 
 
-@pytest.mark.parametrize("n", [10, 15])
+@pytest.mark.parametrize("n", [10, 20])
 def test_shape_gradients_are_difference_quotients_of_the_shape_functions(n: int) -> None:
     spots = np.array([[0.2, 0.3, 0.1], [0.5, 0.1, 0.3], [0.1, 0.1, 0.7]])
     _, gradients = SHAPES[n](spots)

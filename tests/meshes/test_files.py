@@ -155,15 +155,16 @@ def test_families_are_declared_without_any_group_of_nodes(mesh: PrismMesh, tmp_p
     assert raw_med.groups(path, "prism", "NOEUD") == {}
 
 
-def test_wedges_stand_in_declared_families(tmp_path: Path) -> None:
-    path = tmp_path / "wedges.med"
-    wedges = generate(PrismGeometry(), 3.0, "wedge15")
-    write_med(wedges, path)
+def test_hexahedra_stand_in_declared_families(tmp_path: Path) -> None:
+    path = tmp_path / "bricks.med"
+    bricks = generate(PrismGeometry(), 3.0, "hex20")
+    write_med(bricks, path)
     assert raw_med.version(path) == (4, 0)
     declared = raw_med.declared_families(path, "prism")
-    for kind in (None, "P15", "TR6", "QU8"):
+    for kind in (None, "H20", "QU8"):
         assert set(raw_med.families(path, "prism", kind)) <= declared
-    assert len(raw_med.members(path, "prism", "QU8", "TOP")) == len(wedges.faces["TOP"])
+    assert raw_med.kinds(path, "prism") == {"H20", "QU8"}
+    assert len(raw_med.members(path, "prism", "QU8", "TOP")) == len(bricks.faces["TOP"])
 
 
 def test_our_cells_have_the_handedness_of_the_file_that_code_aster_ran(med: Path) -> None:

@@ -66,10 +66,10 @@ def test_no_points_give_an_empty_matrix(surface: SurfaceMesh) -> None:
 
 @pytest.fixture(scope="module")
 def swept_face(geometry: PrismGeometry) -> SurfaceMesh:
-    return trace(generate(geometry, 1.65, "wedge15"))
+    return trace(generate(geometry, 1.65, "hex20"))
 
 
-def test_the_face_of_wedges_is_a_mesh_of_quad8(swept_face: SurfaceMesh) -> None:
+def test_the_face_of_hexahedra_is_a_mesh_of_quad8(swept_face: SurfaceMesh) -> None:
     plane = swept_face.plane
     plane.check()
     assert plane.kind == "quad8"
@@ -77,7 +77,7 @@ def test_the_face_of_wedges_is_a_mesh_of_quad8(swept_face: SurfaceMesh) -> None:
     assert plane.size**2 * len(plane.cells) == pytest.approx(48.0)
 
 
-def test_a_linear_field_is_interpolated_exactly_on_the_face_of_wedges(
+def test_a_linear_field_is_interpolated_exactly_on_the_face_of_hexahedra(
     swept_face: SurfaceMesh,
 ) -> None:
     # The cells lean with the boundary: on a parallelogram or trapezium quad8 holds linear fields.

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from meshes.cells import inverted_cells, jacobians
-from meshes.tet10 import EDGES, MIRRORED, centre_gradients, outer_faces
+from meshes.cells import inverted_cells, jacobians, outer_faces
+from meshes.tet10 import EDGES, MIRRORED, centre_gradients
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
 REFERENCE = np.concatenate([CORNERS, CORNERS[EDGES].mean(axis=1)])
@@ -39,7 +39,8 @@ def test_a_cell_with_an_undefined_node_is_refused() -> None:
 
 
 def test_the_faces_of_one_cell_point_outwards_and_carry_their_mid_edge_nodes() -> None:
-    faces = outer_faces(CELL)
+    faces, owner = outer_faces(CELL)
+    assert owner.tolist() == [0] * 4
     corners = REFERENCE[faces[:, :3]]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     outwards = corners.mean(axis=1) - REFERENCE[:4].mean(axis=0)

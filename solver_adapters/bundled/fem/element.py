@@ -1,8 +1,8 @@
 """The quadratic elements: Gauss points, and what is known there of the shape functions.
 
 By its number of nodes a cell is one of two elements, nodes in VTK order: the ten-node tetrahedron
-with 4 points, or 5 where they are asked for, and the serendipity wedge of fifteen nodes with 6
-(3 of the triangle × 2 of the line).
+with 4 points, or 5 where they are asked for, and the serendipity hexahedron of twenty nodes with 8
+(2 × 2 × 2).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meshes import tet10, wedge15
+from meshes import hex20, tet10
 from meshes.arrays import FloatArray, IntArray
 
 
@@ -54,21 +54,21 @@ def _tet10_five() -> Element:
     return Element("tet10", weights, *tet10.shape_functions(positions), np.ones((5, 1)))
 
 
-def _wedge15() -> Element:
-    """Three points of degree 2 in the triangle times two of degree 3 along the line.
+def _hex20() -> Element:
+    """Two points of degree 3 along each of the three axes.
 
-    A third point along the line locks plastic flow (figures in benchmarks/numerics.md). The price
-    of two are three motions of a lone wedge without strain at the six points; four wedges have
-    none.
+    Three along each lock plastic flow (figures in benchmarks/numerics.md). The price of two are
+    six motions of a lone hexahedron without strain at the eight points. Neighbours do not share
+    them, save in a straight column one brick wide: it keeps one at each face between bricks even
+    where both ends are held. A prism has three cells or more side by side, and keeps none.
     """
-    triangle = np.array([[1.0, 1.0], [4.0, 1.0], [1.0, 4.0]]) / 6
-    line, line_weights = np.polynomial.legendre.leggauss(2)
-    positions = np.column_stack([np.tile(triangle, (2, 1)), np.repeat(line, 3)])
-    weights = np.repeat(line_weights, 3) / 6
-    return Element("wedge15", weights, *wedge15.shape_functions(positions), np.ones((6, 1)))
+    line, _ = np.polynomial.legendre.leggauss(2)
+    positions = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).reshape(-1, 3)
+    linear = np.column_stack([np.ones(8), positions])
+    return Element("hex20", np.ones(8), *hex20.shape_functions(positions), linear)
 
 
-ELEMENTS: Mapping[int, Element] = MappingProxyType({10: _tet10(), 15: _wedge15()})
+ELEMENTS: Mapping[int, Element] = MappingProxyType({10: _tet10(), 20: _hex20()})
 """The elements by their number of nodes, with their own quadrature."""
 TET10_FIVE = _tet10_five()
 """The tetrahedron with the other quadrature."""

@@ -12,7 +12,7 @@ from driver.export.vtkhdf import write_vtkhdf
 from tools.boxes import BOXES
 
 
-@pytest.mark.parametrize(("element", "kind"), [("tet10", 24), ("wedge15", 26)])
+@pytest.mark.parametrize(("element", "kind"), [("tet10", 24), ("hex20", 25)])
 def test_the_mesh_stands_once_and_fields_step_after_step(
     element: str, kind: int, tmp_path: Path
 ) -> None:

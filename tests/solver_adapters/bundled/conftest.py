@@ -7,7 +7,7 @@ import pytest
 from solver_adapters.material import StrainMeasure
 
 
-@pytest.fixture(params=["tet10", "wedge15"])
+@pytest.fixture(params=["tet10", "hex20"])
 def kind(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 

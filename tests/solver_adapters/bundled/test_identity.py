@@ -33,7 +33,7 @@ def copied(tmp_path: Path) -> Path:
         "solver_adapters/bundled/stepping.py",
         "solver_adapters/bundled/law/slip.py",
         "solver_adapters/constants.py",
-        "meshes/wedge15.py",
+        "meshes/hex20.py",
     ],
 )
 def test_a_change_of_its_sources_makes_another_solver(name: str, copied: Path) -> None:

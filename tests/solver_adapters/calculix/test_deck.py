@@ -16,7 +16,7 @@ from solver_adapters.calculix import deck
 from solver_adapters.crystal import bunge_matrix
 from solver_adapters.interface import Simulation
 from tests.solver_adapters.calculix.runs import OCTAHEDRAL, simulation
-from tools.boxes import box, pulled, wedge_box
+from tools.boxes import box, hex_box, pulled
 
 
 def texts(asked: Simulation) -> dict[str, str]:
@@ -95,9 +95,22 @@ def test_given_steps_become_steps_of_the_deck_with_the_motion_between_the_instan
     np.testing.assert_allclose(np.array(pulled_by[1:], dtype=float), [1e-3, 4e-3, 8e-3])
 
 
-@pytest.mark.parametrize(("make", "name"), [(box, "C3D10"), (wedge_box, "C3D15")])
+@pytest.mark.parametrize(("make", "name"), [(box, "C3D10"), (hex_box, "C3D20R")])
 def test_the_kind_of_cell_is_named(make: Any, name: str) -> None:
     assert texts(simulation(mesh=make()))["mesh.inp"].count(f"TYPE={name},") == 2
+
+
+def test_a_cell_with_more_numbers_than_a_line_holds_goes_on_in_the_next() -> None:
+    """CalculiX reads 16 of a line, and the next one where a comma ends it."""
+    mesh = hex_box()
+    text = texts(simulation(mesh=mesh))["mesh.inp"]
+    assert max(len(row.rstrip(",").split(",")) for row in text.splitlines()) == 16
+    cells = {}
+    for block in re.findall(r"^\*ELEMENT.*\n((?:\d.*\n)+)", text, re.M):
+        for row in block.replace(",\n", ",").splitlines():
+            number, *nodes = map(int, row.split(","))
+            cells[number - 1] = np.array(nodes) - 1
+    np.testing.assert_array_equal([cells[k] for k in range(len(mesh.cells))], mesh.cells)
 
 
 def test_a_template_that_names_an_unknown_value_fails() -> None:

@@ -11,7 +11,7 @@ import pytest
 from solver_adapters.checks.capabilities import BASE, refuse_unsupported
 from solver_adapters.interface import Capabilities, Direction, Simulation, UnsupportedError
 from solver_adapters.material import Material
-from tools.boxes import box, pulled, wedge_box
+from tools.boxes import box, hex_box, pulled
 
 PLAIN = replace(
     pulled(box(), Material(strain_measure="small"), (0.01,)), integration="backward_euler"
@@ -26,7 +26,7 @@ ALL = Capabilities(
     lattice_gradient=True,
     times=True,
     accuracy=True,
-    cells=frozenset({10, 15}),
+    cells=frozenset({10, 20}),
 )
 NULL = "its null value"
 
@@ -59,7 +59,7 @@ def test_the_plain_law_is_not_refused() -> None:
         ),
         (replace(PLAIN, accuracy=2.0), "accuracy = 2 µN", "None"),
         (replace(PLAIN, lattice_gradient=np.zeros((2, 3))), "lattice_gradient", "None"),
-        (replace(PLAIN, mesh=wedge_box()), "cells of 15 nodes", "cells of another kind"),
+        (replace(PLAIN, mesh=hex_box()), "cells of 20 nodes", "cells of another kind"),
     ],
 )
 def test_a_wish_is_refused_by_name_with_the_solver_that_can(

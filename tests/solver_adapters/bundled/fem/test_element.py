@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from meshes.prism import PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.bundled.fem.element import (
     ELEMENTS,
@@ -14,7 +15,7 @@ from solver_adapters.bundled.fem.element import (
     shape_gradient_velocity,
     shape_gradients,
 )
-from tools.boxes import BOXES, box
+from tools.boxes import BOXES, box, hex_box
 
 
 @pytest.fixture(params=list(BOXES))
@@ -51,14 +52,14 @@ def test_five_points_of_a_tetrahedron_integrate_cubic_fields_and_four_do_not() -
         assert np.allclose(integrals, exact, rtol=1e-12) == agree
 
 
-def test_a_wedge_keeps_its_own_points_whatever_is_asked_of_tetrahedra() -> None:
-    assert element_of(BOXES["wedge15"]().cells, 5) is ELEMENTS[15]
+def test_a_hexahedron_keeps_its_own_points_whatever_is_asked_of_tetrahedra() -> None:
+    assert element_of(BOXES["hex20"]().cells, 5) is ELEMENTS[20]
     assert element_of(box().cells, 5) is TET10_FIVE
 
 
 @pytest.mark.parametrize("kind", list(BOXES))
 def test_a_quadratic_field_has_its_own_gradient_at_the_gauss_points(kind: str) -> None:
-    """On straight cells (with parallel edges, of wedges) all quadratic polynomials are spanned."""
+    """On straight cells (with parallel faces, of hexahedra) all quadratic polynomials are held."""
     mesh = BOXES[kind]((2, 2, 2), (2.0, 4.0, 3.0))
     x, y, z = mesh.points.T
     gradients, weights = shape_gradients(mesh.points, mesh.cells, element_of(mesh.cells))
@@ -102,6 +103,32 @@ def test_an_inverted_cell_is_refused_by_its_number() -> None:
 
 
 def test_cells_of_another_kind_are_refused() -> None:
-    assert sorted(ELEMENTS) == [10, 15]
-    with pytest.raises(ValueError, match=r"20 nodes; expected one of tet10 \(10\), wedge15 \(15\)"):
-        element_of(np.arange(20)[None])
+    assert sorted(ELEMENTS) == [10, 20]
+    with pytest.raises(ValueError, match=r"15 nodes; expected one of tet10 \(10\), hex20 \(20\)"):
+        element_of(np.arange(15)[None])
+
+
+def _motions_without_strain(mesh: PrismMesh) -> int:
+    """Number of independent motions of the nodes that strain no Gauss point."""
+    gradients, _ = shape_gradients(mesh.points, mesh.cells, element_of(mesh.cells))
+    strains = []
+    for cell, of_cell in zip(mesh.cells, gradients, strict=True):
+        for of_point in of_cell:
+            for i, j in np.argwhere(np.tri(3)):
+                row = np.zeros(mesh.points.shape)
+                row[cell, i] += of_point[:, j]
+                row[cell, j] += of_point[:, i]
+                strains.append(row.ravel())
+    return mesh.points.size - int(np.linalg.matrix_rank(np.array(strains)))
+
+
+def test_only_a_body_one_hexahedron_wide_moves_without_strain() -> None:
+    """Beside the six rigid motions: six of a lone cell, one at each face of a straight column."""
+    shapes = {(1, 1, 1): 6, (1, 2, 1): 1 + 2, (1, 4, 1): 3 + 2, (2, 2, 1): 0, (2, 2, 2): 0}
+    for shape, more in shapes.items():
+        assert _motions_without_strain(hex_box(shape)) == 6 + more
+    tilted = PrismGeometry(boundary_point=(0, 5.4, 0), boundary_normal=(0.15, 1, 0.30))
+    for geometry, layers in ((PrismGeometry(), (1, 0)), (tilted, (1, 1))):
+        mesh = generate(geometry, 4.0, "hex20", layers)
+        assert len(mesh.cells) == 3 * sum(layers)
+        assert _motions_without_strain(mesh) == 6
