@@ -26,9 +26,9 @@ from driver.dic.series import measure
 from driver.experiment.history import History, turning_points
 from driver.forward.build import build_model, geometry_of
 from driver.forward.model import ForwardModel
-from driver.identification.discretisation_covariance import share_left
 from driver.identification.fit import Fit, fit
 from driver.identification.identifiability import INSENSITIVE, prior_shares
+from driver.identification.mesh_error import share_left
 from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.parameters.registry import declared_parameters
@@ -358,7 +358,7 @@ def simulation_error() -> Figure:
     load.set_title("Load by the size of the elements")
     load.legend(loc="lower center")
     grid(load)
-    kappa = share_left(_SIZES[1] / _SIZES[0])
+    kappa = share_left(10, _SIZES[1] / _SIZES[0])
     correction = finer - working
     difference.fill_between(row, -kappa * np.abs(correction), kappa * np.abs(correction),
                             color=AFTER, alpha=0.2, lw=0,

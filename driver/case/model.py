@@ -204,6 +204,12 @@ class Case(Table):
         return self.section / self.sections.macroscopic_mm2
 
     @property
+    def mean_dilatation(self) -> bool:
+        """Whether the dilatation of a cell is projected on few functions."""
+        stated = self.solver.mean_dilatation
+        return self.specimen.cells == "hex20" if stated is None else stated
+
+    @property
     def orientations(self) -> FloatArray:
         """Crystal → specimen rotation of each grain, shape (n_grains, 3, 3).
 

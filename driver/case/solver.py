@@ -49,6 +49,11 @@ class Solver(Table):
         default=None,
         description="Gauss points of a tetrahedron, 4 or 5, of a solver that has the choice",
     )
+    mean_dilatation: bool | None = Field(
+        default=None,
+        description="true or false, whether cells follow plastic flow, which keeps the volume, "
+        "without locking; default true with hexahedra, false with tetrahedra",
+    )
     profiles: dict[str, ProfileTable] = Field(
         default_factory=dict, description="how the program of a solver is called, by its name"
     )

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from driver.case.messages import refusal
 from driver.case.values import Positive, Table, Vector
 from meshes.arrays import FloatArray
+from meshes.prism import CellKind
 
 
 class Specimen(Table):
@@ -19,6 +20,11 @@ class Specimen(Table):
     width_um: Positive = Field(default=4.0, description="width of the measured face along X")
     depth_um: Positive | None = Field(
         default=None, description="depth along −Z, default width·√3/2"
+    )
+    cells: CellKind = Field(
+        default="tet10",
+        description='"tet10" or "hex20", tetrahedra as other programs take them, or hexahedra in '
+        "layers along Y, which follow plastic flow better",
     )
     mesh_size_um: Positive = Field(
         default=1.6, description="edge of the elements of the working mesh"

@@ -53,7 +53,7 @@ def mesh_of(case: Case, size: float) -> PrismMesh:
         InputError: the case does not describe a prism that can be meshed.
     """
     try:
-        return generate(geometry_of(case), size)
+        return generate(geometry_of(case), size, case.specimen.cells)
     except (ValueError, RuntimeError) as error:
         raise InputError(f"specimen: {error}") from None
 
@@ -300,6 +300,7 @@ def build_model(
         accuracy=None if solver.accuracy_uN is None else solver.accuracy_uN / finer,
         projection=PixelProjection(surface, pixels, (-half, half, 0.0, case.specimen.length)),
         tet10_points=solver.gauss_points,
+        mean_dilatation=case.mean_dilatation,
         workspace=workspace,
     )
 

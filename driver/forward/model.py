@@ -58,6 +58,7 @@ class ForwardModel:
         accuracy: error of the force that a time step may make [µN], or None for steps as given.
         projection: where the pixels are on the face.
         tet10_points: Gauss points of a tetrahedron, None for those that the solver takes.
+        mean_dilatation: whether the dilatation of a cell is projected on few functions.
         workspace: where the solver keeps files of its runs, or None.
         steps: ends of the time steps [s] on the clock of the history, as another response had
             them, or None for steps of its own.
@@ -80,6 +81,7 @@ class ForwardModel:
     accuracy: float | None
     projection: PixelProjection
     tet10_points: int | None = None
+    mean_dilatation: bool = False
     workspace: Path | None = None
     steps: FloatArray | None = None
     pattern: FloatArray | None = None
@@ -120,6 +122,7 @@ class ForwardModel:
             accuracy=self.accuracy if steps is None else None,
             steps=steps,
             tet10_points=self.tet10_points,
+            mean_dilatation=self.mean_dilatation,
             warm_start=None
             if self.trajectory is None
             else _on_clock(self.trajectory, self.times, times),

@@ -1,13 +1,10 @@
 """Covariance of what the mesh leaves wrong in a prediction.
 
-The finer-minus-working difference is added to every prediction (defect correction). What the
-finer simulation itself leaves wrong is not known, but how large it is and when it occurs is: the
-root mean square falls with the first power of the size h (measured on two grains with meshes of
-262, 574 and 1414 cells: slip concentrates where meshes differ), so that of the finer mesh is
-κ = r/(1 − r) times that difference, r = h_fine/h_working. In time it follows the difference; in
-space it is taken as a Gaussian field over the face, as rough as the finer elements and with the
-mean square of the difference in each of u, v, w. The loads get the pattern of their own
-difference, at amplitude κ.
+The finer-minus-working difference is added to every prediction (defect correction). What that
+leaves wrong is not known, but how large it is and when it occurs is: its root mean square is a
+share κ of the correction (`mesh_error`). In time it follows the correction; in space it is taken as
+a Gaussian field over the face, as rough as the finer elements and with the mean square of the
+correction in each of u, v, w. The loads get the pattern of their own correction, at amplitude κ.
 
 Images resolve fractions of a nanometre where a mesh error lasts for a whole test. Without this
 term every cause that resembles a mesh error would be found significant.
@@ -68,19 +65,18 @@ class DiscretisationError:
 
 
 def simulation_error(
-    image: ImageData, motion: FloatArray, load: FloatArray, size: float, ratio: float
+    image: ImageData, motion: FloatArray, load: FloatArray, size: float, kappa: float
 ) -> DiscretisationError:
     """Covariance of the remaining error.
 
     Args:
         image: the image part of the data.
-        motion: finer minus working motion at the pixels, as far as it is of the mesh [µm], shape
+        motion: correction of the motion at the pixels, as far as it is of the mesh [µm], shape
             (T, n_pix, 3).
         load: the same of the load [µN], shape (T,).
         size: element size of the finer mesh [µm].
-        ratio: element size of the finer over that of the working mesh.
+        kappa: root mean square of the error over that of the correction.
     """
-    kappa = share_left(ratio)
     z = image.pixel_sensitivity(motion)
     left, amplitude, _ = np.linalg.svd(z, full_matrices=False)
     shapes = kappa * left[:, :_SHAPES] * amplitude[:_SHAPES]
@@ -92,15 +88,6 @@ def simulation_error(
     covariance = effect.T @ effect
     total = float(np.trace(covariance))  # 0 where the finer simulation agrees exactly
     return DiscretisationError(shapes, covariance / total if total else covariance, kappa * load)
-
-
-def share_left(ratio: float) -> float:
-    """κ: what the finer simulation leaves wrong over finer minus working, first order in h.
-
-    Args:
-        ratio: element size of the finer over that of the working mesh.
-    """
-    return ratio / (1.0 - ratio)
 
 
 def _fields(xy: FloatArray, size: float) -> FloatArray:

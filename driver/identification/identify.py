@@ -27,6 +27,7 @@ from driver.identification.data import Data
 from driver.identification.discretisation_covariance import simulation_error
 from driver.identification.fit import Fit, fit
 from driver.identification.identifiability import refuse_what_is_not_seen
+from driver.identification.mesh_error import extrapolation, share_left
 from driver.identification.multistart import Outcome, draw_starts, from_each_start
 from driver.identification.objective import Correction, Objective
 from driver.identification.step_error import (
@@ -250,7 +251,8 @@ def with_correction(
         sizes: element sizes of the working and of the finer mesh [µm].
     """
     image = replace(objective.data.image, noise_factor=noise_factor)
-    error = simulation_error(image, *change.of_mesh, sizes[1], sizes[1] / sizes[0])
+    kappa = share_left(objective.model.microstructure.mesh.cells.shape[1], sizes[1] / sizes[0])
+    error = simulation_error(image, *change.of_mesh, sizes[1], kappa)
     data = replace(
         objective.data, image=image, simulation_error=error, step_error=change.left_by_steps
     )
@@ -300,7 +302,7 @@ def correction(
     values: Mapping[str, float],
     with_steps: bool = False,
 ) -> Correction:
-    """Finer minus working prediction.
+    """Finer minus working prediction, extrapolated where both meshes are of one family.
 
     Steps of first order are taken in parts by the finer simulation, those that had to be cut too.
 
@@ -324,8 +326,11 @@ def correction(
     motion, load = fine.motion - coarse.motion, fine.load - coarse.load
     of_motion = f", motion {1e3 * np.sqrt(np.mean(motion**2)):.2f} nm rms" if motion.size else ""
     logger.info(f"  finer − working: load {np.sqrt(np.mean(load**2)):.2f} µN rms{of_motion}")
+    more = extrapolation(working.microstructure.mesh, finer.microstructure.mesh)
+    if more:
+        logger.info(f"  of the mesh {1 + more:.2f} times as much, as their errors are alike")
     if not halved:
-        return Correction(motion, load, parts=parts)
+        return Correction(motion, load, parts=parts).extrapolated(more)
     left = error_by_halves(coarse, halved[0]).times(1 / parts)
     cuts = working.cut_steps(coarse.response)
     cut = f"{cuts} more than stated, as some were cut; " if cuts else ""
@@ -334,7 +339,7 @@ def correction(
         f"  time steps of first order: {cut}{wrong:.2f} µN rms of the load are still wrong, which "
         "the uncertainties count"
     )
-    return Correction(motion, load, left, parts)
+    return Correction(motion, load, left, parts).extrapolated(more)
 
 
 def noise_factor(fit_: Fit, data: Data) -> float:

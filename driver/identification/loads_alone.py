@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from driver.forward.model import ForwardModel
-from driver.identification.discretisation_covariance import DiscretisationError, share_left
+from driver.identification.discretisation_covariance import DiscretisationError
 from driver.identification.fit import fit
 from driver.identification.identifiability import refuse_what_is_not_seen
 from driver.identification.identify import (
@@ -24,6 +24,7 @@ from driver.identification.identify import (
     elastic_stiffness,
     unload_elastically,
 )
+from driver.identification.mesh_error import share_left
 from driver.identification.objective import Objective
 
 logger = logging.getLogger(__name__)
@@ -60,7 +61,8 @@ def identify_from_loads(
     first = fit(objective, begin, plan.free("B"), plan.most, share=START)
     logger.info("finer mesh and steps at the result, for the correction")
     change = correction(model, finer, first.best.prediction, first.values, with_steps=True)
-    left = share_left(plan.sizes[1] / plan.sizes[0]) * change.of_mesh[1]
+    kappa = share_left(model.microstructure.mesh.cells.shape[1], plan.sizes[1] / plan.sizes[0])
+    left = kappa * change.of_mesh[1]
     error = DiscretisationError(np.zeros((left.size, 0)), np.zeros((0, 0)), left)
     corrected = replace(
         objective,

@@ -22,7 +22,7 @@ from solver_adapters.parameter import Parameter
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """Finer minus working prediction, added to every working prediction (defect correction).
+    """Finer minus working prediction, extrapolated, which is added to every working prediction.
 
     Attributes:
         motion: at the pixels [µm], shape (T, n_pix, 3), or 0.
@@ -46,6 +46,13 @@ class Correction:
             return motion, load
         held = self.left_by_steps.times(self.parts - 1)
         return motion - held.motion, load - held.load
+
+    def extrapolated(self, share: float) -> Correction:
+        """Return the correction with so much more of what it holds of the mesh."""
+        if not share:
+            return self
+        motion, load = self.of_mesh
+        return replace(self, motion=self.motion + share * motion, load=self.load + share * load)
 
     def mean_with(self, spread: Correction | None) -> Correction:
         """Return the mean of this correction by a finer mesh and of that by another one.

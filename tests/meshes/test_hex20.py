@@ -31,7 +31,7 @@ def bricks() -> PrismMesh:
 
 
 def reference() -> NDArray[np.float64]:
-    square = [[-1.0, -1], [1, -1], [1, 1], [-1, 1]]
+    square = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
     corners = np.array([[*place, z] for z in (-1, 1) for place in square])
     return np.concatenate([corners, corners[EDGES[20]].mean(axis=1)])
 

@@ -50,7 +50,7 @@ def test_no_error_of_the_loads_changes_nothing(error: DiscretisationError) -> No
 
 
 def test_what_is_left_is_in_proportion_to_the_correction() -> None:
-    """κ = r/(1 − r): as much again for half the element size, and nothing is left of nothing."""
+    """As much again at κ = 1, and nothing is left of nothing."""
     b = closed_form.problem()
     image = closed_form.objective(b, b.truth).data.image
     x, y = image.images.xy.T
@@ -58,14 +58,14 @@ def test_what_is_left_is_in_proportion_to_the_correction() -> None:
     motion = np.linspace(0, 1, b.history.n_images)[:, None, None] * bump[:, None]
     motion = motion * np.array([0.2, 1.0, 0.5])
     load = np.linspace(0, 4, b.history.n_images)
-    half = simulation_error(image, motion, load, 0.5, 0.5)
+    half = simulation_error(image, motion, load, 0.5, 1.0)
     np.testing.assert_allclose(half.load, load)
     assert np.trace(half.field) == pytest.approx(1.0)
     # The power of the shapes is that of κ times the difference, seen by the images.
     seen = image.pixel_sensitivity(motion)
     assert np.sum(half.shapes**2) == pytest.approx(np.sum(seen**2))
-    third = simulation_error(image, 2 * motion, load, 0.5, 0.5)
+    third = simulation_error(image, 2 * motion, load, 0.5, 1.0)
     np.testing.assert_allclose(np.abs(third.shapes), 2 * np.abs(half.shapes), atol=1e-9)
-    none = simulation_error(image, 0 * motion, 0 * load, 0.5, 0.5)
+    none = simulation_error(image, 0 * motion, 0 * load, 0.5, 1.0)
     z = RNG.standard_normal(seen.shape)
     np.testing.assert_allclose(none.whiten_images(z, none.shapes), z, atol=1e-12)
