@@ -139,7 +139,9 @@ def write_volumes(
     n_cells = len(mesh.cells)
     cost = cost_told(
         simulation_seconds(case, solver, n_cells, history.n_images),
-        simulation_memory(n_cells, history.n_images, 0, case.solver.steps_per_interval)
+        simulation_memory(
+            case.specimen.cells, n_cells, history.n_images, 0, case.solver.steps_per_interval
+        )
         + _FIELD_BYTES * n_cells * history.n_images,
     )
     logger.info(

@@ -35,6 +35,7 @@ from solver_adapters.material import MATERIAL_PARAMETERS
 from solver_adapters.registry import find_adapter
 
 _SMALLER = (0.93, 0.9, 0.87, 0.84, 0.8, 0.75)  # elements of another mesh over those of the first
+_TWO_THIRDS = 2 / 3  # of hexahedra over those of the first mesh
 _COMMON = 0.2  # share of its nodes that it may have in common with the first
 _SAME = 0.02  # element sizes between two nodes that are as good as the same
 TRACE = "trace"  # of the working mesh, in place of a mesh file of the correlation
@@ -59,10 +60,12 @@ def mesh_of(case: Case, size: float) -> PrismMesh:
 
 
 def another_mesh_of(case: Case, size: float, points: FloatArray) -> PrismMesh:
-    """Return a mesh of somewhat smaller elements with few nodes in common with one of a size.
+    """Return a mesh of smaller elements that may contradict one of a size.
 
-    Numbers of elements along an edge are whole: meshes of nearly the same size may be the same.
-    It is the largest of six with at most a fifth in common, or the smallest where none has.
+    Hexahedra: cells of two thirds of the size, whose error is half as large. Tetrahedra: cells
+    somewhat smaller with few nodes in common; numbers of elements along an edge are whole, and
+    meshes of nearly the same size may be the same, so that it is the largest of six with at most a
+    fifth in common, or the smallest where none has.
 
     Args:
         case: the case.
@@ -72,6 +75,8 @@ def another_mesh_of(case: Case, size: float, points: FloatArray) -> PrismMesh:
     Raises:
         InputError: the prism cannot be meshed with such elements.
     """
+    if case.specimen.cells == "hex20":
+        return mesh_of(case, _TWO_THIRDS * size)
     nodes, mesh = cKDTree(points), mesh_of(case, _SMALLER[0] * size)
     for smaller in _SMALLER[1:]:
         if np.mean(nodes.query(mesh.points)[0] < _SAME * size) <= _COMMON:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
 
 from driver.case.model import Case
+from meshes.prism import CellKind
 from solver_adapters.finite_differences import RUNS_PER_DIRECTION
 from solver_adapters.interface import Capabilities
 
-# Gauss points of a tet10, and its nodes per cell in a mesh of a few hundred cells.
-_POINTS_PER_CELL = 4
-_NODES_PER_CELL = 2.2
+# Gauss points of a cell, and nodes per cell in a mesh of a few hundred cells.
+_POINTS_PER_CELL: Mapping[CellKind, int] = MappingProxyType({"tet10": 4, "hex20": 8})
+_NODES_PER_CELL: Mapping[CellKind, float] = MappingProxyType({"tet10": 2.2, "hex20": 5.6})
 
 # Seconds of one core for one integration of the crystal law at one Gauss point.
 _POINT_SECONDS = {"small": 2.3e-6, "finite": 5.5e-6}
@@ -39,20 +42,25 @@ _TRAJECTORIES = 3
 
 
 def simulation_memory(
-    n_cells: int, n_images: int, directions: int = 0, steps_per_interval: int = 1
+    kind: CellKind,
+    n_cells: int,
+    n_images: int,
+    directions: int = 0,
+    steps_per_interval: int = 1,
 ) -> float:
     """Resident memory of a process that simulates once [bytes].
 
     Args:
-        n_cells: tet10 cells of the mesh.
+        kind: of the cells.
+        n_cells: cells of the mesh.
         n_images: images of the history.
         directions: of differentiation.
         steps_per_interval: time steps of a move or a hold.
     """
-    of_image = 24.0 * n_images * n_cells * _NODES_PER_CELL
+    of_image = 24.0 * n_images * n_cells * _NODES_PER_CELL[kind]
     # A move and a hold for each image.
     response, trajectory = of_image * (directions + 1), 2 * steps_per_interval * of_image
-    points = 8.0 * n_cells * _POINTS_PER_CELL * _POINT_NUMBERS * directions
+    points = 8.0 * n_cells * _POINTS_PER_CELL[kind] * _POINT_NUMBERS * directions
     return _PROCESS_BYTES + points + _RESPONSE_COPIES * response + _TRAJECTORIES * trajectory
 
 
@@ -69,7 +77,7 @@ def simulation_seconds(
     Args:
         case: the case.
         solver: what its solver can.
-        n_cells: tet10 cells of the mesh.
+        n_cells: cells of the mesh.
         n_images: images of the history, each after one move and one hold of the stage.
         directions: of differentiation.
         steps_per_interval: time steps of a move or a hold; those of the working mesh if None.
@@ -82,8 +90,9 @@ def steps_seconds(
     case: Case, solver: Capabilities, n_cells: int, steps: int, directions: int
 ) -> float:
     """Seconds of one simulation with its derivatives."""
-    points = n_cells * _POINTS_PER_CELL * _POINT_SECONDS[case.material.strain_measure]
-    unknowns = 3 * n_cells * _NODES_PER_CELL
+    kind = case.specimen.cells
+    points = n_cells * _POINTS_PER_CELL[kind] * _POINT_SECONDS[case.material.strain_measure]
+    unknowns = 3 * n_cells * _NODES_PER_CELL[kind]
     factor: float = _FACTOR_SECONDS * (unknowns / _FACTOR_UNKNOWNS) ** _FACTOR_POWER
     of_matrix = factor * min(solver.cost, _SLOWER_MATRIX)
     iteration = solver.cost * points / case.execution.threads + of_matrix

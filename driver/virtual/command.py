@@ -57,7 +57,9 @@ def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int
         + _PIXEL_SECONDS[steps] * face * history.n_images
     )
     parts = truth.solver.steps_per_interval
-    memory = simulation_memory(n_cells, history.n_images, steps_per_interval=parts)
+    memory = simulation_memory(
+        truth.specimen.cells, n_cells, history.n_images, steps_per_interval=parts
+    )
     memory += _PIXEL_BYTES * face * history.n_images
     logger.info(
         f"truth on a mesh of {truth.specimen.mesh_size:g} µm ({n_cells} cells) with "

@@ -1,0 +1,86 @@
+"""What two meshes tell of a third one."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from driver.identification.mesh_error import ORDER, extrapolation, share_left
+from meshes.arrays import FloatArray
+from meshes.prism import CellKind, PrismGeometry, generate
+from meshes.prism_mesh import PrismMesh
+from solver_adapters.bundled.adapter import BundledAdapter
+from solver_adapters.interface import Simulation
+from solver_adapters.material import Material
+from tools.boxes import ORIENTATIONS
+
+PRISM = PrismGeometry(length=6.0, boundary_point=(0.0, 3.2, 0.0), boundary_normal=(0.15, 1.0, 0.3))
+
+
+@cache
+def mesh(kind: CellKind, size: float) -> PrismMesh:
+    return generate(PRISM, size, kind)
+
+
+def forces(specimen: PrismMesh) -> FloatArray:
+    """Load [µN] of a prism that is pulled far beyond its yield."""
+    ends = np.concatenate([specimen.nodes["S_MINUS"], specimen.nodes["S_PLUS"]])
+    strains = np.array([0.0, 0.002, 0.004, 0.008, 0.012])
+    stretched = specimen.points[ends] * [0.0, 1.0, 0.0] * (specimen.points[ends, 1:2] > 3.0)
+    simulation = Simulation(
+        mesh=specimen,
+        material=Material(strain_measure="small"),
+        orientations=ORIENTATIONS,
+        times=np.arange(strains.size) * np.float64(20.0),
+        motion_nodes=ends,
+        motion_mask=np.ones((ends.size, 3), dtype=np.bool_),
+        motion=strains[:, None, None] * stretched,
+        output=np.arange(strains.size),
+        output_nodes=np.arange(1),
+        mean_dilatation=True,
+    )
+    return BundledAdapter().solve(simulation).force
+
+
+def test_of_half_the_size_an_error_of_this_order_is_left_of_hexahedra() -> None:
+    """2^(−p) of the working mesh's error, of which the difference is the rest."""
+    working, finer = mesh("hex20", 2.0), mesh("hex20", 1.0)
+    assert len(finer.cells) == 8 * len(working.cells)
+    assert extrapolation(working, finer) == pytest.approx(1 / (2**ORDER - 1))
+
+
+@pytest.mark.parametrize(
+    ("kinds", "sizes"),
+    [
+        (("tet10", "tet10"), (2.0, 1.2)),
+        (("hex20", "tet10"), (2.0, 1.2)),
+        (("hex20", "hex20"), (2.0, 2.0)),
+        (("hex20", "hex20"), (1.0, 2.0)),
+    ],
+)
+def test_meshes_of_no_family_or_no_finer_one_tell_nothing(
+    kinds: tuple[CellKind, CellKind], sizes: tuple[float, float]
+) -> None:
+    working, finer = (mesh(kind, size) for kind, size in zip(kinds, sizes, strict=True))
+    assert extrapolation(working, finer) == 0.0
+
+
+@pytest.mark.slow
+def test_the_extrapolated_load_is_that_of_tetrahedra_in_the_limit() -> None:
+    """Cells of another kind judge: their loads fall with the first power of their size."""
+    working, finer = mesh("hex20", 2.0), mesh("hex20", 1.0)
+    coarse, fine, larger, smaller = (
+        forces(specimen) for specimen in (working, finer, mesh("tet10", 0.8), mesh("tet10", 0.42))
+    )
+    limit = smaller - (larger - smaller) * 0.42 / (0.8 - 0.42)
+    extrapolated = fine + extrapolation(working, finer) * (fine - coarse)
+    off = [float(np.linalg.norm(load - limit)) for load in (coarse, fine, extrapolated)]
+    assert off[1] < 0.5 * off[0]
+    assert off[2] < 0.5 * off[1]
+
+
+def test_less_is_left_of_an_extrapolated_correction_than_of_one_between_tetrahedra() -> None:
+    assert share_left(20, 0.5) < 0.5 * share_left(10, 0.5)
+    assert share_left(10, 0.5) == 1.0
