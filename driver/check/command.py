@@ -205,7 +205,7 @@ def _mesh(case: Case) -> tuple[int, Finding]:
     """Return the number of cells of the working mesh, 0 where there is none."""
     specimen = case.specimen
     try:
-        mesh = generate(geometry_of(case), specimen.mesh_size)
+        mesh = generate(geometry_of(case), specimen.mesh_size, specimen.cells)
     except (ValueError, ImportError) as error:
         return 0, Finding("error", "mesh", f"specimen: {error}")
     grains = ", ".join(
