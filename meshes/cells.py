@@ -10,6 +10,9 @@ import numpy as np
 from meshes import hex20, tet10
 from meshes.arrays import FloatArray, IntArray
 
+NAMES: Mapping[int, str] = MappingProxyType({10: "tet10", 20: "hex20"})
+"""What a kind of cells is called."""
+
 EDGES: Mapping[int, IntArray] = MappingProxyType({10: tet10.EDGES, 20: hex20.EDGES})
 """Corners joined by the edges that carry the nodes after the corners."""
 

@@ -68,8 +68,6 @@ FLOORS: tuple[tuple[str, ...], ...] = (
 CORRIDORS = ("driver", "driver.diagnosis", "solver_adapters")
 # Only these draw.
 DRAWERS = ("driver.check", "driver.report", "driver.design", "driver.noise_floor")
-# Finds the cell of a point with its triangulations, and draws nothing.
-ALSO_IMPORT_MATPLOTLIB = ("driver.virtual.microscope.face_motion",)
 
 # Endings of files that are written for a case, and folders among its results.
 WRITTEN = (
@@ -175,7 +173,7 @@ def test_nobody_draws_but_rooms_with_pictures() -> None:
         if within(imported, "matplotlib")
     }
     strangers = [n for n in drawing if not any(within(n, room) for room in DRAWERS)]
-    assert sorted(strangers) == sorted(ALSO_IMPORT_MATPLOTLIB)
+    assert strangers == []
 
 
 def test_the_driver_names_no_solver() -> None:

@@ -37,6 +37,7 @@ from driver.results.extended_decks import rendered_decks
 from driver.results.files import CHECK_PICTURE, results_of
 from driver.workflow.cost import estimate
 from meshes.arrays import FloatArray
+from meshes.cells import NAMES
 from meshes.plane_mesh import PlaneMesh
 from meshes.prism import generate
 from solver_adapters.external import ABSENT, ExternalAdapter
@@ -204,7 +205,7 @@ def _mesh(case: Case) -> tuple[int, Finding]:
     """Return the number of cells of the working mesh, 0 where there is none."""
     specimen = case.specimen
     try:
-        mesh = generate(geometry_of(case), specimen.mesh_size)
+        mesh = generate(geometry_of(case), specimen.mesh_size, specimen.cells)
     except (ValueError, ImportError) as error:
         return 0, Finding("error", "mesh", f"specimen: {error}")
     grains = ", ".join(
@@ -214,7 +215,8 @@ def _mesh(case: Case) -> tuple[int, Finding]:
         )
     )
     n_cells, n_nodes = len(mesh.cells), len(mesh.points)
-    return n_cells, Finding("ok", "mesh", f"{n_cells} tet10 ({grains}), {n_nodes} nodes")
+    kind = NAMES[mesh.cells.shape[1]]
+    return n_cells, Finding("ok", "mesh", f"{n_cells} {kind} ({grains}), {n_nodes} nodes")
 
 
 def _correlation(case: Case) -> Iterator[Finding]:

@@ -31,7 +31,7 @@ surface/*.vtu     one file an image; points are the pixels of the region of inte
   motion_model_um         u, v, w of the model, as the images would show it
   residual_model_nm       f + w − g(x + u) of the model: heights that it does not explain
   motion_extended_um, residual_extended_nm   the same of the extended model
-mesh.vtu          working mesh of the simulation (10-node tetrahedra), undeformed, cell field grain
+mesh.vtu          working mesh of the simulation (quadratic cells), undeformed, cell field grain
 loads.csv         an image a row: load measured at the specimen, loads of the models,
                   residual = measured − model [µN]
 images.csv        an image a row: elongation and tilt of the face between its end edges [nm], chi of

@@ -15,6 +15,7 @@ from matplotlib.image import AxesImage
 from driver.report.figures import side_labels
 from driver.report.style import GREY, SIGNED, new_figure, styled
 from meshes.arrays import FloatArray, IntArray
+from meshes.cells import EDGES, outer_faces
 
 GRAINS = ("#a8cfe6", "#f3c98b")
 _BOUNDARY = "#d55e00"
@@ -79,7 +80,7 @@ def specimen(points: FloatArray, cells: IntArray, grain: IntArray, names: Sequen
 
     Args:
         points: nodes [µm], shape (n_nodes, 3).
-        cells: tet10 cells, corners first, shape (n_cells, 10).
+        cells: tet10 or hex20 cells, shape (n_cells, 10) or (n_cells, 20).
         grain: grain of each cell, shape (n_cells,).
         names: names of the grains.
     """
@@ -88,8 +89,7 @@ def specimen(points: FloatArray, cells: IntArray, grain: IntArray, names: Sequen
     right, up, towards = _view()
     seen = points @ np.column_stack([right, up])
     faces, owner = visible_faces(points, cells, towards)
-    a, b, c = (points[faces[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
+    normals = _normals(points, faces)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     light = 0.62 + 0.38 * np.clip(normals @ _LIGHT, 0.0, 1.0)
     base = np.array([to_rgb(GRAINS[grain[cell] % len(GRAINS)]) for cell in owner])
@@ -111,8 +111,9 @@ def specimen(points: FloatArray, cells: IntArray, grain: IntArray, names: Sequen
         return float(place @ right), float(place @ up)
 
     low, high = points.min(axis=0), points.max(axis=0)
+    n_edges = len(EDGES[cells.shape[1]])
     for index, name in enumerate(names):
-        middle = points[np.unique(cells[grain == index][:, :4])].mean(axis=0)
+        middle = points[np.unique(cells[grain == index][:, :-n_edges])].mean(axis=0)
         axes.text(*at(0.0, middle[1], high[2]), name, ha="center", va="center", weight="bold",
                   fontsize=11)  # fmt: skip
     axes.text(*at(0.0, low[1], 0.4 * low[2]), "S⁻", ha="center", va="center", weight="bold")
@@ -146,29 +147,29 @@ def visible_faces(
 
     Args:
         points: nodes [µm], shape (n_nodes, 3).
-        cells: tetrahedra, corners first, positive Jacobian, shape (n_cells, ≥ 4).
+        cells: tet10 or hex20 cells, positive Jacobian, shape (n_cells, 10) or (n_cells, 20).
         towards: direction to the viewer, shape (3,).
 
     Returns:
-        faces (n, 3) and the cell of each (n,).
+        faces, in order round each, (n, 3) or (n, 4), and the cell of each (n,).
     """
-    sides = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))  # normals outwards
-    every = np.concatenate([cells[:, side] for side in sides])
-    owner = np.tile(np.arange(len(cells)), len(sides))
-    _, first, count = np.unique(
-        np.sort(every, axis=1), axis=0, return_index=True, return_counts=True
-    )
-    outer = first[count == 1]
-    a, b, c = (points[every[outer, k]] for k in range(3))
-    seen = np.cross(b - a, c - a) @ towards > 0
-    return every[outer[seen]], owner[outer[seen]]
+    outer, owner = outer_faces(cells)
+    faces = outer[:, : outer.shape[1] // 2]
+    seen = _normals(points, faces) @ towards > 0
+    return faces[seen], owner[seen]
+
+
+def _normals(points: FloatArray, faces: IntArray) -> FloatArray:
+    """Return normals of plane faces (n, 3) or (n, 4), of any length, shape (n, 3)."""
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    return np.asarray(np.cross(b - a, c - a))
 
 
 def boundary_edges(faces: IntArray, grain: IntArray) -> IntArray:
     """Edges that a face of one grain shares with a face of another, shape (n, 2)."""
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    grains = np.tile(grain, 3)
-    unique, place = np.unique(edges, axis=0, return_inverse=True)
+    edges = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
+    grains = np.repeat(grain, faces.shape[1])
+    unique, place = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
     lowest, highest = np.full(len(unique), np.iinfo(np.int64).max), np.full(len(unique), -1)
     np.minimum.at(lowest, place.ravel(), grains)
     np.maximum.at(highest, place.ravel(), grains)

@@ -25,6 +25,7 @@ TEMPLATE = "report.html.j2"
 Row = dict[str, Any]
 _FEW = ("Law", "Added", "Apex amplitudes")  # groups of parameters that are shown at once
 
+_CELLS = {10: "tetrahedra", 20: "hexahedra"}  # by their number of nodes
 # How a verdict is coloured: settled, to be settled, or open.
 _TONES = {
     "nothing wrong": "settled",
@@ -269,7 +270,8 @@ def facts(findings: Findings) -> list[tuple[str, str]]:
         ("prism", f"{s.length:g} × {s.width:g} × {s.depth:.3g} µm (Y, X, Z), "
                   f"section {number(case.section)} µm²"),
         ("grains (Bunge angles)", grains),
-        ("mesh", f"{len(findings.mesh.cells)} quadratic tetrahedra, "
+        ("mesh", f"{len(findings.mesh.cells)} quadratic "
+                 f"{_CELLS[findings.mesh.cells.shape[1]]}, "
                  f"{len(findings.mesh.points)} nodes"),
         ("solver", f"{case.solver.name}, {case.material.strain_measure} strain, "
                    f"time steps of an interval: {case.solver.steps_per_interval}"),

@@ -55,7 +55,7 @@ def course_of(
 
     Args:
         simulation: what was solved; the nodes of the face are among its output nodes, its
-            outputs are the images. The mesh is of tetrahedra.
+            outputs are the images.
         response: the answer of any solver.
         history: times, stage travel and images.
         values: the parameters behind it, which go into the record of the truth.

@@ -18,6 +18,7 @@ import numpy as np
 
 from driver.virtual.microscope.face_motion import Face
 from meshes.arrays import FloatArray, IntArray
+from meshes.cells import outer_faces
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.crystal import slip_systems
 
@@ -31,7 +32,7 @@ class SlipSteps:
     Attributes:
         face: the face.
         grain: grain of each cell of the face, shape (n_cells,).
-        slip: signed slip at the corners of the cells for each image, shape (T, n_cells, 3, 24).
+        slip: signed slip at the corners of the cells for each image, (T, n_cells, 3 or 4, 24).
         normals: X, Y of the plane normals in the specimen frame, shape (n_grains, 24, 2).
         rise: Z of the slip directions, shape (n_grains, 24).
         phases: where the planes lie within their distance, shape (n_grains, 24).
@@ -50,8 +51,8 @@ class SlipSteps:
 
     def __call__(self, image: int, x: FloatArray, y: FloatArray) -> FloatArray:
         """Heights of the steps of an image [µm] at material points of any shape."""
-        cell, abc, _ = self.face.locate(x.ravel(), y.ravel())
-        slip = np.einsum("nc,ncs->ns", abc, self.slip[image, cell])
+        cell, at, _ = self.face.locate(x.ravel(), y.ravel())
+        slip = np.einsum("nc,ncs->ns", self.face.corner_shares(at), self.slip[image, cell])
         grain = self.grain[cell]
         height = np.zeros(x.size)
         for g, s in np.ndindex(self.rise.shape):
@@ -92,8 +93,8 @@ def slip_steps(
     """
     below = cells_below(mesh, face)
     grain = mesh.grain[below]
-    corners = face.mesh.cells[:, :3]
-    at_corners = np.zeros((len(slip), len(corners), 3, slip.shape[2]))
+    corners = face.plane.corners
+    at_corners = np.zeros((len(slip), *corners.shape, slip.shape[2]))
     for g in range(mesh.n_grains):
         own = np.flatnonzero(grain == g)
         # The mean over the cells of the grain around each node: slip jumps between grains only.
@@ -116,11 +117,9 @@ def slip_steps(
 
 
 def cells_below(mesh: PrismMesh, face: Face) -> IntArray:
-    """Return the cell of the prism that carries each triangle of its face, shape (n_triangles,)."""
-    wanted = np.sort(face.mesh.nodes[face.mesh.cells[:, :3]], axis=1)
-    carriers = {}
-    for leave_out in range(4):
-        kept = [corner for corner in range(4) if corner != leave_out]
-        for cell, key in enumerate(map(tuple, np.sort(mesh.cells[:, kept], axis=1))):
-            carriers[key] = cell
-    return np.array([carriers[tuple(key)] for key in wanted], dtype=np.int64)
+    """Return the cell of the prism that carries each cell of its face, shape (n_face_cells,)."""
+    outer, owner = outer_faces(mesh.cells)
+    corners = face.mesh.nodes[face.plane.corners]
+    sides = np.sort(outer[:, : corners.shape[1]], axis=1)
+    carriers = {tuple(side): cell for side, cell in zip(sides, owner, strict=True)}
+    return np.array([carriers[tuple(side)] for side in np.sort(corners, axis=1)], dtype=np.int64)

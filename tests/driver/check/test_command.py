@@ -2,6 +2,7 @@ import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from matplotlib.image import imread
 from driver.case.model import load_case
 from driver.check import command as check_module
 from driver.check.command import check
+from driver.forward.build import geometry_of
 from driver.forward.geometry import boundary_trace
+from meshes.prism import CellKind, generate
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.calculix.adapter import CalculixAdapter
 from solver_adapters.code_aster.adapter import CodeAsterAdapter
@@ -80,6 +83,19 @@ def test_where_no_picture_can_be_written_all_else_is_still_told(case_path: Path)
     (message,) = found(case_path, "error")
     assert message.startswith(f"{case_path.parent / 'results'}: folder: found ")
     assert found(case_path, "ok")
+
+
+@pytest.mark.parametrize("kind", get_args(CellKind))
+def test_the_mesh_that_the_case_asks_for_is_counted(case_path: Path, kind: CellKind) -> None:
+    edit(case_path, "[specimen]\n", f'[specimen]\ncells = "{kind}"\n')
+    case = load_case(case_path)
+    mesh = generate(geometry_of(case), case.specimen.mesh_size, kind)
+    first, second = (
+        f"{grain.name} {count}"
+        for grain, count in zip(case.grains, np.bincount(mesh.grain), strict=True)
+    )
+    message = f"{len(mesh.cells)} {kind} ({first}, {second}), {len(mesh.points)} nodes"
+    assert message in found(case_path, "ok")
 
 
 def test_the_trace_of_the_grain_boundary_lies_on_its_plane() -> None:

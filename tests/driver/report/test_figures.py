@@ -6,6 +6,8 @@ from matplotlib.patches import Rectangle
 from driver.report import figures, maps
 from driver.report.style import png
 from meshes.arrays import FloatArray, IntArray
+from meshes.cells import EDGES
+from meshes.prism import PrismGeometry, generate
 
 T = 9
 STAGE = np.r_[np.linspace(0, 40, 5), np.linspace(30, 0, 4)]
@@ -115,8 +117,13 @@ def test_displacements_share_one_scale_around_zero_and_are_in_nanometres() -> No
 
 def two_tetrahedra() -> tuple[FloatArray, IntArray]:
     """Two tetrahedra that share the face x + y + z = 1, each a grain of its own."""
-    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1.0]])
-    return points, np.array([[0, 1, 2, 3], [1, 2, 3, 4]])
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1.0]])
+    cells = np.array([[0, 1, 2, 3], [1, 2, 3, 4]])
+    pairs = np.sort(cells[:, EDGES[10]].reshape(-1, 2), axis=1)
+    unique, place = np.unique(pairs, axis=0, return_inverse=True)
+    middle = len(corners) + place.reshape(2, 6)
+    points = np.concatenate([corners, corners[unique].mean(axis=1)])
+    return points, np.concatenate([cells, middle], axis=1)
 
 
 def test_only_outer_faces_towards_the_viewer_are_drawn() -> None:
@@ -134,6 +141,27 @@ def test_the_grain_boundary_is_where_faces_of_two_grains_meet() -> None:
     faces = np.array([[0, 1, 2], [1, 3, 2], [1, 4, 3]])
     assert maps.boundary_edges(faces, np.array([0, 1, 1])).tolist() == [[1, 2]]
     assert maps.boundary_edges(faces, np.zeros(3, int)).size == 0
+
+
+def test_hexahedra_are_drawn_by_their_quadrilaterals() -> None:
+    """Seen along −Z: the face, two cells to a layer; along Y the end with three quadrilaterals."""
+    geometry = PrismGeometry(boundary_point=(0, 5.4, 0), boundary_normal=(0.15, 1, 0.30))
+    mesh = generate(geometry, 3.0, "hex20", (2, 3))
+    for towards, group in (((0.0, 0.0, 1.0), "TOP"), ((0.0, 1.0, 0.0), "S_PLUS")):
+        faces, owner = maps.visible_faces(mesh.points, mesh.cells, np.array(towards))
+        np.testing.assert_array_equal(
+            np.sort(faces, axis=0), np.sort(mesh.faces[group][:, :4], axis=0)
+        )
+        for face, cell in zip(faces, owner, strict=True):
+            assert set(face) <= set(mesh.cells[cell, :8])
+    faces, owner = maps.visible_faces(mesh.points, mesh.cells, np.array([0.0, 0.0, 1.0]))
+    trace = maps.boundary_edges(faces, mesh.grain[owner])
+    # 5.4 − 0.15 X on the face, from X = −2 over 0 to 2.
+    ends = np.sort(mesh.points[trace].reshape(-1, 3)[:, 1])
+    np.testing.assert_allclose(ends, [5.1, 5.4, 5.4, 5.7])
+    figure = maps.specimen(mesh.points, mesh.cells, mesh.grain, ("A", "B"))
+    drawn = figure.axes[0].collections[0].get_paths()
+    assert {np.shape(path.vertices) for path in drawn} == {(5, 2)}  # closed
 
 
 def test_a_figure_becomes_a_png_file() -> None:

@@ -1,17 +1,19 @@
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 import pytest
 
 from driver.virtual.microscope.face_motion import Face, NodalMotion
 from meshes.arrays import FloatArray
-from meshes.prism import PrismGeometry, generate
+from meshes.prism import CellKind, PrismGeometry, generate
 from meshes.surface import trace
 
 
-@pytest.fixture(scope="module")
-def face() -> Face:
-    return Face(trace(generate(PrismGeometry(4.0, 2.0, 1.7), 0.8)))
+@pytest.fixture(scope="module", params=get_args(CellKind))
+def face(request: pytest.FixtureRequest) -> Face:
+    return Face(trace(generate(PrismGeometry(4.0, 2.0, 1.7), 0.8, request.param)))
 
 
 def quadratic(xy: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -38,3 +40,23 @@ def test_beyond_an_edge_the_motion_is_that_of_the_edge(face: Face) -> None:
     np.testing.assert_allclose(slopes[0, :, 0], at_edge[0, :, 0], atol=1e-7)
     np.testing.assert_allclose(slopes[1, :, 1], at_edge[1, :, 1], atol=1e-7)
     assert not slopes[0, :, 1].any() and not slopes[1, :, 0].any()
+
+
+def test_slopes_on_cells_that_lean_are_difference_quotients() -> None:
+    """Trapezia of quad8, whose map is not linear."""
+    leaning = PrismGeometry(4.0, 2.0, 1.7, (0.0, 2.0, 0.0), (0.4, 1.0, 0.2))
+    face = Face(trace(generate(leaning, 0.8, "hex20")))
+    nodal = np.random.default_rng(2).normal(size=(len(face.mesh.points), 3))
+    motion = NodalMotion(face, nodal)
+    x, y = np.random.default_rng(3).uniform((-0.99, 0.01), (0.99, 3.99), (200, 2)).T
+    step = 1e-6
+    slopes = motion(x, y)[1]
+    cell = face.locate(x, y)[0]
+    for axis, (dx, dy) in enumerate(((step, 0.0), (0.0, step))):
+        high, low = motion(x + dx, y + dy)[0], motion(x - dx, y - dy)[0]
+        # A kink between cells is no matter of the slope in one of them.
+        same = face.locate(x + dx, y + dy)[0] == cell
+        same &= face.locate(x - dx, y - dy)[0] == cell
+        assert same.mean() > 0.99
+        quotient = (high - low) / (2 * step)
+        np.testing.assert_allclose(slopes[same, :, axis], quotient[same], atol=1e-7)

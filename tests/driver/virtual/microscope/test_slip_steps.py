@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 import pytest
 
 from driver.virtual.microscope.face_motion import Face
 from driver.virtual.microscope.slip_steps import SlipSteps, cells_below, slip_steps
 from meshes.arrays import FloatArray
-from meshes.prism import PrismGeometry, generate
+from meshes.prism import CellKind, PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import trace
 from solver_adapters.crystal import bunge_matrix, slip_systems
@@ -15,9 +17,10 @@ SYSTEM, SPACING = 3, 0.5
 SLIP = 0.01
 
 
-@pytest.fixture(scope="module")
-def mesh() -> PrismMesh:
-    return generate(PrismGeometry(4.0, 2.0, 1.7, (0.0, 2.0, 0.0), (0.1, 1.0, 0.2)), 0.8)
+@pytest.fixture(scope="module", params=get_args(CellKind))
+def mesh(request: pytest.FixtureRequest) -> PrismMesh:
+    geometry = PrismGeometry(4.0, 2.0, 1.7, (0.0, 2.0, 0.0), (0.1, 1.0, 0.2))
+    return generate(geometry, 0.8, request.param)
 
 
 @pytest.fixture(scope="module")
@@ -36,10 +39,10 @@ def steps(mesh: PrismMesh, face: Face, amount: FloatArray, resolution: float) ->
     return slip_steps(mesh, face, slip, ORIENTATIONS, SPACING, resolution, rng)
 
 
-def test_a_triangle_of_the_face_belongs_to_the_cell_below_it(mesh: PrismMesh, face: Face) -> None:
+def test_a_cell_of_the_face_belongs_to_the_cell_below_it(mesh: PrismMesh, face: Face) -> None:
     below = cells_below(mesh, face)
-    for triangle, cell in zip(face.mesh.cells, below, strict=True):
-        assert set(face.mesh.nodes[triangle]) <= set(mesh.cells[cell])
+    for side, cell in zip(face.mesh.cells, below, strict=True):
+        assert set(face.mesh.nodes[side]) <= set(mesh.cells[cell])
 
 
 def test_uniform_slip_on_planes_makes_sharp_steps_of_the_burgers_height(
