@@ -80,4 +80,5 @@ def _as_offered(simulation: Simulation, solver: Capabilities) -> Simulation:
         integration=simulation.integration if offered else "backward_euler",
         accuracy=simulation.accuracy if solver.accuracy else None,
         tet10_points=None,
+        mean_dilatation=simulation.mean_dilatation and solver.mean_dilatation,
     )
