@@ -1,0 +1,230 @@
+"""Error of meshes beside a converged reference, in standard deviations of the data.
+
+    python -m benchmarks.numerics           every mesh of `MESHES`, and pairs of them extrapolated
+    python -m benchmarks.numerics --quick   the working prediction alone
+    python -m benchmarks.numerics --make    the reference anew, which takes an hour
+
+The demo's own data, history and truth. The difference of a prediction from the reference is
+whitened as the data are; the part that the fitted parameters take up is projected out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import tempfile
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks import mesh_reference
+from benchmarks.diagnosis import ALPHA, TRUTH
+from benchmarks.measuring import show
+from benchmarks.mesh_reference import Reference
+from driver.case.model import Case, load_case
+from driver.forward.build import adapter_of, build_model, geometry_of
+from driver.forward.model import ForwardModel
+from driver.identification.mesh_error import extrapolation
+from driver.identification.problem import IdentificationProblem
+from driver.parameters.boundary import LAMBDAS
+from driver.workflow import pipeline
+from driver.workflow.engine import StageContext
+from driver.workflow.identify_stage import load_problem
+from meshes.arrays import FloatArray
+from meshes.prism import CellKind, generate
+
+
+@dataclass(frozen=True)
+class Discretisation:
+    """A mesh of the demo's specimen, and whether its dilatation is projected."""
+
+    kind: CellKind
+    size: float
+    mean_dilatation: bool
+    layers: tuple[int, int] | None = None
+
+    def __str__(self) -> str:
+        projected = ", mean dilatation" if self.mean_dilatation else ""
+        return f"{self.kind} {self.size:g} µm{projected}"
+
+
+WORKING = Discretisation("hex20", 2.0, True)
+FINER = Discretisation("hex20", 1.0, True)
+MESHES = (
+    Discretisation("tet10", 2.0, False),
+    Discretisation("tet10", 1.1, False),
+    Discretisation("tet10", 0.8, False),
+    Discretisation("tet10", 2.0, True),
+    Discretisation("tet10", 1.1, True),
+    Discretisation("tet10", 0.8, True),
+    Discretisation("tet10", 0.5, True),
+    Discretisation("hex20", 2.0, False),
+    Discretisation("hex20", 1.0, False),
+    Discretisation("hex20", 0.667, False),
+    WORKING,
+    FINER,
+    Discretisation("hex20", 0.667, True),
+    Discretisation("hex20", 0.5, True),
+)
+PAIRS = (
+    (WORKING, FINER),
+    (FINER, Discretisation("hex20", 0.667, True)),
+    (FINER, Discretisation("hex20", 0.5, True)),
+)
+"""Working and finer meshes whose corrected prediction is judged."""
+SMALLEST = (
+    Discretisation("hex20", 0.4, True, (20, 10)),
+    Discretisation("hex20", 0.4, False, (20, 10)),
+)
+"""The reference: small hexahedra, thin where slip is, with and without locking."""
+
+
+_INSET = 1e-6  # µm, by which pixels beyond the face are drawn onto it
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A prediction at the pixels, and what it took: motion (T, n_pix, 3), load (T,), CPU-s."""
+
+    motion: FloatArray
+    load: FloatArray
+    seconds: float
+    n_cells: int
+
+
+@dataclass(frozen=True)
+class Error:
+    """Error of a prediction: whole, and beside the parameters [σ]; rms of the load [µN]."""
+
+    whole: float
+    beside: float
+    load: float
+
+
+class Ruler:
+    """The demo's data, and the reference on its pixels."""
+
+    def __init__(self, reference: Reference, problem: IdentificationProblem, case: Case) -> None:
+        self.case, self.problem = case, problem
+        self.values = problem.start | TRUTH
+        free = (*LAMBDAS, *problem.law, *problem.knots)
+        model = replace(problem.working, integration="exponential")
+        best = replace(problem.objective, model=model).evaluate(self.values, free)
+        self._jacobian, self._hessian = best.jacobian, best.hessian
+        x0, x1, y0, y1 = model.projection.bounds
+        low, high = np.array([x0, y0]) + _INSET, np.array([x1, y1]) - _INSET
+        origin = np.array([self.values["origin_X"], self.values["origin_Y"]])
+        both = reference.at(np.clip(model.projection.pixels + origin, low, high))
+        self._motion, self._load = both.mean(axis=0), reference.load.mean(axis=0)
+        self.apart = self.difference(both[0] - both[1], reference.load[0] - reference.load[1])
+
+    def difference(self, motion: FloatArray, load: FloatArray) -> Error:
+        """Size of a difference of two predictions."""
+        change = self.problem.objective.data.change(motion, load)
+        shift = np.linalg.solve(self._hessian, self._jacobian @ change)
+        rest = change - self._jacobian.T @ shift
+        return Error(
+            float(np.linalg.norm(change)),
+            float(np.linalg.norm(rest)),
+            float(np.sqrt(np.mean(load**2))),
+        )
+
+    def error(self, seen: Seen) -> Error:
+        """Error of a prediction."""
+        return self.difference(seen.motion - self._motion, seen.load - self._load)
+
+    def model(self, discretisation: Discretisation) -> ForwardModel:
+        """Return the forward model on a mesh, exponential, one step an interval."""
+        return model_on(self.case, self.problem, discretisation)
+
+    def seen(self, discretisation: Discretisation) -> Seen:
+        """Predict on a mesh."""
+        model = self.model(discretisation)
+        begin = time.process_time()
+        prediction = model.predict(self.values)
+        seconds = time.process_time() - begin
+        mesh = model.microstructure.mesh
+        return Seen(prediction.motion, prediction.load, seconds, len(mesh.cells))
+
+
+def model_on(
+    case: Case, problem: IdentificationProblem, discretisation: Discretisation
+) -> ForwardModel:
+    """Return the forward model of a case on another mesh."""
+    d = discretisation
+    mesh = generate(geometry_of(case), d.size, d.kind, d.layers)
+    history, pixels = problem.experiment.history, problem.images.xy
+    model = build_model(case, mesh, history, pixels, adapter_of(case), 1)
+    return replace(model, integration="exponential", mean_dilatation=d.mean_dilatation)
+
+
+def corrected(ruler: Ruler, working: Seen, finer: Seen, share: float) -> Seen:
+    """Return the finer prediction extrapolated by a share of what both differ by."""
+    return Seen(
+        finer.motion + share * (finer.motion - working.motion),
+        finer.load + share * (finer.load - working.load),
+        working.seconds + finer.seconds,
+        finer.n_cells,
+    )
+
+
+def measured_case(folder: Path) -> tuple[Case, IdentificationProblem]:
+    """Run the demo to its measurement in a folder."""
+    path = folder / "alpha" / "case.toml"
+    shutil.copytree(ALPHA, path.parent, ignore=shutil.ignore_patterns("results"))
+    pipeline.run(path, "measure", False)
+    results = path.parent / "results"
+    case = load_case(path)
+    return case, load_problem(StageContext(case, results, results))
+
+
+def line(name: str, seen: Seen, error: Error) -> None:
+    """Print a line of the table."""
+    print(
+        f"{name:<34} {seen.n_cells:5d} cells {seen.seconds:7.1f} CPU-s: whole {error.whole:6.1f} "
+        f"σ, beside the parameters {error.beside:6.1f} σ, load {error.load:6.2f} µN rms",
+        flush=True,
+    )
+
+
+def study(ruler: Ruler) -> None:
+    """Print a line for each mesh and each pair."""
+    for first in (WORKING, MESHES[0]):
+        ruler.seen(first)  # kernels are compiled
+    predictions = {}
+    for discretisation in MESHES:
+        seen = predictions[discretisation] = ruler.seen(discretisation)
+        line(str(discretisation), seen, ruler.error(seen))
+    for working, finer in PAIRS:
+        meshes = [ruler.model(d).microstructure.mesh for d in (working, finer)]
+        share = extrapolation(meshes[0], meshes[1])
+        seen = corrected(ruler, predictions[working], predictions[finer], share)
+        line(f"{working.size:g} → {finer.size:g} µm, + {share:.2f} of it", seen, ruler.error(seen))
+
+
+def main() -> None:
+    """Run the study."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="end within 45 s")
+    parser.add_argument("--make", action="store_true", help="make the reference anew")
+    asked = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        case, problem = measured_case(Path(folder))
+        if asked.make:
+            one, other = (model_on(case, problem, d) for d in SMALLEST)
+            values = problem.start | TRUTH
+            mesh_reference.write(mesh_reference.made((one, other), values), "alpha")
+        ruler = Ruler(mesh_reference.read("alpha"), problem, case)
+        show("both predictions of the reference apart, beside parameters [sigma]",
+             ruler.apart.beside)  # fmt: skip
+        if not asked.quick:
+            study(ruler)
+        working = ruler.seen(WORKING)
+        show("error of the working prediction, beside parameters [sigma]",
+             ruler.error(working).beside, "<= 17")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
