@@ -26,7 +26,9 @@ from benchmarks.mesh_reference import Reference
 from driver.case.model import Case, load_case
 from driver.forward.build import adapter_of, build_model, geometry_of
 from driver.forward.model import ForwardModel
+from driver.identification.identify import with_correction
 from driver.identification.mesh_error import extrapolation
+from driver.identification.objective import Correction
 from driver.identification.problem import IdentificationProblem
 from driver.parameters.boundary import LAMBDAS
 from driver.workflow import pipeline
@@ -69,6 +71,7 @@ MESHES = (
     Discretisation("hex20", 0.5, True),
 )
 PAIRS = (
+    (MESHES[0], MESHES[1]),
     (WORKING, FINER),
     (FINER, Discretisation("hex20", 0.667, True)),
     (FINER, Discretisation("hex20", 0.5, True)),
@@ -135,6 +138,31 @@ class Ruler:
         """Error of a prediction."""
         return self.difference(seen.motion - self._motion, seen.load - self._load)
 
+    def calibration(
+        self, seen: Seen, change: Correction, working: Discretisation, finer: Discretisation
+    ) -> tuple[float, float]:
+        """Mean square of the error of a corrected prediction over that which is stated for it.
+
+        Args:
+            seen: the corrected prediction.
+            change: its correction.
+            working: the mesh that it corrects.
+            finer: the finer mesh.
+
+        Returns:
+            of the whitened images, and of the loads.
+        """
+        objective = replace(self.problem.objective, model=self.model(working))
+        data = with_correction(objective, 1.0, change, (working.size, finer.size)).data
+        stated = data.simulation_error
+        assert stated is not None
+        off = data.image.pixel_sensitivity(seen.motion - self._motion)
+        load = seen.load - self._load
+        return (
+            float(np.sum(off**2) / np.sum(stated.shapes**2)),
+            float(np.sum(load**2) / np.sum(stated.load**2)),
+        )
+
     def model(self, discretisation: Discretisation) -> ForwardModel:
         """Return the forward model on a mesh, exponential, one step an interval."""
         return model_on(self.case, self.problem, discretisation)
@@ -160,7 +188,7 @@ def model_on(
     return replace(model, integration="exponential", mean_dilatation=d.mean_dilatation)
 
 
-def corrected(ruler: Ruler, working: Seen, finer: Seen, share: float) -> Seen:
+def corrected(working: Seen, finer: Seen, share: float) -> Seen:
     """Return the finer prediction extrapolated by a share of what both differ by."""
     return Seen(
         finer.motion + share * (finer.motion - working.motion),
@@ -200,8 +228,15 @@ def study(ruler: Ruler) -> None:
     for working, finer in PAIRS:
         meshes = [ruler.model(d).microstructure.mesh for d in (working, finer)]
         share = extrapolation(meshes[0], meshes[1])
-        seen = corrected(ruler, predictions[working], predictions[finer], share)
-        line(f"{working.size:g} → {finer.size:g} µm, + {share:.2f} of it", seen, ruler.error(seen))
+        seen = corrected(predictions[working], predictions[finer], share)
+        name = f"{working.kind} {working.size:g} → {finer.size:g} µm"
+        line(f"{name}, + {share:.2f} of it", seen, ruler.error(seen))
+        change = Correction(
+            seen.motion - predictions[working].motion, seen.load - predictions[working].load
+        )
+        images, loads = ruler.calibration(seen, change, working, finer)
+        show(f"{name}: mean square of the error over the stated one, images", images, "0.7 to 1.3")
+        show(f"{name}: mean square of the error over the stated one, loads", loads, "0.7 to 1.3")
 
 
 def main() -> None:
