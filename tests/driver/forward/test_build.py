@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from driver.case.model import Case, load_case
 from driver.common.errors import InputError
+from driver.experiment.history import read_history
 from driver.experiment.reading import read_experiment
 from driver.forward import build
 from driver.forward.build import (
@@ -174,3 +175,26 @@ def test_the_largest_of_the_meshes_with_few_nodes_in_common_is_taken() -> None:
     case = closed_form.small_case()
     other = another_mesh_of(case, 1.0, mesh_of(case, 1.0).points)
     np.testing.assert_array_equal(other.points, mesh_of(case, 0.93).points)
+
+
+def test_hexahedra_are_meshed_on_request_and_another_mesh_has_cells_of_two_thirds() -> None:
+    case = changed(closed_form.small_case(), "specimen", cells="hex20")
+    mesh = mesh_of(case, 1.0)
+    assert mesh.cells.shape[1] == 20
+    other = another_mesh_of(case, 1.0, mesh.points)
+    np.testing.assert_array_equal(other.points, mesh_of(case, 2 / 3).points)
+    assert len(other.cells) > 2.5 * len(mesh.cells)
+
+
+@pytest.mark.parametrize(
+    ("cells", "stated", "expected"),
+    [("hex20", None, True), ("tet10", None, False), ("hex20", False, False), ("tet10", True, True)],
+)
+def test_mean_dilatation_comes_with_hexahedra_unless_the_case_states_it(
+    folder: Path, cells: str, stated: bool | None, expected: bool
+) -> None:
+    case = changed(closed_form.small_case(), "specimen", cells=cells)
+    case = changed(case, "solver", mean_dilatation=stated)
+    history = read_history(folder / "history.csv")
+    model = build_model(case, mesh_of(case, 2.0), history, np.zeros((0, 2)), BundledAdapter(), 1)
+    assert model.simulation(model.null_values()).mean_dilatation is expected
