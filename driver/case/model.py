@@ -253,14 +253,20 @@ def write_case(case: Case, path: Path) -> None:
 
 
 def default_case() -> Case:
-    """Return the case that `prismid init` writes: two grains, every other value at its default.
+    """Return the case that `prismid init` writes: two grains in hexahedra, the rest at its default.
 
     Raises:
         InputError: an installed term of the user's own cannot be used.
     """
     declared_parameters(1)  # a validator would wrap what is said of a bad term
     return Case(
-        specimen=Specimen(boundary_point_um=(0.0, 6.0, 0.0), boundary_normal=(0.0, 1.0, 0.0)),
+        specimen=Specimen(
+            cells="hex20",
+            mesh_size_um=2.0,
+            fine_mesh_size_um=1.0,
+            boundary_point_um=(0.0, 6.0, 0.0),
+            boundary_normal=(0.0, 1.0, 0.0),
+        ),
         grains=(
             Grain(name="grain 1", euler_deg=(0.0, 0.0, 0.0)),
             Grain(name="grain 2", euler_deg=(30.0, 0.0, 0.0)),
