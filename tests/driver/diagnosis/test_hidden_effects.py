@@ -132,3 +132,24 @@ def test_a_sound_model_gets_nothing_wrong_and_the_true_law(diagnosed: Diagnose) 
         for name, value in law.items():
             fitted = found["baseline"]["values"][name]
             assert abs(fitted["value"] - value) < 4 * fitted["sigma"]
+
+
+@pytest.mark.slow
+def test_hexahedra_get_nothing_wrong_in_a_truth_of_small_tetrahedra(tmp_path: Path) -> None:
+    """Neither kind of cells nor their size, nor the steps, are those of the truth."""
+    known, truth = small_case(), true_case(small_case())
+    hexahedra = {"cells": "hex20", "mesh_size_um": 2.0, "fine_mesh_size_um": 1.0}
+    known = known.model_copy(update={"specimen": known.specimen.model_copy(update=hexahedra)})
+    small = {"mesh_size_um": 0.5, "fine_mesh_size_um": 0.45}
+    exact = {"mean_dilatation": True, "steps_per_interval": 2}
+    truth = truth.model_copy(
+        update={
+            "specimen": truth.specimen.model_copy(update=small),
+            "solver": truth.solver.model_copy(update=exact),
+        }
+    )
+    run(record(tmp_path, known, pull(truth, {}), SEED), "diagnose", False)
+    found: Record = json.loads((tmp_path / "results" / "diagnosis.json").read_text("utf-8"))
+    assert found["verdict"] == "nothing wrong" and found["steps"][0]["omnibus"]["accepted"]
+    fitted = found["baseline"]["values"]["tau0"]
+    assert abs(fitted["value"] - truth.material.tau0_MPa) < 3 * fitted["sigma"]
