@@ -30,7 +30,8 @@ class Material:
     - grain: 1 in the first, tau0_grain2 in the second, those of tau0_grains in the later ones;
     - family: tau0_112 of a {112} system, else 1;
     - sense: tau0_antitwinning where a {112} system slips in the antitwinning sense, else 1;
-    - skin: 1 + (skin_tau0 - 1) * exp(-depth / skin_thickness) below the free surface;
+    - skin: 1 + (skin_tau0 - 1) * exp(-depth / skin_thickness) below the free surface, times
+      exp(slope_Y * eta + bend_Y * (3 * eta**2 - 1) / 2 + slope_X * xi) inside the grain;
     - h = interaction + h_latent off the diagonal;
     - latent = Q_latent off the diagonal, else 0.
 
@@ -64,6 +65,10 @@ class Material:
         skin_tau0: ratio of tau0 at the free surface to that inside [-], null 1.
         skin_thickness: depth over which the ratio fades as exp(−depth/thickness) [µm], used
             only where skin_tau0 is not 1.
+        tau0_grain1_slope_Y, tau0_grain1_bend_Y, tau0_grain1_slope_X: modes of ln tau0 inside
+            the first grain [-], null 0, over eta along Y and xi along X: the distance from the
+            mean of the grain over sqrt(3) standard deviations, -1 to 1 in a uniform bar.
+        tau0_grain2_slope_Y, tau0_grain2_bend_Y, tau0_grain2_slope_X: the same of the second.
         elastic_scale: factor on all elastic constants [-], null 1.
         C44_scale: factor on C44 alone [-], null 1.
         strain_measure: "small" or "finite".
@@ -93,6 +98,12 @@ class Material:
     eigenstrain: float = 0.0
     skin_tau0: float = 1.0
     skin_thickness: float = 0.3
+    tau0_grain1_slope_Y: float = 0.0
+    tau0_grain1_bend_Y: float = 0.0
+    tau0_grain1_slope_X: float = 0.0
+    tau0_grain2_slope_Y: float = 0.0
+    tau0_grain2_bend_Y: float = 0.0
+    tau0_grain2_slope_X: float = 0.0
     elastic_scale: float = 1.0
     C44_scale: float = 1.0
     strain_measure: StrainMeasure = "finite"
@@ -102,6 +113,17 @@ MATERIAL_PARAMETERS: tuple[str, ...] = tuple(
     field.name for field in fields(Material) if isinstance(field.default, float)
 )
 """Names of the scalars of the law."""
+
+_SHAPES = {
+    "slope_Y": "slope of ln τ₀ along Y", "bend_Y": "bend of ln τ₀ along Y",
+    "slope_X": "slope of ln τ₀ along X",
+}  # fmt: skip
+TAU0_MODES: tuple[tuple[str, ...], ...] = tuple(
+    tuple(f"tau0_grain{grain}_{shape}" for shape in _SHAPES) for grain in (1, 2)
+)
+"""Names of the modes of ln τ₀ inside each of the first two grains."""
+OF_SECOND_GRAIN = frozenset({"tau0_grain2", *TAU0_MODES[1]})
+"""Scalars of the law that act on nothing in a single grain."""
 
 
 def with_parameters(material: Material, values: Mapping[str, float]) -> Material:
@@ -235,6 +257,14 @@ def declarations_at(material: Material) -> tuple[Parameter, ...]:
         Parameter(
             "skin_thickness", "µm", 0.3, 0.5, 0.01, 2.0, True, label="thickness of the skin",
             key="material.skin_thickness_um", admissible=POSITIVE,
+        ),
+        *(
+            Parameter(
+                name, "", 0.0, 0.1, -0.7, 0.7, label=f"{shape}, grain {grain}",
+                key=f"material.{name}",
+            )
+            for grain, names in enumerate(TAU0_MODES, start=1)
+            for name, shape in zip(names, _SHAPES.values(), strict=True)
         ),
         Parameter(
             "elastic_scale", "", 1.0, 0.05, 0.3, 3.0, True, label="factor on C₁₁, C₁₂, C₄₄",

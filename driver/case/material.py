@@ -115,6 +115,18 @@ class MaterialTable(Table):
     )
     skin_tau0: float = _constant("skin_tau0", "ratio of tau0 at the free surface to that inside")
     skin_thickness_um: float = _constant("skin_thickness_um", "depth over which skin_tau0 fades")
+    tau0_grain1_slope_Y: float = _constant(
+        "tau0_grain1_slope_Y", "slope of ln tau0 along Y in grain 1, from its middle to its end"
+    )
+    tau0_grain1_bend_Y: float = _constant(
+        "tau0_grain1_bend_Y", "bend of ln tau0 along Y in grain 1, at its ends"
+    )
+    tau0_grain1_slope_X: float = _constant(
+        "tau0_grain1_slope_X", "slope of ln tau0 along X in grain 1"
+    )
+    tau0_grain2_slope_Y: float = _constant("tau0_grain2_slope_Y", "as in grain 1")
+    tau0_grain2_bend_Y: float = _constant("tau0_grain2_bend_Y", "as in grain 1")
+    tau0_grain2_slope_X: float = _constant("tau0_grain2_slope_X", "as in grain 1")
     elastic_scale: float = _constant("elastic_scale", "factor on C11, C12, C44")
     C44_scale: float = _constant("C44_scale", "factor on C44 alone")
     strain_measure: Literal["small", "finite"] = Field(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from driver.parameters.covariance import DISCRETISATION
+from solver_adapters.material import TAU0_MODES
 
 Category = Literal["material", "microstructure", "boundary", "instrument", "numerics"]
 
@@ -115,6 +116,18 @@ LIBRARY: tuple[Cause, ...] = (
         "the two grains have different critical resolved shear stresses",
         "nano-indentation of both grains, or their chemistry (interstitials) by atom probe",
         strongly_nonlinear=True,
+    ),
+    Cause(
+        "heterogeneity_grain1", "material", TAU0_MODES[0],
+        "the critical resolved shear stress varies inside grain 1",
+        "slip traces along grain 1, and its hardness by nano-indentation at points along it",
+        label="heterogeneity of grain 1",
+    ),
+    Cause(
+        "heterogeneity_grain2", "material", TAU0_MODES[1],
+        "the critical resolved shear stress varies inside grain 2",
+        "slip traces along grain 2, and its hardness by nano-indentation at points along it",
+        label="heterogeneity of grain 2",
     ),
     Cause(
         "rate_sensitivity", "material", ("n", "K"),

@@ -18,7 +18,7 @@ from driver.parameters.history import HOLD
 from driver.parameters.instrument import PATTERN_DECLARATIONS
 from driver.parameters.microstructure import LATTICE_DECLARATIONS
 from meshes.arrays import FloatArray
-from solver_adapters.material import MATERIAL_PARAMETERS
+from solver_adapters.material import MATERIAL_PARAMETERS, OF_SECOND_GRAIN
 
 
 def screened(
@@ -43,7 +43,7 @@ def parameters_of_the_specimen(model: ForwardModel) -> frozenset[str]:
         seen -= {p.name for p in PATTERN_DECLARATIONS}
     law = frozenset(MATERIAL_PARAMETERS)
     if len(model.microstructure.orientations) < 2:
-        law -= {"tau0_grain2"}
+        law -= OF_SECOND_GRAIN
     if dwells(model.boundary.weights).any():
         law |= {HOLD}
     return seen | law | model.boundary.parameters | model.microstructure.parameters

@@ -1,4 +1,4 @@
-"""What varies inside a grain: crystal frames, skin, and the state of the points at rest.
+"""What varies inside a grain: crystal frames, factor on τ0, and the state of the points at rest.
 
 Positions come from the mesh. The derivative along a `Direction` is taken by the complex step on
 the same functions.
@@ -6,6 +6,7 @@ the same functions.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,13 +23,16 @@ from solver_adapters.bundled.fem.element import (
 from solver_adapters.bundled.fem.initial import (
     depth_share,
     initial_state,
+    mode_factor,
     skin_factor,
     surface_distance,
 )
 from solver_adapters.bundled.law.law import N_STATE, S_X2
 from solver_adapters.interface import Direction, Simulation
+from solver_adapters.material import TAU0_MODES
 
-AT_REST = ("x0", "eigenstrain", "skin_tau0", "skin_thickness")
+_MODES = tuple(name for modes in TAU0_MODES for name in modes)
+AT_REST = ("x0", "eigenstrain", "skin_tau0", "skin_thickness", *_MODES)
 """Scalars of the law that act through the fields of this module, not through local constants."""
 
 _STEP = 1e-30
@@ -98,8 +102,8 @@ def frame_change(simulation: Simulation, element: Element, direction: Direction)
 
 
 def at_rest(simulation: Simulation, element: Element, frames: Frames) -> AtRest:
-    """State and skin of a simulation."""
-    values = tuple(getattr(simulation.material, name) for name in AT_REST)
+    """State, and factor on τ0, of a simulation."""
+    values = {name: getattr(simulation.material, name) for name in AT_REST}
     rotation = frames.rotation[frames.of_point]
     state, skin = _rest(simulation, values, rotation, _points(simulation, element, None))
     return AtRest(np.ascontiguousarray(state), np.ascontiguousarray(skin))
@@ -118,9 +122,10 @@ def at_rest_change(
     """
     m, rates = simulation.material, direction.material
     null = m.x0 == 0.0 and m.eigenstrain == 0.0 and m.skin_tau0 == 1.0
-    if null and not any(name in rates for name in AT_REST):
+    uniform = all(getattr(m, name) == 0.0 for name in _MODES)
+    if null and uniform and not any(name in rates for name in AT_REST):
         return None
-    values = tuple(getattr(m, name) + 1j * _STEP * rates.get(name, 0.0) for name in AT_REST)
+    values = {name: getattr(m, name) + 1j * _STEP * rates.get(name, 0.0) for name in AT_REST}
     rotation = (frames.rotation + 1j * _STEP * drotation)[frames.of_point]
     points = _points(simulation, element, direction)
     state, skin = _rest(simulation, values, rotation, points)
@@ -128,11 +133,13 @@ def at_rest_change(
 
 
 def _rest(
-    simulation: Simulation, values: tuple[Any, ...], rotation: AnyArray, points: _Points
+    simulation: Simulation, values: Mapping[str, Any], rotation: AnyArray, points: _Points
 ) -> tuple[AnyArray, AnyArray]:
-    x0, eigenstrain, ratio, thickness = values
+    x0, eigenstrain = values["x0"], values["eigenstrain"]
+    ratio, thickness = values["skin_tau0"], values["skin_thickness"]
     mesh = simulation.mesh
-    depth, skin = np.zeros(len(rotation)), np.ones(len(rotation))
+    depth: AnyArray = np.zeros(len(rotation))
+    skin: AnyArray = np.ones(len(rotation))
     if eigenstrain != 0.0:
         depth = depth_share(points.position[:, 2], points.volume)
     if ratio != 1.0:
@@ -142,12 +149,26 @@ def _rest(
             held |= np.isin(faces, mesh.nodes[group]).all(axis=1)
         distance = surface_distance(points.position, points.nodes[faces[~held]])
         skin = skin_factor(ratio, thickness, distance)
+    skin = skin * _modes_factor(simulation, values, points)
     measure = simulation.material.strain_measure
     second = simulation.material.c2 != 0.0 or any(
         "c2" in direction.material for direction in simulation.directions
     )
     n_state = N_STATE if second else S_X2
     return initial_state(measure, x0, eigenstrain, rotation, depth, n_state), skin
+
+
+def _modes_factor(simulation: Simulation, values: Mapping[str, Any], points: _Points) -> AnyArray:
+    """Factor on τ0 of the modes inside the first two grains, (n_points,)."""
+    mesh = simulation.mesh
+    grain = np.repeat(mesh.grain, len(points.volume) // len(mesh.grain))
+    factor = np.ones(len(grain), dtype=np.result_type(points.position, *values.values()))
+    for number, names in enumerate(TAU0_MODES[: mesh.n_grains]):
+        modes = [values[name] for name in names]
+        if any(mode != 0.0 for mode in modes):
+            x, y, _ = points.position[grain == number].T
+            factor[grain == number] = mode_factor(modes, x, y, points.volume[grain == number])
+    return factor
 
 
 def _varies(simulation: Simulation) -> bool:

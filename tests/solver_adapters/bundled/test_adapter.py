@@ -349,6 +349,12 @@ NULLS = Material(
     eigenstrain=0.0,
     skin_tau0=1.0,
     skin_thickness=0.01,  # without skin_tau0
+    tau0_grain1_slope_Y=0.0,
+    tau0_grain1_bend_Y=0.0,
+    tau0_grain1_slope_X=0.0,
+    tau0_grain2_slope_Y=0.0,
+    tau0_grain2_bend_Y=0.0,
+    tau0_grain2_slope_X=0.0,
     elastic_scale=1.0,
     C44_scale=1.0,
 )

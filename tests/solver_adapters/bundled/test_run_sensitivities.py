@@ -51,6 +51,12 @@ GENERAL = replace(
     x0=5e-5,
     eigenstrain=3e-4,
     skin_tau0=1.2,
+    tau0_grain1_slope_Y=0.1,
+    tau0_grain1_bend_Y=-0.1,
+    tau0_grain1_slope_X=0.05,
+    tau0_grain2_slope_Y=-0.1,
+    tau0_grain2_bend_Y=0.1,
+    tau0_grain2_slope_X=0.05,
 )
 # Steps of parameters whose value gives no scale.
 SCALES = {parameter.name: parameter.scale for parameter in MATERIAL_DECLARATIONS}

@@ -33,6 +33,7 @@ def refusal(asked: Simulation) -> str:
         {"x0": 1e-5},
         {"eigenstrain": 1e-4},
         {"skin_tau0": 1.2},
+        {"tau0_grain2_slope_X": 0.1},
     ],
     ids=lambda changes: next(iter(changes)),
 )

@@ -49,6 +49,7 @@ def test_every_term_of_the_law_that_code_aster_lacks_is_refused_at_its_scale(nam
         (small_case(x0=1e-4), "x0 = 0.0001: "),
         (small_case(eigenstrain=1e-5), "eigenstrain = 1e-05: "),
         (small_case(skin_tau0=1.2), "skin_tau0 = 1.2: "),
+        (small_case(tau0_grain1_bend_Y=0.1), "tau0_grain1_bend_Y = 0.1: "),
         (small_case(tau0_antitwinning=1.1), "tau0_antitwinning = 1.1: "),
         (replace(small_case(), integration="exponential"), 'integration = "exponential": '),
         (replace(small_case(), lattice_gradient=np.ones((2, 3))), "lattice_gradient: "),

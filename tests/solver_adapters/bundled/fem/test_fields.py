@@ -19,7 +19,7 @@ from solver_adapters.bundled.fem.fields import (
 )
 from solver_adapters.bundled.law.law import N_STATE, S_OVER, S_X, S_X2, STRAIN_MODES
 from solver_adapters.interface import Direction, Simulation
-from solver_adapters.material import Material
+from solver_adapters.material import Material, with_parameters
 from tools.boxes import BOXES, ORIENTATIONS, one_grain, pulled
 
 GRADIENT = np.array([[0.02, -0.01, 0.03], [-0.015, 0.04, 0.01]])  # rad/µm
@@ -27,6 +27,12 @@ SIZE = (2.0, 4.0, 3.0)
 GENERAL = Material(
     strain_measure="small", x0=5e-5, eigenstrain=3e-4, skin_tau0=1.3, skin_thickness=0.4
 )
+VARYING = Material(
+    strain_measure="small",
+    tau0_grain1_slope_Y=0.3, tau0_grain1_bend_Y=-0.2, tau0_grain1_slope_X=0.1,
+    tau0_grain2_slope_Y=-0.25, tau0_grain2_bend_Y=0.4, tau0_grain2_slope_X=-0.15,
+)  # fmt: skip
+GRAIN_2 = {"tau0_grain2_slope_Y": 0.3, "tau0_grain2_bend_Y": -1.0, "tau0_grain2_slope_X": 0.5}
 
 
 def _simulation(kind: str, material: Material = GENERAL, jitter: float = 0.0) -> Simulation:
@@ -109,9 +115,10 @@ def _directions(simulation: Simulation) -> dict[str, Direction]:
         "x0": Direction("x0", material={"x0": 1e-4}),
         "eigenstrain": Direction("eigenstrain", material={"eigenstrain": 1e-3}),
         "skin": Direction("skin", material={"skin_tau0": 1.0, "skin_thickness": 0.3}),
+        "modes": Direction("modes", material={"tau0_grain1_bend_Y": 1.0, **GRAIN_2}),
         "mixed": Direction(
             "mixed",
-            material={"x0": 1e-4, "eigenstrain": 1e-3, "skin_tau0": -0.5},
+            material={"x0": 1e-4, "eigenstrain": 1e-3, "skin_tau0": -0.5, **GRAIN_2},
             rotation=turn,
             lattice_gradient=gradient,
             points=bump,
@@ -120,10 +127,12 @@ def _directions(simulation: Simulation) -> dict[str, Direction]:
 
 
 @pytest.mark.parametrize(
-    "name", ["rotation", "gradient", "points", "x0", "eigenstrain", "skin", "mixed"]
+    "name", ["rotation", "gradient", "points", "x0", "eigenstrain", "skin", "modes", "mixed"]
 )
-def test_changes_are_difference_quotients(name: str, kind: str) -> None:
-    plain = replace(_simulation(kind, jitter=0.2), lattice_gradient=GRADIENT)
+@pytest.mark.parametrize("material", [GENERAL, VARYING], ids=["skin", "modes"])
+def test_changes_are_difference_quotients(name: str, kind: str, material: Material) -> None:
+    material = replace(material, x0=5e-5, eigenstrain=3e-4)
+    plain = replace(_simulation(kind, material, jitter=0.2), lattice_gradient=GRADIENT)
     direction = _directions(plain)[name]
     step = 1e-5
     high, low = (_along(plain, direction, sign * step) for sign in (1, -1))
@@ -188,6 +197,50 @@ def test_the_skin_counts_the_distance_from_the_free_sides_alone(kind: str) -> No
         simulation, _element(simulation), crystal_frames(simulation, _element(simulation))
     ).skin
     np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def _factor(simulation: Simulation) -> FloatArray:
+    return _rest(simulation).skin
+
+
+def test_inside_each_grain_tau0_follows_three_modes_along_y_and_x(kind: str) -> None:
+    """In a uniform bar η and ξ run from −1 to 1: each grain is 2 µm long and 2 µm wide."""
+    simulation = _simulation(kind, VARYING)
+    x, y, _ = _at(simulation).T
+    second = y > 2.0
+    eta, xi = np.where(second, y - 3.0, y - 1.0), x - 1.0
+    coefficients = (
+        np.where(second, high, low) for low, high in ((0.3, -0.25), (-0.2, 0.4), (0.1, -0.15))
+    )
+    slope_y, bend_y, slope_x = coefficients
+    expected = np.exp(slope_y * eta + bend_y * (1.5 * eta**2 - 0.5) + slope_x * xi)
+    np.testing.assert_allclose(_factor(simulation), expected, rtol=1e-12)
+
+
+def test_modes_multiply_the_skin(kind: str) -> None:
+    skin = _factor(_simulation(kind, GENERAL))
+    modes = _factor(_simulation(kind, VARYING))
+    both = replace(VARYING, skin_tau0=1.3, skin_thickness=0.4)
+    np.testing.assert_allclose(_factor(_simulation(kind, both)), skin * modes, rtol=1e-14)
+
+
+def test_in_a_single_grain_the_modes_of_the_second_act_on_nothing(kind: str) -> None:
+    whole = replace(_simulation(kind, VARYING), mesh=one_grain(_simulation(kind).mesh))
+    whole = replace(whole, orientations=whole.orientations[:1])
+    _, y, _ = _at(whole).T
+    first = replace(
+        whole, material=Material(tau0_grain1_slope_Y=0.3, tau0_grain1_bend_Y=-0.2,
+                                 tau0_grain1_slope_X=0.1),
+    )  # fmt: skip
+    np.testing.assert_array_equal(_factor(whole), _factor(first))
+    only = replace(whole, material=with_parameters(Material(), dict.fromkeys(GRAIN_2, 0.3)))
+    assert (_factor(only) == 1.0).all()
+    slope = replace(whole, material=Material(tau0_grain1_slope_Y=0.3))
+    np.testing.assert_allclose(_factor(slope), np.exp(0.3 * (y - 2.0) / 2.0), rtol=1e-12)
+
+
+def test_without_modes_the_factor_is_one_to_the_last_bit(kind: str) -> None:
+    assert (_factor(_simulation(kind, Material())) == 1.0).all()
 
 
 def test_a_second_back_strain_is_carried_where_it_has_an_effect_or_a_derivative() -> None:
