@@ -23,6 +23,7 @@ from driver.forward.model import ForwardModel
 from driver.forward.surface_projection import PixelProjection
 from driver.parameters.user_terms import BoundaryTerm, ReadingTerm, terms_of
 from meshes.arrays import FloatArray
+from meshes.cells import NAMES
 from meshes.plane_files import read_plane_mesh
 from meshes.plane_mesh import PlaneMesh
 from meshes.prism import PrismGeometry, generate
@@ -140,22 +141,31 @@ def refuse_unfit_solver(case: Case, mesh: PrismMesh, history: History) -> None:
 
 
 def refuse_parameters(case: Case, solver: Capabilities) -> None:
-    """Raise where parameters to identify, or extensions, are none that the solver honours.
+    """Raise where cells, parameters to identify, or extensions, are none that the solver honours.
 
     Raises:
         InputError: there are some, a sentence a line.
     """
-    expected = f"one that {case.solver.name} honours: {', '.join(sorted(solver.material))}"
+    name = case.solver.name
+    expected = f"one that {name} honours: {', '.join(sorted(solver.material))}"
     unknown = frozenset(MATERIAL_PARAMETERS) - solver.material
     refused = [
-        sentence(case.file, place, f'"{name}"', expected)
+        sentence(case.file, place, f'"{parameter}"', expected)
         for place, names in (
             ("identification.parameters", case.identification.parameters),
             ("extensions", case.extensions),
         )
-        for name in names
-        if name in unknown
+        for parameter in names
+        if parameter in unknown
     ]
+    known = [f'"{NAMES[nodes]}"' for nodes in sorted(solver.cells)]
+    if f'"{case.specimen.cells}"' not in known:
+        cells = f"{' or '.join(known)}, which {name} has"
+        refused.append(sentence(case.file, "specimen.cells", f'"{case.specimen.cells}"', cells))
+    elif case.mean_dilatation and not solver.mean_dilatation:
+        found = "true" if case.solver.mean_dilatation else "no value, which is true with hexahedra"
+        lacking = f"false: {name} lacks it"
+        refused.append(sentence(case.file, "solver.mean_dilatation", found, lacking))
     if refused:
         raise InputError("\n".join(refused))
 

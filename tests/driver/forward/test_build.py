@@ -19,6 +19,7 @@ from driver.forward.build import (
     geometry_of,
     integration_of,
     mesh_of,
+    refuse_parameters,
     surface_images,
 )
 from meshes.prism_mesh import PrismMesh
@@ -198,3 +199,26 @@ def test_mean_dilatation_comes_with_hexahedra_unless_the_case_states_it(
     history = read_history(folder / "history.csv")
     model = build_model(case, mesh_of(case, 2.0), history, np.zeros((0, 2)), BundledAdapter(), 1)
     assert model.simulation(model.null_values()).mean_dilatation is expected
+
+
+@pytest.mark.parametrize(
+    ("cells", "stated", "solver", "expected"),
+    [
+        ("hex20", None, Capabilities(frozenset({"tau0", "c", "d"}), frozenset(), True),
+         'specimen.cells: found "hex20", expected "tet10", which bundled has'),
+        ("hex20", None,
+         Capabilities(frozenset({"tau0", "c", "d"}), frozenset(), True, cells=frozenset({10, 20})),
+         "solver.mean_dilatation: found no value, which is true with hexahedra, expected false: "
+         "bundled lacks it"),
+        ("tet10", True, Capabilities(frozenset({"tau0", "c", "d"}), frozenset(), True),
+         "solver.mean_dilatation: found true, expected false: bundled lacks it"),
+    ],
+)  # fmt: skip
+def test_cells_that_the_solver_lacks_are_refused_by_key(
+    cells: str, stated: bool | None, solver: Capabilities, expected: str
+) -> None:
+    case = changed(closed_form.small_case(), "specimen", cells=cells)
+    case = changed(case, "solver", mean_dilatation=stated)
+    with pytest.raises(InputError) as error:
+        refuse_parameters(case, solver)
+    assert str(error.value).endswith(expected)

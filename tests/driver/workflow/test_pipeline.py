@@ -327,8 +327,13 @@ class Narrow(closed_form.ClosedFormSolver):
     """A solver that honours few parameters and small strain alone."""
 
     def capabilities(self) -> Capabilities:
-        few = frozenset({"tau0", "c"})
-        return replace(super().capabilities(), material=few, strain_measures=frozenset({"small"}))
+        return replace(
+            super().capabilities(),
+            material=frozenset({"tau0", "c"}),
+            strain_measures=frozenset({"small"}),
+            cells=frozenset({10, 20}),
+            mean_dilatation=True,
+        )
 
 
 @pytest.mark.parametrize(
