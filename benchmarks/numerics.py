@@ -111,7 +111,7 @@ class Ruler:
 
     def __init__(self, reference: Reference, problem: IdentificationProblem, case: Case) -> None:
         self.case, self.problem = case, problem
-        self.values = problem.start | TRUTH
+        self.values = problem.working.null_values() | TRUTH
         free = (*LAMBDAS, *problem.law, *problem.knots)
         model = replace(problem.working, integration="exponential")
         best = replace(problem.objective, model=model).evaluate(self.values, free)
@@ -249,7 +249,7 @@ def main() -> None:
         case, problem = measured_case(Path(folder))
         if asked.make:
             one, other = (model_on(case, problem, d) for d in SMALLEST)
-            values = problem.start | TRUTH
+            values = problem.working.null_values() | TRUTH
             mesh_reference.write(mesh_reference.made((one, other), values), "alpha")
         ruler = Ruler(mesh_reference.read("alpha"), problem, case)
         show("both predictions of the reference apart, beside parameters [sigma]",

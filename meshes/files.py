@@ -218,7 +218,10 @@ def _faces(path: Path, file: Any, name: str, kind: _Kind, cells: IntArray) -> In
     """Node indices of the faces of a group, shape (n, nodes of one)."""
     if name not in _groups(file, _FACES):
         return _faces_between(path, name, _members(file, _NODES, name), cells)
-    return _connectivity(file, kind.face)[_members(file, _FACES, name)]
+    members = _members(file, _FACES, name)
+    if not members.size:
+        raise ValueError(f"{path}: group {name} holds no face; expected one or more")
+    return _connectivity(file, kind.face)[members]
 
 
 def _faces_between(path: Path, name: str, nodes: IntArray, cells: IntArray) -> IntArray:

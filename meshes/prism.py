@@ -165,11 +165,15 @@ def generate(
     return PrismMesh(points, cells, grain, faces, node_groups(points, faces))
 
 
+def section_divisions(width: float, depth: float, size: float) -> int:
+    """Return how many hexahedra of a size lie along half of the longest side of a section [µm]."""
+    return max(1, round(max(width, float(np.hypot(width / 2, depth))) / 2 / size))
+
+
 def _layers(geometry: PrismGeometry, size: float, layers: tuple[int, int] | None) -> PrismMesh:
     """Hexahedra: the section in quadrilaterals, swept in layers of equal share of each grain."""
     section, length = geometry.section(), geometry.length
-    longest = float(np.linalg.norm(section - np.roll(section, -1, axis=0), axis=1).max())
-    divisions = max(1, round(longest / 2 / size))
+    divisions = section_divisions(geometry.width, geometry.depth, size)
     if geometry.boundary_point is None:
         parts = [length]
     else:

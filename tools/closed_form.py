@@ -261,7 +261,7 @@ def small_case() -> Case:
     specimen = case.specimen.model_copy(
         update={
             "length_um": LENGTH, "width_um": WIDTH,
-            "mesh_size_um": SIZES[0], "fine_mesh_size_um": SIZES[1],
+            "cells": "tet10", "mesh_size_um": SIZES[0], "fine_mesh_size_um": SIZES[1],
             "boundary_point_um": (0.0, 2.0, 0.0), "boundary_normal": (0.1, 1.0, 0.2),
         }
     )  # fmt: skip

@@ -10,7 +10,10 @@ from pydantic import Field, model_validator
 from driver.case.messages import refusal
 from driver.case.values import Positive, Table, Vector
 from meshes.arrays import FloatArray
-from meshes.prism import CellKind
+from meshes.prism import CellKind, section_divisions
+
+LARGEST_RATIO = 0.7
+"""Of the finer size of hexahedra to the working one, up to which both tell of the error."""
 
 
 class Specimen(Table):
@@ -74,12 +77,31 @@ class Specimen(Table):
     def _consistent(self) -> Self:
         if self.fine_mesh_size_um >= self.mesh_size_um:
             raise refusal(f"a number < mesh_size_um = {self.mesh_size_um:g}", "fine_mesh_size_um")
+        if self.cells == "hex20":
+            self._refuse_like_hexahedra()
         if (self.boundary_point_um is None) != (self.boundary_normal is None):
             absent = "boundary_point_um" if self.boundary_point_um is None else "boundary_normal"
             raise refusal("a list of three numbers, as the other half of the boundary", absent)
         if self.boundary_normal is not None and not any(self.boundary_normal):
             raise refusal("a normal other than zero", "boundary_normal")
         return self
+
+    def _refuse_like_hexahedra(self) -> None:
+        """Refuse two sizes of which the finer one tells nothing of the error of the other."""
+        size, fine = self.mesh_size_um, self.fine_mesh_size_um
+        divisions = section_divisions(self.width, self.depth, size)
+        if section_divisions(self.width, self.depth, fine) <= divisions:
+            raise refusal(
+                f"a size with more than {divisions} cells along half of the longest side of the "
+                "section, as hexahedra",
+                "fine_mesh_size_um",
+            )
+        if fine > LARGEST_RATIO * size:
+            raise refusal(
+                f"a number ≤ {LARGEST_RATIO * size:g}, {LARGEST_RATIO:g} of mesh_size_um, with "
+                "hexahedra",
+                "fine_mesh_size_um",
+            )
 
 
 class Grain(Table):

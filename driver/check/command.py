@@ -27,7 +27,6 @@ from driver.experiment.reading import Experiment, fitted_loads, history_of, read
 from driver.forward.build import (
     build_model,
     correlation_meshes,
-    geometry_of,
     integration_of,
     mesh_of,
     refuse_parameters,
@@ -39,7 +38,6 @@ from driver.workflow.cost import estimate
 from meshes.arrays import FloatArray
 from meshes.cells import NAMES
 from meshes.plane_mesh import PlaneMesh
-from meshes.prism import generate
 from solver_adapters.external import ABSENT, ExternalAdapter
 from solver_adapters.interface import Adapter, Capabilities, SolverError
 from solver_adapters.profile import config_path
@@ -205,9 +203,9 @@ def _mesh(case: Case) -> tuple[int, Finding]:
     """Return the number of cells of the working mesh, 0 where there is none."""
     specimen = case.specimen
     try:
-        mesh = generate(geometry_of(case), specimen.mesh_size, specimen.cells)
-    except (ValueError, ImportError) as error:
-        return 0, Finding("error", "mesh", f"specimen: {error}")
+        mesh = mesh_of(case, specimen.mesh_size)
+    except (InputError, ImportError) as error:
+        return 0, Finding("error", "mesh", str(error))
     grains = ", ".join(
         f"{name} {count}"
         for name, count in zip(

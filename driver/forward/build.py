@@ -57,7 +57,8 @@ def mesh_of(case: Case, size: float) -> PrismMesh:
     try:
         return generate(geometry_of(case), size, case.specimen.cells)
     except (ValueError, RuntimeError) as error:
-        raise InputError(f"specimen: {error}") from None
+        instead = ', or cells = "tet10"' if case.specimen.cells == "hex20" else ""
+        raise InputError(f"specimen: {error}{instead}") from None
 
 
 def another_mesh_of(case: Case, size: float, points: FloatArray) -> PrismMesh:

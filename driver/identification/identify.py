@@ -319,19 +319,23 @@ def correction(
     first_order = has_first_order(working, coarse)
     parts = parts_of(working, finer) if first_order else 1
     models = [in_parts_of(finer, coarse, values, parts) if first_order else finer]
-    if first_order and with_steps:
+    more = extrapolation(working.microstructure.mesh, finer.microstructure.mesh)
+    # Only what is of the mesh is extrapolated: the error of the steps has to be known.
+    if first_order and (with_steps or more):
         models.append(in_parts_of(working, coarse, values, 2))
     # One after the other; jobs for another machine are prepared all at once.
     fine, *halved = side_by_side(lambda model: model.predict(values), models, 1)
     motion, load = fine.motion - coarse.motion, fine.load - coarse.load
     of_motion = f", motion {1e3 * np.sqrt(np.mean(motion**2)):.2f} nm rms" if motion.size else ""
     logger.info(f"  finer − working: load {np.sqrt(np.mean(load**2)):.2f} µN rms{of_motion}")
-    more = extrapolation(working.microstructure.mesh, finer.microstructure.mesh)
     if more:
-        logger.info(f"  of the mesh {1 + more:.2f} times as much, as their errors are alike")
+        logger.info(f"  extrapolated to cells of no size: {1 + more:.2f} times what is of the mesh")
     if not halved:
         return Correction(motion, load, parts=parts).extrapolated(more)
     left = error_by_halves(coarse, halved[0]).times(1 / parts)
+    corrected = Correction(motion, load, left, parts).extrapolated(more)
+    if not with_steps:
+        return replace(corrected, left_by_steps=None)
     cuts = working.cut_steps(coarse.response)
     cut = f"{cuts} more than stated, as some were cut; " if cuts else ""
     wrong = np.sqrt(np.mean(left.load**2))
@@ -339,7 +343,7 @@ def correction(
         f"  time steps of first order: {cut}{wrong:.2f} µN rms of the load are still wrong, which "
         "the uncertainties count"
     )
-    return Correction(motion, load, left, parts).extrapolated(more)
+    return corrected
 
 
 def noise_factor(fit_: Fit, data: Data) -> float:

@@ -126,7 +126,7 @@ def seen_by_correlation(
 
 
 def on_another_mesh(case: Case, problem: IdentificationProblem) -> ForwardModel:
-    """Return finer model on a mesh of about that size that has few nodes in common with its own.
+    """Return the finer model on another mesh, which may contradict its own.
 
     Raises:
         InputError: the prism cannot be meshed with such elements.

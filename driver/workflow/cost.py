@@ -22,7 +22,7 @@ _PIXEL_SECONDS = 8e-6
 # Copies of the images held at a time.
 _IMAGE_COPIES = 3
 # Parameters of all causes, which are differentiated together.
-_CAUSE_DIRECTIONS = 50
+_CAUSE_DIRECTIONS = len({name for cause in EVERY for name in cause.parameters})
 # Directions of the boundary motion: 4 λ's and the knots of three cycles (6 for each of 4 motions).
 _BOUNDARY_DIRECTIONS = 4 + 4 * 6
 

@@ -49,15 +49,15 @@ def stages(case: Case) -> Sequence[Stage]:
     if not case.with_images:
         inputs = (*_MESH, "history", "sections", "loads", *_IDENTIFY)
         return (
-            Stage("mesh", "2", _MESH, run_mesh),
-            Stage("identify", "5", inputs, run_identify_loads, identified_files),
+            Stage("mesh", "3", _MESH, run_mesh),
+            Stage("identify", "6", inputs, run_identify_loads, identified_files),
             Stage("report", "3", inputs, run_report_loads, measured_files),
         )
     return (
-        Stage("mesh", "2", _MESH, run_mesh),
+        Stage("mesh", "3", _MESH, run_mesh),
         Stage("measure", "6", _MEASURE, run_measure, measured_files),
-        Stage("identify", "9", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
-        Stage("diagnose", "8", ("diagnosis",), run_diagnose, diagnosed_files),
+        Stage("identify", "10", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
+        Stage("diagnose", "9", ("diagnosis",), run_diagnose, diagnosed_files),
         Stage("advise", "1", (), run_advise),
         Stage("report", "9", _REPORT, run_report, measured_files),
     )

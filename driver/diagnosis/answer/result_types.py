@@ -168,7 +168,7 @@ class DiscretisationCheck:
         }[self.needed]
         if self.between_meshes:
             return (
-                f"what looks like {self.along.title} is gone on another mesh of the same size, "
+                f"what looks like {self.along.title} is gone on another mesh, "
                 f"which moves it by {self.effect:.1f} σ; {finer}"
             )
         return (

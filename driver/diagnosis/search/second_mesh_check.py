@@ -2,8 +2,8 @@
 
 A mesh errs in its own way, mostly where crystals yield, and so do many causes: on a coarse mesh
 and with many images the error of the finer simulation may look like one of them. On another mesh
-of about that size it is another one: the mean of both corrections is the better one, and half of
-what they differ by is what each may be off.
+it is another one: the mean of both corrections is the better one, and half of what they differ by
+is what each may be off.
 """
 
 from __future__ import annotations

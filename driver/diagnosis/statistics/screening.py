@@ -13,6 +13,7 @@ from driver.diagnosis.statistics.score_test import Score, score
 from driver.forward.dwell_time import dwells
 from driver.forward.model import ForwardModel
 from driver.identification.fit import Fit
+from driver.identification.mesh_error import variance_left
 from driver.identification.objective import Correction, Objective
 from driver.parameters.history import HOLD
 from driver.parameters.instrument import PATTERN_DECLARATIONS
@@ -90,7 +91,9 @@ def screen(
             score(cause, effect, here.best, family, degrees, variance) for cause, effect in pairs
         ]
 
-    variance = score_variance(scored(1.0), objective.data, change, sizes)
+    nodes = objective.model.microstructure.mesh.cells.shape[1]
+    share = variance_left(nodes, sizes[1] / sizes[0])
+    variance = score_variance(scored(1.0), objective.data, change, share)
     return sorted(scored(variance), key=lambda s: -s.log_evidence), variance
 
 

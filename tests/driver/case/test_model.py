@@ -316,3 +316,24 @@ def test_the_example_states_what_its_readme_states() -> None:
     assert [grain["euler_deg"] for grain in values["grains"]] == [[281, 8, 47], [211, 45, 150]]
     assert values["specimen"]["boundary_point_um"] == [0, 5.4, 0]
     assert values["specimen"]["boundary_normal"] == [0.15, 1, 0.3]
+
+
+@pytest.mark.parametrize(
+    ("size", "fine", "expected"),
+    [
+        ("2.0", "1.9", "a size with more than 1 cells along half of the longest side of the "),
+        ("2.0", "1.4", "a size with more than 1 cells along half of the longest side of the "),
+        ("1.0", "0.75", "a number ≤ 0.7, 0.7 of mesh_size_um, with hexahedra"),
+    ],
+)
+def test_two_sizes_of_hexahedra_that_tell_nothing_of_the_error_are_refused(
+    tmp_path: Path, size: str, fine: str, expected: str
+) -> None:
+    text = case_text(default_case())
+    text = text.replace("\nmesh_size_um = 2.0", f"\nmesh_size_um = {size}")
+    text = text.replace("fine_mesh_size_um = 1.0", f"fine_mesh_size_um = {fine}")
+    path = tmp_path / "case.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(CaseError) as refused:
+        load_case(path)
+    assert f"specimen.fine_mesh_size_um: found {fine}, expected {expected}" in str(refused.value)

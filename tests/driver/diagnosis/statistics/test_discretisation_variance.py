@@ -10,6 +10,7 @@ from driver.diagnosis.causes.causes import Category, Cause
 from driver.diagnosis.statistics.discretisation_variance import score_variance
 from driver.diagnosis.statistics.score_test import Score, score
 from driver.identification.data import Data
+from driver.identification.mesh_error import variance_left
 from driver.identification.objective import Correction
 from meshes.arrays import FloatArray
 from tests.driver.analytic import evaluation
@@ -17,6 +18,7 @@ from tests.driver.analytic import evaluation
 RNG = np.random.default_rng(21)
 T, N, K = 10, 400, 40
 WORKING, FINER = 1.6, 1.0
+SHARE = variance_left(10, FINER / WORKING)
 
 
 def data(counted: float) -> Data:
@@ -48,7 +50,7 @@ def difference(of_causes: float, elsewhere: float) -> Correction:
 def test_what_the_finer_mesh_leaves_along_the_causes_is_told_from_the_difference() -> None:
     """Its variance there is (h_fine · 1.5)²; what happens elsewhere says nothing."""
     found = [
-        score_variance(scores("material"), data(0.0), difference(1.5, elsewhere), (WORKING, FINER))
+        score_variance(scores("material"), data(0.0), difference(1.5, elsewhere), SHARE)
         for elsewhere in (0.0, 20.0)
         for _ in range(50)
     ]
@@ -58,18 +60,16 @@ def test_what_the_finer_mesh_leaves_along_the_causes_is_told_from_the_difference
 
 def test_what_the_whitening_counts_already_is_not_counted_twice() -> None:
     large = difference(1.5, 0.0)
-    sizes = (WORKING, FINER)
-    whole = score_variance(scores("boundary"), data(0.0), large, sizes)
-    assert whole - score_variance(scores("boundary"), data(0.4), large, sizes) == pytest.approx(0.4)
-    assert score_variance(scores("boundary"), data(0.9), difference(0.1, 0.0), sizes) == 1.0
+    whole = score_variance(scores("boundary"), data(0.0), large, SHARE)
+    assert whole - score_variance(scores("boundary"), data(0.4), large, SHARE) == pytest.approx(0.4)
+    assert score_variance(scores("boundary"), data(0.9), difference(0.1, 0.0), SHARE) == 1.0
 
 
 def test_without_a_correction_or_causes_of_the_specimen_noise_alone_counts() -> None:
-    sizes = (WORKING, FINER)
-    assert score_variance(scores("material"), data(0.0), Correction(), sizes) == 1.0
+    assert score_variance(scores("material"), data(0.0), Correction(), SHARE) == 1.0
     large = difference(9.0, 9.0)
-    assert score_variance(scores("instrument"), data(0.0), large, sizes) == 1.0
-    assert score_variance([], data(0.0), large, sizes) == 1.0
+    assert score_variance(scores("instrument"), data(0.0), large, SHARE) == 1.0
+    assert score_variance([], data(0.0), large, SHARE) == 1.0
 
 
 def test_a_wider_score_is_that_of_data_as_much_noisier() -> None:
