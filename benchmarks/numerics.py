@@ -73,6 +73,7 @@ MESHES = (
 PAIRS = (
     (MESHES[0], MESHES[1]),
     (WORKING, FINER),
+    (WORKING, Discretisation("hex20", 0.667, True)),
     (FINER, Discretisation("hex20", 0.667, True)),
     (FINER, Discretisation("hex20", 0.5, True)),
 )

@@ -10,6 +10,7 @@ import pytest
 from driver.forward.build import build_model, mesh_of
 from driver.forward.model import ForwardModel
 from driver.identification.identify import correction
+from driver.identification.mesh_error import extrapolation
 from driver.identification.step_error import (
     StepError,
     error_by_halves,
@@ -132,3 +133,28 @@ def test_the_error_of_the_steps_is_one_standard_deviation_of_its_own_pattern() -
     np.testing.assert_allclose(known._whiten_patterns(across), across, atol=1e-10)
     flipped = replace(data, step_error=StepError(motion, -9.0 * course))
     assert flipped.change(motion, 9.0 * course) @ along != pytest.approx(whitened @ along, rel=1e-3)
+
+
+@pytest.mark.parametrize("with_steps", [True, False])
+def test_of_hexahedra_what_is_of_the_mesh_is_extrapolated_and_what_is_of_the_steps_is_not(
+    with_steps: bool,
+) -> None:
+    """Finer minus working is m + s, s half of the error of the steps: m (1 + κ) + s is wanted."""
+    specimen = CASE.specimen.model_copy(update={"cells": "hex20"})
+    solver = CASE.solver.model_copy(update={"integration": "backward_euler"})
+    case = CASE.model_copy(update={"specimen": specimen, "solver": solver})
+    pixels = np.array([[0.0, 2.0], [0.5, 6.0]])
+
+    def on(size: float, steps: int) -> ForwardModel:
+        mesh = mesh_of(case, size)
+        return build_model(case, mesh, HISTORY, pixels, BundledAdapter(), steps)
+
+    working, finer = on(2.0, 1), on(1.0, 2)
+    share = extrapolation(working.microstructure.mesh, finer.microstructure.mesh)
+    coarse, fine, halved = (m.predict(values()) for m in (working, finer, on(2.0, 2)))
+    of_steps = halved.load - coarse.load
+    expected = of_steps + (1 + share) * (fine.load - coarse.load - of_steps)
+    change = correction(working, finer, coarse, values(), with_steps=with_steps)
+    assert share > 0.3 and np.linalg.norm(of_steps) > 1.0
+    np.testing.assert_allclose(change.load, expected, atol=1e-6 * abs(expected).max())
+    assert (change.left_by_steps is not None) == with_steps
