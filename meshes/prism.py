@@ -97,6 +97,19 @@ class PrismGeometry:
         )
         return distance
 
+    @property
+    def crossed_from_side_to_side(self) -> bool:
+        """Whether the grain boundary, if there is one, meets no end face."""
+        if self.boundary_point is None:
+            return True
+        half = self.width / 2
+        corners = np.array([[-half, 0.0, 0.0], [half, 0.0, 0.0], [0.0, 0.0, -self.depth]])
+        try:
+            self.boundary_height(corners)
+        except ValueError:
+            return False
+        return True
+
     def boundary_height(self, points: FloatArray) -> FloatArray:
         """Y of the grain boundary [µm] at the X and Z of each point (n, 3), shape (n,).
 

@@ -11,16 +11,20 @@ from driver.common.errors import InputError, sentence
 from driver.common.formatting import cost_told
 from driver.common.progress import tenths
 from driver.experiment.history import read_history
-from driver.forward.build import adapter_of, mesh_of
+from driver.forward.build import adapter_of, capabilities_of, geometry_of, mesh_of
 from driver.forward.cost import simulation_memory, simulation_seconds
 from driver.results.files import TRUTH
 from driver.virtual.settings import Virtual, read_virtual
 from driver.virtual.truth import knots, pull, stage_program
 from driver.virtual.writing import record
+from meshes.cells import NAMES
+from meshes.prism import CellKind
 
 logger = logging.getLogger(__name__)
 
-_FINER = 0.9  # of the finer mesh of a case
+# Cells of a truth: half of those of the finer mesh of a case, and at most so many a width.
+_HALF = 0.5
+_DIVISIONS = 8
 # Seconds of one core for one pixel of one image, with slip steps and without.
 _PIXEL_SECONDS = {True: 25e-6, False: 6e-6}
 # Bytes held of one pixel of one image: levels, and the true motion in two precisions.
@@ -62,8 +66,9 @@ def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int
     )
     memory += _PIXEL_BYTES * face * history.n_images
     logger.info(
-        f"truth on a mesh of {truth.specimen.mesh_size:g} µm ({n_cells} cells) with "
-        f"{truth.solver.steps_per_interval} steps an interval, finer than the case's "
+        f"truth on a mesh of {truth.specimen.mesh_size:g} µm ({n_cells} cells, "
+        f"{truth.specimen.cells}) with {truth.solver.steps_per_interval} steps an interval, finer "
+        "than the case's "
         f"{case.specimen.mesh_size:g} and {case.specimen.fine_mesh_size:g} µm with "
         f"{case.solver.steps_per_interval} and {case.solver.fine_steps_per_interval}; "
         f"{history.n_images} images, {cost_told(seconds, memory)}"
@@ -81,12 +86,15 @@ def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int
 def true_case(case: Case, settings: Virtual) -> Case:
     """Return a case on the mesh and with the steps of its truth.
 
+    Hexahedra with mean dilatation, where the solver has them and layers can follow the grain
+    boundary: those that err least (benchmarks/numerics.md). Otherwise cells as in the case.
+
     Raises:
         InputError: they are not finer than those of the finer model of the case.
     """
     wanted, finest = settings.discretisation, case.specimen.fine_mesh_size
     most = case.solver.fine_steps_per_interval
-    size = wanted.mesh_size_um or _FINER * finest
+    size = wanted.mesh_size_um or min(_HALF * finest, case.specimen.width / _DIVISIONS)
     steps = wanted.steps_per_interval or most + 1
     for key, found, expected in (
         ("mesh_size_um", size, f"less than {finest:g}" if size >= finest else ""),
@@ -97,10 +105,19 @@ def true_case(case: Case, settings: Virtual) -> Case:
                 f"discretisation.{key}: found {found:g}, expected {expected}, the finest that the "
                 "case identifies with: data made with the same errors would hide them"
             )
-    specimen = case.specimen.model_copy(
-        update={"mesh_size_um": size, "fine_mesh_size_um": _FINER * size}
+    solver = capabilities_of(case)
+    layered = solver.mean_dilatation and "hex20" in {NAMES[nodes] for nodes in solver.cells}
+    follows = geometry_of(case).crossed_from_side_to_side
+    kind: CellKind = "hex20" if layered and follows else case.specimen.cells
+    mesh = {"cells": kind, "mesh_size_um": size, "fine_mesh_size_um": _HALF * size}
+    run = {
+        "steps_per_interval": steps,
+        "fine_steps_per_interval": steps + 1,
+        "mean_dilatation": solver.mean_dilatation,
+    }
+    return case.model_copy(
+        update={
+            "specimen": case.specimen.model_copy(update=mesh),
+            "solver": case.solver.model_copy(update=run),
+        }
     )
-    solver = case.solver.model_copy(
-        update={"steps_per_interval": steps, "fine_steps_per_interval": steps + 1}
-    )
-    return case.model_copy(update={"specimen": specimen, "solver": solver})

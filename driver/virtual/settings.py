@@ -85,7 +85,9 @@ class Discretisation(Table):
     """How the truth is computed; finer than anything that identifies it."""
 
     mesh_size_um: Positive | None = Field(
-        default=None, description="edge of the elements, default 0.9 of the finer mesh of the case"
+        default=None,
+        description="edge of the cells, hexahedra where the solver has them; default half of the "
+        "finer mesh of the case, at most an eighth of the width",
     )
     steps_per_interval: Count | None = Field(
         default=None, description="time steps, default one more than in the finer simulation"

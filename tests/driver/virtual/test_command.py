@@ -20,6 +20,7 @@ from driver.workflow.engine import run_stages
 from solver_adapters.profile import Profile
 from tools import closed_form
 
+ALPHA = Path(__file__).parents[3] / "examples" / "alpha" / "case.toml"
 SETTINGS = """
 [face]
 dots_per_um2 = 2.0
@@ -63,6 +64,19 @@ def test_the_discretisation_of_the_truth_is_finer_and_said_so(
     assert truth.solver.steps_per_interval > case.solver.fine_steps_per_interval
     assert f"a mesh of {truth.specimen.mesh_size:g} µm" in made[1][0]
     assert "11 images, about" in made[1][0]
+
+
+def test_a_truth_is_of_hexahedra_where_layers_can_follow_the_boundary() -> None:
+    case = load_case(ALPHA)
+    truth = true_case(case, Virtual())
+    assert case.specimen.cells == "tet10" and not case.mean_dilatation
+    assert truth.specimen.cells == "hex20" and truth.mean_dilatation
+    assert truth.specimen.mesh_size <= case.specimen.fine_mesh_size / 2
+
+    tilted = {"boundary_point_um": (0.0, 1.0, 0.0), "boundary_normal": (0.0, 1.0, 1.0)}
+    steep = case.model_copy(update={"specimen": case.specimen.model_copy(update=tilted)})
+    truth = true_case(steep, Virtual())
+    assert truth.specimen.cells == "tet10" and truth.mean_dilatation
 
 
 @pytest.mark.parametrize(
