@@ -73,7 +73,7 @@ def test_a_truth_is_of_hexahedra_where_layers_can_follow_the_boundary() -> None:
     assert truth.specimen.cells == "hex20" and truth.mean_dilatation
     assert truth.specimen.mesh_size <= case.specimen.fine_mesh_size / 2
 
-    tilted = {"boundary_point_um": (0.0, 1.0, 0.0), "boundary_normal": (0.0, 1.0, 1.0)}
+    tilted = {"boundary_point_um": (0.0, 1.0, 0.0), "boundary_normal": (0.0, 1.0, -1.0)}
     steep = case.model_copy(update={"specimen": case.specimen.model_copy(update=tilted)})
     truth = true_case(steep, Virtual())
     assert truth.specimen.cells == "tet10" and truth.mean_dilatation
