@@ -3,9 +3,11 @@
 MAKEFLAGS += --no-print-directory
 .SILENT:
 .DELETE_ON_ERROR:
-.PHONY: help demo test setup clean
+.PHONY: help demo test slow setup clean
 
 VENV := .venv
+# Files of tests side by side, one for each core, each with one thread.
+PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(VENV)/bin/pytest --numprocesses logical --dist loadfile
 CASE := examples/alpha/case.toml
 PAGE := examples/alpha/results/report.html
 
@@ -17,6 +19,7 @@ PYTHON ?= $(shell for name in python3 python3.13 python3.12 python3.11; do \
 help:
 	echo "make demo    set everything up in $(VENV) and run $(CASE)"
 	echo "make test    set everything up in $(VENV), then lint, type check and test"
+	echo "make slow    run the slower set of tests"
 	echo "make setup   set everything up in $(VENV)"
 	echo "make clean   remove $(VENV), the caches and the demo's results"
 
@@ -28,7 +31,10 @@ test: $(VENV)/installed-dev
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
-	$(VENV)/bin/pytest
+	$(PYTEST)
+
+slow: $(VENV)/installed-dev
+	$(PYTEST) -m slow
 
 setup: $(VENV)/installed
 
