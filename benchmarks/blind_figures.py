@@ -24,14 +24,17 @@ def wilson(hits: int, number: int) -> tuple[float, float]:
 
 
 def show_share(name: str, hits: Sequence[bool], goal: str) -> None:
-    """Print a share in percent with its bounds and its number."""
+    """Print a share in percent with its bounds and its number; a goal is met when its bound is."""
     if not hits:
         print(f"{name} = not measured (goal: {goal})")
         return
-    low, high = wilson(sum(hits), len(hits))
+    low, high = (100 * bound for bound in wilson(sum(hits), len(hits)))
+    relation, _, limit = goal.partition(" ")
+    met = {">=": lambda: low >= float(limit), "<=": lambda: high <= float(limit)}
+    judged = f": {'met' if met[relation]() else 'missed'}" if relation in met else ""
     print(
-        f"{name} = {100 * mean(hits):.1f} [{100 * low:.1f}, {100 * high:.1f}] "
-        f"of {len(hits)} (goal: {goal})"
+        f"{name} = {100 * mean(hits):.1f} [{low:.1f}, {high:.1f}] "
+        f"of {len(hits)} (goal: {goal}{judged})"
     )
 
 
@@ -41,17 +44,19 @@ def print_figures(lines: Sequence[Record]) -> None:
     kinds = {kind: _of(ran, kind) for kind in KINDS}
     for kind in SILENT:
         of = _of(ran, kind)
-        show_share(f"{kind}: something named [%]", [bool(line["said"]) for line in of], "<= 1")
-        answered = [line["verdict"] != "nothing wrong" for line in of]
-        show_share(f"{kind}: anything said [%]", answered, "<= 2.5")
+        # The verdict of a simulation that is not exact enough names no cause, and is a miss.
+        named = [line["verdict"] in NAMING for line in of]
+        show_share(f"{kind}: something named [%]", named, "<= 0.5" if kind == "null" else "<= 1")
+        silent = [line["verdict"] == "nothing wrong" for line in of]
+        show_share(f"{kind}: nothing wrong [%]", silent, ">= 97" if kind == "null" else ">= 97.5")
     large = [line for line in kinds["cause"] if line["misfit"] >= 6]
-    _of_causes("misfit >= 6 sigma", large, "97")
+    _of_causes("misfit >= 6 sigma", large, "96")
     loud = [line for line in kinds["cause"] + kinds["large"] if line["chi_load"][0] >= 10]
     show_share("chi_F >= 10: class [%]", [has_class(line) for line in loud], ">= 95")
     below = [line for line in kinds["cause"] if line["misfit"] < 6]
     show_share("misfit < 6 sigma: class [%]", [has_class(line) for line in below], "none")
     for what, visible, wanted in (
-        (f"pairs, each >= {SEEN_AT} sigma", True, ">= 88"),
+        (f"pairs, each >= {SEEN_AT} sigma", True, ">= 85"),
         (f"pairs, one < {SEEN_AT} sigma", False, "none"),
     ):
         of = [x for x in kinds["pair"] if (min(x["like_itself"]) >= SEEN_AT) == visible]
@@ -59,7 +64,7 @@ def print_figures(lines: Sequence[Record]) -> None:
     # With the first one in the model the second may leave less than alone.
     known = [x for x in kinds["pair"] if "beside" in x]
     apart = [has_both(x) for x in known if min(x["beside"]) >= SEEN_AT]
-    show_share(f"pairs, each >= {SEEN_AT} sigma beside the other: both [%]", apart, ">= 88")
+    show_share(f"pairs, each >= {SEEN_AT} sigma beside the other: both [%]", apart, ">= 85")
     if len(known) < len(kinds["pair"]):
         print(f"  {len(kinds['pair']) - len(known)} pair(s) of earlier programs do not say it")
     strong = [line for line in kinds["outside"] if line["misfit"] >= 8]
@@ -89,7 +94,7 @@ def print_figures(lines: Sequence[Record]) -> None:
     if len(elastic) < len(every_elastic):
         print(f"  {len(every_elastic) - len(elastic)} of an earlier plan, of other sizes, left out")
     show_share("Q with b = d: not told apart [%]", [_as_known(x) for x in with_d], "100")
-    for kind, goal in (*((kind, 6) for kind in SILENT), *((k, 25) for k in LOUD)):
+    for kind, goal in (*((kind, 6) for kind in SILENT), *((k, 30) for k in LOUD)):
         times = [line["cpu"] for line in _of(ran, kind)]
         if times:
             times_told = f"{np.median(times):.1f}, mean {np.mean(times):.1f}"
@@ -117,7 +122,7 @@ def _of_causes(what: str, lines: Sequence[Record], goal: str) -> None:
     show_share(f"{what}: name where it is alone in its class [%]",
                [_first(line) == line["trial"]["truths"][0] for line in alone], ">= 92")  # fmt: skip
     holds = [line["trial"]["truths"][0] in _set(line) for line in lines]
-    show_share(f"{what}: the set holds the truth [%]", holds, ">= 98")
+    show_share(f"{what}: the set holds the truth [%]", holds, ">= 97")
     sizes = [len(_set(line)) for line in lines if _set(line)]
     if sizes:
         print(f"{what}: mean set = {mean(sizes):.2f} (goal: <= 1.5)")

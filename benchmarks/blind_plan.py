@@ -28,14 +28,14 @@ KINDS: tuple[Kind, ...] = (
 LOW, HIGH = 10.0, 15.0  # projected misfit by the ruler [σ]; an experiment may see a third less
 FAINTEST = 0.1  # σ, at which a cause is hidden that leaves no trace
 ENOUGH = 6.5  # σ, from which on a cause is hidden several times
-REPEATS = 4
+REPEATS = 5
 PAIR_LEVEL = 10.0
 OUTSIDE_LEVELS = (14.0, 22.0)  # by the ruler, where the effect can be as large
 OUTSIDE_EFFECTS = ("soft_slice", "notch", "creep", "lens", "blister", "slip_band")
 LOAD_NOISE_RATIOS = (0.7, 1.3)  # true over stated
 JITTER_NM = (0.3, 1.0)
 AUTOCORRELATIONS = (0.4, 0.7)
-NULLS, PAIRS, OUTSIDES, DISTURBED, KNOWN, LARGES = 1000, 48, 36, 30, 4, 2
+NULLS, PAIRS, OUTSIDES, DISTURBED, KNOWN, LARGES = 1000, 90, 84, 30, 4, 2
 NOISES = {"boundary_noise": (0.5, 1.0), "noise_not_uniform": (2.0, 3.0)}
 """Noises that the case does not state, with their sizes: nm at a stop, last over first column."""
 QUIET = 1 / 3  # noise of a better load cell
@@ -84,8 +84,9 @@ def aims(seed: int, causes: Mapping[str, tuple[int, bool]]) -> dict[str, tuple[f
         seed: of the plan.
         causes: by name the number of parameters, and whether they are one-sided.
     """
-    rng = np.random.default_rng([seed, 1])
-    return {name: _direction(rng, *shape) for name, shape in causes.items()}
+    return {
+        name: _direction(_generator(seed, "aim", name), *shape) for name, shape in causes.items()
+    }
 
 
 def plan(
@@ -93,6 +94,9 @@ def plan(
     reach: Mapping[str, tuple[float, float]], hardening_d: float, flips: Sequence[str] = (),
 ) -> tuple[Trial, ...]:  # fmt: skip
     """All trials, in an order of which every beginning holds every kind in its share.
+
+    Each draws from a stream of its own, so that a new cause leaves the trials of the others as
+    they are.
 
     Args:
         seed: of all that is drawn.
@@ -102,7 +106,6 @@ def plan(
         hardening_d: the d of the truth.
         flips: half turns of the EBSD frame that make other lattices.
     """
-    rng = np.random.default_rng(seed)
     groups: dict[Kind, list[Trial]] = {kind: [] for kind in KINDS}
 
     def add(
@@ -111,7 +114,8 @@ def plan(
         companions: tuple[tuple[str, float], ...] = (),
     ) -> None:  # fmt: skip
         name = f"{kind} {len(groups[kind])}"
-        draw = int(rng.integers(2**31))
+        before = sum(trial.truths == truths for trial in groups[kind])
+        draw = int(_generator(seed, kind, *truths, str(before)).integers(2**31))
         groups[kind].append(Trial(name, kind, truths, directions, level, companions, draw))
 
     towards = aims(seed, causes)
@@ -123,8 +127,9 @@ def plan(
                 for _ in range(REPEATS if level >= ENOUGH else 1):
                     add("cause", (name,), level, (tuple(sign * a for a in towards[name]),))
     for_pairs = [name for name in causes if reach[name][0] >= PAIR_LEVEL]
+    of_pairs = _generator(seed, "pairs")
     while len(groups["pair"]) < PAIRS:
-        first, second = (str(n) for n in rng.choice(for_pairs, 2, replace=False))
+        first, second = (str(n) for n in of_pairs.choice(for_pairs, 2, replace=False))
         if second not in alike[first]:
             add("pair", (first, second), PAIR_LEVEL, (towards[first], towards[second]))
     for k in range(OUTSIDES):
@@ -149,9 +154,9 @@ def plan(
         for sign in (1,) if causes.get(name, (1, True))[1] else (1, -1):
             for _ in range(LARGES if name in causes else 0):
                 add("large", (name,), size_of, ((float(sign),),))
-    for trials in groups.values():
+    for kind, trials in groups.items():
         # Names are given already: the order says nothing of the truth.
-        rng.shuffle(trials)
+        _generator(seed, "order", kind).shuffle(trials)
     ranked = [
         ((k + 0.5) / len(trials), trial)
         for trials in groups.values()
@@ -165,6 +170,11 @@ def magnitudes(most: float) -> tuple[float, float]:
     high = max(min(HIGH, most), FAINTEST)
     low = LOW if high > LOW + 1 else high / 2
     return round(low, 2), round(high, 2)
+
+
+def _generator(seed: int, *names: str) -> np.random.Generator:
+    """Return the stream of one thing that is drawn, known by its names."""
+    return np.random.default_rng([seed, *" ".join(names).encode()])
 
 
 def _direction(rng: np.random.Generator, n: int, one_sided: bool) -> tuple[float, ...]:

@@ -1,11 +1,12 @@
-"""The specimen of the blind trial, and what can happen to it: truths finer than what finds them.
+"""The specimen of the blind trial, and what can happen to it.
 
-Short, two cycles, twenty-one images: the least on which most causes are still told apart.
+Short, two cycles, twenty-one images: the least on which most causes are still told apart. It is
+identified on hexahedra; truths are those of `tools/converged_truth`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
@@ -15,16 +16,14 @@ from driver.case.model import Case
 from driver.diagnosis.causes.ebsd_flips import FLIPS, half_turn
 from driver.experiment.history import History
 from driver.forward.build import adapter_of, build_model, mesh_of
-from driver.virtual.truth import Course, history_of_rows, seen_course, true_model
+from driver.virtual.truth import Course
 from meshes.arrays import FloatArray
 from solver_adapters.interface import Simulation
-from tools.short_specimen import CYCLES, small_case, true_knots
-from tools.short_specimen import true_case as as_it_is
-
-Change = Callable[[Simulation, History], Simulation]
+from tools.converged_truth import known_case as as_known
+from tools.converged_truth import pulled, stage_history, true_case
+from tools.short_specimen import CYCLES
 
 LENGTH = 8.0
-MOVE, SECONDS = 5.0, 15.0  # stage travel [µm] and time from one image to the next
 PER_SIGMA = {
     "soft_slice": 0.30, "notch": 0.065, "creep": 0.70, "lens": 0.48, "blister": 0.5,
     "slip_band": 0.5,
@@ -36,41 +35,13 @@ LARGEST = {"soft_slice": 8.0, "notch": 2.0}
 
 def known_case() -> Case:
     """Return what the user knows and believes, with the starts of the paper."""
-    case = small_case()
-    mesh = {"mesh_size_um": 2.0, "fine_mesh_size_um": 1.3}
+    case = as_known()
     return case.model_copy(
         update={
-            "specimen": case.specimen.model_copy(update=mesh),
             "diagnosis": case.diagnosis.model_copy(update={"held_out_cycle": "last", "refit": 5}),
             "execution": case.execution.model_copy(update={"processes": 1, "threads": 1}),
         }
     )
-
-
-def true_case() -> Case:
-    """Return the specimen as it is: another law, other apex amplitudes, finer mesh and steps."""
-    return as_it_is(known_case())
-
-
-def stage_history(dense: int = 1) -> History:
-    """Make a stage move on slowly from image to image, and hold at each peak before its image.
-
-    A hold before every image, as a microscope that scans needs it, would double the intervals
-    that each simulation has to go through.
-
-    Args:
-        dense: by how many times there are more images, in steps as much shorter.
-    """
-    time, stage, rows = 0.0, 0.0, [(0.0, 0.0, True)]
-    for up, down in CYCLES:
-        for k, step in enumerate(dense * up * [MOVE] + dense * down * [-MOVE]):
-            time, stage = time + SECONDS / dense, stage + step / dense
-            peak = k == dense * up - 1
-            rows.append((time, stage, not peak))
-            if peak:
-                time += SECONDS
-                rows.append((time, stage, True))
-    return history_of_rows(rows)
 
 
 @cache
@@ -80,28 +51,6 @@ def null_values() -> dict[str, float]:
     mesh = mesh_of(truth, known_case().specimen.mesh_size)
     model = build_model(truth, mesh, history, np.zeros((0, 2)), adapter_of(truth), 1)
     return model.null_values()
-
-
-def pulled(hidden: Mapping[str, float], change: Change | None = None, dense: int = 1) -> Course:
-    """Simulate the test.
-
-    Args:
-        hidden: true values of parameters of the general model that are not at their null.
-        change: what happens besides that no parameter of the general model says.
-        dense: as of the history.
-
-    Raises:
-        InputError: a parameter is unknown or out of its bounds.
-        SolverError: the simulation could not be finished, or a geometric parameter turns a
-            cell inside out.
-    """
-    truth, history = true_case(), stage_history(dense)
-    moved = {**true_knots(history), **hidden}
-    model, values = true_model(truth, history, adapter_of(truth), moved)
-    simulation = model.simulation(values)
-    if change is not None:
-        simulation = change(simulation, history)
-    return seen_course(model, simulation, history, values)
 
 
 def jittered(sigma: float, seed: int, dense: int = 1) -> Course:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.blind_figures import print_figures
+from benchmarks.blind_figures import print_figures, show_share
 from benchmarks.blind_store import read
 
 LINES = read(Path(__file__).with_name("trials.jsonl.xz"))
@@ -41,3 +41,11 @@ def test_shares_are_those_of_the_lines_with_their_bounds(printed: str) -> None:
     share, number = shares["outside the library, misfit >= 8 sigma: unexplained"]
     assert number == len(large) > 3
     assert share == pytest.approx(100 * len(unexplained) / len(large), abs=0.05)
+
+
+def test_a_goal_is_met_when_its_bound_is(capsys: pytest.CaptureFixture[str]) -> None:
+    for hits in (97 * [True] + 3 * [False], 100 * [True]):
+        show_share("seen [%]", hits, ">= 96")
+    first, second = capsys.readouterr().out.splitlines()
+    assert "97.0 [91.5, 99.0] of 100 (goal: >= 96: missed)" in first
+    assert "100.0 [96.3, 100.0] of 100 (goal: >= 96: met)" in second

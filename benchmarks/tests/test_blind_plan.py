@@ -15,6 +15,7 @@ from benchmarks.blind_plan import (
     Q_LEVEL,
     Q_LIKE_BACK_STRESS_LEVEL,
     REPEATS,
+    Trial,
     aims,
     magnitudes,
     plan,
@@ -46,7 +47,7 @@ def test_a_plan_is_drawn_from_its_seed_alone() -> None:
     assert len({trial.seed for trial in TRIALS}) == len(TRIALS)
 
 
-def test_large_effects_come_last_so_that_the_others_keep_their_seeds(
+def test_large_effects_are_of_each_sign_of_their_cause_and_leave_the_others_their_seeds(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     large = [(t.truths[0], t.directions[0][0]) for t in TRIALS if t.kind == "large"]
@@ -55,6 +56,18 @@ def test_large_effects_come_last_so_that_the_others_keep_their_seeds(
     monkeypatch.setattr(blind_plan, "LARGE", {})
     others = {t.name: t.seed for t in TRIALS if t.kind != "large"}
     assert others == {t.name: t.seed for t in plan(7, CAUSES, ALIKE, REACH, 1140.0, FLIPS)}
+
+
+def test_a_new_cause_leaves_the_trials_of_the_others_as_they_are() -> None:
+    more = {"a_new_one": (1, False), **CAUSES}
+    reach = REACH | {"a_new_one": (12.0, 12.0)}
+    alike = ALIKE | {"a_new_one": ("a_new_one",)}
+
+    def drawn(trials: tuple[Trial, ...]) -> set[tuple[object, ...]]:
+        return {(t.kind, t.truths, t.level, t.directions, t.seed) for t in trials}
+
+    before = {t for t in drawn(TRIALS) if t[0] != "pair"}
+    assert before < drawn(plan(7, more, alike, reach, 1140.0, FLIPS))
 
 
 def test_a_plan_has_both_signs_and_magnitudes_of_every_cause() -> None:

@@ -39,7 +39,10 @@ def test_what_is_kept_is_made_once(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize("module", ["driver/forward/model.py", "benchmarks/blind_specimen.py"])
+@pytest.mark.parametrize(
+    "module",
+    ["driver/forward/model.py", "benchmarks/blind_specimen.py", "tools/converged_truth.py"],
+)
 def test_truths_are_kept_by_all_that_makes_them(module: str, tmp_path: Path) -> None:
     """What stands in no hash may change, and truths of before would be taken for those of now.
 

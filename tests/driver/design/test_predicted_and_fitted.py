@@ -12,21 +12,19 @@ from driver.design.command import design
 from driver.results.files import DESIGN, IDENTIFY
 from driver.virtual.writing import record
 from driver.workflow.pipeline import run
-from tests.driver.virtual_experiment import pull
-from tools.short_specimen import small_case, true_case
+from tools.converged_truth import known_case, pulled
 
 
 @pytest.mark.slow
 def test_the_predicted_sigma_is_that_of_the_fit_though_no_image_is_looked_at(
     tmp_path: Path,
 ) -> None:
-    """Two grains, images and loads of a finer simulation, with the bundled solver.
+    """Two grains, images and loads of a converged simulation, with the bundled solver.
 
     Within 12 %: the fit also estimates the noise of the images (to 2 %), and its gradient holds
     what 31 images leave of noise.
     """
-    course = pull(true_case(small_case()), {})
-    case = record(tmp_path, small_case(), course, 1)
+    case = record(tmp_path, known_case(), pulled({}), 1)
     run(case, "identify", False)
     with h5py.File(tmp_path / "results" / IDENTIFY) as file:
         names, values = (json.loads(file.attrs[key]) for key in ("names", "all_values"))

@@ -1,7 +1,7 @@
 """Converged predictions of the face and of the load, stored, and how they are made anew.
 
-A reference is the mean of two predictions of different formulations on the smallest cells that can
-be had. How far they are apart says how well it is known.
+A reference is the mean of two predictions of different formulations or meshes, on the smallest
+cells that can be had. How far they are apart says how well it is known.
 """
 
 from __future__ import annotations
@@ -16,17 +16,18 @@ from meshes.arrays import FloatArray, IntArray
 from meshes.surface import SurfaceMesh, interpolation, trace
 
 FOLDER = Path(__file__).parent / "references"
+_INSET = 1e-6  # µm, by which points of an edge are drawn onto the face
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Two predictions on one mesh, T images.
+    """Two predictions on the face of one mesh, T images.
 
     Attributes:
-        face: the measured face of its mesh, n nodes.
+        face: the measured face of the mesh of the first prediction, n nodes.
         motion: of the nodes [µm], (2, T, n, 3).
         load: [µN], (2, T).
-        n_cells: cells of the mesh.
+        n_cells: cells of that mesh.
     """
 
     face: SurfaceMesh
@@ -43,15 +44,40 @@ class Reference:
         return np.ascontiguousarray(flat.reshape(-1, both, T, 3).transpose(1, 2, 0, 3))
 
 
+def on_face(face: SurfaceMesh, motion: FloatArray, points: FloatArray) -> FloatArray:
+    """Return the motion of a face at points of it, which its edge takes in.
+
+    Args:
+        face: n nodes.
+        motion: of its nodes [µm], shape (T, n, 3).
+        points: shape (m, 2) [µm]; those within `_INSET` of the edge are drawn onto the face.
+
+    Returns:
+        shape (T, m, 3) [µm].
+
+    Raises:
+        ValueError: a point lies beyond the face.
+    """
+    low, high = face.points.min(axis=0) + _INSET, face.points.max(axis=0) - _INSET
+    drawn = np.clip(points, low, high)
+    operator, inside = interpolation(face, drawn)
+    if not inside.all() or np.abs(drawn - points).max() > 2 * _INSET:
+        raise ValueError("points of a face: found one beyond it, expected all on it")
+    T, n, _ = motion.shape
+    flat = operator @ motion.transpose(1, 0, 2).reshape(n, -1)
+    return np.ascontiguousarray(flat.reshape(-1, T, 3).transpose(1, 0, 2))
+
+
 def made(models: tuple[ForwardModel, ForwardModel], values: dict[str, float]) -> Reference:
-    """Simulate both models, which share their mesh."""
-    mesh = models[0].microstructure.mesh
+    """Simulate both models; the motion of the second is read at the nodes of the first."""
     responses = [model.adapter.solve(model.simulation(values)) for model in models]
+    faces = [trace(model.microstructure.mesh) for model in models]
+    second = on_face(faces[1], responses[1].displacement, faces[0].points)
     return Reference(
-        trace(mesh),
-        np.array([response.displacement for response in responses]),
+        faces[0],
+        np.array([responses[0].displacement, second]),
         np.array([response.force for response in responses]),
-        len(mesh.cells),
+        len(models[0].microstructure.mesh.cells),
     )
 
 
