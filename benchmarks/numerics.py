@@ -1,12 +1,13 @@
-"""Error of meshes beside a converged reference, in standard deviations of the data.
+"""Error of meshes beside converged references, in standard deviations of the data.
 
     python -m benchmarks.numerics           every mesh of `MESHES`, and pairs of them extrapolated
-    python -m benchmarks.numerics --quick   the working prediction alone
+    python -m benchmarks.numerics --quick   the working prediction of the demo alone
     python -m benchmarks.numerics --make alpha   its reference anew, which takes an hour
     python -m benchmarks.numerics --make short   that of the blind trial's specimen, half an hour
 
-The demo's own data, history and truth. The difference of a prediction from the reference is
-whitened as the data are; the part that the fitted parameters take up is projected out.
+The data, history and truth of the demo and of the blind trial's specimen. The difference of a
+prediction from the reference is whitened as the data are; the part that the fitted parameters take
+up is projected out.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import argparse
 import shutil
 import tempfile
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -30,6 +32,7 @@ from driver.identification.mesh_error import extrapolation
 from driver.identification.objective import Correction
 from driver.identification.problem import IdentificationProblem
 from driver.parameters.boundary import LAMBDAS
+from driver.virtual.writing import record
 from driver.workflow import pipeline
 from driver.workflow.engine import StageContext
 from driver.workflow.identify_stage import load_problem
@@ -41,7 +44,7 @@ from tools.mesh_reference import Reference
 
 @dataclass(frozen=True)
 class Discretisation:
-    """A mesh of the demo's specimen, and whether its dilatation is projected."""
+    """A mesh of a specimen, and whether its dilatation is projected."""
 
     kind: CellKind
     size: float
@@ -107,12 +110,23 @@ class Error:
     load: float
 
 
-class Ruler:
-    """The demo's data, and the reference on its pixels."""
+@dataclass(frozen=True, eq=False)
+class Specimen:
+    """A specimen whose images are measured, its true parameters, and its converged prediction."""
 
-    def __init__(self, reference: Reference, problem: IdentificationProblem, case: Case) -> None:
+    case: Case
+    problem: IdentificationProblem
+    truth: Mapping[str, float]
+    reference: Reference
+
+
+class Ruler:
+    """The data of a specimen, and the reference on its pixels."""
+
+    def __init__(self, specimen: Specimen) -> None:
+        case, problem, reference = specimen.case, specimen.problem, specimen.reference
         self.case, self.problem = case, problem
-        self.values = problem.working.null_values() | TRUTH
+        self.values = problem.working.null_values() | dict(specimen.truth)
         free = (*LAMBDAS, *problem.law, *problem.knots)
         model = replace(problem.working, integration="exponential")
         best = replace(problem.objective, model=model).evaluate(self.values, free)
@@ -199,10 +213,25 @@ def corrected(working: Seen, finer: Seen, share: float) -> Seen:
     )
 
 
-def measured_case(folder: Path) -> tuple[Case, IdentificationProblem]:
+def demo(folder: Path) -> Specimen:
     """Run the demo to its measurement in a folder."""
     path = folder / "alpha" / "case.toml"
     shutil.copytree(ALPHA, path.parent, ignore=shutil.ignore_patterns("results"))
+    return Specimen(*_measured(path), TRUTH, mesh_reference.read("alpha"))
+
+
+def short_specimen(folder: Path) -> Specimen:
+    """Photograph the short specimen of the blind trial and measure it in a folder."""
+    truth, reference = converged_truth.pulled({}), mesh_reference.read(converged_truth.REFERENCE)
+    path = record(folder, converged_truth.known_case(), truth, 1)
+    of_images = slice(None, None, converged_truth.DENSEST)
+    at_images = replace(
+        reference, motion=reference.motion[:, of_images], load=reference.load[:, of_images]
+    )
+    return Specimen(*_measured(path), truth.values, at_images)
+
+
+def _measured(path: Path) -> tuple[Case, IdentificationProblem]:
     pipeline.run(path, "measure", False)
     results = path.parent / "results"
     case = load_case(path)
@@ -240,29 +269,37 @@ def study(ruler: Ruler) -> None:
         show(f"{name}: mean square of the error over the stated one, loads", loads, "0.7 to 1.3")
 
 
+def make(name: str) -> None:
+    """Make a reference anew."""
+    if name == converged_truth.REFERENCE:
+        mesh_reference.write(converged_truth.reference(), name)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        specimen = demo(Path(folder))
+        one, other = (model_on(specimen.case, specimen.problem, d) for d in SMALLEST)
+        values = specimen.problem.working.null_values() | TRUTH
+        mesh_reference.write(mesh_reference.made((one, other), values), name)
+
+
 def main() -> None:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="end within 45 s")
     parser.add_argument("--make", choices=("alpha", "short"), help="make a reference anew")
     asked = parser.parse_args()
-    if asked.make == converged_truth.REFERENCE:
-        mesh_reference.write(converged_truth.reference(), converged_truth.REFERENCE)
+    if asked.make:
+        make(asked.make)
         return
-    with tempfile.TemporaryDirectory() as folder:
-        case, problem = measured_case(Path(folder))
-        if asked.make:
-            one, other = (model_on(case, problem, d) for d in SMALLEST)
-            values = problem.working.null_values() | TRUTH
-            mesh_reference.write(mesh_reference.made((one, other), values), "alpha")
-        ruler = Ruler(mesh_reference.read("alpha"), problem, case)
-        show("both predictions of the reference apart, beside parameters [sigma]",
-             ruler.apart.beside)  # fmt: skip
-        if not asked.quick:
-            study(ruler)
-        working = ruler.seen(WORKING)
-        show("error of the working prediction, beside parameters [sigma]",
-             ruler.error(working).beside, "<= 17")  # fmt: skip
+    specimens = {"alpha": demo} if asked.quick else {"short": short_specimen, "alpha": demo}
+    for name, specimen in specimens.items():
+        with tempfile.TemporaryDirectory() as folder:
+            ruler = Ruler(specimen(Path(folder)))
+            show(f"{name}: both predictions of the reference apart, beside parameters [sigma]",
+                 ruler.apart.beside)  # fmt: skip
+            if not asked.quick:
+                study(ruler)
+            working = ruler.error(ruler.seen(WORKING)).beside
+    show("error of the working prediction, beside parameters [sigma]", working, "<= 17")
 
 
 if __name__ == "__main__":

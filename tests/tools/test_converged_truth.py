@@ -3,7 +3,15 @@ from __future__ import annotations
 import numpy as np
 
 from tools import mesh_reference
-from tools.converged_truth import DENSEST, REFERENCE, known_case, pulled, stage_history, true_case
+from tools.converged_truth import (
+    DENSEST,
+    REFERENCE,
+    SMALLEST,
+    known_case,
+    pulled,
+    stage_history,
+    true_case,
+)
 
 STORED = mesh_reference.read(REFERENCE)
 
@@ -31,8 +39,9 @@ def test_an_effect_of_the_load_cell_adds_to_the_converged_load() -> None:
     np.testing.assert_allclose(offset.motion, bare.motion, rtol=0, atol=1e-9)
 
 
-def test_the_cells_of_the_truth_are_not_those_that_identify_it() -> None:
-    known, truth = known_case(), true_case()
-    assert known.specimen.cells != truth.specimen.cells
-    assert truth.specimen.mesh_size < known.specimen.fine_mesh_size
-    assert truth.solver.steps_per_interval > known.solver.fine_steps_per_interval
+def test_cells_and_steps_of_the_truth_are_finer_than_all_that_identify_it() -> None:
+    known, finest = known_case(), known_case().specimen.fine_mesh_size
+    assert {kind for kind, _ in SMALLEST} == {"hex20", "tet10"}
+    assert max(size for _, size in SMALLEST) <= finest / 2
+    assert true_case().specimen.mesh_size < 0.7 * finest
+    assert DENSEST > known.solver.fine_steps_per_interval
