@@ -92,7 +92,7 @@ def outside(effect: str, amplitude: float) -> Course:
 def _with_soft_slice(simulation: Simulation, history: History, amplitude: float) -> Simulation:
     """Let a slice of grain 2, 1.6 µm long, yield early: τ0 is e^(−0.3·amplitude) of it."""
     mesh = simulation.mesh
-    middle = mesh.points[mesh.cells[:, :4], 1].mean(axis=1)
+    middle = mesh.points[mesh.cells, 1].mean(axis=1)
     inside = (mesh.grain == 1) & (middle > 0.60 * LENGTH) & (middle < 0.80 * LENGTH)
     law = replace(simulation.material, tau0_grains=(float(np.exp(-0.3 * amplitude)),))
     turned = simulation.orientations
