@@ -64,18 +64,16 @@ def check(case_path: Path) -> list[Finding]:
     findings += _orientation(case)
     findings += _causes(case)
     adapter: Adapter | None = None
-    of_solver: list[Finding] = []
     try:
         adapter = find_adapter(case.solver.name, profile_of(case))
     except (InputError, SolverError) as error:
         findings.append(Finding("error", "solver", str(error)))
-    else:
-        of_solver = list(_solver(case, adapter))
-    findings += of_solver
     try:
         case = sized(case, None if adapter is None else adapter.capabilities())
     except InputError as error:
         return [*findings, Finding("error", "mesh", str(error))]
+    of_solver = [] if adapter is None else list(_solver(case, adapter))
+    findings += of_solver
     n_cells, mesh_finding = _mesh(case)
     findings.append(mesh_finding)
     if not case.with_images:

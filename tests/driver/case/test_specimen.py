@@ -71,5 +71,5 @@ def test_a_level_puts_numbers_in_place_of_automatic_sizes() -> None:
 @pytest.mark.parametrize("level", range(5))
 def test_sizes_of_every_level_can_be_stated(level: int, depth: float) -> None:
     for kind in ("hex20", "tet10"):
-        specimen = Specimen(width_um=3.7, depth_um=depth).at_level(kind, level)  # type: ignore[arg-type]
+        specimen = Specimen(width_um=3.7, depth_um=depth).at_level(kind, level)
         Specimen(**specimen.model_dump())

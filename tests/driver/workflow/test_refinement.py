@@ -89,12 +89,9 @@ def test_the_time_is_that_of_the_run_times_the_ratio_of_the_estimates(
 ) -> None:
     case, solver = stated(tmp_path), BundledAdapter().capabilities()
     finer = finer_simulation(case, "mesh", 100.0)
-    now, then = estimate(case, solver, 42, 4), estimate(finer.case, solver, 240, 4)
+    cells = [len(build.mesh_of(case, size).cells) for size in (2.0, 1.0)]
+    now, then = estimate(case, solver, cells[0], 4), estimate(finer.case, solver, cells[1], 4)
     assert then.seconds > 2 * now.seconds and finer.cost.memory == then.memory
-    n_cells = len(build.mesh_of(case, 2.0).cells)
-    now = estimate(case, solver, n_cells, 4)
-    n_cells = len(build.mesh_of(case, 1.0).cells)
-    then = estimate(finer.case, solver, n_cells, 4)
     assert finer.cost.seconds == pytest.approx(100.0 * then.seconds / now.seconds)
     # Jobs that were run before took no time in this one.
     monkeypatch.setattr(build, "find_adapter", lambda name, profile: Outside())
