@@ -188,17 +188,6 @@ def section_divisions(width: float, depth: float, size: float) -> int:
     return max(1, round(longest_side(width, depth) / 2 / size))
 
 
-def takes_layers(geometry: PrismGeometry) -> bool:
-    """Whether hexahedra in layers can follow the grain boundary, if there is one."""
-    if geometry.boundary_point is None:
-        return True
-    try:
-        geometry.boundary_height(_corners(geometry))
-    except ValueError:
-        return False
-    return True
-
-
 def _layers(geometry: PrismGeometry, size: float, layers: tuple[int, int] | None) -> PrismMesh:
     """Hexahedra: the section in quadrilaterals, swept in layers of equal share of each grain."""
     section, length = geometry.section(), geometry.length

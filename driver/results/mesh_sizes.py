@@ -11,7 +11,7 @@ from driver.results.files import SIZES, results_of
 from driver.results.hdf5 import damaged
 from driver.results.json_files import read_json, write_json
 from meshes.cells import NAMES
-from meshes.prism import CellKind, takes_layers
+from meshes.prism import CellKind
 from solver_adapters.interface import Capabilities
 
 _HEXAHEDRON = next(nodes for nodes, name in NAMES.items() if name == "hex20")
@@ -100,4 +100,5 @@ def _kind(case: Case, solver: Capabilities | None) -> CellKind:
     if case.specimen.cells is not None:
         return case.specimen.cells
     able = solver is not None and _HEXAHEDRON in solver.cells and solver.mean_dilatation
-    return "hex20" if able and takes_layers(geometry_of(case)) else "tet10"
+    follows = geometry_of(case).crossed_from_side_to_side
+    return "hex20" if able and follows else "tet10"
