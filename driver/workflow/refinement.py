@@ -23,7 +23,7 @@ from driver.results.files import DIAGNOSIS, results_of
 from driver.results.json_files import read_json
 from driver.results.mesh_sizes import Refinements, read_refinements, refined, write_refinements
 from driver.results.stage_record import read_record
-from driver.workflow.cost import Cost, estimate
+from driver.workflow.cost import Cost, cells_of_size, estimate
 from driver.workflow.engine import Stage, finished
 
 logger = logging.getLogger(__name__)
@@ -59,9 +59,6 @@ def finer_simulation(case: Case, needed: Refinement, seconds: float) -> Finer:
         case: the case, with sizes in numbers.
         needed: what has to be refined.
         seconds: wall-clock time of the stages that become stale, as they were run [s].
-
-    Raises:
-        InputError: the prism cannot be meshed with smaller cells.
     """
     keys: dict[str, float] = {}
     finer = case
@@ -74,26 +71,24 @@ def finer_simulation(case: Case, needed: Refinement, seconds: float) -> Finer:
         keys |= {f"specimen.{key}": size for key, size in zip(SIZES, sizes, strict=True)}
         finer = case.with_values_at(keys)
     if needed != "mesh":
-        solver = case.solver
+        steps = case.solver
         halved: dict[str, float] = {
-            "solver.steps_per_interval": 2 * solver.steps_per_interval,
-            "solver.fine_steps_per_interval": 2 * solver.fine_steps_per_interval,
+            "solver.steps_per_interval": 2 * steps.steps_per_interval,
+            "solver.fine_steps_per_interval": 2 * steps.fine_steps_per_interval,
         }
         finer = finer.with_values_at(halved)
         # Steps that are refined to an accuracy are as many as it asks for.
-        accuracy = solver.accuracy_uN
+        accuracy = steps.accuracy_uN
         keys |= halved if accuracy is None else {"solver.accuracy_uN": accuracy / 2}
-    n_images = history_of(case).n_images
-    now, then = (_cost(of, n_images) for of in (case, finer))
+    solver, n_images = capabilities_of(case), history_of(case).n_images
+    n_cells = len(mesh_of(case, case.specimen.mesh_size).cells)
+    then_cells = cells_of_size(case, n_cells, finer.specimen.mesh_size)
+    now = estimate(case, solver, n_cells, n_images)
+    then = estimate(finer, solver, then_cells, n_images)
     taken = seconds * then.seconds / now.seconds
-    if not capabilities_of(case).in_process:
+    if not solver.in_process:
         taken = max(taken, then.seconds)  # its jobs may have been run before
     return Finer(finer, keys, Cost(taken, then.memory, then.simulations))
-
-
-def _cost(case: Case, n_images: int) -> Cost:
-    n_cells = len(mesh_of(case, case.specimen.mesh_size).cells)
-    return estimate(case, capabilities_of(case), n_cells, n_images)
 
 
 def told_beforehand(case: Case, cost: Cost) -> str:
