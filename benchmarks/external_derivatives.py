@@ -41,7 +41,7 @@ def asked_simulation(steps: int) -> Simulation:
         steps: time steps between two rows of the history.
     """
     case = small_case()
-    mesh = mesh_of(case, case.specimen.mesh_size_um)
+    mesh = mesh_of(case, case.specimen.mesh_size)
     history = stage_program([(7, 3)])
     model = build_model(case, mesh, history, np.zeros((0, 2)), CalculixAdapter(), steps)
     return replace(model.simulation(model.null_values() | ASKED, list(ASKED)), tet10_points=4)

@@ -178,9 +178,14 @@ def generate(
     return PrismMesh(points, cells, grain, faces, node_groups(points, faces))
 
 
+def longest_side(width: float, depth: float) -> float:
+    """Return the length of the longest side of a section [µm]."""
+    return max(width, float(np.hypot(width / 2, depth)))
+
+
 def section_divisions(width: float, depth: float, size: float) -> int:
     """Return how many hexahedra of a size lie along half of the longest side of a section [µm]."""
-    return max(1, round(max(width, float(np.hypot(width / 2, depth))) / 2 / size))
+    return max(1, round(longest_side(width, depth) / 2 / size))
 
 
 def _layers(geometry: PrismGeometry, size: float, layers: tuple[int, int] | None) -> PrismMesh:

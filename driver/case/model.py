@@ -207,7 +207,7 @@ class Case(Table):
     def mean_dilatation(self) -> bool:
         """Whether the dilatation of a cell is projected on few functions."""
         stated = self.solver.mean_dilatation
-        return self.specimen.cells == "hex20" if stated is None else stated
+        return self.specimen.cell_kind == "hex20" if stated is None else stated
 
     @property
     def orientations(self) -> FloatArray:
@@ -253,7 +253,7 @@ def write_case(case: Case, path: Path) -> None:
 
 
 def default_case() -> Case:
-    """Return the case that `prismid init` writes: two grains in hexahedra, the rest at its default.
+    """Return the case that `prismid init` writes: two grains, and the rest at its default.
 
     Raises:
         InputError: an installed term of the user's own cannot be used.
@@ -261,9 +261,6 @@ def default_case() -> Case:
     declared_parameters(1)  # a validator would wrap what is said of a bad term
     return Case(
         specimen=Specimen(
-            cells="hex20",
-            mesh_size_um=2.0,
-            fine_mesh_size_um=1.0,
             boundary_point_um=(0.0, 6.0, 0.0),
             boundary_normal=(0.0, 1.0, 0.0),
         ),

@@ -64,3 +64,8 @@ class Execution(Table):
 
     processes: Count = Field(default=2, description="simulations side by side")
     threads: Count = Field(default=1, description="threads of each process")
+    budget_min: Positive = Field(
+        default=120.0,
+        description="minutes of all stages up to the diagnosis, within which automatic meshes are "
+        "refined",
+    )

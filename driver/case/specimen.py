@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Self
+from collections.abc import Mapping
+from typing import Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, PrivateAttr, model_validator
 
+from driver.case.mesh_sizes import LARGEST_RATIO, sizes_at
 from driver.case.messages import refusal
 from driver.case.values import Positive, Table, Vector
 from meshes.arrays import FloatArray
 from meshes.prism import CellKind, section_divisions
 
-LARGEST_RATIO = 0.7
-"""Of the finer size of hexahedra to the working one, up to which both tell of the error."""
+AUTO: Literal["auto"] = "auto"
+"""What stands in place of sizes that are chosen, and refined, without the user."""
+SIZES = ("mesh_size_um", "fine_mesh_size_um")
+"""Keys of the sizes of the working and of the finer mesh."""
 
 
 class Specimen(Table):
@@ -24,16 +28,19 @@ class Specimen(Table):
     depth_um: Positive | None = Field(
         default=None, description="depth along −Z, default width·√3/2"
     )
-    cells: CellKind = Field(
-        default="tet10",
+    cells: CellKind | None = Field(
+        default=None,
         description='"tet10" or "hex20", tetrahedra as other programs take them, or hexahedra in '
-        "layers along Y, which follow plastic flow better",
+        "layers along Y, which follow plastic flow better; left out, they are chosen with "
+        "automatic sizes, and tetrahedra with stated ones",
     )
-    mesh_size_um: Positive = Field(
-        default=1.6, description="edge of the elements of the working mesh"
+    mesh_size_um: Positive | Literal["auto"] = Field(
+        default=AUTO,
+        description='a number > 0, the edge of the elements of the working mesh, or "auto"',
     )
-    fine_mesh_size_um: Positive = Field(
-        default=1.1, description="edge of the elements of the finer mesh"
+    fine_mesh_size_um: Positive | Literal["auto"] = Field(
+        default=AUTO,
+        description='a number > 0, the edge of the elements of the finer mesh, or "auto"',
     )
     boundary_point_um: Vector | None = Field(
         default=None, description="a list of three numbers [X, Y, Z], a point of the grain boundary"
@@ -42,6 +49,36 @@ class Specimen(Table):
         default=None,
         description="a list of three numbers, the normal that points into the second grain",
     )
+
+    _refined: int | None = PrivateAttr(default=None)
+
+    @property
+    def automatic(self) -> bool:
+        """Whether the sizes of the meshes are still to be chosen."""
+        return self.mesh_size_um == AUTO
+
+    @property
+    def refined(self) -> int | None:
+        """How often the sizes that were chosen have been refined; None for stated sizes."""
+        return self._refined
+
+    def at_level(self, kind: CellKind, level: int) -> Specimen:
+        """Return the specimen with sizes in place of "auto".
+
+        Args:
+            kind: of the cells.
+            level: how often both meshes were refined.
+        """
+        sizes = sizes_at(self.width, self.depth, kind, level)
+        chosen = self.model_copy(update={"cells": kind, **dict(zip(SIZES, sizes, strict=True))})
+        chosen._refined = level
+        return chosen
+
+    @property
+    def cell_kind(self) -> CellKind:
+        """Kind of the cells, stated or chosen."""
+        assert self.cells is not None  # stated sizes have tetrahedra without it
+        return self.cells
 
     @property
     def length(self) -> float:
@@ -56,11 +93,13 @@ class Specimen(Table):
     @property
     def mesh_size(self) -> float:
         """Edge of the elements of the working mesh [µm]."""
+        assert not isinstance(self.mesh_size_um, str)  # a case gets its sizes where it is read
         return self.mesh_size_um
 
     @property
     def fine_mesh_size(self) -> float:
         """Edge of the elements of the finer mesh [µm]."""
+        assert not isinstance(self.fine_mesh_size_um, str)
         return self.fine_mesh_size_um
 
     @property
@@ -73,12 +112,21 @@ class Specimen(Table):
         """Area of the triangular section [µm²]."""
         return self.width * self.depth / 2
 
+    @model_validator(mode="before")
+    @classmethod
+    def _tetrahedra_of_stated_sizes(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping) or data.get("mesh_size_um", AUTO) == AUTO:
+            return data
+        return dict(data) | {"cells": data.get("cells") or "tet10"}
+
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        if self.fine_mesh_size_um >= self.mesh_size_um:
-            raise refusal(f"a number < mesh_size_um = {self.mesh_size_um:g}", "fine_mesh_size_um")
-        if self.cells == "hex20":
-            self._refuse_like_hexahedra()
+        automatic = [key for key in SIZES if getattr(self, key) == AUTO]
+        if len(automatic) == 1:
+            other = next(key for key in SIZES if key not in automatic)
+            raise refusal(f'a number, or {other} = "auto" as well', automatic[0])
+        if not automatic:
+            self._refuse_sizes()
         if (self.boundary_point_um is None) != (self.boundary_normal is None):
             absent = "boundary_point_um" if self.boundary_point_um is None else "boundary_normal"
             raise refusal("a list of three numbers, as the other half of the boundary", absent)
@@ -86,9 +134,13 @@ class Specimen(Table):
             raise refusal("a normal other than zero", "boundary_normal")
         return self
 
-    def _refuse_like_hexahedra(self) -> None:
+    def _refuse_sizes(self) -> None:
         """Refuse two sizes of which the finer one tells nothing of the error of the other."""
-        size, fine = self.mesh_size_um, self.fine_mesh_size_um
+        size, fine = self.mesh_size, self.fine_mesh_size
+        if fine >= size:
+            raise refusal(f"a number < mesh_size_um = {size:g}", "fine_mesh_size_um")
+        if self.cells != "hex20":
+            return
         divisions = section_divisions(self.width, self.depth, size)
         if section_divisions(self.width, self.depth, fine) <= divisions:
             raise refusal(

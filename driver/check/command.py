@@ -34,7 +34,9 @@ from driver.forward.build import (
 )
 from driver.results.extended_decks import rendered_decks
 from driver.results.files import CHECK_PICTURE, results_of
+from driver.results.mesh_sizes import sized
 from driver.workflow.cost import estimate
+from driver.workflow.refinement import told_beforehand
 from meshes.arrays import FloatArray
 from meshes.cells import NAMES
 from meshes.plane_mesh import PlaneMesh
@@ -62,13 +64,15 @@ def check(case_path: Path) -> list[Finding]:
     findings += _orientation(case)
     findings += _causes(case)
     adapter: Adapter | None = None
-    of_solver: list[Finding] = []
     try:
         adapter = find_adapter(case.solver.name, profile_of(case))
     except (InputError, SolverError) as error:
         findings.append(Finding("error", "solver", str(error)))
-    else:
-        of_solver = list(_solver(case, adapter))
+    try:
+        case = sized(case, None if adapter is None else adapter.capabilities())
+    except InputError as error:
+        return [*findings, Finding("error", "mesh", str(error))]
+    of_solver = [] if adapter is None else list(_solver(case, adapter))
     findings += of_solver
     n_cells, mesh_finding = _mesh(case)
     findings.append(mesh_finding)
@@ -89,7 +93,7 @@ def check(case_path: Path) -> list[Finding]:
         stacks = (experiment.frames, experiment.flats, experiment.repeats)
         n_pixels = sum(stack.size for stack in stacks if stack is not None)
         n_images = experiment.history.n_images
-        findings.append(_cost(case, adapter.capabilities(), n_cells, n_images, n_pixels))
+        findings += _cost(case, adapter.capabilities(), n_cells, n_images, n_pixels)
         # What is wrong above would be told once more, in words for another reader.
         solver_refused = any(finding.level == "error" for finding in of_solver)
         if not solver_refused:
@@ -246,7 +250,7 @@ def _loads_alone(case: Case, adapter: Adapter | None, n_cells: int) -> Iterator[
         yield from recommended_steps(case, adapter, history)
     yield Finding("ok", "images", 'not used, for boundary.motion is "stage": no picture is drawn')
     if n_cells and adapter is not None:
-        yield _cost(case, adapter.capabilities(), n_cells, history.n_images, 0)
+        yield from _cost(case, adapter.capabilities(), n_cells, history.n_images, 0)
 
 
 def _course(case: Case, history: History, force: FloatArray, what: str) -> Finding:
@@ -292,12 +296,16 @@ def _decks(case: Case, adapter: Adapter, experiment: Experiment) -> Iterator[Fin
             yield Finding("ok", "decks", f"{name} can take this model as a deck")
 
 
-def _cost(case: Case, solver: Capabilities, n_cells: int, n_images: int, n_pixels: int) -> Finding:
+def _cost(
+    case: Case, solver: Capabilities, n_cells: int, n_images: int, n_pixels: int
+) -> Iterator[Finding]:
     cost = estimate(case, solver, n_cells, n_images, n_pixels)
     free = shutil.disk_usage(case.path(".")).free / 1e9
-    return Finding(
+    yield Finding(
         "ok",
         "cost",
         f"a run takes {cost_told(cost.seconds, cost.memory)} ({cost.simulations} simulations on "
         f"the working mesh); {free:.0f} GB of disk are free",
     )
+    if case.specimen.refined is not None:
+        yield Finding("ok", "cost", told_beforehand(case, cost))

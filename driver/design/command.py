@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
-from driver.case.model import Case, load_case
+from driver.case.model import Case
 from driver.common.errors import InputError
 from driver.common.formatting import cost_told
 from driver.common.outcomes import first_line
@@ -37,6 +37,7 @@ from driver.forward.cost import simulation_seconds
 from driver.report.style import png
 from driver.results.design import write_design
 from driver.results.files import DESIGN, DESIGN_PICTURE, JOBS, make_folder, results_of
+from driver.results.mesh_sizes import sized_case
 from driver.virtual.truth import stage_program
 from solver_adapters.interface import SolverError
 from solver_adapters.kernels import use_threads
@@ -68,7 +69,7 @@ def design(
         InputError: the case, a setting or a change cannot be used.
         SolverError: the experiment of the case could not be simulated.
     """
-    case = load_case(case_path)
+    case = sized_case(case_path)
     refuse_without_images(case)
     asked_causes(case)
     settings = Settings() if settings_path is None else read_settings(settings_path)

@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from driver.case.model import Case, load_case
+from driver.case.model import Case
 from driver.common.errors import InputError, sentence
 from driver.experiment.history import History, read_history
 from driver.export.readme import exported_files, write_readme
@@ -29,6 +29,7 @@ from driver.results.files import (
     results_of,
 )
 from driver.results.hdf5 import write_csv
+from driver.results.mesh_sizes import sized_case
 from driver.results.reader import FinishedResults, FittedModel, read_results
 from driver.results.stage_record import read_record
 from driver.workflow.engine import finished
@@ -77,7 +78,7 @@ def export_case(
     """
     if med and not volume:
         raise ExportError("--med: found --no-volume, expected --volume: MED holds its fields")
-    case = load_case(case_path)
+    case = sized_case(case_path)
     if not case.with_images:
         expected = '"images": the fields that are exported are those of images and models'
         raise ExportError(sentence(case_path, "boundary.motion", '"stage"', expected))

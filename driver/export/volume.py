@@ -140,7 +140,7 @@ def write_volumes(
     cost = cost_told(
         simulation_seconds(case, solver, n_cells, history.n_images),
         simulation_memory(
-            case.specimen.cells, n_cells, history.n_images, 0, case.solver.steps_per_interval
+            case.specimen.cell_kind, n_cells, history.n_images, 0, case.solver.steps_per_interval
         )
         + _FIELD_BYTES * n_cells * history.n_images,
     )

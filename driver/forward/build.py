@@ -55,9 +55,9 @@ def mesh_of(case: Case, size: float) -> PrismMesh:
         InputError: the case does not describe a prism that can be meshed.
     """
     try:
-        return generate(geometry_of(case), size, case.specimen.cells)
+        return generate(geometry_of(case), size, case.specimen.cell_kind)
     except (ValueError, RuntimeError) as error:
-        instead = ', or cells = "tet10"' if case.specimen.cells == "hex20" else ""
+        instead = ', or cells = "tet10"' if case.specimen.cell_kind == "hex20" else ""
         raise InputError(f"specimen: {error}{instead}") from None
 
 
@@ -77,7 +77,7 @@ def another_mesh_of(case: Case, size: float, points: FloatArray) -> PrismMesh:
     Raises:
         InputError: the prism cannot be meshed with such elements.
     """
-    if case.specimen.cells == "hex20":
+    if case.specimen.cell_kind == "hex20":
         return mesh_of(case, _TWO_THIRDS * size)
     nodes, mesh = cKDTree(points), mesh_of(case, _SMALLER[0] * size)
     for smaller in _SMALLER[1:]:
@@ -160,9 +160,9 @@ def refuse_parameters(case: Case, solver: Capabilities) -> None:
         if parameter in unknown
     ]
     known = [f'"{NAMES[nodes]}"' for nodes in sorted(solver.cells)]
-    if f'"{case.specimen.cells}"' not in known:
+    if f'"{case.specimen.cell_kind}"' not in known:
         cells = f"{' or '.join(known)}, which {name} has"
-        refused.append(sentence(case.file, "specimen.cells", f'"{case.specimen.cells}"', cells))
+        refused.append(sentence(case.file, "specimen.cells", f'"{case.specimen.cell_kind}"', cells))
     elif case.mean_dilatation and not solver.mean_dilatation:
         found = "true" if case.solver.mean_dilatation else "no value, which is true with hexahedra"
         lacking = f"false: {name} lacks it"

@@ -90,7 +90,7 @@ def steps_seconds(
     case: Case, solver: Capabilities, n_cells: int, steps: int, directions: int
 ) -> float:
     """Seconds of one simulation with its derivatives."""
-    kind = case.specimen.cells
+    kind = case.specimen.cell_kind
     points = n_cells * _POINTS_PER_CELL[kind] * _POINT_SECONDS[case.material.strain_measure]
     unknowns = 3 * n_cells * _NODES_PER_CELL[kind]
     factor: float = _FACTOR_SECONDS * (unknowns / _FACTOR_UNKNOWNS) ** _FACTOR_POWER

@@ -9,7 +9,6 @@ from time import perf_counter
 
 import numpy as np
 
-from driver.case.model import load_case
 from driver.common.errors import InputError
 from driver.common.formatting import cost_told
 from driver.dic.slope_noise import squared_slopes
@@ -35,6 +34,7 @@ from driver.results.files import (
     make_folder,
     results_of,
 )
+from driver.results.mesh_sizes import sized_case
 from driver.results.noise_floor import (
     QUANTITIES,
     NoiseFloor,
@@ -62,7 +62,7 @@ def noise_floor(case_path: Path) -> None:
         InputError: the case cannot be used or names no repeats.
         ImageError: an image cannot be used.
     """
-    case = load_case(case_path)
+    case = sized_case(case_path)
     experiment = read_experiment(case)
     if experiment.repeats is not None and len(experiment.repeats) < 3:
         raise InputError(

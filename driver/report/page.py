@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from driver.case.specimen import Specimen
 from driver.common.formatting import chi, joined, number, probability
 from driver.diagnosis.answer.result_types import GATE, IMAGING
 from driver.experiment.reading import fitted_loads
@@ -272,7 +273,7 @@ def facts(findings: Findings) -> list[tuple[str, str]]:
         ("grains (Bunge angles)", grains),
         ("mesh", f"{len(findings.mesh.cells)} quadratic "
                  f"{_CELLS[findings.mesh.cells.shape[1]]}, "
-                 f"{len(findings.mesh.points)} nodes"),
+                 f"{len(findings.mesh.points)} nodes; {_sizes(s)}"),
         ("solver", f"{case.solver.name}, {case.material.strain_measure} strain, "
                    f"time steps of an interval: {case.solver.steps_per_interval}"),
         ("images", f"{len(m['time'])} of {m['reference'].shape[0]} × {m['reference'].shape[1]} px, "
@@ -284,6 +285,16 @@ def facts(findings: Findings) -> list[tuple[str, str]]:
         ("test", f"{int(m['cycle'].max())} cycles, stage travel up to {m['stage'].max():g} µm, "
                  f"load up to {number(peak, 4)} µN"),
     ]  # fmt: skip
+
+
+def _sizes(specimen: Specimen) -> str:
+    """Return the sizes of both meshes, and how often chosen ones were refined."""
+    sizes = f"sizes {specimen.mesh_size:g} and, of the finer mesh, {specimen.fine_mesh_size:g} µm"
+    refined = specimen.refined
+    if refined is None:
+        return f"{sizes}, as stated"
+    times = "once" if refined == 1 else f"{refined} times"
+    return f"{sizes}, chosen by prismid and {f'refined {times}' if refined else 'not refined'}"
 
 
 def _one_of(group: Sequence[str]) -> str:

@@ -22,6 +22,9 @@ JOBS = "jobs"
 READ_BACK = (".h5", ".json", ".med")
 """Endings of results that later stages read."""
 
+SIZES = "sizes.json"
+"""How often meshes of automatic sizes were refined, and the time that the coarser ones took."""
+
 # Stage mesh.
 MESH, MESH_VTU = "mesh.med", "mesh.vtu"
 """The working mesh, for solvers and for ParaView; an export has the latter, too."""

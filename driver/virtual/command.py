@@ -6,7 +6,7 @@ import logging
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from driver.case.model import CASE_FILE, Case, load_case
+from driver.case.model import CASE_FILE, Case
 from driver.common.errors import InputError, sentence
 from driver.common.formatting import cost_told
 from driver.common.progress import tenths
@@ -14,6 +14,7 @@ from driver.experiment.history import read_history
 from driver.forward.build import adapter_of, capabilities_of, geometry_of, mesh_of
 from driver.forward.cost import simulation_memory, simulation_seconds
 from driver.results.files import TRUTH
+from driver.results.mesh_sizes import sized_case
 from driver.virtual.settings import Virtual, read_virtual
 from driver.virtual.truth import knots, pull, stage_program
 from driver.virtual.writing import record
@@ -45,7 +46,7 @@ def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int
         InputError: the case or a setting cannot be used, or the folder holds files.
         SolverError: the simulation could not be finished.
     """
-    case = load_case(case_path)
+    case = sized_case(case_path)
     settings = Virtual() if settings_path is None else read_virtual(settings_path)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(sentence(folder, "--to", "something there", "an empty or a new folder"))
@@ -62,7 +63,7 @@ def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int
     )
     parts = truth.solver.steps_per_interval
     memory = simulation_memory(
-        truth.specimen.cells, n_cells, history.n_images, steps_per_interval=parts
+        truth.specimen.cell_kind, n_cells, history.n_images, steps_per_interval=parts
     )
     memory += _PIXEL_BYTES * face * history.n_images
     logger.info(
@@ -108,7 +109,7 @@ def true_case(case: Case, settings: Virtual) -> Case:
     solver = capabilities_of(case)
     layered = solver.mean_dilatation and "hex20" in {NAMES[nodes] for nodes in solver.cells}
     follows = geometry_of(case).crossed_from_side_to_side
-    kind: CellKind = "hex20" if layered and follows else case.specimen.cells
+    kind: CellKind = "hex20" if layered and follows else case.specimen.cell_kind
     mesh = {"cells": kind, "mesh_size_um": size, "fine_mesh_size_um": _HALF * size}
     run = {
         "steps_per_interval": steps,

@@ -60,11 +60,8 @@ def estimate(
         steps_seconds(case, solver, n_cells, intervals * case.solver.steps_per_interval, n)
         for n in (directions, 0)
     )
-    growth = 2 if case.specimen.cells == "tet10" else 3
-    finer = n_cells * (case.specimen.mesh_size / case.specimen.fine_mesh_size) ** growth
-    fine = steps_seconds(
-        case, solver, round(finer), intervals * case.solver.fine_steps_per_interval, 0
-    )
+    finer = cells_of_size(case, n_cells, case.specimen.fine_mesh_size)
+    fine = steps_seconds(case, solver, finer, intervals * case.solver.fine_steps_per_interval, 0)
     fits = round(_ITERATION_SHARE * case.identification.max_iterations)
     refits = min(case.diagnosis.refit, _causes(case)) * _PER_REFIT if case.with_images else 0
     looks = _bent_causes(case) * _PER_LOOK if case.with_images else 0
@@ -80,14 +77,27 @@ def estimate(
     correlation = _PIXEL_SECONDS * face * n_images if case.with_images else 0.0
     causes = _CAUSE_DIRECTIONS if case.with_images else 0
     steps = case.solver.steps_per_interval
-    memory = simulation_memory(case.specimen.cells, n_cells, n_images, directions + causes, steps)
+    kind = case.specimen.cell_kind
+    memory = simulation_memory(kind, n_cells, n_images, directions + causes, steps)
     if case.execution.processes > 1:
-        each = simulation_memory(case.specimen.cells, n_cells, n_images, directions, steps)
+        each = simulation_memory(kind, n_cells, n_images, directions, steps)
         memory += case.execution.processes * each
     memory += _IMAGE_COPIES * 8.0 * n_pixels
     runs = 1 if solver.derivatives else 1 + RUNS_PER_DIRECTION * directions
     evaluations = fits * case.identification.starts + refits
     return Cost(solving + correlation, memory, runs * evaluations + looks)
+
+
+def cells_of_size(case: Case, n_cells: int, size: float) -> int:
+    """Return about how many cells a mesh of another size has.
+
+    Args:
+        case: the case.
+        n_cells: cells of its working mesh.
+        size: of the cells of the other mesh [µm].
+    """
+    growth = 2 if case.specimen.cell_kind == "tet10" else 3
+    return round(n_cells * (case.specimen.mesh_size / size) ** growth)
 
 
 def _causes(case: Case) -> int:

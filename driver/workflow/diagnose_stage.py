@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from time import perf_counter
+from typing import Any
 
 import numpy as np
 
-from driver.case.model import SCHEMA_FILE, schema_text, write_case
+from driver.case.model import SCHEMA_FILE, Case, schema_text, write_case
 from driver.diagnosis.answer.residual_localisation import (
     ResidualLocalisation,
     as_text,
@@ -15,7 +17,7 @@ from driver.diagnosis.answer.residual_localisation import (
     still_missed,
 )
 from driver.diagnosis.answer.result_types import Diagnosis, Settings
-from driver.diagnosis.answer.verdict import with_places
+from driver.diagnosis.answer.verdict import with_places, with_refinement
 from driver.diagnosis.causes.user_causes import user_causes
 from driver.diagnosis.search.diagnose import diagnose
 from driver.diagnosis.search.fine_models import FineModels
@@ -52,13 +54,14 @@ from driver.workflow.identify_stage import (
     same_simulation,
     saved_objective,
 )
+from driver.workflow.refinement import to_refine
 
 logger = logging.getLogger(__name__)
 
 
 def run_diagnose(context: StageContext) -> None:
     """Diagnose the identified model; write `diagnosis.json` and `extended.toml`."""
-    case = context.case
+    start, case = perf_counter(), context.case
     own = user_causes(case)
     wanted = None if case.diagnosis.causes == "all" else case.diagnosis.causes
     problem = load_problem(context)
@@ -102,6 +105,9 @@ def run_diagnose(context: StageContext) -> None:
     )  # fmt: skip
     where = residual_localisation(diagnosis, geometry_of(case), problem.experiment.history)
     diagnosis = replace(diagnosis, verdict=with_places(diagnosis.verdict, still_missed(where)))
+    if diagnosis.numerics.needed is not None:
+        refinement = to_refine(case, diagnosis.numerics.needed, perf_counter() - start)
+        diagnosis = replace(diagnosis, verdict=with_refinement(diagnosis.verdict, refinement))
     _tell(diagnosis, where, problem)
     decks = _decks(diagnosis, context) if diagnosis.causes else None
     budgets = (
@@ -109,13 +115,24 @@ def run_diagnose(context: StageContext) -> None:
         error_budget(problem, diagnosis.extended.best, free_chi),
     )
     record = diagnosis_record(diagnosis, problem.objective, problem.law, budgets, decks, where)
-    write_json(context.workdir / DIAGNOSIS, record)
+    write_json(context.workdir / DIAGNOSIS, record | {"meshes": _meshes(case)})
     fits = {"before": diagnosis.baseline, "after": diagnosis.extended}
     write_fits(context.workdir / DIAGNOSIS_H5, fits, problem)
     if NOISE_RATIO.name in diagnosis.levels:
         write_noise_map(case, diagnosis, context.workdir / NOISE_MAP)
     write_case(extended_case(case, diagnosis), context.workdir / EXTENDED)
     (context.workdir / SCHEMA_FILE).write_text(schema_text(), encoding="utf-8")
+
+
+def _meshes(case: Case) -> dict[str, Any]:
+    """Return the cells and sizes behind a verdict; how often chosen ones were refined."""
+    specimen = case.specimen
+    return {
+        "cells": specimen.cell_kind,
+        "mesh_size_um": specimen.mesh_size,
+        "fine_mesh_size_um": specimen.fine_mesh_size,
+        "refined": specimen.refined,
+    }
 
 
 def _tell(found: Diagnosis, where: ResidualLocalisation, problem: IdentificationProblem) -> None:

@@ -9,7 +9,7 @@ import logging
 import os
 import shutil
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import count
@@ -76,6 +76,8 @@ class Stage:
         sections: tables of the case file on which its results depend.
         run: does the work and writes its results into `StageContext.workdir`.
         files: the files (folders, patterns) that it reads beside the case.
+        left_out: keys of these tables on which its results do not depend, by table.
+        alone: whether it reads no results of the stages before it.
     """
 
     name: str
@@ -83,6 +85,8 @@ class Stage:
     sections: tuple[str, ...]
     run: Callable[[StageContext], None]
     files: Callable[[Case], Sequence[Path]] = field(default=_no_files)
+    left_out: Mapping[str, Collection[str]] = field(default_factory=dict)
+    alone: bool = False
 
 
 def measured_files(case: Case) -> tuple[Path, ...]:
@@ -109,18 +113,23 @@ def diagnosed_files(case: Case) -> tuple[Path, ...]:
     return (*measured_files(case), *own, *(case.path(name) for name in case.diagnosis.cause_files))
 
 
+def _as_it_is(case: Case, done: str) -> Case | None:
+    return None
+
+
 def run_stages(
     case: Case,
     stages: Sequence[Stage],
     until: str | None = None,
     force: bool = False,
     prepare_only: bool = False,
+    refined: Callable[[Case, str], Case | None] = _as_it_is,
 ) -> None:
     """Run the stages in their order, leaving out those that are done and unchanged.
 
     A stage is left out if its key is that of its last run and its results are there. The key
     is a hash of the version of its code, its tables of the case, the content of its files and
-    the key of the stage before it. Results that later stages read and that are damaged since are
+    the key of the stages before it. Results that later stages read and that are damaged since are
     made anew. Results are written aside and moved into `results/`, beside
     the case, once the stage has ended; a stage that fails leaves the results of its last run, and
     what somebody has edited since is kept under another name.
@@ -131,6 +140,8 @@ def run_stages(
         until: name of the last stage to run, None for all.
         force: run the stages even if they are done and unchanged.
         prepare_only: whether external solvers write their jobs for another machine.
+        refined: what is asked with the name of each stage that is done: the case in another state,
+            for which the stages begin anew, or None.
 
     Raises:
         PreparedError: such jobs were written.
@@ -143,23 +154,47 @@ def run_stages(
     results = results_of(case)
     make_folder(results)
     last = len(names) if until is None else names.index(until) + 1
-    key, memory = "", dict[str, Any]()
+    memory, forced = dict[str, Any](), set(names) if force else set()
     with sole_run(results):
-        for stage in stages[:last]:
-            inputs = stage_inputs(stage, case)
-            key = _key(stage, inputs, key)
-            done = read_record(results)
-            entry = done.get(stage.name)
-            if not force and is_done(entry, key, results):
-                logger.info(f"{stage.name}: done and unchanged")
-                continue
-            _refuse_folders(entry, results)
-            _run_stage(stage, case, results, key, inputs, prepare_only, memory)
+        state: Case | None = case
+        while state is not None:
+            case, state, before = state, None, ""
+            for stage in stages[:last]:
+                inputs = stage_inputs(stage, case)
+                key, before = _chained(stage, inputs, before)
+                entry = read_record(results).get(stage.name)
+                if stage.name not in forced and is_done(entry, key, results):
+                    logger.info(f"{stage.name}: done and unchanged")
+                else:
+                    _refuse_folders(entry, results)
+                    _run_stage(stage, case, results, key, inputs, prepare_only, memory)
+                forced.discard(stage.name)
+                state = refined(case, stage.name)
+                if state is not None:
+                    break
+
+
+def stage_keys(stages: Sequence[Stage], case: Case) -> dict[str, str]:
+    """SHA-256 of all on which the results of each stage depend, by its name."""
+    keys: dict[str, str] = {}
+    before = ""
+    for stage in stages:
+        keys[stage.name], before = _chained(stage, stage_inputs(stage, case), before)
+    return keys
 
 
 def stage_key(stage: Stage, case: Case, key_before: str) -> str:
     """SHA-256 of all on which the results of a stage depend."""
     return _key(stage, stage_inputs(stage, case), key_before)
+
+
+def _chained(stage: Stage, inputs: dict[str, str], before: str) -> tuple[str, str]:
+    """Return the key of a stage, and that of all stages so far."""
+    if not stage.alone:
+        key = _key(stage, inputs, before)
+        return key, key
+    key = _key(stage, inputs, "")
+    return key, _hash([before, key])
 
 
 def _key(stage: Stage, inputs: dict[str, str], key_before: str) -> str:
@@ -170,8 +205,9 @@ def _key(stage: Stage, inputs: dict[str, str], key_before: str) -> str:
 def stage_inputs(stage: Stage, case: Case) -> dict[str, str]:
     """Return what a stage reads beside the results of earlier ones, by name, with a hash each."""
     # How a program is called changes no result.
+    left_out = {table: set(keys) for table, keys in stage.left_out.items()}
     tables = case.model_dump(
-        mode="json", include=set(stage.sections), exclude={"solver": {"profiles"}}
+        mode="json", include=set(stage.sections), exclude={"solver": {"profiles"}} | left_out
     )
     return (
         {_VERSION: stage.version}
@@ -304,11 +340,11 @@ def finished(
         InputError: one of them has no results, or such as are of another state or damaged.
     """
     results = results_of(case)
-    record, key, done = read_record(results), "", set()
+    record, done = read_record(results), set()
+    keys = stage_keys(stages, case)
     for stage in stages:
-        key = stage_key(stage, case, key)
         entry = record.get(stage.name)
-        if is_done(entry, key, results):
+        if is_done(entry, keys[stage.name], results):
             done.add(stage.name)
         elif stage.name in needed:
             there = entry is not None and is_done(entry, entry["key"], results)

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
-from driver.case.model import Case, load_case
+from driver.case.model import Case
+from driver.case.specimen import SIZES
 from driver.common.errors import sentence
 from driver.common.formatting import cost_told
 from driver.diagnosis.causes.user_causes import asked_causes
 from driver.experiment.held_out import held_out_cycle
 from driver.experiment.reading import history_of
-from driver.forward.build import capabilities_of, mesh_of, refuse_unfit_solver
+from driver.forward.build import TRACE, capabilities_of, mesh_of, refuse_unfit_solver
 from driver.results.files import DIAGNOSIS, IDENTIFY, results_of
+from driver.results.mesh_sizes import sized_case
 from driver.workflow.advise_stage import run_advise
 from driver.workflow.cost import estimate
 from driver.workflow.diagnose_stage import run_diagnose
@@ -30,6 +33,7 @@ from driver.workflow.identify_stage import run_identify
 from driver.workflow.loads_only_stage import SKIPPED, run_identify_loads
 from driver.workflow.measure_stage import run_measure
 from driver.workflow.mesh_stage import run_mesh
+from driver.workflow.refinement import refined_within_budget, told_beforehand
 from driver.workflow.report_loads_stage import run_report_loads
 from driver.workflow.report_stage import run_report
 from solver_adapters.kernels import use_threads
@@ -44,6 +48,12 @@ _IDENTIFY = (
 _REPORT = (*_MESH, *_MEASURE, *_IDENTIFY, "diagnosis")
 
 
+def _unseen(case: Case) -> Sequence[str]:
+    """Return keys of the specimen of which a measurement knows nothing."""
+    of_working_mesh = () if TRACE in (case.dic.mesh, case.dic.height_mesh) else ("cells", SIZES[0])
+    return (*of_working_mesh, SIZES[1])
+
+
 def stages(case: Case) -> Sequence[Stage]:
     """All stages of a case, in their order; without images nothing is measured or diagnosed."""
     if not case.with_images:
@@ -55,7 +65,9 @@ def stages(case: Case) -> Sequence[Stage]:
         )
     return (
         Stage("mesh", "3", _MESH, run_mesh),
-        Stage("measure", "6", _MEASURE, run_measure, measured_files),
+        Stage(
+            "measure", "7", _MEASURE, run_measure, measured_files, {"specimen": _unseen(case)}, True
+        ),
         Stage("identify", "10", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
         Stage("diagnose", "9", ("diagnosis",), run_diagnose, diagnosed_files),
         Stage("advise", "1", (), run_advise),
@@ -68,6 +80,9 @@ def run(
 ) -> None:
     """Run the stages of a case; what is done and unchanged is not done again.
 
+    Meshes of automatic sizes are refined, and what hangs on them is done again, as long as the
+    diagnosis asks for it and the budget of time holds it.
+
     Args:
         case_path: the case file.
         until: name of the last stage to run, None for all.
@@ -79,7 +94,7 @@ def run(
         InputError: the case or a measured file cannot be used.
         SolverError: a simulation could not be finished.
     """
-    case = load_case(case_path)
+    case = sized_case(case_path)
     solver = capabilities_of(case)
     if prepare_only and solver.in_process:
         raise StageError(
@@ -95,9 +110,13 @@ def run(
         held_out_cycle(case, history)
     cost = estimate(case, solver, len(mesh.cells), history.n_images)
     logger.info(f"all stages take {cost_told(cost.seconds, cost.memory)}")
+    if case.specimen.refined is not None:
+        logger.info(told_beforehand(case, cost))
     if not case.with_images:
         logger.info(SKIPPED)
-    run_stages(case, stages(case), until, force, prepare_only)
+    every = stages(case)
+    refined = partial(refined_within_budget, stages=every)
+    run_stages(case, every, until, force, prepare_only, refined)
 
 
 def report(case_path: Path) -> None:
@@ -106,7 +125,7 @@ def report(case_path: Path) -> None:
     Raises:
         StageError: a stage before it has no results, or such as are of another state of the case.
     """
-    case = load_case(case_path)
+    case = sized_case(case_path)
     needed = results_of(case) / (DIAGNOSIS if case.with_images else IDENTIFY)
     if not needed.is_file():
         raise StageError(

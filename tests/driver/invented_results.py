@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from driver.case.model import default_case, load_case, write_case
+from driver.case.model import load_case, write_case
 from driver.diagnosis.causes.causes import LIBRARY, NUMERICS
 from driver.dic.basis import grid_basis
 from driver.forward.build import geometry_of
@@ -24,6 +24,7 @@ from driver.workflow.engine import StageContext
 from meshes.arrays import FloatArray, IntArray
 from meshes.files import write_med
 from meshes.prism import generate
+from tests.driver.stated_sizes import stated_case
 
 STAGE = (0.0, 10.0, 20.0, 30.0, 20.0, 10.0, 25.0, 40.0, 55.0, 45.0, 35.0)
 CYCLE = (1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2)
@@ -69,7 +70,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Results:
     """The results, written once."""
     folder = tmp_path_factory.mktemp("prisms") / "invented"
     (folder / "results").mkdir(parents=True)
-    case = default_case()
+    case = stated_case()
     write_case(case, folder / "case.toml")
     write_med(generate(geometry_of(case), 3.0), folder / "results" / "mesh.med")
     time = np.arange(len(STAGE), dtype=float) * 40.0

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from meshes.cells import EDGES, inverted_cells, jacobians, outer_faces
 from meshes.files import read_med, write_med, write_vtu
 from meshes.hex20 import CHECKED, FACES, MIRRORED, shape_functions
-from meshes.prism import LAYER, PrismGeometry, generate
+from meshes.prism import LAYER, PrismGeometry, Vector, generate
 from meshes.prism_mesh import FACE_GROUPS, PrismMesh
 from meshes.velocity import boundary_shift, moved
 from tests.meshes import raw_med
@@ -224,6 +224,15 @@ def test_a_boundary_that_meets_an_end_face_is_refused() -> None:
     steep = PrismGeometry(boundary_point=(0, 0.8, 0), boundary_normal=(0.6, 1, 0.3))
     with pytest.raises(ValueError, match="meets an end face"):
         generate(steep, 2.0, "hex20")
+
+
+def test_only_a_boundary_from_side_to_side_takes_layers() -> None:
+    def takes(point: Vector, normal: Vector) -> bool:
+        return PrismGeometry(boundary_point=point, boundary_normal=normal).crossed_from_side_to_side
+
+    assert PrismGeometry().crossed_from_side_to_side and takes((0.0, 5.4, 0.0), (0.15, 1.0, 0.3))
+    assert not takes((0.0, 0.3, 0.0), (0.15, 1.0, 0.3))  # meets an end face
+    assert not takes((0.0, 5.4, 0.0), (1.0, 0.0, 0.0))  # along the prism
 
 
 def test_a_shift_of_the_boundary_keeps_the_cells_straight(bricks: PrismMesh) -> None:

@@ -20,6 +20,8 @@ Kind = Literal[
 ]
 
 MOST_ADDITIONS = 3
+REFINE = "Refine as said, then run again."
+"""What to do next where nothing more is known of the refinement."""
 LEAST_EXPLAINED = 0.9
 """Share of what is no noise without which a name explains nothing."""
 
@@ -74,7 +76,7 @@ def decide(
         return Verdict(
             "numerics", ((NUMERICS,),),
             f"The simulation itself is not exact enough to judge: {numerics}.",
-            "Refine as said, then run again.",
+            REFINE,
         )  # fmt: skip
     if not added:
         return _without_a_name(left, imaging_limited, tried)
@@ -124,6 +126,16 @@ def with_places(verdict: Verdict, missed: str) -> Verdict:
         text=f"{verdict.text} Yet {missed}",
         next=f"Look at the maps of what is left there. {verdict.next}",
     )
+
+
+def with_refinement(verdict: Verdict, refinement: str) -> Verdict:
+    """Return a verdict that names the refinement in place of asking for one.
+
+    Args:
+        verdict: the answer, *numerics*.
+        refinement: what to write, and what it takes, as sentences.
+    """
+    return replace(verdict, next=verdict.next.replace(REFINE, refinement))
 
 
 def with_doubts(verdict: Verdict, unsettled: Sequence[str], limits: Sequence[str]) -> Verdict:

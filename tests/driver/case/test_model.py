@@ -12,6 +12,7 @@ from driver.case.model import Case, CaseError, case_text, default_case, load_cas
 from driver.case.solver import ProfileTable
 from meshes.arrays import FloatArray
 from solver_adapters.material import Material
+from tests.driver.stated_sizes import stated_case
 
 ALPHA = Path(__file__).parents[3] / "examples" / "alpha" / "case.toml"
 
@@ -59,8 +60,12 @@ def refused(tmp_path: Path, *changes: tuple[str, str]) -> list[str]:
          "three numbers"),
         ("boundary_normal = [0.0, 1.0, 0.0]", "boundary_normal = [0, 0, 0]",
          "specimen.boundary_normal", "[0, 0, 0]", "other than zero"),
-        ("fine_mesh_size_um = 1.0", "fine_mesh_size_um = 2.0", "specimen.fine_mesh_size_um",
-         "2.0", "< mesh_size_um = 2"),
+        ('\nmesh_size_um = "auto"', "\nmesh_size_um = -2.0", "specimen.mesh_size_um",
+         "-2.0", 'a number > 0, the edge of the elements of the working mesh, or "auto"'),
+        ('\nmesh_size_um = "auto"', "\nmesh_size_um = 2.0", "specimen.fine_mesh_size_um",
+         '"auto"', 'a number, or mesh_size_um = "auto" as well'),
+        ('fine_mesh_size_um = "auto"', "fine_mesh_size_um = 1.0", "specimen.mesh_size_um",
+         '"auto"', 'a number, or fine_mesh_size_um = "auto" as well'),
         ('parameters = ["tau0", "c", "d"]', 'parameters = ["tau_0"]',
          "identification.parameters", '"tau_0"', "tau0 or tau0_112, or another of the"),
         ('parameters = ["tau0", "c", "d"]', 'parameters = ["C11"]',
@@ -329,7 +334,7 @@ def test_the_example_states_what_its_readme_states() -> None:
 def test_two_sizes_of_hexahedra_that_tell_nothing_of_the_error_are_refused(
     tmp_path: Path, size: str, fine: str, expected: str
 ) -> None:
-    text = case_text(default_case())
+    text = case_text(stated_case())
     text = text.replace("\nmesh_size_um = 2.0", f"\nmesh_size_um = {size}")
     text = text.replace("fine_mesh_size_um = 1.0", f"fine_mesh_size_um = {fine}")
     path = tmp_path / "case.toml"

@@ -45,3 +45,31 @@ def test_what_is_no_rotation_to_a_thousandth_or_mirrors_is_refused() -> None:
     assert np.linalg.det(Orientation(ebsd_to_specimen=near).rotation) == pytest.approx(1.0)
     assert "orthonormal rows" in refused(Orientation, ebsd_to_specimen=far)[1]
     assert "mirrors the crystal" in refused(Orientation, ebsd_to_specimen=mirror)[1]
+
+
+def test_sizes_are_automatic_unless_both_are_stated() -> None:
+    assert Specimen().automatic and Specimen().cells is None and Specimen().refined is None
+    stated = Specimen(mesh_size_um=1.6, fine_mesh_size_um=1.1)
+    assert not stated.automatic and stated.refined is None
+    assert stated.cells == stated.cell_kind == "tet10"
+    assert Specimen(cells="hex20").automatic
+    expected = ("mesh_size_um", 'a number, or fine_mesh_size_um = "auto" as well')
+    with_one = refused(Specimen, mesh_size_um=1.6)
+    assert with_one == ("fine_mesh_size_um", 'a number, or mesh_size_um = "auto" as well')
+    assert refused(Specimen, fine_mesh_size_um=1.1) == expected
+
+
+def test_a_level_puts_numbers_in_place_of_automatic_sizes() -> None:
+    chosen = Specimen(width_um=6.0).at_level("hex20", 1)
+    assert (chosen.cell_kind, chosen.refined, chosen.automatic) == ("hex20", 1, False)
+    assert (chosen.mesh_size, chosen.fine_mesh_size) == (1.5, 1.0)
+    # What is written of it is a case with stated sizes.
+    assert Specimen(**chosen.model_dump()).refined is None
+
+
+@pytest.mark.parametrize("depth", [1.0, 3.464, 12.0])
+@pytest.mark.parametrize("level", range(5))
+def test_sizes_of_every_level_can_be_stated(level: int, depth: float) -> None:
+    for kind in ("hex20", "tet10"):
+        specimen = Specimen(width_um=3.7, depth_um=depth).at_level(kind, level)
+        Specimen(**specimen.model_dump())

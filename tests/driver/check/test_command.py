@@ -98,6 +98,18 @@ def test_the_mesh_that_the_case_asks_for_is_counted(case_path: Path, kind: CellK
     assert message in found(case_path, "ok")
 
 
+def test_automatic_sizes_are_chosen_and_told_with_their_budget(case_path: Path) -> None:
+    edit(case_path, "\nmesh_size_um = 2.0", '\nmesh_size_um = "auto"')
+    edit(case_path, "fine_mesh_size_um = 1.1", 'fine_mesh_size_um = "auto"')
+    told = found(case_path, "ok")
+    assert any(message.startswith("262 tet10 (") for message in told)
+    (sizes,) = (message for message in told if "chosen by prismid" in message)
+    assert sizes.startswith("tet10 of 1.6 and 1.11 µm, ") and "budget_min = 120" in sizes
+    (case_path.parent / "results" / "sizes.json").write_text("{")
+    (message,) = found(case_path, "error")
+    assert "sizes.json: found no readable JSON" in message
+
+
 def test_the_trace_of_the_grain_boundary_lies_on_its_plane() -> None:
     trace = boundary_trace(load_case(ALPHA / "case.toml"))
     assert trace is not None

@@ -13,16 +13,17 @@ import meshio
 import numpy as np
 from numpy.typing import NDArray
 
-from driver.case.model import default_case, load_case, write_case
+from driver.case.model import load_case, write_case
 from driver.forward.build import mesh_of
 from driver.parameters.boundary import LAMBDAS
 from driver.parameters.registry import declared_parameters
 from driver.results.hdf5 import write_hdf5
 from driver.workflow import pipeline
-from driver.workflow.engine import stage_key
+from driver.workflow.engine import stage_keys
 from meshes.files import write_med, write_vtu
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.interface import Capabilities, CellFields, Progress, Response, Simulation
+from tests.driver.stated_sizes import stated_case
 
 Arrays = dict[str, tuple[NDArray[np.generic] | float, str]]
 PIXEL = 0.11
@@ -43,7 +44,7 @@ OUTPUTS = {
 
 @cache
 def coarse_mesh() -> PrismMesh:
-    return mesh_of(default_case(), 3.0)
+    return mesh_of(stated_case(), 3.0)
 
 
 class LinearSolver:
@@ -98,7 +99,7 @@ class Results:
         self.to = folder / "to"
         folder.mkdir(exist_ok=True)
         self.folder.mkdir()
-        write_case(default_case(), self.case_path)
+        write_case(stated_case(), self.case_path)
         rows = "".join(
             f"{t},{s},{i},{f / 2}\n"
             for i, (t, s, f) in enumerate(zip(TIME, STAGE, FORCE, strict=True))
@@ -175,13 +176,13 @@ class Results:
 
     def record(self, *finished: str) -> None:
         """What `run_stages` would have written after these stages."""
-        case, key = load_case(self.case_path), ""
-        entries: dict[str, dict[str, object]] = {}
-        for stage in pipeline.stages(case):
-            key = stage_key(stage, case, key)
-            if stage.name in finished:
-                outputs = OUTPUTS[stage.name]
-                entries[stage.name] = {"key": key, "outputs": outputs, "seconds": 1.0}
+        case = load_case(self.case_path)
+        keys = stage_keys(pipeline.stages(case), case)
+        entries = {
+            name: {"key": keys[name], "outputs": OUTPUTS[name], "seconds": 1.0}
+            for name in keys
+            if name in finished
+        }
         (self.folder / "stages.json").write_text(json.dumps(entries))
 
     def edit(self, old: str, new: str) -> None:

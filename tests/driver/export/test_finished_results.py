@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import pytest
 
-from driver.case.model import default_case, write_case
+from driver.case.model import write_case
 from driver.export.command import ExportError, export_case
 from driver.results import reader
 from driver.results.hdf5 import ResultError
@@ -16,6 +16,7 @@ from meshes.prism_mesh import PrismMesh
 from tests.driver.export.exported import (
     Results,
 )
+from tests.driver.stated_sizes import stated_case
 
 
 @pytest.mark.parametrize("missing", ["mesh", "measure", "identify"])
@@ -33,7 +34,7 @@ def test_a_missing_stage_is_named_with_the_command_that_makes_it(
 
 
 def test_a_case_that_was_never_run_is_told_so(tmp_path: Path) -> None:
-    write_case(default_case(), tmp_path / "case.toml")
+    write_case(stated_case(), tmp_path / "case.toml")
     with pytest.raises(ExportError, match="stage mesh: found no results"):
         export_case(tmp_path / "case.toml", tmp_path / "to")
 

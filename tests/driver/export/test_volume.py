@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from driver.case.model import Case, default_case
+from driver.case.model import Case
 from driver.experiment.history import History, read_history
 from driver.export.volume import Volume, simulate_volume
 from driver.forward.build import adapter_of, build_model, mesh_of
@@ -15,8 +15,9 @@ from driver.forward.model import ForwardModel
 from meshes.surface import trace
 from solver_adapters.bundled.fem.element import element_of, shape_gradients
 from solver_adapters.interface import Progress
+from tests.driver.stated_sizes import stated_case
 
-CASE = default_case()
+CASE = stated_case()
 MESH = mesh_of(CASE, 3.0)
 
 

@@ -22,8 +22,9 @@ KEYS = {
     "": {
         "verdict", "causes", "sets", "text", "next", "added", "flips", "whereabouts", "gain",
         "numerics", "load_noise", "bad_loads", "not_found", "not_examined", "baseline", "extended",
-        "steps", "decks",
+        "steps", "decks", "meshes",
     },
+    "meshes": {"cells", "mesh_size_um", "fine_mesh_size_um", "refined"},
     "whereabouts": {"text", "before", "after"},
     "gain": {
         "share_of_excess_explained", "log_bayes_factor", "budget_before", "budget_after",

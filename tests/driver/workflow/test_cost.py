@@ -96,7 +96,7 @@ def test_each_process_beside_the_first_has_a_memory_of_its_own() -> None:
 
 def test_the_finer_mesh_costs_with_the_square_of_the_ratio_of_the_sizes() -> None:
     case = load_case(ALPHA / "case.toml")
-    size = case.specimen.mesh_size_um
+    size = case.specimen.mesh_size
     fine = [with_tables(specimen={"fine_mesh_size_um": size / n}).seconds for n in (2, 3, 4)]
     # Points grow with 4, 9, 16, factorisations with the power 1.5 of them.
     assert 7 / 5 < (fine[2] - fine[1]) / (fine[1] - fine[0]) < (64 - 27) / (27 - 8)

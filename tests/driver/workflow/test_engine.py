@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from driver.case.model import CaseError, default_case, load_case, write_case
+from driver.case.model import Case, CaseError, default_case, load_case, write_case
 from driver.common.errors import InputError
 from driver.common.progress import progress_to
 from driver.results.files import AbsentError
@@ -331,6 +331,55 @@ def test_the_key_of_a_stage_does_not_depend_on_how_its_case_is_named(
     measure = workshop.stages[1]
     names = (workshop.case_path, Path("case.toml"))
     assert len({stage_key(measure, load_case(name), "") for name in names}) == 1
+
+
+def test_a_stage_that_reads_no_earlier_results_stays_done_when_these_change(
+    workshop: Workshop,
+) -> None:
+    measure = replace(workshop.stages[1], run=lambda context: workshop.runs.append("measure"))
+    third = Stage("identify", "1", (), lambda context: workshop.runs.append("identify"))
+    workshop.stages = [workshop.stages[0], replace(measure, alone=True), third]
+    assert workshop.run() == ["mesh", "measure", "identify"]
+    workshop.edit("length_um = 12.0", "length_um = 10.0")
+    assert workshop.run() == ["mesh", "identify"]
+    workshop.edit("element_px = 16", "element_px = 20")
+    assert workshop.run() == ["measure", "identify"]
+
+
+def test_a_key_that_is_left_out_makes_nothing_stale(workshop: Workshop) -> None:
+    workshop.stages[0] = replace(workshop.stages[0], left_out={"specimen": ("length_um",)})
+    assert workshop.run() == ["mesh", "measure"]
+    workshop.edit("length_um = 12.0", "length_um = 10.0")
+    assert workshop.run() == []
+    workshop.edit("width_um = 4.0", "width_um = 3.0")
+    assert workshop.run() == ["mesh", "measure"]
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_stages_begin_anew_with_a_case_that_is_refined(workshop: Workshop, force: bool) -> None:
+    """What the refined case leaves as it was is not run again, not even if it was forced."""
+    asked: list[str] = []
+
+    def refined(case: Case, done: str) -> Case | None:
+        asked.append(f"{done} {case.specimen.length:g}")
+        again = done == "identify" and case.specimen.length > 10
+        return case.with_values_at({"specimen.length_um": 10.0}) if again else None
+
+    measure = replace(workshop.stages[1], run=lambda context: workshop.runs.append("measure"))
+    workshop.stages = [
+        workshop.stages[0],
+        replace(measure, alone=True),
+        Stage("identify", "1", (), lambda context: workshop.runs.append("identify")),
+        Stage("report", "1", ("loads",), lambda context: workshop.runs.append("report")),
+    ]
+    if force:
+        workshop.run()
+    ran = workshop.run(refined=refined, force=force)
+    assert ran == ["mesh", "measure", "identify", "mesh", "identify", "report"]
+    first, second = (["mesh", "measure", "identify"], ["mesh", "measure", "identify", "report"])
+    assert asked == [*(f"{name} 12" for name in first), *(f"{name} 10" for name in second)]
+    mesh = workshop.folder / "results" / "mesh.txt"
+    assert mesh.read_text() == "10.0"
 
 
 def test_one_name_for_two_results_is_refused(workshop: Workshop) -> None:

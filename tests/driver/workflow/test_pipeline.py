@@ -21,7 +21,7 @@ from driver.parameters.registry import label_of
 from driver.report.measured_figures import FIGURES
 from driver.results.hdf5 import read_hdf5
 from driver.workflow import pipeline
-from driver.workflow.engine import StageError, run_stages, stage_key
+from driver.workflow.engine import StageContext, StageError, run_stages, stage_keys
 from meshes.files import read_med
 from solver_adapters.interface import Capabilities, PreparedError, Progress, Response, Simulation
 from solver_adapters.profile import Profile
@@ -385,6 +385,48 @@ def test_a_run_takes_the_case_and_its_threads_from_the_file(
     assert lines[-1].startswith("mesh: finished in")
 
 
+def test_a_run_refines_automatic_meshes_until_a_verdict_stands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stages in name only, but for the mesh; the third mesh is good enough for a verdict."""
+    done: list[str] = []
+
+    def in_name_only(name: str) -> Callable[[StageContext], None]:
+        return lambda context: done.append(f"{name} {context.case.specimen.mesh_size:g}")
+
+    def diagnose(context: StageContext) -> None:
+        in_name_only("diagnose")(context)
+        enough = context.case.specimen.refined == 2
+        record = {
+            "verdict": "nothing wrong" if enough else "numerics",
+            "numerics": {"needed": None if enough else "mesh"},
+        }
+        (context.workdir / "diagnosis.json").write_text(json.dumps(record))
+
+    for name in ("measure", "identify", "advise", "report"):
+        monkeypatch.setattr(pipeline, f"run_{name}", in_name_only(name))
+    monkeypatch.setattr(pipeline, "run_diagnose", diagnose)
+    monkeypatch.setattr(build, "find_adapter", solver)
+    closed_form.write_files(tmp_path, {})
+    run = Run(tmp_path)
+    run.edit("\nmesh_size_um = 1.2", '\nmesh_size_um = "auto"')
+    run.edit("fine_mesh_size_um = 1.0", 'fine_mesh_size_um = "auto"')
+    with progress_to(run.lines.append):
+        pipeline.run(run.path)
+    again = [f"{name} {size}" for size in ("0.533", "0.355") for name in ("identify", "diagnose")]
+    first = ["measure 0.8", "identify 0.8", "diagnose 0.8"]
+    assert done == [*first, *again, "advise 0.355", "report 0.355"]
+    assert run.lines[1].startswith("tet10 of 0.8 and 0.556 µm, chosen by prismid; where the mesh")
+    refined = [line for line in run.lines if "is refined: " in line]
+    assert len(refined) == 2 and "0.533 and 0.371 µm" in refined[0]
+    # A second run, and the report alone, are of the sizes of the first.
+    done.clear()
+    pipeline.run(run.path)
+    assert done == []
+    pipeline.report(run.path)
+    assert done == ["report 0.355"]
+
+
 # Which tables of the case each stage depends on, and with it all stages after it.
 FIRST_STAGE = {
     "specimen": "mesh", "images": "measure", "history": "measure", "sections": "measure",
@@ -393,7 +435,7 @@ FIRST_STAGE = {
     "identification": "identify", "extensions": "identify", "diagnosis": "diagnose",
 }  # fmt: skip
 CHANGES: dict[str, dict[str, object]] = {
-    "specimen": {"mesh_size_um": 1.3}, "images": {"noise_nm": 8.0}, "history": {"file": "h.csv"},
+    "specimen": {"length_um": 4.1}, "images": {"noise_nm": 8.0}, "history": {"file": "h.csv"},
     "sections": {"macroscopic_mm2": 2.9}, "loads": {"noise_uN": 5.0}, "dic": {"element_px": 11},
     "orientation": {"ebsd_to_specimen": ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))},
     "material": {"tau0_MPa": 41.0}, "boundary": {"U_X": "free"}, "solver": {"name": "other"},
@@ -403,11 +445,22 @@ CHANGES: dict[str, dict[str, object]] = {
 
 
 def keys(case: Case) -> dict[str, str]:
-    found: dict[str, str] = {}
-    key = ""
-    for stage in pipeline.stages(case):
-        key = found[stage.name] = stage_key(stage, case, key)
-    return found
+    return stage_keys(pipeline.stages(case), case)
+
+
+def stale(before: Case, after: Case) -> list[str]:
+    old, new = keys(before), keys(after)
+    return [name for name in old if old[name] != new[name]]
+
+
+def test_sizes_of_the_meshes_make_no_measurement_stale_that_does_not_use_them() -> None:
+    case = closed_form.small_case()
+    traced = case.with_values_at({"dic.mesh": "trace"})
+    beyond = ["identify", "diagnose", "advise", "report"]
+    for key, size, of_trace in (("mesh_size_um", 1.3, ["measure"]), ("fine_mesh_size_um", 0.5, [])):
+        sizes = {f"specimen.{key}": size}
+        assert stale(case, case.with_values_at(sizes)) == ["mesh", *beyond]
+        assert stale(traced, traced.with_values_at(sizes)) == ["mesh", *of_trace, *beyond]
 
 
 @pytest.mark.parametrize("table", Case.model_fields)

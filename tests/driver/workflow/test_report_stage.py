@@ -1,6 +1,7 @@
 import base64
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -8,13 +9,14 @@ import numpy as np
 import pytest
 
 from driver.case.model import load_case, write_case
+from driver.case.specimen import Specimen
 from driver.diagnosis.causes.causes import LIBRARY
 from driver.diagnosis.causes.ebsd_flips import FLIPS
-from driver.report.findings import FILES
+from driver.report.findings import FILES, read_findings
 from driver.report.labels import cause_label
 from driver.report.measured import MeasuredMotion
 from driver.report.measured_texts import texts
-from driver.report.page import gain_text, headline
+from driver.report.page import facts, gain_text, headline
 from driver.report.tables import cause_rows
 from driver.results.files import AbsentError
 from driver.results.hdf5 import ResultError
@@ -98,6 +100,23 @@ def test_the_verdict_and_the_gain_come_first(page: str) -> None:
     places = [text.index(word) for word in words]
     assert places == sorted(places)
     assert "σ away; either of two finer meshes alone would put it off by 0.0072" in text
+
+
+def test_the_sizes_of_the_meshes_and_their_refinements_are_told(written: Results) -> None:
+    findings = read_findings(load_case(written.folder / "case.toml"), written.results)
+
+    def mesh(specimen: Specimen) -> str:
+        case = findings.case.model_copy(update={"specimen": specimen})
+        return dict(facts(replace(findings, case=case)))["mesh"]
+
+    stated = findings.case.specimen
+    assert mesh(stated).endswith("sizes 2 and, of the finer mesh, 1 µm, as stated")
+    chosen = [mesh(stated.at_level("hex20", level)) for level in range(3)]
+    assert chosen[0].endswith(
+        "sizes 2 and, of the finer mesh, 1 µm, chosen by prismid and not refined"
+    )
+    assert chosen[1].endswith("0.667 µm, chosen by prismid and refined once")
+    assert chosen[2].endswith("0.4 µm, chosen by prismid and refined 2 times")
 
 
 def test_every_cause_stands_in_the_table_with_its_sentence(page: str) -> None:

@@ -8,11 +8,13 @@ import pytest
 
 from driver.diagnosis.answer.verdict import (
     MOST_ADDITIONS,
+    REFINE,
     Kind,
     Verdict,
     decide,
     with_doubts,
     with_places,
+    with_refinement,
 )
 from driver.diagnosis.causes.all_causes import EVERY
 from driver.diagnosis.causes.causes import Cause
@@ -144,6 +146,16 @@ def test_where_nothing_is_named_only_what_was_tried_is_spoken_of() -> None:
 def test_a_coarse_simulation_says_what_it_needs() -> None:
     found = of(CONTRAST, numerics="a mesh half as large is needed")
     assert "a mesh half as large is needed." in found.text
+
+
+def test_a_refinement_that_is_known_is_named_in_place_of_a_request_for_one() -> None:
+    coarse = of(CONTRAST, numerics="a mesh half as large is needed")
+    assert coarse.next == REFINE
+    named = with_refinement(coarse, "Write specimen.mesh_size_um = 1, then run again.")
+    assert named.next == "Write specimen.mesh_size_um = 1, then run again."
+    doubtful = with_doubts(coarse, ["the fit has not converged"], [])
+    assert with_refinement(doubtful, "Refine so.").next.endswith("better starts. Refine so.")
+    assert with_refinement(of(CONTRAST), "Refine so.") == of(CONTRAST)
 
 
 def test_a_fit_that_has_not_converged_is_told_with_the_answer() -> None:

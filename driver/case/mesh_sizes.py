@@ -1,0 +1,61 @@
+"""Sizes of the elements of the working and of the finer mesh where none are stated.
+
+Hexahedra have whole numbers of cells along half of the longest side of the section: 1 and 2 of
+them at first, then 2 and 3, 3 and 5, 4 and 6. So the finer mesh is finer across the section, too,
+by a ratio that tells of the error (`LARGEST_RATIO`). Tetrahedra of 4 µm of width have 1.6 and
+1.11 µm at first, and two thirds of both with each refinement.
+"""
+
+from __future__ import annotations
+
+from meshes.prism import CellKind, longest_side, section_divisions
+
+LARGEST_RATIO = 0.7
+"""Of the finer size of hexahedra to the working one, up to which both tell of the error."""
+_TETRAHEDRA = (1 / 2.5, 1 / 3.6)  # of the width
+_TWO_THIRDS = 2 / 3
+
+Sizes = tuple[float, float]
+
+
+def sizes_at(width: float, depth: float, kind: CellKind, level: int) -> Sizes:
+    """Return the sizes of the working and of the finer mesh after refinements [µm].
+
+    Args:
+        width: of the section [µm].
+        depth: of the section [µm].
+        kind: of the cells.
+        level: how often both meshes were refined.
+    """
+    if kind == "hex20":
+        sizes = _of_divisions(width, depth, (1, 2))
+    else:
+        sizes = _rounded(*(share * width for share in _TETRAHEDRA))
+    for _ in range(level):
+        sizes = refined_sizes(width, depth, kind, sizes)
+    return sizes
+
+
+def refined_sizes(width: float, depth: float, kind: CellKind, sizes: Sizes) -> Sizes:
+    """Return the next smaller sizes of both meshes [µm].
+
+    Args:
+        width: of the section [µm].
+        depth: of the section [µm].
+        kind: of the cells.
+        sizes: of the working and of the finer mesh [µm].
+    """
+    if kind == "tet10":
+        return _rounded(*(_TWO_THIRDS * size for size in sizes))
+    working, finer = (section_divisions(width, depth, size) for size in sizes)
+    working += 1
+    return _of_divisions(width, depth, (working, max(working + (working + 1) // 2, finer + 1)))
+
+
+def _of_divisions(width: float, depth: float, divisions: tuple[int, int]) -> Sizes:
+    return _rounded(*(longest_side(width, depth) / 2 / number for number in divisions))
+
+
+def _rounded(working: float, finer: float) -> Sizes:
+    """Return sizes as they are told, so that what is told can be written into a case."""
+    return float(f"{working:.3g}"), float(f"{finer:.3g}")
