@@ -16,7 +16,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from benchmarks.blind_specimen import LARGEST, PER_SIGMA, known_case, null_values, outside
+from benchmarks.blind_specimen import LARGEST, PER_SIGMA, known_case, null_values, outside, pulled
 from benchmarks.blind_store import kept
 from driver.case.model import load_case
 from driver.common.errors import InputError
@@ -35,7 +35,6 @@ from driver.workflow.identify_stage import load_problem, saved_objective
 from driver.workflow.pipeline import run
 from meshes.arrays import FloatArray
 from solver_adapters.interface import SolverError
-from tools.converged_truth import pulled
 
 RULER_SEED = 987_654
 CLOSE = 0.14  # relative error of the size of a truth that is good enough
