@@ -76,18 +76,11 @@ def stage_history(dense: int = 1) -> History:
     return history_of_rows(rows)
 
 
-def pulled(
-    hidden: Mapping[str, float],
-    change: Change | None = None,
-    dense: int = 1,
-    truth: Case | None = None,
-) -> Course:
+def pulled(hidden: Mapping[str, float], truth: Case | None = None) -> Course:
     """Return the test, converged but for what the mesh leaves wrong of an effect.
 
     Args:
         hidden: true values of parameters of the general model that are not at their null.
-        change: what happens besides that no parameter of the general model says.
-        dense: as of the history; `DENSEST` is a multiple of it.
         truth: the specimen, where it is not that of `true_case`; its face is the same.
 
     Raises:
@@ -95,11 +88,10 @@ def pulled(
         SolverError: the simulation could not be finished, or a geometric parameter turns a
             cell inside out.
     """
-    converged, bare = _converged(), _bare(dense)
-    images = slice(None, None, DENSEST // dense)
-    as_usual = not hidden and change is None and truth is None
-    course = bare if as_usual else simulated(truth or true_case(), hidden, change, dense)
-    points = converged.face.points
+    converged, bare = _converged(), _bare()
+    as_usual = not hidden and truth is None
+    course = bare if as_usual else simulated(truth or true_case(), hidden)
+    points, images = converged.face.points, slice(None, None, DENSEST)
     moved = on_face(course.face, course.motion, points) - on_face(bare.face, bare.motion, points)
     return replace(
         course,
@@ -112,7 +104,14 @@ def pulled(
 def simulated(
     truth: Case, hidden: Mapping[str, float], change: Change | None = None, dense: int = 1
 ) -> Course:
-    """Simulate the test of a specimen on its own mesh, arguments and errors as of `pulled`."""
+    """Simulate the test of a specimen on its own mesh, errors as of `pulled`.
+
+    Args:
+        truth: the specimen.
+        hidden: true values of parameters of the general model that are not at their null.
+        change: what happens besides that no parameter of the general model says.
+        dense: as of the history.
+    """
     history = stage_history(dense)
     adapter = adapter_of(truth)
     model, values = true_model(truth, history, adapter, {**true_knots(history), **hidden})
@@ -142,5 +141,5 @@ def _converged() -> Reference:
 
 
 @cache
-def _bare(dense: int) -> Course:
-    return simulated(true_case(), {}, None, dense)
+def _bare() -> Course:
+    return simulated(true_case(), {})
