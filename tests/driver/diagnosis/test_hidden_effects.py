@@ -43,8 +43,8 @@ OF_ONE_KIND = {
 }
 """Truths of tetrahedra, smaller than those that identify them, with parameter and value.
 
-Where the truth of a contrast is converged, hexahedra of 2 and 1 µm answer twinning asymmetry
-(benchmarks/diagnosis.md): their error grows with the effect.
+Their answers in converged truths are not all measured (benchmarks/diagnosis.md): the error of the
+meshes grows with the effect.
 """
 
 
