@@ -34,6 +34,7 @@ EFFECTS = {  # cause: parameter, null, truth
 }
 LATENT = 14.0  # MPa, seven prior scales, where Q is 0
 SLOPE = 0.65  # of ln τ₀ along grain 2, 6.3 σ of projected misfit; 0.4 are 4.3 σ and not named
+CONTRAST = 1.1  # 16 σ of projected misfit
 SEED = 1
 OF_ONE_KIND = {
     "grain_contrast": ("tau0_grain2", EFFECTS["grain_contrast"][2]),
@@ -72,6 +73,8 @@ def course(effect: str) -> Course:
     if effect == "load_offset":
         unbiased = course("nothing")
         return replace(unbiased, load=unbiased.load + EFFECTS[effect][2])
+    if effect == "contrast, converged":
+        return pulled({"tau0_grain2": CONTRAST})
     if effect == "boundary_position":
         return pulled({}, truth=moved_boundary(converged_truth.true_case()))
     return pulled({})
@@ -170,3 +173,16 @@ def test_a_sound_model_gets_nothing_wrong_and_the_true_law(diagnosed: Diagnose) 
         for name, value in law.items():
             fitted = found["baseline"]["values"][name]
             assert abs(fitted["value"] - value) < 4 * fitted["sigma"]
+
+
+@pytest.mark.slow
+def test_a_contrast_in_a_converged_truth_is_answered_and_its_size_recovered(
+    diagnosed: Diagnose,
+) -> None:
+    """Corrected once, the refits answered twinning asymmetry and the {112} family alone."""
+    found = diagnosed("contrast, converged", SEED)
+    assert found["verdict"] in ("named", "one of this set")
+    assert "grain_contrast" in found["causes"]
+    ratio = found["extended"]["values"]["tau0_grain2"]
+    assert abs(ratio["value"] - CONTRAST) < 3 * ratio["sigma"] < 0.06
+    assert found["steps"][-1]["omnibus"]["accepted"]
