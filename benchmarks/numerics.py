@@ -3,7 +3,7 @@
     python -m benchmarks.numerics           every mesh of `MESHES`, and pairs of them extrapolated
     python -m benchmarks.numerics --quick   the working prediction of the demo alone
     python -m benchmarks.numerics --make alpha   its reference anew, which takes an hour
-    python -m benchmarks.numerics --make short   that of the blind trial's specimen, half an hour
+    python -m benchmarks.numerics --make short   that of the blind trial's specimen, ten minutes
 
 The data, history and truth of the demo and of the blind trial's specimen. The difference of a
 prediction from the reference is whitened as the data are; the part that the fitted parameters take

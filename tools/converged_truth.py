@@ -122,7 +122,7 @@ def simulated(
 
 
 def reference() -> Reference:
-    """Simulate the reference anew, which takes about twenty minutes of one core."""
+    """Simulate the reference anew, which takes about ten minutes of one core."""
     truth, history = true_case(), stage_history(DENSEST)
     adapter = adapter_of(truth)
     _, values = true_model(truth, history, adapter, true_knots(history))

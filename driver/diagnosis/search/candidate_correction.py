@@ -90,7 +90,7 @@ def _under_its_own(task: _Task) -> Refit | Failure:
     """Return the refit under the correction at its end, or why there is none."""
     refit = task.refit
     meshes = (m.microstructure.mesh for m in (refit.objective.model, task.finer))
-    # Measured on hexahedra: tetrahedra have a correction that is smaller beside its own error.
+    # Measured on hexahedra alone.
     for _ in range(_CORRECTIONS if extrapolation(*meshes) else 1):
         corrected = _corrected(refit, task)
         if isinstance(corrected, Failure):
