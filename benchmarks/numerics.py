@@ -27,9 +27,9 @@ from benchmarks.measuring import show
 from driver.case.model import Case, load_case
 from driver.forward.build import adapter_of, build_model, geometry_of
 from driver.forward.model import ForwardModel
+from driver.identification.correction import Correction
 from driver.identification.identify import with_correction
 from driver.identification.mesh_error import extrapolation
-from driver.identification.objective import Correction
 from driver.identification.problem import IdentificationProblem
 from driver.parameters.boundary import LAMBDAS
 from driver.virtual.writing import record

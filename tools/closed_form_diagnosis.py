@@ -17,8 +17,9 @@ from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.statistics.score_test import Score, score
 from driver.diagnosis.statistics.screening import screened
 from driver.forward.model import ForwardModel
+from driver.identification.correction import correction
 from driver.identification.fit import Fit, fit
-from driver.identification.identify import correction, with_correction
+from driver.identification.identify import with_correction
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.priors import LAMBDA_PRIOR
 from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names

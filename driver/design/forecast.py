@@ -20,8 +20,9 @@ from driver.diagnosis.statistics.screening import screened
 from driver.experiment.history import History, knot_weights
 from driver.forward.build import mesh_of
 from driver.forward.prediction import Prediction
-from driver.identification.identify import correction, with_correction
-from driver.identification.objective import Correction, Objective
+from driver.identification.correction import Correction, correction
+from driver.identification.identify import with_correction
+from driver.identification.objective import Objective
 from driver.identification.problem import IdentificationProblem, MeasuredSeries, build_problem
 from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.parameters.registry import declared_parameters

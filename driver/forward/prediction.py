@@ -56,6 +56,26 @@ class Prediction:
             carried={**self.carried, **{n + row: c for row, c in other.carried.items()}},
         )
 
+    def derivatives_alone(self) -> Prediction:
+        """Return the prediction without what is large and of no derivative."""
+        none = self.response.d_displacement[:0]
+        response = replace(self.response, d_displacement=none, cells=None, trajectory=None)
+        return replace(self, response=response)
+
+    def along(self, change: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Change of the prediction with its parameters, to first order.
+
+        Args:
+            change: of each parameter, shape (k,).
+
+        Returns:
+            Motion at the pixels [µm], shape (T, n_pix, 3), and load [µN], shape (T,).
+        """
+        motion = apply(self.look.value, np.tensordot(change, self.d_surface, 1))
+        for row, carried in self.carried.items():
+            motion += change[row] * carried
+        return motion, change @ self.d_load
+
     @property
     def motion(self) -> FloatArray:
         """Motion at the pixels [µm], shape (T, n_pix, 3)."""

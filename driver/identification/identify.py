@@ -17,25 +17,18 @@ from typing import Literal
 
 import numpy as np
 
-from driver.common.parallel import side_by_side
 from driver.common.progress import quiet
 from driver.forward.model import ForwardModel
-from driver.forward.prediction import Prediction
 from driver.identification.boundary_jitter import boundary_jitter
+from driver.identification.correction import Correction, correction
 from driver.identification.cosine_modes import fast_modes
 from driver.identification.data import Data
 from driver.identification.discretisation_covariance import simulation_error
-from driver.identification.fit import Fit, fit
+from driver.identification.fit import Fit, fit, fit_from
 from driver.identification.identifiability import refuse_what_is_not_seen
-from driver.identification.mesh_error import extrapolation, share_left
+from driver.identification.mesh_error import share_left
 from driver.identification.multistart import Outcome, draw_starts, from_each_start
-from driver.identification.objective import Correction, Objective
-from driver.identification.step_error import (
-    error_by_halves,
-    has_first_order,
-    in_parts_of,
-    parts_of,
-)
+from driver.identification.objective import Evaluation, Objective
 from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
 from meshes.arrays import FloatArray
 
@@ -146,11 +139,12 @@ def identify(
         objective = _with_jitter(objective, stage_b.values, plan.jitter)
     logger.info("finer mesh and steps at the result, for the correction")
     noise = noise_factor(stage_b, first.objective.data)
-    change = correction(working, finer, stage_b.best.prediction, stage_b.values, with_steps=True)
+    free = plan.free("C")
+    begin = objective.with_free(stage_b.best, free)
+    change = correction(working, finer, begin.prediction, begin.values, True, free)
     corrected = with_correction(objective, noise, change, plan.sizes)
     logger.info("stage C: all together, with the correction")
-    begin = corrected.with_free(stage_b.best, plan.free("C"))
-    last = fit(corrected, stage_b.values, plan.free("C"), plan.most, start=begin)
+    last = fit_from(begin, corrected, plan.most)
     refuse_what_is_not_seen(last.best)
     return Identification(
         corrected, {"A": first.stage_a, "B": stage_b, "C": last}, plan.law, outcomes
@@ -259,6 +253,32 @@ def with_correction(
     return replace(objective, data=data, correction=change)
 
 
+def corrected_with_derivatives(
+    objective: Objective, finer: ForwardModel, at: Evaluation, sizes: tuple[float, float]
+) -> tuple[Objective, Evaluation]:
+    """Return the objective with the correction at an evaluation, and its derivatives there.
+
+    Args:
+        objective: with a correction taken elsewhere; returned as it is where derivatives cost
+            further simulations.
+        finer: the finer model.
+        at: an evaluation with every parameter free that may ever be.
+        sizes: element sizes of the working and of the finer mesh [µm].
+
+    Returns:
+        The objective, and what the evaluation is under it.
+
+    Raises:
+        SolverError: the finer simulation could not be finished.
+    """
+    if finer.adapter.capabilities().runs_per_direction:
+        return objective, at
+    logger.info("finer mesh and steps at the result, with all derivatives")
+    change = correction(objective.model, finer, at.prediction, at.values, True, at.free)
+    objective = with_correction(objective, objective.data.image.noise_factor, change, sizes)
+    return objective, objective.compare(at.prediction, at.values, at.free)
+
+
 def elastic_stiffness(model: ForwardModel, values: Mapping[str, float]) -> float:
     """Force per elongation of the unyielded specimen [µN/µm], from one minute step."""
     first = elongation_names(model.boundary.weights.shape[1])[0]
@@ -293,57 +313,6 @@ def unload_elastically(
         if drop > 0:
             knots[k] = knots[k - 1] - drop / stiffness
     return dict(values) | dict(zip(names, knots[1:], strict=True))
-
-
-def correction(
-    working: ForwardModel,
-    finer: ForwardModel,
-    coarse: Prediction,
-    values: Mapping[str, float],
-    with_steps: bool = False,
-) -> Correction:
-    """Finer minus working prediction, extrapolated where both meshes are of one family.
-
-    Steps of first order are taken in parts by the finer simulation, those that had to be cut too.
-
-    Args:
-        working: the working model.
-        finer: the finer model.
-        coarse: the working prediction.
-        values: every parameter that it was made with.
-        with_steps: whether the error of such steps is estimated, by one more simulation.
-
-    Raises:
-        SolverError: a simulation could not be finished.
-    """
-    first_order = has_first_order(working, coarse)
-    parts = parts_of(working, finer) if first_order else 1
-    models = [in_parts_of(finer, coarse, values, parts) if first_order else finer]
-    more = extrapolation(working.microstructure.mesh, finer.microstructure.mesh)
-    # Only what is of the mesh is extrapolated: the error of the steps has to be known.
-    if first_order and (with_steps or more):
-        models.append(in_parts_of(working, coarse, values, 2))
-    # One after the other; jobs for another machine are prepared all at once.
-    fine, *halved = side_by_side(lambda model: model.predict(values), models, 1)
-    motion, load = fine.motion - coarse.motion, fine.load - coarse.load
-    of_motion = f", motion {1e3 * np.sqrt(np.mean(motion**2)):.2f} nm rms" if motion.size else ""
-    logger.info(f"  finer − working: load {np.sqrt(np.mean(load**2)):.2f} µN rms{of_motion}")
-    if more:
-        logger.info(f"  extrapolated to cells of no size: {1 + more:.2f} times what is of the mesh")
-    if not halved:
-        return Correction(motion, load, parts=parts).extrapolated(more)
-    left = error_by_halves(coarse, halved[0]).times(1 / parts)
-    corrected = Correction(motion, load, left, parts).extrapolated(more)
-    if not with_steps:
-        return replace(corrected, left_by_steps=None)
-    cuts = working.cut_steps(coarse.response)
-    cut = f"{cuts} more than stated, as some were cut; " if cuts else ""
-    wrong = np.sqrt(np.mean(left.load**2))
-    logger.info(
-        f"  time steps of first order: {cut}{wrong:.2f} µN rms of the load are still wrong, which "
-        "the uncertainties count"
-    )
-    return corrected
 
 
 def noise_factor(fit_: Fit, data: Data) -> float:

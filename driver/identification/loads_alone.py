@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from driver.forward.model import ForwardModel
+from driver.identification.correction import correction
 from driver.identification.discretisation_covariance import DiscretisationError
 from driver.identification.fit import fit
 from driver.identification.identifiability import refuse_what_is_not_seen
@@ -20,7 +21,6 @@ from driver.identification.identify import (
     START,
     Identification,
     Plan,
-    correction,
     elastic_stiffness,
     unload_elastically,
 )

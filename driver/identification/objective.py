@@ -13,56 +13,11 @@ import numpy as np
 from driver.forward.fixed_pattern import apparent_rise
 from driver.forward.model import ForwardModel
 from driver.forward.prediction import Prediction
+from driver.identification.correction import Correction
 from driver.identification.data import Data
 from driver.identification.paper_chi import PaperChi, paper_chi
-from driver.identification.step_error import StepError
 from meshes.arrays import FloatArray
 from solver_adapters.parameter import Parameter
-
-
-@dataclass(frozen=True, eq=False)
-class Correction:
-    """Finer minus working prediction, extrapolated, which is added to every working prediction.
-
-    Attributes:
-        motion: at the pixels [µm], shape (T, n_pix, 3), or 0.
-        load: [µN], shape (T,), or 0.
-        left_by_steps: what the time steps of the finer prediction leave wrong, None where it is not
-            known or the scheme is not of first order.
-        parts: q, equal parts of each working step in the finer simulation: of an error e of the
-            working steps the correction holds e (1 − 1/q) and leaves e/q.
-    """
-
-    motion: FloatArray | float = 0.0
-    load: FloatArray | float = 0.0
-    left_by_steps: StepError | None = None
-    parts: int = 1
-
-    @property
-    def of_mesh(self) -> tuple[FloatArray, FloatArray]:
-        """Motion [µm], (T, n_pix, 3), and load [µN], (T,), as far as they are of the mesh."""
-        motion, load = np.asarray(self.motion), np.asarray(self.load)
-        if self.left_by_steps is None:
-            return motion, load
-        held = self.left_by_steps.times(self.parts - 1)
-        return motion - held.motion, load - held.load
-
-    def extrapolated(self, share: float) -> Correction:
-        """Return the correction with so much more of what it holds of the mesh."""
-        if not share:
-            return self
-        motion, load = self.of_mesh
-        return replace(self, motion=self.motion + share * motion, load=self.load + share * load)
-
-    def mean_with(self, spread: Correction | None) -> Correction:
-        """Return the mean of this correction by a finer mesh and of that by another one.
-
-        Args:
-            spread: half of what the other one adds, None where there is no other one.
-        """
-        if spread is None:
-            return self
-        return replace(self, motion=self.motion + spread.motion, load=self.load + spread.load)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +84,9 @@ class Objective:
         self, prediction: Prediction, values: Mapping[str, float], free: Sequence[str]
     ) -> Evaluation:
         """Residual and Jacobian of a prediction."""
-        motion = prediction.motion + self.correction.motion
-        load = prediction.load + self.correction.load
+        correction = self.correction.at(values)
+        motion = prediction.motion + correction.motion
+        load = prediction.load + correction.load
         residual, shift, rho = self.data.residual(motion, load)
         return replace(
             self.expect(prediction, values, free),
@@ -152,6 +108,8 @@ class Objective:
         slopes = np.array([self.parameters[name].slope(values[name]) for name in free])
         jacobian = self.data.sensitivity(prediction)
         jacobian *= slopes[:, None]
+        if self.correction.derivatives is not None:
+            jacobian += self.correction.derivatives.sensitivity(self.data, free)
         gap, weight = self._prior_at(values, free)
         image, n_frames = self.data.image, self.data.index.size
         return Evaluation(

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from driver.common.formatting import with_sigma
 from driver.experiment.history import History
 from driver.identification.boundary_jitter import BoundaryJitter
+from driver.identification.correction import Correction
 from driver.identification.fit import Fit
 from driver.identification.identifiability import prior_shares, ruled_by_prior
 from driver.identification.identify import Identification
 from driver.identification.kinematic_hessian import kinematic_hessian
-from driver.identification.objective import Correction
 from driver.identification.problem import IdentificationProblem
 from driver.identification.step_error import StepError
 from driver.parameters.boundary import LAMBDAS
@@ -93,7 +93,7 @@ def _write(folder: Path, found: Identification, start: Mapping[str, float], more
     deviation = np.sqrt(np.diag(covariance))
     none = (np.nan, np.inf)
     prior = np.array([found.objective.prior.get(name, none) for name in names])
-    correction = found.objective.correction
+    correction = found.objective.correction.at(found.final.values)
     write_hdf5(
         folder / IDENTIFY,
         {
@@ -339,7 +339,7 @@ def write_with_images(
         problem: what it started from.
         budget: the error budget, by name.
     """
-    correction = found.objective.correction
+    correction = found.objective.correction.at(found.final.values)
     _write(
         folder,
         found,

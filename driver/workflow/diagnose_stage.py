@@ -25,6 +25,7 @@ from driver.diagnosis.statistics.screening import screened
 from driver.experiment.held_out import held_out_cycle
 from driver.forward.build import geometry_of
 from driver.identification.fit import Fit, fit
+from driver.identification.identify import corrected_with_derivatives
 from driver.identification.objective import Evaluation
 from driver.identification.problem import IdentificationProblem, on_another_mesh
 from driver.parameters.covariance import COVARIANCE_PARAMETERS, NOISE_RATIO
@@ -81,6 +82,9 @@ def run_diagnose(context: StageContext) -> None:
     augmented = again.evaluate(values, screened(objective.model, free, wanted, own)[1])
     objective, augmented = objective.with_pattern_at(augmented)
     problem = replace(problem, finer=replace(problem.finer, pattern=objective.model.pattern))
+    objective, augmented = corrected_with_derivatives(
+        objective, problem.finer, augmented, problem.plan.sizes
+    )
     baseline = Fit(objective.restrict(augmented, free), converged, reason, ())
     known: Evaluation | None = augmented
     if held := [name for name in problem.plan.every if name not in free]:

@@ -19,9 +19,8 @@ from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import TOLERANCE, Executor, refit_of, with_prior
 from driver.forward.model import ForwardModel
+from driver.identification.correction import correction
 from driver.identification.fit import fit_from
-from driver.identification.identify import correction
-from driver.identification.mesh_error import extrapolation
 from driver.identification.objective import Evaluation
 
 logger = logging.getLogger(__name__)
@@ -89,9 +88,7 @@ def with_candidate_corrections(
 def _under_its_own(task: _Task) -> Refit | Failure:
     """Return the refit under the correction at its end, or why there is none."""
     refit = task.refit
-    meshes = (m.microstructure.mesh for m in (refit.objective.model, task.finer))
-    # Measured on hexahedra alone.
-    for _ in range(_CORRECTIONS if extrapolation(*meshes) else 1):
+    for _ in range(_CORRECTIONS):
         corrected = _corrected(refit, task)
         if isinstance(corrected, Failure):
             return corrected
@@ -109,6 +106,7 @@ def _corrected(refit: Refit, task: _Task) -> Refit | Failure:
     if isinstance(change, Failure):
         return change
     # What the other mesh adds is that at the baseline: small beside what this changes.
-    objective = replace(objective, correction=change.mean_with(objective.spread))
+    mean = change.mean_with(objective.spread).with_derivatives_of(objective.correction, at.values)
+    objective = replace(objective, correction=mean)
     result = fit_from(at.best, objective, _MOST, TOLERANCE)
     return refit_of(refit.cause, objective, result, task.baseline)

@@ -13,9 +13,9 @@ from driver.diagnosis.causes.causes import NUMERICS, Cause
 from driver.diagnosis.statistics.score_test import Score
 from driver.diagnosis.statistics.screening import whitened_difference
 from driver.forward.model import ForwardModel
+from driver.identification.correction import Correction, correction
 from driver.identification.fit import Fit
-from driver.identification.identify import correction
-from driver.identification.objective import Correction, Evaluation, Objective
+from driver.identification.objective import Evaluation, Objective
 from meshes.arrays import FloatArray
 from solver_adapters.parameter import Parameter
 
@@ -64,7 +64,7 @@ def discretisation_check(
         SolverError: the simulation that tells mesh from steps could not be finished.
     """
     at = here.best
-    change = whitened_difference(objective, fresh, objective.correction)
+    change = whitened_difference(objective, fresh, objective.correction.at(here.values))
     directions = _directions(at, scores, [objective.parameters[name] for name in named])
     effects = [direction.effect(change) for direction in directions]
     if not effects:

@@ -17,9 +17,10 @@ from driver.diagnosis.search.boundary_noise import Level, level_again
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.load_outliers import bad_loads
 from driver.diagnosis.statistics.screening import whitened_difference
+from driver.identification.correction import Correction
 from driver.identification.fit import POLISH, Fit, fit_from
 from driver.identification.identify import with_correction
-from driver.identification.objective import Correction, Objective
+from driver.identification.objective import Objective
 
 logger = logging.getLogger(__name__)
 
@@ -104,8 +105,9 @@ def _corrected(objective: Objective, here: Fit, finer: FineModels, settings: Set
     both = objective.spread is not None
     change, spread = finer.corrections(objective.model, here, both)
     noise = noise_of_images(here, objective.data, settings)
+    mean = change.mean_with(spread).with_derivatives_of(objective.correction, here.values)
     objective = with_correction(objective, noise, change, settings.sizes)
-    return replace(objective, correction=change.mean_with(spread), spread=spread)
+    return replace(objective, correction=mean, spread=spread)
 
 
 def _fitted(

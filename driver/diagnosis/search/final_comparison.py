@@ -15,9 +15,9 @@ from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
 from driver.diagnosis.search.held_out import HeldOutTask, knots_of_cycle, predict_held_out
 from driver.forward.model import ForwardModel
+from driver.identification.correction import Correction, correction
 from driver.identification.fit import POLISH, Fit, fit_from
-from driver.identification.identify import correction
-from driver.identification.objective import Correction, Evaluation, Objective
+from driver.identification.objective import Evaluation, Objective
 from driver.parameters.boundary import elongation_names, tilt_names
 from meshes.arrays import IntArray
 

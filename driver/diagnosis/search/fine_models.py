@@ -14,9 +14,8 @@ from driver.common.parallel import side_by_side
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.search.flip_trial import turned
 from driver.forward.model import ForwardModel
+from driver.identification.correction import Correction, correction
 from driver.identification.fit import Fit
-from driver.identification.identify import correction
-from driver.identification.objective import Correction
 
 logger = logging.getLogger(__name__)
 

@@ -79,8 +79,8 @@ def try_flips(
         return FlipTrial()
     logger.info(f"other frames of the EBSD: {', '.join(flip.name for flip in flips)}")
     starts = [
-        Start(flip, replace(objective, model=turned(objective.model, (flip,))), values, None,
-              baseline, threshold, MOST_FROM_AFAR)
+        Start(flip, _turned(objective, flip, baseline), values, None, baseline, threshold,
+              MOST_FROM_AFAR)
         for flip in flips
         for values in (baseline.values, nominal(baseline, objective))
     ]  # fmt: skip
@@ -110,6 +110,12 @@ def try_flips(
             hopeful.append(seen[promises.index(promise)])
     refits = refit_from(hopeful, executor)
     return FlipTrial(tuple(scores), tuple(refits), tuple(failed))
+
+
+def _turned(objective: Objective, flip: Cause, baseline: Evaluation) -> Objective:
+    """Return the objective with a flip; of the correction no derivative holds in it."""
+    model, correction = turned(objective.model, (flip,)), objective.correction.at(baseline.values)
+    return replace(objective, model=model, correction=correction)
 
 
 def _first_look(start: Start) -> Evaluation | Failure:

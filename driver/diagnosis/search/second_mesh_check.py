@@ -19,8 +19,9 @@ from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.statistics.score_test import NAMING_LEVEL, Score, significance
 from driver.diagnosis.statistics.screening import whitened_difference
+from driver.identification.correction import Correction
 from driver.identification.fit import POLISH, Fit, fit_from
-from driver.identification.objective import Correction, Objective
+from driver.identification.objective import Objective
 
 logger = logging.getLogger(__name__)
 
@@ -73,7 +74,8 @@ def held_against_both(
     first, spread = finer.corrections(objective.model, here, True)
     if spread is None:
         return None
-    both = whitened_difference(objective, first.mean_with(spread), objective.correction)
+    taken = objective.correction.at(here.values)
+    both = whitened_difference(objective, first.mean_with(spread), taken)
     half = whitened_difference(objective, spread, Correction())
     effects = []
     for scored in seen:
@@ -102,5 +104,6 @@ def with_both(objective: Objective, here: Fit, both: OnBoth) -> tuple[Objective,
         both: what two finer meshes say.
     """
     mean = both.first.mean_with(both.spread)
+    mean = mean.with_derivatives_of(objective.correction, here.values)
     objective = replace(objective, correction=mean, spread=both.spread)
     return objective, fit_from(here.best, objective, POLISH)

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from driver.diagnosis.statistics.score_test import Score
+from driver.identification.correction import Correction
 from driver.identification.data import Data
-from driver.identification.objective import Correction
 
 _OF_THE_SPECIMEN = ("material", "microstructure", "boundary")
 

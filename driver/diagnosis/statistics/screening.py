@@ -12,9 +12,10 @@ from driver.diagnosis.statistics.discretisation_variance import score_variance
 from driver.diagnosis.statistics.score_test import Score, score
 from driver.forward.dwell_time import dwells
 from driver.forward.model import ForwardModel
+from driver.identification.correction import Correction
 from driver.identification.fit import Fit
 from driver.identification.mesh_error import variance_left
-from driver.identification.objective import Correction, Objective
+from driver.identification.objective import Objective
 from driver.parameters.history import HOLD
 from driver.parameters.instrument import PATTERN_DECLARATIONS
 from driver.parameters.microstructure import LATTICE_DECLARATIONS

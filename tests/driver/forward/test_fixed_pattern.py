@@ -9,8 +9,9 @@ from scipy import ndimage
 
 from driver.diagnosis.answer.result_types import Diagnosis
 from driver.forward.fixed_pattern import apparent_rise
+from driver.identification.correction import Correction
 from driver.identification.identify import Plan, identify
-from driver.identification.objective import Correction, Objective
+from driver.identification.objective import Objective
 from driver.parameters.boundary import LAMBDAS
 from meshes.arrays import FloatArray
 from tools import closed_form

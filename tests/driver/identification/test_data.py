@@ -9,11 +9,11 @@ import pytest
 from driver.common.splines.images import spline_images
 from driver.dic.basis import grid_basis
 from driver.dic.surface_images import SurfaceImages
+from driver.identification.correction import Correction
 from driver.identification.data import Data
 from driver.identification.identify import with_correction
 from driver.identification.image_data import Gauge, build_image_data
 from driver.identification.missing_pixels import lacking_pixels
-from driver.identification.objective import Correction
 from meshes.arrays import FloatArray
 from tools import closed_form
 from tools.closed_form import BOUNDS, ORIGIN, PIXEL, SHAPE

@@ -9,12 +9,12 @@ import pytest
 
 from driver.common.progress import progress_to
 from driver.experiment.history import knot_weights
+from driver.identification.correction import Correction, correction
 from driver.identification.data import Data
 from driver.identification.fit import Fit, fit
 from driver.identification.identify import (
     Identification,
     Plan,
-    correction,
     elastic_stiffness,
     identify,
     knot_start,
@@ -22,7 +22,6 @@ from driver.identification.identify import (
     start_values,
     unload_elastically,
 )
-from driver.identification.objective import Correction
 from driver.parameters.boundary import LAMBDAS, elongation_names, tilt_names
 from driver.parameters.pose import POSE_DECLARATIONS
 from solver_adapters.interface import Response, Simulation

@@ -9,7 +9,7 @@ import pytest
 
 from driver.forward.build import build_model, mesh_of
 from driver.forward.model import ForwardModel
-from driver.identification.identify import correction
+from driver.identification.correction import correction
 from driver.identification.mesh_error import extrapolation
 from driver.identification.step_error import (
     StepError,

@@ -7,9 +7,9 @@ import pytest
 
 from driver.diagnosis.causes.causes import NUMERICS
 from driver.diagnosis.search.discretisation_check import discretisation_check
+from driver.identification.correction import Correction, correction
 from driver.identification.fit import Fit
-from driver.identification.identify import correction
-from driver.identification.objective import Correction, Objective
+from driver.identification.objective import Objective
 from tools import closed_form
 from tools.closed_form_diagnosis import finer, identified
 

@@ -9,9 +9,9 @@ import pytest
 from driver.diagnosis.causes.causes import Category, Cause
 from driver.diagnosis.statistics.discretisation_variance import score_variance
 from driver.diagnosis.statistics.score_test import Score, score
+from driver.identification.correction import Correction
 from driver.identification.data import Data
 from driver.identification.mesh_error import variance_left
-from driver.identification.objective import Correction
 from meshes.arrays import FloatArray
 from tests.driver.analytic import evaluation
 
