@@ -1,0 +1,207 @@
+"""The correction: finer minus working prediction, and how that changes with the parameters.
+
+It is added to every working prediction (defect correction). What the mesh leaves wrong hangs on
+where crystals yield, and so on the parameters: with the derivatives of both predictions the
+corrected one follows the finer simulation to first order, and a fit ends where that would end.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from driver.common.parallel import side_by_side
+from driver.forward.model import ForwardModel
+from driver.forward.prediction import Prediction
+from driver.identification.data import Data
+from driver.identification.mesh_error import extrapolation
+from driver.identification.step_error import (
+    StepError,
+    error_by_halves,
+    has_first_order,
+    in_parts_of,
+    parts_of,
+)
+from meshes.arrays import FloatArray
+from solver_adapters.parameter import Parameter
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """Derivatives of a correction for θ, about where it was taken.
+
+    Attributes:
+        values: every parameter there.
+        parameters: the k parameters for which they are known, in the order of the predictions.
+        working, finer: the predictions there.
+        factor: by which their difference is extrapolated.
+    """
+
+    values: Mapping[str, float]
+    parameters: tuple[Parameter, ...]
+    working: Prediction
+    finer: Prediction
+    factor: float = 1.0
+
+    def change(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+        """Return by how much the correction is another one at other parameters.
+
+        Args:
+            values: every parameter.
+
+        Returns:
+            Motion at the pixels [µm], shape (T, n_pix, 3), and load [µN], shape (T,).
+        """
+        moved = [
+            p.theta(values[p.name], self.values[p.name]) * p.slope(self.values[p.name])
+            for p in self.parameters
+        ]
+        (motion, load), (less_motion, less_load) = (
+            prediction.along(np.array(moved)) for prediction in (self.finer, self.working)
+        )
+        return self.factor * (motion - less_motion), self.factor * (load - less_load)
+
+    def sensitivity(self, data: Data, free: Sequence[str]) -> FloatArray:
+        """Whitened derivatives for the θ of some parameters, shape (k, n), 0 for those unknown."""
+        names = [p.name for p in self.parameters]
+        known = [(row, names.index(name)) for row, name in enumerate(free) if name in names]
+        rows, columns = [row for row, _ in known], [column for _, column in known]
+        slopes = np.array([p.slope(self.values[p.name]) for p in self.parameters])[columns]
+        finer, working = (data.sensitivity(p.restrict(columns)) for p in (self.finer, self.working))
+        whole = np.zeros((len(free), finer.shape[1]))
+        whole[rows] = self.factor * slopes[:, None] * (finer - working)
+        return whole
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """Finer minus working prediction, extrapolated, which is added to every working prediction.
+
+    Attributes:
+        motion: at the pixels [µm], shape (T, n_pix, 3), or 0.
+        load: [µN], shape (T,), or 0.
+        left_by_steps: what the time steps of the finer prediction leave wrong, None where it is not
+            known or the scheme is not of first order.
+        parts: q, equal parts of each working step in the finer simulation: of an error e of the
+            working steps the correction holds e (1 − 1/q) and leaves e/q.
+        derivatives: of motion and load, None where the correction counts as constant.
+    """
+
+    motion: FloatArray | float = 0.0
+    load: FloatArray | float = 0.0
+    left_by_steps: StepError | None = None
+    parts: int = 1
+    derivatives: Derivatives | None = None
+
+    def at(self, values: Mapping[str, float]) -> Correction:
+        """Return the correction as it is at other parameters, to first order, and constant."""
+        if self.derivatives is None:
+            return self
+        motion, load = self.derivatives.change(values)
+        return replace(self, motion=self.motion + motion, load=self.load + load, derivatives=None)
+
+    def with_derivatives_of(self, other: Correction, values: Mapping[str, float]) -> Correction:
+        """Return this correction with the derivatives of another one, about where this was taken.
+
+        Args:
+            other: taken nearby.
+            values: every parameter where this one was taken.
+        """
+        known = other.derivatives
+        moved = None if known is None else replace(known, values=dict(values))
+        return replace(self, derivatives=moved)
+
+    @property
+    def of_mesh(self) -> tuple[FloatArray, FloatArray]:
+        """Motion [µm], (T, n_pix, 3), and load [µN], (T,), as far as they are of the mesh."""
+        motion, load = np.asarray(self.motion), np.asarray(self.load)
+        if self.left_by_steps is None:
+            return motion, load
+        held = self.left_by_steps.times(self.parts - 1)
+        return motion - held.motion, load - held.load
+
+    def extrapolated(self, share: float) -> Correction:
+        """Return the correction with so much more of what it holds of the mesh."""
+        if not share:
+            return self
+        motion, load = self.of_mesh
+        return replace(self, motion=self.motion + share * motion, load=self.load + share * load)
+
+    def mean_with(self, spread: Correction | None) -> Correction:
+        """Return the mean of this correction by a finer mesh and of that by another one.
+
+        Args:
+            spread: half of what the other one adds, None where there is no other one.
+        """
+        if spread is None:
+            return self
+        return replace(self, motion=self.motion + spread.motion, load=self.load + spread.load)
+
+
+def correction(
+    working: ForwardModel,
+    finer: ForwardModel,
+    coarse: Prediction,
+    values: Mapping[str, float],
+    with_steps: bool = False,
+    free: Sequence[str] = (),
+) -> Correction:
+    """Finer minus working prediction, extrapolated where both meshes are of one family.
+
+    Steps of first order are taken in parts by the finer simulation, those that had to be cut too.
+
+    Args:
+        working: the working model.
+        finer: the finer model.
+        coarse: the working prediction.
+        values: every parameter that it was made with.
+        with_steps: whether the error of such steps is estimated, by one more simulation.
+        free: the parameters for which the working prediction has derivatives, in that order. The
+            correction gets them where they cost no further simulations.
+
+    Raises:
+        SolverError: a simulation could not be finished.
+    """
+    first_order = has_first_order(working, coarse)
+    parts = parts_of(working, finer) if first_order else 1
+    exact = finer.adapter.capabilities().runs_per_direction == 0
+    asked = tuple(free) if exact else ()
+    runs = [(in_parts_of(finer, coarse, values, parts) if first_order else finer, asked)]
+    more = extrapolation(working.microstructure.mesh, finer.microstructure.mesh)
+    # Only what is of the mesh is extrapolated: the error of the steps has to be known.
+    if first_order and (with_steps or more):
+        runs.append((in_parts_of(working, coarse, values, 2), ()))
+    # One after the other; jobs for another machine are prepared all at once.
+    fine, *halved = side_by_side(lambda run: run[0].predict(values, run[1]), runs, 1)
+    motion, load = fine.motion - coarse.motion, fine.load - coarse.load
+    of_motion = f", motion {1e3 * np.sqrt(np.mean(motion**2)):.2f} nm rms" if motion.size else ""
+    logger.info(f"  finer − working: load {np.sqrt(np.mean(load**2)):.2f} µN rms{of_motion}")
+    if more:
+        logger.info(f"  extrapolated to cells of no size: {1 + more:.2f} times what is of the mesh")
+    derivatives = None
+    if asked:
+        declared = tuple(working.parameters[name] for name in asked)
+        # Of first order, what is of the steps would be extrapolated with the rest.
+        factor = 1.0 if first_order else 1.0 + more
+        both = coarse.derivatives_alone(), fine.derivatives_alone()
+        derivatives = Derivatives(dict(values), declared, *both, factor)
+    if not halved:
+        found = Correction(motion, load, parts=parts, derivatives=derivatives)
+        return found.extrapolated(more)
+    left = error_by_halves(coarse, halved[0]).times(1 / parts)
+    corrected = Correction(motion, load, left, parts, derivatives).extrapolated(more)
+    if not with_steps:
+        return replace(corrected, left_by_steps=None)
+    cuts = working.cut_steps(coarse.response)
+    cut = f"{cuts} more than stated, as some were cut; " if cuts else ""
+    wrong = np.sqrt(np.mean(left.load**2))
+    logger.info(
+        f"  time steps of first order: {cut}{wrong:.2f} µN rms of the load are still wrong, which "
+        "the uncertainties count"
+    )
+    return corrected
