@@ -11,7 +11,7 @@ import time
 import numpy as np
 
 from meshes.arrays import FloatArray
-from solver_adapters.bundled.fem.assembly import element_stiffness
+from solver_adapters.bundled.fem.assembly import add_projected_stiffness, element_stiffness
 from solver_adapters.bundled.fem.problem import Problem
 from solver_adapters.bundled.linear.split_matrix import RESIDUAL
 from solver_adapters.bundled.linear.symmetric import SymmetricSolver
@@ -33,6 +33,12 @@ class TangentSystem:
         count = 0 if self._unsymmetric else 2
         self._symmetric = [SymmetricSolver(pattern.indptr, pattern.indices) for _ in range(count)]
         self._moves = False
+        # Memory that is used again, since fresh memory has to be cleared.
+        self._triangles = np.empty(pattern.slots.shape)
+        small = problem.points.strain_measure == "small"
+        self._dilatation = None if small else problem.dilatation
+        self._projected = small and problem.dilatation is not None
+        self._constant: FloatArray | None = None
 
     def assemble(self, C: FloatArray, moves: bool, fresh: bool) -> None:
         """Take the tangents (n_points, 9, 9) of a move or of a hold.
@@ -42,14 +48,15 @@ class TangentSystem:
         Raises:
             LinearSolverError: the matrix is singular or not finite.
         """
-        p, clock = self._problem, time.perf_counter()
-        K = np.empty(p.pattern.slots.shape)
-        element_stiffness(C, p.gradients, p.weights, K, 1 if self._skew else 0, p.dilatation)
-        values = p.pattern.values(K)
+        clock = time.perf_counter()
+        values = self._problem.pattern.values(self._stiffness(C, 1 if self._skew else 0))
+        if self._projected:
+            if self._constant is None:
+                self._constant = self._projected_stiffness(C)
+            values += self._constant
         self._moves = moves
         if self._skew:
-            element_stiffness(C, p.gradients, p.weights, K, -1, p.dilatation)
-            skew = p.pattern.antisymmetric_values(K)
+            skew = self._problem.pattern.antisymmetric_values(self._stiffness(C, -1))
             clock = self._statistics.clock("assembly", clock)
             self._skew.factor(values, skew)
         else:
@@ -60,6 +67,22 @@ class TangentSystem:
             else:
                 solver.update(values)
         self._statistics.clock("factorisation", clock)
+
+    def _stiffness(self, C: FloatArray, part: int) -> FloatArray:
+        p = self._problem
+        element_stiffness(C, p.gradients, p.weights, self._triangles, part, self._dilatation)
+        return self._triangles
+
+    def _projected_stiffness(self, C: FloatArray) -> FloatArray:
+        """Return what the projection of the dilatation adds to the matrix in small strain.
+
+        Slip keeps the volume there: C R, all that it depends on, is that of elasticity.
+        """
+        p = self._problem
+        assert p.dilatation is not None
+        self._triangles[:] = 0.0
+        add_projected_stiffness(C, p.gradients, p.weights, self._triangles, 0, p.dilatation)
+        return p.pattern.values(self._triangles)
 
     def solve(self, rhs: FloatArray, accuracy: float = RESIDUAL) -> FloatArray:
         """Solution for right-hand sides (n_free,) or (n_free, m).

@@ -105,9 +105,21 @@ def element_stiffness(
     n_gauss, n = gradients.shape[1:3]
     _element_stiffness(n_gauss, n)(C, gradients, weights, K, part)
     if dilatation is not None:
-        _add_projected_stiffness(n_gauss, n)(
-            C, gradients, weights, dilatation.axes, dilatation.divergence, K, part
-        )
+        add_projected_stiffness(C, gradients, weights, K, part, dilatation)
+
+
+def add_projected_stiffness(
+    C: FloatArray,
+    gradients: FloatArray,
+    weights: FloatArray,
+    K: FloatArray,
+    part: int,
+    dilatation: Dilatation,
+) -> None:
+    """Add to K what the map of H makes of the stiffness; arguments as in `element_stiffness`."""
+    _add_projected_stiffness(*gradients.shape[1:3])(
+        C, gradients, weights, dilatation.axes, dilatation.divergence, K, part
+    )
 
 
 @cache

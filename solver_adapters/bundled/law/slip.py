@@ -152,6 +152,11 @@ def _fall(w: FloatArray, n: float, solved: bool) -> None:
 @kernel
 def _relax(w: FloatArray, n: float, solved: bool) -> None:
     """Slip, overstress at the end and slope of the systems that relax, from r."""
+    falling = 0.0
+    for s in range(NS):
+        falling += w[FALL + s]
+    if falling == 0.0:
+        return
     for s in range(NS):
         r = w[FALL + s]
         falls = r > 0.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import solve
@@ -90,6 +92,31 @@ def test_a_rough_solution_has_the_residual_that_was_asked() -> None:
         system.assemble(C, moves=True, fresh=False)
         residual = rhs - matrix @ system.solve(rhs, accuracy)
         assert np.linalg.norm(residual) <= accuracy * np.linalg.norm(rhs)
+
+
+@pytest.mark.parametrize("measure", ["small", "finite"])
+@pytest.mark.parametrize("a1", [0.0, 0.3])
+def test_a_plastic_tangent_after_an_elastic_one_has_its_projected_dilatation(
+    a1: float, measure: StrainMeasure, kind: str
+) -> None:
+    material = Material(strain_measure=measure, a1=a1)
+    problem = build_problem(
+        replace(pulled(BOXES[kind](), material, (0.004,)), mean_dilatation=True)
+    )
+    system, n = TangentSystem(problem, Statistics()), problem.points.grain.size
+    rng = np.random.default_rng(4)
+    u = np.zeros((problem.n_nodes, 3))
+    for scale in (0.0, 5e-4):
+        u = scale * rng.normal(size=u.shape)
+        found = problem.points.update(problem.strain(u), problem.state, np.zeros((n, 24)), 1.0)
+        assert found.iterations.min() >= 0
+        system.assemble(found.C, moves=True, fresh=True)
+    assert np.count_nonzero(found.slips) > 0
+    x, free = np.zeros((problem.n_nodes, 3)), problem.pattern.free
+    rhs = rng.normal(size=free.size)
+    x.ravel()[free] = system.solve(rhs)
+    image = problem.forces(np.einsum("pij,pj->pi", found.C, problem.strain(x)))[free]
+    np.testing.assert_allclose(image, rhs, rtol=0, atol=1e-9 * float(np.linalg.norm(rhs)))
 
 
 def test_every_part_of_the_work_is_booked() -> None:
