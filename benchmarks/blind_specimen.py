@@ -1,7 +1,6 @@
-"""The specimen of the blind trial, and what can happen to it: truths finer than what finds them.
+"""The specimen of the blind trial, and what can happen to it, in converged truths.
 
-Short, two cycles, twenty-one images: the least on which most causes are still told apart. Truth and
-what identifies it are of one kind of cells (benchmarks/diagnosis.md).
+Short, two cycles, twenty-one images: the least on which most causes are still told apart.
 """
 
 from __future__ import annotations
@@ -19,9 +18,9 @@ from driver.forward.build import adapter_of, build_model, mesh_of
 from driver.virtual.truth import Course
 from meshes.arrays import FloatArray
 from solver_adapters.interface import Simulation
-from tools.converged_truth import Change, simulated, stage_history
-from tools.short_specimen import CYCLES, small_case
-from tools.short_specimen import true_case as as_it_is
+from tools import converged_truth
+from tools.converged_truth import Change, stage_history, true_case
+from tools.short_specimen import CYCLES
 
 LENGTH = 8.0
 PER_SIGMA = {
@@ -35,20 +34,13 @@ LARGEST = {"soft_slice": 8.0, "notch": 2.0}
 
 def known_case() -> Case:
     """Return what the user knows and believes, with the starts of the paper."""
-    case = small_case()
-    mesh = {"mesh_size_um": 2.0, "fine_mesh_size_um": 1.3}
+    case = converged_truth.known_case()
     return case.model_copy(
         update={
-            "specimen": case.specimen.model_copy(update=mesh),
             "diagnosis": case.diagnosis.model_copy(update={"held_out_cycle": "last", "refit": 5}),
             "execution": case.execution.model_copy(update={"processes": 1, "threads": 1}),
         }
     )
-
-
-def true_case() -> Case:
-    """Return the specimen as it is: another law, other apex amplitudes, finer mesh and steps."""
-    return as_it_is(known_case())
 
 
 @cache
@@ -73,7 +65,7 @@ def pulled(hidden: Mapping[str, float], change: Change | None = None, dense: int
         SolverError: the simulation could not be finished, or a geometric parameter turns a
             cell inside out.
     """
-    return simulated(true_case(), hidden, change, dense)
+    return converged_truth.pulled(hidden, None, change, dense)
 
 
 def jittered(sigma: float, seed: int, dense: int = 1) -> Course:

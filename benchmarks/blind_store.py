@@ -11,10 +11,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from benchmarks.blind_specimen import known_case, true_case
+from benchmarks.blind_specimen import known_case
 from driver.results.hdf5 import prismid_version
 from solver_adapters.bundled.identity import solver_hash
 from solver_adapters.kernels import PACKAGES, hash_of
+from tools.converged_truth import true_case
 
 Kept = TypeVar("Kept")
 Record = dict[str, Any]
@@ -32,8 +33,9 @@ TRUTHS = (
             "forward/boundary_motion", "forward/build", "forward/dwell_time",
             "forward/fixed_pattern", "forward/instrument", "forward/load_lag",
             "forward/microstructure", "forward/model", "forward/prediction",
-            "forward/surface_projection", "identification/data", "identification/image_data",
-            "identification/objective", "identification/reference_noise",
+            "forward/surface_projection", "identification/correction", "identification/data",
+            "identification/image_data", "identification/objective",
+            "identification/reference_noise",
             "parameters/boundary", "parameters/history", "parameters/instrument",
             "parameters/microstructure", "parameters/pose", "parameters/registry",
             "parameters/user_terms", "virtual/microscope/face_motion", "virtual/truth",

@@ -76,22 +76,29 @@ def stage_history(dense: int = 1) -> History:
     return history_of_rows(rows)
 
 
-def pulled(hidden: Mapping[str, float], truth: Case | None = None) -> Course:
+def pulled(
+    hidden: Mapping[str, float],
+    truth: Case | None = None,
+    change: Change | None = None,
+    dense: int = 1,
+) -> Course:
     """Return the test, converged but for what the mesh leaves wrong of an effect.
 
     Args:
         hidden: true values of parameters of the general model that are not at their null.
         truth: the specimen, where it is not that of `true_case`; its face is the same.
+        change: what happens besides that no parameter of the general model says.
+        dense: as of the history; it divides `DENSEST`.
 
     Raises:
         InputError: a parameter is unknown or out of its bounds.
         SolverError: the simulation could not be finished, or a geometric parameter turns a
             cell inside out.
     """
-    converged, bare = _converged(), _bare()
-    as_usual = not hidden and truth is None
-    course = bare if as_usual else simulated(truth or true_case(), hidden)
-    points, images = converged.face.points, slice(None, None, DENSEST)
+    converged, bare = _converged(), _bare(dense)
+    as_usual = not hidden and truth is None and change is None
+    course = bare if as_usual else simulated(truth or true_case(), hidden, change, dense)
+    points, images = converged.face.points, slice(None, None, DENSEST // dense)
     moved = on_face(course.face, course.motion, points) - on_face(bare.face, bare.motion, points)
     return replace(
         course,
@@ -141,5 +148,5 @@ def _converged() -> Reference:
 
 
 @cache
-def _bare() -> Course:
-    return simulated(true_case(), {})
+def _bare(dense: int) -> Course:
+    return simulated(true_case(), {}, None, dense)

@@ -61,13 +61,20 @@ def estimate(
         for n in (directions, 0)
     )
     finer = cells_of_size(case, n_cells, case.specimen.fine_mesh_size)
-    fine = steps_seconds(case, solver, finer, intervals * case.solver.fine_steps_per_interval, 0)
+    causes = _CAUSE_DIRECTIONS if case.with_images else 0
+    # The finer simulation tells its derivatives twice: for all that is fitted, and for all causes.
+    exact = not solver.runs_per_direction
+    told = (directions, directions + causes) if exact and case.with_images else ()
+    fine = sum(
+        steps_seconds(case, solver, finer, intervals * case.solver.fine_steps_per_interval, n)
+        for n in (*told, *(0,) * (_FINE_RUNS - len(told)))
+    )
     fits = round(_ITERATION_SHARE * case.identification.max_iterations)
     refits = min(case.diagnosis.refit, _causes(case)) * _PER_REFIT if case.with_images else 0
     looks = _bent_causes(case) * _PER_LOOK if case.with_images else 0
     # Only further starts, refits and looks are independent of each other and run side by side.
     beside = working * (fits * (case.identification.starts - 1) + refits) + plain * looks
-    solving = working * fits + beside / case.execution.processes + _FINE_RUNS * fine
+    solving = working * fits + beside / case.execution.processes + fine
     if case.boundary.jitter_nm:
         # A direction for the stop of each image, before stage B and at its result.
         solving += 2 * steps_seconds(
@@ -75,10 +82,13 @@ def estimate(
         )
     face = case.specimen.length * case.specimen.width / case.images.pixel_um**2
     correlation = _PIXEL_SECONDS * face * n_images if case.with_images else 0.0
-    causes = _CAUSE_DIRECTIONS if case.with_images else 0
     steps = case.solver.steps_per_interval
     kind = case.specimen.cell_kind
     memory = simulation_memory(kind, n_cells, n_images, directions + causes, steps)
+    if told:
+        finer_steps = case.solver.fine_steps_per_interval
+        once = simulation_memory(kind, finer, n_images, max(told), finer_steps)
+        memory = max(memory, once)
     if case.execution.processes > 1:
         each = simulation_memory(kind, n_cells, n_images, directions, steps)
         memory += case.execution.processes * each
