@@ -124,9 +124,15 @@ class MaterialTable(Table):
     tau0_grain1_slope_X: float = _constant(
         "tau0_grain1_slope_X", "slope of ln tau0 along X in grain 1"
     )
-    tau0_grain2_slope_Y: float = _constant("tau0_grain2_slope_Y", "as in grain 1")
-    tau0_grain2_bend_Y: float = _constant("tau0_grain2_bend_Y", "as in grain 1")
-    tau0_grain2_slope_X: float = _constant("tau0_grain2_slope_X", "as in grain 1")
+    tau0_grain2_slope_Y: float = _constant(
+        "tau0_grain2_slope_Y", "slope of ln tau0 along Y in grain 2, from its middle to its end"
+    )
+    tau0_grain2_bend_Y: float = _constant(
+        "tau0_grain2_bend_Y", "bend of ln tau0 along Y in grain 2, at its ends"
+    )
+    tau0_grain2_slope_X: float = _constant(
+        "tau0_grain2_slope_X", "slope of ln tau0 along X in grain 2"
+    )
     elastic_scale: float = _constant("elastic_scale", "factor on C11, C12, C44")
     C44_scale: float = _constant("C44_scale", "factor on C44 alone")
     strain_measure: Literal["small", "finite"] = Field(

@@ -2,8 +2,8 @@
 
 What the working mesh gets wrong depends on where crystals yield, and that on the cause: of causes
 that do much the same the correction at the baseline may favour the wrong one by several units of
-log evidence. What two sizes of hexahedra differ by is extrapolated, and moves a fit so far that its
-correction is another one there; it is taken again until the evidence settles.
+log evidence. Its derivatives tell the most of that, but not far from there: it is taken again until
+the evidence settles.
 """
 
 from __future__ import annotations
