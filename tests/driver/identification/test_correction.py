@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from driver.forward.model import ForwardModel
+from driver.forward.prediction import Prediction
+from driver.identification.correction import Correction, correction
+from driver.identification.fit import fit
+from driver.parameters.boundary import LAMBDAS, elongation_names
+from solver_adapters.interface import Capabilities
+from tools import closed_form
+from tools.closed_form import LAW
+from tools.closed_form_diagnosis import finer, priors
+
+BENCH = closed_form.problem()
+FREE = (*LAMBDAS, *elongation_names(5), *LAW, "tau0_grain2")
+AWAY = {"tau0": 0.08, "d": -0.1, "lambda_plus_Y": 0.2, "tau0_grain2": 0.1}
+"""Relative changes of parameters."""
+
+
+def fine_model(by: float = 0.03) -> ForwardModel:
+    return finer(BENCH, by)
+
+
+def away(share: float) -> dict[str, float]:
+    values = dict(BENCH.truth)
+    return values | {name: values[name] * (1 + share * change) for name, change in AWAY.items()}
+
+
+@cache
+def taken() -> tuple[Prediction, Correction]:
+    """The working prediction at the truth, and the correction with its derivatives there."""
+    here = BENCH.model.predict(BENCH.truth, FREE)
+    return here, correction(BENCH.model, fine_model(), here, BENCH.truth, free=FREE)
+
+
+def missed(share: float, change: Correction) -> tuple[float, float]:
+    """What the corrected prediction lacks of the finer one some way off: motion [nm], load [µN]."""
+    values = away(share)
+    coarse, fine = (m.predict(values) for m in (BENCH.model, fine_model()))
+    there = change.at(values)
+    motion = fine.motion - coarse.motion - there.motion
+    load = fine.load - coarse.load - there.load
+    return 1e3 * float(np.abs(motion).max()), float(np.abs(load).max())
+
+
+def test_the_corrected_prediction_follows_the_finer_simulation_to_first_order() -> None:
+    _, change = taken()
+    constant = replace(change, derivatives=None)
+    for near, far, fixed in zip(
+        missed(0.5, change), missed(1.0, change), missed(1.0, constant), strict=True
+    ):
+        assert far < 0.3 * fixed
+        assert far / near == pytest.approx(4.0, rel=0.25)
+
+
+def test_where_it_was_taken_it_is_the_difference_of_both_predictions() -> None:
+    here, change = taken()
+    fine = fine_model().predict(BENCH.truth)
+    there = change.at(BENCH.truth)
+    np.testing.assert_allclose(here.motion + there.motion, fine.motion, atol=1e-12)
+    np.testing.assert_allclose(here.load + there.load, fine.load, rtol=1e-12)
+
+
+def test_the_jacobian_of_a_corrected_prediction_is_that_of_the_finer_simulation() -> None:
+    here, change = taken()
+    made = closed_form.objective(BENCH, BENCH.truth)
+    corrected = replace(made, correction=change).expect(here, BENCH.truth, FREE)
+    fine = replace(made, model=fine_model()).evaluate(BENCH.truth, FREE)
+    assert np.abs(made.expect(here, BENCH.truth, FREE).jacobian - fine.jacobian).max() > 0.1
+    np.testing.assert_allclose(corrected.jacobian, fine.jacobian, atol=1e-6)
+
+
+def test_parameters_without_derivatives_have_those_of_the_working_prediction() -> None:
+    here, change = taken()
+    made = replace(closed_form.objective(BENCH, BENCH.truth), correction=change)
+    names = ("skin_tau0", *FREE)
+    wide = made.evaluate(BENCH.truth, names)
+    plain = replace(made, correction=Correction()).evaluate(BENCH.truth, names)
+    np.testing.assert_array_equal(wide.jacobian[0], plain.jacobian[0])
+    narrow = made.compare(here, BENCH.truth, FREE)
+    np.testing.assert_allclose(wide.jacobian[1:], narrow.jacobian, atol=1e-9)
+
+
+def test_a_fit_that_begins_afar_ends_where_that_of_the_finer_simulation_does() -> None:
+    """A constant correction ends where the parameters have made up for what it lacks there."""
+    made = replace(closed_form.objective(BENCH, BENCH.truth), prior=priors(BENCH.truth))
+    start, fine = away(1.0), fine_model(0.2)
+    wanted = fit(replace(made, model=fine), start, FREE, 12)
+    ends = []
+    for derivatives in (True, False):
+        here = made.evaluate(start, FREE)
+        change = correction(made.model, fine, here.prediction, start, free=FREE)
+        change = change if derivatives else replace(change, derivatives=None)
+        ends.append(fit(replace(made, correction=change), start, FREE, 12))
+    off = [
+        max(
+            abs(end.values[name] - wanted.values[name]) / wanted.sigma(name, made.parameters)
+            for name in FREE
+        )
+        for end in ends
+    ]
+    assert off[0] < 0.3 * off[1] and off[1] > 0.2
+
+
+def test_derivatives_that_cost_simulations_are_not_asked_for() -> None:
+    class ByDifferences(closed_form.ClosedFormSolver):
+        def capabilities(self) -> Capabilities:
+            return replace(super().capabilities(), runs_per_direction=2)
+
+    here, _ = taken()
+    fine = replace(BENCH.model, adapter=ByDifferences(0.03))
+    change = correction(BENCH.model, fine, here, BENCH.truth, free=FREE)
+    assert change.derivatives is None and change.at(away(1.0)) is change
+
+
+def test_a_correction_taken_elsewhere_keeps_derivatives_and_is_itself_there() -> None:
+    _, before = taken()
+    values = away(1.0)
+    here = BENCH.model.predict(values)
+    again = correction(BENCH.model, fine_model(), here, values)
+    moved = again.with_derivatives_of(before, values)
+    np.testing.assert_array_equal(moved.at(values).load, again.load)
+    np.testing.assert_array_equal(moved.at(values).motion, again.motion)
+    assert moved.derivatives is not None and before.derivatives is not None
+    assert moved.derivatives.parameters == before.derivatives.parameters
