@@ -1,9 +1,8 @@
 """The test of the short specimen: converged, and beside it what an effect changes.
 
-Without an effect it is the mean of two kinds of small cells, each with its cure of locking, in a
-third of the time steps (`mesh_reference`). An effect adds what it changes on hexahedra of two
-thirds of the finer size of the case, so that their error counts in that change alone: an eighth of
-it for a contrast of the grains (benchmarks/diagnosis.md).
+Without an effect it is the mean of two kinds of small cells, each with its cure of locking and
+extrapolated to cells of no size, in a third of the time steps (`mesh_reference`). An effect adds
+what it changes on hexahedra of two sizes, extrapolated alike (benchmarks/diagnosis.md).
 """
 
 from __future__ import annotations
@@ -15,13 +14,16 @@ from functools import cache
 import numpy as np
 
 from driver.case.model import Case
+from driver.case.specimen import SIZES
 from driver.experiment.history import History
 from driver.forward.build import adapter_of, build_model, geometry_of
+from driver.forward.model import ForwardModel
 from driver.virtual.truth import Course, history_of_rows, seen_course, true_model
+from meshes.arrays import FloatArray
 from meshes.prism import CellKind, generate
 from solver_adapters.interface import Simulation
 from tools import mesh_reference
-from tools.mesh_reference import Reference, on_face
+from tools.mesh_reference import Reference, extrapolated, on_face
 from tools.short_specimen import CYCLES, small_case, true_knots
 from tools.short_specimen import true_case as as_it_is
 
@@ -29,8 +31,13 @@ Change = Callable[[Simulation, History], Simulation]
 
 MOVE, SECONDS = 5.0, 15.0  # stage travel [µm] and time from one image to the next
 REFERENCE = "short"
-SMALLEST: tuple[tuple[CellKind, float], ...] = (("hex20", 0.5), ("tet10", 0.5))
-"""Cells of the reference and their size [µm]."""
+SMALLEST: tuple[tuple[CellKind, tuple[float, float]], ...] = (
+    ("hex20", (0.5, 0.4)),
+    ("tet10", (0.5, 0.35)),
+)
+"""Cells of the reference and their two sizes [µm]."""
+OF_EFFECTS = (0.667, 0.5)
+"""Sizes of the hexahedra that tell what an effect changes [µm]."""
 DENSEST = 3
 """Images of the reference for each image of the test."""
 
@@ -45,7 +52,7 @@ def known_case() -> Case:
 def true_case() -> Case:
     """Return the specimen as it is, another law and other apex amplitudes, for the change alone."""
     truth = as_it_is(small_case())
-    mesh = {"cells": "hex20", "mesh_size_um": 0.667, "fine_mesh_size_um": 0.4}
+    mesh = {"cells": "hex20"} | dict(zip(SIZES, OF_EFFECTS, strict=True))
     steps = {"steps_per_interval": 1, "mean_dilatation": True}
     return truth.model_copy(
         update={
@@ -95,17 +102,36 @@ def pulled(
         SolverError: the simulation could not be finished, or a geometric parameter turns a
             cell inside out.
     """
-    converged, bare = _converged(), _bare(dense)
-    as_usual = not hidden and truth is None and change is None
-    course = bare if as_usual else simulated(truth or true_case(), hidden, change, dense)
-    points, images = converged.face.points, slice(None, None, DENSEST // dense)
-    moved = on_face(course.face, course.motion, points) - on_face(bare.face, bare.motion, points)
+    converged, images = _converged(), slice(None, None, DENSEST // dense)
+    motion, load = converged.motion.mean(axis=0)[images], converged.load.mean(axis=0)[images]
+    if not hidden and truth is None and change is None:
+        return replace(_bare(dense)[0], face=converged.face, motion=motion, load=load)
+    courses = _on_both(truth or true_case(), hidden, change, dense)
+    pairs = list(zip(courses, _bare(dense), strict=True))
+    moved = [_at(course, converged) - _at(bare, converged) for course, bare in pairs]
+    more = [course.load - bare.load for course, bare in pairs]
+    ratio = OF_EFFECTS[1] / OF_EFFECTS[0]
     return replace(
-        course,
+        courses[1],
         face=converged.face,
-        motion=converged.motion.mean(axis=0)[images] + moved,
-        load=converged.load.mean(axis=0)[images] + course.load - bare.load,
+        motion=motion + extrapolated(moved[0], moved[1], ratio),
+        load=load + extrapolated(more[0], more[1], ratio),
     )
+
+
+def _on_both(
+    truth: Case, hidden: Mapping[str, float], change: Change | None, dense: int
+) -> tuple[Course, Course]:
+    """Return the test of a specimen on cells of both its sizes."""
+    one, other = (
+        simulated(truth.with_values_at({f"specimen.{SIZES[0]}": size}), hidden, change, dense)
+        for size in (truth.specimen.mesh_size, truth.specimen.fine_mesh_size)
+    )
+    return one, other
+
+
+def _at(course: Course, converged: Reference) -> FloatArray:
+    return on_face(course.face, course.motion, converged.face.points)
 
 
 def simulated(
@@ -129,17 +155,17 @@ def simulated(
 
 
 def reference() -> Reference:
-    """Simulate the reference anew, which takes about ten minutes of one core."""
+    """Simulate the reference anew, which takes about a quarter of an hour of one core."""
     truth, history = true_case(), stage_history(DENSEST)
     adapter = adapter_of(truth)
     _, values = true_model(truth, history, adapter, true_knots(history))
-    one, other = (
-        build_model(
-            truth, generate(geometry_of(truth), size, kind), history, np.zeros((0, 2)), adapter, 1
-        )
-        for kind, size in SMALLEST
-    )
-    return mesh_reference.made((one, other), values)
+
+    def model(kind: CellKind, size: float) -> ForwardModel:
+        mesh = generate(geometry_of(truth), size, kind)
+        return build_model(truth, mesh, history, np.zeros((0, 2)), adapter, 1)
+
+    pairs = [(model(kind, large), model(kind, small)) for kind, (large, small) in SMALLEST]
+    return mesh_reference.made(pairs, values)
 
 
 @cache
@@ -148,5 +174,5 @@ def _converged() -> Reference:
 
 
 @cache
-def _bare(dense: int) -> Course:
-    return simulated(true_case(), {}, None, dense)
+def _bare(dense: int) -> tuple[Course, Course]:
+    return _on_both(true_case(), {}, None, dense)

@@ -1,11 +1,12 @@
 """Converged predictions of the face and of the load, stored, and how they are made anew.
 
-A reference is the mean of two predictions of different formulations or meshes, on the smallest
-cells that can be had. How far they are apart says how well it is known.
+A reference is the mean of two predictions on different kinds of cells, each extrapolated from two
+sizes of small cells to cells of no size. How far they are apart says how well it is known.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +17,8 @@ from meshes.arrays import FloatArray, IntArray
 from meshes.surface import SurfaceMesh, interpolation, trace
 
 FOLDER = Path(__file__).parent / "references"
+ORDER = 1.5
+"""Power of the size with which errors of cells below 0.7 µm fall (benchmarks/numerics.md)."""
 _INSET = 1e-6  # µm, by which points of an edge are drawn onto the face
 
 
@@ -24,7 +27,7 @@ class Reference:
     """Two predictions on the face of one mesh, T images.
 
     Attributes:
-        face: the measured face of the mesh of the first prediction, n nodes.
+        face: the measured face of the smallest cells of the first prediction, n nodes.
         motion: of the nodes [µm], (2, T, n, 3).
         load: [µN], (2, T).
         n_cells: cells of that mesh.
@@ -68,17 +71,37 @@ def on_face(face: SurfaceMesh, motion: FloatArray, points: FloatArray) -> FloatA
     return np.ascontiguousarray(flat.reshape(-1, T, 3).transpose(1, 0, 2))
 
 
-def made(models: tuple[ForwardModel, ForwardModel], values: dict[str, float]) -> Reference:
-    """Simulate both models; the motion of the second is read at the nodes of the first."""
-    responses = [model.adapter.solve(model.simulation(values)) for model in models]
-    faces = [trace(model.microstructure.mesh) for model in models]
-    second = on_face(faces[1], responses[1].displacement, faces[0].points)
-    return Reference(
-        faces[0],
-        np.array([responses[0].displacement, second]),
-        np.array([response.force for response in responses]),
-        len(models[0].microstructure.mesh.cells),
-    )
+def extrapolated(coarser: FloatArray, finer: FloatArray, ratio: float) -> FloatArray:
+    """Return what two predictions say of cells of no size (Richardson's extrapolation).
+
+    Args:
+        coarser: the prediction on the larger cells.
+        finer: that on the smaller ones.
+        ratio: of the size of the smaller cells to that of the larger ones.
+    """
+    fallen = ratio**ORDER
+    return finer + fallen / (1.0 - fallen) * (finer - coarser)
+
+
+def made(pairs: Sequence[tuple[ForwardModel, ForwardModel]], values: dict[str, float]) -> Reference:
+    """Simulate two pairs of models, each of one kind of cells, the larger ones first.
+
+    All motions are read at the nodes of the smaller cells of the first pair.
+    """
+    face = trace(pairs[0][1].microstructure.mesh)
+    motions, loads = [], []
+    for pair in pairs:
+        responses = [model.adapter.solve(model.simulation(values)) for model in pair]
+        meshes = [model.microstructure.mesh for model in pair]
+        ratio = (len(meshes[0].cells) / len(meshes[1].cells)) ** (1.0 / 3.0)
+        coarser, finer = (
+            on_face(trace(mesh), response.displacement, face.points)
+            for mesh, response in zip(meshes, responses, strict=True)
+        )
+        motions.append(extrapolated(coarser, finer, ratio))
+        loads.append(extrapolated(responses[0].force, responses[1].force, ratio))
+    n_cells = len(pairs[0][1].microstructure.mesh.cells)
+    return Reference(face, np.array(motions), np.array(loads), n_cells)
 
 
 def write(reference: Reference, name: str) -> None:
