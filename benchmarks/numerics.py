@@ -1,6 +1,6 @@
 """Error of meshes beside converged references, in standard deviations of the data.
 
-    python -m benchmarks.numerics           every mesh of `MESHES`, and pairs of them extrapolated
+    python -m benchmarks.numerics           every mesh of `MESHES`, and corrections by two of them
     python -m benchmarks.numerics --quick   the working prediction of the demo alone
     python -m benchmarks.numerics --make alpha   its reference anew, which takes half an hour
     python -m benchmarks.numerics --make short   that of the blind trial's specimen, a quarter
@@ -26,10 +26,10 @@ from benchmarks.diagnosis import ALPHA, TRUTH
 from benchmarks.measuring import show
 from driver.case.model import Case, load_case
 from driver.forward.build import adapter_of, build_model, geometry_of
+from driver.forward.mesh_extrapolation import lacking_share
 from driver.forward.model import ForwardModel
 from driver.identification.correction import Correction
 from driver.identification.identify import with_correction
-from driver.identification.mesh_error import extrapolation
 from driver.identification.problem import IdentificationProblem
 from driver.parameters.boundary import LAMBDAS
 from driver.virtual.writing import record
@@ -73,14 +73,15 @@ MESHES = (
     Discretisation("hex20", 0.667, True),
     Discretisation("hex20", 0.5, True),
 )
-PAIRS = (
-    (MESHES[0], MESHES[1]),
-    (WORKING, FINER),
-    (WORKING, Discretisation("hex20", 0.667, True)),
-    (FINER, Discretisation("hex20", 0.667, True)),
-    (FINER, Discretisation("hex20", 0.5, True)),
+_SMALL, _SMALLER = Discretisation("hex20", 0.667, True), Discretisation("hex20", 0.5, True)
+CORRECTED = (
+    (MESHES[0], MESHES[0], MESHES[1]),
+    (WORKING, WORKING, FINER),
+    (WORKING, FINER, _SMALL),
+    (WORKING, _SMALL, _SMALLER),
+    (FINER, _SMALL, _SMALLER),
 )
-"""Working and finer meshes whose corrected prediction is judged."""
+"""Working meshes whose corrected prediction is judged, each with two meshes for its correction."""
 SMALLEST = (
     (Discretisation("hex20", 0.667, True), Discretisation("hex20", 0.5, True)),
     (Discretisation("tet10", 0.5, True), Discretisation("tet10", 0.35, True)),
@@ -202,12 +203,12 @@ def model_on(
     return replace(model, integration="exponential", mean_dilatation=d.mean_dilatation)
 
 
-def corrected(working: Seen, finer: Seen, share: float) -> Seen:
+def corrected(coarser: Seen, finer: Seen, share: float) -> Seen:
     """Return the finer prediction extrapolated by a share of what both differ by."""
     return Seen(
-        finer.motion + share * (finer.motion - working.motion),
-        finer.load + share * (finer.load - working.load),
-        working.seconds + finer.seconds,
+        finer.motion + share * (finer.motion - coarser.motion),
+        finer.load + share * (finer.load - coarser.load),
+        coarser.seconds + finer.seconds,
         finer.n_cells,
     )
 
@@ -254,12 +255,12 @@ def study(ruler: Ruler) -> None:
     for discretisation in MESHES:
         seen = predictions[discretisation] = ruler.seen(discretisation)
         line(str(discretisation), seen, ruler.error(seen))
-    for working, finer in PAIRS:
-        meshes = [ruler.model(d).microstructure.mesh for d in (working, finer)]
-        share = extrapolation(meshes[0], meshes[1])
-        seen = corrected(predictions[working], predictions[finer], share)
-        name = f"{working.kind} {working.size:g} → {finer.size:g} µm"
-        line(f"{name}, + {share:.2f} of it", seen, ruler.error(seen))
+    for working, coarser, finer in CORRECTED:
+        meshes = [ruler.model(d).microstructure.mesh for d in (coarser, finer)]
+        share = lacking_share(meshes[0], meshes[1])
+        seen = corrected(predictions[coarser], predictions[finer], share)
+        name = f"{working.kind} {working.size:g} µm by {coarser.size:g} → {finer.size:g} µm"
+        line(name, seen, ruler.error(seen))
         change = Correction(
             seen.motion - predictions[working].motion, seen.load - predictions[working].load
         )

@@ -79,7 +79,7 @@ def extrapolated(coarser: FloatArray, finer: FloatArray, ratio: float) -> FloatA
         finer: that on the smaller ones.
         ratio: of the size of the smaller cells to that of the larger ones.
     """
-    fallen = ratio**ORDER
+    fallen: float = ratio**ORDER
     return finer + fallen / (1.0 - fallen) * (finer - coarser)
 
 

@@ -344,21 +344,21 @@ def simulation_error() -> Figure:
     for size in _SIZES:
         model = _prism_model(size)
         prediction = model.predict(_values_of(model, (0.060, 0.055)), ())
-        runs.append((len(model.microstructure.mesh.cells), prediction.load))
+        runs.append((model.microstructure.mesh, prediction.load))
     (few, working), (more, finer), (many, truth) = runs
     figure = new_figure(3.9)
     load, difference = figure.subplots(1, 2)
     row = np.arange(working.size)
-    for force, size, cells, colour in zip(
+    for force, size, mesh, colour in zip(
         (working, finer, truth), _SIZES, (few, more, many), (BEFORE, AFTER, MEASURED), strict=True
     ):
-        load.plot(row, force, color=colour, lw=1.4, label=f"{size:g} µm, {cells} cells")
+        load.plot(row, force, color=colour, lw=1.4, label=f"{size:g} µm, {len(mesh.cells)} cells")
     load.set_xlabel("row of the history")
     load.set_ylabel("load [µN]")
     load.set_title("Load by the size of the elements")
     load.legend(loc="lower center")
     grid(load)
-    kappa = share_left(10, _SIZES[1] / _SIZES[0])
+    kappa = share_left(few, _SIZES[:2])
     correction = finer - working
     difference.fill_between(row, -kappa * np.abs(correction), kappa * np.abs(correction),
                             color=AFTER, alpha=0.2, lw=0,

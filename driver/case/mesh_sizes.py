@@ -1,8 +1,8 @@
 """Sizes of the elements of the working and of the finer mesh where none are stated.
 
 Hexahedra have whole numbers of cells along half of the longest side of the section: 1 and 2 of
-them at first, then 2 and 3, 3 and 5, 4 and 6. So the finer mesh is finer across the section, too,
-by a ratio that tells of the error (`LARGEST_RATIO`). Tetrahedra of 4 µm of width have 1.6 and
+them at first, then 1 and 3, 1 and 4, 2 and 5. The finer simulation counts to first order in all
+parameters, so that the working mesh need not be fine. Tetrahedra of 4 µm of width have 1.6 and
 1.11 µm at first, and two thirds of both with each refinement.
 """
 
@@ -12,6 +12,7 @@ from meshes.prism import CellKind, longest_side, section_divisions
 
 LARGEST_RATIO = 0.7
 """Of the finer size of hexahedra to the working one, up to which both tell of the error."""
+_HEXAHEDRA = (1, 2)  # cells along half of the longest side
 _TETRAHEDRA = (1 / 2.5, 1 / 3.6)  # of the width
 _TWO_THIRDS = 2 / 3
 
@@ -28,7 +29,7 @@ def sizes_at(width: float, depth: float, kind: CellKind, level: int) -> Sizes:
         level: how often both meshes were refined.
     """
     if kind == "hex20":
-        sizes = _of_divisions(width, depth, (1, 2))
+        sizes = _of_divisions(width, depth, _HEXAHEDRA)
     else:
         sizes = _rounded(*(share * width for share in _TETRAHEDRA))
     for _ in range(level):
@@ -48,8 +49,7 @@ def refined_sizes(width: float, depth: float, kind: CellKind, sizes: Sizes) -> S
     if kind == "tet10":
         return _rounded(*(_TWO_THIRDS * size for size in sizes))
     working, finer = (section_divisions(width, depth, size) for size in sizes)
-    working += 1
-    return _of_divisions(width, depth, (working, max(working + (working + 1) // 2, finer + 1)))
+    return _of_divisions(width, depth, (max(working, finer // 2), finer + 1))
 
 
 def _of_divisions(width: float, depth: float, divisions: tuple[int, int]) -> Sizes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from driver.experiment.images.reference import Reference, build_reference
 from driver.experiment.reading import Experiment
 from driver.forward.boundary_motion import BoundaryMotion
 from driver.forward.instrument import Instrument
+from driver.forward.mesh_extrapolation import extrapolated_with
 from driver.forward.microstructure import build_microstructure
 from driver.forward.model import ForwardModel
 from driver.forward.surface_projection import PixelProjection
@@ -26,7 +28,7 @@ from meshes.arrays import FloatArray
 from meshes.cells import NAMES
 from meshes.plane_files import read_plane_mesh
 from meshes.plane_mesh import PlaneMesh
-from meshes.prism import PrismGeometry, generate
+from meshes.prism import PrismGeometry, generate, longest_side, section_divisions
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import trace
 from solver_adapters.external import ExternalAdapter
@@ -37,6 +39,7 @@ from solver_adapters.registry import find_adapter
 
 _SMALLER = (0.93, 0.9, 0.87, 0.84, 0.8, 0.75)  # elements of another mesh over those of the first
 _TWO_THIRDS = 2 / 3  # of hexahedra over those of the first mesh
+_NEXT_COARSER = 0.75  # of the cells along a side, which a mesh to extrapolate with has at most
 _COMMON = 0.2  # share of its nodes that it may have in common with the first
 _SAME = 0.02  # element sizes between two nodes that are as good as the same
 TRACE = "trace"  # of the working mesh, in place of a mesh file of the correlation
@@ -319,6 +322,55 @@ def build_model(
         mean_dilatation=case.mean_dilatation,
         workspace=workspace,
     )
+
+
+def build_finer_model(
+    case: Case,
+    mesh: PrismMesh,
+    history: History,
+    pixels: FloatArray,
+    adapter: Adapter,
+    workspace: Path | None = None,
+) -> ForwardModel:
+    """Return the forward model on a finer mesh, in finer steps.
+
+    Hexahedra that are finer than those of the working mesh by more than one step of the family are
+    extrapolated with larger ones of their own; others with the working mesh, by who has both.
+
+    Args:
+        case: the case.
+        mesh: the finer mesh.
+        history: as in `build_model`.
+        pixels: as in `build_model`.
+        adapter: as in `build_model`.
+        workspace: as in `build_model`.
+    """
+    steps = case.solver.fine_steps_per_interval
+
+    def on(some: PrismMesh) -> ForwardModel:
+        return build_model(case, some, history, pixels, adapter, steps, workspace)
+
+    # A section of three blocks of m · m cells (`meshes.hex20.swept`).
+    size = size_between(case, round(sqrt(len(mesh.faces["S_MINUS"]) / 3)))
+    return on(mesh) if size is None else extrapolated_with(on(mesh), on(mesh_of(case, size)))
+
+
+def size_between(case: Case, divisions: int) -> float | None:
+    """Size of the hexahedra with which finer ones are extrapolated [µm].
+
+    None where that is done with the working mesh, and for tetrahedra.
+
+    Args:
+        case: the case.
+        divisions: cells of the finer mesh along half of the longest side of the section.
+    """
+    specimen = case.specimen
+    between = int(_NEXT_COARSER * divisions)
+    width, depth = specimen.width, specimen.depth
+    working = section_divisions(width, depth, specimen.mesh_size)
+    if specimen.cell_kind != "hex20" or between <= working:
+        return None
+    return longest_side(width, depth) / 2 / between
 
 
 def _boundary_motion(case: Case, mesh: PrismMesh, weights: FloatArray) -> BoundaryMotion:

@@ -13,6 +13,7 @@ from driver.forward.boundary_motion import BoundaryMotion
 from driver.forward.dwell_time import dwells, dwells_tangent, stretch_dwells
 from driver.forward.instrument import Instrument
 from driver.forward.load_lag import load_at
+from driver.forward.mesh_extrapolation import MeshExtrapolation
 from driver.forward.microstructure import Microstructure
 from driver.forward.prediction import Prediction
 from driver.forward.surface_projection import PixelProjection, Projection, apply
@@ -66,6 +67,7 @@ class ForwardModel:
             were it left in the images [µm], shape (T, n_pix), or None where it is not known.
         trajectory: that of a nearby simulation on the clock of the history, by which simulations
             may begin their iterations, or None.
+        extrapolation: the coarser model with which predictions are extrapolated, or None.
     """
 
     material: Material
@@ -86,6 +88,7 @@ class ForwardModel:
     steps: FloatArray | None = None
     pattern: FloatArray | None = None
     trajectory: Trajectory | None = None
+    extrapolation: MeshExtrapolation | None = None
 
     @cached_property
     def parameters(self) -> dict[str, Parameter]:
@@ -142,7 +145,24 @@ class ForwardModel:
         given = (self.times.size - 1) * self.steps_per_interval
         if not ends.size or (self.accuracy is None and ends.size == given):
             return self
-        return replace(self, steps=np.interp(ends, self.clock(values), self.times))
+        steps = np.interp(ends, self.clock(values), self.times)
+        return self._with_coarser(lambda model: replace(model, steps=steps))
+
+    def with_orientations(self, orientations: FloatArray) -> ForwardModel:
+        """Return the model with other measured orientations, shape (n_grains, 3, 3)."""
+
+        def turned(model: ForwardModel) -> ForwardModel:
+            grains = replace(model.microstructure, orientations=orientations)
+            return replace(model, microstructure=grains)
+
+        return self._with_coarser(turned)
+
+    def _with_coarser(self, changed: Callable[[ForwardModel], ForwardModel]) -> ForwardModel:
+        """Return the model changed, and that with which it is extrapolated as well."""
+        pair = self.extrapolation
+        if pair is None:
+            return changed(self)
+        return replace(changed(self), extrapolation=replace(pair, coarser=changed(pair.coarser)))
 
     def cut_steps(self, response: Response) -> int:
         """Time steps of a response beyond those that are stated: steps that had to be cut."""
@@ -174,7 +194,12 @@ class ForwardModel:
         """
         simulation = self.simulation(values, free)
         response = self.adapter.solve(simulation, self.workspace, progress)
-        return self.observe(response, values, free)
+        prediction = self.observe(response, values, free)
+        if self.extrapolation is None:
+            return prediction
+        coarser = self.extrapolation.coarser.predict(values, free, progress)
+        both = self.extrapolation.applied(prediction, coarser)
+        return replace(both, carried=self._carried(both.surface, both.look, free))
 
     def clock(self, values: Values) -> FloatArray:
         """Return the instants of the history [s], shape (n_times,)."""

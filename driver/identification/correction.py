@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from driver.common.parallel import side_by_side
+from driver.forward.mesh_extrapolation import lacking_share
 from driver.forward.model import ForwardModel
 from driver.forward.prediction import Prediction
 from driver.identification.data import Data
-from driver.identification.mesh_error import extrapolation
 from driver.identification.step_error import (
     StepError,
     error_by_halves,
@@ -172,7 +172,9 @@ def correction(
     exact = finer.adapter.capabilities().runs_per_direction == 0
     asked = tuple(free) if exact else ()
     runs = [(in_parts_of(finer, coarse, values, parts) if first_order else finer, asked)]
-    more = extrapolation(working.microstructure.mesh, finer.microstructure.mesh)
+    more = 0.0
+    if finer.extrapolation is None:
+        more = lacking_share(working.microstructure.mesh, finer.microstructure.mesh)
     # Only what is of the mesh is extrapolated: the error of the steps has to be known.
     if first_order and (with_steps or more):
         runs.append((in_parts_of(working, coarse, values, 2), ()))

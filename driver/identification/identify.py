@@ -245,7 +245,7 @@ def with_correction(
         sizes: element sizes of the working and of the finer mesh [µm].
     """
     image = replace(objective.data.image, noise_factor=noise_factor)
-    kappa = share_left(objective.model.microstructure.mesh.cells.shape[1], sizes[1] / sizes[0])
+    kappa = share_left(objective.model.microstructure.mesh, sizes)
     error = simulation_error(image, *change.of_mesh, sizes[1], kappa)
     data = replace(
         objective.data, image=image, simulation_error=error, step_error=change.left_by_steps

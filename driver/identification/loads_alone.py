@@ -61,7 +61,7 @@ def identify_from_loads(
     first = fit(objective, begin, plan.free("B"), plan.most, share=START)
     logger.info("finer mesh and steps at the result, for the correction")
     change = correction(model, finer, first.best.prediction, first.values, with_steps=True)
-    kappa = share_left(model.microstructure.mesh.cells.shape[1], plan.sizes[1] / plan.sizes[0])
+    kappa = share_left(model.microstructure.mesh, plan.sizes)
     left = kappa * change.of_mesh[1]
     error = DiscretisationError(np.zeros((left.size, 0)), np.zeros((0, 0)), left)
     corrected = replace(

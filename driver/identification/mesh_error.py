@@ -1,50 +1,40 @@
-"""What the mesh leaves wrong: how much of it two meshes tell, and how large the rest is.
+"""How much the mesh leaves wrong in a corrected prediction.
 
-Hexahedra of two sizes are meshes of one family, swept over the same section: their errors keep
-their shape and fall with the power `ORDER` of the size, so that the finer one's error is known from
-what both differ by (Richardson's extrapolation). Tetrahedra of two sizes are meshes of their own:
-their error falls, but its shape does not stay, and nothing can be added. What is left either way is
-known by its size alone (benchmarks/numerics.md).
+Its size alone is known (benchmarks/numerics.md). Extrapolated hexahedra err in proportion to the
+third power of their size, and a working prediction in proportion to its size; both hang on how many
+cells the section has. Two meshes of tetrahedra err each in its own way, in proportion to their
+sizes.
 """
 
 from __future__ import annotations
 
+import numpy as np
+
+from meshes.prism import section_divisions
 from meshes.prism_mesh import PrismMesh
 
-ORDER = 1.5
-"""Power of the size with which the error of hexahedra falls; from 2 to 1 µm 1.4 was measured."""
-_LARGEST = 0.8  # ratio of sizes; a case has at most 0.7, which whole numbers of cells change
-_LEFT = 0.2  # of the extrapolated difference of two meshes of hexahedra; 0.10 to 0.15 was measured
 _HEXAHEDRON = 20  # nodes
+_LEFT = 3.6
+"""m³ times the share of the error of one cell on half of a side that m cells leave, extrapolated:
+0.45, 0.12, 0.06 and 0.03 were measured with 2, 3, 4 and 5."""
 
 
-def extrapolation(working: PrismMesh, finer: PrismMesh) -> float:
-    """Share of the finer-minus-working difference that the finer mesh itself still lacks.
-
-    0 for meshes of no family, and for one that is hardly finer.
-    """
-    nodes = {mesh.cells.shape[1] for mesh in (working, finer)}
-    ratio: float = (len(working.cells) / len(finer.cells)) ** (1.0 / 3.0)
-    if nodes != {_HEXAHEDRON} or ratio > _LARGEST:
-        return 0.0
-    fallen: float = ratio**ORDER
-    return fallen / (1.0 - fallen)
-
-
-def share_left(nodes: int, ratio: float) -> float:
+def share_left(mesh: PrismMesh, sizes: tuple[float, float]) -> float:
     """Return what a corrected prediction leaves wrong over the correction, root mean square.
 
     Args:
-        nodes: those of a cell.
-        ratio: element size of the finer over that of the working mesh.
+        mesh: the working mesh.
+        sizes: of the cells of the working and of the finer mesh [µm].
     """
-    if nodes == _HEXAHEDRON:
-        return _LEFT
+    if mesh.cells.shape[1] == _HEXAHEDRON:
+        width, _, depth = np.ptp(mesh.points, axis=0)
+        working, finer = (section_divisions(float(width), float(depth), size) for size in sizes)
+        return min(_LEFT * working / finer**3, 1.0)
     # The first power of the size, measured on meshes of 262, 574 and 1414 tetrahedra.
-    return ratio / (1.0 - ratio)
+    return sizes[1] / (sizes[0] - sizes[1])
 
 
-def variance_left(nodes: int, ratio: float) -> float:
+def variance_left(mesh: PrismMesh, sizes: tuple[float, float]) -> float:
     """Return the mean square that a corrected prediction leaves over that of the correction.
 
     Two meshes of tetrahedra err each in its own way, in proportion to their sizes: the finer one
@@ -53,9 +43,10 @@ def variance_left(nodes: int, ratio: float) -> float:
     −0.44.)
 
     Args:
-        nodes: those of a cell.
-        ratio: element size of the finer over that of the working mesh.
+        mesh: the working mesh.
+        sizes: of the cells of the working and of the finer mesh [µm].
     """
-    if nodes == _HEXAHEDRON:
-        return share_left(nodes, ratio) ** 2
-    return ratio**2 / (1.0 + ratio**2)
+    if mesh.cells.shape[1] == _HEXAHEDRON:
+        return share_left(mesh, sizes) ** 2
+    square = (sizes[1] / sizes[0]) ** 2
+    return square / (1.0 + square)

@@ -15,6 +15,7 @@ from driver.experiment.reading import Experiment
 from driver.forward.build import (
     adapter_of,
     another_mesh_of,
+    build_finer_model,
     build_model,
     correlation_meshes,
 )
@@ -133,10 +134,9 @@ def on_another_mesh(case: Case, problem: IdentificationProblem) -> ForwardModel:
     """
     finer, history = problem.finer, problem.experiment.history
     mesh = another_mesh_of(case, case.specimen.fine_mesh_size, finer.microstructure.mesh.points)
-    other = build_model(
-        case, mesh, history, problem.images.xy, finer.adapter, finer.steps_per_interval,
-        finer.workspace,
-    )  # fmt: skip
+    other = build_finer_model(
+        case, mesh, history, problem.images.xy, finer.adapter, finer.workspace
+    )
     return replace(other, pattern=finer.pattern)
 
 
@@ -161,10 +161,10 @@ def build_problem(
     experiment, images, left_out = seen.experiment, seen.images, seen.left_out
     adapter, history = ProgressAdapter(adapter_of(case, prepare_only)), experiment.history
     jobs = jobs if adapter.capabilities().uses_workspace else None
-    steps, fine_steps = case.solver.steps_per_interval, case.solver.fine_steps_per_interval
+    steps = case.solver.steps_per_interval
     working = build_model(case, mesh, history, images.xy, adapter, steps, jobs)
     working = replace(working, pattern=seen.rise)
-    finer = build_model(case, fine_mesh, history, images.xy, adapter, fine_steps, jobs)
+    finer = build_finer_model(case, fine_mesh, history, images.xy, adapter, jobs)
     finer = replace(finer, pattern=seen.rise)
     pixel = case.images.pixel_um
     mesh_uv, mesh_w = correlation_meshes(case)

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 from driver.case.model import Case
 from driver.diagnosis.causes.all_causes import EVERY, NAMES
+from driver.forward.build import size_between
 from driver.forward.cost import simulation_memory, steps_seconds
+from meshes.prism import section_divisions
 from solver_adapters.finite_differences import RUNS_PER_DIRECTION
 from solver_adapters.interface import Capabilities
 
@@ -65,8 +67,13 @@ def estimate(
     # The finer simulation tells its derivatives twice: for all that is fitted, and for all causes.
     exact = not solver.runs_per_direction
     told = (directions, directions + causes) if exact and case.with_images else ()
+    specimen = case.specimen
+    divisions = section_divisions(specimen.width, specimen.depth, specimen.fine_mesh_size)
+    between = size_between(case, divisions)
+    meshes = [finer] if between is None else [finer, cells_of_size(case, n_cells, between)]
     fine = sum(
-        steps_seconds(case, solver, finer, intervals * case.solver.fine_steps_per_interval, n)
+        steps_seconds(case, solver, cells, intervals * case.solver.fine_steps_per_interval, n)
+        for cells in meshes
         for n in (*told, *(0,) * (_FINE_RUNS - len(told)))
     )
     fits = round(_ITERATION_SHARE * case.identification.max_iterations)

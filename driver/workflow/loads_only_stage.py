@@ -12,7 +12,12 @@ from driver.case.model import Case
 from driver.experiment.history import History
 from driver.experiment.reading import history_of
 from driver.forward.boundary_motion import knots_of_stage
-from driver.forward.build import adapter_of, build_model, capabilities_of
+from driver.forward.build import (
+    adapter_of,
+    build_finer_model,
+    build_model,
+    capabilities_of,
+)
 from driver.forward.model import ForwardModel
 from driver.forward.progress_adapter import ProgressAdapter
 from driver.identification.data import Data
@@ -61,11 +66,10 @@ def build_loads_problem(context: StageContext, adapter: Adapter) -> LoadsProblem
     case, no_pixels = context.case, np.zeros((0, 2))
     history = history_of(case)
     jobs: Path | None = context.results / JOBS if capabilities_of(case).uses_workspace else None
-    steps = case.solver.steps_per_interval, case.solver.fine_steps_per_interval
-    working, finer = (
-        build_model(case, read_med(context.result(name)), history, no_pixels, adapter, n, jobs)
-        for name, n in zip((MESH, FINE_MESH), steps, strict=True)
-    )
+    mesh, fine_mesh = (read_med(context.result(name)) for name in (MESH, FINE_MESH))
+    steps = case.solver.steps_per_interval
+    working = build_model(case, mesh, history, no_pixels, adapter, steps, jobs)
+    finer = build_finer_model(case, fine_mesh, history, no_pixels, adapter, jobs)
     parameters = working.parameters
     knots = elongation_names(history.n_knots)
     travel = history.stage[history.turning]

@@ -46,9 +46,7 @@ def not_warranted(flips: Sequence[Cause]) -> FlipTrial:
 
 def turned(model: ForwardModel, causes: Sequence[Cause]) -> ForwardModel:
     """Return the model with its measured orientations as the flips among these causes have them."""
-    grains = model.microstructure
-    orientations = half_turn(causes) @ grains.orientations
-    return replace(model, microstructure=replace(grains, orientations=orientations))
+    return model.with_orientations(half_turn(causes) @ model.microstructure.orientations)
 
 
 def try_flips(

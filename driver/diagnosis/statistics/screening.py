@@ -92,8 +92,7 @@ def screen(
             score(cause, effect, here.best, family, degrees, variance) for cause, effect in pairs
         ]
 
-    nodes = objective.model.microstructure.mesh.cells.shape[1]
-    share = variance_left(nodes, sizes[1] / sizes[0])
+    share = variance_left(objective.model.microstructure.mesh, sizes)
     variance = score_variance(scored(1.0), objective.data, change, share)
     return sorted(scored(variance), key=lambda s: -s.log_evidence), variance
 

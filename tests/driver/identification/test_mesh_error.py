@@ -7,7 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from driver.identification.mesh_error import extrapolation, share_left, variance_left
+from driver.forward.mesh_extrapolation import lacking_share
+from driver.identification.mesh_error import share_left, variance_left
 from meshes.arrays import FloatArray
 from meshes.prism import CellKind, PrismGeometry, generate
 from meshes.prism_mesh import PrismMesh
@@ -44,29 +45,6 @@ def forces(specimen: PrismMesh) -> FloatArray:
     return BundledAdapter().solve(simulation).force
 
 
-def test_of_half_the_size_an_error_of_this_order_is_left_of_hexahedra() -> None:
-    """2^(−3/2) of the working mesh's error, of which the difference is the rest: 0.547 of it."""
-    working, finer = mesh("hex20", 2.0), mesh("hex20", 1.0)
-    assert len(finer.cells) == 8 * len(working.cells)
-    assert extrapolation(working, finer) == pytest.approx(0.54692, abs=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("kinds", "sizes"),
-    [
-        (("tet10", "tet10"), (2.0, 1.2)),
-        (("hex20", "tet10"), (2.0, 1.2)),
-        (("hex20", "hex20"), (2.0, 2.0)),
-        (("hex20", "hex20"), (1.0, 2.0)),
-    ],
-)
-def test_meshes_of_no_family_or_no_finer_one_tell_nothing(
-    kinds: tuple[CellKind, CellKind], sizes: tuple[float, float]
-) -> None:
-    working, finer = (mesh(kind, size) for kind, size in zip(kinds, sizes, strict=True))
-    assert extrapolation(working, finer) == 0.0
-
-
 @pytest.mark.slow
 def test_the_extrapolated_load_is_that_of_tetrahedra_in_the_limit() -> None:
     """Cells of another kind judge: their loads fall with the first power of their size."""
@@ -75,7 +53,7 @@ def test_the_extrapolated_load_is_that_of_tetrahedra_in_the_limit() -> None:
         forces(specimen) for specimen in (working, finer, mesh("tet10", 0.8), mesh("tet10", 0.42))
     )
     limit = smaller - (larger - smaller) * 0.42 / (0.8 - 0.42)
-    extrapolated = fine + extrapolation(working, finer) * (fine - coarse)
+    extrapolated = fine + lacking_share(working, finer) * (fine - coarse)
     off = [float(np.linalg.norm(load - limit)) for load in (coarse, fine, extrapolated)]
     assert off[1] < 0.5 * off[0]
     assert off[2] < 0.5 * off[1]
@@ -83,9 +61,24 @@ def test_the_extrapolated_load_is_that_of_tetrahedra_in_the_limit() -> None:
 
 def test_of_tetrahedra_as_much_is_left_as_was_corrected_where_the_size_is_halved() -> None:
     """First order: e(h) − e(h/2) = e(h/2). Of independent errors the finer one keeps a fifth."""
-    assert share_left(10, 0.5) == pytest.approx(1.0)
-    assert variance_left(10, 0.5) == pytest.approx(0.25 / 1.25)
+    tetrahedra = mesh("tet10", 2.0)
+    assert share_left(tetrahedra, (2.0, 1.0)) == pytest.approx(1.0)
+    assert variance_left(tetrahedra, (2.0, 1.0)) == pytest.approx(0.25 / 1.25)
+
+
+@pytest.mark.parametrize(
+    ("finer", "measured"), [(1.0, 0.45), (0.667, 0.12), (0.5, 0.06), (0.4, 0.03)]
+)
+def test_of_hexahedra_is_left_what_converged_ones_of_another_specimen_say(
+    finer: float, measured: float
+) -> None:
+    """Of a working mesh of one cell on half of a side; two cells err by half as much."""
+    share = share_left(mesh("hex20", 2.0), (2.0, finer))
+    assert share == pytest.approx(measured, rel=0.15)
+    assert share_left(mesh("hex20", 1.0), (1.0, 0.5)) == pytest.approx(0.1125, rel=1e-3)
 
 
 def test_scores_and_covariance_count_the_same_share_of_hexahedra() -> None:
-    assert variance_left(20, 0.5) == pytest.approx(share_left(20, 0.5) ** 2)
+    hexahedra = mesh("hex20", 2.0)
+    share = share_left(hexahedra, (2.0, 1.0))
+    assert variance_left(hexahedra, (2.0, 1.0)) == pytest.approx(share**2)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from driver.forward.build import build_model, mesh_of
+from driver.forward.mesh_extrapolation import lacking_share
 from driver.forward.model import ForwardModel
 from driver.identification.correction import correction
-from driver.identification.mesh_error import extrapolation
 from driver.identification.step_error import (
     StepError,
     error_by_halves,
@@ -150,7 +150,7 @@ def test_of_hexahedra_what_is_of_the_mesh_is_extrapolated_and_what_is_of_the_ste
         return build_model(case, mesh, HISTORY, pixels, BundledAdapter(), steps)
 
     working, finer = on(2.0, 1), on(1.0, 2)
-    share = extrapolation(working.microstructure.mesh, finer.microstructure.mesh)
+    share = lacking_share(working.microstructure.mesh, finer.microstructure.mesh)
     coarse, fine, halved = (m.predict(values()) for m in (working, finer, on(2.0, 2)))
     of_steps = halved.load - coarse.load
     expected = of_steps + (1 + share) * (fine.load - coarse.load - of_steps)

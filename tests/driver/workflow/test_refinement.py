@@ -73,13 +73,13 @@ def asked(case: Case, done: str = "diagnose") -> Case | None:
 
 def test_what_is_needed_is_named_by_the_keys_that_make_it(tmp_path: Path) -> None:
     case = stated(tmp_path)
-    mesh = {"specimen.mesh_size_um": 1.0, "specimen.fine_mesh_size_um": 0.667}
+    mesh = {"specimen.mesh_size_um": 2.0, "specimen.fine_mesh_size_um": 0.667}
     steps = {"solver.steps_per_interval": 2, "solver.fine_steps_per_interval": 4}
     assert finer_simulation(case, "mesh", 1.0).keys == mesh
     assert finer_simulation(case, "steps", 1.0).keys == steps
     both = finer_simulation(case, "mesh and steps", 1.0)
     assert both.keys == mesh | steps
-    assert (both.case.specimen.mesh_size, both.case.solver.steps_per_interval) == (1.0, 2)
+    assert (both.case.specimen.mesh_size, both.case.solver.steps_per_interval) == (2.0, 2)
     exact = stated(tmp_path, solver__accuracy_uN=3.0)
     assert finer_simulation(exact, "steps", 1.0).keys == {"solver.accuracy_uN": 1.5}
 
@@ -89,7 +89,7 @@ def test_the_time_is_that_of_the_run_times_the_ratio_of_the_estimates(
 ) -> None:
     case, solver = stated(tmp_path), BundledAdapter().capabilities()
     finer = finer_simulation(case, "mesh", 100.0)
-    cells = [len(build.mesh_of(case, size).cells) for size in (2.0, 1.0)]
+    cells = [len(build.mesh_of(case, size).cells) for size in (2.0, 2.0)]
     now, then = estimate(case, solver, cells[0], 4), estimate(finer.case, solver, cells[1], 4)
     assert then.seconds > 2 * now.seconds and finer.cost.memory == then.memory
     assert finer.cost.seconds == pytest.approx(100.0 * then.seconds / now.seconds)
@@ -103,7 +103,7 @@ def test_stated_sizes_get_the_keys_to_write_with_time_and_memory(tmp_path: Path)
     diagnosed(case)
     told = to_refine(case, "mesh", 299.0)
     assert told.startswith(
-        "Write specimen.mesh_size_um = 1 and specimen.fine_mesh_size_um = 0.667, then run again: "
+        "Write specimen.mesh_size_um = 2 and specimen.fine_mesh_size_um = 0.667, then run again: "
         "that takes about "
     )
     assert told.endswith(" GB of memory.") and " min on free cores and " in told
@@ -121,11 +121,11 @@ def test_automatic_sizes_get_the_budget_to_write_where_theirs_is_spent(tmp_path:
     told = to_refine(case, "mesh", 299.0)
     budget = float(told.split("execution.budget_min = ")[1].split(",")[0])
     assert minutes <= budget <= 1.1 * minutes + 1
-    assert ", then run again: meshes of 1 and 0.667 µm take about " in told
+    assert ", then run again: meshes of 2 and 0.667 µm take about " in told
     # The budget that is named is one that holds it.
     written(tmp_path, load_case(case.file), execution__budget_min=budget)
     enough = sized_case(case.file)
-    assert to_refine(enough, "mesh", 299.0).startswith("The meshes are refined by the run: 1 and ")
+    assert to_refine(enough, "mesh", 299.0).startswith("The meshes are refined by the run: 2 and ")
     assert asked(enough) is not None
 
 
@@ -141,12 +141,12 @@ def test_meshes_are_refined_while_the_budget_holds_it(tmp_path: Path, lines: lis
     diagnosed(case)
     finer = asked(case)
     assert finer is not None and finer.specimen.refined == 1
-    assert (finer.specimen.mesh_size, finer.specimen.fine_mesh_size) == (1.0, 0.667)
+    assert (finer.specimen.mesh_size, finer.specimen.fine_mesh_size) == (2.0, 0.667)
     # The measurement is not made again.
     assert read_refinements(tmp_path / "results") == Refinements(1, 600.0)
     assert sized_case(case.file).specimen == finer.specimen
     assert lines[-1].startswith(
-        "the mesh keeps the verdict open and is refined: 1 and 0.667 µm take about "
+        "the mesh keeps the verdict open and is refined: 2 and 0.667 µm take about "
     )
     assert lines[-1].endswith("h of execution.budget_min = 600 are left")
 
@@ -156,7 +156,7 @@ def test_time_of_coarser_meshes_counts_in_the_budget(tmp_path: Path, lines: list
     write_refinements(tmp_path / "results", Refinements(0, 60 * 599.0))
     diagnosed(case)
     assert asked(case) is None
-    assert lines[-1].startswith("not refined, for lack of time: 1 and 0.667 µm take about ")
+    assert lines[-1].startswith("not refined, for lack of time: 2 and 0.667 µm take about ")
     assert read_refinements(tmp_path / "results").level == 0
 
 
@@ -167,7 +167,7 @@ def test_nothing_is_refined_beyond_the_memory_of_the_machine(
     case = automatic(tmp_path, execution__budget_min=600.0)
     diagnosed(case)
     assert asked(case) is None and "for lack of memory" in lines[-1]
-    assert to_refine(case, "mesh", 299.0).startswith("Write specimen.mesh_size_um = 1 and ")
+    assert to_refine(case, "mesh", 299.0).startswith("Write specimen.mesh_size_um = 2 and ")
 
 
 def test_nothing_is_refined_for_any_other_reason(tmp_path: Path) -> None:
@@ -188,7 +188,7 @@ def test_sizes_and_budget_are_told_beforehand(tmp_path: Path) -> None:
     told = told_beforehand(case, cost)
     assert told.startswith(
         "hex20 of 2 and 1 µm, chosen by prismid; where the mesh keeps the verdict open they are "
-        "refined within execution.budget_min = 90, next 1 and 0.667 µm take about "
+        "refined within execution.budget_min = 90, next 2 and 0.667 µm take about "
     )
     alone = case.with_values_at({"boundary.motion": "stage"})
     assert told_beforehand(alone, cost) == "hex20 of 2 and 1 µm, chosen by prismid"

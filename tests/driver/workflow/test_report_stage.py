@@ -116,7 +116,7 @@ def test_the_sizes_of_the_meshes_and_their_refinements_are_told(written: Results
         "sizes 2 and, of the finer mesh, 1 µm, chosen by prismid and not refined"
     )
     assert chosen[1].endswith("0.667 µm, chosen by prismid and refined once")
-    assert chosen[2].endswith("0.4 µm, chosen by prismid and refined 2 times")
+    assert chosen[2].endswith("0.5 µm, chosen by prismid and refined 2 times")
 
 
 def test_every_cause_stands_in_the_table_with_its_sentence(page: str) -> None:

@@ -13,12 +13,13 @@ from driver.identification.correction import Correction
 from driver.identification.data import Data
 from driver.identification.mesh_error import variance_left
 from meshes.arrays import FloatArray
+from meshes.prism import PrismGeometry, generate
 from tests.driver.analytic import evaluation
 
 RNG = np.random.default_rng(21)
 T, N, K = 10, 400, 40
 WORKING, FINER = 1.6, 1.0
-SHARE = variance_left(10, FINER / WORKING)
+SHARE = variance_left(generate(PrismGeometry(2.0, 2.0, 2.0), WORKING), (WORKING, FINER))
 
 
 def data(counted: float) -> Data:
