@@ -272,7 +272,7 @@ def study(ruler: Ruler) -> None:
 def make(name: str) -> None:
     """Make a reference anew."""
     if name == converged_truth.REFERENCE:
-        mesh_reference.write(converged_truth.reference(), name)
+        converged_truth.make()
         return
     with tempfile.TemporaryDirectory() as folder:
         specimen = demo(Path(folder))

@@ -19,7 +19,6 @@ from driver.experiment.history import History
 from driver.forward.build import adapter_of, build_model, geometry_of
 from driver.forward.model import ForwardModel
 from driver.virtual.truth import Course, history_of_rows, seen_course, true_model
-from meshes.arrays import FloatArray
 from meshes.prism import CellKind, generate
 from solver_adapters.interface import Simulation
 from tools import mesh_reference
@@ -105,11 +104,16 @@ def pulled(
     converged, images = _converged(), slice(None, None, DENSEST // dense)
     motion, load = converged.motion.mean(axis=0)[images], converged.load.mean(axis=0)[images]
     if not hidden and truth is None and change is None:
-        return replace(_bare(dense)[0], face=converged.face, motion=motion, load=load)
+        return replace(_seen(dense), face=converged.face, motion=motion, load=load)
     courses = _on_both(truth or true_case(), hidden, change, dense)
-    pairs = list(zip(courses, _bare(dense), strict=True))
-    moved = [_at(course, converged) - _at(bare, converged) for course, bare in pairs]
-    more = [course.load - bare.load for course, bare in pairs]
+    bare = _stored() if dense == 1 else _without_effect(dense)
+    points = converged.face.points
+    pairs = list(zip(courses, bare, strict=True))
+    moved = [
+        on_face(course.face, course.motion, points) - on_face(one.face, one.motion[0], points)
+        for course, one in pairs
+    ]
+    more = [course.load - one.load[0] for course, one in pairs]
     ratio = OF_EFFECTS[1] / OF_EFFECTS[0]
     return replace(
         courses[1],
@@ -128,10 +132,6 @@ def _on_both(
         for size in (truth.specimen.mesh_size, truth.specimen.fine_mesh_size)
     )
     return one, other
-
-
-def _at(course: Course, converged: Reference) -> FloatArray:
-    return on_face(course.face, course.motion, converged.face.points)
 
 
 def simulated(
@@ -154,8 +154,14 @@ def simulated(
     return seen_course(model, simulation, history, values)
 
 
-def reference() -> Reference:
-    """Simulate the reference anew, which takes about a quarter of an hour of one core."""
+def make() -> None:
+    """Simulate the reference anew, and what effects add to: a quarter of an hour of one core."""
+    mesh_reference.write(_reference(), REFERENCE)
+    for size, one in zip(OF_EFFECTS, _without_effect(1), strict=True):
+        mesh_reference.write(one, _name(size))
+
+
+def _reference() -> Reference:
     truth, history = true_case(), stage_history(DENSEST)
     adapter = adapter_of(truth)
     _, values = true_model(truth, history, adapter, true_knots(history))
@@ -174,5 +180,25 @@ def _converged() -> Reference:
 
 
 @cache
-def _bare(dense: int) -> tuple[Course, Course]:
-    return _on_both(true_case(), {}, None, dense)
+def _stored() -> tuple[Reference, ...]:
+    return tuple(mesh_reference.read(_name(size)) for size in OF_EFFECTS)
+
+
+def _name(size: float) -> str:
+    return f"{REFERENCE}_{size:g}"
+
+
+@cache
+def _without_effect(dense: int) -> tuple[Reference, ...]:
+    """Return what an effect adds to, on cells of both sizes."""
+    return tuple(
+        Reference(course.face, course.motion[None], course.load[None], 0)
+        for course in _on_both(true_case(), {}, None, dense)
+    )
+
+
+@cache
+def _seen(dense: int) -> Course:
+    """Return the test on few cells, of which nothing but what is known of it counts."""
+    few = {f"specimen.{SIZES[0]}": known_case().specimen.mesh_size}
+    return simulated(true_case().with_values_at(few), {}, None, dense)

@@ -24,12 +24,12 @@ _INSET = 1e-6  # µm, by which points of an edge are drawn onto the face
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Two predictions on the face of one mesh, T images.
+    """Predictions on the face of one mesh, m of them, T images.
 
     Attributes:
         face: the measured face of the smallest cells of the first prediction, n nodes.
-        motion: of the nodes [µm], (2, T, n, 3).
-        load: [µN], (2, T).
+        motion: of the nodes [µm], (m, T, n, 3).
+        load: [µN], (m, T).
         n_cells: cells of that mesh.
     """
 
@@ -39,7 +39,7 @@ class Reference:
     n_cells: int
 
     def at(self, pixels: FloatArray) -> FloatArray:
-        """Both motions at pixels (n_pix, 2), (2, T, n_pix, 3) [µm]."""
+        """All motions at pixels (n_pix, 2), (m, T, n_pix, 3) [µm]."""
         operator, inside = interpolation(self.face, pixels)
         assert inside.all()
         both, T, n, _ = self.motion.shape
