@@ -1,6 +1,7 @@
-"""The specimen of the blind trial, and what can happen to it, in converged truths.
+"""The specimen of the blind trial, and what can happen to it: truths finer than what finds them.
 
-Short, two cycles, twenty-one images: the least on which most causes are still told apart.
+Short, two cycles, twenty-one images: the least on which most causes are still told apart. Truth and
+what identifies it are of one kind of cells (benchmarks/diagnosis.md).
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ from driver.forward.build import adapter_of, build_model, mesh_of
 from driver.virtual.truth import Course
 from meshes.arrays import FloatArray
 from solver_adapters.interface import Simulation
-from tools import converged_truth
-from tools.converged_truth import Change, stage_history, true_case
-from tools.short_specimen import CYCLES
+from tools.converged_truth import Change, simulated, stage_history
+from tools.short_specimen import CYCLES, small_case
+from tools.short_specimen import true_case as as_it_is
 
 LENGTH = 8.0
 PER_SIGMA = {
@@ -34,13 +35,20 @@ LARGEST = {"soft_slice": 8.0, "notch": 2.0}
 
 def known_case() -> Case:
     """Return what the user knows and believes, with the starts of the paper."""
-    case = converged_truth.known_case()
+    case = small_case()
+    mesh = {"mesh_size_um": 2.0, "fine_mesh_size_um": 1.3}
     return case.model_copy(
         update={
+            "specimen": case.specimen.model_copy(update=mesh),
             "diagnosis": case.diagnosis.model_copy(update={"held_out_cycle": "last", "refit": 5}),
             "execution": case.execution.model_copy(update={"processes": 1, "threads": 1}),
         }
     )
+
+
+def true_case() -> Case:
+    """Return the specimen as it is: another law, other apex amplitudes, finer mesh and steps."""
+    return as_it_is(known_case())
 
 
 @cache
@@ -65,7 +73,7 @@ def pulled(hidden: Mapping[str, float], change: Change | None = None, dense: int
         SolverError: the simulation could not be finished, or a geometric parameter turns a
             cell inside out.
     """
-    return converged_truth.pulled(hidden, None, change, dense)
+    return simulated(true_case(), hidden, change, dense)
 
 
 def jittered(sigma: float, seed: int, dense: int = 1) -> Course:

@@ -36,7 +36,7 @@ from benchmarks.blind_ruler import (
     truth_of_cause,
     truth_outside,
 )
-from benchmarks.blind_specimen import flipped, jittered, known_case, pulled
+from benchmarks.blind_specimen import flipped, jittered, known_case, pulled, true_case
 from benchmarks.blind_store import Record, cache_folder, kept, of_programs, program, read
 from driver.case.model import Case, load_case, write_case
 from driver.common.errors import InputError
@@ -51,7 +51,6 @@ from driver.workflow.engine import Stage, StageContext, run_stages
 from driver.workflow.measure_stage import measure_numbers
 from driver.workflow.pipeline import stages
 from solver_adapters.kernels import use_threads
-from tools.converged_truth import true_case
 
 SECONDS = {"silent": 10.0, "loud": 70.0}
 """CPU-s of a trial without and with an effect, its truth included, until some are done."""

@@ -24,7 +24,7 @@ def short_case() -> Case:
         {
             "specimen.length_um": LENGTH,
             "specimen.boundary_point_um": (0.0, 0.44 * LENGTH, 0.0),
-            "loads.noise_uN": 1.0,
+            "loads.noise_uN": 0.1,
             "identification.parameters": ("tau0", "c"),
             "diagnosis.causes": ("grain_contrast",),
             "execution.processes": 1,
@@ -38,7 +38,9 @@ def test_a_verdict_that_the_first_meshes_leave_open_is_found_on_finer_ones(
     tmp_path: Path, lines: list[str]
 ) -> None:
     history = stage_program(CYCLES)
-    course = pull(true_case(short_case()), history, true_knots(history))
+    small = {"specimen.cells": "hex20", "specimen.mesh_size_um": 0.333}
+    truth = true_case(short_case()).with_values_at(small | {"solver.mean_dilatation": True})
+    course = pull(truth, history, true_knots(history))
     automatic = short_case().with_values_at(
         {
             "specimen.cells": None,
@@ -54,7 +56,7 @@ def test_a_verdict_that_the_first_meshes_leave_open_is_found_on_finer_ones(
     found = json.loads((tmp_path / "results" / "diagnosis.json").read_text("utf-8"))
     refined = len(verdicts) - 1
     assert found["meshes"]["refined"] == refined == sized_case(path).specimen.refined
-    assert found["meshes"]["cells"] == "hex20" and found["meshes"]["mesh_size_um"] <= 1.0
+    assert found["meshes"]["cells"] == "hex20" and found["meshes"]["fine_mesh_size_um"] <= 0.5
     assert found["numerics"]["passed"]
     lines.clear()
     run(path, "diagnose", False)
