@@ -44,7 +44,7 @@ DENSEST = 3
 def known_case() -> Case:
     """Return what the user knows and believes of the specimen, on hexahedra."""
     case = small_case()
-    mesh = {"cells": "hex20", "mesh_size_um": 2.0, "fine_mesh_size_um": 1.0}
+    mesh = {"cells": "hex20", "mesh_size_um": 2.0, "fine_mesh_size_um": 0.667}
     return case.model_copy(update={"specimen": case.specimen.model_copy(update=mesh)})
 
 

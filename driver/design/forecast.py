@@ -162,7 +162,7 @@ def prepare(plan: Plan) -> Prepared:
 
 
 def simulate(own: Prepared) -> Simulated:
-    """Simulate the experiment with all sensitivities, and once more finer without any.
+    """Simulate the experiment with all sensitivities, and once more finer with them.
 
     Raises:
         SolverError: a simulation could not be finished.
@@ -170,7 +170,7 @@ def simulate(own: Prepared) -> Simulated:
     prediction = own.problem.working.predict(own.values, own.names)
     with quiet():
         change = correction(
-            own.problem.working, own.problem.finer, prediction, own.values, with_steps=True
+            own.problem.working, own.problem.finer, prediction, own.values, True, own.names
         )
     return Simulated(prediction, own.names, change)
 
@@ -187,7 +187,9 @@ def forecast(own: Prepared, simulated: Simulated) -> Forecast:
     index = np.repeat(np.arange(n_images), test.images_per_stop)
     data = own.problem.objective.data.frames(index)
     objective = replace(own.problem.objective, data=data, prior=_priors(own))
-    if not test.exact_simulation:
+    if test.exact_simulation:
+        objective = replace(objective, correction=simulated.change)
+    else:
         sizes = (case.specimen.mesh_size, case.specimen.fine_mesh_size)
         objective = with_correction(objective, 1.0, simulated.change, sizes)
     rows = [simulated.names.index(name) for name in own.names]

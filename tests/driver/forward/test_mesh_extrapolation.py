@@ -58,7 +58,6 @@ def models() -> tuple[ForwardModel, ForwardModel, ForwardModel]:
         {
             "specimen.length_um": 3.0,
             "specimen.boundary_point_um": (0.0, 1.4, 0.0),
-            "specimen.fine_mesh_size_um": 0.667,
             "solver.fine_steps_per_interval": 1,
         }
     )
@@ -94,8 +93,7 @@ def test_a_finer_mesh_far_from_the_working_one_is_extrapolated_with_one_between(
     assert len(between.cells) == len(coarser.microstructure.mesh.cells)
     share = lacking_share(between, finer.microstructure.mesh)
     assert both.extrapolation.share == share > 1.0
-    near = known_case()
-    assert near.specimen.fine_mesh_size == 1.0
+    near = known_case().with_values_at({"specimen.fine_mesh_size_um": 1.0})
     history = history_of_rows([(0.0, 0.0, True), (15.0, 40.0, True)])
     no_pixels = np.zeros((0, 2))
     alone = build_finer_model(near, mesh_of(near, 1.0), history, no_pixels, adapter_of(near))

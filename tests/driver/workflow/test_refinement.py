@@ -187,8 +187,8 @@ def test_sizes_and_budget_are_told_beforehand(tmp_path: Path) -> None:
     cost = estimate(case, BundledAdapter().capabilities(), 30, 4)
     told = told_beforehand(case, cost)
     assert told.startswith(
-        "hex20 of 2 and 0.667 µm, chosen by prismid; where the mesh keeps the verdict open they are "
-        "refined within execution.budget_min = 90, next 2 and 0.5 µm take about "
+        "hex20 of 2 and 0.667 µm, chosen by prismid; where the mesh keeps the verdict open they "
+        "are refined within execution.budget_min = 90, next 2 and 0.5 µm take about "
     )
     alone = case.with_values_at({"boundary.motion": "stage"})
     assert told_beforehand(alone, cost) == "hex20 of 2 and 0.667 µm, chosen by prismid"
