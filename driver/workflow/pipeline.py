@@ -68,8 +68,8 @@ def stages(case: Case) -> Sequence[Stage]:
         Stage(
             "measure", "7", _MEASURE, run_measure, measured_files, {"specimen": _unseen(case)}, True
         ),
-        Stage("identify", "10", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
-        Stage("diagnose", "10", ("diagnosis",), run_diagnose, diagnosed_files),
+        Stage("identify", "11", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
+        Stage("diagnose", "11", ("diagnosis",), run_diagnose, diagnosed_files),
         Stage("advise", "1", (), run_advise),
         Stage("report", "9", _REPORT, run_report, measured_files),
     )
