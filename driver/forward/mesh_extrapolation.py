@@ -59,12 +59,8 @@ class MeshExtrapolation:
     def applied(self, finer: Prediction, coarser: Prediction) -> Prediction:
         """Return the prediction of the finer model, extrapolated with that of the coarser one.
 
-        What is carried with the pixels stays that of the finer one.
+        What is carried with the pixels stays that of the finer one alone.
         """
-        d_surface = [
-            self._more(one, apply(self.nodes, other))
-            for one, other in zip(finer.d_surface, coarser.d_surface, strict=True)
-        ]
         d_surface = [
             self._more(one, apply(self.nodes, other))
             for one, other in zip(finer.d_surface, coarser.d_surface, strict=True)

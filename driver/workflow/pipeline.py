@@ -60,7 +60,7 @@ def stages(case: Case) -> Sequence[Stage]:
         inputs = (*_MESH, "history", "sections", "loads", *_IDENTIFY)
         return (
             Stage("mesh", "3", _MESH, run_mesh),
-            Stage("identify", "6", inputs, run_identify_loads, identified_files),
+            Stage("identify", "7", inputs, run_identify_loads, identified_files),
             Stage("report", "3", inputs, run_report_loads, measured_files),
         )
     return (
