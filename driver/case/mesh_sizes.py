@@ -1,7 +1,7 @@
 """Sizes of the elements of the working and of the finer mesh where none are stated.
 
-Hexahedra have whole numbers of cells along half of the longest side of the section: 1 and 3 of
-them at first, then 1 and 4, 2 and 5, 3 and 6. The finer simulation counts to first order in all
+Hexahedra have whole numbers of cells along half of the longest side of the section: 1 and 2 of
+them at first, then 1 and 3, 1 and 4, 2 and 5. The finer simulation counts to first order in all
 parameters, so that the working mesh need not be fine. Tetrahedra of 4 µm of width have 1.6 and
 1.11 µm at first, and two thirds of both with each refinement.
 """
@@ -12,7 +12,7 @@ from meshes.prism import CellKind, longest_side, section_divisions
 
 LARGEST_RATIO = 0.7
 """Of the finer size of hexahedra to the working one, up to which both tell of the error."""
-_HEXAHEDRA = (1, 3)  # cells along half of the longest side
+_HEXAHEDRA = (1, 2)  # cells along half of the longest side
 _TETRAHEDRA = (1 / 2.5, 1 / 3.6)  # of the width
 _TWO_THIRDS = 2 / 3
 

@@ -64,6 +64,12 @@ def mesh_of(case: Case, size: float) -> PrismMesh:
         raise InputError(f"specimen: {error}{instead}") from None
 
 
+def size_of_second_mesh(case: Case) -> float:
+    """Size of the cells of the mesh that may contradict the finer one, of tetrahedra about [µm]."""
+    smaller = _TWO_THIRDS if case.specimen.cell_kind == "hex20" else _SMALLER[2]
+    return smaller * case.specimen.fine_mesh_size
+
+
 def another_mesh_of(case: Case, size: float, points: FloatArray) -> PrismMesh:
     """Return a mesh of smaller elements that may contradict one of a size.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from driver.case.model import Case
 from driver.diagnosis.causes.all_causes import EVERY, NAMES
-from driver.forward.build import size_between
+from driver.forward.build import size_between, size_of_second_mesh
 from driver.forward.cost import simulation_memory, steps_seconds
 from meshes.prism import section_divisions
 from solver_adapters.finite_differences import RUNS_PER_DIRECTION
@@ -19,6 +19,8 @@ _ITERATION_SHARE = 0.7
 _PER_REFIT = 6
 _PER_LOOK = 4
 _FINE_RUNS = 8
+# So often the second mesh, which tells whether a finding hangs on the mesh.
+_SECOND_RUNS = 3
 # Seconds of one core of the correlation for one pixel of one image, all iterations.
 _PIXEL_SECONDS = 8e-6
 # Copies of the images held at a time.
@@ -67,15 +69,22 @@ def estimate(
     # The finer simulation tells its derivatives twice: for all that is fitted, and for all causes.
     exact = not solver.runs_per_direction
     told = (directions, directions + causes) if exact and case.with_images else ()
-    specimen = case.specimen
-    divisions = section_divisions(specimen.width, specimen.depth, specimen.fine_mesh_size)
-    between = size_between(case, divisions)
-    meshes = [finer] if between is None else [finer, cells_of_size(case, n_cells, between)]
-    fine = sum(
-        steps_seconds(case, solver, cells, intervals * case.solver.fine_steps_per_interval, n)
-        for cells in meshes
-        for n in (*told, *(0,) * (_FINE_RUNS - len(told)))
-    )
+
+    def on_cells_of(size: float, runs: tuple[int, ...]) -> float:
+        """Seconds of runs on finer cells, with so many directions each."""
+        specimen = case.specimen
+        divisions = section_divisions(specimen.width, specimen.depth, size)
+        steps = intervals * case.solver.fine_steps_per_interval
+        return sum(
+            steps_seconds(case, solver, cells_of_size(case, n_cells, one), steps, n)
+            for one in (size, size_between(case, divisions))
+            if one is not None
+            for n in runs
+        )
+
+    fine = on_cells_of(case.specimen.fine_mesh_size, (*told, *(0,) * (_FINE_RUNS - len(told))))
+    if case.with_images:
+        fine += on_cells_of(size_of_second_mesh(case), (0,) * _SECOND_RUNS)
     fits = round(_ITERATION_SHARE * case.identification.max_iterations)
     refits = min(case.diagnosis.refit, _causes(case)) * _PER_REFIT if case.with_images else 0
     looks = _bent_causes(case) * _PER_LOOK if case.with_images else 0

@@ -9,20 +9,20 @@ from meshes.prism import section_divisions
 DEPTH = 2 * np.sqrt(3)  # of an equilateral section, 4 µm wide
 
 
-def test_the_first_hexahedra_are_one_and_three_along_half_of_a_side() -> None:
-    assert sizes_at(4.0, DEPTH, "hex20", 0) == (2.0, 0.667)
-    assert sizes_at(4.0, DEPTH, "hex20", 1) == (2.0, 0.5)
-    assert sizes_at(4.0, DEPTH, "hex20", 2) == (1.0, 0.4)
-    assert sizes_at(8.0, 2 * DEPTH, "hex20", 0) == (4.0, 1.33)
+def test_the_first_hexahedra_are_two_and_one_in_a_section_of_four() -> None:
+    assert sizes_at(4.0, DEPTH, "hex20", 0) == (2.0, 1.0)
+    assert sizes_at(4.0, DEPTH, "hex20", 1) == (2.0, 0.667)
+    assert sizes_at(4.0, DEPTH, "hex20", 3) == (1.0, 0.4)
+    assert sizes_at(8.0, 2 * DEPTH, "hex20", 0) == (4.0, 2.0)
 
 
 @pytest.mark.parametrize("depth", [1.0, DEPTH, 9.0])
 def test_each_refinement_of_hexahedra_divides_the_section_once_more(depth: float) -> None:
-    before = 2
+    before = 1
     for level in range(6):
         working, finer = sizes_at(4.0, depth, "hex20", level)
         divisions = [section_divisions(4.0, depth, size) for size in (working, finer)]
-        assert divisions[1] == level + 3 == before + 1
+        assert divisions[1] == level + 2 == before + 1
         assert finer <= LARGEST_RATIO * working
         before = divisions[1]
 

@@ -62,7 +62,7 @@ def test_sizes_are_automatic_unless_both_are_stated() -> None:
 def test_a_level_puts_numbers_in_place_of_automatic_sizes() -> None:
     chosen = Specimen(width_um=6.0).at_level("hex20", 1)
     assert (chosen.cell_kind, chosen.refined, chosen.automatic) == ("hex20", 1, False)
-    assert (chosen.mesh_size, chosen.fine_mesh_size) == (3.0, 0.75)
+    assert (chosen.mesh_size, chosen.fine_mesh_size) == (3.0, 1.0)
     # What is written of it is a case with stated sizes.
     assert Specimen(**chosen.model_dump()).refined is None
 

@@ -121,7 +121,7 @@ def test_automatic_sizes_get_the_budget_to_write_where_theirs_is_spent(tmp_path:
     told = to_refine(case, "mesh", 299.0)
     budget = float(told.split("execution.budget_min = ")[1].split(",")[0])
     assert minutes <= budget <= 1.1 * minutes + 1
-    assert ", then run again: meshes of 2 and 0.5 µm take about " in told
+    assert ", then run again: meshes of 2 and 0.667 µm take about " in told
     # The budget that is named is one that holds it.
     written(tmp_path, load_case(case.file), execution__budget_min=budget)
     enough = sized_case(case.file)
@@ -141,12 +141,12 @@ def test_meshes_are_refined_while_the_budget_holds_it(tmp_path: Path, lines: lis
     diagnosed(case)
     finer = asked(case)
     assert finer is not None and finer.specimen.refined == 1
-    assert (finer.specimen.mesh_size, finer.specimen.fine_mesh_size) == (2.0, 0.5)
+    assert (finer.specimen.mesh_size, finer.specimen.fine_mesh_size) == (2.0, 0.667)
     # The measurement is not made again.
     assert read_refinements(tmp_path / "results") == Refinements(1, 600.0)
     assert sized_case(case.file).specimen == finer.specimen
     assert lines[-1].startswith(
-        "the mesh keeps the verdict open and is refined: 2 and 0.5 µm take about "
+        "the mesh keeps the verdict open and is refined: 2 and 0.667 µm take about "
     )
     assert lines[-1].endswith("h of execution.budget_min = 600 are left")
 
@@ -156,7 +156,7 @@ def test_time_of_coarser_meshes_counts_in_the_budget(tmp_path: Path, lines: list
     write_refinements(tmp_path / "results", Refinements(0, 60 * 599.0))
     diagnosed(case)
     assert asked(case) is None
-    assert lines[-1].startswith("not refined, for lack of time: 2 and 0.5 µm take about ")
+    assert lines[-1].startswith("not refined, for lack of time: 2 and 0.667 µm take about ")
     assert read_refinements(tmp_path / "results").level == 0
 
 
@@ -187,8 +187,8 @@ def test_sizes_and_budget_are_told_beforehand(tmp_path: Path) -> None:
     cost = estimate(case, BundledAdapter().capabilities(), 30, 4)
     told = told_beforehand(case, cost)
     assert told.startswith(
-        "hex20 of 2 and 0.667 µm, chosen by prismid; where the mesh keeps the verdict open they "
-        "are refined within execution.budget_min = 90, next 2 and 0.5 µm take about "
+        "hex20 of 2 and 1 µm, chosen by prismid; where the mesh keeps the verdict open they are "
+        "refined within execution.budget_min = 90, next 2 and 0.667 µm take about "
     )
     alone = case.with_values_at({"boundary.motion": "stage"})
-    assert told_beforehand(alone, cost) == "hex20 of 2 and 0.667 µm, chosen by prismid"
+    assert told_beforehand(alone, cost) == "hex20 of 2 and 1 µm, chosen by prismid"

@@ -113,10 +113,10 @@ def test_the_sizes_of_the_meshes_and_their_refinements_are_told(written: Results
     assert mesh(stated).endswith("sizes 2 and, of the finer mesh, 1 µm, as stated")
     chosen = [mesh(stated.at_level("hex20", level)) for level in range(3)]
     assert chosen[0].endswith(
-        "sizes 2 and, of the finer mesh, 0.667 µm, chosen by prismid and not refined"
+        "sizes 2 and, of the finer mesh, 1 µm, chosen by prismid and not refined"
     )
-    assert chosen[1].endswith("0.5 µm, chosen by prismid and refined once")
-    assert chosen[2].endswith("0.4 µm, chosen by prismid and refined 2 times")
+    assert chosen[1].endswith("0.667 µm, chosen by prismid and refined once")
+    assert chosen[2].endswith("0.5 µm, chosen by prismid and refined 2 times")
 
 
 def test_every_cause_stands_in_the_table_with_its_sentence(page: str) -> None:
