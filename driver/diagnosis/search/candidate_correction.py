@@ -27,6 +27,8 @@ logger = logging.getLogger(__name__)
 
 REACH = 10.0
 """Log evidence below the best within which a correction may change the order."""
+REACH_OF_LARGE = 0.15
+"""The same as a share of a large one: what derivatives do not hold grows with the effect."""
 _MOST = 3  # iterations
 _CORRECTIONS = 5  # of one refit
 _SETTLED = 1.0  # change of the log evidence by the last of them
@@ -63,7 +65,8 @@ def with_candidate_corrections(
     """
     if not refits:
         return []
-    threshold = max(refits[0].log_evidence - REACH, 0.0)
+    best = refits[0].log_evidence
+    threshold = max(best - max(REACH, REACH_OF_LARGE * best), 0.0)
     leading = [refit for refit in refits if refit.log_evidence > threshold]
     if len(leading) < 2:
         return list(refits)
