@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 
 from driver.diagnosis.answer.result_types import Refit
-from driver.diagnosis.search.candidate_correction import REACH, with_candidate_corrections
+from driver.diagnosis.search.candidate_correction import (
+    REACH,
+    REACH_OF_LARGE,
+    with_candidate_corrections,
+)
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import Executor, refit_causes
 from driver.diagnosis.statistics.score_test import score
@@ -127,3 +131,17 @@ def test_one_that_leads_alone_is_not_simulated(
     executor = Executor(1, 1)
     assert with_candidate_corrections([first, far], baseline.best, never, executor) == [first, far]
     assert with_candidate_corrections([], baseline.best, never, executor) == [] and not lines
+
+
+@pytest.mark.parametrize(("behind", "corrected"), [(28.0, True), (32.0, False)])
+def test_of_a_large_effect_rivals_within_a_share_of_its_evidence_are_corrected(
+    behind: float, corrected: bool, lines: list[str]
+) -> None:
+    baseline, before = refitted()
+    leading = replace(before[0], log_evidence=200.0)
+    rival = replace(before[1], log_evidence=200.0 - behind)
+    assert 200.0 * REACH_OF_LARGE == pytest.approx(30.0)
+    executor, finest = Executor(1, 1), FineModels(finer(BENCH))
+    lines.clear()
+    after = with_candidate_corrections([leading, rival], baseline.best, finest, executor)
+    assert (after != [leading, rival]) == corrected == bool(lines)
