@@ -66,6 +66,16 @@ class Derivatives:
         )
         return self.factor * (motion - less_motion), self.factor * (load - less_load)
 
+    def completed_by(self, other: Derivatives) -> Derivatives:
+        """Return these with those for parameters that they lack, about where these were taken."""
+        more = [k for k, p in enumerate(other.parameters) if p not in self.parameters]
+        return replace(
+            self,
+            parameters=(*self.parameters, *(other.parameters[k] for k in more)),
+            working=self.working.joined(other.working.restrict(more)),
+            finer=self.finer.joined(other.finer.restrict(more)),
+        )
+
     def sensitivity(self, data: Data, free: Sequence[str]) -> FloatArray:
         """Whitened derivatives for the θ of some parameters, shape (k, n), 0 for those unknown."""
         names = [p.name for p in self.parameters]
@@ -105,16 +115,16 @@ class Correction:
         motion, load = self.derivatives.change(values)
         return replace(self, motion=self.motion + motion, load=self.load + load, derivatives=None)
 
-    def with_derivatives_of(self, other: Correction, values: Mapping[str, float]) -> Correction:
-        """Return this correction with the derivatives of another one, about where this was taken.
+    def completed_by(self, other: Correction) -> Correction:
+        """Return this correction with the derivatives that it lacks of another one, if it has any.
 
         Args:
-            other: taken nearby.
-            values: every parameter where this one was taken.
+            other: taken nearby; a constant one where its derivatives do not hold here.
         """
-        known = other.derivatives
-        moved = None if known is None else replace(known, values=dict(values))
-        return replace(self, derivatives=moved)
+        mine, known = self.derivatives, other.derivatives
+        if mine is None or known is None:
+            return self
+        return replace(self, derivatives=mine.completed_by(known))
 
     @property
     def of_mesh(self) -> tuple[FloatArray, FloatArray]:

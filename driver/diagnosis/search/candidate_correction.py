@@ -105,11 +105,15 @@ def _under_its_own(task: _Task) -> Refit | Failure:
 def _corrected(refit: Refit, task: _Task) -> Refit | Failure:
     """Return a refit under the correction where it stands, or why there is none."""
     objective, at = with_prior(refit.objective, refit.cause), refit.fit
-    change = attempt(lambda: correction(objective.model, task.finer, at.best.prediction, at.values))
+    change = attempt(
+        lambda: correction(
+            objective.model, task.finer, at.best.prediction, at.values, free=at.best.free
+        )
+    )
     if isinstance(change, Failure):
         return change
     # What the other mesh adds is that at the baseline: small beside what this changes.
-    mean = change.mean_with(objective.spread).with_derivatives_of(objective.correction, at.values)
+    mean = change.mean_with(objective.spread).completed_by(objective.correction)
     objective = replace(objective, correction=mean)
     result = fit_from(at.best, objective, _MOST, TOLERANCE)
     return refit_of(refit.cause, objective, result, task.baseline)

@@ -105,7 +105,7 @@ def _corrected(objective: Objective, here: Fit, finer: FineModels, settings: Set
     both = objective.spread is not None
     change, spread = finer.corrections(objective.model, here, both)
     noise = noise_of_images(here, objective.data, settings)
-    mean = change.mean_with(spread).with_derivatives_of(objective.correction, here.values)
+    mean = change.mean_with(spread).completed_by(objective.correction)
     objective = with_correction(objective, noise, change, settings.sizes)
     return replace(objective, correction=mean, spread=spread)
 

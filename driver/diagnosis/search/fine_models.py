@@ -56,7 +56,8 @@ class FineModels:
         """
 
         def on_one() -> Correction | None:
-            return correction(working, self.one, here.best.prediction, here.values, with_steps=True)
+            best = here.best
+            return correction(working, self.one, best.prediction, best.values, True, best.free)
 
         def on_another() -> Correction | None:
             another = self.another

@@ -104,6 +104,6 @@ def with_both(objective: Objective, here: Fit, both: OnBoth) -> tuple[Objective,
         both: what two finer meshes say.
     """
     mean = both.first.mean_with(both.spread)
-    mean = mean.with_derivatives_of(objective.correction, here.values)
+    mean = mean.completed_by(objective.correction)
     objective = replace(objective, correction=mean, spread=both.spread)
     return objective, fit_from(here.best, objective, POLISH)

@@ -118,13 +118,28 @@ def test_derivatives_that_cost_simulations_are_not_asked_for() -> None:
     assert change.derivatives is None and change.at(away(1.0)) is change
 
 
-def test_a_correction_taken_elsewhere_keeps_derivatives_and_is_itself_there() -> None:
+def test_a_correction_taken_elsewhere_takes_over_the_derivatives_that_it_lacks() -> None:
     _, before = taken()
-    values = away(1.0)
-    here = BENCH.model.predict(values)
-    again = correction(BENCH.model, fine_model(), here, values)
-    moved = again.with_derivatives_of(before, values)
-    np.testing.assert_array_equal(moved.at(values).load, again.load)
-    np.testing.assert_array_equal(moved.at(values).motion, again.motion)
-    assert moved.derivatives is not None and before.derivatives is not None
-    assert moved.derivatives.parameters == before.derivatives.parameters
+    values, few = away(1.0), ("tau0", "skin_tau0")
+    here = BENCH.model.predict(values, few)
+    again = correction(BENCH.model, fine_model(), here, values, free=few)
+    both = again.completed_by(before)
+    np.testing.assert_array_equal(both.at(values).load, again.load)
+    np.testing.assert_array_equal(both.at(values).motion, again.motion)
+    assert both.derivatives is not None and again.derivatives is not None
+    names = [p.name for p in both.derivatives.parameters]
+    assert names == [*few, *(name for name in FREE if name != "tau0")]
+    data = closed_form.objective(BENCH, BENCH.truth).data
+    own = both.derivatives.sensitivity(data, few)
+    np.testing.assert_array_equal(own, again.derivatives.sensitivity(data, few))
+    assert before.derivatives is not None
+    lacking = both.derivatives.sensitivity(data, ("d",))
+    slopes = values["d"] / BENCH.truth["d"]  # of θ, a logarithm
+    taken_over = slopes * before.derivatives.sensitivity(data, ("d",))
+    np.testing.assert_allclose(lacking, taken_over, rtol=1e-9, atol=1e-12)
+
+
+def test_of_a_constant_correction_nothing_is_taken_over() -> None:
+    _, before = taken()
+    constant = replace(before, derivatives=None)
+    assert before.completed_by(constant) is before and constant.completed_by(before) is constant
