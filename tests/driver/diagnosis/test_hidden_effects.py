@@ -29,6 +29,7 @@ EFFECTS = {  # cause: parameter and truth
     "grain_contrast": ("tau0_grain2", CONTRAST),
     "latent_hardening": ("Q_latent", LATENT),
     "heterogeneity_grain2": ("tau0_grain2_slope_Y", SLOPE),
+    "load_offset": ("load_offset", 60.0),
     "nothing": ("", 0.0),
 }
 
@@ -46,8 +47,8 @@ def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Diagnose:
     return diagnoses(tmp_path_factory, small_case(), course)
 
 
-def test_a_hidden_effect_is_named_and_its_size_recovered(diagnosed: Diagnose) -> None:
-    effect = "grain_contrast"
+@pytest.mark.parametrize("effect", ["grain_contrast", "load_offset"])
+def test_a_hidden_effect_is_named_and_its_size_recovered(effect: str, diagnosed: Diagnose) -> None:
     assert_named_and_recovered(diagnosed(effect, SEED), effect, *EFFECTS[effect])
 
 
@@ -82,9 +83,10 @@ def test_a_critical_stress_that_varies_inside_a_grain_is_named_and_its_slope_rec
     assert after["omnibus"]["accepted"] and after["chi_load"] < before["chi_load"]
 
 
-def test_without_the_effect_the_finding_is_gone(diagnosed: Diagnose) -> None:
+@pytest.mark.parametrize("effect", ["grain_contrast", "load_offset"])
+def test_without_the_effect_the_finding_is_gone(effect: str, diagnosed: Diagnose) -> None:
     """The same relief, stage errors and noise; only the effect is taken out."""
-    assert_gone(diagnosed("nothing", SEED), "grain_contrast", *EFFECTS["grain_contrast"])
+    assert_gone(diagnosed("nothing", SEED), effect, *EFFECTS[effect])
 
 
 def test_a_sound_model_gets_nothing_wrong_and_the_true_law(diagnosed: Diagnose) -> None:

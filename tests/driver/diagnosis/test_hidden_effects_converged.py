@@ -30,7 +30,6 @@ pytestmark = pytest.mark.slow
 EFFECTS = {  # cause: parameter and truth
     "grain_contrast": ("tau0_grain2", 1.25),
     "boundary_position": ("boundary_shift", 0.6),
-    "load_offset": ("load_offset", 60.0),
 }
 SLICE = 0.55  # of τ₀ in 1.6 µm of grain 2
 SEED = 1
@@ -67,10 +66,7 @@ def course(effect: str) -> Course:
         return pulled({}, truth=moved_boundary(true_case()))
     if effect == "soft slice":
         return pulled({}, change=sliced)
-    unbiased = pulled({})
-    if effect == "load_offset":
-        return replace(unbiased, load=unbiased.load + EFFECTS[effect][1])
-    return unbiased
+    return pulled({})
 
 
 @pytest.fixture(scope="module")
