@@ -18,7 +18,10 @@ from meshes.surface import SurfaceMesh, interpolation, trace
 
 FOLDER = Path(__file__).parent / "references"
 ORDER = 1.5
-"""Power of the size with which errors of cells below 0.7 µm fall (benchmarks/numerics.md)."""
+"""Power of the size with which errors of cells below 0.7 µm fall (benchmarks/numerics.md).
+
+A judge has a constant of its own: that of the program may change.
+"""
 _INSET = 1e-6  # µm, by which points of an edge are drawn onto the face
 
 

@@ -26,7 +26,7 @@ def sizes_at(width: float, depth: float, kind: CellKind, level: int) -> Sizes:
         width: of the section [µm].
         depth: of the section [µm].
         kind: of the cells.
-        level: how often both meshes were refined.
+        level: how often they were refined.
     """
     if kind == "hex20":
         sizes = _of_divisions(width, depth, _HEXAHEDRA)
@@ -38,7 +38,7 @@ def sizes_at(width: float, depth: float, kind: CellKind, level: int) -> Sizes:
 
 
 def refined_sizes(width: float, depth: float, kind: CellKind, sizes: Sizes) -> Sizes:
-    """Return the next smaller sizes of both meshes [µm].
+    """Return the next smaller sizes of the meshes [µm]; of hexahedra the finer one goes first.
 
     Args:
         width: of the section [µm].

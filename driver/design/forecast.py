@@ -170,7 +170,12 @@ def simulate(own: Prepared) -> Simulated:
     prediction = own.problem.working.predict(own.values, own.names)
     with quiet():
         change = correction(
-            own.problem.working, own.problem.finer, prediction, own.values, True, own.names
+            own.problem.working,
+            own.problem.finer,
+            prediction,
+            own.values,
+            with_steps=True,
+            free=own.names,
         )
     return Simulated(prediction, own.names, change)
 

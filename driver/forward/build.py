@@ -39,7 +39,7 @@ from solver_adapters.registry import find_adapter
 
 _SMALLER = (0.93, 0.9, 0.87, 0.84, 0.8, 0.75)  # elements of another mesh over those of the first
 _TWO_THIRDS = 2 / 3  # of hexahedra over those of the first mesh
-_NEXT_COARSER = 0.75  # of the cells along a side, which a mesh to extrapolate with has at most
+_NEXT_COARSER = 0.75  # cells along a side of a mesh to extrapolate with, over those of the finer
 _COMMON = 0.2  # share of its nodes that it may have in common with the first
 _SAME = 0.02  # element sizes between two nodes that are as good as the same
 TRACE = "trace"  # of the working mesh, in place of a mesh file of the correlation

@@ -141,7 +141,7 @@ def identify(
     noise = noise_factor(stage_b, first.objective.data)
     free = plan.free("C")
     begin = objective.with_free(stage_b.best, free)
-    change = correction(working, finer, begin.prediction, begin.values, True, free)
+    change = correction(working, finer, begin.prediction, begin.values, with_steps=True, free=free)
     corrected = with_correction(objective, noise, change, plan.sizes)
     logger.info("stage C: all together, with the correction")
     last = fit_from(begin, corrected, plan.most)
@@ -274,7 +274,9 @@ def corrected_with_derivatives(
     if finer.adapter.capabilities().runs_per_direction:
         return objective, at
     logger.info("finer mesh and steps at the result, with all derivatives")
-    change = correction(objective.model, finer, at.prediction, at.values, True, at.free)
+    change = correction(
+        objective.model, finer, at.prediction, at.values, with_steps=True, free=at.free
+    )
     objective = with_correction(objective, objective.data.image.noise_factor, change, sizes)
     return objective, objective.compare(at.prediction, at.values, at.free)
 

@@ -22,7 +22,7 @@ class Refinements:
     """What `sizes.json` holds.
 
     Attributes:
-        level: how often both meshes were refined.
+        level: how often the meshes were refined.
         seconds: wall-clock time of the stages on the coarser meshes before [s].
     """
 
@@ -86,7 +86,7 @@ def sized(case: Case, solver: Capabilities | None) -> Case:
 
 
 def refined(case: Case) -> Case:
-    """Return a case with chosen sizes with both meshes refined once more."""
+    """Return a case with chosen sizes with its meshes refined once more."""
     assert case.specimen.refined is not None
     return _with_specimen(case, case.specimen.cell_kind, case.specimen.refined + 1)
 

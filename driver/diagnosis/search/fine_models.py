@@ -57,7 +57,9 @@ class FineModels:
 
         def on_one() -> Correction | None:
             best = here.best
-            return correction(working, self.one, best.prediction, best.values, True, best.free)
+            return correction(
+                working, self.one, best.prediction, best.values, with_steps=True, free=best.free
+            )
 
         def on_another() -> Correction | None:
             another = self.another
