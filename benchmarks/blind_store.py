@@ -30,8 +30,9 @@ TRUTHS = (
         for name in (
             "diagnosis/causes/ebsd_flips", "dic/surface_images", "experiment/history",
             "forward/boundary_motion", "forward/build", "forward/dwell_time",
-            "forward/fixed_pattern", "forward/instrument", "forward/load_lag",
-            "forward/microstructure", "forward/model", "forward/prediction",
+            "case/specimen", "forward/fixed_pattern", "forward/instrument", "forward/load_lag",
+            "forward/mesh_extrapolation", "forward/microstructure", "forward/model",
+            "forward/prediction",
             "forward/surface_projection", "identification/correction", "identification/data",
             "identification/image_data", "identification/objective",
             "identification/reference_noise",
