@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from driver.diagnosis.causes.causes import LIBRARY, Cause
 from driver.parameters.registry import label_of
-from solver_adapters.material import OF_SECOND_GRAIN
 
 
 @dataclass(frozen=True)
@@ -45,8 +44,7 @@ def not_examined(
         wanted: names of the causes to try, None for all.
         own: causes beside the library.
     """
-    asked = _asked(wanted, own, {*specimen} & {*solver})
-    reasons = [(cause, _why_not(cause, specimen, solver, fitted)) for cause in asked]
+    reasons = [(cause, _why_not(cause, specimen, solver, fitted)) for cause in _asked(wanted, own)]
     return tuple(NotExamined(cause.name, why) for cause, why in reasons if why)
 
 
@@ -65,26 +63,13 @@ def causes_of(
         own: causes beside the library.
     """
     return tuple(
-        cause for cause in _asked(wanted, own, known) if not _why_not(cause, known, known, fitted)
+        cause for cause in _asked(wanted, own) if not _why_not(cause, known, known, fitted)
     )
 
 
-def _asked(
-    wanted: Sequence[str] | None, own: Sequence[Cause], specimen: Collection[str]
-) -> list[Cause]:
+def _asked(wanted: Sequence[str] | None, own: Sequence[Cause]) -> list[Cause]:
     """Those of the library that are wanted, and all own ones: their file asks for them."""
-    chosen = [cause for cause in LIBRARY if wanted is None or cause.name in wanted]
-    return [_in_specimen(cause, specimen) for cause in chosen] + list(own)
-
-
-def _in_specimen(cause: Cause, specimen: Collection[str]) -> Cause:
-    """Return the cause without companions of a second grain that the specimen does not have.
-
-    The mean τ₀ of a single grain is `tau0` itself.
-    """
-    absent = OF_SECOND_GRAIN.difference(specimen).intersection(cause.companions)
-    kept = tuple(name for name in cause.companions if name not in absent)
-    return replace(cause, companions=kept) if absent else cause
+    return [cause for cause in LIBRARY if wanted is None or cause.name in wanted] + list(own)
 
 
 def _why_not(

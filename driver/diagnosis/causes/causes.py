@@ -19,8 +19,7 @@ class Cause:
         name: unique name.
         category: which kind of people would mend it.
         parameters: the parameters that leave their null, one or more (none for a flip).
-        companions: parameters that exist only under the alternative and are freed in the refit;
-            one that is the parameter of another cause has the prior of an effect there.
+        companions: parameters that exist only under the alternative and are freed in the refit.
         one_sided: whether the (single) parameter can only be above its null.
         unseen: why the data leave no trace of it, where they leave none.
         sentence: what a person would say.
@@ -121,16 +120,14 @@ LIBRARY: tuple[Cause, ...] = (
     Cause(
         "heterogeneity_grain1", "material", TAU0_MODES[0],
         "the critical resolved shear stress varies inside grain 1",
-        "slip traces along grain 1: where they are dense first, and where late; and the profile "
-        "of hardness by nano-indentation along its face, on from grain 2 as the reference",
-        companions=("tau0_grain2",), label="heterogeneity of grain 1",
+        "slip traces along grain 1, and its hardness by nano-indentation at points along it",
+        label="heterogeneity of grain 1",
     ),
     Cause(
         "heterogeneity_grain2", "material", TAU0_MODES[1],
         "the critical resolved shear stress varies inside grain 2",
-        "slip traces along grain 2: where they are dense first, and where late; and the profile "
-        "of hardness by nano-indentation along its face, on from grain 1 as the reference",
-        companions=("tau0_grain2",), label="heterogeneity of grain 2",
+        "slip traces along grain 2, and its hardness by nano-indentation at points along it",
+        label="heterogeneity of grain 2",
     ),
     Cause(
         "rate_sensitivity", "material", ("n", "K"),
@@ -288,18 +285,6 @@ LIBRARY: tuple[Cause, ...] = (
         "images of an unloaded surface over the same time",
     ),
 )  # fmt: skip
-
-_EFFECTS = frozenset(name for cause in LIBRARY for name in cause.parameters)
-
-
-def effects_of_refit(cause: Cause) -> tuple[str, ...]:
-    """Return what is weighed together where a cause is freed.
-
-    These are its parameters, and those of its companions that are parameters of another cause: a
-    prior that is narrower than there would favour the other one.
-    """
-    return (*cause.parameters, *(name for name in cause.companions if name in _EFFECTS))
-
 
 NUMERICS = Cause(
     "discretisation", "numerics", (DISCRETISATION.name,),

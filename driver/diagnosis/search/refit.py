@@ -12,7 +12,7 @@ from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
 from driver.common.progress import quiet
 from driver.diagnosis.answer.result_types import Refit
-from driver.diagnosis.causes.causes import Cause, effects_of_refit
+from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.statistics.bayes_factor import log_bayes_factor
 from driver.diagnosis.statistics.score_test import Score
 from driver.identification.fit import Fit, fit
@@ -75,8 +75,7 @@ def with_prior(objective: Objective, cause: Cause) -> Objective:
     for name in cause.parameters:
         prior[name] = (nulls[name], FREED_WIDTH * objective.parameters[name].width)
     for name in cause.companions:
-        scales = FREED_WIDTH if name in effects_of_refit(cause) else 1.0
-        prior.setdefault(name, (nulls[name], scales * objective.parameters[name].width))
+        prior.setdefault(name, (nulls[name], objective.parameters[name].width))
     return replace(objective, prior=prior)
 
 
@@ -273,10 +272,8 @@ def refit_of(cause: Cause, objective: Objective, result: Fit, baseline: Evaluati
         result: the fit.
         baseline: the baseline at its optimum.
     """
-    added = added_by(cause, baseline)
-    effects = tuple(name for name in added if name in effects_of_refit(cause))
-    companions = [name for name in added if name not in effects]
-    rising = cause.parameters if cause.one_sided else ()
-    evidence = log_bayes_factor(baseline, result.best, objective, [effects], companions, rising)
+    companions = [name for name in added_by(cause, baseline) if name in cause.companions]
+    effects, rising = [cause.parameters], cause.parameters if cause.one_sided else ()
+    evidence = log_bayes_factor(baseline, result.best, objective, effects, companions, rising)
     evidence += float(np.log(cause.odds))
     return Refit(cause, as_wide_as_found(objective, cause, result.values), result, evidence)

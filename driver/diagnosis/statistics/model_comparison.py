@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from driver.diagnosis.causes.causes import Cause, effects_of_refit
+from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.noise_causes import COVARIANCE
 from driver.diagnosis.statistics.bayes_factor import log_bayes_factor
 from driver.identification.objective import Evaluation, Objective
@@ -64,23 +64,10 @@ def log_evidence(
     causes = [cause for cause in causes if cause not in COVARIANCE]
     if not causes:
         return 0.0
-    effects = _effects_of_each(causes, before.free)
-    weighed = {name for names in effects for name in names}
-    companions = {name for cause in causes for name in cause.companions} - weighed
-    companions -= {*before.free}
+    companions = {name for cause in causes for name in cause.companions} - set(before.free)
+    effects = [cause.parameters for cause in causes]
     rising = [name for cause in causes if cause.one_sided for name in cause.parameters]
     return log_bayes_factor(before, after, objective, effects, sorted(companions), rising)
-
-
-def _effects_of_each(causes: Sequence[Cause], fitted: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the effects of each cause, every one once and not again as a companion."""
-    taken = {*fitted, *(name for cause in causes for name in cause.parameters)}
-    effects = []
-    for cause in causes:
-        beside = [name for name in effects_of_refit(cause) if name not in taken]
-        taken.update(beside)
-        effects.append((*cause.parameters, *beside))
-    return effects
 
 
 def _excess(at: Evaluation) -> tuple[FloatArray, FloatArray]:

@@ -3,7 +3,6 @@ from __future__ import annotations
 from driver.diagnosis.causes.candidates import causes_of, not_examined
 from driver.diagnosis.causes.causes import LIBRARY, Cause
 from driver.parameters.registry import declared_parameters
-from solver_adapters.material import OF_SECOND_GRAIN, TAU0_MODES
 
 DECLARED = declared_parameters(5)
 NAMES = [cause.name for cause in LIBRARY]
@@ -49,14 +48,3 @@ def test_a_cause_whose_companion_nobody_can_honour_is_not_tried() -> None:
     assert causes_of(every - {"fixed_pattern"}, (), (), (own,)) == ()
     (left,) = not_examined(every, every - {"fixed_pattern"}, (), (), (own,))
     assert left.why == "the solver cannot honour share of the flat pattern left"
-
-
-def test_a_single_grain_may_be_heterogeneous_and_its_mean_is_its_own_critical_stress() -> None:
-    single = set(DECLARED) - OF_SECOND_GRAIN
-    wanted = ("grain_contrast", "heterogeneity_grain1", "heterogeneity_grain2")
-    (tried,) = causes_of(single, (), wanted)
-    assert (tried.parameters, tried.companions) == (TAU0_MODES[0], ())
-    left = not_examined(single, set(DECLARED), (), wanted)
-    assert [one.cause for one in left] == ["grain_contrast", "heterogeneity_grain2"]
-    both = causes_of(DECLARED, (), wanted)
-    assert [cause.companions for cause in both[1:]] == 2 * [("tau0_grain2",)]

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from driver.diagnosis.causes.causes import LIBRARY, NUMERICS, Cause, effects_of_refit
+from driver.diagnosis.causes.causes import LIBRARY, NUMERICS, Cause
 from driver.parameters.registry import declared_parameters
 
 DECLARED = declared_parameters(5)
@@ -48,14 +48,3 @@ def test_names_are_unique_and_every_category_is_there() -> None:
 def test_no_two_causes_share_a_parameter() -> None:
     named = [name for cause in LIBRARY for name in cause.parameters]
     assert len(set(named)) == len(named)
-
-
-def test_a_refit_weighs_the_mean_of_a_heterogeneous_grain_as_it_weighs_a_contrast() -> None:
-    """A soft slice lowers the mean of its grain, too: without it contrast alone could do so."""
-    by_name = {cause.name: cause for cause in LIBRARY}
-    for grain in (1, 2):
-        cause = by_name[f"heterogeneity_grain{grain}"]
-        assert cause.companions == by_name["grain_contrast"].parameters
-        assert effects_of_refit(cause) == (*cause.parameters, "tau0_grain2")
-    others = [cause for cause in LIBRARY if not cause.name.startswith("heterogeneity")]
-    assert all(effects_of_refit(cause) == cause.parameters for cause in others)

@@ -183,24 +183,3 @@ def test_starts_are_nominal_with_the_cause_one_and_three_scales_off() -> None:
     )
     starts = nominal_starts(cast(Score, rising), baseline, extended)
     assert sorted(start["x"] for start in starts) == pytest.approx([0.1, 0.3])
-
-
-def test_a_companion_that_is_an_effect_of_another_cause_is_weighed_as_one() -> None:
-    """As the mean of a heterogeneous grain: a narrower prior would favour the other cause."""
-    measured = A.T @ [0.5, 0.1, 6.0, 9.0] + RNG.standard_normal(50)
-    objective = replace(
-        formula(lambda p: (p @ A, A), measured, PARAMETERS),
-        model=cast(Any, SimpleNamespace(null_values=lambda: ZERO)),
-    )
-    baseline = fit(objective, ZERO, ("a", "b"), 3, tolerance=1e-9).best
-    screening = objective.evaluate(baseline.values, ("a", "b", "Q", "load_drift"))
-    beside = Cause("beside", "material", ("Q",), "", "", companions=("load_drift",))
-    whole = Cause("whole", "material", ("Q", "load_drift"), "", "")
-    assert with_prior(objective, beside).prior == with_prior(objective, whole).prior
-    scores = [
-        score(beside, screening.jacobian[2:3], baseline, 1),
-        score(whole, screening.jacobian[2:], baseline, 1),
-    ]
-    first, second = refit_causes(scores, screening, baseline, objective, Executor(1, 1))
-    assert {first.cause, second.cause} == {beside, whole}
-    assert first.log_evidence == pytest.approx(second.log_evidence, abs=1e-9)

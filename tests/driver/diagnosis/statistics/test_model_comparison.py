@@ -79,25 +79,3 @@ def test_the_evidence_takes_the_prior_that_was_stated_before_the_data_were_seen(
 def test_without_a_cause_there_is_no_evidence() -> None:
     here = of(RNG.standard_normal(N))
     assert log_evidence(here, here, formula(lambda p: (p @ A, A), A[0], PARAMETERS), []) == 0.0
-
-
-def test_an_effect_counts_once_where_it_is_a_companion_as_well() -> None:
-    """As a contrast of the grains, beside a grain whose mean it is."""
-    parameters = [*PARAMETERS, Parameter("load_drift", "µN", 0.0, 20.0)]
-    responses = np.vstack([A, 0.001 * RNG.standard_normal((1, N))])
-    measured = np.array([0.3, 100.0, 50.0]) @ responses + RNG.standard_normal(N)
-    bare = formula(lambda p: (p @ responses, responses), measured, parameters)
-    beside = Cause("beside", "material", ("Q",), "", "", companions=("load_drift",))
-    whole = Cause("whole", "material", ("Q", "load_drift"), "", "")
-    drift = Cause("drift", "instrument", ("load_drift",), "", "")
-    zero = {"a": 0.0, "Q": 0.0, "load_drift": 0.0}
-    extended = with_prior(bare, whole)
-    before = fit(bare, zero, ("a",), 9, tolerance=1e-9).best
-    after = fit(extended, zero, ("a", "Q", "load_drift"), 9, tolerance=1e-9).best
-
-    def found(*causes: Cause) -> float:
-        return log_evidence(before, after, extended, causes)
-
-    assert found(beside) == pytest.approx(found(whole), abs=1e-9)
-    assert found(drift, beside) == pytest.approx(found(drift, CAUSE), abs=1e-9)
-    assert found(beside, drift) == pytest.approx(found(CAUSE, drift), abs=1e-9)
