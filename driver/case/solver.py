@@ -39,7 +39,7 @@ class Solver(Table):
         default=1, description="time steps between two rows of the history"
     )
     fine_steps_per_interval: Count = Field(
-        default=2, description="the same in the finer simulation"
+        default=2, description="the same in finer steps, which tell what those leave wrong"
     )
     accuracy_uN: Positive | None = Field(
         default=None,

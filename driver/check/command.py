@@ -185,7 +185,7 @@ def _solver(case: Case, adapter: Adapter) -> Iterator[Finding]:
     elif measure in capabilities.cautions:
         yield Finding("warning", "solver", capabilities.cautions[measure])
     try:
-        integration_of(case, adapter)
+        integration_of(case, adapter.capabilities())
     except InputError as error:
         yield Finding("error", "solver", str(error))
     try:

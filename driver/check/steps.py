@@ -37,7 +37,10 @@ def recommended_steps(case: Case, adapter: Adapter, history: History) -> Iterato
         adapter: its solver.
         history: its history.
     """
-    if integration_of(case, adapter) != FIRST_ORDER or case.solver.accuracy_uN is not None:
+    if (
+        integration_of(case, adapter.capabilities()) != FIRST_ORDER
+        or case.solver.accuracy_uN is not None
+    ):
         return
     stated, noise = case.solver.steps_per_interval, case.loads.noise_uN
     try:

@@ -34,6 +34,7 @@ from driver.diagnosis.causes.user_causes import asked_causes
 from driver.experiment.history import History, HistoryError, read_history
 from driver.forward.build import capabilities_of, mesh_of
 from driver.forward.cost import simulation_seconds
+from driver.identification.correction_cost import correction_seconds
 from driver.report.style import png
 from driver.results.design import write_design
 from driver.results.files import DESIGN, DESIGN_PICTURE, JOBS, make_folder, results_of
@@ -170,12 +171,9 @@ def _cost(base: Plan, own: Sequence[Plan]) -> tuple[float, float]:
 
 def _seconds(case: Case, n_images: int) -> float:
     solver, specimen = capabilities_of(case), case.specimen
-    working, fine = (
-        len(mesh_of(case, size).cells) for size in (specimen.mesh_size, specimen.fine_mesh_size)
-    )
-    return simulation_seconds(case, solver, working, n_images, _DIRECTIONS) + simulation_seconds(
-        case, solver, fine, n_images, steps_per_interval=case.solver.fine_steps_per_interval
-    )
+    n_cells, size = len(mesh_of(case, specimen.mesh_size).cells), specimen.fine_mesh_size
+    working = simulation_seconds(case, solver, n_cells, n_images, _DIRECTIONS)
+    return working + correction_seconds(case, solver, n_cells, n_images, size, (_DIRECTIONS,))
 
 
 def _write(folder: Path, base: Forecast, surface: Surface, others: Sequence[Forecast]) -> None:

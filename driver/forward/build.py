@@ -180,13 +180,13 @@ def refuse_parameters(case: Case, solver: Capabilities) -> None:
         raise InputError("\n".join(refused))
 
 
-def integration_of(case: Case, adapter: Adapter) -> Integration:
+def integration_of(case: Case, solver: Capabilities) -> Integration:
     """Return the scheme that the case names, or the best that the solver has.
 
     Raises:
         InputError: the solver lacks the scheme that the case names.
     """
-    offered = adapter.capabilities().integrations
+    offered = solver.integrations
     named = case.solver.integration
     if named is None:
         return "exponential" if "exponential" in offered else "backward_euler"
@@ -320,7 +320,7 @@ def build_model(
         image_row=history.image_row,
         surface_nodes=surface.nodes,
         adapter=adapter,
-        integration=integration_of(case, adapter),
+        integration=integration_of(case, adapter.capabilities()),
         steps_per_interval=steps_per_interval,
         accuracy=None if solver.accuracy_uN is None else solver.accuracy_uN / finer,
         projection=PixelProjection(surface, pixels, (-half, half, 0.0, case.specimen.length)),

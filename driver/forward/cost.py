@@ -70,7 +70,6 @@ def simulation_seconds(
     n_cells: int,
     n_images: int,
     directions: int = 0,
-    steps_per_interval: int | None = None,
 ) -> float:
     """Wall-clock time of one simulation, with derivatives if asked [s].
 
@@ -80,9 +79,8 @@ def simulation_seconds(
         n_cells: cells of the mesh.
         n_images: images of the history, each after one move and one hold of the stage.
         directions: of differentiation.
-        steps_per_interval: time steps of a move or a hold; those of the working mesh if None.
     """
-    steps = 2 * n_images * (steps_per_interval or case.solver.steps_per_interval)
+    steps = 2 * n_images * case.solver.steps_per_interval
     return steps_seconds(case, solver, n_cells, steps, directions)
 
 

@@ -148,6 +148,20 @@ class ForwardModel:
         steps = np.interp(ends, self.clock(values), self.times)
         return self._with_coarser(lambda model: replace(model, steps=steps))
 
+    def in_steps_of(self, other: ForwardModel) -> ForwardModel:
+        """Return the model with the time steps that another one is asked for."""
+
+        def stepped(model: ForwardModel) -> ForwardModel:
+            steps, accuracy = other.steps_per_interval, other.accuracy
+            return replace(model, steps_per_interval=steps, accuracy=accuracy)
+
+        return self._with_coarser(stepped)
+
+    def has_steps_of(self, other: ForwardModel) -> bool:
+        """Whether the same time steps are asked for."""
+        mine = self.steps_per_interval, self.accuracy
+        return mine == (other.steps_per_interval, other.accuracy)
+
     def with_orientations(self, orientations: FloatArray) -> ForwardModel:
         """Return the model with other measured orientations, shape (n_grains, 3, 3)."""
 

@@ -140,7 +140,11 @@ class Correction:
         if not share:
             return self
         motion, load = self.of_mesh
-        return replace(self, motion=self.motion + share * motion, load=self.load + share * load)
+        return self.plus(share * motion, share * load)
+
+    def plus(self, motion: FloatArray, load: FloatArray) -> Correction:
+        """Return the correction with more of both [µm, µN]."""
+        return replace(self, motion=self.motion + motion, load=self.load + load)
 
     def mean_with(self, spread: Correction | None) -> Correction:
         """Return the mean of this correction by a finer mesh and of that by another one.
@@ -164,6 +168,8 @@ def correction(
     """Finer minus working prediction, extrapolated where both meshes are of one family.
 
     Steps of first order are taken in parts by the finer simulation, those that had to be cut too.
+    Of other steps the finer mesh takes those of the working model. What finer ones change is told
+    by the working mesh, as constant: of two small errors the product is left out.
 
     Args:
         working: the working model.
@@ -181,15 +187,21 @@ def correction(
     parts = parts_of(working, finer) if first_order else 1
     exact = finer.adapter.capabilities().runs_per_direction == 0
     asked = tuple(free) if exact else ()
-    runs = [(in_parts_of(finer, coarse, values, parts) if first_order else finer, asked)]
-    more = 0.0
-    if finer.extrapolation is None:
-        more = lacking_share(working.microstructure.mesh, finer.microstructure.mesh)
-    # Only what is of the mesh is extrapolated: the error of the steps has to be known.
-    if first_order and (with_steps or more):
-        runs.append((in_parts_of(working, coarse, values, 2), ()))
+    meshes = [model.microstructure.mesh for model in (working, finer)]
+    more = lacking_share(*meshes) if finer.extrapolation is None else 0.0
+    of_steps: list[ForwardModel] = []
+    if first_order:
+        # Only what is of the mesh is extrapolated: the error of the steps has to be known.
+        if with_steps or more:
+            of_steps = [in_parts_of(working, coarse, values, 2)]
+        finer = in_parts_of(finer, coarse, values, parts)
+    elif meshes[0] is not meshes[1]:
+        if not finer.has_steps_of(working):
+            of_steps = [working.in_steps_of(finer)]
+        finer = finer.in_steps_of(working)
+    runs = [(finer, asked), *((model, ()) for model in of_steps)]
     # One after the other; jobs for another machine are prepared all at once.
-    fine, *halved = side_by_side(lambda run: run[0].predict(values, run[1]), runs, 1)
+    fine, *stepped = side_by_side(lambda run: run[0].predict(values, run[1]), runs, 1)
     motion, load = fine.motion - coarse.motion, fine.load - coarse.load
     of_motion = f", motion {1e3 * np.sqrt(np.mean(motion**2)):.2f} nm rms" if motion.size else ""
     logger.info(f"  finer − working: load {np.sqrt(np.mean(load**2)):.2f} µN rms{of_motion}")
@@ -202,10 +214,12 @@ def correction(
         factor = 1.0 if first_order else 1.0 + more
         both = coarse.derivatives_alone(), fine.derivatives_alone()
         derivatives = Derivatives(dict(values), declared, *both, factor)
-    if not halved:
-        found = Correction(motion, load, parts=parts, derivatives=derivatives)
-        return found.extrapolated(more)
-    left = error_by_halves(coarse, halved[0]).times(1 / parts)
+    if not first_order or not stepped:
+        found = Correction(motion, load, parts=parts, derivatives=derivatives).extrapolated(more)
+        for one in stepped:
+            found = found.plus(one.motion - coarse.motion, one.load - coarse.load)
+        return found
+    left = error_by_halves(coarse, stepped[0]).times(1 / parts)
     corrected = Correction(motion, load, left, parts, derivatives).extrapolated(more)
     if not with_steps:
         return replace(corrected, left_by_steps=None)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from driver.case.model import Case
 from driver.diagnosis.causes.all_causes import EVERY, NAMES
-from driver.forward.build import size_between, size_of_second_mesh
+from driver.forward.build import size_of_second_mesh
 from driver.forward.cost import simulation_memory, steps_seconds
-from meshes.prism import section_divisions
+from driver.identification.correction_cost import cells_of_size, correction_seconds, finer_steps
 from solver_adapters.finite_differences import RUNS_PER_DIRECTION
 from solver_adapters.interface import Capabilities
 
@@ -70,21 +70,12 @@ def estimate(
     exact = not solver.runs_per_direction
     told = (directions, directions + causes) if exact and case.with_images else ()
 
-    def on_cells_of(size: float, runs: tuple[int, ...]) -> float:
-        """Seconds of runs on finer cells, with so many directions each."""
-        specimen = case.specimen
-        divisions = section_divisions(specimen.width, specimen.depth, size)
-        steps = intervals * case.solver.fine_steps_per_interval
-        return sum(
-            steps_seconds(case, solver, cells_of_size(case, n_cells, one), steps, n)
-            for one in (size, size_between(case, divisions))
-            if one is not None
-            for n in runs
-        )
-
-    fine = on_cells_of(case.specimen.fine_mesh_size, (*told, *(0,) * (_FINE_RUNS - len(told))))
+    runs = (*told, *(0,) * (_FINE_RUNS - len(told)))
+    size = case.specimen.fine_mesh_size
+    fine = correction_seconds(case, solver, n_cells, n_images, size, runs)
     if case.with_images:
-        fine += on_cells_of(size_of_second_mesh(case), (0,) * _SECOND_RUNS)
+        size = size_of_second_mesh(case)
+        fine += correction_seconds(case, solver, n_cells, n_images, size, (0,) * _SECOND_RUNS)
     fits = round(_ITERATION_SHARE * case.identification.max_iterations)
     refits = min(case.diagnosis.refit, _causes(case)) * _PER_REFIT if case.with_images else 0
     looks = _bent_causes(case) * _PER_LOOK if case.with_images else 0
@@ -98,32 +89,20 @@ def estimate(
         )
     face = case.specimen.length * case.specimen.width / case.images.pixel_um**2
     correlation = _PIXEL_SECONDS * face * n_images if case.with_images else 0.0
-    steps = case.solver.steps_per_interval
+    at_once = case.solver.steps_per_interval
     kind = case.specimen.cell_kind
-    memory = simulation_memory(kind, n_cells, n_images, directions + causes, steps)
+    memory = simulation_memory(kind, n_cells, n_images, directions + causes, at_once)
     if told:
-        finer_steps = case.solver.fine_steps_per_interval
-        once = simulation_memory(kind, finer, n_images, max(told), finer_steps)
+        steps = finer_steps(case, solver)
+        once = simulation_memory(kind, finer, n_images, max(told), steps)
         memory = max(memory, once)
     if case.execution.processes > 1:
-        each = simulation_memory(kind, n_cells, n_images, directions, steps)
+        each = simulation_memory(kind, n_cells, n_images, directions, at_once)
         memory += case.execution.processes * each
     memory += _IMAGE_COPIES * 8.0 * n_pixels
-    runs = 1 if solver.derivatives else 1 + RUNS_PER_DIRECTION * directions
+    each_time = 1 if solver.derivatives else 1 + RUNS_PER_DIRECTION * directions
     evaluations = fits * case.identification.starts + refits
-    return Cost(solving + correlation, memory, runs * evaluations + looks)
-
-
-def cells_of_size(case: Case, n_cells: int, size: float) -> int:
-    """Return about how many cells a mesh of another size has.
-
-    Args:
-        case: the case.
-        n_cells: cells of its working mesh.
-        size: of the cells of the other mesh [µm].
-    """
-    growth = 2 if case.specimen.cell_kind == "tet10" else 3
-    return round(n_cells * (case.specimen.mesh_size / size) ** growth)
+    return Cost(solving + correlation, memory, each_time * evaluations + looks)
 
 
 def _causes(case: Case) -> int:

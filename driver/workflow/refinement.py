@@ -19,11 +19,12 @@ from driver.common.formatting import cost_told, duration, joined
 from driver.diagnosis.answer.result_types import Refinement
 from driver.experiment.reading import history_of
 from driver.forward.build import capabilities_of, mesh_of
+from driver.identification.correction_cost import cells_of_size
 from driver.results.files import DIAGNOSIS, results_of
 from driver.results.json_files import read_json
 from driver.results.mesh_sizes import Refinements, read_refinements, refined, write_refinements
 from driver.results.stage_record import read_record
-from driver.workflow.cost import Cost, cells_of_size, estimate
+from driver.workflow.cost import Cost, estimate
 from driver.workflow.engine import Stage, finished
 
 logger = logging.getLogger(__name__)

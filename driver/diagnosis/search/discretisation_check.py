@@ -99,10 +99,7 @@ def _refinement(
 ) -> Refinement:
     """Whether mesh or steps make the difference between the working and the finer simulation."""
     model = objective.model
-    between = replace(
-        model, steps_per_interval=finer.steps_per_interval, accuracy=finer.accuracy,
-        adapter=finer.adapter,
-    )  # fmt: skip
+    between = replace(model, adapter=finer.adapter).in_steps_of(finer)
     with quiet():
         halved = correction(model, between, here.best.prediction, here.values)
     of_steps = along.effect(whitened_difference(objective, halved, Correction()))

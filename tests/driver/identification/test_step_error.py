@@ -35,6 +35,18 @@ def model(steps: int = 1, scheme: str = "backward_euler") -> ForwardModel:
     return build_model(case, mesh_of(CASE, 4.0), HISTORY, pixels, BundledAdapter(), steps)
 
 
+def of_hexahedra(scheme: str, *sizes: tuple[float, int]) -> list[ForwardModel]:
+    """Models of so large cells [µm] and so many steps an interval."""
+    specimen = CASE.specimen.model_copy(update={"cells": "hex20"})
+    solver = CASE.solver.model_copy(update={"integration": scheme})
+    case = CASE.model_copy(update={"specimen": specimen, "solver": solver})
+    pixels = np.array([[0.0, 2.0], [0.5, 6.0]])
+    return [
+        build_model(case, mesh_of(case, size), HISTORY, pixels, BundledAdapter(), steps)
+        for size, steps in sizes
+    ]
+
+
 def values() -> dict[str, float]:
     return model().null_values() | {"elongation_1": 0.045, "elongation_2": 0.040, "tau0": 25.0}
 
@@ -140,21 +152,29 @@ def test_of_hexahedra_what_is_of_the_mesh_is_extrapolated_and_what_is_of_the_ste
     with_steps: bool,
 ) -> None:
     """Finer minus working is m + s, s half of the error of the steps: m (1 + κ) + s is wanted."""
-    specimen = CASE.specimen.model_copy(update={"cells": "hex20"})
-    solver = CASE.solver.model_copy(update={"integration": "backward_euler"})
-    case = CASE.model_copy(update={"specimen": specimen, "solver": solver})
-    pixels = np.array([[0.0, 2.0], [0.5, 6.0]])
-
-    def on(size: float, steps: int) -> ForwardModel:
-        mesh = mesh_of(case, size)
-        return build_model(case, mesh, HISTORY, pixels, BundledAdapter(), steps)
-
-    working, finer = on(2.0, 1), on(1.0, 2)
+    working, finer, halved_model = of_hexahedra("backward_euler", (2.0, 1), (1.0, 2), (2.0, 2))
     share = lacking_share(working.microstructure.mesh, finer.microstructure.mesh)
-    coarse, fine, halved = (m.predict(values()) for m in (working, finer, on(2.0, 2)))
+    coarse, fine, halved = (m.predict(values()) for m in (working, finer, halved_model))
     of_steps = halved.load - coarse.load
     expected = of_steps + (1 + share) * (fine.load - coarse.load - of_steps)
     change = correction(working, finer, coarse, values(), with_steps=with_steps)
     assert share > 0.3 and np.linalg.norm(of_steps) > 1.0
     np.testing.assert_allclose(change.load, expected, atol=1e-6 * abs(expected).max())
     assert (change.left_by_steps is not None) == with_steps
+
+
+def test_steps_of_second_order_are_finer_on_the_working_mesh_alone() -> None:
+    """What finer cells and finer steps change beyond the sum of each is a product of errors."""
+    working, finer, stepped = of_hexahedra("exponential", (2.0, 1), (1.0, 2), (2.0, 2))
+    share = lacking_share(working.microstructure.mesh, finer.microstructure.mesh)
+    coarse, fine, more_steps, finer_cells = (
+        m.predict(values()) for m in (working, finer, stepped, finer.in_steps_of(working))
+    )
+    change = correction(working, finer, coarse, values(), free=("tau0",))
+    of_steps, of_mesh = more_steps.load - coarse.load, finer_cells.load - coarse.load
+    np.testing.assert_allclose(change.load, of_steps + (1 + share) * of_mesh, rtol=1e-6, atol=1e-6)
+    both = np.linalg.norm(fine.load - coarse.load - of_mesh - of_steps)
+    assert both < 0.4 * np.linalg.norm(of_steps) < 0.1 * np.linalg.norm(of_mesh)
+    # Their derivatives are those of the cells.
+    assert change.derivatives is not None
+    assert change.derivatives.finer.response.ends.size == coarse.response.ends.size

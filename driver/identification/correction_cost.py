@@ -1,0 +1,63 @@
+"""What corrections cost: a coarse model of their time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from driver.case.model import Case
+from driver.forward.build import integration_of, size_between
+from driver.forward.cost import steps_seconds
+from driver.identification.step_error import FIRST_ORDER
+from meshes.prism import section_divisions
+from solver_adapters.interface import Capabilities
+
+
+def correction_seconds(
+    case: Case,
+    solver: Capabilities,
+    n_cells: int,
+    n_images: int,
+    size: float,
+    runs: Sequence[int],
+) -> float:
+    """Wall-clock time of corrections with cells of one size [s].
+
+    Args:
+        case: the case.
+        solver: what its solver can.
+        n_cells: cells of the working mesh.
+        n_images: images of the history.
+        size: of the cells [µm].
+        runs: directions of each.
+    """
+    specimen, intervals = case.specimen, 2 * n_images
+    divisions = section_divisions(specimen.width, specimen.depth, size)
+    steps = intervals * finer_steps(case, solver)
+    seconds = sum(
+        steps_seconds(case, solver, cells_of_size(case, n_cells, one), steps, n)
+        for one in (size, size_between(case, divisions))
+        if one is not None
+        for n in runs
+    )
+    # In finer steps the working mesh tells what those of the finer mesh leave wrong.
+    steps = intervals * case.solver.fine_steps_per_interval
+    return seconds + len(runs) * steps_seconds(case, solver, n_cells, steps, 0)
+
+
+def finer_steps(case: Case, solver: Capabilities) -> int:
+    """Time steps an interval of the finer simulation: those of first order alone are finer."""
+    steps = case.solver
+    first_order = integration_of(case, solver) == FIRST_ORDER and steps.accuracy_uN is None
+    return steps.fine_steps_per_interval if first_order else steps.steps_per_interval
+
+
+def cells_of_size(case: Case, n_cells: int, size: float) -> int:
+    """Return about how many cells a mesh of another size has.
+
+    Args:
+        case: the case.
+        n_cells: cells of its working mesh.
+        size: of the cells of the other mesh [µm].
+    """
+    growth = 2 if case.specimen.cell_kind == "tet10" else 3
+    return round(n_cells * (case.specimen.mesh_size / size) ** growth)

@@ -1,0 +1,59 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from driver.case.model import Case
+from driver.forward.cost import steps_seconds
+from driver.identification.correction_cost import cells_of_size, correction_seconds, finer_steps
+from solver_adapters.bundled.adapter import BundledAdapter
+from tools.converged_truth import known_case
+
+SOLVER = BundledAdapter().capabilities()
+
+
+def case_with(**solver: Any) -> Case:
+    case = known_case()
+    return case.model_copy(update={"solver": case.solver.model_copy(update=solver)})
+
+
+def seconds(case: Case, size: float = 0.667, runs: tuple[int, ...] = (0,)) -> float:
+    return correction_seconds(case, SOLVER, 18, 21, size, runs)
+
+
+def test_steps_of_first_order_alone_are_finer_on_the_finer_mesh() -> None:
+    steps = {"steps_per_interval": 3, "fine_steps_per_interval": 6}
+    assert finer_steps(case_with(**steps), SOLVER) == 3
+    first_order = steps | {"integration": "backward_euler"}
+    assert finer_steps(case_with(**first_order), SOLVER) == 6
+    assert finer_steps(case_with(**first_order, accuracy_uN=1.0), SOLVER) == 3
+    without = replace(SOLVER, integrations=frozenset({"backward_euler"}))
+    assert finer_steps(case_with(**steps), without) == 6
+
+
+def test_a_correction_takes_both_meshes_that_are_extrapolated_and_finer_steps_on_the_working() -> (
+    None
+):
+    case = known_case()
+    meshes = [steps_seconds(case, SOLVER, n, 42, 0) for n in (18 * 8, round(18 * (2 / 0.667) ** 3))]
+    steps = steps_seconds(case, SOLVER, 18, 84, 0)
+    assert seconds(case) == pytest.approx(sum(meshes) + steps, rel=1e-3)
+    # Hexahedra of twice the size of the working mesh are extrapolated with that.
+    assert seconds(case, 1.0) == pytest.approx(meshes[0] + steps, rel=1e-3)
+
+
+def test_each_correction_counts_with_its_derivatives() -> None:
+    case = known_case()
+    one, two = seconds(case), seconds(case, runs=(0, 40))
+    assert 2 * one < two < 3 * one
+
+
+def test_cells_grow_with_the_third_power_of_hexahedra_and_the_second_of_tetrahedra() -> None:
+    case = known_case()
+    assert cells_of_size(case, 18, 1.0) == 144
+    tetrahedra = case.model_copy(
+        update={"specimen": case.specimen.model_copy(update={"cells": "tet10"})}
+    )
+    assert cells_of_size(tetrahedra, 100, 1.0) == 400
