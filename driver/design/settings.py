@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -80,41 +78,3 @@ def read_change(text: str) -> dict[str, Any]:
     if not keys:
         raise InputError(f'--change: found "{text}", expected KEY=VALUE, as "loads.noise_uN=2"')
     return keys
-
-
-def merged(whole: Any, change: Any) -> Any:
-    """Return a table of the case with the keys of a change in it.
-
-    A table laid over a list changes some of its entries, its keys are their numbers from 1:
-    `grains.2.euler_deg`.
-
-    Raises:
-        KeyError: a list has no entry of that number.
-    """
-    if isinstance(whole, dict) and isinstance(change, dict):
-        joined = {key: merged(whole[key], change[key]) for key in change if key in whole}
-        return {**whole, **change, **joined}
-    if isinstance(whole, list | tuple) and isinstance(change, dict):
-        places = {str(number + 1): number for number in range(len(whole))}
-        entries = list(whole)
-        for key, value in change.items():
-            if key not in places:
-                raise KeyError(key)
-            entries[places[key]] = merged(entries[places[key]], value)
-        return entries
-    return change
-
-
-def label(change: dict[str, Any]) -> str:
-    """Return a change in one line, as it could be given on the command line."""
-    return "; ".join(f"{key}={value}" for key, value in _leaves(change))
-
-
-def _leaves(table: dict[str, Any], above: Sequence[str] = ()) -> list[tuple[str, str]]:
-    leaves: list[tuple[str, str]] = []
-    for key, value in table.items():
-        if isinstance(value, dict):
-            leaves += _leaves(value, (*above, key))
-        else:
-            leaves.append((".".join((*above, key)), json.dumps(value, ensure_ascii=False)))
-    return leaves

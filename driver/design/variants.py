@@ -9,10 +9,11 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from driver.case.changes import changed_case, label, merged
 from driver.case.messages import sentences
 from driver.case.model import Case
 from driver.common.errors import InputError, sentence
-from driver.design.settings import Schedule, Settings, label, merged
+from driver.design.settings import Schedule, Settings
 from driver.diagnosis.causes.user_causes import asked_causes
 
 _TURN = 30.0  # ° about the normal of the face, of the last grain
@@ -91,21 +92,12 @@ def variant(base: Variant, name: str, change: dict[str, Any], path: Path) -> Var
             file of causes cannot be used.
     """
     keys = {key: value for key, value in change.items() if key != "test"}
+    case = changed_case(base.case, keys, path, name)
+    tests = {"test": merged(base.test.model_dump(), change.get("test", {}))}
     try:
-        data = merged(base.case.model_dump(mode="json"), keys)
-    except KeyError as error:
-        raise InputError(
-            f"{path}: {name}: found the entry {error.args[0]} of a list, expected one of its "
-            "numbers, counted from 1"
-        ) from None
-    tests = merged(base.test.model_dump(), change.get("test", {}))
-    try:
-        case = Case.model_validate(data, context={"file": base.case.file})
-        test = Settings.model_validate({"test": tests}).test
+        test = Settings.model_validate(tests).test
     except ValidationError as error:
-        of_case = error.title == Case.__name__
-        model, given = (Case, data) if of_case else (Settings, {"test": tests})
-        raise InputError(sentences(path, model, given, error)) from None
+        raise InputError(sentences(path, Settings, tests, error)) from None
     if case.history != base.case.history:
         expected = ", ".join(f"test.{key}" for key in Schedule.model_fields)
         raise InputError(

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
+from driver.case.file_names import TRACE
 from driver.case.model import Case
 from driver.case.solver_profiles import profile_of
 from driver.common.errors import InputError, sentence
@@ -42,7 +43,6 @@ _TWO_THIRDS = 2 / 3  # of hexahedra over those of the first mesh
 _NEXT_COARSER = 0.75  # cells along a side of a mesh to extrapolate with, over those of the finer
 _COMMON = 0.2  # share of its nodes that it may have in common with the first
 _SAME = 0.02  # element sizes between two nodes that are as good as the same
-TRACE = "trace"  # of the working mesh, in place of a mesh file of the correlation
 
 
 def geometry_of(case: Case) -> PrismGeometry:

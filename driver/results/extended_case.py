@@ -11,16 +11,14 @@ from pathlib import Path
 import numpy as np
 import tifffile
 
+from driver.case.file_names import with_file_names
 from driver.case.material import MaterialTable
 from driver.case.model import Case
-from driver.case.solver import ProfileTable
-from driver.case.solver_profiles import with_files_of
 from driver.diagnosis.answer.result_types import Diagnosis
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.ebsd_flips import half_turn
 from driver.diagnosis.causes.noise_causes import COVARIANCE
 from driver.experiment.reading import as_in_files
-from driver.forward.build import TRACE
 from driver.parameters.boundary import LAMBDAS
 from driver.parameters.covariance import NOISE_RATIO, SIGMA_E
 from driver.parameters.registry import declared_parameters
@@ -45,31 +43,14 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
         name: _within_bounds(name, values[name], started.material)
         for name in (*case.extensions, *added_parameters(found))
     }
-    images = case.images
-    moved = {
-        key: _from_results(case, getattr(images, key))
-        for key in ("frames", "flats", "repeats", "mask", "noise_map")
-        if getattr(images, key) is not None
-    }
-    if NOISE_RATIO.name in found.levels:
-        moved["noise_map"] = NOISE_MAP
-    history = case.history.model_copy(update={"file": _from_results(case, case.history.file)})
+    moved = with_file_names(started, lambda name: _from_results(case, name))
+    images = {"noise_map": NOISE_MAP} if NOISE_RATIO.name in found.levels else {}
     wrong = {*case.loads.left_out, *(bad.frame for bad in found.bad_loads)}
-    files = tuple(_from_results(case, name) for name in case.diagnosis.cause_files)
-    meshes = {
-        key: _from_results(case, name)
-        for key in ("mesh", "height_mesh")
-        if (name := getattr(case.dic, key)) is not None and name != TRACE
-    }
-    return started.model_copy(
+    return moved.model_copy(
         update={
             "loads": case.loads.model_copy(update={"left_out": tuple(sorted(wrong))}),
             "extensions": freed,
-            "images": images.model_copy(update=moved),
-            "dic": case.dic.model_copy(update=meshes),
-            "solver": case.solver.model_copy(update={"profiles": _profiles_from_results(case)}),
-            "history": history,
-            "diagnosis": case.diagnosis.model_copy(update={"cause_files": files}),
+            "images": moved.images.model_copy(update=images),
         }
     )
 
@@ -108,20 +89,6 @@ def write_noise_map(case: Case, found: Diagnosis, path: Path) -> None:
     if image.variance is not None:
         noise[0, image.images.rows, image.images.cols] = np.sqrt(image.variance)
     tifffile.imwrite(path, as_in_files(case.images, noise)[0].astype(np.float32))
-
-
-def _profiles_from_results(case: Case) -> dict[str, ProfileTable]:
-    """Return the profiles of the case, whose commands may name files beside it."""
-    moved = dict(case.solver.profiles)
-    for name, profile in moved.items():
-        if profile.command is not None:
-            resolved = with_files_of(case.path(""), profile.command)
-            words = (
-                _from_results(case, word) if word != there else word
-                for word, there in zip(profile.command, resolved, strict=True)
-            )
-            moved[name] = profile.model_copy(update={"command": tuple(words)})
-    return moved
 
 
 def _from_results(case: Case, name: str) -> str:

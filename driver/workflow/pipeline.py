@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from driver.case.file_names import TRACE
 from driver.case.model import Case
 from driver.case.specimen import SIZES
 from driver.common.errors import sentence
@@ -14,7 +15,7 @@ from driver.common.formatting import cost_told
 from driver.diagnosis.causes.user_causes import asked_causes
 from driver.experiment.held_out import held_out_cycle
 from driver.experiment.reading import history_of
-from driver.forward.build import TRACE, capabilities_of, mesh_of, refuse_unfit_solver
+from driver.forward.build import capabilities_of, mesh_of, refuse_unfit_solver
 from driver.results.files import DIAGNOSIS, IDENTIFY, results_of
 from driver.results.mesh_sizes import sized_case
 from driver.workflow.advise_stage import run_advise

@@ -3,13 +3,13 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 
+from driver.case.changes import label
 from driver.case.model import Case
 from driver.common.errors import InputError
-from driver.design.settings import Schedule, Settings, label, merged, read_change, read_settings
+from driver.design.settings import Schedule, Settings, read_change, read_settings
 from driver.design.variants import base_variant, usual_changes, variant, variants
 from tools import closed_form
 
@@ -132,13 +132,6 @@ def test_every_key_of_a_test_is_documented_with_its_default() -> None:
         for name, field in Schedule.model_fields.items()
     }
     assert dict(rows) == expected
-
-
-def test_tables_are_merged_key_by_key() -> None:
-    whole: Any = {"a": {"b": 1, "c": 2}, "d": [{"e": 1}, {"e": 2}]}
-    assert merged(whole, {"a": {"b": 3}}) == {"a": {"b": 3, "c": 2}, "d": whole["d"]}
-    assert merged(whole, {"d": {"2": {"e": 5}}})["d"] == [{"e": 1}, {"e": 5}]
-    assert merged(whole, {"d": []})["d"] == []
 
 
 @pytest.mark.parametrize(

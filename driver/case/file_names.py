@@ -1,0 +1,56 @@
+"""The files that a case names, under other names: a case may be written into another folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from driver.case.model import Case
+from driver.case.solver import ProfileTable
+from driver.case.solver_profiles import with_files_of
+
+TRACE = "trace"
+"""The mesh of a correlation that is no file: the trace of the working mesh on the face."""
+_OF_IMAGES = ("frames", "flats", "repeats", "mask", "noise_map")
+_OF_DIC = ("mesh", "height_mesh")
+
+
+def with_file_names(case: Case, renamed: Callable[[str], str]) -> Case:
+    """Return the case with other names of all files that it names.
+
+    Args:
+        case: the case.
+        renamed: takes a name, as the case has it, and returns the new one.
+    """
+    images = {
+        key: renamed(name) for key in _OF_IMAGES if (name := getattr(case.images, key)) is not None
+    }
+    meshes = {
+        key: renamed(name)
+        for key in _OF_DIC
+        if (name := getattr(case.dic, key)) is not None and name != TRACE
+    }
+    causes = tuple(map(renamed, case.diagnosis.cause_files))
+    profiles = _renamed_profiles(case, renamed)
+    return case.model_copy(
+        update={
+            "images": case.images.model_copy(update=images),
+            "dic": case.dic.model_copy(update=meshes),
+            "history": case.history.model_copy(update={"file": renamed(case.history.file)}),
+            "diagnosis": case.diagnosis.model_copy(update={"cause_files": causes}),
+            "solver": case.solver.model_copy(update={"profiles": profiles}),
+        }
+    )
+
+
+def _renamed_profiles(case: Case, renamed: Callable[[str], str]) -> dict[str, ProfileTable]:
+    """Return the profiles of the case, whose commands may name files beside it."""
+    profiles = dict(case.solver.profiles)
+    for name, profile in profiles.items():
+        if profile.command is not None:
+            resolved = with_files_of(case.path(""), profile.command)
+            words = (
+                renamed(word) if word != there else word
+                for word, there in zip(profile.command, resolved, strict=True)
+            )
+            profiles[name] = profile.model_copy(update={"command": tuple(words)})
+    return profiles
