@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import signal
-from collections.abc import Iterator
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -24,10 +27,14 @@ from driver.case.model import (
 )
 from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError, sentence, why
+from driver.common.formatting import duration
 from driver.common.progress import progress_to, seldom
 from driver.results.files import EXPORT, RESULTS
 from meshes.system_libraries import SystemLibraryError
 from solver_adapters.interface import PreparedError, SolverError
+
+if TYPE_CHECKING:
+    from driver.batch.progress import State
 
 _MARKS = {"ok": "ok     ", "warning": "WARNING", "error": "ERROR  "}
 
@@ -62,12 +69,25 @@ def main(
         bool,
         typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
     ] = False,
+    end_with_input: Annotated[
+        bool, typer.Option("--end-with-input", hidden=True, help="Stop where the input ends.")
+    ] = False,
 ) -> None:
     """Identify crystal plasticity from a micro-prism in tension, and name what the model lacks."""
     # A batch system at its time limit, or a terminal that is closed, stops a run as Ctrl-C does.
     for end in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(end) == signal.SIG_DFL:  # nohup ignores the latter
             signal.signal(end, signal.default_int_handler)
+    if end_with_input:
+        # Who started it holds the other end, and has ended.
+        threading.Thread(target=_stop_at_end_of_input, daemon=True).start()
+
+
+def _stop_at_end_of_input() -> None:
+    # Not by `sys.stdin`, whose lock would be held where Python ends.
+    while os.read(sys.stdin.fileno(), 1):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
 
 
 @app.command()
@@ -117,6 +137,12 @@ def run(
         bool,
         typer.Option("--prepare-only", help="write the solver's jobs for another machine"),
     ] = False,
+    processes: Annotated[
+        int | None, typer.Option(min=1, help="simulations side by side, default as in the case")
+    ] = None,
+    threads: Annotated[
+        int | None, typer.Option(min=1, help="threads of each process, default as in the case")
+    ] = None,
 ) -> None:
     """Run the stages of one CASE or many; what is done and unchanged is not done again."""
     from driver.workflow import pipeline
@@ -127,7 +153,7 @@ def run(
         try:
             prefix = f"{case}: " if len(cases) > 1 else ""
             with _told_in_one_line(prefix), _progress(prefix):
-                pipeline.run(_case_file(case), until, force, prepare_only)
+                pipeline.run(_case_file(case), until, force, prepare_only, processes, threads)
         except PreparedError as prepared:
             typer.echo(f"{case}: {prepared}")
         except typer.Exit:
@@ -136,6 +162,25 @@ def run(
             typer.echo("prismid: stopped; finished stages are kept, run again to go on", err=True)
             raise typer.Exit(130) from None
     if failed:
+        raise typer.Exit(1)
+
+
+@app.command()
+def batch(
+    campaign: Annotated[
+        Path, typer.Argument(metavar="CAMPAIGN", parser=_path, help="file of the campaign")
+    ],
+) -> None:
+    """Run the cases of CAMPAIGN beside one another; compare what they came to."""
+    from driver.batch.command import batch as run_all
+
+    try:
+        with _told_in_one_line(), _states() as watch:
+            done = run_all(campaign, watch)
+    except KeyboardInterrupt:
+        typer.echo("prismid: stopped; finished stages are kept, run again to go on", err=True)
+        raise typer.Exit(130) from None
+    if not done:
         raise typer.Exit(1)
 
 
@@ -262,6 +307,35 @@ def _of_the_system(error: OSError) -> str:
 
 
 @contextmanager
+def _states() -> Iterator[Callable[[Sequence[State], int], None]]:
+    """Show lines of progress; on a terminal with the states of all jobs as a table below them."""
+    from rich.live import Live
+
+    from driver.batch.progress import remaining, table
+
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    start = perf_counter()
+
+    def show(line: str) -> None:
+        console.print(f"{perf_counter() - start:7.1f} s  {line}")
+
+    if console.is_terminal:
+        with Live(console=console) as live, progress_to(show):
+            yield lambda states, most: live.update(table(states, most))
+        return
+    tell = seldom(lambda words: show(f"    {words}"))
+
+    def watch(states: Sequence[State], most: int) -> None:
+        at_work = [f"{s.job.name} {s.stage}".rstrip() for s in states if s.status == "running"]
+        waiting = sum(s.status == "waiting" for s in states)
+        left = duration(remaining(states, most))
+        tell(f"at work: {', '.join(at_work)}; {waiting} waiting; about {left} left")
+
+    with progress_to(show):
+        yield watch
+
+
+@contextmanager
 def _progress(prefix: str = "") -> Iterator[None]:
     """Show lines of progress; on a terminal with the running step and its time below them."""
     from solver_adapters.kernels import compiled_before
@@ -283,3 +357,7 @@ def _progress(prefix: str = "") -> Iterator[None]:
     else:
         with status, progress_to(show, lambda words: status.update(escape(prefix + words))):
             yield
+
+
+if __name__ == "__main__":
+    app(prog_name="prismid")

@@ -15,7 +15,7 @@ PACKAGES = ("prismid", "driver", "solver_adapters", "meshes", "templates")
 # module has in the table is its room; packages that only hold rooms stand in `CORRIDORS`.
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("driver.cli", "prismid"),
-    ("driver.check", "driver.export"),
+    ("driver.batch", "driver.check", "driver.export"),
     ("driver.workflow",),
     ("driver.design", "driver.noise_floor"),
     ("driver.virtual",),

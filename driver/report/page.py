@@ -28,7 +28,7 @@ _FEW = ("Law", "Added", "Apex amplitudes")  # groups of parameters that are show
 
 _CELLS = {10: "tetrahedra", 20: "hexahedra"}  # by their number of nodes
 # How a verdict is coloured: settled, to be settled, or open.
-_TONES = {
+TONES = {
     "nothing wrong": "settled",
     "named": "settled",
     "one of this set": "between",
@@ -71,7 +71,7 @@ def report_page(
         version=version,
         extended=findings.extended,
         kind=diagnosis["verdict"],
-        tone=_TONES[diagnosis["verdict"]],
+        tone=TONES[diagnosis["verdict"]],
         headline=sentences[0],
         paragraphs=sentences[1:],
         next=" ".join(filter(None, (diagnosis["next"], findings.advice))),

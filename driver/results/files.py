@@ -106,6 +106,31 @@ TRUTH, TRUTH_H5 = "truth.json", "truth.h5"
 """The true parameters, and the true motion, load, relief and noise."""
 
 
+# A campaign, all in a folder beside its file.
+SUMMARY_CSV, SUMMARY_HTML = "summary.csv", "summary.html"
+"""A case a row, and the page that compares them."""
+
+
+def batch_folder(campaign: Path) -> Path:
+    """Return the folder of the summary, the logs and the cases that a campaign writes."""
+    return campaign.with_suffix(".batch")
+
+
+def batch_log(campaign: Path, job: str) -> Path:
+    """Return the file of what a job of a campaign says."""
+    return batch_folder(campaign) / "logs" / f"{job}.log"
+
+
+def batch_made_from(campaign: Path, job: str) -> Path:
+    """Return the file of the hash of what a virtual experiment of a campaign was made from."""
+    return batch_folder(campaign) / "logs" / f"{job}.sha256"
+
+
+def batch_token(campaign: Path) -> Path:
+    """Return the file that is there as long as the jobs of a campaign may run."""
+    return batch_folder(campaign) / "running"
+
+
 def results_of(case: Case) -> Path:
     """Return the folder of the results of a case, which stands beside its file."""
     return case.file.parent / RESULTS

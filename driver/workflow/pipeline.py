@@ -17,9 +17,9 @@ from driver.experiment.held_out import held_out_cycle
 from driver.experiment.reading import history_of
 from driver.forward.build import capabilities_of, mesh_of, refuse_unfit_solver
 from driver.results.files import DIAGNOSIS, IDENTIFY, results_of
-from driver.results.mesh_sizes import sized_case
+from driver.results.mesh_sizes import sized, sized_case
 from driver.workflow.advise_stage import run_advise
-from driver.workflow.cost import estimate
+from driver.workflow.cost import Cost, estimate
 from driver.workflow.diagnose_stage import run_diagnose
 from driver.workflow.engine import (
     Stage,
@@ -77,7 +77,12 @@ def stages(case: Case) -> Sequence[Stage]:
 
 
 def run(
-    case_path: Path, until: str | None = None, force: bool = False, prepare_only: bool = False
+    case_path: Path,
+    until: str | None = None,
+    force: bool = False,
+    prepare_only: bool = False,
+    processes: int | None = None,
+    threads: int | None = None,
 ) -> None:
     """Run the stages of a case; what is done and unchanged is not done again.
 
@@ -89,13 +94,15 @@ def run(
         until: name of the last stage to run, None for all.
         force: run the stages even if they are done and unchanged.
         prepare_only: whether external solvers write their jobs for another machine.
+        processes: simulations side by side, None for those of the case.
+        threads: threads of each process, None for those of the case.
 
     Raises:
         PreparedError: jobs were written for another machine, which `prepare_only` asks for.
         InputError: the case or a measured file cannot be used.
         SolverError: a simulation could not be finished.
     """
-    case = sized_case(case_path)
+    case = _executed(sized_case(case_path), processes, threads)
     solver = capabilities_of(case)
     if prepare_only and solver.in_process:
         raise StageError(
@@ -118,6 +125,33 @@ def run(
     every = stages(case)
     refined = partial(refined_within_budget, stages=every)
     run_stages(case, every, until, force, prepare_only, refined)
+
+
+def cost_of_run(
+    case: Case, processes: int | None = None, threads: int | None = None, n_images: int = 0
+) -> Cost:
+    """Return what all stages of a case take.
+
+    Args:
+        case: the case.
+        processes: simulations side by side, None for those of the case.
+        threads: threads of each process, None for those of the case.
+        n_images: images of a history that is not there yet, 0 for those of the case.
+
+    Raises:
+        InputError: the case cannot be meshed or computed.
+    """
+    solver = capabilities_of(case)
+    case = _executed(sized(case, solver), processes, threads)
+    mesh = mesh_of(case, case.specimen.mesh_size)
+    return estimate(case, solver, len(mesh.cells), n_images or history_of(case).n_images)
+
+
+def _executed(case: Case, processes: int | None, threads: int | None) -> Case:
+    """Return a case with another use of the machine, as far as one is asked for."""
+    asked = {"processes": processes, "threads": threads}
+    stated = {f"execution.{key}": n for key, n in asked.items() if n is not None}
+    return case.with_values_at(stated)
 
 
 def report(case_path: Path) -> None:

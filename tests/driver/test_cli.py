@@ -30,9 +30,11 @@ def pipeline(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         until: str | None,
         force: bool,
         prepare_only: bool,
+        processes: int | None,
+        threads: int | None,
     ) -> None:
         load_case(case_path)
-        calls.append(("run", case_path, until, force))
+        calls.append(("run", case_path, until, force, processes, threads))
         if prepare_only:
             raise PreparedError([case_path.parent / "results" / "jobs" / "key"])
         logger.info("mesh: started")
@@ -82,9 +84,10 @@ def test_the_first_use_says_that_kernels_are_compiled(
 def test_run_takes_a_case_or_its_folder_and_hands_on_the_options(
     pipeline: SimpleNamespace, case_path: Path
 ) -> None:
-    result = invoke("run", case_path.parent, "--until", "measure", "--force")
+    options = "--until", "measure", "--force", "--processes", 3, "--threads", 2
+    result = invoke("run", case_path.parent, *options)
     assert result.exit_code == 0 and result.stdout.rstrip().endswith("s  mesh: started")
-    assert pipeline.calls == [("run", case_path, "measure", True)]
+    assert pipeline.calls == [("run", case_path, "measure", True, 3, 2)]
 
 
 def test_a_bad_case_is_one_line_on_standard_error_and_the_others_are_run(
@@ -98,7 +101,7 @@ def test_a_bad_case_is_one_line_on_standard_error_and_the_others_are_run(
         f"prismid: {bad}: diagnosis.refit: found 0, expected a number ≥ 1 "
         "(number of causes refitted nonlinearly)\n"
     )
-    assert pipeline.calls == [("run", case_path, None, False)]
+    assert pipeline.calls == [("run", case_path, None, False, None, None)]
     assert f"{case_path}: mesh: started" in result.stdout
 
 

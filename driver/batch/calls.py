@@ -1,0 +1,92 @@
+"""One job carried out: calls of prismid in processes of their own, which a job cannot outlive."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from signal import Signals
+from time import monotonic, sleep
+from typing import IO
+
+from driver.batch.jobs import Job
+
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_EVERY = 0.2  # s between two looks whether a call has ended
+_TOLD = "prismid: "  # what a line begins with that tells why a call failed
+_KILLED = (
+    "ended by the system with {}, most likely for want of memory: expected fewer jobs at a time"
+)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a job ended.
+
+    Attributes:
+        status: "done", "failed" or "stopped".
+        why: one sentence or several, nothing where it is done.
+        seconds: how long it took.
+    """
+
+    status: str
+    why: str
+    seconds: float
+
+
+def carry_out(job: Job, threads: int, token: Path) -> Outcome:
+    """Make the calls of a job, one after the other, until one fails.
+
+    Args:
+        job: the job.
+        threads: of the numerical libraries of each process.
+        token: a file; where it is gone, the job is stopped.
+    """
+    start = monotonic()
+    job.log.parent.mkdir(parents=True, exist_ok=True)
+    status, why = "done", ""
+    with job.log.open("wb") as log:
+        for call in job.calls:
+            if not token.exists():
+                status = "stopped"
+                break
+            code = _ended(call, threads, token, log)
+            if code:
+                stopped = not token.exists()
+                status = "stopped" if stopped else "failed"
+                why = "" if stopped else _reason(job.log, code)
+                break
+    return Outcome(status, why, monotonic() - start)
+
+
+def _ended(call: Sequence[str], threads: int, token: Path, log: IO[bytes]) -> int:
+    """Make a call and return its exit code; it is asked to end where the token is gone."""
+    limits = dict.fromkeys(_THREAD_VARIABLES, str(threads))
+    # The folder of the call is none to import from.
+    command = [sys.executable, "-P", "-m", "driver.cli", "--end-with-input", *call]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=log, stderr=log, env=os.environ | limits
+    ) as process:
+        asked = False
+        try:
+            while process.poll() is None:
+                sleep(_EVERY)
+                if not asked and not token.exists():
+                    process.terminate()
+                    asked = True
+        except BaseException:
+            process.terminate()
+            raise
+    return process.returncode
+
+
+def _reason(log: Path, code: int) -> str:
+    """Return why a call failed, as it has told, or by what the system ended it."""
+    if code < 0:
+        return _KILLED.format(Signals(-code).name)
+    lines = log.read_text("utf-8", errors="replace").splitlines()
+    told = [line.removeprefix(_TOLD) for line in lines if line.startswith(_TOLD)]
+    return "\n".join(told) or f"exit code {code}: {lines[-1] if lines else 'without a word'}"

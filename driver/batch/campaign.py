@@ -1,0 +1,85 @@
+"""The file of a campaign, `prismid batch campaign.toml`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from driver.case.messages import refusal
+from driver.case.toml import read_tables
+from driver.case.values import Count, FileName, Positive, Table
+
+Seed = Annotated[int, Field(strict=True, ge=0)]
+
+
+class Study(Table):
+    """Variants of a case: each combination of the values of some keys."""
+
+    case: FileName = Field(description="a text in quotes, the case file")
+    values: dict[str, Annotated[tuple[Any, ...], Field(min_length=1)]] = Field(
+        min_length=1, description='lists of values by key, as "specimen.mesh_size_um" = [2.0, 1.0]'
+    )
+
+
+class Trial(Table):
+    """Virtual experiments of a case, whose truth is known."""
+
+    case: FileName = Field(description="a text in quotes, the case file")
+    settings: FileName | None = Field(
+        default=None, description="a text in quotes, the settings of `prismid virtual`"
+    )
+    seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = Field(
+        description="a list of whole numbers ≥ 0, one for each experiment"
+    )
+
+    @model_validator(mode="after")
+    def _each_seed_once(self) -> Self:
+        for seed in self.seeds:
+            if self.seeds.count(seed) > 1:
+                raise refusal("each number once", "seeds", f"{seed} twice or more")
+        return self
+
+
+class Use(Table):
+    """Use of the machine by all jobs together."""
+
+    jobs: Count | None = Field(
+        default=None,
+        description="jobs at a time, default as many as cores and memory hold",
+    )
+    processes: Count = Field(default=1, description="processes of each job")
+    threads: Count = Field(default=1, description="threads of each process")
+    memory_GB: Positive | None = Field(
+        default=None, description="memory of all jobs together, default that of the machine"
+    )
+
+
+class Campaign(Table):
+    """What is run."""
+
+    cases: tuple[FileName, ...] = Field(
+        default=(), description='a list of case files or patterns, as ["specimens/*/case.toml"]'
+    )
+    until: Literal["mesh", "measure", "identify", "diagnose", "advise", "report"] = Field(
+        default="report", description="the last stage of each case"
+    )
+    study: tuple[Study, ...] = Field(default=(), description="tables [[study]]")
+    trial: tuple[Trial, ...] = Field(default=(), description="tables [[trial]]")
+    execution: Use = Use()
+
+    @model_validator(mode="after")
+    def _something_to_run(self) -> Self:
+        if not (self.cases or self.study or self.trial):
+            raise refusal("cases, [[study]] or [[trial]]", "cases", "nothing to run")
+        return self
+
+
+def read_campaign(path: Path) -> Campaign:
+    """Return what stands in the file of a campaign.
+
+    Raises:
+        InputError: the file is absent or no TOML, or a key is unknown or out of range.
+    """
+    return read_tables(path, Campaign, "the file of a campaign")

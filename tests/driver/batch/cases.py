@@ -1,0 +1,25 @@
+"""Cases of campaigns that mesh in no time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import tifffile
+
+from driver.case.model import write_case
+from tools.short_specimen import small_case
+
+HISTORY = "time_s,stage_um,image,force_N\n0,0,0,0\n10,5,1,1\n20,10,2,2\n"
+
+
+def write_small_case(folder: Path) -> Path:
+    """A short specimen of a few hexahedra, with two images of nothing."""
+    folder.mkdir(parents=True)
+    cells = {"specimen.cells": "hex20", "specimen.mesh_size_um": 2.0}
+    case = small_case().with_values_at(cells)
+    (folder / case.history.file).write_text(HISTORY)
+    nothing = np.zeros((3, 72, 152), dtype=np.uint8)
+    tifffile.imwrite(folder / "images.tif", nothing, photometric="minisblack")
+    write_case(case, folder / "case.toml")
+    return folder / "case.toml"

@@ -1,0 +1,135 @@
+"""Calls of the real command line in processes of their own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+import pytest
+
+from driver.batch.calls import carry_out
+from driver.batch.jobs import Job
+from driver.workflow.cost import Cost
+from solver_adapters.kernels import PACKAGES
+from tests.driver.batch.cases import write_small_case
+
+SETTINGS = "[program]\ncycles = [[30, 1]]\nlargest_strain = 0.01\n[truth]\ntau0 = 25.0\n"
+
+
+@pytest.fixture
+def token(tmp_path: Path) -> Path:
+    made = tmp_path / "running"
+    made.touch()
+    return made
+
+
+def job(folder: Path, *calls: tuple[str, ...]) -> Job:
+    return Job("a", folder / "case.toml", calls, folder / "logs" / "a.log", Cost(1.0, 1.0, 1))
+
+
+def long_job(folder: Path) -> Job:
+    """A truth that takes a minute."""
+    case = write_small_case(folder / "base")
+    settings = folder / "settings.toml"
+    settings.write_text(SETTINGS)
+    call = ("virtual", str(case), "--to", str(folder / "made"), "--settings", str(settings))
+    return job(folder, call)
+
+
+def test_calls_are_made_one_after_the_other_and_logged(tmp_path: Path, token: Path) -> None:
+    one, two = (("init", str(tmp_path / name)) for name in ("one", "two"))
+    made = job(tmp_path, one, two)
+    outcome = carry_out(made, 1, token)
+    assert (outcome.status, outcome.why) == ("done", "") and outcome.seconds > 0
+    lines = made.log.read_text("utf-8").splitlines()
+    assert [line.partition(" written")[0] for line in lines] == [
+        str(tmp_path / name / "case.toml") for name in ("one", "two")
+    ]
+
+
+def test_a_call_that_fails_is_told_in_its_own_words_and_ends_the_job(
+    tmp_path: Path, token: Path
+) -> None:
+    gone = tmp_path / "gone.toml"
+    made = job(tmp_path, ("run", str(gone)), ("init", str(tmp_path / "never")))
+    outcome = carry_out(made, 1, token)
+    assert outcome.status == "failed" and not (tmp_path / "never").exists()
+    assert outcome.why == (
+        f"{gone}: file: found nothing, expected a case file (`prismid init DIR` writes one)"
+    )
+
+
+def test_nothing_is_executed_that_lies_in_the_folder_of_the_call(
+    tmp_path: Path, token: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "signal.py").write_text("raise SystemExit('executed')\n")
+    monkeypatch.chdir(tmp_path)
+    outcome = carry_out(job(tmp_path, ("init", str(tmp_path / "one"))), 1, token)
+    assert outcome.status == "done"
+
+
+def test_a_process_that_the_system_ends_is_told_with_what_helps(
+    tmp_path: Path, token: Path
+) -> None:
+    found = at_work(long_job(tmp_path), token, lambda child: child.kill())
+    assert found[0] == "failed" and found[1].startswith("ended by the system with SIGKILL, most")
+
+
+def test_a_job_stops_where_its_token_is_gone(tmp_path: Path, token: Path) -> None:
+    found = at_work(long_job(tmp_path), token, lambda child: token.unlink())
+    assert found == ("stopped", "")
+    assert not (tmp_path / "made" / "case.toml").exists()
+    later = job(tmp_path, ("init", str(tmp_path / "never")))
+    assert carry_out(later, 1, token).status == "stopped" and not (tmp_path / "never").exists()
+
+
+def at_work(made: Job, token: Path, act: Callable[[psutil.Process], None]) -> tuple[str, str]:
+    """How a job ends to whose process something happens in the middle of its work."""
+    ended: list[tuple[str, str]] = []
+
+    def work() -> None:
+        outcome = carry_out(made, 1, token)
+        ended.append((outcome.status, outcome.why))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    while not (made.log.is_file() and "truth on a mesh" in made.log.read_text("utf-8")):
+        time.sleep(0.05)
+    (child,) = (p for p in psutil.Process().children() if "--end-with-input" in p.cmdline())
+    act(child)
+    thread.join(timeout=30.0)
+    assert not thread.is_alive() and not child.is_running()
+    return ended[0]
+
+
+SCRIPT = """
+import sys
+from pathlib import Path
+from driver.batch.calls import carry_out
+from tests.driver.batch.test_calls import long_job
+carry_out(long_job(Path(sys.argv[1])), 1, Path(sys.argv[2]))
+"""
+
+
+def test_calls_end_with_the_process_that_makes_them(tmp_path: Path, token: Path) -> None:
+    """They would work on, and keep the next run away from their cases."""
+    asker = subprocess.Popen(
+        [sys.executable, "-c", SCRIPT, str(tmp_path), str(token)],
+        env=os.environ | {"PYTHONPATH": str(PACKAGES)},
+    )
+    log = tmp_path / "logs" / "a.log"
+    while not (log.is_file() and "truth on a mesh" in log.read_text("utf-8")):
+        assert asker.poll() is None
+        time.sleep(0.05)
+    (child,) = psutil.Process(asker.pid).children()
+    asker.send_signal(signal.SIGKILL)
+    asker.wait(timeout=30)
+    _, living = psutil.wait_procs([child], timeout=30)
+    assert not living

@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from driver.batch.campaign import Campaign, Study, Trial, Use, read_campaign
+from driver.case.values import Table
+from driver.common.errors import InputError
+
+DOCS = Path(__file__).resolve().parents[3] / "docs" / "batch.md"
+TABLES: dict[str, type[Table]] = {
+    "—": Campaign, "study": Study, "trial": Trial, "execution": Use,
+}  # fmt: skip
+
+
+def test_what_is_not_stated_has_its_default(tmp_path: Path) -> None:
+    file = tmp_path / "campaign.toml"
+    file.write_text('cases = ["*/case.toml"]\n')
+    campaign = read_campaign(file)
+    assert campaign.cases == ("*/case.toml",) and campaign.until == "report"
+    assert not campaign.study and not campaign.trial
+    assert campaign.execution.processes == campaign.execution.threads == 1
+    assert campaign.execution.jobs is None and campaign.execution.memory_GB is None
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "cases: found nothing to run, expected cases, [[study]] or [[trial]]"),
+        ("cases = 3", "cases: found 3, expected a list of case files or patterns"),
+        ('cases = ["a"]\nuntil = "end"', 'until: found "end", expected "mesh", "measure"'),
+        ('cases = ["a"]\n[execution]\njobs = 0', "execution.jobs: found 0, expected a number ≥ 1"),
+        ('[[study]]\ncase = "a"', "study.1.values: found nothing, expected lists of values by key"),
+        ('[[study]]\ncase = "a"\nvalues.x = []', "study.1.values.x: found []"),
+        ('[[trial]]\ncase = "a"\nseeds = [1, 1]', "trial.1.seeds: found 1 twice or more, expected"),
+        (
+            '[[trial]]\ncase = "a"\nseeds = [-1]',
+            "trial.1.seeds: found [-1], expected a list",
+        ),
+        ('cases = ["a"]\njobs = 2', "jobs: found an unknown key with the value 2, expected one of"),
+    ],
+)
+def test_a_bad_key_is_refused_in_one_sentence(tmp_path: Path, text: str, said: str) -> None:
+    file = tmp_path / "campaign.toml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as error:
+        read_campaign(file)
+    assert str(error.value).startswith(f"{file}: {said}")
+    assert "\n" not in str(error.value)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="found nothing, expected the file of a campaign"):
+        read_campaign(tmp_path / "campaign.toml")
+
+
+def test_every_key_is_documented_with_its_default() -> None:
+    rows = re.findall(r"^\| (\S+) \| `(\w+)` \| (.*?) \|", DOCS.read_text("utf-8"), re.M)
+    expected = {}
+    for table, model in TABLES.items():
+        for key, field in model.model_fields.items():
+            if key in TABLES:
+                continue
+            if field.is_required():
+                expected[table, key] = "required"
+            else:
+                default = field.default
+                expected[table, key] = "—" if default is None else json.dumps(default)
+    assert {(table.strip("`"), key): default for table, key, default in rows} == expected
