@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import subprocess
 import sys
@@ -45,30 +46,48 @@ def carry_out(job: Job, threads: int, token: Path) -> Outcome:
         threads: of the numerical libraries of each process.
         token: a file; where it is gone, the job is stopped.
     """
-    start = monotonic()
     job.log.parent.mkdir(parents=True, exist_ok=True)
-    status, why = "done", ""
-    with job.log.open("wb") as log:
-        for call in job.calls:
-            if not token.exists():
-                status = "stopped"
-                break
-            code = _ended(call, threads, token, log)
-            if code:
-                stopped = not token.exists()
-                status = "stopped" if stopped else "failed"
-                why = "" if stopped else _reason(job.log, code)
-                break
-    return Outcome(status, why, monotonic() - start)
+    with job.lock.open("wb") as lock:
+        # Its processes of an asker that was killed may be about to end.
+        while token.exists() and not _locked(lock):
+            sleep(_EVERY)
+        start = monotonic()
+        with job.log.open("wb") as log:
+            for call in job.calls:
+                code = _ended(call, threads, token, log, lock) if token.exists() else 0
+                if not token.exists():
+                    return Outcome("stopped", "", monotonic() - start)
+                if code:
+                    return Outcome("failed", _reason(job.log, code), monotonic() - start)
+        return Outcome("done", "", monotonic() - start)
 
 
-def _ended(call: Sequence[str], threads: int, token: Path, log: IO[bytes]) -> int:
-    """Make a call and return its exit code; it is asked to end where the token is gone."""
+def _locked(file: IO[bytes]) -> bool:
+    """Lock a file, if no other process holds it, and say whether."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass  # a file system without locks is no reason not to run
+    return True
+
+
+def _ended(call: Sequence[str], threads: int, token: Path, log: IO[bytes], lock: IO[bytes]) -> int:
+    """Make a call and return its exit code; it is asked to end where the token is gone.
+
+    Its process holds the lock, too.
+    """
     limits = dict.fromkeys(_THREAD_VARIABLES, str(threads))
     # The folder of the call is none to import from.
     command = [sys.executable, "-P", "-m", "driver.cli", "--end-with-input", *call]
     with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=log, stderr=log, env=os.environ | limits
+        command,
+        stdin=subprocess.PIPE,
+        stdout=log,
+        stderr=log,
+        env=os.environ | limits,
+        pass_fds=(lock.fileno(),),
     ) as process:
         asked = False
         try:

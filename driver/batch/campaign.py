@@ -54,6 +54,19 @@ class Use(Table):
     memory_GB: Positive | None = Field(
         default=None, description="memory of all jobs together, default that of the machine"
     )
+    scheduler: FileName | None = Field(
+        default=None,
+        description="a text in quotes, the address of a Dask scheduler whose workers carry out the "
+        "jobs",
+    )
+
+    @model_validator(mode="after")
+    def _nothing_that_a_cluster_ignores(self) -> Self:
+        for key in ("jobs", "memory_GB"):
+            if self.scheduler is not None and getattr(self, key) is not None:
+                expected = "no such key beside scheduler: its workers are as many as were started"
+                raise refusal(expected, key)
+        return self
 
 
 class Campaign(Table):

@@ -19,7 +19,7 @@ from driver.case.file_names import with_file_names
 from driver.case.model import CASE_FILE, SCHEMA_FILE, Case, case_text, load_case, schema_text
 from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError, sentence
-from driver.results.files import batch_folder, batch_log, batch_made_from
+from driver.results.files import batch_folder, batch_lock, batch_log, batch_made_from
 from driver.results.hdf5 import prismid_version
 from driver.virtual.settings import Virtual, read_virtual
 from driver.virtual.truth import stage_program
@@ -38,6 +38,7 @@ class Job:
         case: its case file, which the first of several calls may write.
         calls: arguments of prismid, a call after the other.
         log: what the calls say.
+        lock: is held as long as one of their processes lives.
         cost: of the run.
         truth: whether the truth of its experiment is known, and stands beside the case.
     """
@@ -46,6 +47,7 @@ class Job:
     case: Path
     calls: tuple[tuple[str, ...], ...]
     log: Path
+    lock: Path
     cost: Cost
     truth: bool = False
 
@@ -107,8 +109,8 @@ def _of_case(path: Path, campaign: Campaign, file: Path) -> Job:
     try:
         return _job(name, path, load_case(path), campaign, file)
     except (InputError, OSError):
-        log = batch_log(file, _as_file(name))
-        return Job(name, path, (("run", str(path)),), log, Cost(0.0, 0.0, 0))
+        files = _files(file, name)
+        return Job(name, path, (("run", str(path)),), *files, Cost(0.0, 0.0, 0))
 
 
 def _of_study(study: Study, key: str, campaign: Campaign, file: Path) -> Iterator[Job]:
@@ -166,8 +168,12 @@ def _job(
         "--processes", str(use.processes), "--threads", str(use.threads),
     )  # fmt: skip
     cost = cost_of_run(case, use.processes, use.threads, n_images)
-    log = batch_log(file, _as_file(name))
-    return Job(name, path, (*before, run), log, cost, truth)
+    return Job(name, path, (*before, run), *_files(file, name), cost, truth)
+
+
+def _files(file: Path, name: str) -> tuple[Path, Path]:
+    """Return the log of a job and its lock."""
+    return batch_log(file, _as_file(name)), batch_lock(file, _as_file(name))
 
 
 def _written(case: Case, folder: Path) -> Path:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from rich.table import Table
 
@@ -13,8 +13,10 @@ from driver.batch.jobs import Job
 from driver.common.formatting import duration
 
 _STARTED = re.compile(r"^\s*[\d.]+ s  (\w+): started$", re.MULTILINE)
+_SECONDS = re.compile(r"^\s*([\d.]+) s", re.MULTILINE)
 _TIME = re.compile(r"^\s*[\d.]+ s\s+")
 _TAIL = 4096  # bytes of a log that are read
+_CLOCKS = 2.0  # s by which clocks of two machines may differ
 _WIDE = 60  # characters of the last line
 _SHOWN = 30  # jobs of a table; of more those that wait or have ended are left out
 
@@ -47,25 +49,27 @@ class State:
         return max(self.job.cost.seconds - self.seconds, 0.5 * self.seconds)
 
 
-def running(job: Job, seconds: float) -> State:
-    """Return the state of a job that runs, by the end of its log.
+def at_work(job: Job, since: float) -> State:
+    """Return the state of a job that has not ended, by its log: on a cluster nothing else tells it.
 
     Args:
         job: the job.
-        seconds: since it began.
+        since: when the campaign began; a log of before is of another run [s since the epoch].
     """
-    text = _tail(job.log)
+    try:
+        with job.log.open("rb") as file:
+            about = os.fstat(file.fileno())
+            file.seek(max(0, about.st_size - _TAIL))
+            text = file.read().decode("utf-8", errors="replace")
+    except FileNotFoundError:
+        return State(job, "waiting")
+    if about.st_mtime < since - _CLOCKS:
+        return State(job, "waiting")
     stages, lines = _STARTED.findall(text), text.splitlines()
     words = _TIME.sub("", lines[-1]) if lines else ""
+    times = _SECONDS.findall(text)
+    seconds = float(times[-1]) if times else 0.0
     return State(job, "running", seconds, stages[-1] if stages else "", words)
-
-
-def _tail(log: Path) -> str:
-    if not log.is_file():
-        return ""
-    with log.open("rb") as file:
-        file.seek(max(0, log.stat().st_size - _TAIL))
-        return file.read().decode("utf-8", errors="replace")
 
 
 def remaining(states: Sequence[State], at_a_time: int) -> float:

@@ -121,6 +121,11 @@ def batch_log(campaign: Path, job: str) -> Path:
     return batch_folder(campaign) / "logs" / f"{job}.log"
 
 
+def batch_lock(campaign: Path, job: str) -> Path:
+    """Return the file that is locked as long as a process of a job of a campaign lives."""
+    return batch_folder(campaign) / "logs" / f"{job}.lock"
+
+
 def batch_made_from(campaign: Path, job: str) -> Path:
     """Return the file of the hash of what a virtual experiment of a campaign was made from."""
     return batch_folder(campaign) / "logs" / f"{job}.sha256"

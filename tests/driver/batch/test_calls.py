@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import signal
 import subprocess
@@ -31,7 +32,8 @@ def token(tmp_path: Path) -> Path:
 
 
 def job(folder: Path, *calls: tuple[str, ...]) -> Job:
-    return Job("a", folder / "case.toml", calls, folder / "logs" / "a.log", Cost(1.0, 1.0, 1))
+    logs = folder / "logs"
+    return Job("a", folder / "case.toml", calls, logs / "a.log", logs / "a.lock", Cost(1.0, 1.0, 1))
 
 
 def long_job(folder: Path) -> Job:
@@ -80,6 +82,22 @@ def test_a_process_that_the_system_ends_is_told_with_what_helps(
 ) -> None:
     found = at_work(long_job(tmp_path), token, lambda child: child.kill())
     assert found[0] == "failed" and found[1].startswith("ended by the system with SIGKILL, most")
+
+
+def test_a_job_waits_for_processes_of_it_that_are_still_about_to_end(
+    tmp_path: Path, token: Path
+) -> None:
+    made = job(tmp_path, ("init", str(tmp_path / "one")))
+    made.lock.parent.mkdir()
+    with made.lock.open("wb") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        thread = threading.Thread(target=carry_out, args=(made, 1, token))
+        thread.start()
+        time.sleep(1.0)
+        assert not made.log.exists()
+        fcntl.flock(held, fcntl.LOCK_UN)
+        thread.join(timeout=30.0)
+    assert (tmp_path / "one" / "case.toml").is_file()
 
 
 def test_a_job_stops_where_its_token_is_gone(tmp_path: Path, token: Path) -> None:

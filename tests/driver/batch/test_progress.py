@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -9,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from driver.batch.jobs import Job
-from driver.batch.progress import State, remaining, running, table
+from driver.batch.progress import State, at_work, remaining, table
 from driver.workflow.cost import Cost
 
 LOG = """    0.2 s  all stages take about 45 s on free cores and 0.6 GB of memory
@@ -21,7 +22,8 @@ LOG = """    0.2 s  all stages take about 45 s on free cores and 0.6 GB of memor
 
 
 def job(tmp_path: Path, name: str = "a", seconds: float = 40.0) -> Job:
-    return Job(name, tmp_path / "case.toml", (), tmp_path / f"{name}.log", Cost(seconds, 1e9, 1))
+    log, lock = tmp_path / f"{name}.log", tmp_path / f"{name}.lock"
+    return Job(name, tmp_path / "case.toml", (), log, lock, Cost(seconds, 1e9, 1))
 
 
 def printed(made: Table) -> str:
@@ -33,11 +35,17 @@ def printed(made: Table) -> str:
 
 def test_stage_and_last_words_are_read_from_the_end_of_the_log(tmp_path: Path) -> None:
     made = job(tmp_path)
-    assert running(made, 1.0) == State(made, "running", 1.0)
+    assert at_work(made, 0.0) == State(made, "waiting")
     made.log.write_text("x" * 9000 + "\n" + LOG, encoding="utf-8")
-    state = running(made, 9.2)
-    assert (state.stage, state.seconds) == ("identify", 9.2)
+    state = at_work(made, 0.0)
+    assert (state.status, state.stage, state.seconds) == ("running", "identify", 9.1)
     assert state.words == "iteration 2: χ_F    1.38  χ of images 1.065  step 66.2 σ"
+
+
+def test_a_log_of_another_run_tells_nothing_of_this_one(tmp_path: Path) -> None:
+    made = job(tmp_path)
+    made.log.write_text(LOG, encoding="utf-8")
+    assert at_work(made, time.time() + 60.0) == State(made, "waiting")
 
 
 def test_what_is_left_follows_the_estimate_and_does_not_end_before_the_job(tmp_path: Path) -> None:
@@ -61,7 +69,7 @@ def test_the_table_has_a_line_for_each_job_those_at_work_first(tmp_path: Path) -
     states = [
         State(done, "done", 50.0),
         State(failed, "failed", 3.0, words="c.toml: found 1, expected 2\nmore"),
-        running(busy, 9.2),
+        at_work(busy, 0.0),
         *(State(job(tmp_path, f"n{k}"), "waiting") for k in range(40)),
     ]
     text = printed(table(states, 2))

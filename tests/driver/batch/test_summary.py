@@ -40,7 +40,9 @@ def diagnosed(folder: Path, tau0: float, truth: float | None = None) -> State:
     if truth is not None:
         known = {"values": {"tau0": {"value": truth, "unit": "MPa"}}}
         (folder / TRUTH).write_text(json.dumps(known))
-    job = Job(folder.name, folder / "case.toml", (), folder / "log", Cost(1.0, 1.0, 1))
+    job = Job(
+        folder.name, folder / "case.toml", (), folder / "log", folder / "lock", Cost(1.0, 1.0, 1)
+    )
     return State(job, "done", 10.0)
 
 
@@ -53,7 +55,8 @@ def test_the_table_has_the_final_model_of_each_case_and_why_others_have_none(
     tmp_path: Path,
 ) -> None:
     one, two = (diagnosed(tmp_path / name, tau0, 25.0) for name, tau0 in (("a", 25.5), ("b", 24.0)))
-    bad = Job("c", tmp_path / "c" / "case.toml", (), tmp_path / "log", Cost(1.0, 1.0, 1))
+    log, lock = tmp_path / "log", tmp_path / "lock"
+    bad = Job("c", tmp_path / "c" / "case.toml", (), log, lock, Cost(1.0, 1.0, 1))
     write_summary(tmp_path, "mine", [one, two, State(bad, "failed", 1.0, words="c: found 1\nmore")])
     first, second, third = table(tmp_path)
     assert (first["case"], first["status"], first["verdict"]) == ("a", "done", "named")

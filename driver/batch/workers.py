@@ -1,0 +1,72 @@
+"""Who carries out the jobs of a campaign: threads of this machine, or the workers of a cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from driver.common.errors import InputError, sentence
+
+_PATIENCE = 10  # s, for the scheduler and its first worker
+
+
+@dataclass(frozen=True)
+class Workers:
+    """An executor.
+
+    Attributes:
+        executor: hands jobs out.
+        at_a_time: how many it carries out side by side.
+        where: in words.
+    """
+
+    executor: Executor
+    at_a_time: int
+    where: str
+
+
+@contextmanager
+def of_this_machine(at_a_time: int) -> Iterator[Workers]:
+    """Hand out jobs to processes of this machine, each with a thread here that waits for it."""
+    executor = ThreadPoolExecutor(at_a_time)
+    try:
+        yield Workers(executor, at_a_time, "on this machine")
+    finally:
+        executor.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def of_cluster(address: str, file: Path) -> Iterator[Workers]:
+    """Hand out jobs to the workers of a Dask scheduler, one for each of their threads.
+
+    Args:
+        address: of the scheduler.
+        file: of the campaign, to be told.
+
+    Raises:
+        InputError: Dask is not installed, or no scheduler with a worker answers.
+    """
+    key = "execution.scheduler"
+    try:
+        import distributed
+    except ImportError:
+        expected = '`pip install "prismid[cluster]"` before'
+        raise InputError(sentence(file, key, f'"{address}" without Dask', expected)) from None
+    connect: Any = distributed.Client  # it has no types
+    try:
+        client = connect(address, timeout=_PATIENCE, set_as_default=False)
+    except (OSError, ValueError) as error:
+        expected = "the address of a Dask scheduler that answers"
+        raise InputError(sentence(file, key, f'"{address}" ({error})', expected)) from None
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=_PATIENCE)
+        except TimeoutError:
+            found = f'"{address}", which has no worker'
+            raise InputError(sentence(file, key, found, "one with workers")) from None
+        at_a_time = sum(client.nthreads().values())
+        yield Workers(client.get_executor(pure=False), at_a_time, f"on the workers of {address}")
