@@ -62,8 +62,9 @@ class Use(Table):
 
     @model_validator(mode="after")
     def _nothing_that_a_cluster_ignores(self) -> Self:
-        for key in ("jobs", "memory_GB"):
-            if self.scheduler is not None and getattr(self, key) is not None:
+        of_this_machine = {k: v for k, v in self if k not in ("processes", "threads", "scheduler")}
+        for key, value in of_this_machine.items():
+            if self.scheduler is not None and value is not None:
                 expected = "no such key beside scheduler: its workers are as many as were started"
                 raise refusal(expected, key)
         return self

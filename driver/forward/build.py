@@ -371,12 +371,23 @@ def size_between(case: Case, divisions: int) -> float | None:
         divisions: cells of the finer mesh along half of the longest side of the section.
     """
     specimen = case.specimen
-    between = int(_NEXT_COARSER * divisions)
-    width, depth = specimen.width, specimen.depth
-    working = section_divisions(width, depth, specimen.mesh_size)
-    if specimen.cell_kind != "hex20" or between <= working:
+    working = section_divisions(specimen.width, specimen.depth, specimen.mesh_size)
+    return next_coarser(case, divisions) if _NEXT_COARSER * divisions >= working + 1 else None
+
+
+def next_coarser(case: Case, divisions: int) -> float | None:
+    """Size of the hexahedra with which smaller ones are extrapolated [µm].
+
+    None for tetrahedra, and where there are none larger.
+
+    Args:
+        case: the case.
+        divisions: cells of the smaller ones along half of the longest side of the section.
+    """
+    specimen, coarser = case.specimen, int(_NEXT_COARSER * divisions)
+    if specimen.cell_kind != "hex20" or not coarser:
         return None
-    return longest_side(width, depth) / 2 / between
+    return longest_side(specimen.width, specimen.depth) / 2 / coarser
 
 
 def _boundary_motion(case: Case, mesh: PrismMesh, weights: FloatArray) -> BoundaryMotion:

@@ -62,18 +62,19 @@ class MeshExtrapolation:
         What is carried with the pixels stays that of the finer one alone.
         """
         d_surface = [
-            self._more(one, apply(self.nodes, other))
+            self.extrapolated(one, apply(self.nodes, other))
             for one, other in zip(finer.d_surface, coarser.d_surface, strict=True)
         ]
         return replace(
             finer,
-            surface=self._more(finer.surface, apply(self.nodes, coarser.surface)),
-            load=self._more(finer.load, coarser.load),
+            surface=self.extrapolated(finer.surface, apply(self.nodes, coarser.surface)),
+            load=self.extrapolated(finer.load, coarser.load),
             d_surface=np.array(d_surface).reshape(finer.d_surface.shape),
-            d_load=self._more(finer.d_load, coarser.d_load),
+            d_load=self.extrapolated(finer.d_load, coarser.d_load),
         )
 
-    def _more(self, finer: FloatArray, coarser: FloatArray) -> FloatArray:
+    def extrapolated(self, finer: FloatArray, coarser: FloatArray) -> FloatArray:
+        """Return a field on cells of no size, from that of the finer and the coarser model."""
         return finer + self.share * (finer - coarser)
 
 

@@ -16,7 +16,7 @@ from driver.forward.cost import simulation_memory, simulation_seconds
 from driver.results.files import TRUTH
 from driver.results.mesh_sizes import sized_case
 from driver.virtual.settings import Virtual, read_virtual
-from driver.virtual.truth import knots, pull, stage_program
+from driver.virtual.truth import coarser_size, knots, pull, stage_program
 from driver.virtual.writing import record
 from meshes.cells import NAMES
 from meshes.prism import CellKind
@@ -57,18 +57,20 @@ def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int
     n_cells = len(mesh_of(truth, truth.specimen.mesh_size).cells)
     face = case.specimen.length * case.specimen.width / case.images.pixel_um**2
     steps = settings.face.slip_spacing_um > 0
-    seconds = (
-        simulation_seconds(truth, adapter_of(truth).capabilities(), n_cells, history.n_images)
-        + _PIXEL_SECONDS[steps] * face * history.n_images
-    )
+    solver, coarser = adapter_of(truth).capabilities(), coarser_size(truth)
+    sizes = [n_cells] if coarser is None else [n_cells, len(mesh_of(truth, coarser).cells)]
+    seconds = sum(simulation_seconds(truth, solver, n, history.n_images) for n in sizes)
+    seconds += _PIXEL_SECONDS[steps] * face * history.n_images
     parts = truth.solver.steps_per_interval
     memory = simulation_memory(
         truth.specimen.cell_kind, n_cells, history.n_images, steps_per_interval=parts
     )
     memory += _PIXEL_BYTES * face * history.n_images
+    extrapolated = "" if coarser is None else f", extrapolated with those of {coarser:.3g} µm"
     logger.info(
         f"truth on a mesh of {truth.specimen.mesh_size:g} µm ({n_cells} cells, "
-        f"{truth.specimen.cells}) with {truth.solver.steps_per_interval} steps an interval, finer "
+        f"{truth.specimen.cells}{extrapolated}) with {truth.solver.steps_per_interval} steps an "
+        "interval, finer "
         "than the case's "
         f"{case.specimen.mesh_size:g} and {case.specimen.fine_mesh_size:g} µm with "
         f"{case.solver.steps_per_interval} and {case.solver.fine_steps_per_interval}; "

@@ -8,13 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from driver.case.model import Case
+from driver.case.specimen import SIZES
 from driver.common.errors import InputError, one_of
 from driver.experiment.history import History, turning_points
-from driver.forward.build import adapter_of, build_model, mesh_of
+from driver.forward.build import adapter_of, build_model, mesh_of, next_coarser
+from driver.forward.mesh_extrapolation import extrapolated_with
 from driver.forward.model import ForwardModel
+from driver.forward.surface_projection import apply
 from driver.parameters.boundary import AMPLITUDE_DECLARATIONS, elongation_names, tilt_names
 from driver.virtual.settings import Program
 from meshes.arrays import FloatArray
+from meshes.prism import section_divisions
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import SurfaceMesh, trace
 from solver_adapters.interface import Adapter, Progress, Response, Simulation
@@ -91,7 +95,7 @@ def pull(
     cell_slip: bool = False,
     progress: Callable[[Progress], None] | None = None,
 ) -> Course:
-    """Simulate a test.
+    """Simulate a test; on hexahedra it is extrapolated to cells of no size.
 
     Args:
         truth: the specimen as it is, on the mesh and with the steps of its working model.
@@ -113,7 +117,28 @@ def pull(
         )
     model, values = true_model(truth, history, adapter, hidden)
     simulation = replace(model.simulation(values), cell_fields=cell_slip)
-    return seen_course(model, simulation, history, values, progress)
+    course = seen_course(model, simulation, history, values, progress)
+    size = coarser_size(truth)
+    if size is None:
+        return course
+    larger = truth.with_values_at({f"specimen.{SIZES[0]}": size})
+    coarser, _ = true_model(larger, history, adapter, hidden)
+    pair = extrapolated_with(model, coarser).extrapolation
+    assert pair is not None
+    less = seen_course(coarser, coarser.simulation(values), history, values, progress)
+    return replace(
+        course,
+        motion=pair.extrapolated(course.motion, apply(pair.nodes, less.motion)),
+        load=pair.extrapolated(course.load, less.load),
+    )
+
+
+def coarser_size(truth: Case) -> float | None:
+    """Size of the larger hexahedra with which a truth is extrapolated [µm], None for others."""
+    specimen = truth.specimen
+    return next_coarser(
+        truth, section_divisions(specimen.width, specimen.depth, specimen.mesh_size)
+    )
 
 
 def true_model(

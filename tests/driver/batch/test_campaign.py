@@ -33,6 +33,10 @@ def test_what_is_not_stated_has_its_default(tmp_path: Path) -> None:
         ("cases = 3", "cases: found 3, expected a list of case files or patterns"),
         ('cases = ["a"]\nuntil = "end"', 'until: found "end", expected "mesh", "measure"'),
         ('cases = ["a"]\n[execution]\njobs = 0', "execution.jobs: found 0, expected a number ≥ 1"),
+        (
+            'cases = ["a"]\n[execution]\njobs = 2\nscheduler = "tcp://a:1"',
+            "execution.jobs: found 2, expected no such key beside scheduler",
+        ),
         ('[[study]]\ncase = "a"', "study.1.values: found nothing, expected lists of values by key"),
         ('[[study]]\ncase = "a"\nvalues.x = []', "study.1.values.x: found []"),
         ('[[trial]]\ncase = "a"\nseeds = [1, 1]', "trial.1.seeds: found 1 twice or more, expected"),
