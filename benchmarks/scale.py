@@ -1,0 +1,86 @@
+"""What many jobs cost beside their work: tasks in processes side by side, and cases of a campaign.
+
+python -m benchmarks.scale           1, 10, 100 and 1000 tasks, and a campaign of eight cases
+python -m benchmarks.scale --quick   10 and 100 tasks, and the start of one case
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from benchmarks.measuring import show
+from driver.batch.command import batch
+from driver.case.model import write_case
+from driver.common.parallel import side_by_side
+from tools.short_specimen import small_case
+
+_WORK = 0.02  # s of a task
+_CASES = 8
+
+
+def work(seconds: float) -> None:
+    """Be at work for some time."""
+    end = time.perf_counter() + seconds
+    while time.perf_counter() < end:
+        pass
+
+
+def overhead_of_tasks(number: int, processes: int) -> float:
+    """Wall-clock time of each task beside its share of the work [s]."""
+    begin = time.perf_counter()
+    side_by_side(work, [_WORK] * number, processes)
+    wall = time.perf_counter() - begin
+    return (wall - number * _WORK / processes) / number
+
+
+def start_of_a_case() -> float:
+    """Wall-clock time of a process that starts prismid and does nothing [s]."""
+    begin = time.perf_counter()
+    subprocess.run([sys.executable, "-P", "-m", "driver.cli", "run", "--help"], check=True,
+                   stdout=subprocess.DEVNULL)  # fmt: skip
+    return time.perf_counter() - begin
+
+
+def campaign(number: int) -> float:
+    """Wall-clock time of each case of a campaign that only meshes [s]."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        case = small_case().with_values_at({"specimen.cells": "hex20"})
+        (folder / "base").mkdir()
+        rows = "time_s,stage_um,image,force_N\n0,0,0,0\n10,5,1,1\n20,10,2,2\n"
+        (folder / "base" / case.history.file).write_text(rows)
+        write_case(case, folder / "base" / "case.toml")
+        noises = [1.0 + k for k in range(number)]
+        (folder / "campaign.toml").write_text(
+            'until = "mesh"\n[[study]]\ncase = "base/case.toml"\n'
+            f'values."loads.noise_uN" = {noises}\n'
+        )
+        begin = time.perf_counter()
+        assert batch(folder / "campaign.toml", lambda states, at_a_time: None)
+        return (time.perf_counter() - begin) / number
+
+
+def main() -> None:
+    """Run the study."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="end within 45 s")
+    quick = parser.parse_args().quick
+    processes = os.cpu_count() or 1
+    for number in (10, 100) if quick else (1, 10, 100, 1000):
+        overhead = 1e3 * overhead_of_tasks(number, processes)
+        show(f"{number} tasks of 20 ms on {processes} processes: overhead of each [ms]", overhead,
+             "<= 50")  # fmt: skip
+    show("start of a process of prismid [s]", start_of_a_case())
+    if not quick:
+        show(f"campaign of {_CASES} cases that mesh: wall-clock time of each [s]",
+             campaign(_CASES))  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
