@@ -12,6 +12,8 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
 from driver.common.progress import quiet
@@ -65,45 +67,57 @@ def with_candidate_corrections(
     """
     if not refits:
         return []
-    best = refits[0].log_evidence
-    threshold = max(best - max(REACH, REACH_OF_LARGE * best), 0.0)
+    most = refits[0].log_evidence
+    threshold = max(most - max(REACH, REACH_OF_LARGE * most), 0.0)
     leading = [refit for refit in refits if refit.log_evidence > threshold]
     if len(leading) < 2:
         return list(refits)
     logger.info("finer mesh and steps at the end of each refit that leads")
-    tasks = [_Task(refit, finer.turned((refit.cause,)).one, baseline) for refit in leading]
-
-    def done(index: int, result: Refit | Failure) -> None:
-        name, before = leading[index].cause.name, leading[index].log_evidence
-        if isinstance(result, Failure):
-            why = f"for it cannot be simulated ({result.why})"
-            logger.info(f"  {name}: log evidence {before:+.1f} as it was, {why}")
-        else:
-            logger.info(f"  {name}: log evidence {before:+.1f} → {result.log_evidence:+.1f}")
-
-    ends = side_by_side(_under_its_own, tasks, executor.processes, executor.threads, done)
-    own = [a if isinstance(b, Failure) else b for a, b in zip(leading, ends, strict=True)]
+    own = {refit.cause.name: refit for refit in leading}
+    failed: dict[str, Failure] = {}
+    changed = {name: np.inf for name in own}
+    contending = leading
+    for _ in range(_CORRECTIONS):
+        again = [r for r in contending if changed[r.cause.name] >= _SETTLED]
+        if len(contending) < 2 or not again:
+            break
+        tasks = [_Task(r, finer.turned((r.cause,)).one, baseline) for r in again]
+        ends = side_by_side(_corrected, tasks, executor.processes, executor.threads)
+        for refit, end in zip(again, ends, strict=True):
+            name = refit.cause.name
+            changed[name] = 0.0
+            if isinstance(end, Failure):
+                failed[name] = end
+            else:
+                own[name] = end
+                changed[name] = abs(end.log_evidence - refit.log_evidence)
+        # The next correction changes less than the last one, that of the best as well.
+        best = max(own.values(), key=lambda refit: refit.log_evidence)
+        contending = [
+            refit
+            for name, refit in own.items()
+            if best.log_evidence - refit.log_evidence
+            < REACH + changed[name] + changed[best.cause.name]
+        ]
+    for refit in leading:
+        _tell(refit, own[refit.cause.name], failed.get(refit.cause.name))
     others = [refit for refit in refits if refit not in leading]
-    return sorted([*own, *others], key=lambda refit: -refit.log_evidence)
+    return sorted([*own.values(), *others], key=lambda refit: -refit.log_evidence)
+
+
+def _tell(before: Refit, after: Refit, failed: Failure | None) -> None:
+    name, evidence = before.cause.name, before.log_evidence
+    if failed is not None:
+        why = f"for it cannot be simulated ({failed.why})"
+        logger.info(f"  {name}: log evidence {evidence:+.1f} as it was, {why}")
+    else:
+        logger.info(f"  {name}: log evidence {evidence:+.1f} → {after.log_evidence:+.1f}")
 
 
 @quiet()
-def _under_its_own(task: _Task) -> Refit | Failure:
-    """Return the refit under the correction at its end, or why there is none."""
-    refit = task.refit
-    for _ in range(_CORRECTIONS):
-        corrected = _corrected(refit, task)
-        if isinstance(corrected, Failure):
-            return corrected
-        change = corrected.log_evidence - refit.log_evidence
-        refit = corrected
-        if abs(change) < _SETTLED:
-            break
-    return refit
-
-
-def _corrected(refit: Refit, task: _Task) -> Refit | Failure:
+def _corrected(task: _Task) -> Refit | Failure:
     """Return a refit under the correction where it stands, or why there is none."""
+    refit = task.refit
     objective, at = with_prior(refit.objective, refit.cause), refit.fit
     change = attempt(
         lambda: correction(

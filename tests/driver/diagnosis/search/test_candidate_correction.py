@@ -2,11 +2,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
 from driver.diagnosis.answer.result_types import Refit
+from driver.diagnosis.search import candidate_correction
 from driver.diagnosis.search.candidate_correction import (
     REACH,
     REACH_OF_LARGE,
@@ -145,3 +147,47 @@ def test_of_a_large_effect_rivals_within_a_share_of_its_evidence_are_corrected(
     lines.clear()
     after = with_candidate_corrections([leading, rival], baseline.best, finest, executor)
     assert (after != [leading, rival]) == corrected == bool(lines)
+
+
+def test_a_rival_is_corrected_on_as_long_as_it_may_still_lead(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The first correction may change the order by more than the rivals are apart."""
+    baseline, (first, second) = refitted()
+    course = {first.cause.name: [100.0, 70.0, 90.0, 90.5], second.cause.name: [95.0, 99.0, 98.5]}
+    taken: list[str] = []
+
+    def corrected(task: Any) -> Refit:
+        refit: Refit = task.refit
+        name = refit.cause.name
+        taken.append(name)
+        return replace(refit, log_evidence=course[name][taken.count(name)])
+
+    monkeypatch.setattr(candidate_correction, "_corrected", corrected)
+    begin = [replace(r, log_evidence=course[r.cause.name][0]) for r in (first, second)]
+    models = FineModels(finer(BENCH))
+    after = with_candidate_corrections(begin, baseline.best, models, Executor(1, 1))
+    # 70 is 29 behind 99, within 10, 30 and 4; 99 has settled by its next change.
+    assert [r.log_evidence for r in after] == [98.5, 90.5]
+    assert taken.count(first.cause.name) == 3 and taken.count(second.cause.name) == 2
+
+
+def test_one_that_has_fallen_far_behind_is_not_corrected_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """16 behind, its own change 3 and that of the best 2."""
+    baseline, (first, second) = refitted()
+    after_one = {first.cause.name: 103.0, second.cause.name: 87.0}
+    taken: list[str] = []
+
+    def corrected(task: Any) -> Refit:
+        refit: Refit = task.refit
+        name = refit.cause.name
+        taken.append(name)
+        return replace(refit, log_evidence=after_one[name])
+
+    monkeypatch.setattr(candidate_correction, "_corrected", corrected)
+    begin = [replace(first, log_evidence=101.0), replace(second, log_evidence=90.0)]
+    models = FineModels(finer(BENCH))
+    after = with_candidate_corrections(begin, baseline.best, models, Executor(1, 1))
+    assert [r.log_evidence for r in after] == [103.0, 87.0] and len(taken) == 2
