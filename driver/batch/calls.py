@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -17,6 +18,8 @@ from driver.batch.jobs import Job
 
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _EVERY = 0.2  # s between two looks whether a call has ended
+_SELDOM, _STALE = 10.0, 300.0  # s between two looks how old the token is, and how old it may be
+_STOPPED = 130  # exit code after a signal
 _TOLD = "prismid: "  # what a line begins with that tells why a call failed
 _KILLED = (
     "ended by the system with {}, most likely for want of memory: expected fewer jobs at a time"
@@ -38,28 +41,68 @@ class Outcome:
     seconds: float
 
 
+class Token:
+    """What lets a job go on: a file, and whoever touches it.
+
+    Args:
+        path: the file; where it is gone, or was not touched for long, the job is stopped.
+        clock: another file, by which the time of the file system is told.
+    """
+
+    def __init__(self, path: Path, clock: Path) -> None:
+        self.path, self.clock = path, clock
+        self._looked = monotonic()
+        self._stale = 0
+
+    def gone(self) -> bool:
+        """Whether the job has to stop."""
+        try:
+            touched = self.path.stat().st_mtime
+        except FileNotFoundError:
+            return True
+        if monotonic() - self._looked < _SELDOM:
+            return False
+        self._looked = monotonic()
+        self.clock.touch()
+        stale = self.clock.stat().st_mtime - touched > _STALE
+        # A campaign that was held up has time to touch it.
+        self._stale = self._stale + 1 if stale else 0
+        return self._stale > 1
+
+
 def carry_out(job: Job, threads: int, token: Path) -> Outcome:
     """Make the calls of a job, one after the other, until one fails.
 
     Args:
         job: the job.
         threads: of the numerical libraries of each process.
-        token: a file; where it is gone, the job is stopped.
+        token: a file; where it is gone, or was not touched for long, the job is stopped.
     """
     job.log.parent.mkdir(parents=True, exist_ok=True)
-    with job.lock.open("wb") as lock:
+    alive = Token(token, job.lock)
+    with job.lock.open("ab") as lock:
         # Its processes of an asker that was killed may be about to end.
-        while token.exists() and not _locked(lock):
+        while not alive.gone() and not _locked(lock):
             sleep(_EVERY)
         start = monotonic()
         with job.log.open("wb") as log:
-            for call in job.calls:
-                code = _ended(call, threads, token, log, lock) if token.exists() else 0
-                if not token.exists():
+            for call in _calls_left(job):
+                code = 0 if alive.gone() else _ended(call, threads, alive, log, lock)
+                if alive.gone():
                     return Outcome("stopped", "", monotonic() - start)
                 if code:
                     return Outcome("failed", _reason(job.log, code), monotonic() - start)
         return Outcome("done", "", monotonic() - start)
+
+
+def _calls_left(job: Job) -> Sequence[Sequence[str]]:
+    """Return the calls of a job; an experiment is made once, from nothing if it was cut off."""
+    if job.made is None:
+        return job.calls
+    if job.case.is_file():
+        return job.calls[1:]
+    shutil.rmtree(job.made, ignore_errors=True)
+    return job.calls
 
 
 def _locked(file: IO[bytes]) -> bool:
@@ -73,7 +116,7 @@ def _locked(file: IO[bytes]) -> bool:
     return True
 
 
-def _ended(call: Sequence[str], threads: int, token: Path, log: IO[bytes], lock: IO[bytes]) -> int:
+def _ended(call: Sequence[str], threads: int, alive: Token, log: IO[bytes], lock: IO[bytes]) -> int:
     """Make a call and return its exit code; it is asked to end where the token is gone.
 
     Its process holds the lock, too.
@@ -93,7 +136,7 @@ def _ended(call: Sequence[str], threads: int, token: Path, log: IO[bytes], lock:
         try:
             while process.poll() is None:
                 sleep(_EVERY)
-                if not asked and not token.exists():
+                if not asked and alive.gone():
                     process.terminate()
                     asked = True
         except BaseException:
@@ -103,9 +146,11 @@ def _ended(call: Sequence[str], threads: int, token: Path, log: IO[bytes], lock:
 
 
 def _reason(log: Path, code: int) -> str:
-    """Return why a call failed, as it has told, or by what the system ended it."""
+    """Return why a call failed, as it has told, or by what it was ended."""
     if code < 0:
         return _KILLED.format(Signals(-code).name)
+    if code == _STOPPED:
+        return "stopped from outside; run again to go on"
     lines = log.read_text("utf-8", errors="replace").splitlines()
     told = [line.removeprefix(_TOLD) for line in lines if line.startswith(_TOLD)]
     return "\n".join(told) or f"exit code {code}: {lines[-1] if lines else 'without a word'}"

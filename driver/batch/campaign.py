@@ -8,8 +8,9 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from driver.case.messages import refusal
-from driver.case.toml import read_tables
+from driver.case.toml import read_tables, read_toml
 from driver.case.values import Count, FileName, Positive, Table
+from driver.common.errors import InputError, sentence
 
 Seed = Annotated[int, Field(strict=True, ge=0)]
 
@@ -96,4 +97,7 @@ def read_campaign(path: Path) -> Campaign:
     Raises:
         InputError: the file is absent or no TOML, or a key is unknown or out of range.
     """
-    return read_tables(path, Campaign, "the file of a campaign")
+    expected = "the file of a campaign"
+    if {"specimen", "grains"} & set(read_toml(path, expected)):
+        raise InputError(sentence(path, "file", "a case", f"{expected}; `prismid run` runs a case"))
+    return read_tables(path, Campaign, expected)

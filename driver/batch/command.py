@@ -9,14 +9,16 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from contextlib import AbstractContextManager
 from pathlib import Path
 from time import time
+from uuid import uuid4
 
 from driver.batch.calls import Outcome, carry_out
 from driver.batch.campaign import Campaign, read_campaign
-from driver.batch.jobs import Job, jobs_of, most_at_a_time
+from driver.batch.jobs import Job, jobs_of, most_at_a_time, write_files
 from driver.batch.progress import State, at_work, remaining
 from driver.batch.summary import write_summary
 from driver.batch.workers import Workers, of_cluster, of_this_machine
-from driver.common.errors import InputError, sentence
+from driver.common import machine
+from driver.common.errors import InputError, sentence, why
 from driver.common.formatting import cost_told, duration
 from driver.results.files import SUMMARY_CSV, SUMMARY_HTML, batch_folder, batch_token, make_folder
 from driver.workflow.run_lock import sole_run
@@ -45,16 +47,22 @@ def batch(path: Path, watch: Watch) -> bool:
             the scheduler is gone.
     """
     # Workers have folders of their own.
-    path = path.absolute()
+    path = Path(os.path.abspath(path))
     campaign = read_campaign(path)
+    jobs = jobs_of(campaign, path)
     folder = batch_folder(path)
     make_folder(folder)
     with sole_run(folder):
-        jobs = jobs_of(campaign, path)
-        with _workers(campaign, path, jobs) as workers:
-            _foretell(jobs, campaign, workers)
-            states = _carried_out(jobs, campaign, workers, path, watch)
-        write_summary(folder, path.stem, states)
+        write_files(jobs)
+        states = [State(job, "waiting") for job in jobs]
+        try:
+            with _workers(campaign, path, jobs) as workers:
+                _foretell(jobs, campaign, workers)
+                _carry_out(states, campaign, workers, path, watch)
+        finally:
+            # Of a campaign that is stopped, too: what is done, and what is not.
+            make_folder(folder)
+            write_summary(folder, path.stem, states)
     logger.info(f"{folder / SUMMARY_HTML} and {SUMMARY_CSV} compare the cases")
     return all(state.status == "done" for state in states)
 
@@ -64,30 +72,38 @@ def _workers(
 ) -> AbstractContextManager[Workers]:
     if campaign.execution.scheduler is not None:
         return of_cluster(campaign.execution.scheduler, file)
-    cores, memory = os.cpu_count() or 1, _memory_of_machine()
-    return of_this_machine(most_at_a_time(jobs, campaign, cores, memory))
+    return of_this_machine(most_at_a_time(jobs, campaign, machine.cores(), machine.memory()))
 
 
 def _foretell(jobs: Sequence[Job], campaign: Campaign, workers: Workers) -> None:
+    """Tell what the campaign takes, and where that is more than there is."""
+    use, at_a_time = campaign.execution, workers.at_a_time
     waiting = [State(job, "waiting") for job in jobs]
-    memory = workers.at_a_time * max(job.cost.memory for job in jobs)
-    use = campaign.execution
-    cores = workers.at_a_time * use.processes * use.threads
-    cost = cost_told(remaining(waiting, workers.at_a_time), memory)
-    logger.info(
-        f"{len(jobs)} cases, {workers.at_a_time} at a time on {cores} core(s) {workers.where}: "
-        f"{cost} in all"
-    )
+    largest = max(job.cost.memory for job in jobs)
+    cores = at_a_time * use.processes * use.threads
+    cases = "1 case" if len(jobs) == 1 else f"{len(jobs)} cases"
+    cost = cost_told(remaining(waiting, at_a_time), at_a_time * largest)
+    told = f"{cases}, {at_a_time} at a time on {cores} core(s) {workers.where}"
+    logger.info(f"{told}: {cost} in all")
+    if use.scheduler is not None:
+        return
+    stated = machine.memory() if use.memory_GB is None else 1e9 * use.memory_GB
+    if largest > stated:
+        logger.info(f"one case alone needs {largest / 1e9:.1f} GB, there are {stated / 1e9:.3g}")
+    if cores > machine.cores():
+        logger.info(f"{cores} cores are asked for, there are {machine.cores()}")
 
 
-def _carried_out(
-    jobs: Sequence[Job], campaign: Campaign, workers: Workers, file: Path, watch: Watch
-) -> list[State]:
-    """Return how all jobs ended; those of a campaign that is stopped have been stopped, too."""
-    states = [State(job, "waiting") for job in jobs]
-    token, threads = batch_token(file), campaign.execution.threads
+def _carry_out(
+    states: list[State], campaign: Campaign, workers: Workers, file: Path, watch: Watch
+) -> None:
+    """Carry out all jobs and keep their states; where this ends early they are stopped."""
+    jobs = [state.job for state in states]
+    threads, start = campaign.execution.threads, time()
+    for old in batch_folder(file).glob(batch_token(file, "*").name):
+        old.unlink(missing_ok=True)
+    token = batch_token(file, uuid4().hex[:8])
     token.touch()
-    start = time()
     try:
         futures = {
             workers.executor.submit(carry_out, job, threads, token): index
@@ -102,9 +118,15 @@ def _carried_out(
             for index in (futures[future] for future in left):
                 states[index] = at_work(jobs[index], start)
             watch(states, workers.at_a_time)
+            if not token.exists():
+                found, expected = (
+                    "nothing any more: all cases are stopped",
+                    "it; run again to go on",
+                )
+                raise InputError(sentence(token.parent, "folder", found, expected))
+            token.touch()
     finally:
         token.unlink(missing_ok=True)
-    return states
 
 
 def _ended(job: Job, future: Future[Outcome], where: str, file: Path) -> State:
@@ -118,15 +140,13 @@ def _ended(job: Job, future: Future[Outcome], where: str, file: Path) -> State:
     except CancelledError:
         found, expected = f"jobs {where} lost", "a scheduler that lives; run again to go on"
         raise InputError(sentence(file, "execution.scheduler", found, expected)) from None
+    except OSError as error:
+        place = Path(error.filename or job.log)
+        outcome = Outcome("failed", sentence(place, "file", why(error), "one to be written"), 0.0)
     except Exception as error:
         # Whatever a cluster says of a worker that it has lost, or cannot use.
         outcome = Outcome("failed", f"{type(error).__name__}: {error}", 0.0)
     state = State(job, outcome.status, outcome.seconds, words=outcome.why)
-    why = f": {outcome.why}" if outcome.why else ""
-    logger.info(f"{job.name}: {outcome.status} after {duration(outcome.seconds)}{why}")
+    reason = f": {outcome.why}" if outcome.why else ""
+    logger.info(f"{job.name}: {outcome.status} after {duration(outcome.seconds)}{reason}")
     return state
-
-
-def _memory_of_machine() -> float:
-    """Memory of this machine [bytes]."""
-    return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))

@@ -8,7 +8,7 @@ import itertools
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -18,15 +18,28 @@ from driver.case.changes import changed_case, merged
 from driver.case.file_names import with_file_names
 from driver.case.model import CASE_FILE, SCHEMA_FILE, Case, case_text, load_case, schema_text
 from driver.common.atomic_write import write_whole
-from driver.common.errors import InputError, sentence
-from driver.results.files import batch_folder, batch_lock, batch_log, batch_made_from
+from driver.common.errors import InputError, sentence, show
+from driver.results.files import (
+    BATCH,
+    RESULTS,
+    TRUTH_SETTINGS,
+    batch_folder,
+    batch_lock,
+    batch_log,
+    batch_made_from,
+    batch_truth,
+)
 from driver.results.hdf5 import prismid_version
+from driver.results.mesh_sizes import sized_case
 from driver.virtual.settings import Virtual, read_virtual
 from driver.virtual.truth import stage_program
 from driver.workflow.cost import Cost
-from driver.workflow.pipeline import cost_of_run
+from driver.workflow.engine import finished
+from driver.workflow.pipeline import cost_of_run, stages
 
 _MARK = "# Written by prismid batch; a change of the campaign writes it anew.\n"
+_LONGEST = 100  # bytes of the name of a file
+_NOTHING = Cost(0.0, 0.0, 0)
 
 
 @dataclass(frozen=True)
@@ -35,25 +48,31 @@ class Job:
 
     Attributes:
         name: what it is called, and its log.
+        key: what of the campaign it is from.
         case: its case file, which the first of several calls may write.
         calls: arguments of prismid, a call after the other.
+        until: name of the last stage.
         log: what the calls say.
         lock: is held as long as one of their processes lives.
-        cost: of the run.
-        truth: whether the truth of its experiment is known, and stands beside the case.
+        cost: of what is not done yet.
+        texts: files that the campaign writes before it begins, and what they hold.
+        made: the folder of a virtual experiment that is to be made, or None.
     """
 
     name: str
+    key: str
     case: Path
     calls: tuple[tuple[str, ...], ...]
+    until: str
     log: Path
     lock: Path
     cost: Cost
-    truth: bool = False
+    texts: tuple[tuple[Path, str], ...] = ()
+    made: Path | None = None
 
 
 def jobs_of(campaign: Campaign, file: Path) -> list[Job]:
-    """Return the jobs of a campaign, and write the cases of its studies.
+    """Return the jobs of a campaign; nothing is written.
 
     Args:
         campaign: what is run.
@@ -61,7 +80,7 @@ def jobs_of(campaign: Campaign, file: Path) -> list[Job]:
 
     Raises:
         InputError: a case or a variant cannot be used, a pattern has no files, or two jobs have one
-            name; each in a sentence.
+            name or the same results; each in a sentence.
     """
     jobs: list[Job] = []
     refused: list[str] = []
@@ -75,100 +94,178 @@ def jobs_of(campaign: Campaign, file: Path) -> list[Job]:
             jobs += _jobs_of(source, key, campaign, file)
         except InputError as error:
             refused.append(str(error))
-    seen: dict[str, Path] = {}
-    for job in jobs:
-        if job.name in seen:
-            refused.append(sentence(file, "cases", f"{job.case} twice", "each case once"))
-        seen[job.name] = job.case
+        except OSError as error:
+            refused.append(sentence(file, key, str(error), "files that can be read"))
+    refused += _twice(jobs, file)
     if refused:
-        raise InputError("\n".join(refused))
+        raise InputError("\n".join(dict.fromkeys(refused)))
     return jobs
+
+
+def _twice(jobs: Sequence[Job], file: Path) -> Iterator[str]:
+    """Tell which jobs have the name or the results of another one."""
+    names: dict[str, Job] = {}
+    places: dict[Path, Job] = {}
+    for job in jobs:
+        place = (job.case.parent / RESULTS).resolve()
+        other = names.get(job.name) or places.get(place)
+        if other is not None:
+            found = f"{job.case}, which has the name or the results of {other.case} ({other.key})"
+            yield sentence(file, job.key, found, "each case once, in a folder of its own")
+        names.setdefault(job.name, job)
+        places.setdefault(place, job)
 
 
 def _jobs_of(source: str | Study | Trial, key: str, campaign: Campaign, file: Path) -> list[Job]:
     if isinstance(source, str):
-        return [_of_case(path, campaign, file) for path in _cases(source, key, file)]
+        return [_of_case(path, key, campaign, file) for path in _cases(source, key, file)]
     if isinstance(source, Study):
-        return list(_of_study(source, key, campaign, file))
-    return list(_of_trial(source, campaign, file))
+        return _of_study(source, key, campaign, file)
+    return list(_of_trial(source, key, campaign, file))
 
 
 def _cases(pattern: str, key: str, file: Path) -> list[Path]:
-    """Return the case files that a pattern names, relative to the folder of the campaign."""
-    found = [Path(name) for name in sorted(glob.glob(str(file.parent / pattern), recursive=True))]
-    if not found:
-        raise InputError(sentence(file, key, f'no file "{pattern}"', "case files or their folders"))
-    return [path / CASE_FILE if path.is_dir() else path for path in found]
+    """Return the case files that a pattern names, relative to the folder of the campaign.
+
+    Of what a wildcard takes in, those are left out that are no case, or that a campaign made.
+    """
+    if (file.parent / pattern).exists():
+        return [_case_file(file.parent / pattern)]
+    found = glob.glob(pattern, root_dir=file.parent, recursive=True)
+    paths = [_case_file(file.parent / name) for name in sorted(found)]
+    cases = [
+        path
+        for path in paths
+        if path.suffix == Path(CASE_FILE).suffix
+        and path.is_file()
+        and path.resolve() != file.resolve()
+        and not any(folder.endswith(BATCH) or folder == RESULTS for folder in path.parts[:-1])
+    ]
+    if not cases:
+        raise InputError(sentence(file, key, f'no case "{pattern}"', "case files or their folders"))
+    return list(dict.fromkeys(cases))
 
 
-def _of_case(path: Path, campaign: Campaign, file: Path) -> Job:
+def _case_file(path: Path) -> Path:
+    return path / CASE_FILE if path.is_dir() else path
+
+
+def _of_case(path: Path, key: str, campaign: Campaign, file: Path) -> Job:
     """Return the job of a case; one that cannot be used fails by itself, when it is run."""
-    inside = path.parent if path.name == CASE_FILE else path.with_suffix("")
-    relative = os.path.relpath(inside, file.parent)
-    name = path.parent.resolve().name if relative == "." else relative
+    name = _name(path, file)
     try:
-        return _job(name, path, load_case(path), campaign, file)
+        return _job(name, key, path, load_case(path), campaign, file)
     except (InputError, OSError):
-        files = _files(file, name)
-        return Job(name, path, (("run", str(path)),), *files, Cost(0.0, 0.0, 0))
+        calls = (("run", str(path), "--until", campaign.until),)
+        return Job(name, key, path, calls, campaign.until, *_files(file, name), _NOTHING)
 
 
-def _of_study(study: Study, key: str, campaign: Campaign, file: Path) -> Iterator[Job]:
-    base = load_case(file.parent / study.case)
+def _name(path: Path, file: Path) -> str:
+    """Return what a case is called: its folder, or its file where that has a name of its own."""
+    inside = path.parent if path.name == CASE_FILE else path
+    relative = os.path.relpath(inside, file.parent)
+    return _printable(path.parent.resolve().name if relative == "." else relative)
+
+
+def _of_study(study: Study, key: str, campaign: Campaign, file: Path) -> list[Job]:
+    """Return the variants of a case; all that is wrong with any of them is told at once."""
+    path, where = _case_file(file.parent / study.case), Path(f"{file}: {key}.values")
+    base = load_case(path)
+    refused = [
+        sentence(file, f"{key}.values", f'"{one}" beside "{other}"', "keys that hold no other")
+        for one, other in itertools.permutations(study.values, 2)
+        if other.startswith(f"{one}.")
+    ]
+    refused += [
+        sentence(file, f"{key}.values.{name}", f"{show(value)} twice", "each value once")
+        for name, values in study.values.items()
+        for k, value in enumerate(values)
+        if value in values[:k]
+    ]
+    if refused:
+        raise InputError("\n".join(refused))
+    jobs = []
     for values in itertools.product(*study.values.values()):
         change = dict(zip(study.values, values, strict=True))
-        name = ", ".join(f"{k}={_told(value)}" for k, value in change.items())
-        case = changed_case(base, _nested(change), file, f"{key}.values")
+        told = ", ".join(f"{k}={_told(value)}" for k, value in change.items())
+        name = f"{_name(path, file)} {_printable(told)}"
         folder = batch_folder(file) / _as_file(name)
-        yield _job(name, _written(case, folder), case, campaign, file)
+        try:
+            case = changed_case(base, _nested(change), where, told)
+            texts = _copied(case, folder)
+            job = _job(name, key, folder / CASE_FILE, case, campaign, file)
+            jobs.append(replace(job, texts=texts))
+        except InputError as error:
+            refused += str(error).splitlines()
+    if refused:
+        raise InputError("\n".join(dict.fromkeys(refused)))
+    return jobs
 
 
-def _of_trial(trial: Trial, campaign: Campaign, file: Path) -> Iterator[Job]:
-    path = file.parent / trial.case
-    case, settings, asked = load_case(path), Virtual(), tuple[str, ...]()
+def _of_trial(trial: Trial, key: str, campaign: Campaign, file: Path) -> Iterator[Job]:
+    """Return virtual experiments, made from copies of case and settings as they are now."""
+    path = _case_file(file.parent / trial.case)
+    case, settings, stated = load_case(path), Virtual(), ""
+    name = _name(path, file)
     if trial.settings is not None:
-        stated = file.parent / trial.settings
-        settings, asked = read_virtual(stated), ("--settings", str(stated))
+        settings = read_virtual(file.parent / trial.settings)
+        stated = (file.parent / trial.settings).read_text("utf-8")
+        name += f" {_printable(Path(trial.settings).stem)}"
     cycles = settings.program.cycles
     n_images = stage_program(cycles).n_images if cycles else 0
-    made_from = _digest(case_text(case), settings.model_dump_json())
+    made_from = _digest(prismid_version(), case_text(case), settings.model_dump_json())
+    copy = batch_truth(file, made_from[:12])
+    texts = (*_copied(case, copy), (copy / TRUTH_SETTINGS, stated))
     for seed in trial.seeds:
-        name = f"{path.parent.resolve().name}_seed_{seed}"
-        folder = batch_folder(file) / _as_file(name)
-        note = batch_made_from(file, _as_file(name))
-        if (folder / CASE_FILE).is_file():
+        whole = f"{name} seed {seed}"
+        folder = batch_folder(file) / _as_file(whole)
+        note, made = batch_made_from(file, _as_file(whole)), folder / CASE_FILE
+        if made.is_file():
             if not note.is_file() or note.read_text("utf-8") != made_from:
                 found = "an experiment of another case, other settings or another prismid"
                 raise InputError(sentence(folder, "folder", found, "none: move it away"))
-            calls: tuple[tuple[str, ...], ...] = ()
-        else:
-            note.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(note, made_from)
-            calls = (("virtual", str(path), "--to", str(folder), "--seed", str(seed), *asked),)
-        made = folder / CASE_FILE
-        yield _job(name, made, case, campaign, file, calls, n_images, truth=True)
+            yield _job(whole, key, made, case, campaign, file, n_images=n_images)
+            continue
+        call = (
+            "virtual", str(copy / CASE_FILE), "--to", str(folder), "--seed", str(seed),
+            "--settings", str(copy / TRUTH_SETTINGS),
+        )  # fmt: skip
+        job = _job(whole, key, made, case, campaign, file, (call,), n_images)
+        yield replace(job, texts=(*texts, (note, made_from)), made=folder)
 
 
 def _job(
     name: str,
+    key: str,
     path: Path,
     case: Case,
     campaign: Campaign,
     file: Path,
     before: tuple[tuple[str, ...], ...] = (),
     n_images: int = 0,
-    truth: bool = False,
 ) -> Job:
-    use = campaign.execution
-    last = campaign.until
-    if not case.with_images and last in ("measure", "diagnose", "advise"):
-        last = "identify"
+    use, names = campaign.execution, [stage.name for stage in stages(case)]
+    # Without images there are fewer stages.
+    last = campaign.until if campaign.until in names else "identify"
     run = (
         "run", str(path), "--until", last,
         "--processes", str(use.processes), "--threads", str(use.threads),
     )  # fmt: skip
     cost = cost_of_run(case, use.processes, use.threads, n_images)
-    return Job(name, path, (*before, run), *_files(file, name), cost, truth)
+    if not before and last in stages_done(path):
+        cost = replace(cost, seconds=0.0)
+    return Job(name, key, path, (*before, run), last, *_files(file, name), cost)
+
+
+def stages_done(path: Path) -> frozenset[str]:
+    """Names of the stages that are done for a case as it is; none for one that cannot be used."""
+    if not path.is_file():
+        return frozenset()
+    try:
+        case = sized_case(path)
+        return finished(case, stages(case), ())
+    except InputError:
+        return frozenset()
 
 
 def _files(file: Path, name: str) -> tuple[Path, Path]:
@@ -176,8 +273,8 @@ def _files(file: Path, name: str) -> tuple[Path, Path]:
     return batch_log(file, _as_file(name)), batch_lock(file, _as_file(name))
 
 
-def _written(case: Case, folder: Path) -> Path:
-    """Write a variant of a case, which reads the files of that; one that is there stays.
+def _copied(case: Case, folder: Path) -> tuple[tuple[Path, str], ...]:
+    """Return a case in another folder, as files and texts; it reads the files of that case.
 
     Raises:
         InputError: there is a case that no campaign wrote.
@@ -188,16 +285,24 @@ def _written(case: Case, folder: Path) -> Path:
     def renamed(name: str) -> str:
         return name if Path(name).is_absolute() else f"{above}/{name}"
 
-    text = _MARK + case_text(with_file_names(case, renamed))
-    there = path.read_text("utf-8") if path.is_file() else None
-    if there is not None and not there.startswith(_MARK):
+    if path.is_file() and not path.read_text("utf-8").startswith(_MARK):
         found = "a case that no campaign wrote"
         raise InputError(sentence(path, "file", found, "none: move it away"))
-    if there != text:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_whole(folder / SCHEMA_FILE, schema_text())
-        write_whole(path, text)
-    return path
+    text = _MARK + case_text(with_file_names(case, renamed))
+    return (folder / SCHEMA_FILE, schema_text()), (path, text)
+
+
+def write_files(jobs: Sequence[Job]) -> None:
+    """Write the cases of studies and what trials are made from; what is there already stays.
+
+    Args:
+        jobs: of the campaign.
+    """
+    for job in jobs:
+        for path, text in job.texts:
+            if not path.is_file() or path.read_text("utf-8") != text:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_whole(path, text)
 
 
 def _nested(change: Mapping[str, Any]) -> dict[str, Any]:
@@ -211,18 +316,26 @@ def _nested(change: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _told(value: object) -> str:
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=str)
+
+
+def _printable(name: str) -> str:
+    """Return a name without what a terminal or a table would not show."""
+    return "".join(c if c.isprintable() else "�" for c in name)
 
 
 def _as_file(name: str) -> str:
     """Return a name as a file can have it on every system."""
-    kept = "".join(c if c.isalnum() or c in "._-+=" else "_" for c in name)
+    kept = "".join(c if c.isalnum() or c in "._-+=, " else "_" for c in name)
+    if kept == name and len(kept.encode()) <= _LONGEST:
+        return kept
     # Names that differ by other characters alone, or are too long for a file, stay apart.
-    return kept if kept == name else f"{kept[:80]}-{_digest(name)[:8]}"
+    short = kept.encode()[: _LONGEST - 9].decode(errors="ignore")
+    return f"{short}-{_digest(name)[:8]}"
 
 
 def _digest(*parts: str) -> str:
-    return hashlib.sha256(json.dumps([prismid_version(), *parts]).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
 
 
 def most_at_a_time(jobs: Sequence[Job], campaign: Campaign, cores: int, memory: float) -> int:

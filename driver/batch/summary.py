@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from driver.batch.jobs import Job, stages_done
 from driver.batch.progress import State
 from driver.case.model import load_case
 from driver.common.atomic_write import write_whole
@@ -31,6 +33,7 @@ from driver.results.hdf5 import prismid_version, read_hdf5, write_csv
 from driver.results.identification import read_identification
 from driver.results.json_files import read_json
 from driver.results.stage_record import read_record
+from driver.workflow.pipeline import stages
 from templates import render
 
 TEMPLATE = "campaign.html.j2"
@@ -47,9 +50,16 @@ class Estimate:
     truth: float | None = None
 
     @property
+    def known(self) -> bool:
+        """Whether there is an uncertainty, and a finite one."""
+        return isfinite(self.value) and isfinite(self.sigma) and self.sigma > 0
+
+    @property
     def off(self) -> float | None:
-        """By how many standard deviations it is off the truth."""
-        return None if self.truth is None else (self.value - self.truth) / self.sigma
+        """By how many standard deviations it is off the truth, None where that is not known."""
+        if self.truth is None or not self.known:
+            return None
+        return (self.value - self.truth) / self.sigma
 
 
 @dataclass(frozen=True)
@@ -61,7 +71,7 @@ class Answer:
         status: how the job ended.
         why: why it has not been done, or an empty text.
         seconds: wall-clock time of all its stages, as they were run last [s].
-        report: path of its report page from that of the summary, or an empty text.
+        page: path of its report, or else of its log, from the page of the summary.
         verdict: of the diagnosis, or an empty text.
         causes: that it names.
         chi: of images and loads of the final model, or nothing.
@@ -72,7 +82,7 @@ class Answer:
     status: str
     why: str
     seconds: float
-    report: str = ""
+    page: str = ""
     verdict: str = ""
     causes: tuple[str, ...] = ()
     chi: tuple[float, ...] = ()
@@ -95,49 +105,62 @@ def write_summary(folder: Path, title: str, states: Sequence[State]) -> None:
 def _answer(state: State, folder: Path) -> Answer:
     """Return what a case came to; results that cannot be read are why it has not been done."""
     job, results = state.job, state.job.case.parent / RESULTS
-    seconds = sum(done["seconds"] for done in read_record(results).values())
-    if state.status != "done":
-        return Answer(job.name, state.status, state.words, seconds)
-    page = results / REPORT
-    report = os.path.relpath(page, folder) if page.is_file() else ""
+    log = os.path.relpath(job.log, folder)
+    status = "stopped" if state.status == "running" else state.status
+    if status != "done":
+        return Answer(job.name, status, state.words if status == "failed" else "", 0.0, log)
+    done = stages_done(job.case)
     try:
-        told = _told(job.case, results)
-    except InputError as error:
-        return Answer(job.name, "failed", str(error), seconds, report)
-    return Answer(job.name, state.status, "", seconds, report, **told)
+        seconds = sum(one["seconds"] for name, one in read_record(results).items() if name in done)
+        told = _told(job, results, done)
+    except (InputError, OSError, LookupError, TypeError, ValueError) as error:
+        why = str(error) if isinstance(error, InputError) else f"results: {error!r}"
+        return Answer(job.name, "failed", why, 0.0, log)
+    page = os.path.relpath(results / REPORT, folder) if "report" in done else log
+    return Answer(job.name, status, "", seconds, page, **told)
 
 
-def _told(case_file: Path, results: Path) -> dict[str, Any]:
-    """Return verdict, causes, χ and estimates, as far as a case was run."""
-    case = load_case(case_file)
+def _told(job: Job, results: Path, done: Collection[str]) -> dict[str, Any]:
+    """Return verdict, causes, χ and estimates, as far as they are asked for and there.
+
+    Results of an earlier state of the case count no more than none.
+    """
+    case = load_case(job.case)
+    names = [stage.name for stage in stages(case)]
+    wanted = [name for name in names[: names.index(job.until) + 1] if name in done]
     law = [*case.identification.parameters, *case.extensions]
-    truth = case_file.parent / TRUTH
-    known: dict[str, Any] = read_json(truth)["values"] if truth.is_file() else {}
-    if (results / DIAGNOSIS).is_file():
+    truth = job.case.parent / TRUTH
+    true: dict[str, Any] = read_json(truth)["values"] if truth.is_file() else {}
+    said: dict[str, Any] = {}
+    if "diagnose" in wanted:
         record = read_json(results / DIAGNOSIS)
         values, budget = record["extended"]["values"], record["gain"]["budget_after"]
-        names = [*law, *record["added"]]
-        found = {n: (values[n]["value"], values[n]["sigma"], values[n]["unit"]) for n in names}
+        free = dict.fromkeys([*law, *record["added"]])
+        found = {n: (values[n]["value"], values[n]["sigma"], values[n]["unit"]) for n in free}
         said = {
             "verdict": record["verdict"],
             "causes": tuple(record["causes"]),
             "chi": (budget["model"], budget["load"]),
         }
-    elif (results / IDENTIFY).is_file():
-        texts, sigma = (
-            read_identification(results / IDENTIFY),
-            read_hdf5(results / IDENTIFY)["sigma"],
-        )
-        of = dict(zip(texts.names, zip(sigma.tolist(), texts.units, strict=True), strict=True))
+    elif "identify" in wanted:
+        texts = read_identification(results / IDENTIFY)
+        sigma = read_hdf5(results / IDENTIFY)["sigma"].tolist()
+        of = dict(zip(texts.names, zip(sigma, texts.units, strict=True), strict=True))
         found = {n: (texts.values[n], *of[n]) for n in law if n in of}
-        said = {}
     else:
         return {}
     estimates = {
-        name: Estimate(value, sigma, unit, known[name]["value"] if name in known else None)
+        name: Estimate(
+            _number(value), _number(sigma), unit, true[name]["value"] if name in true else None
+        )
         for name, (value, sigma, unit) in found.items()
     }
     return {**said, "estimates": estimates}
+
+
+def _number(value: float | None) -> float:
+    """Return what JSON, which knows no NaN, has of a number."""
+    return float("nan") if value is None else float(value)
 
 
 def _write_table(path: Path, answers: Sequence[Answer]) -> None:
@@ -177,7 +200,7 @@ def summary_page(title: str, answers: Sequence[Answer]) -> str:
     """
     rows = [
         {
-            "name": a.name, "status": a.status, "why": a.why, "report": a.report,
+            "name": a.name, "status": a.status, "why": a.why, "page": a.page,
             "verdict": a.verdict, "tone": TONES.get(a.verdict, "open"),
             "causes": [cause_label(cause) for cause in a.causes],
             "values": [
@@ -211,40 +234,51 @@ def _comparisons(answers: Sequence[Answer]) -> Iterator[dict[str, Any]]:
 def comparison(name: str, each: Mapping[str, Estimate]) -> dict[str, Any]:
     """Return mean, scatter and picture of a parameter over cases.
 
-    The mean is weighted by 1/σ². The scatter about it is told in units of σ: about 1 where cases
-    differ by their uncertainty alone.
+    The mean is weighted by 1/σ², of those with a finite σ above 0. The scatter about it is told in
+    units of σ: about 1 where cases differ by their uncertainty alone.
 
     Args:
         name: of the parameter.
         each: estimates by case.
     """
-    values, sigmas = (
-        np.array(list(x)) for x in zip(*((e.value, e.sigma) for e in each.values()), strict=True)
-    )
-    weights = sigmas**-2
-    mean = float(weights @ values / weights.sum())
-    scatter = float(np.sqrt(np.sum(((values - mean) / sigmas) ** 2) / (len(values) - 1)))
-    low, high = float((values - 2 * sigmas).min()), float((values + 2 * sigmas).max())
-    truths = [e.truth for e in each.values() if e.truth is not None]
-    low, high = min([low, *truths]), max([high, *truths])
+    good = [e for e in each.values() if e.known]
+    values, sigmas = np.array([e.value for e in good]), np.array([e.sigma for e in good])
+    weights = sigmas**-2.0
+    mean = float(weights @ values / weights.sum()) if good else float("nan")
+    scatter = float("nan")
+    if len(good) > 1:
+        scatter = float(np.sqrt(np.sum(((values - mean) / sigmas) ** 2) / (len(good) - 1)))
+    ends = [x for e in each.values() for x in (*_interval(e), e.truth) if x is not None]
+    shown = [x for x in ends if isfinite(x)]
+    low, high = min(shown, default=0.0), max(shown, default=0.0)
 
-    def at(value: float) -> float:
-        return round(_MARGIN + (value - low) / (high - low) * (_WIDTH - 2 * _MARGIN), 1)
+    def at(value: float | None) -> float | None:
+        if value is None or not isfinite(value):
+            return None
+        share = (value - low) / (high - low) if high > low else 0.5
+        return round(_MARGIN + share * (_WIDTH - 2 * _MARGIN), 1)
 
     unit = next(iter(each.values())).unit
     off = [e.off for e in each.values() if e.off is not None]
     return {
         "label": label_of(name), "unit": unit,
-        "mean": with_sigma(mean, float(weights.sum() ** -0.5)), "scatter": number(scatter, 2),
+        "mean": with_sigma(mean, float(weights.sum()) ** -0.5 if good else None),
+        "scatter": number(scatter, 2),
         "off": number(float(np.sqrt(np.mean(np.square(off)))), 2) if off else "",
         "width": _WIDTH, "height": _ROW * len(each) + _ROW, "at_mean": at(mean),
         "low": number(low), "high": number(high), "margin": _MARGIN,
         "lines": [
             {
                 "name": case, "told": with_sigma(e.value, e.sigma), "y": _ROW * (k + 0.5),
-                "from": at(e.value - 2 * e.sigma), "to": at(e.value + 2 * e.sigma),
-                "at": at(e.value), "truth": None if e.truth is None else at(e.truth),
+                "from": at(_interval(e)[0]), "to": at(_interval(e)[1]),
+                "at": at(e.value), "truth": at(e.truth),
             }
             for k, (case, e) in enumerate(each.items())
         ],
     }  # fmt: skip
+
+
+def _interval(estimate: Estimate) -> tuple[float, float]:
+    """Return the ends of the 95 % interval, the value itself where there is no uncertainty."""
+    half = 2 * estimate.sigma if estimate.known else 0.0
+    return estimate.value - half, estimate.value + half

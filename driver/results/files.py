@@ -109,11 +109,15 @@ TRUTH, TRUTH_H5 = "truth.json", "truth.h5"
 # A campaign, all in a folder beside its file.
 SUMMARY_CSV, SUMMARY_HTML = "summary.csv", "summary.html"
 """A case a row, and the page that compares them."""
+BATCH = ".batch"
+"""Ending of that folder."""
+TRUTH_SETTINGS = "settings.toml"
+"""Copy of the settings that virtual experiments are made from."""
 
 
 def batch_folder(campaign: Path) -> Path:
     """Return the folder of the summary, the logs and the cases that a campaign writes."""
-    return campaign.with_suffix(".batch")
+    return campaign.with_suffix(BATCH)
 
 
 def batch_log(campaign: Path, job: str) -> Path:
@@ -131,9 +135,14 @@ def batch_made_from(campaign: Path, job: str) -> Path:
     return batch_folder(campaign) / "logs" / f"{job}.sha256"
 
 
-def batch_token(campaign: Path) -> Path:
-    """Return the file that is there as long as the jobs of a campaign may run."""
-    return batch_folder(campaign) / "running"
+def batch_truth(campaign: Path, digest: str) -> Path:
+    """Return the folder of the case and the settings that virtual experiments are made from."""
+    return batch_folder(campaign) / "truths" / digest
+
+
+def batch_token(campaign: Path, run: str) -> Path:
+    """Return the file that is there as long as the jobs of a run of a campaign may go on."""
+    return batch_folder(campaign) / f"running-{run}"
 
 
 def results_of(case: Case) -> Path:

@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError
 from driver.results.files import (
     ADVICE,
@@ -108,9 +109,10 @@ def _remedy(path: Path) -> str:
 
 
 def write_csv(path: Path, columns: Mapping[str, Sequence[object] | Array]) -> None:
-    """Write columns of equal length; floats with six significant digits."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        for row in zip(*columns.values(), strict=True):
-            writer.writerow([f"{x:.6g}" if isinstance(x, float) else x for x in row])
+    """Write columns of equal length, whole or not at all; floats with six significant digits."""
+    file = io.StringIO(newline="")
+    writer = csv.writer(file)
+    writer.writerow(columns)
+    for row in zip(*columns.values(), strict=True):
+        writer.writerow([f"{x:.6g}" if isinstance(x, float) else x for x in row])
+    write_whole(path, file.getvalue())

@@ -81,7 +81,8 @@ def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int
     # A folder holds a whole experiment or none: one that was begun would be refused next time.
     with TemporaryDirectory(prefix=".", dir=folder) as aside:
         record(Path(aside), case, course, seed, settings)
-        for file in Path(aside).iterdir():
+        # The case comes last: with it the experiment is whole.
+        for file in sorted(Path(aside).iterdir(), key=lambda file: file.name == CASE_FILE):
             file.replace(folder / file.name)
     logger.info(f"{folder / CASE_FILE} written, its truth in {TRUTH}: `prismid run {folder}`")
 

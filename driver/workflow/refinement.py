@@ -7,7 +7,6 @@ verdict names the keys to write.
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from pathlib import Path
 from driver.case.mesh_sizes import refined_sizes
 from driver.case.model import Case
 from driver.case.specimen import SIZES
+from driver.common import machine
 from driver.common.formatting import cost_told, duration, joined
 from driver.diagnosis.answer.result_types import Refinement
 from driver.experiment.reading import history_of
@@ -129,7 +129,7 @@ def to_refine(case: Case, needed: Refinement, seconds: float) -> str:
     if automatic and needed == "mesh":
         spent = seconds + _spent(results, _BEFORE) + read_refinements(results).seconds
         minutes = _MARGIN * (spent + finer.cost.seconds) / 60
-        if finer.cost.memory <= _memory_of_machine():
+        if finer.cost.memory <= machine.memory():
             if minutes <= case.execution.budget_min:
                 return f"The meshes are refined by the run: {_of(finer)}."
             budget = f"execution.budget_min = {_rounded_up(minutes):g}"
@@ -160,7 +160,7 @@ def refined_within_budget(case: Case, done: str, stages: Sequence[Stage]) -> Cas
     again = _spent(results, [name for name in upto if name not in kept])
     finer = finer_simulation(case, "mesh", again)
     left = 60 * case.execution.budget_min - _spent(results, upto) - before.seconds
-    if finer.cost.seconds > left or finer.cost.memory > _memory_of_machine():
+    if finer.cost.seconds > left or finer.cost.memory > machine.memory():
         why = "time" if finer.cost.seconds > left else "memory"
         logger.info(f"not refined, for lack of {why}: {_of(finer)}, {_left(left, case)}")
         return None
@@ -192,11 +192,6 @@ def _left(seconds: float, case: Case) -> str:
 def _spent(results: Path, names: Collection[str]) -> float:
     """Wall-clock time of the last runs of stages [s]."""
     return sum(done["seconds"] for name, done in read_record(results).items() if name in names)
-
-
-def _memory_of_machine() -> float:
-    """Memory of this machine [bytes]."""
-    return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
 
 
 def _rounded_up(minutes: float) -> float:

@@ -7,10 +7,19 @@ from pathlib import Path
 import numpy as np
 import tifffile
 
+from driver.batch.jobs import Job
 from driver.case.model import write_case
+from driver.workflow.cost import Cost
 from tools.short_specimen import small_case
 
 HISTORY = "time_s,stage_um,image,force_N\n0,0,0,0\n10,5,1,1\n20,10,2,2\n"
+
+
+def job(folder: Path, name: str = "a", *calls: tuple[str, ...], seconds: float = 1.0) -> Job:
+    """The job of a case in a folder."""
+    log, lock = (folder / "logs" / f"{name}.{kind}" for kind in ("log", "lock"))
+    cost = Cost(seconds, 1e9, 1)
+    return Job(name, "cases.1", folder / "case.toml", calls, "report", log, lock, cost)
 
 
 def write_small_case(folder: Path) -> Path:

@@ -10,16 +10,17 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import psutil
 import pytest
 
+from driver.batch import calls
 from driver.batch.calls import carry_out
 from driver.batch.jobs import Job
-from driver.workflow.cost import Cost
 from solver_adapters.kernels import PACKAGES
-from tests.driver.batch.cases import write_small_case
+from tests.driver.batch.cases import job, write_small_case
 
 SETTINGS = "[program]\ncycles = [[30, 1]]\nlargest_strain = 0.01\n[truth]\ntau0 = 25.0\n"
 
@@ -31,23 +32,18 @@ def token(tmp_path: Path) -> Path:
     return made
 
 
-def job(folder: Path, *calls: tuple[str, ...]) -> Job:
-    logs = folder / "logs"
-    return Job("a", folder / "case.toml", calls, logs / "a.log", logs / "a.lock", Cost(1.0, 1.0, 1))
-
-
 def long_job(folder: Path) -> Job:
     """A truth that takes a minute."""
     case = write_small_case(folder / "base")
     settings = folder / "settings.toml"
     settings.write_text(SETTINGS)
     call = ("virtual", str(case), "--to", str(folder / "made"), "--settings", str(settings))
-    return job(folder, call)
+    return job(folder, "a", call)
 
 
 def test_calls_are_made_one_after_the_other_and_logged(tmp_path: Path, token: Path) -> None:
     one, two = (("init", str(tmp_path / name)) for name in ("one", "two"))
-    made = job(tmp_path, one, two)
+    made = job(tmp_path, "a", one, two)
     outcome = carry_out(made, 1, token)
     assert (outcome.status, outcome.why) == ("done", "") and outcome.seconds > 0
     lines = made.log.read_text("utf-8").splitlines()
@@ -60,7 +56,7 @@ def test_a_call_that_fails_is_told_in_its_own_words_and_ends_the_job(
     tmp_path: Path, token: Path
 ) -> None:
     gone = tmp_path / "gone.toml"
-    made = job(tmp_path, ("run", str(gone)), ("init", str(tmp_path / "never")))
+    made = job(tmp_path, "a", ("run", str(gone)), ("init", str(tmp_path / "never")))
     outcome = carry_out(made, 1, token)
     assert outcome.status == "failed" and not (tmp_path / "never").exists()
     assert outcome.why == (
@@ -73,7 +69,7 @@ def test_nothing_is_executed_that_lies_in_the_folder_of_the_call(
 ) -> None:
     (tmp_path / "signal.py").write_text("raise SystemExit('executed')\n")
     monkeypatch.chdir(tmp_path)
-    outcome = carry_out(job(tmp_path, ("init", str(tmp_path / "one"))), 1, token)
+    outcome = carry_out(job(tmp_path, "a", ("init", str(tmp_path / "one"))), 1, token)
     assert outcome.status == "done"
 
 
@@ -87,7 +83,7 @@ def test_a_process_that_the_system_ends_is_told_with_what_helps(
 def test_a_job_waits_for_processes_of_it_that_are_still_about_to_end(
     tmp_path: Path, token: Path
 ) -> None:
-    made = job(tmp_path, ("init", str(tmp_path / "one")))
+    made = job(tmp_path, "a", ("init", str(tmp_path / "one")))
     made.lock.parent.mkdir()
     with made.lock.open("wb") as held:
         fcntl.flock(held, fcntl.LOCK_EX)
@@ -104,7 +100,7 @@ def test_a_job_stops_where_its_token_is_gone(tmp_path: Path, token: Path) -> Non
     found = at_work(long_job(tmp_path), token, lambda child: token.unlink())
     assert found == ("stopped", "")
     assert not (tmp_path / "made" / "case.toml").exists()
-    later = job(tmp_path, ("init", str(tmp_path / "never")))
+    later = job(tmp_path, "a", ("init", str(tmp_path / "never")))
     assert carry_out(later, 1, token).status == "stopped" and not (tmp_path / "never").exists()
 
 
@@ -151,3 +147,33 @@ def test_calls_end_with_the_process_that_makes_them(tmp_path: Path, token: Path)
     asker.wait(timeout=30)
     _, living = psutil.wait_procs([child], timeout=30)
     assert not living
+
+
+def test_a_job_whose_token_nobody_touches_any_more_stops(
+    tmp_path: Path, token: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a cluster nothing else tells a worker that the campaign is gone."""
+    monkeypatch.setattr(calls, "_SELDOM", 0.0)
+    alive = calls.Token(token, tmp_path / "clock")
+    assert not alive.gone() and not alive.gone()
+    long_ago = time.time() - 2 * calls._STALE
+    os.utime(token, (long_ago, long_ago))
+    assert not alive.gone() and alive.gone()
+    token.touch()
+    assert not alive.gone()
+
+
+def test_an_experiment_that_was_cut_off_is_made_from_nothing_and_a_whole_one_not_again(
+    tmp_path: Path, token: Path
+) -> None:
+    folder = tmp_path / "made"
+    (folder / ".aside").mkdir(parents=True)
+    made = replace(
+        job(folder, "a", ("init", str(folder)), ("init", str(tmp_path / "next"))), made=folder,
+        log=tmp_path / "a.log", lock=tmp_path / "a.lock",
+    )  # fmt: skip
+    assert carry_out(made, 1, token).status == "done" and not (folder / ".aside").exists()
+    before = (folder / "case.toml").stat().st_mtime_ns
+    again = replace(made, calls=(made.calls[0], ("init", str(tmp_path / "third"))))
+    assert carry_out(again, 1, token).status == "done"
+    assert (folder / "case.toml").stat().st_mtime_ns == before

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -54,14 +55,14 @@ def test_a_case_that_fails_is_told_and_the_others_go_on(file: Path, lines: list[
 
     assert not batch(file, watch)
     statuses = {name: row["status"] for name, row in rows(file).items()}
-    assert statuses == {"bad": "failed", "good": "done", "specimen.length_um=9.0": "done"}
+    assert statuses == {"bad": "failed", "good": "done", "good specimen.length_um=9.0": "done"}
     assert "specimen.length_um: found -1.0, expected a number > 0" in rows(file)["bad"]["why"]
     assert lines[0].startswith("3 cases, ") and "at a time on" in lines[0]
     assert any(line.startswith("bad: failed after") for line in lines)
     assert any(line.startswith("good: done after") for line in lines)
     assert seen[-1] == ["failed", "done", "done"]
     assert (file.parent / "good" / "results" / "mesh.med").is_file()
-    assert not (file.with_suffix(".batch") / "running").exists()
+    assert not list(file.with_suffix(".batch").glob("running*"))
 
 
 def test_what_is_done_is_not_done_again_and_the_exit_code_tells_the_outcome(file: Path) -> None:
@@ -101,7 +102,7 @@ def test_ctrl_c_stops_all_jobs_and_the_next_run_goes_on(file: Path) -> None:
         text=True,
         start_new_session=True,
     )
-    log = file.with_suffix(".batch") / "logs" / "good_seed_1.log"
+    log = file.with_suffix(".batch") / "logs" / "good s seed 1.log"
     while not (log.is_file() and "truth on a mesh" in log.read_text("utf-8")):
         assert run.poll() is None
         time.sleep(0.05)
@@ -109,5 +110,19 @@ def test_ctrl_c_stops_all_jobs_and_the_next_run_goes_on(file: Path) -> None:
     said, complaints = run.communicate(timeout=60)
     assert run.returncode == 130 and "Traceback" not in complaints
     assert complaints == "prismid: stopped; finished stages are kept, run again to go on\n"
-    assert not list(file.with_suffix(".batch").glob("good_seed_*/case.toml"))
-    assert not (file.with_suffix(".batch") / "running").exists()
+    assert not list(file.with_suffix(".batch").glob("good s seed */case.toml"))
+    assert not list(file.with_suffix(".batch").glob("running*"))
+
+
+def test_a_folder_that_is_removed_in_the_middle_stops_all_cases_and_is_told(file: Path) -> None:
+    def remove(states: Sequence[State], at_a_time: int) -> None:
+        shutil.rmtree(file.with_suffix(".batch"), ignore_errors=True)
+
+    with pytest.raises(InputError, match="found nothing any more: all cases are stopped"):
+        batch(file, remove)
+    assert {row["status"] for row in rows(file).values()} <= {"stopped", "failed", "waiting"}
+
+
+def test_a_case_that_is_taken_for_a_campaign_is_told_so(file: Path) -> None:
+    with pytest.raises(InputError, match="case.toml: file: found a case, expected the file of a"):
+        batch(file.parent / "good" / "case.toml", lambda states, at_a_time: None)

@@ -1,13 +1,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from driver.batch import jobs as jobs_module
 from driver.batch.campaign import Campaign, Study, Trial, Use
-from driver.batch.jobs import Job, jobs_of, most_at_a_time
+from driver.batch.jobs import Job, jobs_of, most_at_a_time, write_files
 from driver.case.model import load_case
 from driver.common.errors import InputError
 from driver.workflow.cost import Cost
@@ -17,6 +19,12 @@ from tests.driver.batch.cases import write_small_case
 def study(**values: list[object]) -> Campaign:
     keys = {key.replace("__", "."): tuple(some) for key, some in values.items()}
     return Campaign(study=(Study(case="base/case.toml", values=keys),))
+
+
+def written(campaign: Campaign, file: Path) -> list[Job]:
+    jobs = jobs_of(campaign, file)
+    write_files(jobs)
+    return jobs
 
 
 @pytest.fixture
@@ -42,9 +50,11 @@ def test_a_pattern_names_cases_by_their_files_and_by_their_folders(file: Path) -
 
 def test_a_study_has_a_case_for_each_combination_which_reads_the_same_files(file: Path) -> None:
     campaign = study(loads__noise_uN=[1.0, 2.0], grains__2__name=["x", "y"])
-    jobs = jobs_of(campaign, file)
+    jobs = written(campaign, file)
     assert [job.name for job in jobs] == [
-        f"loads.noise_uN={noise}, grains.2.name={name}" for noise in (1.0, 2.0) for name in "xy"
+        f"base loads.noise_uN={noise}, grains.2.name={name}"
+        for noise in (1.0, 2.0)
+        for name in "xy"
     ]
     base = load_case(file.parent / "base" / "case.toml")
     for job, (noise, name) in zip(jobs, ((n, s) for n in (1.0, 2.0) for s in "xy"), strict=True):
@@ -57,40 +67,43 @@ def test_a_study_has_a_case_for_each_combination_which_reads_the_same_files(file
 
 
 def test_what_a_study_has_written_stays_until_it_changes(file: Path) -> None:
-    (job,) = jobs_of(study(loads__noise_uN=[1.0]), file)
+    (job,) = written(study(loads__noise_uN=[1.0]), file)
     before = job.case.stat().st_mtime_ns
-    jobs_of(study(loads__noise_uN=[1.0]), file)
+    written(study(loads__noise_uN=[1.0]), file)
     assert job.case.stat().st_mtime_ns == before
     base = file.parent / "base" / "case.toml"
     base.write_text(base.read_text("utf-8").replace('name = "grain 1"', 'name = "other"'), "utf-8")
-    jobs_of(study(loads__noise_uN=[1.0]), file)
+    written(study(loads__noise_uN=[1.0]), file)
     assert load_case(job.case).grains[0].name == "other"
 
 
 def test_a_case_that_no_campaign_wrote_is_not_written_over(file: Path) -> None:
-    (job,) = jobs_of(study(loads__noise_uN=[1.0]), file)
+    (job,) = written(study(loads__noise_uN=[1.0]), file)
     mine = "# Mine.\n" + job.case.read_text("utf-8")
     job.case.write_text(mine, "utf-8")
     with pytest.raises(InputError, match="found a case that no campaign wrote, expected none"):
-        jobs_of(study(loads__noise_uN=[1.0]), file)
+        written(study(loads__noise_uN=[1.0]), file)
     assert job.case.read_text("utf-8") == mine
 
 
 def test_each_virtual_experiment_is_made_once_and_not_of_another_case(file: Path) -> None:
     campaign = Campaign(trial=(Trial(case="base/case.toml", seeds=(3, 4)),))
-    first, second = jobs_of(campaign, file)
-    assert (first.name, second.name) == ("base_seed_3", "base_seed_4")
+    first, second = written(campaign, file)
+    assert (first.name, second.name) == ("base seed 3", "base seed 4")
     making, run = first.calls
-    assert making == (
-        "virtual", str(file.parent / "base" / "case.toml"), "--to", str(first.case.parent),
-        "--seed", "3",
+    assert making[0] == "virtual" and making[2:6] == (
+        "--to", str(first.case.parent), "--seed", "3",
     )  # fmt: skip
-    assert run[:2] == ("run", str(first.case)) and first.truth
+    # What it is made from is kept as it was.
+    copy = load_case(Path(making[1]))
+    base = load_case(file.parent / "base" / "case.toml")
+    assert copy.grains == base.grains and copy.path(copy.history.file).is_file()
+    assert run[:2] == ("run", str(first.case)) and first.made == first.case.parent
     write_small_case(first.case.parent)
     again, _ = jobs_of(campaign, file)
-    assert again.calls == (run,)
-    base = file.parent / "base" / "case.toml"
-    base.write_text(base.read_text("utf-8").replace('name = "grain 1"', 'name = "other"'), "utf-8")
+    assert again.calls == (run,) and again.made is None
+    path = file.parent / "base" / "case.toml"
+    path.write_text(path.read_text("utf-8").replace('name = "grain 1"', 'name = "other"'), "utf-8")
     with pytest.raises(InputError, match="found an experiment of another case"):
         jobs_of(campaign, file)
 
@@ -104,14 +117,102 @@ def test_all_that_cannot_be_run_is_told_at_once(file: Path) -> None:
     with pytest.raises(InputError) as error:
         jobs_of(campaign, file)
     folder = file.parent
+    case = f"{folder}/base/case.toml"
     assert str(error.value).splitlines() == [
-        f'{file}: cases.1: found no file "none/*", expected case files or their folders',
-        f"{file}: loads.noise_uN: found -1.0, expected a number > 0 (standard deviation at "
-        "specimen scale)",
+        f'{file}: cases.1: found no case "none/*", expected case files or their folders',
+        f"{file}: study.1.values: loads.noise_uN: found -1.0, expected a number > 0 (standard "
+        "deviation at specimen scale)",
         f"{folder}/gone.toml: file: found nothing, expected a case file (`prismid init DIR` writes "
         "one)",
-        f"{file}: cases: found {folder}/base/case.toml twice, expected each case once",
+        f"{file}: cases.3: found {case}, which has the name or the results of {case} (cases.2), "
+        "expected each case once, in a folder of its own",
     ]
+    assert not file.with_suffix(".batch").exists()
+
+
+def test_two_cases_that_would_have_the_same_results_are_refused(file: Path) -> None:
+    base = file.parent / "base" / "case.toml"
+    (file.parent / "base" / "other.toml").write_text(base.read_text("utf-8"), "utf-8")
+    (file.parent / "link").symlink_to(file.parent / "base")
+    for other in ("base/other.toml", "link"):
+        with pytest.raises(InputError, match=r"cases.2: found .*, which has the name or the resul"):
+            jobs_of(Campaign(cases=("base", other)), file)
+
+
+def test_a_wildcard_takes_in_no_case_of_the_campaign_and_no_other_file(file: Path) -> None:
+    file.write_text("")
+    (job,) = written(study(loads__noise_uN=[1.0]), file)
+    (file.parent / "base" / "results").mkdir()
+    (file.parent / "base" / "results" / "extended.toml").write_text("")
+    (file.parent / "notes.txt").write_text("")
+    (file.parent / "empty").mkdir()
+    for pattern in ("**", "*"):
+        assert [job.name for job in jobs_of(Campaign(cases=(pattern,)), file)] == ["base"]
+
+
+def test_a_folder_whose_name_looks_like_a_pattern_is_no_pattern(tmp_path: Path) -> None:
+    folder = tmp_path / "proj [2024]"
+    write_small_case(folder / "x[1]")
+    for pattern in ("x[1]", "x*"):
+        (job,) = jobs_of(Campaign(cases=(pattern,)), folder / "campaign.toml")
+        assert job.name == "x[1]"
+
+
+def test_studies_and_trials_of_two_cases_have_names_of_their_own(file: Path) -> None:
+    write_small_case(file.parent / "second")
+    values = {"loads.noise_uN": (1.0,)}
+    campaign = Campaign(
+        study=tuple(Study(case=case, values=values) for case in ("base/case.toml", "second")),
+        trial=tuple(Trial(case=case, seeds=(1,)) for case in ("base", "second")),
+    )
+    assert len({job.log for job in jobs_of(campaign, file)}) == 4
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        (
+            {"boundary.lambda_start": (3,), "boundary.lambda_start.plus_Y": (0.9,)},
+            'study.1.values: found "boundary.lambda_start" beside "boundary.lambda_start.plus_Y"',
+        ),
+        ({"loads.noise_uN": (8.0, 8)}, "study.1.values.loads.noise_uN: found 8 twice"),
+        ({"specimen.length_um": (date(2020, 1, 1),)}, "study.1.values: specimen.length_um: found"),
+        ({"grains.3.name": ("x",)}, "study.1.values: grains.3.name=x: found the entry 3 of a lis"),
+    ],
+)
+def test_values_that_contradict_one_another_or_the_case_are_refused(
+    file: Path, values: dict[str, tuple[Any, ...]], said: str
+) -> None:
+    with pytest.raises(InputError) as error:
+        jobs_of(Campaign(study=(Study(case="base", values=values),)), file)
+    assert str(error.value).startswith(f"{file}: {said}")
+
+
+def test_all_values_that_cannot_be_used_are_told(file: Path) -> None:
+    with pytest.raises(InputError) as error:
+        jobs_of(study(loads__noise_uN=[-1.0, 2.0, -3.0]), file)
+    assert [line.partition("found ")[2][:2] for line in str(error.value).splitlines()] == [
+        "-1", "-3",
+    ]  # fmt: skip
+
+
+def test_names_of_files_are_short_and_say_nothing_of_the_version(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    campaign = study(grains__1__name=["x" * 300, "漢" * 90, "a/b"])
+    before = [job.case for job in jobs_of(campaign, file)]
+    assert all(len(path.parent.name.encode()) <= 100 for path in before)
+    assert len(set(before)) == 3
+    monkeypatch.setattr(jobs_module, "prismid_version", lambda: "next")
+    assert [job.case for job in jobs_of(campaign, file)] == before
+
+
+def test_what_is_done_takes_no_time(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    campaign = Campaign(cases=("base",))
+    assert jobs_of(campaign, file)[0].cost.seconds > 0
+    monkeypatch.setattr(jobs_module, "stages_done", lambda path: frozenset({"report"}))
+    (job,) = jobs_of(campaign, file)
+    assert job.cost.seconds == 0 and job.cost.memory > 0
 
 
 def test_a_case_that_cannot_be_used_is_a_job_that_fails_by_itself(file: Path) -> None:
@@ -120,7 +221,9 @@ def test_a_case_that_cannot_be_used_is_a_job_that_fails_by_itself(file: Path) ->
     bad.write_text("[specimen]\nlength_um = -1.0\n")
     other, good = jobs_of(Campaign(cases=("*/case.toml",)), file)
     assert (good.name, other.name) == ("base", "bad") and good.cost.memory > 0
-    assert other.calls == (("run", str(bad)),) and other.cost == Cost(0.0, 0.0, 0)
+    assert other.calls == (("run", str(bad), "--until", "report"),) and other.cost == Cost(
+        0.0, 0.0, 0
+    )
 
 
 def test_jobs_at_a_time_are_what_cores_and_memory_hold(file: Path) -> None:

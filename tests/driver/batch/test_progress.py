@@ -11,7 +11,7 @@ from rich.table import Table
 
 from driver.batch.jobs import Job
 from driver.batch.progress import State, at_work, remaining, table
-from driver.workflow.cost import Cost
+from tests.driver.batch.cases import job
 
 LOG = """    0.2 s  all stages take about 45 s on free cores and 0.6 GB of memory
     0.3 s  mesh: started
@@ -21,9 +21,9 @@ LOG = """    0.2 s  all stages take about 45 s on free cores and 0.6 GB of memor
 """
 
 
-def job(tmp_path: Path, name: str = "a", seconds: float = 40.0) -> Job:
-    log, lock = tmp_path / f"{name}.log", tmp_path / f"{name}.lock"
-    return Job(name, tmp_path / "case.toml", (), log, lock, Cost(seconds, 1e9, 1))
+def logged(made: Job, text: str) -> None:
+    made.log.parent.mkdir(exist_ok=True)
+    made.log.write_text(text, encoding="utf-8")
 
 
 def printed(made: Table) -> str:
@@ -34,22 +34,22 @@ def printed(made: Table) -> str:
 
 
 def test_stage_and_last_words_are_read_from_the_end_of_the_log(tmp_path: Path) -> None:
-    made = job(tmp_path)
+    made = job(tmp_path, seconds=40.0)
     assert at_work(made, 0.0) == State(made, "waiting")
-    made.log.write_text("x" * 9000 + "\n" + LOG, encoding="utf-8")
+    logged(made, "x" * 9000 + "\n" + LOG)
     state = at_work(made, 0.0)
     assert (state.status, state.stage, state.seconds) == ("running", "identify", 9.1)
     assert state.words == "iteration 2: χ_F    1.38  χ of images 1.065  step 66.2 σ"
 
 
 def test_a_log_of_another_run_tells_nothing_of_this_one(tmp_path: Path) -> None:
-    made = job(tmp_path)
-    made.log.write_text(LOG, encoding="utf-8")
+    made = job(tmp_path, seconds=40.0)
+    logged(made, LOG)
     assert at_work(made, time.time() + 60.0) == State(made, "waiting")
 
 
 def test_what_is_left_follows_the_estimate_and_does_not_end_before_the_job(tmp_path: Path) -> None:
-    made = job(tmp_path)
+    made = job(tmp_path, seconds=40.0)
     assert State(made, "waiting").left == 40.0
     assert State(made, "running", 10.0).left == 30.0
     assert State(made, "running", 60.0).left == pytest.approx(30.0)
@@ -57,15 +57,17 @@ def test_what_is_left_follows_the_estimate_and_does_not_end_before_the_job(tmp_p
 
 
 def test_all_jobs_take_as_long_as_all_of_them_side_by_side_or_the_longest(tmp_path: Path) -> None:
-    states = [State(job(tmp_path, name), "waiting") for name in "abcd"]
+    states = [State(job(tmp_path, name, seconds=40.0), "waiting") for name in "abcd"]
     assert remaining(states, 2) == 80.0 and remaining(states, 4) == 40.0
-    longest = State(job(tmp_path, "e", 500.0), "waiting")
+    longest = State(job(tmp_path, "e", seconds=500.0), "waiting")
     assert remaining([*states, longest], 4) == 500.0
 
 
 def test_the_table_has_a_line_for_each_job_those_at_work_first(tmp_path: Path) -> None:
-    done, failed, busy = (job(tmp_path, name) for name in ("first", "second", "third"))
-    busy.log.write_text(LOG, encoding="utf-8")
+    done, failed, busy = (
+        job(tmp_path, name, seconds=40.0) for name in ("first", "second", "third")
+    )
+    logged(busy, LOG)
     states = [
         State(done, "done", 50.0),
         State(failed, "failed", 3.0, words="c.toml: found 1, expected 2\nmore"),
@@ -80,5 +82,5 @@ def test_the_table_has_a_line_for_each_job_those_at_work_first(tmp_path: Path) -
 
 
 def test_a_long_last_line_is_cut(tmp_path: Path) -> None:
-    state = replace(State(job(tmp_path), "running", 1.0), words="w" * 200)
+    state = replace(State(job(tmp_path, seconds=40.0), "running", 1.0), words="w" * 200)
     assert "w" * 59 + "…" in printed(table([state], 1))

@@ -3,18 +3,26 @@ from __future__ import annotations
 import csv
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from driver.batch.jobs import Job
+from driver.batch import summary
 from driver.batch.progress import State
 from driver.batch.summary import Answer, Estimate, comparison, summary_page, write_summary
 from driver.case.model import write_case
 from driver.results.files import DIAGNOSIS, RESULTS, TRUTH
-from driver.workflow.cost import Cost
+from tests.driver.batch.cases import job
 from tools.short_specimen import small_case
+
+
+@pytest.fixture
+def all_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All stages are done for the cases as they are."""
+    names = {"mesh", "measure", "identify", "diagnose", "advise", "report"}
+    monkeypatch.setattr(summary, "stages_done", lambda path: frozenset(names))
 
 
 def value(of: float, sigma: float, unit: str = "") -> dict[str, object]:
@@ -40,10 +48,7 @@ def diagnosed(folder: Path, tau0: float, truth: float | None = None) -> State:
     if truth is not None:
         known = {"values": {"tau0": {"value": truth, "unit": "MPa"}}}
         (folder / TRUTH).write_text(json.dumps(known))
-    job = Job(
-        folder.name, folder / "case.toml", (), folder / "log", folder / "lock", Cost(1.0, 1.0, 1)
-    )
-    return State(job, "done", 10.0)
+    return State(job(folder, folder.name), "done", 10.0)
 
 
 def table(folder: Path) -> list[dict[str, str]]:
@@ -52,11 +57,10 @@ def table(folder: Path) -> list[dict[str, str]]:
 
 
 def test_the_table_has_the_final_model_of_each_case_and_why_others_have_none(
-    tmp_path: Path,
+    tmp_path: Path, all_done: None
 ) -> None:
     one, two = (diagnosed(tmp_path / name, tau0, 25.0) for name, tau0 in (("a", 25.5), ("b", 24.0)))
-    log, lock = tmp_path / "log", tmp_path / "lock"
-    bad = Job("c", tmp_path / "c" / "case.toml", (), log, lock, Cost(1.0, 1.0, 1))
+    bad = job(tmp_path / "c", "c")
     write_summary(tmp_path, "mine", [one, two, State(bad, "failed", 1.0, words="c: found 1\nmore")])
     first, second, third = table(tmp_path)
     assert (first["case"], first["status"], first["verdict"]) == ("a", "done", "named")
@@ -67,13 +71,36 @@ def test_the_table_has_the_final_model_of_each_case_and_why_others_have_none(
     assert third["why"] == "c: found 1 more" and third["tau0 [MPa]"] == ""
 
 
-def test_results_that_cannot_be_read_are_told_and_keep_no_other_case_out(tmp_path: Path) -> None:
+@pytest.mark.parametrize("text", ["{", "{}", '{"extended": 3}'])
+def test_results_that_cannot_be_read_are_told_and_keep_no_other_case_out(
+    tmp_path: Path, all_done: None, text: str
+) -> None:
     good, broken = diagnosed(tmp_path / "a", 25.0), diagnosed(tmp_path / "b", 25.0)
-    (tmp_path / "b" / RESULTS / DIAGNOSIS).write_text("{")
+    (tmp_path / "b" / RESULTS / DIAGNOSIS).write_text(text)
     write_summary(tmp_path, "mine", [good, broken])
     first, second = table(tmp_path)
     assert first["status"] == "done" and second["status"] == "failed"
-    assert "diagnosis.json" in second["why"]
+    assert second["why"]
+
+
+def test_results_of_another_state_or_of_stages_that_nobody_asked_for_are_none_of_this_campaign(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    old = diagnosed(tmp_path / "a", 25.0)
+    write_summary(tmp_path, "mine", [old])
+    assert table(tmp_path)[0]["verdict"] == "" and table(tmp_path)[0]["status"] == "done"
+    everything = frozenset({"mesh", "measure", "identify", "diagnose"})
+    monkeypatch.setattr(summary, "stages_done", lambda path: everything)
+    write_summary(tmp_path, "mine", [replace(old, job=replace(old.job, until="measure"))])
+    assert table(tmp_path)[0]["verdict"] == ""
+    write_summary(tmp_path, "mine", [old])
+    assert table(tmp_path)[0]["verdict"] == "named"
+
+
+def test_names_that_no_table_can_hold_end_nothing(tmp_path: Path) -> None:
+    state = State(job(tmp_path, "\N{REPLACEMENT CHARACTER}"), "failed", 1.0, words="no")
+    write_summary(tmp_path, "mine", [state])
+    assert table(tmp_path)[0]["why"] == "no"
 
 
 def test_the_page_names_every_case_and_escapes_what_it_is_called(tmp_path: Path) -> None:
@@ -108,6 +135,29 @@ def test_the_mean_is_weighted_and_the_scatter_is_that_of_the_cases_over_their_si
     assert float(found["off"]) == pytest.approx(1.0, abs=0.15)
     apart = {k: Estimate(e.value + 20.0 * (int(k) % 2), e.sigma, "") for k, e in each.items()}
     assert float(comparison("tau0", apart)["scatter"]) > 5.0
+
+
+@pytest.mark.parametrize(
+    "each",
+    [
+        (Estimate(1.0, 0.0, ""), Estimate(1.0, 0.0, "", 1.0)),
+        (Estimate(1.0, 0.0, ""), Estimate(2.0, 0.1, "")),
+        (Estimate(1.0, float("nan"), "", 2.0), Estimate(2.0, float("inf"), "")),
+        (Estimate(float("nan"), 0.1, ""), Estimate(2.0, 0.1, "")),
+        (Estimate(1, 1, ""), Estimate(2, 1, "")),
+    ],
+)
+def test_what_has_no_uncertainty_is_drawn_without_one_and_not_weighed(
+    each: tuple[Estimate, Estimate],
+) -> None:
+    found = comparison("d", dict(zip("ab", each, strict=True)))
+    drawn = [line["at"] for line in found["lines"] if line["at"] is not None]
+    assert drawn and all(0.0 <= x <= found["width"] for x in drawn)
+    good = [e for e in each if e.known]
+    assert found["mean"].startswith("–") == (not good)
+    assert (found["scatter"] == "–") == (len(good) < 2)
+    page = summary_page("mine", [Answer("a", "done", "", 0.0, estimates={"d": e}) for e in each])
+    assert "nan" not in page.lower() or "x1=" not in page.lower().partition("nan")[2][:9]
 
 
 def test_the_picture_holds_all_intervals_and_truths() -> None:

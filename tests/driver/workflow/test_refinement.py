@@ -10,9 +10,10 @@ from typing import Any
 import pytest
 
 from driver.case.model import Case, default_case, load_case, write_case
+from driver.common import machine
 from driver.forward import build
 from driver.results.mesh_sizes import Refinements, read_refinements, sized_case, write_refinements
-from driver.workflow import pipeline, refinement
+from driver.workflow import pipeline
 from driver.workflow.cost import estimate
 from driver.workflow.engine import stage_keys
 from driver.workflow.refinement import (
@@ -163,7 +164,7 @@ def test_time_of_coarser_meshes_counts_in_the_budget(tmp_path: Path, lines: list
 def test_nothing_is_refined_beyond_the_memory_of_the_machine(
     tmp_path: Path, lines: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(refinement, "_memory_of_machine", lambda: 1e8)
+    monkeypatch.setattr(machine, "memory", lambda: 1e8)
     case = automatic(tmp_path, execution__budget_min=600.0)
     diagnosed(case)
     assert asked(case) is None and "for lack of memory" in lines[-1]
