@@ -186,16 +186,19 @@ def integration_of(case: Case, solver: Capabilities) -> Integration:
     Raises:
         InputError: the solver lacks the scheme that the case names.
     """
-    offered = solver.integrations
-    named = case.solver.integration
-    if named is None:
-        return "exponential" if "exponential" in offered else "backward_euler"
-    if named not in offered:
+    offered, named = solver.integrations, case.solver.integration
+    if named is not None and named not in offered:
         raise InputError(
             f'solver.integration: found "{named}", expected {" or ".join(sorted(offered))} (what '
             f"the solver {case.solver.name} offers), or the key left out"
         )
-    return named
+    return wanted_integration(case, solver)
+
+
+def wanted_integration(case: Case, solver: Capabilities) -> Integration:
+    """Return the scheme that the case names, the solver's or not, or the best that that has."""
+    best: Integration = "exponential" if "exponential" in solver.integrations else "backward_euler"
+    return case.solver.integration or best
 
 
 def surface_images(case: Case, experiment: Experiment) -> SurfaceImages:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from driver.case.model import Case
-from driver.forward.build import integration_of, size_between
+from driver.forward.build import size_between, wanted_integration
 from driver.forward.cost import steps_seconds
 from driver.identification.step_error import FIRST_ORDER
 from meshes.prism import section_divisions
@@ -47,7 +47,7 @@ def correction_seconds(
 def finer_steps(case: Case, solver: Capabilities) -> int:
     """Time steps an interval of the finer simulation: those of first order alone are finer."""
     steps = case.solver
-    first_order = integration_of(case, solver) == FIRST_ORDER and steps.accuracy_uN is None
+    first_order = wanted_integration(case, solver) == FIRST_ORDER and steps.accuracy_uN is None
     return steps.fine_steps_per_interval if first_order else steps.steps_per_interval
 
 
