@@ -145,18 +145,6 @@ def identify(
     corrected = with_correction(objective, noise, change, plan.sizes)
     logger.info("stage C: all together, with the correction")
     last = fit_from(begin, corrected, plan.most)
-    if change.derivatives is not None:
-        # What the mesh leaves wrong is that of the correction as it is there.
-        weighed = with_correction(objective, noise, change.at(last.values), plan.sizes)
-        corrected = replace(weighed, correction=change)
-        again = corrected.compare(last.best.prediction, last.values, last.best.free)
-        further = fit_from(again, corrected, plan.most)
-        last = replace(
-            further,
-            history=(*last.history, *further.history[1:]),
-            start_load=last.start_load,
-            seconds=last.seconds + further.seconds,
-        )
     refuse_what_is_not_seen(last.best)
     return Identification(
         corrected, {"A": first.stage_a, "B": stage_b, "C": last}, plan.law, outcomes
