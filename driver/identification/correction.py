@@ -57,8 +57,10 @@ class Derivatives:
         Returns:
             Motion at the pixels [µm], shape (T, n_pix, 3), and load [µN], shape (T,).
         """
-        # Linear in the values, not in their logarithms: the boundary moves in proportion to λ.
-        moved = [values[p.name] - self.values[p.name] for p in self.parameters]
+        moved = [
+            p.theta(values[p.name], self.values[p.name]) * p.slope(self.values[p.name])
+            for p in self.parameters
+        ]
         (motion, load), (less_motion, less_load) = (
             prediction.along(np.array(moved)) for prediction in (self.finer, self.working)
         )
@@ -74,20 +76,12 @@ class Derivatives:
             finer=self.finer.joined(other.finer.restrict(more)),
         )
 
-    def sensitivity(
-        self, data: Data, free: Sequence[str], values: Mapping[str, float]
-    ) -> FloatArray:
-        """Whitened derivatives for the θ of some parameters, shape (k, n), 0 for those unknown.
-
-        Args:
-            data: what they are whitened as.
-            free: names of the parameters.
-            values: every parameter where they are wanted.
-        """
+    def sensitivity(self, data: Data, free: Sequence[str]) -> FloatArray:
+        """Whitened derivatives for the θ of some parameters, shape (k, n), 0 for those unknown."""
         names = [p.name for p in self.parameters]
         known = [(row, names.index(name)) for row, name in enumerate(free) if name in names]
         rows, columns = [row for row, _ in known], [column for _, column in known]
-        slopes = np.array([p.slope(values[p.name]) for p in self.parameters])[columns]
+        slopes = np.array([p.slope(self.values[p.name]) for p in self.parameters])[columns]
         finer, working = (data.sensitivity(p.restrict(columns)) for p in (self.finer, self.working))
         whole = np.zeros((len(free), finer.shape[1]))
         whole[rows] = self.factor * slopes[:, None] * (finer - working)

@@ -109,7 +109,7 @@ class Objective:
         jacobian = self.data.sensitivity(prediction)
         jacobian *= slopes[:, None]
         if self.correction.derivatives is not None:
-            jacobian += self.correction.derivatives.sensitivity(self.data, free, values)
+            jacobian += self.correction.derivatives.sensitivity(self.data, free)
         gap, weight = self._prior_at(values, free)
         image, n_frames = self.data.image, self.data.index.size
         return Evaluation(
