@@ -43,9 +43,10 @@ def test_the_images_of_the_dense_test_hold_those_of_the_other() -> None:
 
 @pytest.mark.slow
 def test_an_effect_of_the_load_cell_adds_to_the_converged_load() -> None:
+    """Motions of 0.09 µm that it is told from are stored in single precision, to 4e-9 µm."""
     bare, offset = pulled({}), pulled({"load_offset": 60.0})
     np.testing.assert_allclose(offset.load - bare.load, 60.0, rtol=1e-6)
-    np.testing.assert_allclose(offset.motion, bare.motion, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(offset.motion, bare.motion, rtol=0, atol=2e-8)
 
 
 def test_cells_and_steps_of_the_truth_are_finer_than_all_that_identify_it() -> None:
