@@ -38,7 +38,7 @@ def test_a_verdict_that_the_first_meshes_leave_open_is_found_on_finer_ones(
     tmp_path: Path, lines: list[str]
 ) -> None:
     history = stage_program(CYCLES)
-    small = {"specimen.cells": "hex20", "specimen.mesh_size_um": 0.333}
+    small = {"specimen.cells": "hex20", "specimen.mesh_size_um": 0.5}
     truth = true_case(short_case()).with_values_at(small | {"solver.mean_dilatation": True})
     course = pull(truth, history, true_knots(history))
     automatic = short_case().with_values_at(
