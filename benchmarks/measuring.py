@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
+from driver.common.parallel import THREAD_VARIABLES
 from meshes.arrays import FloatArray
 from solver_adapters.bundled.adapter import BundledAdapter
 from solver_adapters.interface import Direction, Integration, Simulation
@@ -49,7 +50,7 @@ class Run:
 
 def in_child(work: Callable[..., T], *arguments: Any, threads: int = 1, **variables: str) -> T:
     """Call a function in a fresh process with the given threads and environment variables."""
-    limits = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    limits = dict.fromkeys(THREAD_VARIABLES, "1")
     changes = {**limits, "NUMBA_NUM_THREADS": str(threads), **variables}
     before = dict(os.environ)
     os.environ.update(changes)

@@ -1,7 +1,9 @@
 """What many jobs cost beside their work: tasks in processes side by side, and cases of a campaign.
 
-python -m benchmarks.scale           1, 10, 100 and 1000 tasks, and a campaign of eight cases
-python -m benchmarks.scale --quick   10 and 100 tasks, and the start of one case
+    python -m benchmarks.scale           1, 10, 100 and 1000 tasks, and a campaign of eight cases
+    python -m benchmarks.scale --quick   10 and 100 tasks, and the start of one case
+
+Wall-clock times, which hold on free cores alone.
 """
 
 from __future__ import annotations

@@ -15,14 +15,14 @@ from time import monotonic, sleep
 from typing import IO
 
 from driver.batch.jobs import Job
+from driver.common.parallel import THREAD_VARIABLES
 
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _EVERY = 0.2  # s between two looks whether a call has ended
 _SELDOM, _STALE = 10.0, 300.0  # s between two looks how old the token is, and how old it may be
 _STOPPED = 130  # exit code after a signal
 _TOLD = "prismid: "  # what a line begins with that tells why a call failed
 _KILLED = (
-    "ended by the system with {}, most likely for want of memory: expected fewer jobs at a time"
+    "ended by the system with {}, most likely for want of memory; expected a smaller execution.jobs"
 )
 
 
@@ -121,7 +121,7 @@ def _ended(call: Sequence[str], threads: int, alive: Token, log: IO[bytes], lock
 
     Its process holds the lock, too.
     """
-    limits = dict.fromkeys(_THREAD_VARIABLES, str(threads))
+    limits = dict.fromkeys(THREAD_VARIABLES, str(threads))
     # The folder of the call is none to import from.
     command = [sys.executable, "-P", "-m", "driver.cli", "--end-with-input", *call]
     with subprocess.Popen(

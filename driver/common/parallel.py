@@ -26,8 +26,8 @@ from solver_adapters.kernels import use_threads
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-# Numerical libraries that would each start as many threads as there are cores.
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Limits of numerical libraries that would each start as many threads as there are cores."""
 
 
 _ENDED = (
@@ -198,8 +198,8 @@ def _deaf_to_interrupts() -> Iterator[None]:
 @contextmanager
 def _few_threads(threads: int) -> Iterator[None]:
     """Let processes that start inside inherit the limit."""
-    before = {name: os.environ.get(name) for name in _THREAD_VARIABLES}
-    os.environ.update({name: str(threads) for name in _THREAD_VARIABLES})
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update({name: str(threads) for name in THREAD_VARIABLES})
     try:
         yield
     finally:

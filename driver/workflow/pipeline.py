@@ -127,15 +127,13 @@ def run(
     run_stages(case, every, until, force, prepare_only, refined)
 
 
-def cost_of_run(
-    case: Case, processes: int | None = None, threads: int | None = None, n_images: int = 0
-) -> Cost:
+def cost_of_run(case: Case, processes: int, threads: int, n_images: int = 0) -> Cost:
     """Return what all stages of a case take.
 
     Args:
         case: the case.
-        processes: simulations side by side, None for those of the case.
-        threads: threads of each process, None for those of the case.
+        processes: simulations side by side.
+        threads: threads of each process.
         n_images: images of a history that is not there yet, 0 for those of the case.
 
     Raises:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
@@ -205,6 +206,14 @@ def test_names_of_files_are_short_and_say_nothing_of_the_version(
     assert len(set(before)) == 3
     monkeypatch.setattr(jobs_module, "prismid_version", lambda: "next")
     assert [job.case for job in jobs_of(campaign, file)] == before
+
+
+def test_what_no_terminal_or_table_shows_is_left_out_of_names(tmp_path: Path) -> None:
+    for folder in (b"x\xff", b"x\x1b[31m"):
+        write_small_case(tmp_path / os.fsdecode(folder))
+    names = [job.name for job in jobs_of(Campaign(cases=("x*",)), tmp_path / "campaign.toml")]
+    assert sorted(names) == ["x�", "x�[31m"]
+    assert all(name.isprintable() and name.encode() for name in names)
 
 
 def test_what_is_done_takes_no_time(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
