@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -16,7 +16,14 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from benchmarks.blind_specimen import LARGEST, PER_SIGMA, known_case, null_values, outside, pulled
+from benchmarks.blind_specimen import (
+    LARGEST,
+    PER_SIGMA,
+    ROUGHLY,
+    known_case,
+    null_values,
+    outside,
+)
 from benchmarks.blind_store import kept
 from driver.case.model import load_case
 from driver.common.errors import InputError
@@ -35,6 +42,7 @@ from driver.workflow.identify_stage import load_problem, saved_objective
 from driver.workflow.pipeline import run
 from meshes.arrays import FloatArray
 from solver_adapters.interface import SolverError
+from tools.converged_truth import OF_EFFECTS, pulled
 
 RULER_SEED = 987_654
 CLOSE = 0.14  # relative error of the size of a truth that is good enough
@@ -195,18 +203,18 @@ def sized(
     name: str,
     level: float,
     start: float,
-    make: Callable[[float], tuple[Course, dict[str, float]]],
+    make: Callable[[float, Sequence[float]], tuple[Course, dict[str, float]]],
     cause: str | None = None,
     most: float = np.inf,
 ) -> Truth:
-    """Return a truth of a wanted size, from the cache or by some trials.
+    """Return a truth of about a wanted size, from the cache or by some trials on coarse cells.
 
     Args:
         cache: the cache.
         name: of the truth in the cache.
         level: wanted misfit [σ].
         start: first guess of the amplitude.
-        make: course and hidden values of an amplitude.
+        make: course and hidden values of an amplitude, on cells of some sizes.
         cause: the cause whose likeness counts, or None for all that is left.
         most: largest amplitude, which will do where it is not enough.
 
@@ -216,19 +224,20 @@ def sized(
 
     def sought() -> Truth:
         measure, amplitude = ruler(cache), min(start, most)
-        for _ in range(TRIES):
-            try:
-                course, hidden = make(amplitude)
-            except (SolverError, InputError) as error:
-                raise TooSmallError(str(error)) from None
-            truth = Truth(course, measure.misfit(course, cause), hidden)
-            grown = amplitude * float(np.clip(level / max(truth.misfit, 1e-9), 0.3, 3.0))
-            if abs(truth.misfit / level - 1) < CLOSE or min(amplitude, grown) >= most:
-                break
-            amplitude = min(grown, most)
-        if truth.misfit < (1 - CLOSE) * level and amplitude < most:
-            raise TooSmallError(f"the effect of {hidden} is {truth.misfit:.1f} σ")
-        return truth
+        try:
+            for _ in range(TRIES):
+                course, hidden = make(amplitude, ROUGHLY)
+                misfit = measure.misfit(course, cause)
+                grown = amplitude * float(np.clip(level / max(misfit, 1e-9), 0.3, 3.0))
+                if abs(misfit / level - 1) < CLOSE or min(amplitude, grown) >= most:
+                    break
+                amplitude = min(grown, most)
+            if misfit < (1 - CLOSE) * level and amplitude < most:
+                raise TooSmallError(f"the effect of {hidden} is {misfit:.1f} σ")
+            course, hidden = make(amplitude, OF_EFFECTS)
+        except (SolverError, InputError) as error:
+            raise TooSmallError(str(error)) from None
+        return Truth(course, measure.misfit(course, cause), hidden)
 
     return kept(cache / f"{name}_{level:g}.pickle", sought)
 
@@ -243,9 +252,9 @@ def truth_of_cause(
     """
     measure = ruler(cache)
 
-    def make(size: float) -> tuple[Course, dict[str, float]]:
+    def make(size: float, cells: Sequence[float]) -> tuple[Course, dict[str, float]]:
         hidden = measure.values(cause, direction, size) | dict(companions)
-        return pulled(hidden), hidden
+        return pulled(hidden, sizes=cells), hidden
 
     start = level / max(measure.length(cause, direction), 1e-9)
     text = json.dumps([direction.tolist(), dict(companions)])
@@ -261,7 +270,7 @@ def truth_outside(cache: Path, effect: str, level: float) -> Truth:
         effect,
         level,
         level * PER_SIGMA[effect],
-        lambda a: (outside(effect, a), {"amplitude": a}),
+        lambda a, cells: (outside(effect, a, cells), {"amplitude": a}),
         most=LARGEST.get(effect, np.inf),
     )
 

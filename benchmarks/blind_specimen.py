@@ -1,12 +1,13 @@
-"""The specimen of the blind trial, and what can happen to it: truths finer than what finds them.
+"""The specimen of the blind trial, and what can happen to it: truths that are converged.
 
-Short, two cycles, twenty-one images: the least on which most causes are still told apart. Truth and
-what identifies it are of one kind of cells (benchmarks/diagnosis.md).
+Short, two cycles, twenty-one images: the least on which most causes are still told apart. Without
+an effect the truth is the mean of two kinds of small cells; what an effect changes is extrapolated
+to cells of no size (`tools/converged_truth.py`, benchmarks/diagnosis.md).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -19,9 +20,8 @@ from driver.forward.build import adapter_of, build_model, mesh_of
 from driver.virtual.truth import Course
 from meshes.arrays import FloatArray
 from solver_adapters.interface import Simulation
-from tools.converged_truth import Change, simulated, stage_history
+from tools.converged_truth import OF_EFFECTS, pulled, stage_history, true_case
 from tools.short_specimen import CYCLES, small_case
-from tools.short_specimen import true_case as as_it_is
 
 LENGTH = 8.0
 PER_SIGMA = {
@@ -33,22 +33,30 @@ LARGEST = {"soft_slice": 8.0, "notch": 2.0}
 """Amplitudes beyond which an effect does not grow."""
 
 
-def known_case() -> Case:
-    """Return what the user knows and believes, with the starts of the paper."""
+ROUGHLY = (2.0, 1.0)
+"""Cells that tell how large an effect is [µm], before its truth is made."""
+STAGE_ERRORS = (0.667,)
+"""Cells that tell what noise of the boundary changes [µm]: of a small part the error is small."""
+SHARP = (0.5,)
+"""Cells whose layers an effect follows [µm]: on other cells it is another one."""
+FINEST = 1
+"""How often the meshes may be refined; no clock says where that ends."""
+
+
+def known_case(refined: int = 0) -> Case:
+    """Return what the user knows and believes, with the starts of the paper.
+
+    Args:
+        refined: how often the automatic sizes were refined.
+    """
     case = small_case()
-    mesh = {"mesh_size_um": 2.0, "fine_mesh_size_um": 1.3}
     return case.model_copy(
         update={
-            "specimen": case.specimen.model_copy(update=mesh),
+            "specimen": case.specimen.at_level("hex20", refined),
             "diagnosis": case.diagnosis.model_copy(update={"held_out_cycle": "last", "refit": 5}),
             "execution": case.execution.model_copy(update={"processes": 1, "threads": 1}),
         }
     )
-
-
-def true_case() -> Case:
-    """Return the specimen as it is: another law, other apex amplitudes, finer mesh and steps."""
-    return as_it_is(known_case())
 
 
 @cache
@@ -58,22 +66,6 @@ def null_values() -> dict[str, float]:
     mesh = mesh_of(truth, known_case().specimen.mesh_size)
     model = build_model(truth, mesh, history, np.zeros((0, 2)), adapter_of(truth), 1)
     return model.null_values()
-
-
-def pulled(hidden: Mapping[str, float], change: Change | None = None, dense: int = 1) -> Course:
-    """Simulate the test.
-
-    Args:
-        hidden: true values of parameters of the general model that are not at their null.
-        change: what happens besides that no parameter of the general model says.
-        dense: as of the history.
-
-    Raises:
-        InputError: a parameter is unknown or out of its bounds.
-        SolverError: the simulation could not be finished, or a geometric parameter turns a
-            cell inside out.
-    """
-    return simulated(true_case(), hidden, change, dense)
 
 
 def jittered(sigma: float, seed: int, dense: int = 1) -> Course:
@@ -88,7 +80,7 @@ def jittered(sigma: float, seed: int, dense: int = 1) -> Course:
         off[held] = off[held + 1]
         return _elongated(simulation, off)
 
-    return pulled({}, change, dense)
+    return pulled({}, change=change, dense=dense, sizes=STAGE_ERRORS)
 
 
 def flipped(flip: str) -> Course:
@@ -98,22 +90,35 @@ def flipped(flip: str) -> Course:
     def change(simulation: Simulation, history: History) -> Simulation:
         return replace(simulation, orientations=turn @ simulation.orientations)
 
-    return pulled({}, change)
+    return pulled({}, change=change)
 
 
-def outside(effect: str, amplitude: float) -> Course:
-    """Return the test of a specimen with an effect of `PER_SIGMA`."""
+def outside(effect: str, amplitude: float, sizes: Sequence[float] = OF_EFFECTS) -> Course:
+    """Return the test of a specimen with an effect of `PER_SIGMA`.
+
+    Args:
+        effect: its name.
+        amplitude: its size.
+        sizes: as of `pulled`.
+    """
     shown = {"lens": _through_a_lens, "blister": _blistered, "slip_band": _slipped}
     if effect in shown:
         return shown[effect](pulled({}), amplitude)
     changes: dict[str, Callable[[Simulation, History, float], Simulation]] = {
         "soft_slice": _with_soft_slice, "notch": _notched, "creep": _creeping,
     }  # fmt: skip
-    return pulled({}, lambda simulation, history: changes[effect](simulation, history, amplitude))
+
+    def change(simulation: Simulation, history: History) -> Simulation:
+        return changes[effect](simulation, history, amplitude)
+
+    return pulled({}, change=change, sizes=SHARP if effect == "soft_slice" else sizes)
 
 
 def _with_soft_slice(simulation: Simulation, history: History, amplitude: float) -> Simulation:
-    """Let a slice of grain 2, 1.6 µm long, yield early: τ0 is e^(−0.3·amplitude) of it."""
+    """Let a slice of grain 2, 1.6 µm long, yield early: τ0 is e^(−0.3·amplitude) of it.
+
+    It ends where cells end.
+    """
     mesh = simulation.mesh
     middle = mesh.points[mesh.cells, 1].mean(axis=1)
     inside = (mesh.grain == 1) & (middle > 0.60 * LENGTH) & (middle < 0.80 * LENGTH)

@@ -11,10 +11,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from benchmarks.blind_specimen import known_case, true_case
+from benchmarks.blind_specimen import known_case
 from driver.results.hdf5 import prismid_version
 from solver_adapters.bundled.identity import solver_hash
 from solver_adapters.kernels import PACKAGES, hash_of
+from tools.converged_truth import true_case
 
 Kept = TypeVar("Kept")
 Record = dict[str, Any]

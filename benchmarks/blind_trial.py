@@ -5,9 +5,9 @@
     python -m benchmarks.blind_trial --figures           the figures of what is done
     python -m benchmarks.blind_trial --quick             some trials in closed form, 45 s
 
-Each trial simulates a specimen on a finer mesh and in finer steps than any that identifies it,
-takes pictures with noise, and runs mesh, measure, identify and diagnose of a case that knows
-nothing of the truth. A line of JSON for each stands in the results file.
+Each trial takes pictures, with noise, of a specimen whose truth is converged, and runs mesh,
+measure, identify and diagnose of a case that knows nothing of it, as a user would who states no
+sizes of meshes. A line of JSON for each stands in the results file.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from benchmarks.blind_ruler import (
     truth_of_cause,
     truth_outside,
 )
-from benchmarks.blind_specimen import flipped, jittered, known_case, pulled, true_case
+from benchmarks.blind_specimen import FINEST, flipped, jittered, known_case
 from benchmarks.blind_store import Record, cache_folder, kept, of_programs, program, read
 from driver.case.model import Case, load_case, write_case
 from driver.common.errors import InputError
@@ -51,8 +51,9 @@ from driver.workflow.engine import Stage, StageContext, run_stages
 from driver.workflow.measure_stage import measure_numbers
 from driver.workflow.pipeline import stages
 from solver_adapters.kernels import use_threads
+from tools.converged_truth import pulled, true_case
 
-SECONDS = {"silent": 10.0, "loud": 70.0}
+SECONDS = {"silent": 150.0, "loud": 250.0}
 """CPU-s of a trial without and with an effect, its truth included, until some are done."""
 DENSE = 3  # times as many images where the noise itself is to be found
 MEMORY = 0.9e9  # bytes of a process
@@ -219,11 +220,14 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
         settings = Virtual(microscope=microscope)
         path = record(Path(folder), case, truth.course, trial.seed, settings)
         stated = stated_by(trial, load_case(path))
-        write_case(stated, path)
-        run_stages(load_case(path), _chain(stated), "diagnose")
+        for refined in range(FINEST + 1):
+            write_case(stated.model_copy(update={"specimen": known_case(refined).specimen}), path)
+            run_stages(load_case(path), _chain(stated), "diagnose")
+            diagnosis = json.loads((path.parent / "results" / "diagnosis.json").read_text("utf-8"))
+            if diagnosis["verdict"] != "numerics" or diagnosis["numerics"]["needed"] != "mesh":
+                break
         known = tuple(BY_NAME[n] for n in trial.truths if n in BY_NAME)
         left = left_of(path, truth.course, known) if trial.truths else Left(0.0, (), ())
-        diagnosis = json.loads((path.parent / "results" / "diagnosis.json").read_text("utf-8"))
     owner = {p: c.name for c in EVERY for p in c.parameters}
     added = list(dict.fromkeys(owner[p] for p in diagnosis["added"] if p in owner))
     added += diagnosis["flips"]
@@ -248,6 +252,7 @@ def diagnosed(truth: Truth, trial: Trial) -> Record:
         "chi_image": [first["chi_image"], last["chi_image"]],
         "omnibus": last["omnibus"],
         "numerics": diagnosis["numerics"],
+        "refined": refined,
         "held_out": diagnosis["gain"].get("held_out"),
         "baseline": diagnosis["baseline"]["reason"],
     }

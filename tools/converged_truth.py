@@ -7,7 +7,7 @@ what it changes on hexahedra of two sizes, extrapolated alike (benchmarks/diagno
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -87,6 +87,7 @@ def pulled(
     truth: Case | None = None,
     change: Change | None = None,
     dense: int = 1,
+    sizes: Sequence[float] = OF_EFFECTS,
 ) -> Course:
     """Return the test, converged but for what the mesh leaves wrong of an effect.
 
@@ -95,6 +96,8 @@ def pulled(
         truth: the specimen, where it is not that of `true_case`; its face is the same.
         change: what happens besides that no parameter of the general model says.
         dense: as of the history; it divides `DENSEST`.
+        sizes: of the cells that tell what an effect changes [µm], larger ones first: of two it is
+            extrapolated, of one it is taken as it is.
 
     Raises:
         InputError: a parameter is unknown or out of its bounds.
@@ -105,33 +108,25 @@ def pulled(
     motion, load = converged.motion.mean(axis=0)[images], converged.load.mean(axis=0)[images]
     if not hidden and truth is None and change is None:
         return replace(_seen(dense), face=converged.face, motion=motion, load=load)
-    courses = _on_both(truth or true_case(), hidden, change, dense)
-    bare = _stored() if dense == 1 else _without_effect(dense)
-    points = converged.face.points
-    pairs = list(zip(courses, bare, strict=True))
-    moved = [
-        on_face(course.face, course.motion, points) - on_face(one.face, one.motion[0], points)
-        for course, one in pairs
-    ]
-    more = [course.load - one.load[0] for course, one in pairs]
-    ratio = OF_EFFECTS[1] / OF_EFFECTS[0]
-    return replace(
-        courses[1],
-        face=converged.face,
-        motion=motion + extrapolated(moved[0], moved[1], ratio),
-        load=load + extrapolated(more[0], more[1], ratio),
-    )
+    points, found = converged.face.points, []
+    for size in sizes:
+        course, bare = _on(truth or true_case(), size, hidden, change, dense), _bare(size, dense)
+        moved = on_face(course.face, course.motion, points)
+        moved -= on_face(bare.face, bare.motion[0], points)
+        found.append((moved, course.load - bare.load[0]))
+    moved, more = found[-1]
+    if len(found) > 1:
+        (coarse_moved, coarse_more), ratio = found[0], sizes[1] / sizes[0]
+        moved = extrapolated(coarse_moved, moved, ratio)
+        more = extrapolated(coarse_more, more, ratio)
+    return replace(course, face=converged.face, motion=motion + moved, load=load + more)
 
 
-def _on_both(
-    truth: Case, hidden: Mapping[str, float], change: Change | None, dense: int
-) -> tuple[Course, Course]:
-    """Return the test of a specimen on cells of both its sizes."""
-    one, other = (
-        simulated(truth.with_values_at({f"specimen.{SIZES[0]}": size}), hidden, change, dense)
-        for size in (truth.specimen.mesh_size, truth.specimen.fine_mesh_size)
-    )
-    return one, other
+def _on(
+    truth: Case, size: float, hidden: Mapping[str, float], change: Change | None, dense: int
+) -> Course:
+    """Return the test of a specimen on cells of one size [µm]."""
+    return simulated(truth.with_values_at({f"specimen.{SIZES[0]}": size}), hidden, change, dense)
 
 
 def simulated(
@@ -157,8 +152,8 @@ def simulated(
 def make() -> None:
     """Simulate the reference anew, and what effects add to: a quarter of an hour of one core."""
     mesh_reference.write(_reference(), REFERENCE)
-    for size, one in zip(OF_EFFECTS, _without_effect(1), strict=True):
-        mesh_reference.write(one, _name(size))
+    for size in OF_EFFECTS:
+        mesh_reference.write(_without_effect(size, 1), _name(size))
 
 
 def _reference() -> Reference:
@@ -179,9 +174,10 @@ def _converged() -> Reference:
     return mesh_reference.read(REFERENCE)
 
 
-@cache
-def _stored() -> tuple[Reference, ...]:
-    return tuple(mesh_reference.read(_name(size)) for size in OF_EFFECTS)
+def _bare(size: float, dense: int) -> Reference:
+    """Return what an effect adds to, on cells of one size."""
+    stored = dense == 1 and size in OF_EFFECTS
+    return mesh_reference.read(_name(size)) if stored else _without_effect(size, dense)
 
 
 def _name(size: float) -> str:
@@ -189,12 +185,9 @@ def _name(size: float) -> str:
 
 
 @cache
-def _without_effect(dense: int) -> tuple[Reference, ...]:
-    """Return what an effect adds to, on cells of both sizes."""
-    return tuple(
-        Reference(course.face, course.motion[None], course.load[None], 0)
-        for course in _on_both(true_case(), {}, None, dense)
-    )
+def _without_effect(size: float, dense: int) -> Reference:
+    course = _on(true_case(), size, {}, None, dense)
+    return Reference(course.face, course.motion[None], course.load[None], 0)
 
 
 @cache
