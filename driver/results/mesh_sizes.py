@@ -24,10 +24,12 @@ class Refinements:
     Attributes:
         level: how often the meshes were refined.
         seconds: wall-clock time of the stages on the coarser meshes before [s].
+        failed: whether meshes that were refined once more could not be simulated.
     """
 
     level: int = 0
     seconds: float = 0.0
+    failed: bool = False
 
 
 def read_refinements(results: Path) -> Refinements:
@@ -43,7 +45,7 @@ def read_refinements(results: Path) -> Refinements:
     level, seconds = record.get("refined"), record.get("seconds_before")
     if not (isinstance(level, int) and level >= 0 and isinstance(seconds, int | float)):
         raise damaged(path, "no numbers refined and seconds_before")
-    return Refinements(level, float(seconds))
+    return Refinements(level, float(seconds), bool(record.get("finer_failed")))
 
 
 def write_refinements(results: Path, done: Refinements) -> None:
@@ -53,7 +55,11 @@ def write_refinements(results: Path, done: Refinements) -> None:
         results: where it goes.
         done: what it holds.
     """
-    record = {"refined": done.level, "seconds_before": round(done.seconds, 2)}
+    record = {
+        "refined": done.level,
+        "seconds_before": round(done.seconds, 2),
+        "finer_failed": done.failed,
+    }
     write_json(results / SIZES, record)
 
 
@@ -85,10 +91,10 @@ def sized(case: Case, solver: Capabilities | None) -> Case:
     return _with_specimen(case, _kind(case, solver), level)
 
 
-def refined(case: Case) -> Case:
-    """Return a case with chosen sizes with its meshes refined once more."""
+def refined(case: Case, times: int = 1) -> Case:
+    """Return a case with chosen sizes with its meshes refined so much oftener, or less often."""
     assert case.specimen.refined is not None
-    return _with_specimen(case, case.specimen.cell_kind, case.specimen.refined + 1)
+    return _with_specimen(case, case.specimen.cell_kind, case.specimen.refined + times)
 
 
 def _with_specimen(case: Case, kind: CellKind, level: int) -> Case:

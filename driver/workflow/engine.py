@@ -23,6 +23,7 @@ from driver.parameters.user_terms import files_of_terms, installed_terms
 from driver.results.files import READ_BACK, edited, make_folder, present, results_of, working_folder
 from driver.results.stage_record import Done, read_record, write_record
 from driver.workflow.run_lock import sole_run
+from solver_adapters.interface import SolverError
 
 logger = logging.getLogger(__name__)
 
@@ -117,6 +118,10 @@ def _as_it_is(case: Case, done: str) -> Case | None:
     return None
 
 
+def _as_it_failed(case: Case, error: SolverError) -> Case | None:
+    return None
+
+
 def run_stages(
     case: Case,
     stages: Sequence[Stage],
@@ -124,6 +129,7 @@ def run_stages(
     force: bool = False,
     prepare_only: bool = False,
     refined: Callable[[Case, str], Case | None] = _as_it_is,
+    coarser: Callable[[Case, SolverError], Case | None] = _as_it_failed,
 ) -> None:
     """Run the stages in their order, leaving out those that are done and unchanged.
 
@@ -142,9 +148,11 @@ def run_stages(
         prepare_only: whether external solvers write their jobs for another machine.
         refined: what is asked with the name of each stage that is done: the case in another state,
             for which the stages begin anew, or None.
+        coarser: what is asked where a stage cannot be simulated, the same; None ends the run.
 
     Raises:
         PreparedError: such jobs were written.
+        SolverError: a stage could not be simulated.
         BusyError: another run is at work on the results.
         StageError: there is no stage of the name `until`, or two results have one name.
     """
@@ -167,7 +175,13 @@ def run_stages(
                     logger.info(f"{stage.name}: done and unchanged")
                 else:
                     _refuse_folders(entry, results)
-                    _run_stage(stage, case, results, key, inputs, prepare_only, memory)
+                    try:
+                        _run_stage(stage, case, results, key, inputs, prepare_only, memory)
+                    except SolverError as error:
+                        state = coarser(case, error)
+                        if state is None:
+                            raise
+                        break
                 forced.discard(stage.name)
                 state = refined(case, stage.name)
                 if state is not None:

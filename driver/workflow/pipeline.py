@@ -34,7 +34,7 @@ from driver.workflow.identify_stage import run_identify
 from driver.workflow.loads_only_stage import SKIPPED, run_identify_loads
 from driver.workflow.measure_stage import run_measure
 from driver.workflow.mesh_stage import run_mesh
-from driver.workflow.refinement import refined_within_budget, told_beforehand
+from driver.workflow.refinement import coarser_again, refined_within_budget, told_beforehand
 from driver.workflow.report_loads_stage import run_report_loads
 from driver.workflow.report_stage import run_report
 from solver_adapters.kernels import use_threads
@@ -87,7 +87,8 @@ def run(
     """Run the stages of a case; what is done and unchanged is not done again.
 
     Meshes of automatic sizes are refined, and what hangs on them is done again, as long as the
-    diagnosis asks for it and the budget of time holds it.
+    diagnosis asks for it and the budget of time holds it. Where they cannot be simulated the run
+    ends with what the meshes before came to.
 
     Args:
         case_path: the case file.
@@ -124,7 +125,7 @@ def run(
         logger.info(SKIPPED)
     every = stages(case)
     refined = partial(refined_within_budget, stages=every)
-    run_stages(case, every, until, force, prepare_only, refined)
+    run_stages(case, every, until, force, prepare_only, refined, coarser_again)
 
 
 def cost_of_run(case: Case, processes: int, threads: int, n_images: int = 0) -> Cost:

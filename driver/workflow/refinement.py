@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from driver.case.mesh_sizes import refined_sizes
@@ -21,11 +21,13 @@ from driver.experiment.reading import history_of
 from driver.forward.build import capabilities_of, mesh_of
 from driver.identification.correction_cost import cells_of_size
 from driver.results.files import DIAGNOSIS, results_of
+from driver.results.files import SIZES as SIZES_FILE
 from driver.results.json_files import read_json
 from driver.results.mesh_sizes import Refinements, read_refinements, refined, write_refinements
 from driver.results.stage_record import read_record
 from driver.workflow.cost import Cost, estimate
 from driver.workflow.engine import Stage, finished
+from solver_adapters.interface import NotRunError, SolverError
 
 logger = logging.getLogger(__name__)
 
@@ -131,7 +133,10 @@ def to_refine(case: Case, needed: Refinement, seconds: float) -> str:
         minutes = _MARGIN * (spent + finer.cost.seconds) / 60
         if finer.cost.memory <= machine.memory():
             if minutes <= case.execution.budget_min:
-                return f"The meshes are refined by the run: {_of(finer)}."
+                return (
+                    f"The run refines the meshes next: {_of(finer)}. "
+                    "Where they cannot be simulated this verdict stands."
+                )
             budget = f"execution.budget_min = {_rounded_up(minutes):g}"
             return f"Write {budget}, then run again: meshes of {_of(finer)}."
     text = joined([f"{key} = {value:g}" for key, value in finer.keys.items()])
@@ -155,6 +160,12 @@ def refined_within_budget(case: Case, done: str, stages: Sequence[Stage]) -> Cas
     if diagnosis["verdict"] != "numerics" or diagnosis["numerics"]["needed"] != "mesh":
         return None
     before, finer_case = read_refinements(results), refined(case)
+    if before.failed:
+        logger.info(
+            "not refined again: finer meshes could not be simulated; "
+            f"without {results / SIZES_FILE} they are tried once more"
+        )
+        return None
     upto = (*_BEFORE, DIAGNOSE)
     kept = finished(finer_case, stages, ())
     again = _spent(results, [name for name in upto if name not in kept])
@@ -169,6 +180,30 @@ def refined_within_budget(case: Case, done: str, stages: Sequence[Stage]) -> Cas
     )
     write_refinements(results, Refinements(before.level + 1, before.seconds + again))
     return finer_case
+
+
+def coarser_again(case: Case, error: SolverError) -> Case | None:
+    """Return a case on the meshes before the last refinement, where that cannot be simulated.
+
+    What it returns is kept in the results, and the refinement is not tried again.
+
+    Args:
+        case: the case that was refined.
+        error: why it could not be simulated.
+
+    Returns:
+        None where the meshes were not refined, their sizes are stated, or no simulation was run.
+    """
+    if not case.specimen.refined or isinstance(error, NotRunError):
+        return None
+    results = results_of(case)
+    before, specimen = read_refinements(results), case.specimen
+    logger.info(
+        f"the refined meshes of {specimen.mesh_size:g} and {specimen.fine_mesh_size:g} µm could "
+        f"not be simulated ({error}): back to those before"
+    )
+    write_refinements(results, replace(before, level=before.level - 1, failed=True))
+    return refined(case, -1)
 
 
 def _of(finer: Finer) -> str:

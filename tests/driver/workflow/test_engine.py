@@ -21,6 +21,7 @@ from driver.workflow.engine import (
     stage_key,
 )
 from driver.workflow.run_lock import BusyError
+from solver_adapters.interface import SolverError
 
 
 class Workshop:
@@ -380,6 +381,41 @@ def test_stages_begin_anew_with_a_case_that_is_refined(workshop: Workshop, force
     assert asked == [*(f"{name} 12" for name in first), *(f"{name} 10" for name in second)]
     mesh = workshop.folder / "results" / "mesh.txt"
     assert mesh.read_text() == "10.0"
+
+
+@pytest.mark.parametrize("back", [True, False])
+def test_where_a_refined_case_cannot_be_simulated_the_stages_end_with_the_case_before(
+    workshop: Workshop, back: bool
+) -> None:
+    """What the refined case has not come to is there as it was, and not run again."""
+    limit = 10.0
+
+    def identify(context: StageContext) -> None:
+        workshop.runs.append(f"identify {context.case.specimen.length:g}")
+        if context.case.specimen.length < limit:
+            raise SolverError("no convergence")
+
+    def refined(case: Case, done: str) -> Case | None:
+        tried = workshop.runs.count("identify 9")
+        finer = case.with_values_at({"specimen.length_um": 9.0})
+        return finer if done == "identify" and not tried else None
+
+    def coarser(case: Case, error: SolverError) -> Case | None:
+        assert case.specimen.length < limit and str(error) == "no convergence"
+        return case.with_values_at({"specimen.length_um": 12.0}) if back else None
+
+    workshop.stages = [
+        workshop.stages[0],
+        Stage("identify", "1", (), identify),
+        Stage("report", "1", ("loads",), lambda context: workshop.runs.append("report")),
+    ]
+    if not back:
+        with pytest.raises(SolverError, match="no convergence"):
+            workshop.run(refined=refined, coarser=coarser)
+        return
+    ran = workshop.run(refined=refined, coarser=coarser)
+    assert ran == ["mesh", "identify 12", "mesh", "identify 9", "mesh", "report"]
+    assert (workshop.folder / "results" / "mesh.txt").read_text() == "12.0"
 
 
 def test_one_name_for_two_results_is_refused(workshop: Workshop) -> None:

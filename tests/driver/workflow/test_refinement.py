@@ -17,13 +17,14 @@ from driver.workflow import pipeline
 from driver.workflow.cost import estimate
 from driver.workflow.engine import stage_keys
 from driver.workflow.refinement import (
+    coarser_again,
     finer_simulation,
     refined_within_budget,
     to_refine,
     told_beforehand,
 )
 from solver_adapters.bundled.adapter import BundledAdapter
-from solver_adapters.interface import Capabilities
+from solver_adapters.interface import Capabilities, PreparedError, SolverError
 from tests.driver.stated_sizes import stated_case
 
 HISTORY = "time_s,stage_um,image,force_N\n0,0,0,0\n10,20,1,50\n20,40,2,90\n30,20,3,10\n"
@@ -126,7 +127,7 @@ def test_automatic_sizes_get_the_budget_to_write_where_theirs_is_spent(tmp_path:
     # The budget that is named is one that holds it.
     written(tmp_path, load_case(case.file), execution__budget_min=budget)
     enough = sized_case(case.file)
-    assert to_refine(enough, "mesh", 299.0).startswith("The meshes are refined by the run: 2 and ")
+    assert to_refine(enough, "mesh", 299.0).startswith("The run refines the meshes next: 2 and ")
     assert asked(enough) is not None
 
 
@@ -159,6 +160,31 @@ def test_time_of_coarser_meshes_counts_in_the_budget(tmp_path: Path, lines: list
     assert asked(case) is None
     assert lines[-1].startswith("not refined, for lack of time: 2 and 0.667 µm take about ")
     assert read_refinements(tmp_path / "results").level == 0
+
+
+def test_meshes_that_cannot_be_simulated_give_way_to_those_before_and_are_not_tried_again(
+    tmp_path: Path, lines: list[str]
+) -> None:
+    case = automatic(tmp_path, execution__budget_min=600.0)
+    diagnosed(case)
+    finer = asked(case)
+    assert finer is not None
+    back = coarser_again(finer, SolverError("no convergence at 12 s"))
+    assert back is not None and back.specimen == case.specimen
+    assert back.specimen.refined == sized_case(case.file).specimen.refined == 0
+    assert "2 and 0.667 µm could not be simulated (no convergence at 12 s)" in lines[-1]
+    assert asked(back) is None
+    assert lines[-1].startswith("not refined again: finer meshes could not be simulated; without ")
+    (tmp_path / "results" / "sizes.json").unlink()
+    assert asked(back) is not None
+
+
+def test_a_failure_that_no_coarser_mesh_mends_ends_the_run(tmp_path: Path) -> None:
+    case = automatic(tmp_path)
+    assert coarser_again(case, SolverError("no convergence")) is None
+    write_refinements(tmp_path / "results", Refinements(1, 12.5))
+    assert coarser_again(sized_case(case.file), PreparedError([tmp_path])) is None
+    assert coarser_again(stated(tmp_path), SolverError("no convergence")) is None
 
 
 def test_nothing_is_refined_beyond_the_memory_of_the_machine(
