@@ -19,7 +19,7 @@ from driver.common.errors import InputError
 from driver.common.formatting import chi, duration, number, with_sigma
 from driver.parameters.registry import label_of
 from driver.report.labels import cause_label
-from driver.report.page import TONES
+from driver.report.style import TONES
 from driver.results.files import (
     DIAGNOSIS,
     IDENTIFY,

@@ -18,7 +18,7 @@ from driver.report.identified_texts import identification, law_tiles
 from driver.report.labels import cause_label
 from driver.report.measured_texts import texts
 from driver.report.references import REFERENCES
-from driver.report.style import INDEXED, data_uri
+from driver.report.style import INDEXED, TONES, data_uri
 from driver.report.tables import added_rows, cause_rows, localisation_rows, measure, parameter_rows
 from templates import render
 
@@ -27,16 +27,6 @@ Row = dict[str, Any]
 _FEW = ("Law", "Added", "Apex amplitudes")  # groups of parameters that are shown at once
 
 _CELLS = {10: "tetrahedra", 20: "hexahedra"}  # by their number of nodes
-# How a verdict is coloured: settled, to be settled, or open.
-TONES = {
-    "nothing wrong": "settled",
-    "named": "settled",
-    "one of this set": "between",
-    "named, but something is left": "open",
-    "unexplained": "open",
-    "imaging-limited": "between",
-    "numerics": "between",
-}
 
 
 def report_page(

@@ -29,6 +29,17 @@ CATEGORIES = {
 SIGNED = "RdBu_r"  # around zero
 GREY = "#6b6b6b"
 
+TONES = {
+    "nothing wrong": "settled",
+    "named": "settled",
+    "one of this set": "between",
+    "named, but something is left": "open",
+    "unexplained": "open",
+    "imaging-limited": "between",
+    "numerics": "between",
+}
+"""How a verdict is coloured: settled, to be settled, or open."""
+
 INDEXED = re.compile("([χγU]|λ[⁺⁻])_([FYZf])")  # symbols with an index, as they stand in texts
 
 WIDTH = 9.6  # in; shown at about 100 pixels per inch, so that 10 pt reads as on the page
