@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import re
 import subprocess
@@ -19,7 +18,7 @@ from driver.batch.command import batch
 from driver.batch.progress import State
 from driver.common.errors import InputError
 from solver_adapters.kernels import PACKAGES
-from tests.driver.batch.cases import write_small_case
+from tests.driver.batch.cases import rows, write_small_case
 
 ADDRESS = re.compile(r"Scheduler at:\s+(tcp://\S+)")
 
@@ -59,11 +58,6 @@ def cluster(folder: Path, workers: int) -> Iterator[tuple[str, list[subprocess.P
             for k in range(workers)
         ]
         yield found[1], each
-
-
-def rows(file: Path) -> dict[str, dict[str, str]]:
-    with (file.with_suffix(".batch") / "summary.csv").open(encoding="utf-8") as table:
-        return {row["case"]: row for row in csv.DictReader(table)}
 
 
 @pytest.mark.slow
