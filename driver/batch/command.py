@@ -31,8 +31,8 @@ Watch = Callable[[Sequence[State], int], None]
 """Is shown the states of all jobs, and how many run at a time."""
 _EVERY = 1.0  # s between two looks at the logs
 _LOST = (
-    "lost with {} workers that were at work on it one after the other, most likely for want of "
-    "memory or of time; run again to go on"
+    "lost with each worker that was at work on it, {} in all, most likely for want of memory or of "
+    "time; run again to go on"
 )
 
 

@@ -90,6 +90,7 @@ def of_queue(queue: Queue, most: int, cores: int, memory: float, file: Path) -> 
         dask.config.set({"distributed.scheduler.worker-saturation": 1.0}),
         made(
             job_cls=_counted(made.job_cls, refused),
+            silence_logs="critical",  # what matters is told in a sentence
             # Who may speak to a scheduler makes it compute anything.
             security=True,
             shared_temp_directory=str(folder),

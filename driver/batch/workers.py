@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -64,13 +64,15 @@ def of_scheduler(address: str, file: Path) -> Iterator[Workers]:
     except ImportError:
         expected = '`pip install "prismid[cluster]"` before'
         raise InputError(sentence(file, key, f'"{address}" without Dask', expected)) from None
-    connect: Any = distributed.Client  # it has no types
-    try:
-        client = connect(address, timeout=_PATIENCE, set_as_default=False)
-    except (OSError, ValueError) as error:
-        expected = "the address of a Dask scheduler that answers"
-        raise InputError(sentence(file, key, f'"{address}" ({error})', expected)) from None
-    with client:
+    library: Any = distributed  # it has no types
+    # Of a scheduler that is lost it tells pages.
+    with library.utils.silence_logging_cmgr("critical"), ExitStack() as closing:
+        try:
+            client = library.Client(address, timeout=_PATIENCE, set_as_default=False)
+        except (OSError, ValueError) as error:
+            expected = "the address of a Dask scheduler that answers"
+            raise InputError(sentence(file, key, f'"{address}" ({error})', expected)) from None
+        closing.enter_context(client)
         try:
             client.wait_for_workers(1, timeout=_PATIENCE)
         except TimeoutError:

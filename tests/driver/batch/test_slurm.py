@@ -7,10 +7,8 @@ import re
 import signal
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import psutil
@@ -18,6 +16,7 @@ import pytest
 
 from solver_adapters.kernels import PACKAGES
 from tests.driver.batch.cases import rows, write_small_case
+from tests.driver.batch.seen_calls import SeenCalls
 from tests.support.slurm import missing, slurm
 
 pytestmark = [
@@ -73,66 +72,25 @@ def queued(variables: Mapping[str, str]) -> list[str]:
     return told.stdout.splitlines()
 
 
-class Calls:
-    """Calls of prismid that workers make for the cases of a campaign, seen as they come.
-
-    Args:
-        file: of the campaign.
-        act: what is done to the first one, with the number of the job of Slurm that it is in.
-    """
-
-    def __init__(self, file: Path, act: Callable[[psutil.Process, str], None]) -> None:
-        self.jobs: dict[str, list[str]] = {}  # numbers of jobs, by folder of the case
-        self.living: list[psutil.Process] = []
-        self._file, self._act, self._over = file, act, threading.Event()
-        self._thread = threading.Thread(target=self._look)
-
-    def __enter__(self) -> Calls:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._over.set()
-        self._thread.join()
-
-    def _look(self) -> None:
-        while not self._over.wait(0.02):
-            for process in psutil.process_iter():
-                with suppress(psutil.Error):
-                    self._see(process)
-
-    def _see(self, process: psutil.Process) -> None:
-        call = process.cmdline()
-        if process in self.living or "--end-with-input" not in call:
-            return
-        place = next(
-            (Path(word) for word in call if word.startswith(f"{self._file.parent}/")), None
-        )
-        if place is not None:
-            job = process.environ().get("SLURM_JOB_ID", "none")
-            self.living.append(process)
-            self.jobs.setdefault(place.parent.name, []).append(job)
-            if len(self.living) == 1:
-                self._act(process, job)
-
-
 def test_cases_run_in_jobs_of_slurm_and_one_whose_job_is_cancelled_is_done_in_another(
     file: Path, variables: dict[str, str]
 ) -> None:
-    def cancel(process: psutil.Process, job: str) -> None:
-        process.suspend()  # it is in the middle of its work until Slurm ends it
-        subprocess.run(["scancel", job], env=variables, check=True)
+    def cancel(process: psutil.Process, before: int) -> None:
+        if not before:
+            process.suspend()  # it is in the middle of its work until Slurm ends it
+            job = process.environ()["SLURM_JOB_ID"]
+            subprocess.run(["scancel", job], env=variables, check=True)
 
-    with Calls(file, cancel) as calls:
+    with SeenCalls(file, cancel) as calls:
         run = command(file, variables)
-        said, complaints = run.communicate(timeout=120)
+        said, complaints = run.communicate(timeout=300)
     assert (complaints, run.returncode) == ("", 0), said
     assert "3 cases, 3 at a time on 3 core(s) on workers of slurm" in said
-    assert len(calls.jobs) == 3 and {row["status"] for row in rows(file).values()} == {"done"}
-    (again,) = (jobs for jobs in calls.jobs.values() if len(jobs) > 1)
+    assert len(calls.of_case) == 3 and {row["status"] for row in rows(file).values()} == {"done"}
+    (again,) = (jobs for jobs in calls.of_case.values() if len(jobs) > 1)
     assert len(again) == len(set(again)) == 2
-    assert all(job.isdecimal() for jobs in calls.jobs.values() for job in jobs)
-    assert not queued(variables) and not any(process.is_running() for process in calls.living)
+    assert all(job.isdecimal() for jobs in calls.of_case.values() for job in jobs)
+    assert not queued(variables) and not any(process.is_running() for process in calls.all)
     left = {path.suffix for path in (file.with_suffix(".batch") / "workers").iterdir()}
     assert left == {".out", ".err"}  # no keys of the scheduler
 
@@ -142,7 +100,7 @@ def test_ctrl_c_takes_back_all_jobs_those_that_wait_too(
 ) -> None:
     run: list[subprocess.Popen[str]] = []
 
-    def stop(process: psutil.Process, job: str) -> None:
+    def stop(process: psutil.Process, before: int) -> None:
         process.suspend()
         # One job has the whole node; the others wait.
         while len(queued(variables)) < 3:
@@ -151,23 +109,23 @@ def test_ctrl_c_takes_back_all_jobs_those_that_wait_too(
         os.killpg(run[0].pid, signal.SIGINT)
 
     file.write_text(STUDY + 'job_extra_directives = ["--exclusive"]\n', encoding="utf-8")
-    with Calls(file, stop) as calls:
+    with SeenCalls(file, stop) as calls:
         run.append(command(file, variables))
-        _, complaints = run[0].communicate(timeout=60)
+        _, complaints = run[0].communicate(timeout=300)
     assert run[0].returncode == 130
     assert complaints == "prismid: stopped; finished stages are kept, run again to go on\n"
     late = time.monotonic() + 30.0
     while queued(variables) and time.monotonic() < late:
         time.sleep(0.1)
     assert not queued(variables)
-    _, living = psutil.wait_procs(calls.living, timeout=30.0)
+    _, living = psutil.wait_procs(calls.all, timeout=30.0)
     assert not living
 
 
 def test_what_slurm_refuses_is_told_in_its_words(file: Path, variables: dict[str, str]) -> None:
     file.write_text(STUDY + 'queue = "nowhere"\n', encoding="utf-8")
     run = command(file, variables)
-    _, complaints = run.communicate(timeout=60)
+    _, complaints = run.communicate(timeout=300)
     assert run.returncode == 1 and not queued(variables)
     assert complaints == (
         f"prismid: {file}: cluster: found “sbatch: error: invalid partition specified: nowhere; "
@@ -184,7 +142,7 @@ def test_jobs_that_bring_no_worker_are_told(file: Path, variables: dict[str, str
         "from driver.cli import app; app()"
     )
     run = command(file, variables, ("-c", soon))
-    _, complaints = run.communicate(timeout=60)
+    _, complaints = run.communicate(timeout=300)
     assert run.returncode == 1 and not queued(variables)
     said = r"cluster: found jobs \d+, \d+, \d+ that have begun and brought no worker \(what they"
     assert re.match(rf"prismid: {re.escape(str(file))}: {said} said is in .*workers", complaints)
