@@ -329,7 +329,7 @@ def _states() -> Iterator[Callable[[Sequence[State], int], None]]:
         at_work = [f"{s.job.name} {s.stage}".rstrip() for s in states if s.status == "running"]
         waiting = sum(s.status == "waiting" for s in states)
         left = duration(remaining(states, most))
-        tell(f"at work: {', '.join(at_work)}; {waiting} waiting; about {left} left")
+        tell(f"at work: {', '.join(at_work) or 'none'}; {waiting} waiting; about {left} left")
 
     with progress_to(show):
         yield watch

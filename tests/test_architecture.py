@@ -75,9 +75,10 @@ WRITTEN = (
     ".txt", ".lock", ".partial", ".edited",
 )  # fmt: skip
 FOLDERS = ("results", "jobs", "extended_decks")
-# These name no result: the case file, its schema and usual inputs, formats of images that are read,
-# and a file that is not whole yet.
+# These name no result: the case file, its schema and usual inputs, the user's queue systems,
+# formats of images that are read, and a file that is not whole yet.
 NAME_NO_RESULT = (
+    "driver.batch.queues",
     "driver.case.loading",
     "driver.case.model",
     "driver.common.atomic_write",

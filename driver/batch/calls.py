@@ -22,8 +22,10 @@ _SELDOM, _STALE = 10.0, 300.0  # s between two looks how old the token is, and h
 _STOPPED = 130  # exit code after a signal
 _TOLD = "prismid: "  # what a line begins with that tells why a call failed
 _KILLED = (
-    "ended by the system with {}, most likely for want of memory; expected a smaller execution.jobs"
+    "ended by the system with {}, most likely for want of memory; expected a smaller "
+    "execution.jobs, or a larger cluster.memory_GB"
 )
+_ENDED_BY_SIGNAL = "stopped from outside; run again to go on"
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,23 @@ def carry_out(job: Job, threads: int, token: Path) -> Outcome:
         return Outcome("done", "", monotonic() - start)
 
 
+def carry_out_on_worker(job: Job, threads: int, token: Path) -> Outcome:
+    """Carry out a job on a worker of Dask, which gives it back where its call was stopped.
+
+    A queue system ends the processes of a job all at once, in no order: the worker may well live to
+    tell that the case has failed.
+
+    Raises:
+        distributed.Reschedule: the job is for another worker.
+    """
+    from distributed import Reschedule
+
+    outcome = carry_out(job, threads, token)
+    if outcome.why == _ENDED_BY_SIGNAL:
+        raise Reschedule
+    return outcome
+
+
 def _calls_left(job: Job) -> Sequence[Sequence[str]]:
     """Return the calls of a job; an experiment is made once, from nothing if it was cut off."""
     if job.made is None:
@@ -150,7 +169,7 @@ def _reason(log: Path, code: int) -> str:
     if code < 0:
         return _KILLED.format(Signals(-code).name)
     if code == _STOPPED:
-        return "stopped from outside; run again to go on"
+        return _ENDED_BY_SIGNAL
     lines = log.read_text("utf-8", errors="replace").splitlines()
     told = [line.removeprefix(_TOLD) for line in lines if line.startswith(_TOLD)]
     return "\n".join(told) or f"exit code {code}: {lines[-1] if lines else 'without a word'}"

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from driver.batch.queues import Cluster
 from driver.case.messages import refusal
 from driver.case.toml import read_tables, read_toml
 from driver.case.values import Count, FileName, Positive, Table
@@ -83,6 +84,19 @@ class Campaign(Table):
     study: tuple[Study, ...] = Field(default=(), description="tables [[study]]")
     trial: tuple[Trial, ...] = Field(default=(), description="tables [[trial]]")
     execution: Use = Use()
+    cluster: Cluster | None = Field(
+        default=None,
+        description="a table, the queue system whose jobs carry out the cases",
+    )
+
+    @model_validator(mode="after")
+    def _one_place_to_run(self) -> Self:
+        if self.cluster is not None:
+            for key in ("scheduler", "memory_GB"):
+                if getattr(self.execution, key) is not None:
+                    expected = "no such key beside [cluster], which says where the cases run"
+                    raise refusal(expected, f"execution.{key}")
+        return self
 
     @model_validator(mode="after")
     def _something_to_run(self) -> Self:

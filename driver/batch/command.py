@@ -11,12 +11,14 @@ from pathlib import Path
 from time import time
 from uuid import uuid4
 
-from driver.batch.calls import Outcome, carry_out
+from driver.batch.calls import Outcome
 from driver.batch.campaign import Campaign, read_campaign
 from driver.batch.jobs import Job, jobs_of, most_at_a_time, write_files
 from driver.batch.progress import State, at_work, remaining
+from driver.batch.queue_workers import of_queue, refuse_unusable
+from driver.batch.queues import Queue, queue_of
 from driver.batch.summary import write_summary
-from driver.batch.workers import Workers, of_cluster, of_this_machine
+from driver.batch.workers import Workers, of_scheduler, of_this_machine
 from driver.common import machine
 from driver.common.errors import InputError, sentence, why
 from driver.common.formatting import cost_told, duration
@@ -28,6 +30,10 @@ logger = logging.getLogger(__name__)
 Watch = Callable[[Sequence[State], int], None]
 """Is shown the states of all jobs, and how many run at a time."""
 _EVERY = 1.0  # s between two looks at the logs
+_LOST = (
+    "lost with each worker that was at work on it, {} in all, most likely for want of memory or of "
+    "time; run again to go on"
+)
 
 
 def batch(path: Path, watch: Watch) -> bool:
@@ -49,15 +55,15 @@ def batch(path: Path, watch: Watch) -> bool:
     # Workers have folders of their own.
     path = Path(os.path.abspath(path))
     campaign = read_campaign(path)
-    jobs = jobs_of(campaign, path)
+    jobs, queue = _planned(campaign, path)
     folder = batch_folder(path)
     make_folder(folder)
     with sole_run(folder):
         write_files(jobs)
         states = [State(job, "waiting") for job in jobs]
         try:
-            with _workers(campaign, path, jobs) as workers:
-                _foretell(jobs, campaign, workers)
+            with _workers(campaign, queue, path, jobs) as workers:
+                _foretell(jobs, campaign, queue, workers)
                 _carry_out(states, campaign, workers, path, watch)
         finally:
             # Of a campaign that is stopped, too: what is done, and what is not.
@@ -67,15 +73,47 @@ def batch(path: Path, watch: Watch) -> bool:
     return all(state.status == "done" for state in states)
 
 
+def _planned(campaign: Campaign, file: Path) -> tuple[list[Job], Queue | None]:
+    """Return the jobs of a campaign, and the queue system that it asks for.
+
+    Raises:
+        InputError: all that is wrong with them, each in a sentence.
+    """
+    jobs: list[Job] = []
+    queue: Queue | None = None
+    refused: list[str] = []
+    try:
+        jobs = jobs_of(campaign, file)
+    except InputError as error:
+        refused.append(str(error))
+    if campaign.cluster is not None:
+        try:
+            queue = queue_of(campaign.cluster, file)
+            refuse_unusable(queue, file)
+        except InputError as error:
+            refused.append(str(error))
+    if refused:
+        raise InputError("\n".join(refused))
+    return jobs, queue
+
+
 def _workers(
-    campaign: Campaign, file: Path, jobs: Sequence[Job]
+    campaign: Campaign, queue: Queue | None, file: Path, jobs: Sequence[Job]
 ) -> AbstractContextManager[Workers]:
-    if campaign.execution.scheduler is not None:
-        return of_cluster(campaign.execution.scheduler, file)
+    use = campaign.execution
+    if use.scheduler is not None:
+        return of_scheduler(use.scheduler, file)
+    if queue is not None:
+        left = sum(job.cost.seconds > 0 for job in jobs)
+        most = max(1, min(left, use.jobs or left))
+        memory = max(job.cost.memory for job in jobs)
+        return of_queue(queue, most, use.processes * use.threads, memory, file)
     return of_this_machine(most_at_a_time(jobs, campaign, machine.cores(), machine.memory()))
 
 
-def _foretell(jobs: Sequence[Job], campaign: Campaign, workers: Workers) -> None:
+def _foretell(
+    jobs: Sequence[Job], campaign: Campaign, queue: Queue | None, workers: Workers
+) -> None:
     """Tell what the campaign takes, and where that is more than there is."""
     use, at_a_time = campaign.execution, workers.at_a_time
     waiting = [State(job, "waiting") for job in jobs]
@@ -85,7 +123,13 @@ def _foretell(jobs: Sequence[Job], campaign: Campaign, workers: Workers) -> None
     cost = cost_told(remaining(waiting, at_a_time), at_a_time * largest)
     told = f"{cases}, {at_a_time} at a time on {cores} core(s) {workers.where}"
     logger.info(f"{told}: {cost} in all")
-    if use.scheduler is not None:
+    longest = max(job.cost.seconds for job in jobs)
+    if queue is not None and longest > queue.seconds:
+        logger.info(
+            f"the longest case takes {duration(longest)}, the walltime is "
+            f"{duration(queue.seconds)}: it goes on in another job after its last finished stage"
+        )
+    if workers.key != "execution":
         return
     stated = machine.memory() if use.memory_GB is None else 1e9 * use.memory_GB
     if largest > stated:
@@ -106,7 +150,7 @@ def _carry_out(
     token.touch()
     try:
         futures = {
-            workers.executor.submit(carry_out, job, threads, token): index
+            workers.executor.submit(workers.work, job, threads, token): index
             for index, job in enumerate(jobs)
         }
         left = set(futures)
@@ -114,10 +158,12 @@ def _carry_out(
             ended, left = wait(left, _EVERY, FIRST_COMPLETED)
             for future in ended:
                 index = futures[future]
-                states[index] = _ended(jobs[index], future, workers.where, file)
+                states[index] = _ended(jobs[index], future, workers, file)
             for index in (futures[future] for future in left):
                 states[index] = at_work(jobs[index], start)
             watch(states, workers.at_a_time)
+            if left:
+                workers.refuse_none()
             if not token.exists():
                 found, expected = (
                     "nothing any more: all cases are stopped",
@@ -129,7 +175,7 @@ def _carry_out(
         token.unlink(missing_ok=True)
 
 
-def _ended(job: Job, future: Future[Outcome], where: str, file: Path) -> State:
+def _ended(job: Job, future: Future[Outcome], workers: Workers, file: Path) -> State:
     """Return the state of a job that has ended, and tell it.
 
     Raises:
@@ -138,14 +184,16 @@ def _ended(job: Job, future: Future[Outcome], where: str, file: Path) -> State:
     try:
         outcome = future.result()
     except CancelledError:
-        found, expected = f"jobs {where} lost", "a scheduler that lives; run again to go on"
-        raise InputError(sentence(file, "execution.scheduler", found, expected)) from None
+        found, expected = f"jobs {workers.where} lost", "a scheduler that lives; run again to go on"
+        raise InputError(sentence(file, workers.key, found, expected)) from None
     except OSError as error:
         place = Path(error.filename or job.log)
         outcome = Outcome("failed", sentence(place, "file", why(error), "one to be written"), 0.0)
     except Exception as error:
-        # Whatever a cluster says of a worker that it has lost, or cannot use.
-        outcome = Outcome("failed", f"{type(error).__name__}: {error}", 0.0)
+        # Whatever a cluster says of a worker that it cannot use.
+        told = f"{type(error).__name__}: {error}"
+        lost = getattr(error, "allowed_failures", None)  # as Dask has it
+        outcome = Outcome("failed", told if lost is None else _LOST.format(lost + 1), 0.0)
     state = State(job, outcome.status, outcome.seconds, words=outcome.why)
     reason = f": {outcome.why}" if outcome.why else ""
     logger.info(f"{job.name}: {outcome.status} after {duration(outcome.seconds)}{reason}")

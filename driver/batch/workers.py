@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from driver.batch.calls import Outcome, carry_out, carry_out_on_worker
+from driver.batch.jobs import Job
 from driver.common.errors import InputError, sentence
 
 _PATIENCE = 10  # s, for the scheduler and its first worker
@@ -22,11 +24,17 @@ class Workers:
         executor: hands jobs out.
         at_a_time: how many it carries out side by side.
         where: in words.
+        key: of the campaign, which says where.
+        work: what they do with a job, its threads and the token.
+        refuse_none: raises InputError where none of them can come any more.
     """
 
     executor: Executor
     at_a_time: int
     where: str
+    key: str = "execution"
+    work: Callable[[Job, int, Path], Outcome] = carry_out
+    refuse_none: Callable[[], None] = lambda: None
 
 
 @contextmanager
@@ -40,7 +48,7 @@ def of_this_machine(at_a_time: int) -> Iterator[Workers]:
 
 
 @contextmanager
-def of_cluster(address: str, file: Path) -> Iterator[Workers]:
+def of_scheduler(address: str, file: Path) -> Iterator[Workers]:
     """Hand out jobs to the workers of a Dask scheduler, one for each of their threads.
 
     Args:
@@ -56,17 +64,21 @@ def of_cluster(address: str, file: Path) -> Iterator[Workers]:
     except ImportError:
         expected = '`pip install "prismid[cluster]"` before'
         raise InputError(sentence(file, key, f'"{address}" without Dask', expected)) from None
-    connect: Any = distributed.Client  # it has no types
-    try:
-        client = connect(address, timeout=_PATIENCE, set_as_default=False)
-    except (OSError, ValueError) as error:
-        expected = "the address of a Dask scheduler that answers"
-        raise InputError(sentence(file, key, f'"{address}" ({error})', expected)) from None
-    with client:
+    library: Any = distributed  # it has no types
+    # Of a scheduler that is lost it tells pages.
+    with library.utils.silence_logging_cmgr("critical"), ExitStack() as closing:
+        try:
+            client = library.Client(address, timeout=_PATIENCE, set_as_default=False)
+        except (OSError, ValueError) as error:
+            expected = "the address of a Dask scheduler that answers"
+            raise InputError(sentence(file, key, f'"{address}" ({error})', expected)) from None
+        closing.enter_context(client)
         try:
             client.wait_for_workers(1, timeout=_PATIENCE)
         except TimeoutError:
             found = f'"{address}", which has no worker'
             raise InputError(sentence(file, key, found, "one with workers")) from None
         at_a_time = sum(client.nthreads().values())
-        yield Workers(client.get_executor(pure=False), at_a_time, f"on the workers of {address}")
+        executor = client.get_executor(pure=False)
+        where = f"on the workers of {address}"
+        yield Workers(executor, at_a_time, where, key, carry_out_on_worker)

@@ -125,6 +125,11 @@ def batch_log(campaign: Path, job: str) -> Path:
     return batch_folder(campaign) / "logs" / f"{job}.log"
 
 
+def batch_workers(campaign: Path) -> Path:
+    """Return the folder of what the workers of a campaign say that a queue system has started."""
+    return batch_folder(campaign) / "workers"
+
+
 def batch_lock(campaign: Path, job: str) -> Path:
     """Return the file that is locked as long as a process of a job of a campaign lives."""
     return batch_folder(campaign) / "logs" / f"{job}.lock"

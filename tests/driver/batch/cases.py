@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
 import numpy as np
@@ -32,3 +33,9 @@ def write_small_case(folder: Path) -> Path:
     tifffile.imwrite(folder / "images.tif", nothing, photometric="minisblack")
     write_case(case, folder / "case.toml")
     return folder / "case.toml"
+
+
+def rows(file: Path) -> dict[str, dict[str, str]]:
+    """Rows of the summary of a campaign, by case."""
+    with (file.with_suffix(".batch") / "summary.csv").open(encoding="utf-8") as table:
+        return {row["case"]: row for row in csv.DictReader(table)}

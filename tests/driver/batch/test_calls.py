@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ import psutil
 import pytest
 
 from driver.batch import calls
-from driver.batch.calls import carry_out
+from driver.batch.calls import Outcome, carry_out, carry_out_on_worker
 from driver.batch.jobs import Job
 from solver_adapters.kernels import PACKAGES
 from tests.driver.batch.cases import job, write_small_case
@@ -104,29 +105,39 @@ def test_a_job_stops_where_its_token_is_gone(tmp_path: Path, token: Path) -> Non
     assert carry_out(later, 1, token).status == "stopped" and not (tmp_path / "never").exists()
 
 
-def at_work(made: Job, token: Path, act: Callable[[psutil.Process], None]) -> tuple[str, str]:
+def test_a_worker_gives_back_a_job_whose_call_was_stopped_from_outside(
+    tmp_path: Path, token: Path
+) -> None:
+    """A queue system ends call and worker at once: the case would be told as failed."""
+    distributed = pytest.importorskip("distributed", reason="of the extra cluster")
+    with pytest.raises(distributed.Reschedule):
+        at_work(long_job(tmp_path), token, lambda child: child.terminate(), carry_out_on_worker)
+    other = at_work(long_job(tmp_path / "b"), token, lambda child: child.terminate())
+    assert other == ("failed", "stopped from outside; run again to go on")
+
+
+def at_work(
+    made: Job,
+    token: Path,
+    act: Callable[[psutil.Process], None],
+    work: Callable[[Job, int, Path], Outcome] = carry_out,
+) -> tuple[str, str]:
     """How a job ends to whose process something happens in the middle of its work."""
-    ended: list[tuple[str, str]] = []
-
-    def work() -> None:
-        outcome = carry_out(made, 1, token)
-        ended.append((outcome.status, outcome.why))
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    while not (made.log.is_file() and "truth on a mesh" in made.log.read_text("utf-8")):
-        time.sleep(0.05)
-    (child,) = (p for p in psutil.Process().children() if "--end-with-input" in p.cmdline())
-    act(child)
-    thread.join(timeout=30.0)
-    assert not thread.is_alive() and not child.is_running()
-    return ended[0]
+    with ThreadPoolExecutor(1) as thread:
+        ended = thread.submit(work, made, 1, token)
+        while not (made.log.is_file() and "truth on a mesh" in made.log.read_text("utf-8")):
+            time.sleep(0.05)
+        (child,) = (p for p in psutil.Process().children() if "--end-with-input" in p.cmdline())
+        act(child)
+        outcome = ended.result(timeout=30.0)
+    assert not child.is_running()
+    return outcome.status, outcome.why
 
 
 SCRIPT = """
 import sys
 from pathlib import Path
-from driver.batch.calls import carry_out
+from driver.batch.calls import Outcome, carry_out, carry_out_on_worker
 from tests.driver.batch.test_calls import long_job
 carry_out(long_job(Path(sys.argv[1])), 1, Path(sys.argv[2]))
 """

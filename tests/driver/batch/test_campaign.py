@@ -7,12 +7,13 @@ from pathlib import Path
 import pytest
 
 from driver.batch.campaign import Campaign, Study, Trial, Use, read_campaign
+from driver.batch.queues import REQUIRED, Cluster
 from driver.case.values import Table
 from driver.common.errors import InputError
 
 DOCS = Path(__file__).resolve().parents[3] / "docs" / "batch.md"
 TABLES: dict[str, type[Table]] = {
-    "—": Campaign, "study": Study, "trial": Trial, "execution": Use,
+    "—": Campaign, "study": Study, "trial": Trial, "execution": Use, "cluster": Cluster,
 }  # fmt: skip
 
 
@@ -36,6 +37,30 @@ def test_what_is_not_stated_has_its_default(tmp_path: Path) -> None:
         (
             'cases = ["a"]\n[execution]\njobs = 2\nscheduler = "tcp://a:1"',
             "execution.jobs: found 2, expected no such key beside scheduler",
+        ),
+        (
+            'cases = ["a"]\n[execution]\nscheduler = "tcp://a:1"\n[cluster]',
+            'execution.scheduler: found "tcp://a:1", expected no such key beside [cluster]',
+        ),
+        (
+            'cases = ["a"]\n[cluster]\nsystem = "sge"',
+            'cluster.system: found "sge", expected "slurm", "pbs" or "lsf"',
+        ),
+        (
+            'cases = ["a"]\n[cluster]\nwalltime = "24:00"',
+            'cluster.walltime: found "24:00", expected hours:minutes:seconds in quotes',
+        ),
+        (
+            'cases = ["a"]\n[cluster]\nqueue = "short; rm"',
+            'cluster.queue: found "short; rm", expected a word in quotes, the queue',
+        ),
+        (
+            'cases = ["a"]\n[cluster]\njob_extra_directives = ["a\\nb"]',
+            'cluster.job_extra_directives: found ["a\\nb"], expected a list of further directives',
+        ),
+        (
+            'cases = ["a"]\n[cluster]\npartition = "short"',
+            'cluster.partition: found an unknown key with the value "short", expected one of',
         ),
         ('[[study]]\ncase = "a"', "study.1.values: found nothing, expected lists of values by key"),
         ('[[study]]\ncase = "a"\nvalues.x = []', "study.1.values.x: found []"),
@@ -68,7 +93,7 @@ def test_every_key_is_documented_with_its_default() -> None:
         for key, field in model.model_fields.items():
             if key in TABLES:
                 continue
-            if field.is_required():
+            if field.is_required() or (model is Cluster and key in REQUIRED):
                 expected[table, key] = "required"
             else:
                 default = field.default

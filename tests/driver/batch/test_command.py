@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import shutil
 import signal
@@ -21,7 +20,7 @@ from driver.cli import app
 from driver.common.errors import InputError
 from driver.workflow.run_lock import sole_run
 from solver_adapters.kernels import PACKAGES
-from tests.driver.batch.cases import write_small_case
+from tests.driver.batch.cases import rows, write_small_case
 
 CAMPAIGN = """
 cases = ["*/case.toml"]
@@ -40,11 +39,6 @@ def file(tmp_path: Path) -> Path:
     made = tmp_path / "campaign.toml"
     made.write_text(CAMPAIGN)
     return made
-
-
-def rows(file: Path) -> dict[str, dict[str, str]]:
-    with (file.with_suffix(".batch") / "summary.csv").open(encoding="utf-8") as table:
-        return {row["case"]: row for row in csv.DictReader(table)}
 
 
 def test_a_case_that_fails_is_told_and_the_others_go_on(file: Path, lines: list[str]) -> None:

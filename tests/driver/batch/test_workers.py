@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import re
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
@@ -19,17 +19,20 @@ from driver.batch.command import batch
 from driver.batch.progress import State
 from driver.common.errors import InputError
 from solver_adapters.kernels import PACKAGES
-from tests.driver.batch.cases import write_small_case
+from tests.driver.batch.cases import rows, write_small_case
+from tests.driver.batch.seen_calls import SeenCalls
 
 ADDRESS = re.compile(r"Scheduler at:\s+(tcp://\S+)")
 
 
 @contextmanager
-def process(*arguments: str, log: Path) -> Iterator[subprocess.Popen[bytes]]:
+def process(
+    *arguments: str, log: Path, settings: Mapping[str, str]
+) -> Iterator[subprocess.Popen[bytes]]:
     with log.open("wb") as file:
         made = subprocess.Popen(
             [sys.executable, "-m", "distributed.cli." + arguments[0], *arguments[1:]],
-            env=os.environ | {"PYTHONPATH": str(PACKAGES)},
+            env={**os.environ, "PYTHONPATH": str(PACKAGES), **settings},
             stdout=file,
             stderr=file,
         )
@@ -40,13 +43,23 @@ def process(*arguments: str, log: Path) -> Iterator[subprocess.Popen[bytes]]:
             made.wait()
 
 
+@dataclass(frozen=True)
+class Cluster:
+    """A scheduler, its address, and its workers of one thread each."""
+
+    address: str
+    scheduler: subprocess.Popen[bytes]
+    workers: Sequence[subprocess.Popen[bytes]]
+
+
 @contextmanager
-def cluster(folder: Path, workers: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """Address of a scheduler, and its workers of one thread each."""
+def cluster(
+    folder: Path, workers: int, port: int = 0, settings: Mapping[str, str] | None = None
+) -> Iterator[Cluster]:
     with ExitStack() as stack:
         log = folder / "scheduler.log"
-        start = ("dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
-        scheduler = stack.enter_context(process(*start, log=log))
+        start = ("dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
+        scheduler = stack.enter_context(process(*start, log=log, settings=settings or {}))
         while not (found := ADDRESS.search(log.read_text("utf-8"))):
             assert scheduler.poll() is None, log.read_text("utf-8")
             time.sleep(0.1)
@@ -55,15 +68,10 @@ def cluster(folder: Path, workers: int) -> Iterator[tuple[str, list[subprocess.P
             "--local-directory", str(folder / "dask"),
         )  # fmt: skip
         each = [
-            stack.enter_context(process(*own, log=folder / f"worker_{k}.log"))
+            stack.enter_context(process(*own, log=folder / f"worker_{k}.log", settings={}))
             for k in range(workers)
         ]
-        yield found[1], each
-
-
-def rows(file: Path) -> dict[str, dict[str, str]]:
-    with (file.with_suffix(".batch") / "summary.csv").open(encoding="utf-8") as table:
-        return {row["case"]: row for row in csv.DictReader(table)}
+        yield Cluster(found[1], scheduler, each)
 
 
 @pytest.mark.slow
@@ -77,23 +85,98 @@ def test_jobs_are_carried_out_by_the_workers_and_one_that_is_killed_loses_none(
     )
     file = tmp_path / "campaign.toml"
     killed: list[int] = []
-    with cluster(tmp_path, 2) as (address, workers):
+    with cluster(tmp_path, 2) as made:
         file.write_text(
             'until = "mesh"\n[[trial]]\ncase = "good/case.toml"\nsettings = "s.toml"\n'
-            f'seeds = [1, 2, 3]\n[execution]\nscheduler = "{address}"\n'
+            f'seeds = [1, 2, 3]\n[execution]\nscheduler = "{made.address}"\n'
         )
 
         def watch(states: Sequence[State], at_a_time: int) -> None:
             busy = [s for s in states if s.status == "running" and "truth" in s.words]
             if busy and not killed:
-                victim = next(w for w in workers if psutil.Process(w.pid).children())
+                victim = next(w for w in made.workers if psutil.Process(w.pid).children())
                 killed.append(victim.pid)
                 victim.kill()
 
         assert batch(file, watch)
-        assert killed and sum(w.poll() is None for w in workers) == 1
-    assert f"3 cases, 2 at a time on 2 core(s) on the workers of {address}" in lines[0]
+        assert killed and sum(w.poll() is None for w in made.workers) == 1
+    assert f"3 cases, 2 at a time on 2 core(s) on the workers of {made.address}" in lines[0]
     assert {row["status"] for row in rows(file).values()} == {"done"} and len(rows(file)) == 3
+
+
+@pytest.mark.slow
+def test_a_case_that_has_lost_all_its_workers_is_told_with_what_helps(
+    tmp_path: Path,
+) -> None:
+    """As one that needs more memory than a worker has: it would take them all down."""
+    write_small_case(tmp_path / "good")
+    file = tmp_path / "campaign.toml"
+    once = {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
+    with cluster(tmp_path, 1, settings=once) as made:
+        file.write_text(
+            f'cases = ["good"]\nuntil = "mesh"\n[execution]\nscheduler = "{made.address}"\n'
+        )
+        with SeenCalls(file, lambda process, before: made.workers[0].kill()):
+            assert not batch(file, lambda states, at_a_time: None)
+    assert rows(file)["good"]["why"] == (
+        "lost with each worker that was at work on it, 1 in all, most likely for want of memory or "
+        "of time; run again to go on"
+    )
+
+
+def run(file: Path, told: Path) -> tuple[int, str]:
+    """Exit code of the command, and what it says on standard error; the rest goes to a file."""
+    with told.open("w", encoding="utf-8") as log:
+        ended = subprocess.run(
+            [sys.executable, "-u", "-m", "driver.cli", "batch", str(file)],
+            env=os.environ | {"PYTHONPATH": str(PACKAGES)},
+            stdout=log,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=300,
+        )
+    return ended.returncode, ended.stderr
+
+
+@pytest.mark.slow
+def test_where_the_scheduler_dies_the_command_says_so_and_goes_on_with_another_one(
+    tmp_path: Path,
+) -> None:
+    write_small_case(tmp_path / "good")
+    file, told = tmp_path / "campaign.toml", tmp_path / "told.txt"
+    with cluster(tmp_path, 1) as made:
+        file.write_text(
+            'until = "mesh"\n[[study]]\ncase = "good/case.toml"\n'
+            'values."specimen.length_um" = [9.0, 10.0, 11.0]\n'
+            f'[execution]\nscheduler = "{made.address}"\n'
+        )
+
+        def end(process: psutil.Process, before: int) -> None:
+            if before == 1:
+                process.suspend()  # it is in the middle of its work
+                while "done after" not in told.read_text("utf-8"):
+                    time.sleep(0.05)
+                made.scheduler.kill()
+
+        with SeenCalls(file, end) as calls:
+            code, complaints = run(file, told)
+        for process in calls.all:
+            if process.is_running():
+                process.resume()
+    assert code == 1
+    assert complaints == (
+        f"prismid: {file}: execution.scheduler: found jobs on the workers of {made.address} lost, "
+        "expected a scheduler that lives; run again to go on\n"
+    )
+    first, second = calls.of_case
+    states = {name: row["status"] for name, row in rows(file).items()}
+    assert sorted(states.values()) == ["done", "stopped", "waiting"] and states[first] == "done"
+    mesh = file.with_suffix(".batch") / first / "results" / "mesh.med"
+    whole = mesh.stat().st_mtime_ns
+    with cluster(tmp_path, 1, port=int(made.address.rpartition(":")[2])):
+        assert run(file, told) == (0, "")
+    assert {row["status"] for row in rows(file).values()} == {"done"}
+    assert mesh.stat().st_mtime_ns == whole
 
 
 def test_a_scheduler_that_is_gone_is_told_and_nothing_is_lost(tmp_path: Path) -> None:

@@ -1,0 +1,97 @@
+"""What queue systems are asked for; tests/driver/batch/test_slurm.py asks a real one."""
+
+from __future__ import annotations
+
+import re
+import signal
+import sys
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+from driver.batch.command import batch
+from driver.batch.queue_workers import cluster_of, of_job, refuse_unusable
+from driver.batch.queues import Queue
+from driver.common.errors import InputError
+from tests.driver.batch.cases import write_small_case
+
+SCRIPTS = {
+    "slurm": [
+        "#SBATCH -p short", "#SBATCH -A steel", "#SBATCH --cpus-per-task=4", "#SBATCH --mem=3G",
+        "#SBATCH -t 01:02:03", "#SBATCH --qos=x",
+    ],
+    "pbs": [
+        "#PBS -q short", "#PBS -A steel", "#PBS -l select=1:ncpus=4:mem=2385MB",
+        "#PBS -l walltime=01:02:03", "#PBS --qos=x",
+    ],
+    "lsf": [
+        "#BSUB -q short", '#BSUB -P "steel"', "#BSUB -n 4", '#BSUB -R "span[hosts=1]"',
+        "#BSUB -M 2500000", "#BSUB -W 01:03", "#BSUB --qos=x",
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("system", ["slurm", "pbs", "lsf"])
+def test_the_script_of_a_job_says_what_the_campaign_does(
+    tmp_path: Path, system: Literal["slurm", "pbs", "lsf"]
+) -> None:
+    pytest.importorskip("dask_jobqueue", reason="of the extra cluster")
+    queue = Queue(
+        system=system, queue="short", account="steel", walltime="01:02:03",
+        job_extra_directives=("--qos=x",), job_script_prologue=("module load calculix",),
+    )  # fmt: skip
+    kind, asked = cluster_of(queue).job_cls, of_job(queue, 4, 2e9, tmp_path)
+    script = kind("tcp://host:1", name="one", **asked).job_script().splitlines()
+    assert set(SCRIPTS[system]) < set(script)
+    *_, before, worker = script
+    assert before == "module load calculix"
+    assert worker.startswith(f"{sys.executable} -m distributed.cli.dask_worker tcp://host:1 ")
+    # One case at a time, whatever the cores; the last of two options holds.
+    assert "--no-nanny" in worker and re.findall(r"--nthreads (\d+)", worker)[-1] == "1"
+
+
+def test_the_memory_of_a_job_is_that_which_is_stated(tmp_path: Path) -> None:
+    queue = Queue(system="slurm", walltime="00:01:00", memory_GB=8.0)
+    assert of_job(queue, 1, 2e9, tmp_path)["memory"] == "8000000000B"
+
+
+def test_to_ask_for_workers_does_not_change_what_ctrl_c_does() -> None:
+    pytest.importorskip("dask_jobqueue", reason="of the extra cluster")
+    before = signal.getsignal(signal.SIGINT)
+    cluster_of(Queue(system="slurm", walltime="00:01:00"))
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_what_is_not_on_this_machine_is_told_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    queue = Queue(system="pbs", walltime="00:01:00", interface="nowhere0")
+    file = tmp_path / "two words.toml"
+    with pytest.raises(InputError) as error:
+        refuse_unusable(queue, file)
+    told = str(error.value).splitlines()
+    assert all(line.startswith(f"{file}: cluster") for line in told)
+    places = [line.removeprefix(f"{file}: ") for line in told]
+    assert places[0].startswith('cluster.system: found "pbs" without its command qsub, expected a')
+    assert places[1].startswith('cluster.system: found "pbs" without its command qdel, expected a')
+    assert places[2].startswith('cluster.interface: found "nowhere0", expected a network of this')
+    assert places[3].startswith(f"cluster: found the path {tmp_path}/two words.batch, expected one")
+
+
+def test_a_campaign_with_a_bad_case_and_no_queue_system_is_told_both_and_nothing_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    write_small_case(tmp_path / "good")
+    file = tmp_path / "campaign.toml"
+    file.write_text(
+        '[[study]]\ncase = "good/case.toml"\nvalues."specimen.length_um" = [-1.0]\n'
+        '[cluster]\nsystem = "slurm"\nwalltime = "00:10:00"\n'
+    )
+    with pytest.raises(InputError) as error:
+        batch(file, lambda states, at_a_time: None)
+    lines = str(error.value).splitlines()
+    assert "specimen.length_um: found -1.0" in lines[0] and "its command sbatch" in lines[1]
+    assert not file.with_suffix(".batch").exists()

@@ -1,0 +1,158 @@
+"""Campaigns on a real Slurm of one node: its jobs are their workers."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import psutil
+import pytest
+
+from solver_adapters.kernels import PACKAGES
+from tests.driver.batch.cases import rows, write_small_case
+from tests.driver.batch.seen_calls import SeenCalls
+from tests.support.slurm import missing, slurm
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        bool(missing()), reason=f"no {', '.join(missing())} here: Debian's slurm-wlm and munge"
+    ),
+]
+STUDY = """
+until = "mesh"
+[[study]]
+case = "good/case.toml"
+values."specimen.length_um" = [9.0, 10.0, 11.0]
+[cluster]
+system = "slurm"
+walltime = "00:10:00"
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    write_small_case(tmp_path / "good")
+    made = tmp_path / "campaign.toml"
+    made.write_text(STUDY, encoding="utf-8")
+    return made
+
+
+@pytest.fixture(scope="module")
+def variables() -> Iterator[dict[str, str]]:
+    """How the commands of Slurm are found."""
+    with slurm() as found:
+        yield {**os.environ, **found, "PYTHONPATH": str(PACKAGES)}
+
+
+def command(
+    file: Path, variables: Mapping[str, str], program: Sequence[str] = ("-m", "driver.cli")
+) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, *program, "batch", str(file)],
+        env=variables,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def queued(variables: Mapping[str, str]) -> list[str]:
+    told = subprocess.run(
+        ["squeue", "--noheader", "--format=%i %T"], env=variables, capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    return told.stdout.splitlines()
+
+
+def left(file: Path, variables: Mapping[str, str]) -> list[str]:
+    """Jobs in the queue, and workers and calls of a campaign that live: in the end none."""
+    found = ["first look"]
+    late = time.monotonic() + 60.0
+    while found and time.monotonic() < late:
+        time.sleep(0.1)
+        found = queued(variables)
+        for process in psutil.process_iter():
+            with suppress(psutil.Error):
+                found += [word for word in process.cmdline() if str(file.parent) in word]
+    return found
+
+
+def test_cases_run_in_jobs_of_slurm_and_one_whose_job_is_cancelled_is_done_in_another(
+    file: Path, variables: dict[str, str]
+) -> None:
+    def cancel(process: psutil.Process, before: int) -> None:
+        if not before:
+            process.suspend()  # it is in the middle of its work until Slurm ends it
+            job = process.environ()["SLURM_JOB_ID"]
+            subprocess.run(["scancel", job], env=variables, check=True)
+
+    with SeenCalls(file, cancel) as calls:
+        run = command(file, variables)
+        said, complaints = run.communicate(timeout=300)
+    assert (complaints, run.returncode) == ("", 0), said
+    assert "3 cases, 3 at a time on 3 core(s) on workers of slurm" in said
+    assert len(calls.of_case) == 3 and {row["status"] for row in rows(file).values()} == {"done"}
+    (again,) = (jobs for jobs in calls.of_case.values() if len(jobs) > 1)
+    assert len(again) == len(set(again)) == 2
+    assert all(job.isdecimal() for jobs in calls.of_case.values() for job in jobs)
+    assert left(file, variables) == []
+    kept = {path.suffix for path in (file.with_suffix(".batch") / "workers").iterdir()}
+    assert kept == {".out", ".err"}  # no keys of the scheduler
+
+
+def test_ctrl_c_takes_back_all_jobs_those_that_wait_too(
+    file: Path, variables: dict[str, str]
+) -> None:
+    run: list[subprocess.Popen[str]] = []
+
+    def stop(process: psutil.Process, before: int) -> None:
+        process.suspend()
+        # One job has the whole node; the others wait.
+        while len(queued(variables)) < 3:
+            time.sleep(0.1)
+        process.resume()
+        os.killpg(run[0].pid, signal.SIGINT)
+
+    file.write_text(STUDY + 'job_extra_directives = ["--exclusive"]\n', encoding="utf-8")
+    with SeenCalls(file, stop):
+        run.append(command(file, variables))
+        _, complaints = run[0].communicate(timeout=300)
+    assert run[0].returncode == 130
+    assert complaints == "prismid: stopped; finished stages are kept, run again to go on\n"
+    assert left(file, variables) == []
+
+
+def test_what_slurm_refuses_is_told_in_its_words(file: Path, variables: dict[str, str]) -> None:
+    file.write_text(STUDY + 'queue = "nowhere"\n', encoding="utf-8")
+    run = command(file, variables)
+    _, complaints = run.communicate(timeout=300)
+    assert run.returncode == 1 and left(file, variables) == []
+    assert complaints == (
+        f"prismid: {file}: cluster: found “sbatch: error: invalid partition specified: nowhere; "
+        "sbatch: error: Batch job submission failed: Invalid partition name specified”, expected "
+        "keys that it takes\n"
+    )
+
+
+def test_jobs_that_bring_no_worker_are_told(file: Path, variables: dict[str, str]) -> None:
+    """As where nodes do not reach the machine of the command: it waited for ever."""
+    file.write_text(STUDY + 'job_script_prologue = ["exit 1"]\n', encoding="utf-8")
+    soon = (
+        "from driver.batch import queue_workers; queue_workers._SILENT = 1.0; "
+        "from driver.cli import app; app()"
+    )
+    run = command(file, variables, ("-c", soon))
+    _, complaints = run.communicate(timeout=300)
+    assert run.returncode == 1 and left(file, variables) == []
+    said = r"cluster: found jobs \d+, \d+, \d+ that have begun and brought no worker \(what they"
+    assert re.match(rf"prismid: {re.escape(str(file))}: {said} said is in .*workers", complaints)
+    assert complaints.count("\n") == 1
