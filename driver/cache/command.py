@@ -56,8 +56,9 @@ def table_of(jobs: Sequence[StoredJob], now: float) -> Table:
         now: the time [s since 1970].
     """
     made = Table(box=None, pad_edge=False)
-    for column in ("job", "state", "size", "last used", "solver", "asked for by"):
+    for column in ("job", "state", "size", "last used", "solver"):
         made.add_column(column, no_wrap=True, justify="right" if column == "size" else "left")
+    made.add_column("asked for by", overflow="fold")
     for job in jobs:
         ago = f"{age(max(0.0, now - job.used))} ago"
         state = f"{job.state} ({job.holder})" if job.holder else job.state

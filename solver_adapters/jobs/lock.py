@@ -12,10 +12,12 @@ its job all the same: the first folder that gets the name of the job stays (`fol
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryFile
 
 import psutil
 from filelock import LeaseSettingsMismatch, SoftFileLease, Timeout
@@ -73,7 +75,7 @@ def at_rest(folder: Path) -> Iterator[bool]:
     """
     lease = _lease(folder)
     ours = _taken(lease)
-    if not ours and (_has_died(lease) or _silent(_path(folder))):
+    if not ours and (_has_died(lease) or _silent(_path(folder), _time_of_files(folder.parent))):
         lease.force_break()
         ours = _taken(lease)
     try:
@@ -89,7 +91,7 @@ def holder_of(folder: Path) -> str:
         folder: that of the job, named by its key.
     """
     lease = _lease(folder)
-    return "" if _silent(_path(folder)) or _has_died(lease) else _holder(lease)
+    return "" if _silent(_path(folder), time.time()) or _has_died(lease) else _holder(lease)
 
 
 def _lease(folder: Path) -> SoftFileLease:
@@ -132,7 +134,13 @@ def _state(path: Path) -> tuple[int, int] | None:
     return None
 
 
-def _silent(path: Path) -> bool:
-    """Whether there is no lock, or nobody has touched it for long, as the clocks tell."""
+def _silent(path: Path, now: float) -> bool:
+    """Whether there is no lock, or nobody has touched it for long."""
     state = _state(path)
-    return state is None or time.time() - 1e-9 * state[0] > SILENT
+    return state is None or now - 1e-9 * state[0] > SILENT
+
+
+def _time_of_files(folder: Path) -> float:
+    """Return the time by the clock of a file system, which need not be that of this machine [s]."""
+    with TemporaryFile(dir=folder) as file:
+        return os.fstat(file.fileno()).st_mtime

@@ -350,6 +350,16 @@ def test_the_same_job_at_the_same_time_is_run_once(tmp_path: Path) -> None:
     assert len(folders(tmp_path)) == 1 and runs(tmp_path) == 1
 
 
+def test_a_job_that_failed_in_one_process_is_run_by_the_one_that_has_waited(
+    tmp_path: Path,
+) -> None:
+    do = "import time; time.sleep(0.5); open('../runs', 'a').write('x'); sys.exit(3)"
+    with ThreadPoolExecutor(2) as pool:
+        answers = [pool.submit(bar(do).solve, SIMULATION, tmp_path) for _ in range(2)]
+    assert all(isinstance(answer.exception(), JobError) for answer in answers)
+    assert (tmp_path / "runs").read_text() == "xx"
+
+
 @pytest.mark.parametrize(
     "error",
     [

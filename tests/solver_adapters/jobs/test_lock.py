@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -166,3 +167,12 @@ def test_a_lock_that_nobody_has_touched_for_an_hour_is_no_holder_at_a_look(
         with at_rest(tmp_path / "key") as ours:
             assert ours
     assert not (tmp_path / "key.lock").exists()
+
+
+def test_a_clock_that_is_ahead_of_that_of_the_files_frees_no_job(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = time.time()
+    monkeypatch.setattr(time, "time", lambda: now + 1e6)
+    with held(tmp_path / "key", "node7"), at_rest(tmp_path / "key") as ours:
+        assert holder_of(tmp_path / "key") == "" and not ours
