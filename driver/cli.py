@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, time
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -27,15 +27,18 @@ from driver.case.model import (
 )
 from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError, sentence, why
-from driver.common.formatting import duration
+from driver.common.formatting import byte_size, duration
 from driver.common.progress import progress_to, seldom
 from driver.results.files import EXPORT, RESULTS
 from meshes.system_libraries import SystemLibraryError
 from solver_adapters.interface import PreparedError, SolverError
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from driver.batch.progress import State
 
+_WIDEST = 1000  # columns
 _MARKS = {"ok": "ok     ", "warning": "WARNING", "error": "ERROR  "}
 
 app = typer.Typer(
@@ -43,6 +46,10 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+
+cache = typer.Typer(no_args_is_help=True)
+app.add_typer(cache, name="cache", help="Look after the store of a solver's jobs.")
 
 
 def _path(text: str) -> Path:
@@ -54,6 +61,14 @@ def _path(text: str) -> Path:
 
 CaseArgument = Annotated[
     Path, typer.Argument(metavar="CASE", parser=_path, help="case.toml or its folder")
+]
+
+
+StoreArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="FOLDER", parser=_path, help="folder of the jobs, case.toml or its folder"
+    ),
 ]
 
 
@@ -143,6 +158,12 @@ def run(
     threads: Annotated[
         int | None, typer.Option(min=1, help="threads of each process, default as in the case")
     ] = None,
+    store: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", parser=_path, help="of the solver's jobs, default as in the case"
+        ),
+    ] = None,
 ) -> None:
     """Run the stages of one CASE or many; what is done and unchanged is not done again."""
     from driver.workflow import pipeline
@@ -153,7 +174,9 @@ def run(
         try:
             prefix = f"{case}: " if len(cases) > 1 else ""
             with _told_in_one_line(prefix), _progress(prefix):
-                pipeline.run(_case_file(case), until, force, prepare_only, processes, threads)
+                pipeline.run(
+                    _case_file(case), until, force, prepare_only, processes, threads, store
+                )
         except PreparedError as prepared:
             typer.echo(f"{case}: {prepared}")
         except typer.Exit:
@@ -269,6 +292,67 @@ def design(
 
     with _told_in_one_line(), _progress():
         foresee(_case_file(case), settings, change or (), usual)
+
+
+@cache.command("list")
+def cache_list(where: StoreArgument = Path()) -> None:
+    """Show the jobs of a store: solver, state, size, last use, and the case that asked for it."""
+    from driver.cache.command import jobs_at, table_of, total_of
+
+    with _told_in_one_line():
+        store, jobs = jobs_at(where)
+        if jobs:
+            _show_table(table_of(jobs, time()))
+        typer.echo(total_of(store, jobs))
+
+
+@cache.command("verify")
+def cache_verify(where: StoreArgument = Path()) -> None:
+    """Compare the jobs of a store with their keys and checksums, and name what does not match."""
+    from driver.cache.command import jobs_at, verified, verify
+
+    with _told_in_one_line():
+        store, jobs = jobs_at(where)
+        whole, faulty = verify(jobs, typer.echo)
+        typer.echo(verified(store, whole, faulty))
+    if faulty:
+        raise typer.Exit(1)
+
+
+@cache.command("prune")
+def cache_prune(
+    where: StoreArgument = Path(),
+    failed: Annotated[
+        bool, typer.Option("--failed", help="only what is failed, unfinished or damaged")
+    ] = False,
+    older_than: Annotated[
+        float | None,
+        typer.Option(min=0.0, metavar="DAYS", help="only what was not used for so many days"),
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="do not ask")] = False,
+) -> None:
+    """Remove jobs of a store; none that somebody works on."""
+    from driver.cache.command import jobs_at, prune, pruned, table_of, to_prune
+
+    with _told_in_one_line():
+        store, jobs = jobs_at(where)
+        chosen = to_prune(jobs, failed, older_than, time())
+        if not chosen:
+            typer.echo(f"{store}: nothing to remove")
+            return
+        _show_table(table_of(chosen, time()))
+        if not yes:
+            typer.confirm(f"Remove {pruned(chosen)}?", abort=True)
+        freed = prune(chosen, typer.echo)
+        typer.echo(f"{store}: {byte_size(freed)} freed")
+
+
+def _show_table(table: Table) -> None:
+    """Show a table, as wide as it is where nobody looks at it on a terminal."""
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=_WIDEST)
+    console.print(table)
 
 
 def _case_file(case: Path) -> Path:

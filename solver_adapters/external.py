@@ -29,19 +29,25 @@ from solver_adapters.jobs.errors import JobError
 from solver_adapters.jobs.failure import PASSING, Failure, failed, limit_told, missing
 from solver_adapters.jobs.folder import (
     RESPONSE,
+    RUNNING,
     Record,
     legible,
     log_of,
+    note_use,
     put_away,
     read_record,
+    refuse_other_files,
     settle,
     write_aside,
+    write_ended,
     write_record,
 )
 from solver_adapters.jobs.identity import NoAnswerError, hash_of, told_by
-from solver_adapters.jobs.key import job_key
+from solver_adapters.jobs.key import hash_of_simulation, key_with_deck
+from solver_adapters.jobs.lock import sole_process
 from solver_adapters.jobs.prepared import (
     ELSEWHERE,
+    FROM_ELSEWHERE,
     PREPARED,
     exit_code,
     has_results,
@@ -224,12 +230,15 @@ class ExternalAdapter(ABC):
     ) -> Response:
         """Run a simulation as a job, or take its response from an earlier one.
 
+        Where another process runs the same job in the same folder its end is waited for.
+
         Args:
             simulation: what to solve.
             workspace: the folder of all jobs, each in a folder named by its key; None for one
                 that is removed.
             progress: called from time to time with the instant that the program has reached, the
-                first one where it does not tell. What it raises ends the job.
+                first one where it does not tell, or with who is waited for. What it raises ends
+                job and wait.
 
         Raises:
             UnsupportedError: a value cannot be honoured; it and who can are named.
@@ -239,21 +248,25 @@ class ExternalAdapter(ABC):
             JobError: the job brought no response; status, what its log says and remedy are in it.
         """
         files, identity = self.files(simulation), self._identity()
-        key = job_key(simulation, self.name, identity, files)
-        here = Record(self.name, key, identity, status="", files=sorted(files))
-        elsewhere = replace(
-            here, key=job_key(simulation, self.name, ELSEWHERE, files), solver=ELSEWHERE
+        here, elsewhere = (
+            self._record(simulation, files, solver) for solver in (identity, ELSEWHERE)
         )
         with _jobs_in(workspace) as jobs:
-            for job, statuses in ((here, CACHED), (elsewhere, {PREPARED, Status.DONE})):
-                known = self._known(simulation, jobs / job.key, files, statuses)
+            for job, statuses in ((here, CACHED), (elsewhere, FROM_ELSEWHERE)):
+                known = self._known(simulation, jobs / job.key, files, statuses, progress)
                 if known is not None:
                     return known
             waiting = prepared_job(jobs / elsewhere.key)
             if waiting is not None and has_results(jobs / elsewhere.key, self.results):
-                return self._collect(simulation, jobs / elsewhere.key, waiting, files)
+                with self._alone(simulation, jobs / elsewhere.key, progress):
+                    # Another process may have collected it meanwhile.
+                    known = self._mended(simulation, jobs / elsewhere.key, files, FROM_ELSEWHERE)
+                    if known is not None:
+                        return known
+                    return self._collect(simulation, jobs / elsewhere.key, waiting, files)
             if self.profile.prepare_only:
-                self._prepare(jobs, elsewhere, files, waiting)
+                with self._alone(simulation, jobs / elsewhere.key, progress):
+                    self._prepare(jobs, elsewhere, files, waiting)
                 raise PreparedError([jobs / elsewhere.key])
             program = self.program()
             if program is None:
@@ -261,8 +274,37 @@ class ExternalAdapter(ABC):
                     self.name, self.programs, self.profile,
                     "" if waiting is None else str(jobs / elsewhere.key),
                 )  # fmt: skip
-            record = replace(here, command=self.command(program))
-            return self._run(simulation, jobs, record, files, progress)
+            with self._alone(simulation, jobs / here.key, progress):
+                # Another process may have run it meanwhile.
+                known = self._mended(simulation, jobs / here.key, files, CACHED)
+                if known is not None:
+                    return known
+                record = replace(here, command=self.command(program))
+                return self._run(simulation, jobs, record, files, progress)
+
+    def _record(self, simulation: Simulation, files: Mapping[str, bytes], identity: str) -> Record:
+        """Return the record of a job that has not begun."""
+        simulated = hash_of_simulation(simulation, self.name, identity)
+        return Record(
+            self.name, key_with_deck(simulated, files), identity, status="", files=sorted(files),
+            simulation=simulated, asker=self.profile.asker,
+        )  # fmt: skip
+
+    @contextmanager
+    def _alone(
+        self,
+        simulation: Simulation,
+        folder: Path,
+        progress: Callable[[Progress], None] | None,
+    ) -> Iterator[None]:
+        """Keep all others from a job; wait where one has it."""
+
+        def waiting(holder: str) -> None:
+            if progress is not None:
+                progress(replace(_progress(simulation, -math.inf, 0.0), holder=holder))
+
+        with sole_process(folder, waiting):
+            yield
 
     def _known(
         self,
@@ -270,8 +312,40 @@ class ExternalAdapter(ABC):
         folder: Path,
         files: Mapping[str, bytes],
         statuses: Collection[str],
+        progress: Callable[[Progress], None] | None,
     ) -> Response | None:
-        """Return the response of a finished job; None where there is none, or one beyond repair.
+        """Return the response of a finished job; None where there is none, or one beyond repair."""
+        record = read_record(folder, statuses)
+        if record is None or record.status == PREPARED:
+            return None
+        try:
+            return self._whole(simulation, folder, record)
+        except ResultFileError:
+            with self._alone(simulation, folder, progress):
+                return self._mended(simulation, folder, files, statuses)
+
+    def _whole(self, simulation: Simulation, folder: Path, record: Record) -> Response:
+        """Return the response of a finished job as it is stored, and raise its error.
+
+        Raises:
+            ResultFileError: the stored response is damaged, or of another job.
+            JobError: the job brought none.
+        """
+        if record.status != Status.DONE:
+            note_use(folder)
+            raise self._failed(Failure(Status(record.status), record.detail), folder)
+        response = _stored(simulation, folder, record)
+        note_use(folder)
+        return response
+
+    def _mended(
+        self,
+        simulation: Simulation,
+        folder: Path,
+        files: Mapping[str, bytes],
+        statuses: Collection[str],
+    ) -> Response | None:
+        """Return as `_known`, for a process that has the job alone.
 
         Where the stored response is damaged, or of another job, the result files are read again.
         Where these are no better, the folder gets another name: nobody's results are removed.
@@ -279,13 +353,12 @@ class ExternalAdapter(ABC):
         record = read_record(folder, statuses)
         if record is None or record.status == PREPARED:
             return None
-        if record.status != Status.DONE:
-            raise self._failed(Failure(Status(record.status), record.detail), folder)
         try:
-            return _stored(simulation, folder)
+            return self._whole(simulation, folder, record)
         except ResultFileError as error:
             damage = str(error)
         try:
+            refuse_other_files(folder, record, record.digests.keys() - {RESPONSE})
             found = self._read_again(simulation, folder, record, files)
         except ResultFileError as error:
             found = Failure(Status.NO_RESULT, str(error))
@@ -307,6 +380,7 @@ class ExternalAdapter(ABC):
         progress: Callable[[Progress], None] | None,
     ) -> Response:
         folder = write_aside(jobs, record.key, files)
+        write_record(folder, replace(record, status=RUNNING))
         limits = Limits(self.profile.memory, self.profile.wall_time, self.profile.cpu_time)
         begun, furthest = time.monotonic(), -math.inf
 
@@ -340,9 +414,9 @@ class ExternalAdapter(ABC):
             settle(folder, jobs, record.key, Status.NO_RESULT)
             raise
         if isinstance(found, Failure):
-            write_record(folder, replace(record, status=found.status, detail=found.detail))
+            write_ended(folder, replace(record, status=found.status, detail=found.detail))
             raise self._failed(found, settle(folder, jobs, record.key, found.status))
-        write_record(folder, replace(record, status=Status.DONE))
+        write_ended(folder, replace(record, status=Status.DONE))
         settle(folder, jobs, record.key, Status.DONE)
         return found
 
@@ -389,7 +463,7 @@ class ExternalAdapter(ABC):
         found = self._outcome(simulation, folder, Ended(None, code, None, 0.0, 0.0, 0.0))
         if not isinstance(found, Failure):
             write_response(folder / RESPONSE, found, _provenance(record))
-            write_record(folder, replace(record, status=Status.DONE, code=code))
+            write_ended(folder, replace(record, status=Status.DONE, code=code))
         return found
 
     def _outcome(self, simulation: Simulation, folder: Path, ended: Ended) -> Response | Failure:
@@ -431,9 +505,10 @@ def _provenance(record: Record) -> Provenance:
     return Provenance(record.adapter, record.solver, record.key)
 
 
-def _stored(simulation: Simulation, folder: Path) -> Response:
+def _stored(simulation: Simulation, folder: Path, record: Record) -> Response:
     """Return the response that was stored in the folder of a job, if it is that of this job."""
     path = folder / RESPONSE
+    refuse_other_files(folder, record, [RESPONSE])
     key = read_provenance(path).key
     if key != folder.name:
         raise ResultFileError(f"{path}: found the response of the job {key}, expected this job's")

@@ -195,6 +195,7 @@ class Progress:
         remaining: wall-clock time to the end at the speed so far [s], NaN while it is not known.
         run: number of the run, from 1, where one answer takes several.
         runs: how many there are to be, as far as it is known.
+        holder: who runs the same simulation, where its end is waited for, in words; else "".
     """
 
     time: float
@@ -205,6 +206,7 @@ class Progress:
     remaining: float = math.nan
     run: int = 1
     runs: int = 1
+    holder: str = ""
 
 
 @dataclass(frozen=True, eq=False)

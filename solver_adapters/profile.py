@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from platformdirs import user_config_path
@@ -24,6 +24,7 @@ class Profile:
         wall_time: limit of the wall-clock time [s], or None.
         cpu_time: limit of the CPU time of all processes together [s], or None.
         prepare_only: jobs are written for another machine instead of being run.
+        asker: who asks for the jobs, for their records; no part of how a program is called.
     """
 
     command: tuple[str, ...] = ()
@@ -33,6 +34,7 @@ class Profile:
     wall_time: float | None = None
     cpu_time: float | None = None
     prepare_only: bool = False
+    asker: str = field(default="", compare=False)
 
 
 def config_path() -> Path:

@@ -15,7 +15,7 @@ PACKAGES = ("prismid", "driver", "solver_adapters", "meshes", "templates")
 # module has in the table is its room; packages that only hold rooms stand in `CORRIDORS`.
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("driver.cli", "prismid"),
-    ("driver.batch", "driver.check", "driver.export"),
+    ("driver.batch", "driver.cache", "driver.check", "driver.export"),
     ("driver.workflow",),
     ("driver.design", "driver.noise_floor"),
     ("driver.virtual",),
@@ -37,6 +37,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
         "solver_adapters.bundled",
         "solver_adapters.external",
         "solver_adapters.finite_differences",
+        "solver_adapters.job_store",
     ),
     (
         "solver_adapters.bundled.fem",

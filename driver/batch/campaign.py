@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from driver.batch.queues import Cluster
 from driver.case.messages import refusal
 from driver.case.toml import read_tables, read_toml
-from driver.case.values import Count, FileName, Positive, Table
+from driver.case.values import Count, FileName, NewFolder, Positive, Table
 from driver.common.errors import InputError, sentence
 
 Seed = Annotated[int, Field(strict=True, ge=0)]
@@ -61,10 +61,16 @@ class Use(Table):
         description="a text in quotes, the address of a Dask scheduler whose workers carry out the "
         "jobs",
     )
+    store: NewFolder | None = Field(
+        default=None,
+        description="a text in quotes, the folder of the jobs of solvers that are programs of "
+        "their own, for all cases",
+    )
 
     @model_validator(mode="after")
     def _nothing_that_a_cluster_ignores(self) -> Self:
-        of_this_machine = {k: v for k, v in self if k not in ("processes", "threads", "scheduler")}
+        of_all = ("processes", "threads", "scheduler", "store")
+        of_this_machine = {k: v for k, v in self if k not in of_all}
         for key, value in of_this_machine.items():
             if self.scheduler is not None and value is not None:
                 expected = "no such key beside scheduler: its workers are as many as were started"

@@ -13,7 +13,7 @@ from uuid import uuid4
 
 from driver.batch.calls import Outcome
 from driver.batch.campaign import Campaign, read_campaign
-from driver.batch.jobs import Job, jobs_of, most_at_a_time, write_files
+from driver.batch.jobs import Job, jobs_of, most_at_a_time, store_of, write_files
 from driver.batch.progress import State, at_work, remaining
 from driver.batch.queue_workers import of_queue, refuse_unusable
 from driver.batch.queues import Queue, queue_of
@@ -22,7 +22,14 @@ from driver.batch.workers import Workers, of_scheduler, of_this_machine
 from driver.common import machine
 from driver.common.errors import InputError, sentence, why
 from driver.common.formatting import cost_told, duration
-from driver.results.files import SUMMARY_CSV, SUMMARY_HTML, batch_folder, batch_token, make_folder
+from driver.results.files import (
+    SUMMARY_CSV,
+    SUMMARY_HTML,
+    batch_folder,
+    batch_token,
+    make_folder,
+    make_job_store,
+)
 from driver.workflow.run_lock import sole_run
 
 logger = logging.getLogger(__name__)
@@ -58,6 +65,8 @@ def batch(path: Path, watch: Watch) -> bool:
     jobs, queue = _planned(campaign, path)
     folder = batch_folder(path)
     make_folder(folder)
+    if campaign.execution.store is not None:
+        make_job_store(store_of(campaign.execution.store, path), path)
     with sole_run(folder):
         write_files(jobs)
         states = [State(job, "waiting") for job in jobs]

@@ -250,11 +250,17 @@ def _job(
     run = (
         "run", str(path), "--until", last,
         "--processes", str(use.processes), "--threads", str(use.threads),
+        *(() if use.store is None else ("--store", str(store_of(use.store, file)))),
     )  # fmt: skip
     cost = cost_of_run(case, use.processes, use.threads, n_images)
     if not before and last in stages_done(path):
         cost = replace(cost, seconds=0.0)
     return Job(name, key, path, (*before, run), last, *_files(file, name), cost)
+
+
+def store_of(store: str, file: Path) -> Path:
+    """Return the folder of the jobs of solvers that a campaign names."""
+    return Path(os.path.abspath(file.parent / store))
 
 
 def stages_done(path: Path) -> frozenset[str]:

@@ -1,4 +1,4 @@
-"""The files that a case names, under other names: a case may be written into another folder."""
+"""Files and folders that a case names, under other names: it may be written elsewhere."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _OF_DIC = ("mesh", "height_mesh")
 
 
 def with_file_names(case: Case, renamed: Callable[[str], str]) -> Case:
-    """Return the case with other names of all files that it names.
+    """Return the case with other names of all files and folders that it names.
 
     Args:
         case: the case.
@@ -31,6 +31,7 @@ def with_file_names(case: Case, renamed: Callable[[str], str]) -> Case:
     }
     causes = tuple(map(renamed, case.diagnosis.cause_files))
     profiles = _renamed_profiles(case, renamed)
+    store = {} if case.execution.store is None else {"store": renamed(case.execution.store)}
     return case.model_copy(
         update={
             "images": case.images.model_copy(update=images),
@@ -38,6 +39,7 @@ def with_file_names(case: Case, renamed: Callable[[str], str]) -> Case:
             "history": case.history.model_copy(update={"file": renamed(case.history.file)}),
             "diagnosis": case.diagnosis.model_copy(update={"cause_files": causes}),
             "solver": case.solver.model_copy(update={"profiles": profiles}),
+            "execution": case.execution.model_copy(update=store),
         }
     )
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from driver.case.values import Count, Positive, Table
+from driver.case.values import Count, NewFolder, Positive, Table
 from solver_adapters.interface import Integration
 
 
@@ -68,4 +68,9 @@ class Execution(Table):
         default=120.0,
         description="minutes of all stages up to the diagnosis, within which automatic meshes are "
         "refined",
+    )
+    store: NewFolder | None = Field(
+        default=None,
+        description="a text in quotes, the folder of the jobs of a solver that is a program of its "
+        "own; cases may share it",
     )

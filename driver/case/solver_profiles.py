@@ -81,7 +81,7 @@ def profile_of(case: Case, prepare_only: bool = False) -> Profile:
                 entries["command"] = with_files_of(folder, command)
     keys = {"memory_MB": "memory", "wall_time_s": "wall_time", "cpu_time_s": "cpu_time"}
     known = {keys.get(key, key): value for key, value in entries.items()}
-    return Profile(**known, prepare_only=prepare_only)
+    return Profile(**known, prepare_only=prepare_only, asker=os.path.abspath(case.file))
 
 
 def with_files_of(folder: Path, command: Sequence[str]) -> tuple[str, ...]:

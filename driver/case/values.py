@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from driver.case.messages import refusal
 
 Number = Annotated[float, Field(strict=True)]
 Positive = Annotated[float, Field(strict=True, gt=0)]
@@ -12,6 +14,17 @@ NonNegative = Annotated[float, Field(strict=True, ge=0)]
 Frame = Annotated[int, Field(strict=True, ge=0)]
 Count = Annotated[int, Field(strict=True, ge=1)]
 FileName = Annotated[str, Field(min_length=1)]
+
+
+def _as_it_stands(name: str) -> str:
+    """Refuse the name of a folder that a shell would have turned into another one."""
+    if name.startswith(("~", "$")):
+        raise refusal("the path itself: what stands for a folder in a shell does not here")
+    return name
+
+
+NewFolder = Annotated[str, Field(min_length=1), AfterValidator(_as_it_stands)]
+"""A folder that is made where there is none."""
 Vector = tuple[Number, Number, Number]
 
 

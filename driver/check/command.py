@@ -33,7 +33,7 @@ from driver.forward.build import (
     used_face,
 )
 from driver.results.extended_decks import rendered_decks
-from driver.results.files import CHECK_PICTURE, results_of
+from driver.results.files import CHECK_PICTURE, job_store, make_job_store, results_of
 from driver.results.mesh_sizes import sized
 from driver.workflow.cost import estimate
 from driver.workflow.refinement import told_beforehand
@@ -161,6 +161,13 @@ def _solver(case: Case, adapter: Adapter) -> Iterator[Finding]:
         # A program that is there and cannot start.
         yield Finding("error", "solver", str(error))
         return
+    if adapter.capabilities().uses_workspace and case.execution.store is not None:
+        store = job_store(case)
+        try:
+            make_job_store(store, case.file)
+            yield Finding("ok", "store", f"{store} holds the jobs of {name}")
+        except InputError as error:
+            yield Finding("error", "store", str(error))
     if version == ABSENT:
         yield Finding(
             "warning",

@@ -80,6 +80,21 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60:.1f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
 
 
+def age(seconds: float) -> str:
+    """“40 s”, “4.5 min”, “2.1 h” or “3 days”."""
+    return duration(seconds) if seconds < 172_800 else f"{seconds / 86_400:.0f} days"
+
+
+def byte_size(size: float) -> str:
+    """“812 B”, “1.25 kB”, “98.7 MB”, “12.0 GB” or “3.40 TB”, thousands of thousands."""
+    units = ("B", "kB", "MB", "GB", "TB")
+    power = 0
+    while size >= 999.5 and power < len(units) - 1:
+        size, power = size / 1000, power + 1
+    decimals = 0 if not power or size >= 99.95 else 1 if size >= 9.995 else 2
+    return f"{size:.{decimals}f} {units[power]}"
+
+
 def probability(p: float) -> str:
     """Return a probability: “0.23”, “4·10⁻⁷” or “< 10⁻⁹⁹”."""
     if p < _SMALLEST_P:

@@ -37,7 +37,7 @@ from driver.forward.cost import simulation_seconds
 from driver.identification.correction_cost import correction_seconds
 from driver.report.style import png
 from driver.results.design import write_design
-from driver.results.files import DESIGN, DESIGN_PICTURE, JOBS, make_folder, results_of
+from driver.results.files import DESIGN, DESIGN_PICTURE, job_store, make_folder, results_of
 from driver.results.mesh_sizes import sized_case
 from driver.virtual.truth import stage_program
 from solver_adapters.interface import SolverError
@@ -79,7 +79,7 @@ def design(
     if settings.test.repeats is not None:
         surface = replace(surface, images=surface.with_noise(1.0, settings.test.repeats))
     results = results_of(case)
-    base = Plan(base_variant(case, settings), history, surface, settings, results / JOBS)
+    base = Plan(base_variant(case, settings), history, surface, settings, job_store(case))
     asked = variants(
         base.variant,
         usual_changes(case, settings.test, surface.images.n_reference) if usual else {},

@@ -18,7 +18,6 @@ from driver.forward.build import capabilities_of
 from driver.parameters.boundary import elongation_names, tilt_names
 from driver.results.files import (
     IMAGES_CSV,
-    JOBS,
     KNOTS_CSV,
     LOADS_CSV,
     MESH_VTU,
@@ -26,6 +25,7 @@ from driver.results.files import (
     README,
     STAGES,
     SURFACE_SERIES,
+    job_store,
     results_of,
 )
 from driver.results.hdf5 import write_csv
@@ -101,7 +101,7 @@ def export_case(
             # Told before the simulations, which take their time.
             _refuse_foreign(folder, _volume_names(results, med))
             workspace = capabilities_of(case).uses_workspace
-            jobs = results_of(case) / JOBS if workspace else None
+            jobs = job_store(case) if workspace else None
             volume = _write_volume(written, case, results, history, med, jobs)
         names = [*_names(written), Path(README)]
         write_readme(written / README, case_path, results.diagnosed, volume, volume and med, names)

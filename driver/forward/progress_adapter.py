@@ -59,6 +59,8 @@ def sentence_of(state: Progress) -> str:
     Runs of a finite difference are counted before it: `run 7 of 46: simulation at …`.
     """
     run = f"run {state.run} of {state.runs}: " if state.runs > 1 else ""
+    if state.holder:
+        return f"{run}waiting for {state.holder}, which runs this simulation"
     steps = f"{state.steps} steps, {state.iterations} iterations, {state.cuts} cut"
     parts = [steps] if state.steps else []
     parts += [] if math.isnan(state.remaining) else [f"{state.remaining:.0f} s left"]

@@ -6,9 +6,10 @@ The case file and its schema are named by `driver.case.model`, which reads them.
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from driver.case.model import Case
-from driver.common.errors import InputError, sentence, why
+from driver.common.errors import InputError, sentence, show, why
 
 # Of a run.
 RESULTS = "results"
@@ -18,7 +19,7 @@ STAGES = "stages.json"
 LOCK = "run.lock"
 """Whose run is at work on the results."""
 JOBS = "jobs"
-"""The folder of the jobs of a solver that is a program of its own."""
+"""The folder of the jobs of a solver that is a program of its own, unless the case names one."""
 READ_BACK = (".h5", ".json", ".med")
 """Endings of results that later stages read."""
 
@@ -153,6 +154,33 @@ def batch_token(campaign: Path, run: str) -> Path:
 def results_of(case: Case) -> Path:
     """Return the folder of the results of a case, which stands beside its file."""
     return case.file.parent / RESULTS
+
+
+def job_store(case: Case) -> Path:
+    """Return the folder of the jobs of a solver that is a program of its own."""
+    stated = case.execution.store
+    return results_of(case) / JOBS if stated is None else case.path(stated)
+
+
+def make_job_store(folder: Path, file: Path) -> None:
+    """Make the folder of the jobs that `execution.store` names, where there is none yet.
+
+    Args:
+        folder: the folder.
+        file: of the case or the campaign that names it.
+
+    Raises:
+        InputError: it cannot be made, or nothing can be written there.
+    """
+    expected = "a folder that can be made and written"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=folder):
+            pass
+    except (OSError, ValueError) as error:
+        reason = "a file or a link to nothing" if isinstance(error, FileExistsError) else why(error)
+        found = f"{show(str(folder))} ({reason})"
+        raise InputError(sentence(file, "execution.store", found, expected)) from None
 
 
 def make_folder(results: Path) -> None:

@@ -16,7 +16,7 @@ from driver.experiment.reading import history_of
 from driver.parameters.registry import declared_parameters
 from driver.results.advice import Advice, write_advice
 from driver.results.extended_case import with_half_turns
-from driver.results.files import DIAGNOSIS, JOBS
+from driver.results.files import DIAGNOSIS, job_store
 from driver.results.json_files import read_json
 from driver.workflow.engine import StageContext
 from solver_adapters.interface import SolverError
@@ -69,7 +69,7 @@ def _changes(
     if context.prepare_only:
         logger.info("  not found out: no jobs are prepared for it")
         return ()
-    jobs = context.results / JOBS
+    jobs = job_store(context.case)
     try:
         return discriminating_changes(case, history, sizes, values, jobs)
     except (SolverError, InputError) as error:

@@ -15,7 +15,7 @@ from driver.identification.identify import identify, with_correction
 from driver.identification.objective import Evaluation, Objective
 from driver.identification.problem import IdentificationProblem, build_problem, seen_by_correlation
 from driver.parameters.boundary import LAMBDAS, elongation_names
-from driver.results.files import FINE_MESH, JOBS, MEASURE, MESH
+from driver.results.files import FINE_MESH, MEASURE, MESH, job_store
 from driver.results.hdf5 import read_hdf5
 from driver.results.identification import (
     value_told,
@@ -50,7 +50,7 @@ def load_problem(context: StageContext) -> IdentificationProblem:
             measured["tilt"],
             left_out,
         ),
-        context.results / JOBS,
+        job_store(context.case),
         context.prepare_only,
     )
 

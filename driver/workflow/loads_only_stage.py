@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from driver.identification.no_images import no_images
 from driver.identification.objective import Objective
 from driver.identification.problem import law_of, stated_prior, stated_start
 from driver.parameters.boundary import elongation_names
-from driver.results.files import FINE_MESH, JOBS, MESH
+from driver.results.files import FINE_MESH, MESH, job_store
 from driver.results.identification import value_told, warnings_of, write_of_loads
 from driver.workflow.engine import StageContext
 from meshes.files import read_med
@@ -65,7 +64,7 @@ def build_loads_problem(context: StageContext, adapter: Adapter) -> LoadsProblem
     """
     case, no_pixels = context.case, np.zeros((0, 2))
     history = history_of(case)
-    jobs: Path | None = context.results / JOBS if capabilities_of(case).uses_workspace else None
+    jobs = job_store(case) if capabilities_of(case).uses_workspace else None
     mesh, fine_mesh = (read_med(context.result(name)) for name in (MESH, FINE_MESH))
     steps = case.solver.steps_per_interval
     working = build_model(case, mesh, history, no_pixels, adapter, steps, jobs)

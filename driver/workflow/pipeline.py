@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -16,7 +17,7 @@ from driver.diagnosis.causes.user_causes import asked_causes
 from driver.experiment.held_out import held_out_cycle
 from driver.experiment.reading import history_of
 from driver.forward.build import capabilities_of, mesh_of, refuse_unfit_solver
-from driver.results.files import DIAGNOSIS, IDENTIFY, results_of
+from driver.results.files import DIAGNOSIS, IDENTIFY, job_store, make_job_store, results_of
 from driver.results.mesh_sizes import sized, sized_case
 from driver.workflow.advise_stage import run_advise
 from driver.workflow.cost import Cost, estimate
@@ -83,6 +84,7 @@ def run(
     prepare_only: bool = False,
     processes: int | None = None,
     threads: int | None = None,
+    store: Path | None = None,
 ) -> None:
     """Run the stages of a case; what is done and unchanged is not done again.
 
@@ -97,6 +99,8 @@ def run(
         prepare_only: whether external solvers write their jobs for another machine.
         processes: simulations side by side, None for those of the case.
         threads: threads of each process, None for those of the case.
+        store: folder of the jobs of a solver that is a program of its own, None for that of the
+            case.
 
     Raises:
         PreparedError: jobs were written for another machine, which `prepare_only` asks for.
@@ -104,6 +108,8 @@ def run(
         SolverError: a simulation could not be finished.
     """
     case = _executed(sized_case(case_path), processes, threads)
+    if store is not None:
+        case = case.with_values_at({"execution.store": os.path.abspath(store)})
     solver = capabilities_of(case)
     if prepare_only and solver.in_process:
         raise StageError(
@@ -113,6 +119,8 @@ def run(
     asked_causes(case)  # refused before hours of computing, not after
     use_threads(case.execution.processes * case.execution.threads)
     mesh, history = mesh_of(case, case.specimen.mesh_size), history_of(case)
+    if solver.uses_workspace and case.execution.store is not None:
+        make_job_store(job_store(case), case.file)
     # Asked now, and not after the hours of the stages before the simulations.
     refuse_unfit_solver(case, mesh, history)
     if case.with_images:

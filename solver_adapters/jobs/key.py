@@ -22,7 +22,22 @@ def job_key(simulation: Simulation, adapter: str, identity: str, files: Mapping[
         files: files of the job by name. Of text files provenance and limits are left out; binary
             files (a mesh, whose format may hold the time of day) follow from the simulation.
     """
-    digest = hashlib.sha256(simulation_key(simulation, f"{adapter}\n{identity}\n").encode())
+    return key_with_deck(hash_of_simulation(simulation, adapter, identity), files)
+
+
+def hash_of_simulation(simulation: Simulation, adapter: str, identity: str) -> str:
+    """SHA-256 of a simulation, adapter and solver, without the deck."""
+    return simulation_key(simulation, f"{adapter}\n{identity}\n")
+
+
+def key_with_deck(simulation: str, files: Mapping[str, bytes]) -> str:
+    """Return the key of a job.
+
+    Args:
+        simulation: as `hash_of_simulation` returns it.
+        files: as in `job_key`.
+    """
+    digest = hashlib.sha256(simulation.encode())
     for name in sorted(files):
         if b"\0" not in files[name]:
             content = what_is_computed(files[name])

@@ -23,6 +23,9 @@ PREPARED = "prepared"
 ELSEWHERE = "elsewhere"
 """The identity under which the key of a prepared job is made: nobody knows yet where it runs."""
 
+FROM_ELSEWHERE = frozenset({PREPARED, Status.DONE})
+"""Statuses that such a job can have."""
+
 README, SCRIPT, EXIT_CODE, KEY = "README.txt", "run.sh", "exit_code.txt", "key.txt"
 
 
@@ -42,7 +45,7 @@ def prepare(
         environment: variables that its program needs.
         scratch: folders of the job that nobody needs once it has ended.
     """
-    texts = _texts(record, environment, scratch)
+    texts = _texts(jobs / record.key, record, environment, scratch)
     everything = {**files, **{name: text.encode() for name, text in texts.items()}}
     partial = write_aside(jobs, record.key, everything)
     write_record(partial, record)
@@ -78,7 +81,7 @@ def refresh(
     refuse_other_deck(folder, files)
     texts = {name: content for name, content in files.items() if b"\0" not in content}
     if tuple(waiting.command) != tuple(record.command):
-        of_call = _texts(record, environment, scratch)
+        of_call = _texts(folder, record, environment, scratch)
         texts |= {name: text.encode() for name, text in of_call.items()}
         write_record(folder, record)
     for name, content in texts.items():
@@ -89,7 +92,7 @@ def refresh(
 
 
 def _texts(
-    record: Record, environment: Mapping[str, str], scratch: Sequence[str]
+    folder: Path, record: Record, environment: Mapping[str, str], scratch: Sequence[str]
 ) -> dict[str, str]:
     """How a job is run, by the name of the file: the script, and what a person does."""
     settings = "".join(f"export {name}={shlex.quote(v)}\n" for name, v in environment.items())
@@ -101,12 +104,12 @@ def _texts(
         f"{settings}{call} > {STDOUT} 2> {STDERR} < /dev/null\n"
         f"code=$?\n{left}echo $code > {EXIT_CODE}\n"
     )
-    return {README: _readme(record, call), SCRIPT: script}
+    return {README: _readme(folder, record, call), SCRIPT: script}
 
 
 def prepared_job(folder: Path) -> Record | None:
     """Return the record of a folder that `prepare` has written; None of any other."""
-    record = read_record(folder, {PREPARED, Status.DONE})
+    record = read_record(folder, FROM_ELSEWHERE)
     return record if record is not None and record.status == PREPARED else None
 
 
@@ -159,7 +162,7 @@ def _word(path: Path, expected: str) -> str:
         raise ResultFileError(f"{path}: {error.strerror}, expected {expected}") from None
 
 
-def _readme(record: Record, call: str) -> str:
+def _readme(folder: Path, record: Record, call: str) -> str:
     return f"""\
 A job of prismid for the solver {record.adapter}, to be computed on any machine that has it.
 
@@ -168,7 +171,7 @@ A job of prismid for the solver {record.adapter}, to be computed on any machine 
    which calls:    {call}
    Edit the call if the program has another name there; leave the other files as they are.
 3. Copy the folder back, with all files that the program has left, to where it was:
-   results/jobs/{record.key}
+   {folder.absolute()}
 4. `prismid run` on the case reads the results and goes on. It may then ask for further jobs,
    for a fit decides by the results of one simulation what to simulate next.
 

@@ -28,8 +28,8 @@ REMEDIES = {
     Status.NOT_CONVERGED: "smaller steps may help: raise steps_per_interval in [solver]",
     Status.OUT_OF_TIME: "raise wall_time_s or cpu_time_s in the profile of the solver",
     Status.OUT_OF_MEMORY: "raise memory_MB in the profile of the solver, or take a coarser mesh",
-    Status.OUT_OF_DISK: "free space where the jobs are (results/jobs beside the case), and run "
-    "again",
+    Status.OUT_OF_DISK: "free space where the jobs are (execution.store of the case, else "
+    "results/jobs beside it), and run again",
     Status.COMMAND_MISSING: "state the command in the profile of the solver",
     Status.BROKEN: "the program cannot start where it is installed: mend it (its libraries, its "
     "environment), or state another call in the profile of the solver",

@@ -32,9 +32,10 @@ def pipeline(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         prepare_only: bool,
         processes: int | None,
         threads: int | None,
+        store: Path | None,
     ) -> None:
         load_case(case_path)
-        calls.append(("run", case_path, until, force, processes, threads))
+        calls.append(("run", case_path, until, force, processes, threads, store))
         if prepare_only:
             raise PreparedError([case_path.parent / "results" / "jobs" / "key"])
         logger.info("mesh: started")
@@ -84,10 +85,12 @@ def test_the_first_use_says_that_kernels_are_compiled(
 def test_run_takes_a_case_or_its_folder_and_hands_on_the_options(
     pipeline: SimpleNamespace, case_path: Path
 ) -> None:
-    options = "--until", "measure", "--force", "--processes", 3, "--threads", 2
+    options = (
+        "--until", "measure", "--force", "--processes", 3, "--threads", 2, "--store", "jobs",
+    )  # fmt: skip
     result = invoke("run", case_path.parent, *options)
     assert result.exit_code == 0 and result.stdout.rstrip().endswith("s  mesh: started")
-    assert pipeline.calls == [("run", case_path, "measure", True, 3, 2)]
+    assert pipeline.calls == [("run", case_path, "measure", True, 3, 2, Path("jobs"))]
 
 
 def test_a_bad_case_is_one_line_on_standard_error_and_the_others_are_run(
@@ -101,7 +104,7 @@ def test_a_bad_case_is_one_line_on_standard_error_and_the_others_are_run(
         f"prismid: {bad}: diagnosis.refit: found 0, expected a number ≥ 1 "
         "(number of causes refitted nonlinearly)\n"
     )
-    assert pipeline.calls == [("run", case_path, None, False, None, None)]
+    assert pipeline.calls == [("run", case_path, None, False, None, None, None)]
     assert f"{case_path}: mesh: started" in result.stdout
 
 

@@ -6,7 +6,6 @@ import json
 import os
 import pickle
 import shutil
-import socket
 import subprocess
 import sys
 from collections.abc import Callable
@@ -15,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 
@@ -32,6 +32,7 @@ from solver_adapters.interface import (
     UnsupportedError,
 )
 from solver_adapters.jobs.errors import CommandMissingError, JobError
+from solver_adapters.jobs.folder import partial_mark
 from solver_adapters.material import Material
 from solver_adapters.response_file import (
     Provenance,
@@ -157,7 +158,15 @@ def _of_another_motion(stored: Path) -> None:
     write_response(stored, moved, read_provenance(stored))
 
 
-@pytest.mark.parametrize("damage", [_empty, _of_another_job, _of_another_motion, Path.unlink])
+def _edited(stored: Path) -> None:
+    with h5py.File(stored, "r+") as file:
+        file["force"][...] = 2 * file["force"][()]
+    read_response(stored)  # nothing is wrong with it but the numbers
+
+
+@pytest.mark.parametrize(
+    "damage", [_empty, _of_another_job, _of_another_motion, _edited, Path.unlink]
+)
 def test_a_response_that_is_damaged_or_foreign_is_read_again_from_its_result_files(
     tmp_path: Path, damage: Callable[[Path], None], caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -171,6 +180,18 @@ def test_a_response_that_is_damaged_or_foreign_is_read_again_from_its_result_fil
     assert (stored.parent / "notes.txt").read_text() == "mine"
     (message,) = caplog.messages
     assert message.endswith("its result files were read again")
+
+
+def test_result_files_that_were_edited_are_no_result(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    bar().solve(SIMULATION, tmp_path)
+    (key,) = folders(tmp_path)
+    _empty(tmp_path / key / "response.h5")
+    (tmp_path / key / "force.json").write_text("[0, 1, 2]")
+    np.testing.assert_allclose(bar().solve(SIMULATION, tmp_path).force, FORCE, rtol=1e-9)
+    assert folders(tmp_path) == [key, f"{key}.damaged-1"]
+    assert "force.json: found a file of another content" in caplog.messages[-1]
 
 
 @pytest.mark.parametrize("damaged", ["force.json", "bar.json"])
@@ -198,13 +219,14 @@ def test_what_a_dead_process_left_is_cleared_and_a_living_one_is_left_alone(
     ended = subprocess.Popen(["true"])
     ended.wait()
     dead, alive = (
-        tmp_path / f"{other}.partial-{socket.gethostname()}-{pid}-x"
-        for other, pid in (("of another job", ended.pid), (key, os.getpid()))
+        tmp_path / f"{name}{partial_mark()}{pid}-x"
+        for name, pid in (("of another job", ended.pid), (key, os.getpid()))
     )
-    dead.mkdir()
-    alive.mkdir()
+    other = tmp_path / f"{key}.partial-node7-{ended.pid}-x"
+    for folder in (dead, alive, other):
+        folder.mkdir()
     bar().solve(SIMULATION, tmp_path)
-    assert not dead.exists() and alive.is_dir()
+    assert not dead.exists() and alive.is_dir() and other.is_dir()
 
 
 @pytest.mark.parametrize(
@@ -319,13 +341,23 @@ def test_what_was_computed_is_kept_where_its_response_cannot_be_stored(
     assert folder.endswith(".no-result") and (tmp_path / folder / "force.json").is_file()
 
 
-def test_the_same_job_at_the_same_time_leaves_one_folder(tmp_path: Path) -> None:
+def test_the_same_job_at_the_same_time_is_run_once(tmp_path: Path) -> None:
     do = "import time; time.sleep(0.5)"
     with ThreadPoolExecutor(3) as pool:
         answers = [pool.submit(bar(do).solve, SIMULATION, tmp_path) for _ in range(3)]
     for answer in answers:
         np.testing.assert_allclose(answer.result().force, FORCE, rtol=1e-9)
-    assert len(folders(tmp_path)) == 1
+    assert len(folders(tmp_path)) == 1 and runs(tmp_path) == 1
+
+
+def test_a_job_that_failed_in_one_process_is_run_by_the_one_that_has_waited(
+    tmp_path: Path,
+) -> None:
+    do = "import time; time.sleep(0.5); open('../runs', 'a').write('x'); sys.exit(3)"
+    with ThreadPoolExecutor(2) as pool:
+        answers = [pool.submit(bar(do).solve, SIMULATION, tmp_path) for _ in range(2)]
+    assert all(isinstance(answer.exception(), JobError) for answer in answers)
+    assert (tmp_path / "runs").read_text() == "xx"
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ def test_what_is_not_stated_has_its_default(tmp_path: Path) -> None:
     assert campaign.cases == ("*/case.toml",) and campaign.until == "report"
     assert not campaign.study and not campaign.trial
     assert campaign.execution.processes == campaign.execution.threads == 1
+    assert campaign.execution.store is None
     assert campaign.execution.jobs is None and campaign.execution.memory_GB is None
 
 
@@ -62,6 +63,10 @@ def test_what_is_not_stated_has_its_default(tmp_path: Path) -> None:
             'cases = ["a"]\n[cluster]\npartition = "short"',
             'cluster.partition: found an unknown key with the value "short", expected one of',
         ),
+        (
+            'cases = ["a"]\n[execution]\nstore = "~/jobs"',
+            'execution.store: found "~/jobs", expected the path itself',
+        ),
         ('[[study]]\ncase = "a"', "study.1.values: found nothing, expected lists of values by key"),
         ('[[study]]\ncase = "a"\nvalues.x = []', "study.1.values.x: found []"),
         ('[[trial]]\ncase = "a"\nseeds = [1, 1]', "trial.1.seeds: found 1 twice or more, expected"),
@@ -79,6 +84,12 @@ def test_a_bad_key_is_refused_in_one_sentence(tmp_path: Path, text: str, said: s
         read_campaign(file)
     assert str(error.value).startswith(f"{file}: {said}")
     assert "\n" not in str(error.value)
+
+
+def test_a_cluster_may_have_a_store(tmp_path: Path) -> None:
+    file = tmp_path / "campaign.toml"
+    file.write_text('cases = ["a"]\n[execution]\nscheduler = "tcp://a:1"\nstore = "jobs"\n')
+    assert read_campaign(file).execution.store == "jobs"
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:

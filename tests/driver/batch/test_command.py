@@ -59,6 +59,13 @@ def test_a_case_that_fails_is_told_and_the_others_go_on(file: Path, lines: list[
     assert not list(file.with_suffix(".batch").glob("running*"))
 
 
+def test_a_store_that_cannot_be_made_is_refused_before_a_case_begins(file: Path) -> None:
+    file.write_text(CAMPAIGN + '[execution]\nstore = "campaign.toml"\n')
+    with pytest.raises(InputError, match=f"^{file}: execution.store: found .* expected a folder"):
+        batch(file, lambda states, at_a_time: None)
+    assert not (file.parent / "good" / "results").exists()
+
+
 def test_what_is_done_is_not_done_again_and_the_exit_code_tells_the_outcome(file: Path) -> None:
     file.write_text('cases = ["*/case.toml"]\nuntil = "mesh"\n')
     assert CliRunner().invoke(app, ["batch", str(file)]).exit_code == 1

@@ -49,6 +49,13 @@ def test_a_pattern_names_cases_by_their_files_and_by_their_folders(file: Path) -
     assert job.log.parent == file.parent / "campaign.batch" / "logs"
 
 
+def test_all_cases_of_a_campaign_have_its_store(file: Path) -> None:
+    use = Use(store="../all jobs")
+    whole = Campaign(cases=("base",), study=study(loads__noise_uN=[1.0]).study, execution=use)
+    for job in jobs_of(whole, file):
+        assert job.calls[-1][-2:] == ("--store", str(file.parent.parent / "all jobs"))
+
+
 def test_a_study_has_a_case_for_each_combination_which_reads_the_same_files(file: Path) -> None:
     campaign = study(loads__noise_uN=[1.0, 2.0], grains__2__name=["x", "y"])
     jobs = written(campaign, file)

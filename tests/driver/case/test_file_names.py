@@ -7,7 +7,7 @@ from driver.case.images import Dic, Images
 from driver.case.inference import DiagnosisTable
 from driver.case.loading import HistoryTable
 from driver.case.model import load_case, write_case
-from driver.case.solver import ProfileTable, Solver
+from driver.case.solver import Execution, ProfileTable, Solver
 from tools import closed_form
 
 
@@ -21,6 +21,7 @@ def test_every_file_that_a_case_names_is_renamed_and_nothing_else(tmp_path: Path
             "dic": Dic(mesh="f.msh", height_mesh="trace"),
             "diagnosis": DiagnosisTable(cause_files=("g.toml",)),
             "solver": Solver(profiles={"calculix": profile}),
+            "execution": Execution(store="jobs"),
         }
     )
     write_case(case, tmp_path / "case.toml")
@@ -33,4 +34,5 @@ def test_every_file_that_a_case_names_is_renamed_and_nothing_else(tmp_path: Path
     assert moved.dic.mesh == "../f.msh" and moved.dic.height_mesh == "trace"
     assert moved.diagnosis.cause_files == ("../g.toml",)
     assert moved.solver.profiles["calculix"].command == ("python", "../tool.py", "--fast")
+    assert moved.execution.store == "../jobs"
     assert moved.specimen == case.specimen and moved.images.pixel_size_nm == 110.0

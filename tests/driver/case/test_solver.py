@@ -31,6 +31,7 @@ def test_every_scheme_of_the_interface_can_be_asked_for(scheme: Integration) -> 
         (Solver, "accuracy_uN", 0.0), (Solver, "gauss_points", 6), (Execution, "threads", 0),
         (Execution, "processes", 1.5), (ProfileTable, "command", ()),
         (ProfileTable, "memory_MB", 0.0), (ProfileTable, "wall_time_s", -1.0),
+        (Execution, "store", ""), (Execution, "store", "~/jobs"), (Execution, "store", "$HOME"),
     ],
 )  # fmt: skip
 def test_a_setting_that_no_run_can_have_is_refused(table: Any, key: str, value: Any) -> None:

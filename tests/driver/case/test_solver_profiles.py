@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from driver.case.model import Case, default_case
+from driver.case.model import Case, default_case, load_case, write_case
 from driver.case.solver import ProfileTable
 from driver.case.solver_profiles import ConfigError, profile_of
 from solver_adapters.profile import Profile, config_path
@@ -43,6 +43,12 @@ def nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_without_any_entry_the_defaults_count() -> None:
     assert profile_of(case()) == Profile()
     assert profile_of(case(), prepare_only=True) == Profile(prepare_only=True)
+
+
+@pytest.mark.usefixtures("nothing")
+def test_jobs_are_asked_for_by_the_file_of_the_case(tmp_path: Path) -> None:
+    write_case(case(), tmp_path / "mine.toml")
+    assert profile_of(load_case(tmp_path / "mine.toml")).asker == str(tmp_path / "mine.toml")
 
 
 @pytest.mark.usefixtures("config")

@@ -248,6 +248,19 @@ def test_a_program_that_is_not_there_is_a_warning_that_says_where_to_name_it(
     assert message.startswith(f"{config}: profiles.bundled.threads: found 0, expected")
 
 
+def test_the_store_of_a_program_is_told_and_one_that_cannot_be_made_is_an_error(
+    case_path: Path,
+) -> None:
+    with case_path.open("a", encoding="utf-8") as file:
+        file.write('store = "../jobs"\n')
+    told = f"{case_path.parent / '../jobs'} holds the jobs of bundled"
+    assert told in found(case_path, "ok") and found(case_path, "error") == []
+    assert (case_path.parent.parent / "jobs").is_dir()
+    edit(case_path, 'store = "../jobs"', 'store = "case.toml"')
+    (message,) = found(case_path, "error")
+    assert message.startswith(f"{case_path}: execution.store: found ")
+
+
 def test_a_program_that_cannot_start_is_an_error_with_what_it_said(
     case_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -3,6 +3,8 @@ import math
 import pytest
 
 from driver.common.formatting import (
+    age,
+    byte_size,
     chi,
     compact,
     duration,
@@ -92,3 +94,23 @@ def test_only_what_is_whole_is_a_hundred_percent(share: float, text: str) -> Non
 )
 def test_a_duration_is_told_in_the_unit_that_suits_it(seconds: float, text: str) -> None:
     assert duration(seconds) == text
+
+
+@pytest.mark.parametrize(
+    ("size", "text"),
+    [
+        (0, "0 B"), (812, "812 B"), (999, "999 B"), (1000, "1.00 kB"), (1254, "1.25 kB"),
+        (98_700_000, "98.7 MB"), (12e9, "12.0 GB"), (999_499, "999 kB"), (999_600, "1.00 MB"),
+        (3.4e12, "3.40 TB"), (7e15, "7000 TB"),
+    ],
+)  # fmt: skip
+def test_a_size_is_told_in_thousands_of_thousands(size: float, text: str) -> None:
+    assert byte_size(size) == text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.4, "0.4 s"), (40.0, "40 s"), (7200.0, "2.0 h"), (172_800.0, "2 days"), (3e7, "347 days")],
+)
+def test_an_age_is_told_in_days_from_two_on(seconds: float, text: str) -> None:
+    assert age(seconds) == text

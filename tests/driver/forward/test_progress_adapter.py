@@ -39,6 +39,13 @@ def test_a_run_of_an_external_solver_is_told_by_its_instant_and_its_number() -> 
     assert sentence_of(state) == "run 7 of 46: simulation at 40 of 160 s: 31 s left"
 
 
+def test_a_run_that_waits_for_another_process_tells_for_which() -> None:
+    state = Progress(0.0, 160.0, 0, 0, 0, run=7, runs=46, holder="process 12 on node7")
+    assert sentence_of(state) == (
+        "run 7 of 46: waiting for process 12 on node7, which runs this simulation"
+    )
+
+
 def test_another_process_gets_the_solver_alone() -> None:
     sent = pickle.loads(pickle.dumps(ProgressAdapter(BundledAdapter())))
     assert type(sent) is BundledAdapter

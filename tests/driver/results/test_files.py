@@ -5,10 +5,13 @@ from pathlib import Path
 import pytest
 
 from driver.case.model import default_case, load_case, write_case
+from driver.common.errors import InputError
 from driver.results import files
 from driver.results.files import (
     AbsentError,
     edited,
+    job_store,
+    make_job_store,
     present,
     report_figure,
     results_of,
@@ -27,6 +30,44 @@ NAMES = {
 def test_the_results_stand_beside_the_case_file(tmp_path: Path) -> None:
     write_case(default_case(), tmp_path / "mine.toml")
     assert results_of(load_case(tmp_path / "mine.toml")) == tmp_path / "results"
+
+
+def test_jobs_stand_among_the_results_unless_the_case_names_a_store(tmp_path: Path) -> None:
+    case = default_case()
+    write_case(case, tmp_path / "mine.toml")
+    write_case(case.with_values_at({"execution.store": "../all"}), tmp_path / "shared.toml")
+    mine, shared = (load_case(tmp_path / name) for name in ("mine.toml", "shared.toml"))
+    assert job_store(mine) == tmp_path / "results" / "jobs"
+    assert job_store(shared).resolve() == tmp_path.parent / "all"
+
+
+def test_a_store_is_made_with_the_folders_above_it_and_stays_empty(tmp_path: Path) -> None:
+    for _ in range(2):
+        make_job_store(tmp_path / "über all" / "jobs", tmp_path / "case.toml")
+        assert list((tmp_path / "über all" / "jobs").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("file", '"{folder}/file" (a file or a link to nothing)'),
+        ("file/below", '"{folder}/file/below" (“Not a directory”)'),
+        ("link", '"{folder}/link" (a file or a link to nothing)'),
+        ("nul\0", '"{folder}/nul\\u0000" (“embedded null byte”)'),
+        ("/proc/jobs", '"/proc/jobs" (“No such file or directory”)'),
+    ],
+)
+def test_a_store_that_cannot_be_made_is_told_with_its_key(
+    name: str, words: str, tmp_path: Path
+) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "link").symlink_to(tmp_path / "nothing" / "there")
+    with pytest.raises(InputError) as error:
+        make_job_store(tmp_path / name, tmp_path / "case.toml")
+    assert str(error.value) == (
+        f"{tmp_path / 'case.toml'}: execution.store: found {words.format(folder=tmp_path)}, "
+        "expected a folder that can be made and written"
+    )
 
 
 def test_no_two_files_or_folders_have_one_name() -> None:

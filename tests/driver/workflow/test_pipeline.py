@@ -125,6 +125,29 @@ def test_prepared_jobs_stop_the_run_and_a_later_run_goes_on(
     assert copied("identify") == []
 
 
+def test_jobs_go_into_the_store_of_the_case_or_into_that_of_the_call_and_make_no_stage_stale(
+    copied: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[Profile, Path | None]] = []
+    monkeypatch.setattr(build, "find_adapter", lambda name, profile: Elsewhere(profile, asked))
+    copied.edit('# store = "../jobs"', 'store = "../jobs"')
+    pipeline.run(copied.path, "identify", force=True)
+    stores = {store for _, store in asked}
+    assert stores == {copied.folder / "../jobs"}
+    assert (copied.folder.parent / "jobs").is_dir()
+    assert copied("identify") == []
+    asked.clear()
+    monkeypatch.chdir(copied.folder)
+    pipeline.run(copied.path, "identify", force=True, store=Path("all/jobs"))
+    assert {store for _, store in asked} == {copied.folder / "all" / "jobs"}
+    assert copied("identify") == []
+
+
+def test_a_store_that_cannot_be_made_is_refused_before_anything_is_computed(copied: Run) -> None:
+    with pytest.raises(InputError, match="execution.store: found .*expected a folder"):
+        pipeline.run(copied.path, force=True, store=copied.path)
+
+
 def test_how_a_program_is_called_makes_no_stage_stale(copied: Run) -> None:
     copied.edit("# [solver.profiles.code_aster]", "[solver.profiles.bundled]\nthreads = 3")
     assert copied() == []

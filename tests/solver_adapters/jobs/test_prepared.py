@@ -42,7 +42,7 @@ def test_a_prepared_job_is_computed_elsewhere_and_collected(tmp_path: Path) -> N
     folder = prepared(tmp_path)
     assert prepared(tmp_path) == folder and folders(tmp_path) == [folder.name]
     readme = (folder / "README.txt").read_text()
-    assert " -S bar.py\n" in readme and f"results/jobs/{folder.name}" in readme
+    assert " -S bar.py\n" in readme and f"\n   {folder}\n" in readme
     with pytest.raises(CommandMissingError, match="has no results yet"):
         without_program(tmp_path)
     # Another machine, and back.

@@ -1,0 +1,1 @@
+"""`prismid cache`: what a store of jobs holds, whether it is whole, and removal."""
