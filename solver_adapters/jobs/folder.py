@@ -165,6 +165,8 @@ def read_record(folder: Path, statuses: Collection[str], named: bool = True) -> 
         expected = first["msg"].removeprefix("Input should be ")
         raise _bad_entry(folder, str(first["loc"][0]), first["input"], expected) from None
     except (OSError, ValueError, TypeError) as error:
+        if not folder.is_dir():
+            return None  # another process has put it away or removed it
         # Somebody's results may be in there: it is not for us to remove.
         raise ResultFileError(
             f"{folder / RECORD}: found no record of a job ({error}), expected the one that was "
