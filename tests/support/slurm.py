@@ -3,7 +3,7 @@
     python -m tests.support.slurm COMMAND…    run a command that finds it, as `sinfo` or `bash`
 
 It needs the Debian packages slurm-wlm and munge, and no rights but those of its user. Processes of
-jobs are found by their parents, without control groups, so that it runs in a container.
+a job are found by their process group, without control groups, so that it runs in a container.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ SlurmdSpoolDir={folder}/spool
 SlurmctldPidFile={folder}/slurmctld.pid
 SlurmdPidFile={folder}/slurmd.pid
 MailProg=/bin/true
-ProctrackType=proctrack/linuxproc
+ProctrackType=proctrack/pgid
 TaskPlugin=task/none
 MpiDefault=none
 JobAcctGatherType=jobacct_gather/none
