@@ -1,6 +1,6 @@
-"""What many jobs cost beside their work: tasks in processes side by side, and cases of a campaign.
+"""What many jobs cost beside their work: tasks side by side, cases of a campaign, a cluster.
 
-    python -m benchmarks.scale           1, 10, 100 and 1000 tasks, and a campaign of eight cases
+    python -m benchmarks.scale           1, 10, 100 and 1000 tasks, a campaign, a cluster in small
     python -m benchmarks.scale --quick   10 and 100 tasks, and the start of one case
 
 Wall-clock times, which hold on free cores alone.
@@ -13,17 +13,24 @@ import os
 import subprocess
 import sys
 import time
+from heapq import heapreplace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from distributed import Client, LocalCluster
 
 from benchmarks.measuring import show
 from driver.batch.command import batch
 from driver.case.model import write_case
 from driver.common.parallel import side_by_side
+from meshes.arrays import FloatArray
 from tools.short_specimen import small_case
 
 _WORK = 0.02  # s of a task
 _CASES = 8
+_WORKERS = (8, 32)
 
 
 def work(seconds: float) -> None:
@@ -68,6 +75,39 @@ def campaign(number: int) -> float:
         return (time.perf_counter() - begin) / number
 
 
+def planned(times: FloatArray, workers: int) -> float:
+    """Return when the last of some cases ends, each beginning on the first worker that is free [s].
+
+    Args:
+        times: of the cases, in the order in which they begin, shape (n,) [s].
+        workers: cases at a time.
+    """
+    free = [0.0] * workers
+    for time_of_case in times:
+        heapreplace(free, free[0] + float(time_of_case))
+    return max(free)
+
+
+def cluster_in_small(number: int, workers: int) -> tuple[float, float]:
+    """Wall-clock time of a campaign on a scheduler of Dask, in small, and what the plan says [s].
+
+    A case is a wait of a thirtieth part of a second for each minute; one in ten takes five times as
+    long, for its meshes are refined. Waits, so that there may be more workers than cores.
+    """
+    rng = np.random.default_rng(1)
+    times = 0.5 * rng.lognormal(0.0, 0.3, number) * np.where(rng.random(number) < 0.1, 5.0, 1.0)
+    start: Any = LocalCluster
+    connect: Any = Client
+    with (
+        start(n_workers=2, threads_per_worker=workers // 2, dashboard_address=":0") as cluster,
+        connect(cluster) as client,
+    ):
+        client.gather(client.map(time.sleep, [0.0] * workers, pure=False))
+        begin = time.perf_counter()
+        client.gather(client.map(time.sleep, times.tolist(), pure=False))
+        return time.perf_counter() - begin, planned(times, workers)
+
+
 def main() -> None:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -82,6 +122,10 @@ def main() -> None:
     if not quick:
         show(f"campaign of {_CASES} cases that mesh: wall-clock time of each [s]",
              campaign(_CASES))  # fmt: skip
+        for workers in _WORKERS:
+            wall, foreseen = cluster_in_small(1000, workers)
+            show(f"1000 cases on {workers} workers of Dask, in small: time over that planned",
+                 wall / foreseen, "0.9 to 1.1")  # fmt: skip
 
 
 if __name__ == "__main__":
