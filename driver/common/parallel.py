@@ -1,4 +1,4 @@
-"""Independent jobs in processes of their own, each with its share of the threads."""
+"""Independent tasks side by side: in own processes, or wherever an executor has them run."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
-from itertools import islice
+from itertools import count, islice
 from multiprocessing import connection
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 from solver_adapters.interface import PreparedError
 from solver_adapters.kernels import use_threads
@@ -42,21 +42,25 @@ def side_by_side(
     processes: int,
     threads: int = 1,
     done: Callable[[int, Result], None] | None = None,
+    executor: Executor | None = None,
 ) -> list[Result]:
-    """Results of `work` on each task, in the order of the tasks.
+    """Results of `work` on each task, in the order of the tasks; the same ones wherever they run.
 
     Args:
         work: a function of a module (it is sent to the processes by name); any, for one process.
         tasks: what it is called with.
-        processes: how many run at a time; one is this one.
+        processes: how many run at a time; one is this one. A process that is itself one of several
+            takes no others, so that those of all levels together are as many as were stated.
         threads: threads of each.
         done: called with index and result as each task ends.
+        executor: where they run; processes of this machine, which end with this one, if left out.
 
     Raises:
         PreparedError: jobs were prepared instead of being run, those of all tasks.
         ChildProcessError: the system ended a process.
-        Whatever the first failing task raised; the others are ended. So they are after Ctrl-C,
-        which this process alone hears, and where this process dies.
+        Whatever the first failing task raised; the others are ended, or with an executor those that
+        have not begun. So they are after Ctrl-C, which this process alone hears, and where this
+        process dies.
     """
     results: dict[int, Result] = {}
     prepared: list[PreparedError] = []
@@ -70,30 +74,61 @@ def side_by_side(
             if done is not None:
                 done(index, results[index])
 
-    if min(processes, len(tasks)) <= 1:
+    at_a_time = min(processes, len(tasks))
+    if executor is not None:
+        _map(executor, partial(_with_threads, work, threads), tasks, max(at_a_time, 1), take)
+    elif at_a_time <= 1 or multiprocessing.parent_process() is not None:
         for index, task in enumerate(tasks):
             take(index, partial(work, task))
     else:
-        _in_processes(work, tasks, min(processes, len(tasks)), threads, take)
+        with _own_processes(at_a_time, threads) as own:
+            _map(own, work, tasks, at_a_time, take)
     if prepared:
         raise PreparedError.together(prepared)
     return [results[index] for index in range(len(tasks))]
 
 
-def _in_processes(
+def _map(
+    executor: Executor,
     work: Callable[[Task], Result],
     tasks: Sequence[Task],
-    processes: int,
-    threads: int,
+    at_a_time: int,
     take: Callable[[int, Callable[[], Result]], None],
 ) -> None:
-    """Hand over index and result of each task as it ends.
-
-    Tasks and results go through files: the pipes of the pool carry a path each and are never full,
-    else a process that is ended would leave this one waiting for it.
-    """
+    """Hand over index and result of each task as it ends; where that raises, cancel the others."""
     waiting = iter(enumerate(tasks))
-    at_work: dict[Future[None], int] = {}
+    at_work: dict[Future[Result], int] = {}
+
+    def give(amount: int) -> None:
+        for index, task in islice(waiting, amount):
+            at_work[executor.submit(work, task)] = index
+
+    try:
+        give(at_a_time)
+        while at_work:
+            ended = wait(at_work, return_when=FIRST_COMPLETED).done
+            give(len(ended))
+            for future in ended:
+                take(at_work.pop(future), future.result)
+    except BaseException:
+        for future in at_work:
+            future.cancel()
+        raise
+
+
+def _with_threads(work: Callable[[Task], Result], threads: int, task: Task) -> Result:
+    """Do a task in a process that others use, too."""
+    use_threads(threads)
+    return work(task)
+
+
+@contextmanager
+def _own_processes(processes: int, threads: int) -> Iterator[Executor]:
+    """Start processes, which end with this one, and at once where the block raises.
+
+    Raises:
+        ChildProcessError: the system ended one of them.
+    """
     with (
         TemporaryDirectory(prefix="prismid-") as name,
         _few_threads(threads),
@@ -104,29 +139,9 @@ def _in_processes(
             initargs=(threads, Path(name)),
         ) as pool,
     ):
-        folder = Path(name)
-
-        def give(amount: int) -> None:
-            for index, task in islice(waiting, amount):
-                _write(_task_file(folder, index), task)
-                # Any of them may start a process.
-                with _deaf_to_interrupts():
-                    future = pool.submit(_carry_out, work, folder, index)
-                at_work[future] = index
-
-        def fetch(index: int, future: Future[None]) -> Result:
-            future.result()
-            return cast(Result, _taken(_result_file(folder, index)))
-
         others = multiprocessing.active_children()
         try:
-            give(processes)
-            while at_work:
-                ended = wait(at_work, return_when=FIRST_COMPLETED).done
-                give(len(ended))
-                for future in ended:
-                    index = at_work.pop(future)
-                    take(index, partial(fetch, index, future))
+            yield _ThroughFiles(pool, Path(name))
         except BaseException as error:
             for process in multiprocessing.active_children():
                 if process not in others:
@@ -134,6 +149,40 @@ def _in_processes(
             if isinstance(error, BrokenProcessPool):
                 raise ChildProcessError(_ENDED.format(processes)) from None
             raise
+
+
+class _ThroughFiles(Executor):
+    """Hands tasks to a pool and takes results from it through files.
+
+    Its pipes carry a path each and are never full, else a process that is ended would leave this
+    one waiting for it.
+
+    Args:
+        pool: of processes.
+        folder: for the files.
+    """
+
+    def __init__(self, pool: ProcessPoolExecutor, folder: Path) -> None:
+        self._pool, self._folder, self._numbers = pool, folder, count()
+
+    def submit(self, work: Any, task: Any, /) -> Future[Any]:  # type: ignore[override]
+        """Hand a task over."""
+        index = next(self._numbers)
+        _write(_task_file(self._folder, index), task)
+        result: Future[Any] = Future()
+        result.set_running_or_notify_cancel()
+
+        def take(written: Future[None]) -> None:
+            try:
+                written.result()
+                result.set_result(_taken(_result_file(self._folder, index)))
+            except BaseException as error:
+                result.set_exception(error)
+
+        # Any of them may start a process.
+        with _deaf_to_interrupts():
+            self._pool.submit(_carry_out, work, self._folder, index).add_done_callback(take)
+        return result
 
 
 def _carry_out(work: Callable[[Any], Any], folder: Path, index: int) -> None:
