@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
+import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 
 from driver.batch.command import batch
 from driver.batch.progress import State
+from driver.batch.workers import of_scheduler
+from driver.case.model import load_case, write_case
 from driver.common.errors import InputError
+from driver.common.parallel import THREAD_VARIABLES, side_by_side
+from driver.results.hdf5 import read_hdf5
+from driver.virtual.command import virtual
 from solver_adapters.kernels import PACKAGES
 from tests.driver.batch.cases import rows, write_small_case
 from tests.driver.batch.seen_calls import SeenCalls
@@ -57,9 +65,9 @@ def cluster(
     folder: Path, workers: int, port: int = 0, settings: Mapping[str, str] | None = None
 ) -> Iterator[Cluster]:
     with ExitStack() as stack:
-        log = folder / "scheduler.log"
+        log, variables = folder / "scheduler.log", settings or {}
         start = ("dask_scheduler", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard")
-        scheduler = stack.enter_context(process(*start, log=log, settings=settings or {}))
+        scheduler = stack.enter_context(process(*start, log=log, settings=variables))
         while not (found := ADDRESS.search(log.read_text("utf-8"))):
             assert scheduler.poll() is None, log.read_text("utf-8")
             time.sleep(0.1)
@@ -68,7 +76,7 @@ def cluster(
             "--local-directory", str(folder / "dask"),
         )  # fmt: skip
         each = [
-            stack.enter_context(process(*own, log=folder / f"worker_{k}.log", settings={}))
+            stack.enter_context(process(*own, log=folder / f"worker_{k}.log", settings=variables))
             for k in range(workers)
         ]
         yield Cluster(found[1], scheduler, each)
@@ -124,6 +132,49 @@ def test_a_case_that_has_lost_all_its_workers_is_told_with_what_helps(
     )
 
 
+@pytest.mark.slow
+def test_a_case_on_a_worker_has_its_own_processes_and_the_numbers_of_a_single_one_here(
+    tmp_path: Path,
+) -> None:
+    base = write_small_case(tmp_path / "base")
+    few = {"identification.starts": 2, "identification.max_iterations": 2}
+    write_case(load_case(base).with_values_at(few), base)
+    (tmp_path / "s.toml").write_text(
+        "[program]\ncycles = [[3, 1]]\nlargest_strain = 0.005\n[discretisation]\n"
+        "mesh_size_um = 0.9\n"
+    )
+    virtual(base, tmp_path / "s.toml", tmp_path / "there", 1)
+    shutil.copytree(tmp_path / "there", tmp_path / "here")
+    seen: dict[int, tuple[int, str]] = {}  # threads of each process of the case, by its number
+
+    def watch(states: Sequence[State], at_a_time: int) -> None:
+        for case in psutil.Process(made.workers[0].pid).children():
+            with suppress(psutil.Error):
+                for process in case.children():
+                    if any("spawn_main" in word for word in process.cmdline()):
+                        limits = [process.environ()[name] for name in THREAD_VARIABLES]
+                        seen[process.pid] = (case.pid, " ".join(limits))
+
+    with cluster(tmp_path, 1, settings=dict.fromkeys(THREAD_VARIABLES, "7")) as made:
+        there = tmp_path / "there.toml"
+        there.write_text(
+            'cases = ["there"]\nuntil = "identify"\n[execution]\nprocesses = 2\n'
+            f'scheduler = "{made.address}"\n'
+        )
+        assert batch(there, watch)
+    (case,) = {case for case, _ in seen.values()}
+    assert list(seen.values()) == 2 * [(case, "1 1 1")]
+    here = tmp_path / "here.toml"
+    here.write_text('cases = ["here"]\nuntil = "identify"\n')
+    assert batch(here, lambda states, at_a_time: None)
+    one, other = (
+        read_hdf5(tmp_path / name / "results" / "identify.h5") for name in ("here", "there")
+    )
+    assert one.keys() == other.keys()
+    for name, values in one.items():
+        np.testing.assert_array_equal(other[name], values, err_msg=name)
+
+
 def run(file: Path, told: Path) -> tuple[int, str]:
     """Exit code of the command, and what it says on standard error; the rest goes to a file."""
     with told.open("w", encoding="utf-8") as log:
@@ -177,6 +228,15 @@ def test_where_the_scheduler_dies_the_command_says_so_and_goes_on_with_another_o
         assert run(file, told) == (0, "")
     assert {row["status"] for row in rows(file).values()} == {"done"}
     assert mesh.stat().st_mtime_ns == whole
+
+
+@pytest.mark.slow
+def test_numbers_of_workers_are_those_of_this_process(tmp_path: Path) -> None:
+    with cluster(tmp_path, 2) as made, of_scheduler(made.address, tmp_path / "any") as workers:
+        there = side_by_side(math.sqrt, [2.0, 3.0, 5.0], 2, executor=workers.executor)
+        with pytest.raises(ValueError):
+            side_by_side(math.sqrt, [2.0, -1.0], 2, executor=workers.executor)
+    assert there == side_by_side(math.sqrt, [2.0, 3.0, 5.0], 1)
 
 
 def test_a_scheduler_that_is_gone_is_told_and_nothing_is_lost(tmp_path: Path) -> None:

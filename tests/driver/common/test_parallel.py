@@ -7,12 +7,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
+from threadpoolctl import threadpool_info
 
+from driver.common.machine import cores
 from driver.common.parallel import side_by_side
 from solver_adapters.interface import PreparedError
 from solver_adapters.kernels import PACKAGES
@@ -32,6 +36,71 @@ def test_results_come_in_the_order_of_the_tasks(processes: int) -> None:
 def test_a_failing_task_fails_the_whole(processes: int) -> None:
     with pytest.raises(ValueError):
         side_by_side(math.sqrt, [4.0, -1.0, 9.0], processes)
+
+
+def eigenvalues(seed: int) -> list[float]:
+    matrix = np.random.default_rng(seed).standard_normal((40, 40))
+    return [float(value) for value in np.linalg.eigvalsh(matrix + matrix.T)]
+
+
+def test_numbers_are_the_same_wherever_tasks_run() -> None:
+    alone = side_by_side(eigenvalues, range(5), 1)
+    assert side_by_side(eigenvalues, range(5), 2) == alone
+    with ThreadPoolExecutor(3) as threads:
+        assert side_by_side(eigenvalues, range(5), 2, executor=threads) == alone
+
+
+def test_no_more_tasks_are_given_to_an_executor_than_are_to_run_at_a_time() -> None:
+    at_work: list[int] = []
+    most: list[int] = []
+
+    def work(task: int) -> int:
+        at_work.append(task)
+        time.sleep(0.02)
+        most.append(len(at_work))
+        at_work.remove(task)
+        return task
+
+    with ThreadPoolExecutor(8) as threads:
+        assert side_by_side(work, range(12), 3, executor=threads) == list(range(12))
+    assert max(most) <= 3
+
+
+def test_what_fails_with_an_executor_gives_it_no_more_tasks() -> None:
+    begun: list[int] = []
+
+    def work(task: int) -> None:
+        begun.append(task)
+        raise ValueError(task)
+
+    with ThreadPoolExecutor(1) as threads, pytest.raises(ValueError, match="0"):
+        side_by_side(work, range(12), 1, executor=threads)
+    assert len(begun) < 12
+
+
+def pids_below(number: int) -> tuple[int, list[int]]:
+    return os.getpid(), side_by_side(pid_of, range(number), 2)
+
+
+def pid_of(task: int) -> int:
+    return os.getpid()
+
+
+def test_what_runs_side_by_side_takes_no_further_processes() -> None:
+    """They would be more than the cores that were stated."""
+    for own, below in side_by_side(pids_below, [3, 3], 2):
+        assert own != os.getpid() and below == [own] * 3
+
+
+def threads_of_blas(task: int) -> list[int]:
+    return [found["num_threads"] for found in threadpool_info() if found["user_api"] == "blas"]
+
+
+@pytest.mark.skipif(cores() < 2, reason="one core has one thread")
+@pytest.mark.parametrize("threads", [1, 2])
+def test_blas_has_the_threads_of_its_process(threads: int) -> None:
+    for found in side_by_side(threads_of_blas, [0, 1], 2, threads):
+        assert found and set(found) == {threads}
 
 
 def prepared_unless_even(number: int) -> int:
