@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import platform
 import shutil
 from collections.abc import Iterator
@@ -91,7 +92,7 @@ def check(case_path: Path) -> list[Finding]:
     findings += seen
     if n_cells and adapter is not None:
         stacks = (experiment.frames, experiment.flats, experiment.repeats)
-        n_pixels = sum(stack.size for stack in stacks if stack is not None)
+        n_pixels = sum(math.prod(stack.shape) for stack in stacks if stack is not None)
         n_images = experiment.history.n_images
         findings += _cost(case, adapter.capabilities(), n_cells, n_images, n_pixels)
         # What is wrong above would be told once more, in words for another reader.
