@@ -135,9 +135,10 @@ def _write_series(file: h5py.File, series: FrameSeries) -> None:
         for name, values in block.items():
             if name not in file:
                 rest = values.shape[1:]
+                # Of noisy numbers the bytes that are alike are gathered: smaller, in half the time.
                 file.create_dataset(
                     name, (series.n_frames, *rest), values.dtype, chunks=(len(values), *rest),
-                    compression="gzip",
+                    compression="gzip", compression_opts=1, shuffle=True,
                 ).attrs["unit"] = series.units[name]  # fmt: skip
             file[name][first : first + len(values)] = values
         first += len(next(iter(block.values())))
