@@ -1,6 +1,7 @@
 """What many jobs cost beside their work: tasks side by side, cases of a campaign, a cluster.
 
-    python -m benchmarks.scale           1, 10, 100 and 1000 tasks, a campaign, a cluster in small
+    python -m benchmarks.scale           1, 10, 100 and 1000 tasks, a campaign, a cluster in small,
+                                         `measure` with 500 and 2000 images of 557²
     python -m benchmarks.scale --quick   10 and 100 tasks, and the start of one case
 
 Wall-clock times, which hold on free cores alone.
@@ -21,6 +22,7 @@ from typing import Any
 import numpy as np
 from distributed import Client, LocalCluster
 
+from benchmarks.many_images import MANY, show_images
 from benchmarks.measuring import show
 from driver.batch.command import batch
 from driver.case.model import write_case
@@ -112,7 +114,12 @@ def main() -> None:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="end within 45 s")
-    quick = parser.parse_args().quick
+    parser.add_argument("--images", type=int, nargs="+", help="memory of so many images alone")
+    arguments = parser.parse_args()
+    quick = arguments.quick
+    if arguments.images:
+        show_images(arguments.images)
+        return
     processes = os.cpu_count() or 1
     for number in (10, 100) if quick else (1, 10, 100, 1000):
         overhead = 1e3 * overhead_of_tasks(number, processes)
@@ -126,6 +133,7 @@ def main() -> None:
             wall, foreseen = cluster_in_small(1000, workers)
             show(f"1000 cases on {workers} workers of Dask, in small: time over that planned",
                  wall / foreseen, "0.9 to 1.1")  # fmt: skip
+        show_images(MANY)
 
 
 if __name__ == "__main__":

@@ -368,7 +368,7 @@ def readings(b: ClosedFormSpecimen, values: Mapping[str, float], seed: int) -> F
 def surface_images(b: ClosedFormSpecimen, values: Mapping[str, float], seed: int) -> SurfaceImages:
     """Return the images of a specimen with these parameters, gradient from the relief itself."""
     frames, repeats = height_maps(b, values, seed)
-    images = prepare(frames, repeats, None, PIXEL, ORIGIN, BOUNDS)
+    images = prepare(frames, repeats, None, PIXEL, ORIGIN, BOUNDS).kept()
     x, y = images.xy.T
     h = 1e-5
     gradient = np.column_stack(

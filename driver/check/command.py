@@ -90,10 +90,8 @@ def check(case_path: Path) -> list[Finding]:
     seen, reference = look_at_images(case, experiment)
     findings += seen
     if n_cells and adapter is not None:
-        stacks = (experiment.frames, experiment.flats, experiment.repeats)
-        n_pixels = sum(stack.size for stack in stacks if stack is not None)
         n_images = experiment.history.n_images
-        findings += _cost(case, adapter.capabilities(), n_cells, n_images, n_pixels)
+        findings += _cost(case, adapter.capabilities(), n_cells, n_images)
         # What is wrong above would be told once more, in words for another reader.
         solver_refused = any(finding.level == "error" for finding in of_solver)
         if not solver_refused:
@@ -257,7 +255,7 @@ def _loads_alone(case: Case, adapter: Adapter | None, n_cells: int) -> Iterator[
         yield from recommended_steps(case, adapter, history)
     yield Finding("ok", "images", 'not used, for boundary.motion is "stage": no picture is drawn')
     if n_cells and adapter is not None:
-        yield from _cost(case, adapter.capabilities(), n_cells, history.n_images, 0)
+        yield from _cost(case, adapter.capabilities(), n_cells, history.n_images)
 
 
 def _course(case: Case, history: History, force: FloatArray, what: str) -> Finding:
@@ -303,10 +301,8 @@ def _decks(case: Case, adapter: Adapter, experiment: Experiment) -> Iterator[Fin
             yield Finding("ok", "decks", f"{name} can take this model as a deck")
 
 
-def _cost(
-    case: Case, solver: Capabilities, n_cells: int, n_images: int, n_pixels: int
-) -> Iterator[Finding]:
-    cost = estimate(case, solver, n_cells, n_images, n_pixels)
+def _cost(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> Iterator[Finding]:
+    cost = estimate(case, solver, n_cells, n_images)
     free = shutil.disk_usage(case.path(".")).free / 1e9
     yield Finding(
         "ok",

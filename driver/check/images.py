@@ -85,8 +85,8 @@ def _face(case: Case, experiment: Experiment) -> Finding:
             f"images.origin_pixel: found the measured face at {place}, expected it inside "
             f"{rows} × {columns} px",
         )
-    face = experiment.frames[
-        0, round(max(top, 0)) : round(bottom) + 1, round(max(left, 0)) : round(right) + 1
+    face = experiment.frames[0][
+        round(max(top, 0)) : round(bottom) + 1, round(max(left, 0)) : round(right) + 1
     ]
     trench = 1.0 - on_surface(face).mean()
     if trench > _TRENCH_SHARE:
@@ -166,7 +166,9 @@ def _frames(
     experiment: Experiment, reference: Reference, flat: FlatField | None
 ) -> Iterator[Finding]:
     pixel = experiment.pixel_um
-    holes = np.count_nonzero(~on_surface(experiment.frames) & reference.region, axis=(1, 2))
+    holes = np.array(
+        [np.count_nonzero(~on_surface(frame) & reference.region) for frame in experiment.frames]
+    )
     if holes.any():
         worst = int(holes.argmax())
         yield Finding(
@@ -176,7 +178,7 @@ def _frames(
             f"{worst} at most, of {holes[worst]} pixels: they are left out there",
         )
     try:
-        frames = corrected(experiment.frames, flat, "frame")
+        frames = (corrected(f, flat, f"frame {t}") for t, f in enumerate(experiment.frames))
         seen = frame_statistics(frames, reference, pixel)
     except InputError as error:
         yield Finding("error", "images", str(error))

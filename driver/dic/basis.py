@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from driver.dic.kernels import grid_places, motion_of
-from meshes.arrays import FloatArray, IntArray
+from meshes.arrays import BoolArray, FloatArray, IntArray
 from meshes.plane_mesh import PlaneMesh
 
 
@@ -41,6 +41,10 @@ class Basis:
     def values(self) -> csr_array:
         """Each function at each pixel, shape (n_pixels, n_functions)."""
         return _matrix(self.mesh, self.cell, self.shape)
+
+    def at_pixels(self, pixels: IntArray | BoolArray) -> Basis:
+        """Return the basis at some of the pixels."""
+        return Basis(self.mesh, self.cell[pixels], self.shape[pixels])
 
     def at(self, points: FloatArray) -> csr_array:
         """Return the functions at any points of the mesh.
@@ -140,6 +144,30 @@ def grid_basis(
     cell, shape = _place(xy, bounds, cells)
     mesh = _grid(bounds, cells)
     return GridBasis(mesh=mesh, cell=cell, shape=shape, bounds=bounds, cells=cells)
+
+
+@dataclass(frozen=True, eq=False)
+class PixelMotion:
+    """u, v, w at the pixels in T frames, made of the nodal values for those that are asked for.
+
+    Attributes:
+        basis_uv: basis of u and of v.
+        basis_w: basis of w.
+        coefficients: nodal values [u | v | w] [µm], shape (T, n).
+    """
+
+    basis_uv: Basis
+    basis_w: Basis
+    coefficients: FloatArray
+
+    def __getitem__(self, index: IntArray, /) -> FloatArray:
+        """u, v, w in frames [µm], shape (len(index), n_pixels, 3)."""
+        return motion_at_pixels(self.basis_uv, self.basis_w, self.coefficients[index])
+
+    def at(self, pixels: IntArray) -> PixelMotion:
+        """Return the motion at some of the pixels."""
+        uv, w = (basis.at_pixels(pixels) for basis in (self.basis_uv, self.basis_w))
+        return PixelMotion(uv, w, self.coefficients)
 
 
 def motion_at_pixels(basis_uv: Basis, basis_w: Basis, p: FloatArray) -> FloatArray:

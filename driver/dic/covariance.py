@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-import numpy as np
-from scipy import ndimage
+from collections.abc import Mapping
+from dataclasses import dataclass
 
+import numpy as np
+from scipy.sparse import csr_array
+
+from driver.common.splines.kernels import HORIZON, coefficients
+from driver.dic.basis import PixelMotion
 from driver.dic.interpolation_noise import noise_of_weights
+from driver.dic.kernels import spread
 from driver.dic.series import SurfaceMotion, sensitivity
 from driver.dic.surface_images import SurfaceImages
-from meshes.arrays import FloatArray
+from meshes.arrays import BoolArray, FloatArray, IntArray
 
 _MARGIN = 10  # px, over which the cardinal cubic spline falls to 2e-6
+_BLOCK = 2**24  # numbers of all frames that are at work together
+_PIXELS = 4096  # whose weights in all frames are at work together
 
 
 def covariance_in_time(
@@ -43,14 +51,22 @@ def covariance_in_time(
     Returns:
         [µm²], shape (k, T, T).
     """
-    covariances = []
-    for weights in pixel_weights(motion, functionals):
-        own = noise_of_weights(weights, images.rows, images.cols, motion.shared_noise)
-        covariance = images.sigma**2 * (np.diag(own) + weights @ weights.T / images.n_reference)
-        if images.sigma_flat:
-            covariance += flat_covariance(motion, images, weights)
-        covariances.append(covariance)
-    return np.array(covariances)
+    return np.array(
+        [_covariance(PixelWeights.of(motion, row), motion, images) for row in functionals]
+    )
+
+
+def _covariance(weights: PixelWeights, motion: SurfaceMotion, images: SurfaceImages) -> FloatArray:
+    """Return that of one functional, of these weights, shape (T, T)."""
+    own = np.array([
+        float(noise_of_weights(weights.at(k), images.rows, images.cols, motion.shared_noise))
+        for k in range(weights.solved.shape[1])
+    ])[weights.which]  # fmt: skip
+    alike = weights.products()[np.ix_(weights.which, weights.which)]
+    covariance = images.sigma**2 * (np.diag(own) + alike / images.n_reference)
+    if images.sigma_flat:
+        covariance += flat_covariance(motion, images, weights)
+    return covariance
 
 
 def held_back(motion: SurfaceMotion, images: SurfaceImages, functional: FloatArray) -> float:
@@ -70,58 +86,108 @@ def held_back(motion: SurfaceMotion, images: SurfaceImages, functional: FloatArr
     return float(np.sqrt(variance * max(energy, 0.0)))
 
 
-def pixel_weights(motion: SurfaceMotion, functionals: FloatArray) -> FloatArray:
-    """q_t of every frame, 0 at pixels that it lacks, for k rows L (k, n), shape (k, T, n_pix)."""
-    whole, right = motion.system, np.ascontiguousarray(functionals.T)
-    seen = sensitivity(whole.pixels.slope, motion.basis_uv, motion.basis_w)
-    weights = np.repeat((seen @ whole.solve(right)).T[:, None], len(motion.compared), axis=1)
-    for t in np.flatnonzero(~motion.compared.all(axis=1) & ~motion.lost):
-        kept = motion.compared[t]
-        weights[:, t] = (seen @ motion.equations.of(kept).solve(right)).T * kept
-    return np.asarray(weights)
+@dataclass(frozen=True, eq=False)
+class PixelWeights:
+    """The weights q_t of a functional at the pixels in every frame, 0 at pixels that it lacks.
+
+    Frames that have every pixel share them.
+
+    Attributes:
+        seen: ∇f·ψ at each pixel, shape (n_pix, n).
+        solved: A⁻¹ Lᵀ of a frame that has every pixel, and of those that lack some, (n, m).
+        kept: pixels that these have, each of shape (n_pix,); by their column.
+        which: column of each frame, shape (T,).
+    """
+
+    seen: csr_array
+    solved: FloatArray
+    kept: Mapping[int, BoolArray]
+    which: IntArray
+
+    @staticmethod
+    def of(motion: SurfaceMotion, functional: FloatArray) -> PixelWeights:
+        """Solve the equations of each frame.
+
+        Args:
+            motion: measured motion.
+            functional: L [1], shape (n,).
+        """
+        seen = sensitivity(motion.system.pixels.slope, motion.basis_uv, motion.basis_w)
+        solved, kept = [motion.system.solve(functional)], dict[int, BoolArray]()
+        which = np.zeros(len(motion.compared), dtype=np.int64)
+        for t in np.flatnonzero(~motion.compared.all(axis=1) & ~motion.lost).tolist():
+            which[t] = len(solved)
+            kept[len(solved)] = motion.compared[t]
+            solved.append(motion.equations.of(motion.compared[t]).solve(functional))
+        return PixelWeights(seen, np.column_stack(solved), kept, which)
+
+    def at(self, column: int, pixels: IntArray | slice = slice(None)) -> FloatArray:
+        """Return one of the different weights at some pixels, shape (n,)."""
+        weights = np.asarray(self.seen[pixels] @ self.solved[:, column])
+        return weights * self.kept[column][pixels] if column in self.kept else weights
+
+    def products(self) -> FloatArray:
+        """Σ q q' over the pixels of the different weights, shape (m, m)."""
+        total = np.zeros((self.solved.shape[1],) * 2)
+        for first in range(0, self.seen.shape[0], _PIXELS):
+            some = slice(first, first + _PIXELS)
+            weights = np.ascontiguousarray((self.seen[some] @ self.solved).T)
+            for column, kept in self.kept.items():
+                weights[column] *= kept[some]
+            total += weights @ weights.T
+        return total
 
 
 def flat_covariance(
-    motion: SurfaceMotion, images: SurfaceImages, weights: FloatArray
+    motion: SurfaceMotion, images: SurfaceImages, weights: PixelWeights
 ) -> FloatArray:
-    """Return part of the flat pattern's error, for weights q_t (T, n_pix), [µm²], shape (T, T)."""
-    shift = np.where(motion.lost[:, None, None], 0.0, motion.at_pixels()[..., :2])
-    moved = shift / images.pixel + np.column_stack([images.rows, images.cols])
-    low = np.floor(moved.min(axis=(0, 1))).astype(np.int64) - _MARGIN
-    low = np.minimum(low, [images.rows.min() - _MARGIN, images.cols.min() - _MARGIN])
-    high = np.maximum(moved.max(axis=(0, 1)), [images.rows.max(), images.cols.max()])
-    shape = tuple((np.ceil(high).astype(np.int64) + _MARGIN + 1 - low).tolist())
-    rest = np.ravel_multi_index((images.rows - low[0], images.cols - low[1]), shape)
+    """Return part of the flat pattern's error, for the weights of a functional, [µm²], (T, T).
+
+    The pixels of the camera are taken in bands of columns, as many as memory has room for in all
+    frames: from one band to the next only what the spline filter remembers is done twice.
+    """
+    T, every = len(weights.which), np.arange(len(images.rows))
+    place = np.column_stack([images.rows, images.cols]).astype(np.float64)
+    least, most, reach = place.min(axis=0), place.max(axis=0), 0.0
+    for t in range(T):
+        shift = _shift(motion, images, motion.fields, t)
+        least = np.minimum(least, (place + shift).min(axis=0))
+        most = np.maximum(most, (place + shift).max(axis=0))
+        reach = max(reach, float(np.abs(shift[:, 1]).max()))
+    start = np.floor(least).astype(np.int64) - _MARGIN
+    rows, cols = (np.ceil(most).astype(np.int64) + _MARGIN + 1 - start).tolist()
     # Beyond the border of the camera the images go on as in a mirror, and so does their error.
-    inside = [np.arange(n) + start for n, start in zip(shape, low, strict=True)]
     mirrored = (
-        np.abs((at + n - 1) % (2 * n - 2) - (n - 1)) if n > 1 else np.zeros_like(at)
-        for at, n in zip(inside, images.shape, strict=True)
-    )
-    error = images.flat_error[np.ix_(*mirrored)].ravel()
-    effects = np.empty((len(weights), error.size))
-    for t, q in enumerate(weights):
-        carried = _spread(moved[t] - low, q, shape)
-        effects[t] = np.bincount(rest, q, error.size) - carried
-    effects *= error
-    return np.asarray(effects @ effects.T)
+        np.abs((np.arange(m) + first + n - 1) % (2 * n - 2) - (n - 1)) if n > 1
+        else np.zeros(m, dtype=np.int64)
+        for m, first, n in zip((rows, cols), start.tolist(), images.shape, strict=True)
+    )  # fmt: skip
+    error = images.flat_error[np.ix_(*mirrored)]
+    total = np.zeros((T, T))
+    width = max(_BLOCK // (T * rows), 1)
+    for left in range(0, cols, width):
+        right = min(left + width, cols)
+        # What the filter of the splines remembers of the pixels beside the band.
+        window = max(left - HORIZON, 0), min(right + HORIZON, cols)
+        inside = slice(left - window[0], right - window[0])
+        at = place - start - (0, window[0])
+        some = every[(at[:, 1] >= -reach) & (at[:, 1] <= window[1] - window[0] + reach)]
+        at = at[some]
+        within = (at[:, 1] >= 0) & (at[:, 1] < window[1] - window[0])
+        still = tuple(at[within].astype(np.int64).T)
+        fields, shape = motion.fields.at(some), (rows, window[1] - window[0])
+        whole, effects = weights.at(0, some), np.empty((T, rows * (right - left)))
+        for t, column in enumerate(weights.which.tolist()):
+            q = weights.at(column, some) if column else whole
+            moved = at + _shift(motion, images, fields, t)
+            effect = -coefficients(spread(moved, q, shape))
+            effect[still] += q[within]
+            effects[t] = (effect * error[:, window[0] : window[1]])[:, inside].ravel()
+        total += effects @ effects.T
+    return total
 
 
-def _spread(at: FloatArray, values: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """Return transpose of cubic B-spline interpolation at places (n, 2) [px], over all pixels."""
-    first = np.floor(at).astype(np.int64)
-    fraction = (at - first).T
-    along = [_b_splines(part) for part in fraction]
-    total = np.zeros(shape[0] * shape[1])
-    for i in range(4):
-        for j in range(4):
-            index = (first[:, 0] - 1 + i) * shape[1] + first[:, 1] - 1 + j
-            total += np.bincount(index, along[0][i] * along[1][j] * values, total.size)
-    # Away from the border the filter from samples to coefficients is its own transpose.
-    return np.asarray(ndimage.spline_filter(total.reshape(shape), order=3, mode="mirror")).ravel()
-
-
-def _b_splines(t: FloatArray) -> FloatArray:
-    """Return the four cubic B-splines at a fraction of a pixel, shape (4, n)."""
-    s = 1.0 - t
-    return np.array([s**3, 4 - 6 * t**2 + 3 * t**3, 4 - 6 * s**2 + 3 * s**3, t**3]) / 6
+def _shift(motion: SurfaceMotion, images: SurfaceImages, fields: PixelMotion, t: int) -> FloatArray:
+    """Return u, v of a frame at pixels [px], none where it is lost, shape (n, 2)."""
+    shift = fields[np.array([t])][0, :, :2] / images.pixel
+    return np.zeros_like(shift) if motion.lost[t] else shift

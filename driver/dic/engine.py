@@ -9,13 +9,14 @@ from typing import TypeVar
 
 import numpy as np
 
+from driver.common.splines.images import Splines
 from driver.dic.basis import Basis, motion_at_pixels
 from driver.dic.factor import Matrix
 from driver.dic.messages import explanation
 from driver.dic.missing_pixels import Equations
 from driver.dic.regularisation import Penalty, penalties, ranks
 from driver.dic.regularisation_evidence import Evidence, NoiseAndRoughness, weigh
-from driver.dic.residual_noise import residual_chi, residual_variance
+from driver.dic.residual_noise import residual_variance
 from driver.dic.system import End, Pixels, System
 from meshes.arrays import BoolArray, FloatArray, IntArray
 
@@ -73,7 +74,7 @@ class CorrelationProblem:
     pixels: Pixels
     basis_uv: Basis
     basis_w: Basis
-    splines: Sequence[FloatArray]
+    splines: Splines
     noise: KnownNoise
 
 
@@ -85,7 +86,11 @@ class Solution:
         equations: normal equations of the last iterations.
         coefficients: nodal values [u | v | w] [µm], shape (T, n).
         residual: ρ = f + w − g(x + u, y + v) at each pixel [µm], NaN where not compared,
-            shape (T, n_pix).
+            shape (T, n_pix), or (T, 0) where it was not asked for.
+        compared: whether each pixel was compared, shape (T, n_pix).
+        squares: Σ ρ² over its variance by noise, of each image, shape (T,). The relief stands for
+            the residual of an image that is lost.
+        seen: number of pixels in each of these sums, shape (T,).
         noise: what was known of it.
         estimate: noise and roughness, as given or as the images say.
         lost: whether most of the pixels left the image or the iteration diverged, (T,).
@@ -97,6 +102,9 @@ class Solution:
     equations: Equations
     coefficients: FloatArray
     residual: FloatArray
+    compared: BoolArray
+    squares: FloatArray
+    seen: IntArray
     noise: KnownNoise
     estimate: NoiseAndRoughness
     lost: BoolArray
@@ -125,16 +133,9 @@ class Solution:
 
     @property
     def chi(self) -> FloatArray:
-        """Residual of each image in units of noise, degrees of freedom counted, shape (T,).
-
-        The relief stands for the residual of an image that is lost.
-        """
-        height, freedom = self.system.pixels.height, self.system.freedom()
-        chi = np.empty(len(self.lost))
-        for t, lost in enumerate(self.lost):
-            residual = height - height.mean() if lost else self.residual[t]
-            chi[t : t + 1] = residual_chi(residual[None], self.variance(t), freedom)
-        return chi
+        """Residual of each image in units of noise, degrees of freedom counted, shape (T,)."""
+        freedom = np.maximum(self.seen - self.system.freedom(), 1.0)
+        return np.asarray(np.sqrt(self.squares / freedom))
 
     def covariance_of(self, functionals: FloatArray, noise: Matrix | None = None) -> FloatArray:
         """Covariance that the noise of one image causes in linear functionals of [u | v | w].
@@ -158,6 +159,7 @@ def solve(
     regularisation: Regularisation,
     tolerance: float,
     workers: int = 1,
+    with_residual: bool = True,
 ) -> Solution:
     """Find the motion of every image against the reference.
 
@@ -184,6 +186,7 @@ def solve(
         regularisation: penalty and roughness.
         tolerance: largest nodal update of u, v at the end [px].
         workers: threads over the images; the result does not depend on it.
+        with_residual: whether the residuals of all images are kept.
     """
     pixels, noise = problem.pixels, problem.noise
     relief = float(np.std(pixels.height))
@@ -197,28 +200,59 @@ def solve(
     weigh(system, estimate, noise.n_reference)
     free = (regularisation.roughness is None, regularisation.roughness_w is None)
     if any(free) or (noise.sigma is None and any(system.weights)):
-        _, ends = _solved(problem, system, estimate, starts, COARSE, workers)
-        kept = followed(_lost(ends))
-        sigma = noise.sigma or _sigma(system, ends, noise)
+        _, solved = _solved(problem, system, estimate, starts, COARSE, workers, False)
+        kept = followed(_lost(solved))
+        sigma = noise.sigma or _sigma(system, solved)
         evidence = Evidence(system, ranks(*bases, penalty), free, noise.n_reference)
-        p = np.array([end.p for end in ends])[kept]
+        p = np.array([one.end.p for one in solved])[kept]
         estimate, p = evidence.settle(p, estimate, sigma)
         starts = starts.copy()
         starts[kept] = p
-    equations, ends = _solved(problem, system, estimate, starts, tolerance, workers)
+    equations, solved = _solved(
+        problem, system, estimate, starts, tolerance, workers, with_residual
+    )
+    squares = np.array([one.squares for one in solved])
     if noise.sigma is None:
-        estimate = replace(estimate, sigma=_sigma(system, ends, noise))
+        estimate = replace(estimate, sigma=_sigma(system, solved))
+        squares /= estimate.sigma**2
+    ends = [one.end for one in solved]
     return Solution(
         equations=equations,
         coefficients=np.array([end.p for end in ends]),
         residual=np.array([end.residual for end in ends]),
+        compared=np.array([one.compared for one in solved]),
+        squares=squares,
+        seen=np.array([one.seen for one in solved]),
         noise=noise,
         estimate=estimate,
-        lost=_lost(ends),
+        lost=_lost(solved),
         iterations=np.array([end.iterations for end in ends]),
         converged=np.array([end.reason == "converged" for end in ends]),
         reason=tuple(explanation(end, tolerance) for end in ends),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Outcome:
+    """What is kept of an image that was solved.
+
+    Attributes:
+        end: where its iteration ended; without a residual where that was not asked for.
+        compared: whether each pixel was compared, shape (n_pix,).
+        squares: Σ ρ² over its variance by noise, of the given σ or of 1; the relief stands for
+            the residual of an image that is lost.
+        seen: number of pixels in that sum.
+    """
+
+    end: End
+    compared: BoolArray
+    squares: float
+    seen: int
+
+    @property
+    def lost(self) -> bool:
+        """Whether most of the pixels left the image or the iteration diverged."""
+        return self.end.reason in ("left", "diverged")
 
 
 def _solved(
@@ -228,19 +262,30 @@ def _solved(
     starts: FloatArray,
     tolerance: float,
     workers: int,
-) -> tuple[Equations, list[End]]:
+    with_residual: bool,
+) -> tuple[Equations, list[_Outcome]]:
     """Solve all images with the system as it is weighed."""
-    variance = estimate.variance(problem.noise.n_reference)
-    equations = Equations(system, variance / float(np.var(problem.pixels.height)))
+    noise, height = problem.noise, problem.pixels.height
+    equations = Equations(system, estimate.variance(noise.n_reference) / float(np.var(height)))
+    relief, unit = height - height.mean(), noise.sigma or 1.0
 
-    def end(spline: FloatArray, start: FloatArray) -> End:
-        return equations.solve(spline, start, tolerance)
+    def outcome(t: int) -> _Outcome:
+        end = equations.solve(problem.splines[t], starts[t], tolerance)
+        compared = np.isfinite(end.residual)
+        solved = _Outcome(end, compared, 0.0, 0)
+        left = relief if solved.lost else end.residual
+        return replace(
+            solved,
+            end=end if with_residual else replace(end, residual=left[:0]),
+            squares=float(np.nansum(left**2 / _variance(system, end.p, noise, unit))),
+            seen=int(np.count_nonzero(np.isfinite(left))),
+        )
 
-    return equations, in_threads(end, workers, problem.splines, list(starts))
+    return equations, in_threads(outcome, workers, range(len(starts)))
 
 
 def in_threads(
-    work: Callable[..., Result], workers: int, *arguments: Sequence[FloatArray]
+    work: Callable[..., Result], workers: int, *arguments: Sequence[FloatArray] | range
 ) -> list[Result]:
     """Results of `work` on the arguments of each image, in their order."""
     if min(workers, len(arguments[0])) == 1:
@@ -254,17 +299,17 @@ def followed(lost: BoolArray) -> BoolArray:
     return lost if lost.all() else ~lost
 
 
-def _lost(ends: Sequence[End]) -> BoolArray:
-    return np.array([end.reason in ("left", "diverged") for end in ends])
+def _lost(solved: Sequence[_Outcome]) -> BoolArray:
+    return np.array([one.lost for one in solved])
 
 
-def _sigma(system: System, ends: Sequence[End], noise: KnownNoise) -> float:
+def _sigma(system: System, solved: Sequence[_Outcome]) -> float:
     """Noise of one image that the residuals of those that are not lost say."""
     squares, freedom, each = 0.0, 0.0, system.freedom()
-    for end, kept in zip(ends, followed(_lost(ends)), strict=True):
+    for one, kept in zip(solved, followed(_lost(solved)), strict=True):
         if kept:
-            squares += float(np.nansum(end.residual**2 / _variance(system, end.p, noise, 1.0)))
-            freedom += float(np.isfinite(end.residual).sum()) - each
+            squares += one.squares
+            freedom += one.seen - each
     return float(np.sqrt(squares / max(freedom, 1.0)))
 
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from driver.common.splines.images import samples
 from driver.dic.engine import COARSE
 from driver.dic.jump import after_jump
 from driver.dic.kernels import binned
 from driver.dic.surface_images import SurfaceImages
 from driver.dic.system import System
-from driver.experiment.images.heightmaps import fill_off_surface
 from driver.experiment.images.rigid import phase_correlation
 from meshes.arrays import FloatArray
 
@@ -25,14 +23,12 @@ def first_pass(images: SurfaceImages, system: System) -> FloatArray:
     Returns:
         Nodal values [µm], shape (T, n).
     """
-    box = np.s_[
-        images.rows.min() : images.rows.max() + 1, images.cols.min() : images.cols.max() + 1
-    ]
+    box = images.box()
     starts = np.zeros((images.n_frames, system.size))
     last, before = starts[0], binned(images.reference_image[box], 2)
-    for t, spline in enumerate(images.frames.coefficients):
-        seen = samples(spline)[box]
-        after = binned(fill_off_surface(seen, np.isfinite(seen)), 2)
+    for t in range(images.n_frames):
+        spline = images.frames.coefficients[t]
+        after = binned(images.sampled(spline, box), 2)
         shift = 2 * images.pixel * np.array(phase_correlation(before, after))
         end = system.iterate(spline, after_jump(system, spline, last, shift), COARSE)
         starts[t] = end.p

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from scipy import signal
 from scipy.sparse import csc_array, csr_array
@@ -87,17 +89,19 @@ def noise_of_weights(
     return np.asarray((image * spread).sum(axis=(-2, -1)))
 
 
-def mean_autocorrelation(motion: FloatArray) -> FloatArray:
+def mean_autocorrelation(motion: Iterable[FloatArray]) -> FloatArray:
     """r, that of white noise read at the places of all frames, their mean.
 
     Args:
-        motion: u, v of every frame [px], shape (T, n_pix, 2 or more).
+        motion: u, v of each frame [px], of shape (n_pix, 2 or more).
 
     Returns:
         By distance along rows and columns, shape (REACH + 1, REACH + 1).
     """
-    places = np.moveaxis(motion[:, ::_SPARED, :2], -1, 0)
-    bins = [np.rint(_BINS * (shift - np.floor(shift))).astype(np.int64) % _BINS for shift in places]
-    count = np.bincount((_BINS * bins[0] + bins[1]).ravel(), minlength=_BINS**2)
+    count = np.zeros(_BINS**2, dtype=np.int64)
+    for field in motion:
+        shift = field[::_SPARED, :2]
+        bins = np.rint(_BINS * (shift - np.floor(shift))).astype(np.int64) % _BINS
+        count += np.bincount(_BINS * bins[:, 0] + bins[:, 1], minlength=_BINS**2)
     table = noise_autocorrelation(np.arange(_BINS) / _BINS, REACH)
     return np.asarray(table.T @ (count.reshape(_BINS, _BINS) / count.sum()) @ table)

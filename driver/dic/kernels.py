@@ -319,6 +319,37 @@ def pair_hessians(
 
 
 @_compiled
+def spread(places: FloatArray, values: FloatArray, shape: tuple[int, int]) -> FloatArray:
+    """Return the transpose of cubic B-spline interpolation without its filter, over the pixels.
+
+    Args:
+        places: where the values stand, row and column [px], (n, 2); those whose four by four pixels
+            are not all there are left out.
+        values: what is spread, (n,).
+        shape: rows and columns of the pixels.
+    """
+    total = np.zeros(shape)
+    for k in range(len(values)):
+        r, c = int(np.floor(places[k, 0])), int(np.floor(places[k, 1]))
+        if r < 1 or c < 1 or r + 2 >= shape[0] or c + 2 >= shape[1]:
+            continue
+        t, s = places[k, 0] - r, places[k, 1] - c
+        a0, a3 = (1 - t) ** 3 / 6, t**3 / 6
+        a1 = 2 / 3 - t * t * (1 - 0.5 * t)
+        a2 = 1 - a0 - a1 - a3
+        b0, b3 = (1 - s) ** 3 / 6, s**3 / 6
+        b1 = 2 / 3 - s * s * (1 - 0.5 * s)
+        b2 = 1 - b0 - b1 - b3
+        for i in range(4):
+            along = values[k] * (a0 if i == 0 else a1 if i == 1 else a2 if i == 2 else a3)
+            total[r - 1 + i, c - 1] += along * b0
+            total[r - 1 + i, c] += along * b1
+            total[r - 1 + i, c + 1] += along * b2
+            total[r - 1 + i, c + 2] += along * b3
+    return total
+
+
+@_compiled
 def binned(image: FloatArray, scale: int) -> FloatArray:
     """Means over squares of `scale` pixels; what is left at the far borders is dropped."""
     rows, cols = image.shape[0] // scale, image.shape[1] // scale

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from driver.dic.basis import Basis
 from driver.dic.system import MIN_USED, End, Pixels, System
 from driver.experiment.images.heightmaps import on_surface
 from meshes.arrays import BoolArray, FloatArray
@@ -53,8 +52,8 @@ class Equations:
         )  # fmt: skip
         system = System(
             some,
-            _part(self.whole.basis_uv, kept),
-            _part(self.whole.basis_w, kept),
+            self.whole.basis_uv.at_pixels(kept),
+            self.whole.basis_w.at_pixels(kept),
             self.whole.parts,
         )
         weight, weight_w = self.whole.weights
@@ -78,7 +77,3 @@ class Equations:
             return self.whole.iterate(image, start, tolerance, at_start)
         end = self.of(np.isfinite(at_start.residual)).iterate(image, start, tolerance)
         return replace(end, residual=self.whole.residual(image, end.p))
-
-
-def _part(basis: Basis, kept: BoolArray) -> Basis:
-    return Basis(basis.mesh, basis.cell[kept], basis.shape[kept])

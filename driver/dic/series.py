@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array, hstack
 
 from driver.common.element_sizes import ELEMENT_UV, ELEMENT_W
-from driver.dic.basis import Basis, basis_on, motion_at_pixels
+from driver.dic.basis import Basis, PixelMotion, basis_on
 from driver.dic.engine import CorrelationProblem, KnownNoise, Regularisation, followed, solve
 from driver.dic.first_pass import first_pass
 from driver.dic.interpolation_noise import mean_autocorrelation, noise_of_right_side
@@ -81,9 +81,21 @@ class SurfaceMotion:
         """The equations of a frame that has every pixel."""
         return self.equations.whole
 
+    @property
+    def fields(self) -> PixelMotion:
+        """u, v, w at the pixels of the region of interest, of the frames that are asked for."""
+        return PixelMotion(self.basis_uv, self.basis_w, self.coefficients)
+
     def at_pixels(self) -> FloatArray:
-        """u, v, w at the pixels of the region of interest [µm], shape (T, n_pix, 3)."""
-        return motion_at_pixels(self.basis_uv, self.basis_w, self.coefficients)
+        """u, v, w at the pixels in all frames [µm], shape (T, n_pix, 3)."""
+        return self.fields[np.arange(len(self.coefficients))]
+
+    def means(self) -> FloatArray:
+        """Return the mean of u, v, w over the pixels in each frame [µm], shape (T, 3)."""
+        n_uv = len(self.basis_uv.nodes)
+        uv, w = (basis.values.mean(axis=0) for basis in (self.basis_uv, self.basis_w))
+        parts = np.split(self.coefficients, [n_uv, 2 * n_uv], axis=1)
+        return np.column_stack([parts[0] @ uv, parts[1] @ uv, parts[2] @ w])
 
 
 def measure(
@@ -131,23 +143,24 @@ def measure(
     stiff = System(_pixels(images), basis_uv, basis_w, penalties(basis_uv, basis_w, "tikhonov"))
     weigh(stiff, NoiseAndRoughness(images.sigma, first, np.inf), n_reference)
     starts = first_pass(images, stiff)
-    images = refine_gradient(images, motion_at_pixels(basis_uv, basis_w, starts))
+    images = refine_gradient(images, PixelMotion(basis_uv, basis_w, starts))
     solution = solve(
         CorrelationProblem(
             pixels=_pixels(images),
             basis_uv=basis_uv,
             basis_w=basis_w,
-            splines=list(images.frames.coefficients),
+            splines=images.frames.coefficients,
             noise=KnownNoise(n_reference, images.sigma, images.sigma_flat),
         ),
         starts,
         Regularisation(penalty, wanted, np.inf),
         TOLERANCE,
         workers,
+        with_residual=False,
     )
-    kept = solution.coefficients[followed(solution.lost)]
-    motion = motion_at_pixels(basis_uv, basis_w, kept)
-    shared = mean_autocorrelation(motion / pixel)
+    fields = PixelMotion(basis_uv, basis_w, solution.coefficients)
+    kept = np.flatnonzero(followed(solution.lost))
+    shared = mean_autocorrelation(fields[kept[t : t + 1]][0] / pixel for t in range(len(kept)))
     seen = sensitivity(images.gradient, basis_uv, basis_w)
     noise = noise_of_right_side(seen, images.rows, images.cols, shared, n_reference)
     return SurfaceMotion(
@@ -164,7 +177,7 @@ def measure(
         reason=solution.reason,
         roughness=solution.estimate.roughness,
         ridge=solution.system.ridge,
-        compared=np.isfinite(solution.residual),
+        compared=solution.compared,
         equations=solution.equations,
     )
 

@@ -2,22 +2,64 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from scipy import ndimage
 
-from driver.common.splines.images import SplineImages, spline_images
+from driver.common.splines.images import SplineImages, samples, spline_images
+from driver.common.splines.kernels import coefficients
 from driver.dic.missing_pixels import mark_gaps
 from driver.dic.residual_noise import residual_chi, residual_variance
 from driver.experiment.images.flatfield import FlatField, without_noise
-from driver.experiment.images.heightmaps import ImageError
+from driver.experiment.images.heightmaps import (
+    HeightMaps,
+    ImageError,
+    fill_off_surface,
+    on_surface,
+)
 from driver.experiment.images.reference import Reference, build_reference, corrected
 from driver.experiment.images.region import Bounds, CodeArray
 from meshes.arrays import BoolArray, FloatArray, IntArray
 
 SMOOTHING = 1.0  # px; of the first gradient, whose noise would otherwise rival the pattern
 RING = 4  # px around the region of interest that the derivative of a cubic spline still feels
+_BLOCK = 2**20  # pixels of the images that are at work together, at least one image
+
+
+class PixelFields(Protocol):
+    """Motion u, v, w at the pixels by frame [µm]; an array of shape (T, n_pix, 3) is such."""
+
+    def __getitem__(self, index: IntArray, /) -> FloatArray:
+        """Motion of some frames, shape (len(index), n_pix, 3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSplines:
+    """Spline coefficients of corrected frames, made anew whenever one is asked for.
+
+    The frames of a long series do not fit into memory as numbers, but as their files have them.
+
+    Attributes:
+        frames: height maps of the series [µm].
+        flat: fixed pattern to subtract, if known.
+    """
+
+    frames: HeightMaps
+    flat: FlatField | None
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self.frames)
+
+    def __getitem__(self, index: int, /) -> FloatArray:
+        """Coefficients [µm], NaN where no height was measured, shape (rows, cols)."""
+        heights = self.frames[index]
+        spline: FloatArray = coefficients(corrected(heights, self.flat, f"frame {index}"))
+        mark_gaps(spline, heights)
+        return spline
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +72,8 @@ class SurfaceImages:
         cols: column of each pixel, shape (n_pix,).
         reference: height f of each pixel, mean of the repeats [µm], shape (n_pix,).
         gradient: ∂f/∂X, ∂f/∂Y at each pixel [-], shape (n_pix, 2).
-        frames: the T images of the series, their coefficients NaN where no height was measured.
+        frames: the T images of the series, their coefficients NaN where no height was measured;
+            of a long series they are made anew whenever they are asked for, see `blocks`.
         sigma: standard deviation of the noise of one frame at a pixel [µm].
         n_reference: number of images averaged into `reference`.
         shape: (rows, cols) of an image.
@@ -69,6 +112,54 @@ class SurfaceImages:
         """Number T of images in the series."""
         return len(self.frames.coefficients)
 
+    def only(self, index: IntArray) -> SurfaceImages:
+        """Return some frames of the series, their splines kept in memory."""
+        kept = np.empty((len(index), *self.shape))
+        for place, t in enumerate(index.tolist()):
+            kept[place] = self.frames.coefficients[t]
+        return replace(self, frames=replace(self.frames, coefficients=kept))
+
+    def kept(self) -> SurfaceImages:
+        """Return the series with the splines of all its frames kept in memory."""
+        if isinstance(self.frames.coefficients, np.ndarray):
+            return self
+        return self.only(np.arange(self.n_frames))
+
+    def blocks(self) -> Iterator[tuple[IntArray, SurfaceImages]]:
+        """All frames, some at a time: their numbers, and these frames kept in memory."""
+        together = max(1, _BLOCK // max(1, self.shape[0] * self.shape[1]))
+        for first in range(0, self.n_frames, together):
+            index = np.arange(first, min(first + together, self.n_frames))
+            yield index, self.only(index)
+
+    def box(self, margin: int = 0) -> tuple[slice, slice]:
+        """Rows and columns of the images around the region of interest.
+
+        Args:
+            margin: pixels more on each side, as far as the images reach.
+        """
+        rows, cols = (
+            slice(max(int(at.min()) - margin, 0), min(int(at.max()) + 1 + margin, n))
+            for at, n in zip((self.rows, self.cols), self.shape, strict=True)
+        )
+        return rows, cols
+
+    def sampled(self, spline: FloatArray, box: tuple[slice, slice]) -> FloatArray:
+        """Heights of a frame at the pixels of a box [µm], extended over gaps.
+
+        Args:
+            spline: coefficients of the frame, shape (rows, cols).
+            box: rows and columns.
+        """
+        # A sample feels the coefficients beside it, mirrored where the image ends.
+        wide = tuple(slice(max(part.start - 1, 0), part.stop + 1) for part in box)
+        inner = tuple(
+            slice(part.start - more.start, part.stop - more.start)
+            for part, more in zip(box, wide, strict=True)
+        )
+        seen = samples(spline[wide])[inner]
+        return fill_off_surface(seen, on_surface(seen))
+
     def residual(self, motion: FloatArray, index: IntArray | None = None) -> FloatArray:
         """ρ = f(x) + w − g(x + u, y + v) [µm], NaN next to a pixel that the frame lacks.
 
@@ -93,24 +184,27 @@ class SurfaceImages:
 
     def chi(
         self,
-        motion: FloatArray,
+        motion: PixelFields,
         n_parameters: float | FloatArray = 0.0,
-        index: IntArray | None = None,
     ) -> FloatArray:
         """Residual of each frame in units of noise, shape (T,), see `residual_chi`.
 
         Args:
-            motion: as in `residual`.
+            motion: of every frame.
             n_parameters: degrees of freedom of the motion that were fitted, of all frames or (T,).
-            index: as in `residual`.
         """
-        return residual_chi(
-            self.residual(motion, index), self.expected_residual_variance(motion), n_parameters
+        fitted = np.broadcast_to(n_parameters, self.n_frames)
+        return np.concatenate(
+            [some._chi(motion[index], fitted[index]) for index, some in self.blocks()]
         )
+
+    def _chi(self, motion: FloatArray, fitted: float | FloatArray = 0.0) -> FloatArray:
+        variance = self.expected_residual_variance(motion)
+        return residual_chi(self.residual(motion), variance, fitted)
 
 
 def prepare(
-    frames: FloatArray,
+    frames: HeightMaps,
     repeats: FloatArray,
     flat: FlatField | None,
     pixel: float,
@@ -126,7 +220,7 @@ def prepare(
     as is dust; what a frame lacks is left out of that frame alone, see `mark_gaps`.
 
     Args:
-        frames: height maps of the series [µm], shape (T, rows, cols).
+        frames: height maps of the series [µm]; they are read whenever they are needed.
         repeats: height maps of the unloaded surface [µm], shape (n, rows, cols).
         flat: fixed pattern to subtract, if known.
         pixel: size of a pixel [µm].
@@ -148,8 +242,10 @@ def prepare(
             raise ImageError(f"{name} of {found} px, but the repeats have {shape} px.")
     reference = build_reference(repeats, flat, pixel, origin, bounds, mask, mask_dust)
     smooth = ndimage.gaussian_filter(reference.heights, SMOOTHING)
-    splines = spline_images(corrected(frames, flat, "frame"), pixel, origin)
-    mark_gaps(splines.coefficients, frames)
+    for t, heights in enumerate(frames):
+        if not on_surface(heights).any():
+            raise ImageError(f"frame {t}: no pixel carries a height (all empty).")
+    splines = SplineImages(FrameSplines(frames, flat), pixel, origin)
     return over_region(reference, splines, smooth, flat, bounds)
 
 
@@ -195,7 +291,7 @@ def over_region(
     )
 
 
-def refine_gradient(images: SurfaceImages, motion: FloatArray) -> SurfaceImages:
+def refine_gradient(images: SurfaceImages, motion: PixelFields) -> SurfaceImages:
     """Take the gradient from the mean of the repeats and of all frames, warped back.
 
     The mean of n + T images has little noise of its own to be mistaken for pattern. A frame
@@ -207,7 +303,7 @@ def refine_gradient(images: SurfaceImages, motion: FloatArray) -> SurfaceImages:
 
     Args:
         images: the series.
-        motion: motion of every frame from a first correlation [µm], shape (T, n_pix, 3).
+        motion: motion of every frame from a first correlation.
     """
     roi = np.zeros(images.shape, dtype=bool)
     roi[images.rows, images.cols] = True
@@ -216,18 +312,21 @@ def refine_gradient(images: SurfaceImages, motion: FloatArray) -> SurfaceImages:
     pixel_of = np.zeros(images.shape, dtype=np.int64)
     pixel_of[images.rows, images.cols] = np.arange(len(images.rows))
     nearest = ndimage.distance_transform_edt(~roi, return_distances=False, return_indices=True)
-    carried = motion[:, pixel_of[tuple(nearest)][rows, cols]]
-    moved = (np.column_stack([rows, cols]) - images.frames.origin) * images.pixel + carried[..., :2]
-    weights = np.maximum(images.chi(motion), 1.0) ** -2.0
+    on_ring = pixel_of[tuple(nearest)][rows, cols]
+    places = (np.column_stack([rows, cols]) - images.frames.origin) * images.pixel
     fixed = spline_images(images.flat_noise[None], images.pixel, images.frames.origin)
     total = images.n_reference * (images.reference_image + images.flat_noise)[rows, cols]
     count = np.full(len(rows), float(images.n_reference))
-    for t, weight in enumerate(weights):
-        at = moved[t, :, 0], moved[t, :, 1]
-        warped = images.frames.value(t, *at) + fixed.value(0, *at) - carried[t, :, 2]
-        seen = np.isfinite(warped)
-        total[seen] += weight * warped[seen]
-        count += weight * seen
+    for index, some in images.blocks():
+        fields = motion[index]
+        weights = np.maximum(some._chi(fields), 1.0) ** -2.0
+        for t, weight in enumerate(weights):
+            carried = fields[t, on_ring]
+            at = (places + carried[:, :2]).T
+            warped = some.frames.value(t, *at) + fixed.value(0, *at) - carried[:, 2]
+            seen = np.isfinite(warped)
+            total[seen] += weight * warped[seen]
+            count += weight * seen
     mean = images.reference_image + images.flat_noise
     mean[rows, cols] = total / count
     spline = spline_images(mean[None], images.pixel, images.frames.origin)

@@ -119,10 +119,7 @@ def smoothed_motion(
         ImageError: as in `smooth_along_travel`.
     """
     n_uv, n_w = len(motion.basis_uv.nodes), len(motion.basis_w.nodes)
-    means = [basis.values.mean(axis=0) for basis in (motion.basis_uv, motion.basis_w)]
-    parts = np.split(motion.coefficients, [n_uv, 2 * n_uv], axis=1)
-    at = [np.asarray(part @ means[int(k == 2)]) for k, part in enumerate(parts)]
-    shift = np.repeat(np.column_stack(at), [n_uv, n_uv, n_w], axis=1)
+    shift = np.repeat(motion.means(), [n_uv, n_uv, n_w], axis=1)
     result = smooth_along_travel(
         motion.coefficients - shift, travel, length, motion.n_reference, None, kept
     )
@@ -130,5 +127,5 @@ def smoothed_motion(
     s = result.smoother
     share = 2.0 * s.diagonal() - (s**2).sum(axis=1)
     freedom = 3.0 + (motion.system.freedom() - 3.0) * share
-    chi = np.where(motion.lost, motion.chi, images.chi(smoothed.at_pixels(), freedom))
+    chi = np.where(motion.lost, motion.chi, images.chi(smoothed.fields, freedom))
     return replace(smoothed, chi=chi), s

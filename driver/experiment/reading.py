@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -15,7 +15,8 @@ from driver.case.model import Case
 from driver.common.errors import InputError, sentence
 from driver.experiment.history import History, HistoryError, read_history
 from driver.experiment.images.files import Refused, files_of, split_dataset
-from driver.experiment.images.heightmaps import Stack, load_stack
+from driver.experiment.images.formats import Levels
+from driver.experiment.images.heightmaps import HeightMaps, Stack, load_stack
 from meshes.arrays import BoolArray, FloatArray
 
 Anything = TypeVar("Anything")
@@ -53,8 +54,8 @@ class Experiment:
         noise_map: noise of each pixel, on any scale, shape (rows, columns), or None for even noise.
     """
 
-    frames: FloatArray
-    flats: FloatArray | None
+    frames: HeightMaps
+    flats: HeightMaps | None
     repeats: FloatArray | None
     pixel_um: float
     origin: tuple[float, float]
@@ -65,6 +66,39 @@ class Experiment:
     gamma_F: float
     clipped: int = 0
     noise_map: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredMaps:
+    """Height maps of a stack, made of its levels whenever one is asked for.
+
+    Attributes:
+        images: how the files lie on the specimen, and what a level means.
+        levels: as stored in the files.
+    """
+
+    images: Images
+    levels: tuple[Levels, ...]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Numbers of maps, of their rows along +X and of their columns along +Y."""
+        rows, cols = self.levels[0].shape
+        along_x_first = self.images.rows_along[1] == "X"
+        return (len(self.levels), *((rows, cols) if along_x_first else (cols, rows)))
+
+    def __len__(self) -> int:
+        """Return the number of maps."""
+        return len(self.levels)
+
+    def __getitem__(self, index: int, /) -> FloatArray:
+        """Heights along +Z [µm], shape (rows, columns); NaN where a pixel carries none."""
+        one = self.levels[index].astype(np.float64)[None]
+        return np.asarray(heights(self.images, one)[0])
+
+    def __iter__(self) -> Iterator[FloatArray]:
+        """One map after the other."""
+        return (self[t] for t in range(len(self)))
 
 
 def history_of(case: Case) -> History:
@@ -121,12 +155,12 @@ def read_experiment(case: Case) -> Experiment:
     if problems or history is None or frames is None:
         raise ExperimentError("\n".join(problems))
     return Experiment(
-        frames=heights(images, frames.levels),
-        flats=None if flats is None else heights(images, flats.levels),
-        repeats=None if repeats is None else heights(images, repeats.levels),
+        frames=MeasuredMaps(images, frames.levels),
+        flats=None if flats is None else MeasuredMaps(images, flats.levels),
+        repeats=None if repeats is None else _all(images, repeats),
         pixel_um=images.pixel_um,
-        origin=origin(images, (frames.levels.shape[1], frames.levels.shape[2])),
-        mask=None if mask is None else arrange(images, _used(mask))[0],
+        origin=origin(images, frames.shape),
+        mask=None if mask is None else arrange(images, _used(mask)[None])[0],
         history=history,
         force=history.force * case.force_scale,
         gamma_f=images.gamma_f,
@@ -156,14 +190,14 @@ def read_unloaded(case: Case, history: History) -> Experiment | None:
         return None
     flats = _optional(case, "flats", repeats) if there["flats"] else None
     mask = _mask(case, repeats) if there["mask"] else None
-    size = (repeats.levels.shape[1], repeats.levels.shape[2])
+    unloaded = _all(images, repeats)
     return Experiment(
-        frames=np.zeros((0, *arrange(images, repeats.levels).shape[1:])),
-        flats=None if flats is None else heights(images, flats.levels),
-        repeats=heights(images, repeats.levels),
+        frames=np.zeros((0, *unloaded.shape[1:])),
+        flats=None if flats is None else MeasuredMaps(images, flats.levels),
+        repeats=unloaded,
         pixel_um=images.pixel_um,
-        origin=origin(images, size),
-        mask=None if mask is None else arrange(images, _used(mask))[0],
+        origin=origin(images, repeats.shape),
+        mask=None if mask is None else arrange(images, _used(mask)[None])[0],
         history=history,
         force=np.zeros(history.n_images),
         gamma_f=images.gamma_f,
@@ -197,6 +231,10 @@ def heights(images: Images, levels: FloatArray) -> FloatArray:
     surface = (sign * images.level_um) * arranged + sign * images.offset_um
     surface[~_with_height(images, arranged)] = np.nan
     return surface
+
+
+def _all(images: Images, stack: Stack) -> FloatArray:
+    return np.stack(list(MeasuredMaps(images, stack.levels)))
 
 
 def _with_height(images: Images, levels: FloatArray) -> BoolArray:
@@ -262,7 +300,7 @@ def origin(images: Images, size: tuple[int, int]) -> tuple[float, float]:
 def _stack(case: Case, key: str, name: str, like: Stack | None) -> Stack:
     """Return a stack of the case that has the size of the frames."""
     stack = load_stack(case.path(name), f"images.{key}")
-    if like is not None and stack.levels.shape[1:] != like.levels.shape[1:]:
+    if like is not None and stack.shape != like.shape:
         raise _error(case, key, stack.size, f"{like.size} as the frames")
     return stack
 
@@ -273,9 +311,9 @@ def _frames(case: Case, history: History | None) -> Stack:
             'images.frames: found nothing (boundary.motion = "stage" does without), expected images'
         )
     stack = _stack(case, "frames", case.images.frames, None)
-    if history is not None and len(stack.levels) != history.n_images:
+    if history is not None and len(stack) != history.n_images:
         gap = f" ({stack.gap})" if stack.gap else ""
-        found, images = f"{len(stack.levels)} frames{gap}", f"the images of {case.history.file}"
+        found, images = f"{len(stack)} frames{gap}", f"the images of {case.history.file}"
         raise _error(case, "frames", found, f"{history.n_images}, {images}")
     _refuse_strange(case, "frames", stack)
     return stack
@@ -290,21 +328,21 @@ def _optional(case: Case, key: str, frames: Stack | None) -> Stack | None:
     if frames is not None and stack.dtype != frames.dtype:
         expected = f"{frames.dtype} as the frames, for one height_per_level_nm holds for all"
         raise _error(case, key, f"levels of type {stack.dtype}", expected)
-    if len(stack.levels) < 2:
+    if len(stack) < 2:
         of = {
             "flats": "their scatter is the error of their mean",
             "repeats": "their scatter is the noise",
         }
         raise _error(case, key, "1 frame", f"at least 2 ({of[key]})")
     _refuse_strange(case, key, stack)
-    for t in range(1, len(stack.levels)):
-        if np.array_equal(stack.levels[t], stack.levels[t - 1], equal_nan=True):
+    for t in range(1, len(stack)):
+        if np.array_equal(stack[t], stack[t - 1], equal_nan=True):
             raise _error(
                 case, key, f"frame {t} with every pixel as in the one before",
                 "frames that were each taken anew", stack.frames[t][0],
             )  # fmt: skip
     if key == "repeats" and frames is not None:
-        first, repeat = (_spread(case.images, s.levels[0]) for s in (frames, stack))
+        first, repeat = (_spread(case.images, s[0]) for s in (frames, stack))
         if not first / _SCALES <= repeat <= first * _SCALES:
             level = case.images.height_per_level_nm
             raise _error(
@@ -318,8 +356,8 @@ def _mask(case: Case, frames: Stack | None) -> Stack | None:
     if case.images.mask is None:
         return None
     stack = _stack(case, "mask", case.images.mask, frames)
-    if len(stack.levels) != 1:
-        raise _error(case, "mask", f"{len(stack.levels)} images", "one")
+    if len(stack) != 1:
+        raise _error(case, "mask", f"{len(stack)} images", "one")
     if not _used(stack).any():
         raise _error(case, "mask", "0 at every pixel", "another number where pixels are used")
     return stack
@@ -330,9 +368,9 @@ def _noise_map(case: Case, frames: Stack | None) -> FloatArray | None:
     if case.images.noise_map is None:
         return None
     stack = _stack(case, "noise_map", case.images.noise_map, frames)
-    if len(stack.levels) != 1:
-        raise _error(case, "noise_map", f"{len(stack.levels)} images", "one")
-    noise = stack.levels[0].astype(np.float64)
+    if len(stack) != 1:
+        raise _error(case, "noise_map", f"{len(stack)} images", "one")
+    noise = stack[0]
     bad = ~(np.isfinite(noise) & (noise > 0))
     if bad.any():
         row, column = np.argwhere(bad)[0]
@@ -342,12 +380,13 @@ def _noise_map(case: Case, frames: Stack | None) -> FloatArray | None:
 
 
 def _used(mask: Stack) -> BoolArray:
-    return np.asarray(np.isfinite(mask.levels) & (mask.levels != 0))
+    return np.asarray(np.isfinite(mask[0]) & (mask[0] != 0))
 
 
 def _refuse_strange(case: Case, key: str, stack: Stack) -> None:
     """Refuse a frame without relief, or with a number that is no height."""
-    for t, levels in enumerate(stack.levels):
+    for t in range(len(stack)):
+        levels = stack[t]
         there = levels[_with_height(case.images, levels)]
         largest = np.abs(there).max(initial=0.0)
         if largest * case.images.height_per_level_nm > _TALLEST:
@@ -374,7 +413,7 @@ def _clipped(stack: Stack) -> int:
     if stack.dtype.kind not in "ui":
         return 0
     bits = 8 * stack.dtype.itemsize - (stack.dtype.kind == "i")
-    return int(np.count_nonzero(stack.levels == 2.0**bits - 1.0))
+    return sum(int(np.count_nonzero(stack[t] == 2.0**bits - 1.0)) for t in range(len(stack)))
 
 
 def _error(

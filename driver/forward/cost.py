@@ -29,7 +29,7 @@ _ITERATIONS = 4
 _DIRECTION_SHARE = 0.05
 
 # Libraries of one process [bytes].
-_PROCESS_BYTES = 330e6
+PROCESS_BYTES = 330e6
 
 # Numbers that a Gauss point keeps for a direction: two states, what changes its H and its stress.
 _POINT_NUMBERS = 2 * 81 + 18
@@ -61,7 +61,7 @@ def simulation_memory(
     # A move and a hold for each image.
     response, trajectory = of_image * (directions + 1), 2 * steps_per_interval * of_image
     points = 8.0 * n_cells * _POINTS_PER_CELL[kind] * _POINT_NUMBERS * directions
-    return _PROCESS_BYTES + points + _RESPONSE_COPIES * response + _TRAJECTORIES * trajectory
+    return PROCESS_BYTES + points + _RESPONSE_COPIES * response + _TRAJECTORIES * trajectory
 
 
 def simulation_seconds(

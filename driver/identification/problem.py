@@ -116,7 +116,8 @@ def seen_by_correlation(
         tilt: as in `MeasuredSeries`.
         left_out: as in `MeasuredSeries`.
     """
-    images = refine_gradient(images, motion)
+    # An identification asks for every frame many times.
+    images = refine_gradient(images.kept(), motion)
     rise = apparent_rise(images, motion)
     lacking = lacking_pixels(images, motion)
     some = np.linspace(0, motion.shape[1] - 1, _PLACES).astype(np.int64)

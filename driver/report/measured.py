@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ DATASETS = (
       for part in ("", "_covariance", "_held", "_single")),
     "phase", "left_out", "grip/nominal", "grip/sigma",
 )  # fmt: skip
+FIELDS = ("motion", "residual", "residual_over_noise")  # at all pixels in all images
+BINS = np.linspace(-6.0, 6.0, 97)  # of ρ/σ
+FAR = 3.0  # σ beyond which residuals are counted
 BAND = 1.96  # standard deviations of a 95 % band
 SHOWN = 4  # images at most that are shown as maps
 _LARGEST_SHIFT = 0.08  # of the region's length, that the drawn mesh may move by
@@ -48,6 +52,43 @@ class Curve:
         return float(np.median(self.sigma))
 
 
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """How ρ/σ of all pixels and images is distributed.
+
+    Attributes:
+        counts: residuals in each of `BINS`, what lies beyond them in the last ones.
+        far: how many lie beyond `FAR`.
+        farthest: the largest distance from 0.
+        deviation: standard deviation.
+    """
+
+    counts: IntArray
+    far: int
+    farthest: float
+    deviation: float
+
+    @property
+    def n(self) -> int:
+        """Number of residuals."""
+        return int(self.counts.sum())
+
+    @staticmethod
+    def of(images: Iterable[FloatArray]) -> Spread:
+        """Count the residuals of each image, NaN where it lacks the pixel."""
+        counts, far, farthest = np.zeros(BINS.size - 1, dtype=np.int64), 0, 0.0
+        total, squares = 0.0, 0.0
+        for image in images:
+            seen = image[np.isfinite(image)].astype(np.float64)
+            counts += np.histogram(np.clip(seen, BINS[0], BINS[-1]), BINS)[0]
+            far += int(np.count_nonzero(np.abs(seen) > FAR))
+            farthest = max(farthest, float(np.abs(seen).max(initial=0.0)))
+            total += float(seen.sum())
+            squares += float((seen**2).sum())
+        n = max(int(counts.sum()), 1)
+        return Spread(counts, far, farthest, float(np.sqrt(squares / n - (total / n) ** 2)))
+
+
 @dataclass(frozen=True)
 class Regularisation:
     """What kept the motion in bounds.
@@ -69,21 +110,24 @@ class Regularisation:
 class MeasuredMotion:
     """Motion and residuals of free correlation, T images, n_pix pixels.
 
+    Of fields only those of the images that are shown are here, n_shown of them.
+
     Attributes:
         face: where the pixels are.
         level: height of a grey level [µm].
         reference: reference height map [µm], shape (rows, columns).
         stage: stage travel [µm], shape (T,).
         cycle: cycle of each image, from 1, shape (T,).
-        motion: u, v, w less their mean over the pixels of each image [µm], shape (T, n_pix, 3).
+        motion: u, v, w less their mean over the pixels [µm], shape (n_shown, n_pix, 3).
         nodes_uv: nodes of u and v (X, Y) [µm], shape (n_uv, 2).
         nodes_w: nodes of w [µm], shape (n_w, 2).
         cells_uv: corners of the elements of u and v, shape (n, n_corners).
         cells_w: the same of w.
-        nodal_uv: u, v of the nodes less the same mean [µm], shape (T, n_uv, 2).
-        residual: ρ [µm], NaN where an image lacks the pixel, shape (T, n_pix).
+        nodal_uv: u, v of the nodes less the same mean [µm], shape (n_shown, n_uv, 2).
+        residual: ρ [µm], NaN where an image lacks the pixel, shape (n_shown, n_pix).
         standardised: ρ over the standard deviation that noise gives it, degrees of freedom
-            counted: its root mean square over an image is χ, shape (T, n_pix).
+            counted: its root mean square over an image is χ, shape (n_shown, n_pix).
+        spread: of `standardised` in all images.
         chi: χ of each image, shape (T,).
         converged: whether the correlation of each image did, shape (T,).
         stopped: why it ended, and what to try where it failed, length T.
@@ -111,6 +155,7 @@ class MeasuredMotion:
     nodal_uv: FloatArray
     residual: FloatArray
     standardised: FloatArray
+    spread: Spread
     chi: FloatArray
     converged: BoolArray
     stopped: tuple[str, ...]
@@ -126,32 +171,34 @@ class MeasuredMotion:
     @property
     def shown(self) -> IntArray:
         """The images shown as maps: ends of loading phases, at most `SHOWN`, the last included."""
-        ends = peaks(self.stage, self.cycle)
-        chosen = np.unique(np.linspace(0, len(ends) - 1, min(len(ends), SHOWN)).round())
-        return ends[chosen.astype(np.int64)]
+        return _shown(self.stage, self.cycle)
 
     @property
     def exaggeration(self) -> float:
         """1, 2 or 5 times a power of ten, at least 1, by which maps enlarge the motion."""
-        largest = float(np.abs(self.motion[self.shown, :, :2]).max())
+        largest = float(np.abs(self.motion[..., :2]).max())
         length = self.face.pixel * (max(np.ptp(self.face.rows), np.ptp(self.face.cols)) + 1)
         return max(_round_down(_LARGEST_SHIFT * length / largest), 1.0) if largest > 0 else 1.0
 
 
 def measured_motion(
-    datasets: Mapping[str, FloatArray], level: float, trace: FloatArray | None
+    datasets: Mapping[str, Any], level: float, trace: FloatArray | None
 ) -> MeasuredMotion:
     """Return the motion from the datasets of `measure.h5`.
 
     Args:
-        datasets: value of each of `DATASETS`.
+        datasets: value of each of `DATASETS`; of `FIELDS` one image at a time is asked for.
         level: height of a grey level [µm].
         trace: ends (X, Y) of the grain boundary [µm], shape (2, 2), or None.
     """
     m = datasets
-    mean = m["motion"].mean(axis=1, keepdims=True)
+    cycle = m["cycle"].astype(np.int64)
+    shown = _shown(m["stage"], cycle)
+    motion, residual, standardised = (np.stack([m[name][t] for t in shown]) for name in FIELDS)
+    mean = motion.mean(axis=1, keepdims=True)
     n_uv = len(m["nodes_uv"])
-    nodal = np.stack([m["coefficients"][:, :n_uv], m["coefficients"][:, n_uv : 2 * n_uv]], axis=-1)
+    nodal = m["coefficients"][shown]
+    nodal = np.stack([nodal[:, :n_uv], nodal[:, n_uv : 2 * n_uv]], axis=-1)
     # What smoothing along travel leaves of the noise of an image; nothing of what all share.
     left = float(np.median((m["smoother"] ** 2).sum(axis=1)))
     # Rounding may leave a node that no pixel sees a variance just below zero.
@@ -166,15 +213,16 @@ def measured_motion(
         level=level,
         reference=m["reference"],
         stage=m["stage"],
-        cycle=m["cycle"].astype(np.int64),
-        motion=m["motion"] - mean,
+        cycle=cycle,
+        motion=motion - mean,
         nodes_uv=m["nodes_uv"],
         nodes_w=m["nodes_w"],
         cells_uv=m["cells_uv"].astype(np.int64),
         cells_w=m["cells_w"].astype(np.int64),
         nodal_uv=nodal - mean[..., :2],
-        residual=m["residual"],
-        standardised=m["residual_over_noise"],
+        residual=residual,
+        standardised=standardised,
+        spread=Spread.of(m["residual_over_noise"][t] for t in range(len(cycle))),
         chi=m["chi"],
         converged=m["converged"] > 0,
         stopped=tuple(_text(why) for why in m["stopped"]),
@@ -201,6 +249,12 @@ def _curve(m: Mapping[str, FloatArray], name: str) -> Curve:
     held = float(m[f"{name}_held"])
     sigma = np.sqrt(m[f"{name}_covariance"].diagonal() + held**2)
     return Curve(m[name], sigma, held, float(m[f"{name}_single"]))
+
+
+def _shown(stage: FloatArray, cycle: IntArray) -> IntArray:
+    ends = peaks(stage, cycle)
+    chosen = np.unique(np.linspace(0, len(ends) - 1, min(len(ends), SHOWN)).round())
+    return ends[chosen.astype(np.int64)]
 
 
 def _text(value: NDArray[np.generic]) -> str:

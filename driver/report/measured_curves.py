@@ -8,13 +8,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from driver.report.measured import BAND, Curve, MeasuredMotion, phases
+from driver.report.measured import BAND, BINS, Curve, MeasuredMotion, phases
 from driver.report.style import AFTER, BEFORE, GREY, MEASURED, grid, new_figure, styled
 
 LOADING, UNLOADING = AFTER, BEFORE
 _MARKS = "os^v*"  # of the cycles, again from the first after five
-_BINS = np.linspace(-6.0, 6.0, 97)
-_WIDTH = _BINS[1] - _BINS[0]
+_WIDTH = BINS[1] - BINS[0]
 
 
 @styled
@@ -22,17 +21,16 @@ def noise(measured: MeasuredMotion) -> Figure:
     """Histogram of ρ/σ over all pixels and images against the unit normal, and χ of each image."""
     figure = new_figure(3.4)
     shares, curve = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
-    seen = measured.standardised[np.isfinite(measured.standardised)]
-    values = np.clip(seen, _BINS[0], _BINS[-1])
-    density, _ = np.histogram(values, _BINS, density=True)
-    shares.stairs(density, _BINS, fill=True, color=AFTER, alpha=0.35)
-    shares.stairs(density, _BINS, color=AFTER, lw=1.2, label="all pixels and images")
-    at = np.linspace(_BINS[0], _BINS[-1], 241)
+    n = measured.spread.n
+    density = measured.spread.counts / (n * _WIDTH)
+    shares.stairs(density, BINS, fill=True, color=AFTER, alpha=0.35)
+    shares.stairs(density, BINS, color=AFTER, lw=1.2, label="all pixels and images")
+    at = np.linspace(BINS[0], BINS[-1], 241)
     shares.plot(at, np.exp(-(at**2) / 2) / np.sqrt(2 * np.pi), "--", color=MEASURED, lw=1.4,
                 label="unit normal")  # fmt: skip
     shares.set_yscale("log")
-    shares.set_ylim(0.3 / (values.size * _WIDTH), 5.0)
-    shares.set(xlabel="ρ/σ [1]", ylabel="probability density [1]", xlim=(_BINS[0], _BINS[-1]),
+    shares.set_ylim(0.3 / (n * _WIDTH), 5.0)
+    shares.set(xlabel="ρ/σ [1]", ylabel="probability density [1]", xlim=(BINS[0], BINS[-1]),
                title="Residuals against pure noise")  # fmt: skip
     shares.legend(loc="upper left")
     image = np.arange(len(measured.chi))

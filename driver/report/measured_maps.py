@@ -74,13 +74,14 @@ def fields(measured: MeasuredMotion) -> Figure:
     axes = figure.subplots(len(shown), 3, squeeze=False, sharex=True, sharey=True)
     low, high = _limits(measured)
     extent = face.extent((0.0, 0.0), shape)
-    values = 1e3 * measured.motion[shown]
+    values = 1e3 * measured.motion
     step = int(np.ceil(np.sqrt(face.rows.size / _QUADS)))
     light = relief(face.grid(_nm(measured)[face.rows, face.cols]), low, high)[::step, ::step]
     scales = [ScalarMappable(Normalize(*field_limits(values[..., k])), FIELD) for k in range(3)]
     for row, image in enumerate(shown):
-        corners = moved_corners(face, factor * measured.motion[image, :, :2])[::step, ::step]
-        moved = measured.nodes_uv + factor * measured.nodal_uv[image]
+        corners = moved_corners(face, factor * measured.motion[row, :, :2])
+        corners = corners[np.ix_(*(_ends(n - 1, step) for n in corners.shape[:2]))]
+        moved = measured.nodes_uv + factor * measured.nodal_uv[row]
         for k, component in enumerate(COMPONENTS):
             axis = axes[row, k]
             axis.imshow(_nm(measured), cmap="gray", vmin=low, vmax=high, extent=extent, alpha=0.55)
@@ -119,7 +120,7 @@ def residuals(measured: MeasuredMotion) -> Figure:
     axes = figure.subplots(len(shown), 2, squeeze=False, sharex=True, sharey=True)
     limit = 1e3 * LIMIT * measured.sigma
     for row, image in enumerate(shown):
-        metric, standard = 1e3 * measured.residual[image], measured.standardised[image]
+        metric, standard = 1e3 * measured.residual[row], measured.standardised[row]
         nm = face.show(axes[row, 0], metric, SIGNED, -limit, limit)
         over = face.show(axes[row, 1], standard, SIGNED, -LIMIT, LIMIT)
         axes[row, 0].set_title(f"image {image}: rms {_rms(metric):.2f} nm", fontsize=9)
@@ -162,6 +163,11 @@ def moved_corners(face: Face, motion: FloatArray) -> FloatArray:
     first = np.array([face.rows.min(), face.cols.min()])
     places = np.moveaxis(np.indices(mean.shape[:2]), 0, -1) + first - 0.5
     return np.asarray((places - np.array(face.origin)) * face.pixel + mean)
+
+
+def _ends(n: int, step: int) -> IntArray:
+    """Return the corners of a line of n pixels between which every so many are drawn as one."""
+    return np.append(np.arange(0, n, step), n)
 
 
 def relief(heights: FloatArray, low: float, high: float) -> FloatArray:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from driver.common.formatting import chi, joined, number, with_sigma
 from driver.report.grip_texts import sentences
-from driver.report.measured import BAND, Curve, MeasuredMotion
+from driver.report.measured import BAND, FAR, Curve, MeasuredMotion
 from driver.report.measured_maps import COMPONENTS
 
 PENALTIES = {
@@ -18,7 +18,6 @@ PENALTIES = {
     "elastic": "the elastic energy",
 }
 _TOLD = 3  # images at most, of which it is said why they stopped
-_FAR = 3.0  # σ beyond which pixels are counted
 _FAR_SHARE = 0.0026998  # of a normal distribution, beyond 3 σ
 
 
@@ -58,7 +57,7 @@ def _reference(m: MeasuredMotion) -> PictureText:
 
 
 def _fields(m: MeasuredMotion) -> PictureText:
-    shown = m.motion[m.shown]
+    shown = m.motion
     ranges = joined(
         [
             f"{component[0]} from {number(1e3 * shown[..., k].min())} to "
@@ -146,7 +145,7 @@ def _grip(m: MeasuredMotion) -> PictureText:
 
 
 def _residuals(m: MeasuredMotion) -> PictureText:
-    rms = [number(1e3 * _rms(m.residual[image])) for image in m.shown]
+    rms = [number(1e3 * _rms(residual)) for residual in m.residual]
     return PictureText(
         f"What free correlation leaves, ρ = f + w − g(x + u, y + v), in nanometres and grey levels "
         f"({number(1e3 * m.level)} nm each), and over the standard deviation that noise gives it "
@@ -158,17 +157,17 @@ def _residuals(m: MeasuredMotion) -> PictureText:
 
 
 def _noise(m: MeasuredMotion) -> PictureText:
-    values, worst = m.standardised[np.isfinite(m.standardised)], int(np.argmax(m.chi))
-    far = 100.0 * float(np.mean(np.abs(values) > _FAR))
+    spread, worst = m.spread, int(np.argmax(m.chi))
+    far = 100.0 * spread.far / spread.n
     return PictureText(
-        f"Left: all {values.size} residuals over their noise; with noise alone they follow the "
-        f"unit normal. Their standard deviation is {number(float(values.std()))}; "
-        f"{number(far, 2)} % lie beyond {_FAR:g} σ (normal: {number(100 * _FAR_SHARE, 2)} %), the "
-        f"farthest at {number(float(np.abs(values).max()), 2)} σ. Right: χ of each image, from "
+        f"Left: all {spread.n} residuals over their noise; with noise alone they follow the "
+        f"unit normal. Their standard deviation is {number(spread.deviation)}; "
+        f"{number(far, 2)} % lie beyond {FAR:g} σ (normal: {number(100 * _FAR_SHARE, 2)} %), the "
+        f"farthest at {number(spread.farthest, 2)} σ. Right: χ of each image, from "
         f"{chi(float(m.chi.min()))} to {chi(float(m.chi.max()))} (image {worst}), "
         f"{chi(_rms(m.chi))} over all.{_stopped(m)}",
         f"Histogram of residuals beside the unit normal, standard deviation "
-        f"{number(float(values.std()))}; χ of {len(m.chi)} images between "
+        f"{number(spread.deviation)}; χ of {len(m.chi)} images between "
         f"{chi(float(m.chi.min()))} and {chi(float(m.chi.max()))}.",
     )
 

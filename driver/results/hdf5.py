@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
@@ -27,6 +29,9 @@ from driver.results.files import (
 from solver_adapters.response_file import prismid_version as prismid_version
 
 Array = NDArray[np.float64]
+Taken = TypeVar("Taken")
+
+_COMPRESSED = 1000  # numbers, beyond which a dataset is
 
 # Of results that a later stage reads back, the stage that makes them.
 _STAGES = {
@@ -45,10 +50,42 @@ class ResultError(InputError):
     """A result file that cannot be read back."""
 
 
+@dataclass(frozen=True, eq=False)
+class FrameSeries:
+    """Datasets over T frames that are written some frames at a time.
+
+    Attributes:
+        n_frames: T.
+        units: unit of each dataset by its name.
+        blocks: values of each dataset in the frames that follow, shape (m, ...) by name.
+    """
+
+    n_frames: int
+    units: Mapping[str, str]
+    blocks: Iterable[Mapping[str, NDArray[np.generic]]]
+
+
+class _Remembering(io.FileIO):
+    """A file that remembers why it could not be written: HDF5 says another thing, or nothing."""
+
+    failed: OSError | None = None
+
+    def write(self, content: Any) -> int:
+        try:
+            rest = memoryview(content).cast("B")
+            while rest:
+                rest = rest[super().write(rest) or 0 :]
+        except OSError as error:
+            self.failed = error
+            raise
+        return memoryview(content).nbytes
+
+
 def write_hdf5(
     path: Path,
     arrays: Mapping[str, tuple[NDArray[np.generic] | float, str]],
     texts: Mapping[str, str] | None = None,
+    series: FrameSeries | None = None,
 ) -> None:
     """Write named arrays with their units.
 
@@ -56,20 +93,79 @@ def write_hdf5(
         path: file to write.
         arrays: value and unit by dataset name ("group/name" makes groups).
         texts: text attributes of the file.
+        series: datasets over frames that do not fit into memory.
+
+    Raises:
+        OSError: the file cannot be written.
     """
-    # Written at once: of a disk that is full HDF5 makes an end without a word.
-    whole = io.BytesIO()
-    with h5py.File(whole, "w") as file:
+    with _Remembering(path, "w+") as written:
+        try:
+            _write(written, arrays, texts or {}, series)
+        except Exception:
+            if written.failed is None:
+                raise
+        if written.failed is not None:
+            raise written.failed
+
+
+def _write(
+    target: io.FileIO,
+    arrays: Mapping[str, tuple[NDArray[np.generic] | float, str]],
+    texts: Mapping[str, str],
+    series: FrameSeries | None,
+) -> None:
+    with h5py.File(target, "w") as file:
         file.attrs["prismid"] = prismid_version()
         file.attrs["written"] = datetime.now(UTC).isoformat(timespec="seconds")
-        for name, text in (texts or {}).items():
+        for name, text in texts.items():
             file.attrs[name] = text
         for name, (value, unit) in arrays.items():
             array = np.asarray(value)
-            compression = "gzip" if array.size > 1000 else None
+            compression = "gzip" if array.size > _COMPRESSED else None
             dataset = file.create_dataset(name, data=array, compression=compression)
             dataset.attrs["unit"] = unit
-    path.write_bytes(whole.getbuffer())
+        if series is not None:
+            _write_series(file, series)
+
+
+def _write_series(file: h5py.File, series: FrameSeries) -> None:
+    """Write frames as they come; each block is compressed as a whole."""
+    first = 0
+    for block in series.blocks:
+        for name, values in block.items():
+            if name not in file:
+                rest = values.shape[1:]
+                # Of noisy numbers the bytes that are alike are gathered: smaller, in half the time.
+                file.create_dataset(
+                    name, (series.n_frames, *rest), values.dtype, chunks=(len(values), *rest),
+                    compression="gzip", compression_opts=1, shuffle=True,
+                ).attrs["unit"] = series.units[name]  # fmt: skip
+            file[name][first : first + len(values)] = values
+        first += len(next(iter(block.values())))
+
+
+@dataclass(frozen=True, eq=False)
+class StoredSeries:
+    """A dataset over frames that stays in its file until some are asked for.
+
+    Attributes:
+        path: file.
+        name: of the dataset.
+        shape: of all of it, frames first.
+    """
+
+    path: Path
+    name: str
+    shape: tuple[int, ...]
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return self.shape[0]
+
+    def __getitem__(self, index: int, /) -> Array:
+        """Values of a frame."""
+        with h5py.File(self.path, "r") as file:
+            return np.asarray(file[self.name][index])
 
 
 def read_hdf5(path: Path) -> dict[str, Array]:
@@ -78,11 +174,34 @@ def read_hdf5(path: Path) -> dict[str, Array]:
     Raises:
         ResultError: the file is absent, truncated or no HDF5 file.
     """
-    datasets: dict[str, Array] = {}
+    return _read(path, lambda name, dataset: np.asarray(dataset[()]))
+
+
+def open_hdf5(path: Path, stored: Collection[str]) -> dict[str, Any]:
+    """All datasets of a file by name, some of them read when a frame of theirs is asked for.
+
+    Args:
+        path: file.
+        stored: names of those that stay in the file, each of them a `StoredSeries`.
+
+    Raises:
+        ResultError: as in `read_hdf5`.
+    """
+
+    def taken(name: str, dataset: h5py.Dataset) -> Any:
+        if name in stored:
+            return StoredSeries(path, name, dataset.shape)
+        return np.asarray(dataset[()])
+
+    return _read(path, taken)
+
+
+def _read(path: Path, taken: Callable[[str, h5py.Dataset], Taken]) -> dict[str, Taken]:
+    datasets: dict[str, Taken] = {}
 
     def take(name: str, item: h5py.Dataset | h5py.Group) -> None:
         if isinstance(item, h5py.Dataset):
-            datasets[name] = np.asarray(item[()])
+            datasets[name] = taken(name, item)
 
     try:
         with h5py.File(path, "r") as file:

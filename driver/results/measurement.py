@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,8 +18,23 @@ from driver.experiment.images.noise import TemporalNoise
 from driver.experiment.images.region import Excluded
 from driver.experiment.reading import Experiment
 from driver.results.files import MEASURE, MEASURE_CSV
-from driver.results.hdf5 import write_csv, write_hdf5
+from driver.results.hdf5 import FrameSeries, write_csv, write_hdf5
 from meshes.arrays import BoolArray, FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredFields:
+    """What free correlation found at n_pix pixels in m images that follow each other.
+
+    Attributes:
+        motion: u, v, w [µm], shape (m, n_pix, 3).
+        residual: ρ [µm], NaN where an image lacks the pixel, shape (m, n_pix).
+        standardised: ρ over its standard deviation by noise, shape (m, n_pix).
+    """
+
+    motion: FloatArray
+    residual: FloatArray
+    standardised: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +50,7 @@ class Measurement:
         grip: the elongation beside the stage travel.
         gradient: ∂f/∂X, ∂f/∂Y at the pixels [-], shape (n_pix, 2).
         rigid: mean motion of each image without smoothing [µm], shape (T, 3).
-        residual: ρ at the pixels [µm], shape (T, n_pix).
-        standardised: ρ over its standard deviation by noise, shape (T, n_pix).
+        fields: motion and residuals at the pixels in all images, some images at a time.
         left: images that are left out, shape (T,).
         noise: noise of each image by its own high frequencies [µm], shape (T,).
         later: noise from frame to frame, None where too few images tell it.
@@ -51,8 +65,7 @@ class Measurement:
     grip: GripMotion
     gradient: FloatArray
     rigid: FloatArray
-    residual: FloatArray
-    standardised: FloatArray
+    fields: Iterable[MeasuredFields]
     left: BoolArray
     noise: FloatArray
     later: TemporalNoise | None
@@ -69,10 +82,7 @@ def write_measurement(folder: Path, measured: Measurement) -> None:
     m, case, images, motion = measured, measured.case, measured.images, measured.motion
     experiment, history, grip = m.experiment, m.experiment.history, m.grip
     read, rows, pixel = m.read, history.image_row, case.images.pixel_um
-    rigid, residual, standardised, left, later = (
-        m.rigid, m.residual, m.standardised, m.left, m.later,
-    )  # fmt: skip
-    at_pixels = motion.at_pixels()
+    rigid, left, later = m.rigid, m.left, m.later
     nominal = case.specimen.length / case.history.grip_distance
     nowhere = np.full(len(images.xy), np.nan)
     write_hdf5(
@@ -108,15 +118,12 @@ def write_measurement(folder: Path, measured: Measurement) -> None:
             "grip/ratio": (grip.ratio.value, "1"),
             "grip/ratio_sigma": (grip.ratio.sigma, "1"),
             "grip/scatter": (grip.scatter, "1"),
-            "motion": (at_pixels, "µm"),
             "coefficients": (motion.coefficients, "µm"),
             "covariance_one": (motion.covariance_one, "µm²"),
             "nodes_uv": (motion.basis_uv.nodes, "µm"),
             "nodes_w": (motion.basis_w.nodes, "µm"),
             "cells_uv": (motion.basis_uv.mesh.corners, "1"),
             "cells_w": (motion.basis_w.mesh.corners, "1"),
-            "residual": (residual.astype(np.float32), "µm"),
-            "residual_over_noise": (standardised.astype(np.float32), "1"),
             "chi": (motion.chi, "1"),
             "iterations": (motion.iterations, "1"),
             "converged": (motion.converged.astype(np.float64), "1"),
@@ -128,6 +135,18 @@ def write_measurement(folder: Path, measured: Measurement) -> None:
             "smoother": (m.smoother, "1"),
             **_of_readings(read),
         },
+        series=FrameSeries(
+            n_frames=images.n_frames,
+            units={"motion": "µm", "residual": "µm", "residual_over_noise": "1"},
+            blocks=(
+                {
+                    "motion": some.motion,
+                    "residual": some.residual.astype(np.float32),
+                    "residual_over_noise": some.standardised.astype(np.float32),
+                }
+                for some in m.fields
+            ),
+        ),
     )
     write_csv(
         folder / MEASURE_CSV,

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from driver.case.model import Case
 from driver.diagnosis.causes.all_causes import EVERY, NAMES
+from driver.experiment.image_sizes import stack_size
 from driver.forward.build import size_of_second_mesh
-from driver.forward.cost import simulation_memory, steps_seconds
+from driver.forward.cost import PROCESS_BYTES, simulation_memory, steps_seconds
 from driver.identification.correction_cost import cells_of_size, correction_seconds, finer_steps
 from solver_adapters.finite_differences import RUNS_PER_DIRECTION
 from solver_adapters.interface import Capabilities
@@ -23,8 +24,13 @@ _FINE_RUNS = 8
 _SECOND_RUNS = 3
 # Seconds of one core of the correlation for one pixel of one image, all iterations.
 _PIXEL_SECONDS = 8e-6
-# Copies of the images held at a time.
-_IMAGE_COPIES = 3
+# Bytes of the images that correlation has at work together, whatever their number: the block of
+# `driver.dic.surface_images`, and that of `driver.dic.covariance` at most.
+_BLOCK_BYTES, _LARGEST_BAND = 100e6, 8.0 * 2**24
+# Copies of the nodal values of all images, and of covariances between all of them.
+_NODAL_COPIES, _COVARIANCES = 6, 10
+# Numbers at a pixel of the face in an image that an identification holds: motion, residuals.
+_FACE_NUMBERS = 12
 # Parameters of all causes, which are differentiated together.
 _CAUSE_DIRECTIONS = len({name for cause in EVERY for name in cause.parameters})
 # Directions of the boundary motion: 4 λ's and the knots of three cycles (6 for each of 4 motions).
@@ -46,17 +52,14 @@ class Cost:
     simulations: int
 
 
-def estimate(
-    case: Case, solver: Capabilities, n_cells: int, n_images: int, n_pixels: int = 0
-) -> Cost:
-    """Time and memory of a run.
+def estimate(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> Cost:
+    """Time and memory of a run; the images are as large as the headers of their files say.
 
     Args:
         case: the case.
         solver: what its solver can.
         n_cells: cells of the working mesh.
         n_images: images of the history, each after one move and one hold of the stage.
-        n_pixels: pixels of all stacks together.
     """
     directions = len(case.identification.parameters) + _BOUNDARY_DIRECTIONS
     intervals = 2 * n_images
@@ -87,8 +90,7 @@ def estimate(
         solving += 2 * steps_seconds(
             case, solver, n_cells, intervals * case.solver.steps_per_interval, n_images
         )
-    face = case.specimen.length * case.specimen.width / case.images.pixel_um**2
-    correlation = _PIXEL_SECONDS * face * n_images if case.with_images else 0.0
+    correlation = _PIXEL_SECONDS * _face(case) * n_images if case.with_images else 0.0
     at_once = case.solver.steps_per_interval
     kind = case.specimen.cell_kind
     memory = simulation_memory(kind, n_cells, n_images, directions + causes, at_once)
@@ -99,10 +101,48 @@ def estimate(
     if case.execution.processes > 1:
         each = simulation_memory(kind, n_cells, n_images, directions, at_once)
         memory += case.execution.processes * each
-    memory += _IMAGE_COPIES * 8.0 * n_pixels
+    if case.with_images:
+        memory += identified_images(case, n_images)
+        memory = max(memory, measuring_memory(case, n_images))
     each_time = 1 if solver.derivatives else 1 + RUNS_PER_DIRECTION * directions
     evaluations = fits * case.identification.starts + refits
     return Cost(solving + correlation, memory, each_time * evaluations + looks)
+
+
+def measuring_memory(case: Case, n_images: int) -> float:
+    """Largest resident memory of the stages up to the measurement [bytes].
+
+    Args:
+        case: the case.
+        n_images: images of the history.
+    """
+    face, dic = _face(case), case.dic
+    nodes = face * (2 / dic.element_px**2 + 1 / dic.height_element_px**2)
+    frames, flats = stack_size(case, "frames"), stack_size(case, "flats")
+    stored = 0.0 if frames is None else float(frames.pixels * frames.stored)
+    # The stage begins with the flats as numbers, and ends with what it found of each image.
+    first = 0.0 if flats is None else flats.n * flats.pixels * (8.0 + flats.stored)
+    of_image = face + 8.0 * nodes * _NODAL_COPIES
+    band = min(8.0 * face * n_images, _LARGEST_BAND)
+    last = n_images * of_image + 8.0 * _COVARIANCES * n_images**2 + band
+    return PROCESS_BYTES + _BLOCK_BYTES + n_images * stored + max(first, last)
+
+
+def identified_images(case: Case, n_images: int) -> float:
+    """Memory of the images in an identification, which holds their splines [bytes].
+
+    Args:
+        case: the case.
+        n_images: images of the history.
+    """
+    frames = stack_size(case, "frames")
+    of_image = 0.0 if frames is None else frames.pixels * (8.0 + frames.stored)
+    return n_images * (of_image + 8.0 * _FACE_NUMBERS * _face(case))
+
+
+def _face(case: Case) -> float:
+    """Pixels of the measured face."""
+    return case.specimen.length * case.specimen.width / case.images.pixel_um**2
 
 
 def _causes(case: Case) -> int:

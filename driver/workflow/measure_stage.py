@@ -23,11 +23,11 @@ from driver.experiment.images.region import Excluded
 from driver.forward.build import correlation_meshes
 from driver.forward.geometry import boundary_trace
 from driver.report.grip_texts import sentences
-from driver.report.measured import measured_motion
+from driver.report.measured import FIELDS, measured_motion
 from driver.report.measured_figures import write_figures
 from driver.results.files import MEASURE
-from driver.results.hdf5 import read_hdf5
-from driver.results.measurement import Measurement, write_measurement
+from driver.results.hdf5 import open_hdf5
+from driver.results.measurement import MeasuredFields, Measurement, write_measurement
 from driver.workflow.engine import StageContext
 from driver.workflow.measure_messages import tell_frames, tell_readings, tell_regularisation
 from driver.workflow.prepared_images import prepared_images
@@ -37,13 +37,14 @@ logger = logging.getLogger(__name__)
 
 
 _AT_A_TIME = 4096  # pixels, whose rows of a dense matrix fit into memory
+_AROUND = 8  # px around the region, of whose heights gaps at its rim may be filled
 _OTHER_SURFACE = 2.0  # χ of a frame that did not converge, beyond which it shows something else
 
 
 def run_measure(context: StageContext) -> None:
     """Measure, and draw what was measured."""
     measure_numbers(context)
-    written = read_hdf5(context.workdir / MEASURE)
+    written = open_hdf5(context.workdir / MEASURE, FIELDS)
     case = context.case
     write_figures(
         measured_motion(written, case.images.level_um, boundary_trace(case)), context.workdir
@@ -71,23 +72,16 @@ def measure_numbers(context: StageContext) -> None:
     )
     tell_regularisation(case, single)
     _refuse_another_surface(single)
-    rigid = single.at_pixels().mean(axis=1)
-    noise = noise_levels(_sampled(images), images.codes == Excluded.USED)
+    rigid = single.means()
+    used = images.codes == Excluded.USED
+    noise = noise_levels(_sampled(images), used[images.box(_AROUND)])
     outliers = find_outliers(single.chi, noise, rigid, pixel, "σ")
     left = left_out(outliers, images.n_frames) | single.lost
     motion, smoother = _along_travel(case, single, images, history.stage[rows], ~left)
     read = readings(single, images, case.specimen.length, motion, smoother)
     tell_readings(single, motion, read)
     tell_frames(single, outliers, left, read["elongation"])
-    at_pixels = motion.at_pixels()
-    refined = refine_gradient(images, at_pixels)
-    residual = images.residual(at_pixels)
-    standardised = residual / np.sqrt(images.expected_residual_variance(at_pixels))
-    # The fit has taken its degrees of freedom out of the residual: χ counts them, so does this.
-    square = np.nansum(standardised**2, axis=1) / np.maximum(
-        np.isfinite(standardised).sum(axis=1), 1
-    )
-    standardised *= (motion.chi / np.sqrt(np.where(square > 0, square, 1.0)))[:, None]
+    refined = refine_gradient(images, motion.fields)
     later = _temporal(images, refined.gradient, single, ~left)
     if later is not None:
         logger.info(
@@ -108,8 +102,8 @@ def measure_numbers(context: StageContext) -> None:
     write_measurement(
         context.workdir,
         Measurement(
-            case, experiment, images, motion, read, grip, refined.gradient, rigid, residual,
-            standardised, left, noise, later, smoother,
+            case, experiment, images, motion, read, grip, refined.gradient, rigid,
+            _fields(images, motion), left, noise, later, smoother,
         ),
     )  # fmt: skip
 
@@ -143,29 +137,46 @@ def _along_travel(
 
 
 def _sampled(images: SurfaceImages) -> Iterator[FloatArray]:
-    """Return the corrected frames as sampled, extended over gaps, one after the other."""
+    """Return the frames around the region as sampled, extended over gaps, one after the other."""
     x, y = (
         (at - start) * images.pixel
         for at, start in zip(
-            np.indices(images.shape, dtype=np.float64), images.frames.origin, strict=True
+            np.mgrid[images.box(_AROUND)].astype(np.float64), images.frames.origin, strict=True
         )
     )
     seen = (images.frames.value(t, x, y) for t in range(images.n_frames))
     return (fill_off_surface(heights, np.isfinite(heights)) for heights in seen)
 
 
+def _fields(images: SurfaceImages, motion: SurfaceMotion) -> Iterator[MeasuredFields]:
+    """Motion and residuals at the pixels, some frames at a time."""
+    for index, some in images.blocks():
+        fields = motion.fields[index]
+        residual = some.residual(fields)
+        standardised = residual / np.sqrt(images.expected_residual_variance(fields))
+        # The fit has taken its degrees of freedom out of the residual: χ counts them, so does
+        # this.
+        square = np.nansum(standardised**2, axis=1) / np.maximum(
+            np.isfinite(standardised).sum(axis=1), 1
+        )
+        chi = motion.chi[index] / np.sqrt(np.where(square > 0, square, 1.0))
+        yield MeasuredFields(fields, residual, standardised * chi[:, None])
+
+
 def _temporal(
     images: SurfaceImages, gradient: FloatArray, motion: SurfaceMotion, kept: BoolArray
 ) -> TemporalNoise | None:
     """Noise of the frames that are kept, from one to the next."""
-    frames, at_pixels = np.flatnonzero(kept), motion.at_pixels()[kept]
-    moved = (images.xy + at_pixels[..., :2]) / images.pixel + images.frames.origin
     seen = sensitivity(gradient, motion.basis_uv, motion.basis_w)
     starts = range(0, seen.shape[0], _AT_A_TIME)
     some = (seen[first : first + _AT_A_TIME] for first in starts)
     taken = [((rows @ motion.covariance_one) * rows.toarray()).sum(axis=1) for rows in some]
-    return temporal_noise(
-        images.residual(at_pixels, frames),
-        variance_gain(moved[..., 0], moved[..., 1]),
-        np.concatenate(taken) / images.sigma**2,
-    )
+
+    def residuals() -> Iterator[tuple[FloatArray, FloatArray]]:
+        for t in np.flatnonzero(kept):
+            index = np.array([t])
+            field = motion.fields[index]
+            moved = (images.xy + field[0, :, :2]) / images.pixel + images.frames.origin
+            yield images.residual(field, index)[0], variance_gain(moved[:, 0], moved[:, 1])
+
+    return temporal_noise(residuals(), np.concatenate(taken) / images.sigma**2)

@@ -20,7 +20,7 @@ from driver.forward.build import capabilities_of, mesh_of, refuse_unfit_solver
 from driver.results.files import DIAGNOSIS, IDENTIFY, job_store, make_job_store, results_of
 from driver.results.mesh_sizes import sized, sized_case
 from driver.workflow.advise_stage import run_advise
-from driver.workflow.cost import Cost, estimate
+from driver.workflow.cost import Cost, estimate, measuring_memory
 from driver.workflow.diagnose_stage import run_diagnose
 from driver.workflow.engine import (
     Stage,
@@ -127,6 +127,9 @@ def run(
         held_out_cycle(case, history)
     cost = estimate(case, solver, len(mesh.cells), history.n_images)
     logger.info(f"all stages take {cost_told(cost.seconds, cost.memory)}")
+    if case.with_images:
+        measuring = measuring_memory(case, history.n_images)
+        logger.info(f"those up to measure take {measuring / 1e9:.1f} GB of memory")
     if case.specimen.refined is not None:
         logger.info(told_beforehand(case, cost))
     if not case.with_images:

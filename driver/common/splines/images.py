@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeVar, cast
+from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
 from numba import njit
@@ -11,9 +11,19 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from driver.common.splines.kernels import POLE, coefficients
-from meshes.arrays import FloatArray, IntArray
+from meshes.arrays import FloatArray
 
 Number = TypeVar("Number", float, FloatArray)
+
+
+class Splines(Protocol):
+    """Spline coefficients of T images, one after the other; an array (T, rows, cols) is such."""
+
+    def __len__(self) -> int:
+        """Return the number T of images."""
+
+    def __getitem__(self, index: int, /) -> FloatArray:
+        """Coefficients of one image [µm], shape (rows, cols)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,13 +31,12 @@ class SplineImages:
     """Height maps as continuous functions of position.
 
     Attributes:
-        coefficients: cubic B-spline coefficients [µm], mirrored at the border pixels,
-            shape (T, rows, cols).
+        coefficients: cubic B-spline coefficients [µm], mirrored at the border pixels, of T images.
         pixel: size of a pixel [µm].
         origin: (row, column) of the point X = 0, Y = 0.
     """
 
-    coefficients: FloatArray
+    coefficients: Splines
     pixel: float
     origin: tuple[float, float]
 
@@ -40,22 +49,27 @@ class SplineImages:
             x: along the rows' index.
             y: along the columns' index.
         """
-        (value,) = self._at(_values, index, x, y)
-        return value
+        return np.asarray(self._at(_values, 1, index, x, y)[0])
 
     def gradient(self, index: ArrayLike, x: FloatArray, y: FloatArray) -> FloatArray:
         """Slopes ∂/∂X, ∂/∂Y [-] at positions [µm], stacked along a last axis of two."""
-        _, d_row, d_col = self._at(_evaluate, index, x, y)
+        _, d_row, d_col = self._at(_evaluate, 3, index, x, y)
         return np.stack([d_row, d_col], axis=-1) / self.pixel
 
-    def _at(self, kernel: Any, index: ArrayLike, x: FloatArray, y: FloatArray) -> list[FloatArray]:
-        frames = np.atleast_1d(np.asarray(index, dtype=np.int64))
+    def _at(
+        self, kernel: Any, n_values: int, index: ArrayLike, x: FloatArray, y: FloatArray
+    ) -> FloatArray:
+        """Return what a kernel tells at positions, shape (n_values, ...)."""
+        frames = np.atleast_1d(np.asarray(index, dtype=np.int64)).tolist()
         shape = np.broadcast_shapes(x.shape, y.shape, (len(frames), 1) if np.ndim(index) else ())
         rows, cols = (
             np.array(np.broadcast_to(p / self.pixel + o, shape)).reshape(len(frames), -1)
             for p, o in zip((x, y), self.origin, strict=True)
         )
-        return [np.asarray(a).reshape(shape) for a in kernel(self.coefficients, frames, rows, cols)]
+        values = np.empty((n_values, *rows.shape))
+        for m, t in enumerate(frames):
+            values[:, m] = kernel(self.coefficients[t], rows[m], cols[m])
+        return values.reshape(n_values, *shape)
 
 
 def spline_images(stack: FloatArray, pixel: float, origin: tuple[float, float]) -> SplineImages:
@@ -162,32 +176,30 @@ _folded = _compiled(_fold)
 
 
 def _evaluate_points(
-    coefficients: FloatArray, frames: IntArray, rows: FloatArray, cols: FloatArray
+    image: FloatArray, rows: FloatArray, cols: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Value and derivatives along rows and columns [1/px] at (frames, points)."""
-    _, n_rows, n_cols = coefficients.shape
+    """Value and derivatives along rows and columns [1/px] at points of one image."""
+    n_rows, n_cols = image.shape
     value = np.empty_like(rows)
     d_row = np.empty_like(rows)
     d_col = np.empty_like(rows)
-    for m in range(rows.shape[0]):
-        image = coefficients[frames[m]]
-        for p in range(rows.shape[1]):
-            r, c = int(np.floor(rows[m, p])), int(np.floor(cols[m, p]))
-            a, da = _weights_at(rows[m, p] - r), _slopes_at(rows[m, p] - r)
-            b, db = _weights_at(cols[m, p] - c), _slopes_at(cols[m, p] - c)
-            total, along_row, along_col = 0.0, 0.0, 0.0
-            inside = r >= 1 and c >= 1 and r + 2 < n_rows and c + 2 < n_cols
-            for i in range(4):
-                k = r - 1 + i if inside else _folded(r - 1 + i, n_rows)
-                line, slope = 0.0, 0.0
-                for j in range(4):
-                    q = image[k, c - 1 + j if inside else _folded(c - 1 + j, n_cols)]
-                    line += b[j] * q
-                    slope += db[j] * q
-                total += a[i] * line
-                along_row += da[i] * line
-                along_col += a[i] * slope
-            value[m, p], d_row[m, p], d_col[m, p] = total, along_row, along_col
+    for p in range(len(rows)):
+        r, c = int(np.floor(rows[p])), int(np.floor(cols[p]))
+        a, da = _weights_at(rows[p] - r), _slopes_at(rows[p] - r)
+        b, db = _weights_at(cols[p] - c), _slopes_at(cols[p] - c)
+        total, along_row, along_col = 0.0, 0.0, 0.0
+        inside = r >= 1 and c >= 1 and r + 2 < n_rows and c + 2 < n_cols
+        for i in range(4):
+            k = r - 1 + i if inside else _folded(r - 1 + i, n_rows)
+            line, slope = 0.0, 0.0
+            for j in range(4):
+                q = image[k, c - 1 + j if inside else _folded(c - 1 + j, n_cols)]
+                line += b[j] * q
+                slope += db[j] * q
+            total += a[i] * line
+            along_row += da[i] * line
+            along_col += a[i] * slope
+        value[p], d_row[p], d_col[p] = total, along_row, along_col
     return value, d_row, d_col
 
 
@@ -195,26 +207,22 @@ _gains = _compiled(_gains_at_points)
 _evaluate = _compiled(_evaluate_points)
 
 
-def _values_at_points(
-    coefficients: FloatArray, frames: IntArray, rows: FloatArray, cols: FloatArray
-) -> tuple[FloatArray]:
-    """Values at (frames, points)."""
-    _, n_rows, n_cols = coefficients.shape
+def _values_at_points(image: FloatArray, rows: FloatArray, cols: FloatArray) -> tuple[FloatArray]:
+    """Values at points of one image."""
+    n_rows, n_cols = image.shape
     value = np.empty_like(rows)
-    for m in range(rows.shape[0]):
-        image = coefficients[frames[m]]
-        for p in range(rows.shape[1]):
-            r, c = int(np.floor(rows[m, p])), int(np.floor(cols[m, p]))
-            a, b = _weights_at(rows[m, p] - r), _weights_at(cols[m, p] - c)
-            inside = r >= 1 and c >= 1 and r + 2 < n_rows and c + 2 < n_cols
-            total = 0.0
-            for i in range(4):
-                k = r - 1 + i if inside else _folded(r - 1 + i, n_rows)
-                line = 0.0
-                for j in range(4):
-                    line += b[j] * image[k, c - 1 + j if inside else _folded(c - 1 + j, n_cols)]
-                total += a[i] * line
-            value[m, p] = total
+    for p in range(len(rows)):
+        r, c = int(np.floor(rows[p])), int(np.floor(cols[p]))
+        a, b = _weights_at(rows[p] - r), _weights_at(cols[p] - c)
+        inside = r >= 1 and c >= 1 and r + 2 < n_rows and c + 2 < n_cols
+        total = 0.0
+        for i in range(4):
+            k = r - 1 + i if inside else _folded(r - 1 + i, n_rows)
+            line = 0.0
+            for j in range(4):
+                line += b[j] * image[k, c - 1 + j if inside else _folded(c - 1 + j, n_cols)]
+            total += a[i] * line
+        value[p] = total
     return (value,)
 
 

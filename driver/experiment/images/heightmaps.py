@@ -1,17 +1,18 @@
-"""Reading stacks of height maps in digital levels, without loss."""
+"""Stacks of height maps: in digital levels as files hold them, and handed out one at a time."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from driver.common.errors import InputError, sentence
 from driver.experiment.images.files import Refused, files_of, gap, split_dataset
-from driver.experiment.images.formats import read_file
+from driver.experiment.images.formats import Levels, read_file
 from meshes.arrays import BoolArray, FloatArray
 
 
@@ -19,26 +20,57 @@ class ImageError(InputError):
     """An image that cannot be used; the message names it and says what was expected."""
 
 
+class HeightMaps(Protocol):
+    """Height maps of one size [µm], one at a time; an array of shape (n, rows, cols) is such."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Numbers n of maps, of their rows and of their columns."""
+
+    def __len__(self) -> int:
+        """Return the number n of maps."""
+
+    def __getitem__(self, index: int, /) -> FloatArray:
+        """Return one map, shape (rows, cols)."""
+
+    def __iter__(self) -> Iterator[FloatArray]:
+        """One map after the other."""
+
+
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """Height maps in digital levels, as stored.
+    """Height maps in digital levels, as stored: of 8 bits a pixel takes one byte.
 
     Attributes:
-        levels: shape (n, rows, cols).
+        levels: of each frame, of the type that is stored, each of shape (rows, cols).
         dtype: type of the stored numbers.
         frames: file of each frame and its place there, length n.
         gap: the first gap in the numbers of the files, or an empty text.
     """
 
-    levels: FloatArray
+    levels: tuple[Levels, ...]
     dtype: np.dtype[np.generic]
     frames: tuple[tuple[Path, int], ...]
     gap: str
 
     @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of a frame."""
+        rows, cols = self.levels[0].shape
+        return rows, cols
+
+    @property
     def size(self) -> str:
         """Rows × columns, to be told."""
-        return f"{self.levels.shape[1]} × {self.levels.shape[2]} px"
+        return _size(self.levels[0])
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self.levels)
+
+    def __getitem__(self, index: int) -> FloatArray:
+        """Levels of one frame as floating-point numbers, shape (rows, cols)."""
+        return self.levels[index].astype(np.float64)
 
 
 def load_stack(path: str | Path, key: str = "images") -> Stack:
@@ -59,12 +91,12 @@ def load_stack(path: str | Path, key: str = "images") -> Stack:
         files = files_of(name)
     except Refused as refused:
         raise ImageError(sentence(Path(path), key, refused.found, refused.expected)) from None
-    parts: list[NDArray[np.generic]] = []
+    parts: list[Levels] = []
     for file in files:
         try:
             part = read_file(file, dataset)
             if parts and part.shape[1:] != parts[0].shape[1:]:
-                raise Refused(_size(part), f"{_size(parts[0])} as {files[0].name}")
+                raise Refused(_size(part[0]), f"{_size(parts[0][0])} as {files[0].name}")
             if parts and part.dtype != parts[0].dtype:
                 raise Refused(
                     f"levels of type {part.dtype}",
@@ -73,10 +105,8 @@ def load_stack(path: str | Path, key: str = "images") -> Stack:
         except Refused as refused:
             raise ImageError(sentence(file, key, refused.found, refused.expected)) from None
         parts.append(part)
-    levels = np.empty((sum(map(len, parts)), *parts[0].shape[1:]))
-    np.concatenate(parts, out=levels, casting="unsafe")
     return Stack(
-        levels=levels,
+        levels=tuple(levels for part in parts for levels in part),
         dtype=parts[0].dtype,
         frames=tuple(
             (f, k) for f, part in zip(files, parts, strict=True) for k in range(len(part))
@@ -105,5 +135,5 @@ def fill_off_surface(heights: FloatArray, valid: BoolArray) -> FloatArray:
     return np.asarray(heights[tuple(nearest)])
 
 
-def _size(stack: NDArray[np.generic]) -> str:
-    return f"{stack.shape[1]} × {stack.shape[2]} px"
+def _size(frame: Levels) -> str:
+    return f"{frame.shape[0]} × {frame.shape[1]} px"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,7 +82,7 @@ class TemporalNoise:
 
 
 def temporal_noise(
-    residual: FloatArray, gain: FloatArray, fitted: FloatArray
+    series: Iterable[tuple[FloatArray, FloatArray]], fitted: FloatArray
 ) -> TemporalNoise | None:
     """Noise from the second differences of the residuals in time.
 
@@ -89,24 +90,30 @@ def temporal_noise(
     slowly: both fall out of ρ(t−1) − 2 ρ(t) + ρ(t+1), whose variance is that of six readings.
 
     Args:
-        residual: ρ of frames in their order [µm], NaN where a frame lacks a pixel, (T, n_pix).
-        gain: variance of interpolated white noise at the pixels, shape (T, n_pix).
+        series: of each frame in its order ρ [µm], NaN where it lacks a pixel, and the variance
+            of interpolated white noise at the pixels, both of shape (n_pix,).
         fitted: share of the variance of each pixel that the fitted motion takes, shape
             (n_pix,).
 
     Returns:
         None for fewer than three frames with a pixel in common.
     """
-    n_differences = len(residual) - 2
-    if n_differences < 1:
-        return None
-    difference = residual[:-2] - 2.0 * residual[1:-1] + residual[2:]
-    scale = (gain[:-2] + 4.0 * gain[1:-1] + gain[2:]) * np.maximum(1.0 - fitted, 1.0 - FITTED)
-    seen = np.isfinite(difference) & (fitted < FITTED)
-    count = seen.sum(axis=0)
+    count, total = np.zeros(fitted.size, dtype=np.int64), np.zeros(fitted.size)
+    last: list[tuple[FloatArray, FloatArray]] = []
+    n_differences = 0
+    for now in series:
+        if len(last) == 2:
+            n_differences += 1
+            (first, gain_first), (second, gain_second) = last
+            difference = first - 2.0 * second + now[0]
+            scale = gain_first + 4.0 * gain_second + now[1]
+            seen = np.isfinite(difference) & (fitted < FITTED)
+            count += seen
+            total[seen] += difference[seen] ** 2 / scale[seen]
+        last = [*last[-1:], now]
     if not count.any():
         return None
-    total = np.sum(difference**2 / scale, axis=0, where=seen)
+    total /= np.maximum(1.0 - fitted, 1.0 - FITTED)
     mean = float(total.sum() / count.sum())
     variance = np.where(count > 0, total / np.maximum(count, 1), mean)
     map_dof = n_differences / _SHARED

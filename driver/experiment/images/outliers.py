@@ -66,25 +66,28 @@ class FrameStatistics:
     noise: FloatArray
 
 
-def frame_statistics(frames: FloatArray, reference: Reference, pixel: float) -> FrameStatistics:
+def frame_statistics(
+    frames: Iterable[FloatArray], reference: Reference, pixel: float
+) -> FrameStatistics:
     """Rigid motion, residual and noise of each frame.
 
     Args:
-        frames: corrected height maps without gaps [µm], shape (T, rows, cols).
+        frames: corrected height maps without gaps [µm], each of shape (rows, cols).
         reference: the reference surface.
         pixel: size of a pixel [µm].
     """
     region = reference.region
     rows, cols = np.nonzero(region)
     still = reference.heights[region]
-    shifts, residuals = [], []
+    shifts, residuals, noises = [], [], []
     for frame in frames:
         shift = shift_between(reference.heights, frame, pixel, region)
         at = [rows + shift.dx / pixel, cols + shift.dy / pixel]
         moved = ndimage.map_coordinates(frame, at, mode="mirror")
         shifts.append(shift)
         residuals.append(np.sqrt(np.mean((still + shift.dz - moved) ** 2)))
-    return FrameStatistics(np.array(shifts), np.array(residuals), noise_levels(frames, region))
+        noises += noise_levels([frame], region).tolist()
+    return FrameStatistics(np.array(shifts), np.array(residuals), np.array(noises))
 
 
 def noise_levels(frames: Iterable[FloatArray], region: BoolArray) -> FloatArray:

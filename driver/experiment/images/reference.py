@@ -78,7 +78,7 @@ def build_reference(
         ImageError: a repeat without heights, no pixel that can be used, or no noise.
     """
     codes = region_codes(np.asarray(on_surface(repeats).all(axis=0)), pixel, origin, bounds, mask)
-    repeats = corrected(repeats, flat, "repeat")
+    repeats = np.stack([corrected(r, flat, f"repeat {t}") for t, r in enumerate(repeats)])
     if mask_dust:
         codes[spikes(np.median(repeats, axis=0), codes == Excluded.USED)] = Excluded.DUST
     used = np.asarray(codes == Excluded.USED)
@@ -108,24 +108,21 @@ def build_reference(
     )
 
 
-def corrected(stack: FloatArray, flat: FlatField | None, name: str) -> FloatArray:
-    """Height maps less the flat pattern, extended over pixels without a height.
+def corrected(heights: FloatArray, flat: FlatField | None, name: str) -> FloatArray:
+    """Return a height map less the flat pattern, extended over pixels without a height.
 
     Args:
-        stack: height maps [µm], shape (n, rows, cols).
+        heights: one height map [µm], shape (rows, cols).
         flat: fixed pattern to subtract, if known.
-        name: what the images are, to be told.
+        name: what the image is, to be told.
 
     Raises:
-        ImageError: an image without heights.
+        ImageError: it has no height.
     """
-    result = np.empty_like(stack)
-    for t, heights in enumerate(stack):
-        valid = on_surface(heights)
-        if not valid.any():
-            raise ImageError(f"{name} {t}: no pixel carries a height (all empty).")
-        result[t] = fill_off_surface(heights if flat is None else heights - flat.pattern, valid)
-    return result
+    valid = on_surface(heights)
+    if not valid.any():
+        raise ImageError(f"{name}: no pixel carries a height (all empty).")
+    return fill_off_surface(heights if flat is None else heights - flat.pattern, valid)
 
 
 def _moved(

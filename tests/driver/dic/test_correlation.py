@@ -33,7 +33,11 @@ def arrays(images: SurfaceImages) -> tuple[FloatArray, FloatArray, NDArray[np.bo
     """Reference, frames and mask; the first pixel becomes the origin."""
     mask = np.zeros(images.shape, dtype=bool)
     mask[images.rows, images.cols] = True
-    return images.reference_image, np.array([*map(samples, images.frames.coefficients)]), mask
+    return (
+        images.reference_image,
+        np.array([*map(samples, np.array(images.frames.coefficients))]),
+        mask,
+    )
 
 
 def error(

@@ -26,7 +26,7 @@ def test_a_large_jump_of_the_stage_between_two_frames_is_followed(scene: Scene) 
 def test_a_frame_of_another_surface_leads_no_other_astray(scene: Scene) -> None:
     shifts = [(constant(k * 0.2 * PIXEL), STILL, STILL) for k in range(6)]
     images = scene(shifts, noise=0.003)
-    frames = images.frames.coefficients.copy()
+    frames = np.array(images.frames.coefficients)
     frames[2] = frames[2, ::-1, ::-1]
     spoilt = measure(replace(images, frames=replace(images.frames, coefficients=frames)))
     others = np.arange(6) != 2

@@ -49,11 +49,11 @@ def folder(tmp_path: Path) -> Path:
 
 def test_an_experiment_is_read_in_internal_units(folder: Path) -> None:
     experiment = read_experiment(load_case(folder / "case.toml"))
-    assert experiment.frames.shape == (2, 6, 10) and experiment.frames.dtype == np.float64
+    assert experiment.frames.shape == (2, 6, 10) and experiment.frames[0].dtype == np.float64
     # Level 60 of 6.5 nm; 100 N on 3 mm² is 231 µN on 4√3 µm².
-    assert experiment.frames[1, 0, 0] == pytest.approx(0.390)
+    assert experiment.frames[1][0, 0] == pytest.approx(0.390)
     assert experiment.force[1] == pytest.approx(100 * 4 * 3**0.5 / 3)
-    assert experiment.flats is not None and experiment.flats[0, 0, 0] == pytest.approx(0.325)
+    assert experiment.flats is not None and experiment.flats[0][0, 0] == pytest.approx(0.325)
     assert experiment.repeats is not None and len(experiment.repeats) == 3
     assert experiment.mask is not None and experiment.mask.sum() == 50
     assert experiment.origin == (2.5, 1.0)
@@ -181,7 +181,10 @@ def test_heights_are_scale_and_offset_of_the_levels_without_any_loss(
         }  # fmt: skip
         case = case.model_copy(update={"images": case.images.model_copy(update=changed)})
         np.testing.assert_allclose(
-            read_experiment(case).frames, (0.5 * levels - 3000.0) / 1000.0, rtol=0, atol=4e-15
+            np.array(read_experiment(case).frames),
+            (0.5 * levels - 3000.0) / 1000.0,
+            rtol=0,
+            atol=4e-15,
         )
 
 

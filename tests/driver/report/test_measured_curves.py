@@ -9,7 +9,7 @@ from matplotlib.patches import StepPatch
 from scipy.stats import norm
 
 from driver.report import measured_curves as curves
-from driver.report.measured import MeasuredMotion
+from driver.report.measured import MeasuredMotion, Spread
 from meshes.arrays import FloatArray
 from tests.driver.invented_results import PEAKS, STAGE
 
@@ -72,7 +72,7 @@ def test_the_histogram_has_area_one_beside_the_unit_normal(measured: MeasuredMot
 def test_a_residual_off_the_axis_is_counted_in_the_last_bin(measured: MeasuredMotion) -> None:
     far = measured.standardised.copy()
     far[0, 0] = 40.0
-    values, _ = histogram(curves.noise(replace(measured, standardised=far)).axes[0])
+    values, _ = histogram(curves.noise(replace(measured, spread=Spread.of(far))).axes[0])
     assert values[-1] == pytest.approx(8.0 / far.size)
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from driver.report.measured import Curve, MeasuredMotion, Regularisation
+from driver.report.measured import Curve, MeasuredMotion, Regularisation, Spread
 from driver.report.measured_figures import FIGURES
 from driver.report.measured_texts import texts
 
@@ -34,7 +34,7 @@ def test_ranges_are_those_of_the_shown_images_and_noise_that_of_a_node(
     measured: MeasuredMotion,
 ) -> None:
     text = texts(measured)["measure_fields"].caption
-    v = 1e3 * measured.motion[measured.shown, :, 1]
+    v = 1e3 * measured.motion[..., 1]
     assert f"v from −{abs(v.min()):.1f} to {v.max():.1f} nm" in text
     assert "enlarged 20 times" in text
     assert "19 nm in u, 18 nm in v and 2.0 nm in w" in text
@@ -45,7 +45,7 @@ def test_far_residuals_are_counted_against_the_normal_distribution(
 ) -> None:
     values = np.zeros_like(measured.standardised)
     values[0, : values.size // 100 + 1] = 3.5
-    text = texts(replace(measured, standardised=values))["measure_noise"].caption
+    text = texts(replace(measured, spread=Spread.of(values)))["measure_noise"].caption
     assert f"all {values.size} residuals" in text
     assert "1.0 % lie beyond 3 σ (normal: 0.27 %), the farthest at 3.5 σ" in text
 
@@ -85,7 +85,7 @@ def test_pixels_that_an_image_lacks_are_not_counted(measured: MeasuredMotion) ->
     before = texts(measured)
     residual, values = measured.residual.copy(), measured.standardised.copy()
     residual[0, :100] = values[0, :100] = np.nan
-    after = texts(replace(measured, residual=residual, standardised=values))
+    after = texts(replace(measured, residual=residual, spread=Spread.of(values)))
     assert f"all {values.size - 100} residuals" in after["measure_noise"].caption
     assert "nan" not in after["measure_noise"].caption + after["measure_residuals"].alternative
     assert before["measure_residuals"].caption == after["measure_residuals"].caption

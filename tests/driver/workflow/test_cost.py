@@ -4,12 +4,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import h5py
+import numpy as np
 import pytest
+import tifffile
 
-from driver.case.model import load_case
+from driver.case.model import load_case, write_case
 from driver.diagnosis.causes.all_causes import NAMES
 from driver.diagnosis.causes.causes import LIBRARY
-from driver.workflow.cost import Cost, estimate
+from driver.experiment.image_sizes import StackSize, stack_size
+from driver.workflow.cost import Cost, estimate, identified_images, measuring_memory
 from solver_adapters.bundled.adapter import BundledAdapter
 
 ALPHA = Path(__file__).parents[3] / "examples" / "alpha"
@@ -20,8 +24,6 @@ def test_the_estimate_grows_with_the_work() -> None:
     base = estimate(case, bundled, 264, 97)
     assert estimate(case, bundled, 528, 97).seconds > 1.9 * base.seconds
     assert estimate(case, bundled, 264, 194).seconds == pytest.approx(2 * base.seconds)
-    pixels = estimate(case, bundled, 264, 97, n_pixels=10**8)
-    assert pixels.memory - base.memory == pytest.approx(2.4e9)
     fewer = case.model_copy(update={"diagnosis": case.diagnosis.model_copy(update={"refit": 1})})
     assert estimate(fewer, bundled, 264, 97).seconds < base.seconds
     more = case.model_copy(
@@ -110,3 +112,30 @@ def test_without_images_nothing_is_refitted_looked_at_or_correlated() -> None:
     assert with_tables(boundary=stage, images=finer_pixels).seconds == alone.seconds
     assert with_tables(images=finer_pixels).seconds > with_tables().seconds
     assert alone.memory < with_tables().memory
+
+
+@pytest.mark.parametrize("name", ["images.tif", "images", "images.npy", "images.h5:/frames"])
+def test_the_memory_of_images_is_told_from_the_headers_of_their_files(
+    tmp_path: Path, name: str
+) -> None:
+    levels = np.random.default_rng(0).integers(1, 200, size=(7, 300, 400), dtype=np.uint8)
+    if name == "images":
+        (tmp_path / name).mkdir()
+        for t, frame in enumerate(levels):
+            tifffile.imwrite(tmp_path / name / f"{t}.tif", frame)
+    elif name == "images.npy":
+        np.save(tmp_path / name, levels)
+    elif name == "images.tif":
+        tifffile.imwrite(tmp_path / name, levels, photometric="minisblack")
+    else:
+        with h5py.File(tmp_path / "images.h5", "w") as file:
+            file["frames"] = levels
+    write_case(load_case(ALPHA / "case.toml"), tmp_path / "case.toml")
+    case = load_case(tmp_path / "case.toml").with_values_at({"images.frames": name})
+    assert stack_size(case, "frames") == StackSize(7, 300 * 400, 1)
+    without = case.with_values_at({"images.frames": "absent.tif"})
+    assert stack_size(without, "frames") is None and stack_size(case, "flats") is None
+    # An image more is kept as its file has it; identified, with its spline.
+    for told, each in ((measuring_memory, 1), (identified_images, 9)):
+        more = [told(case, n) - told(without, n) for n in (1000, 2000)]
+        assert more[1] - more[0] == pytest.approx(1000 * each * 300 * 400)

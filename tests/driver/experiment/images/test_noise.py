@@ -47,18 +47,18 @@ def test_temporal_noise_is_blind_to_reference_and_slow_errors_and_knows_its_free
     shared = 3.0 * rng.normal(size=n)
     gain = rng.uniform(0.3, 1.0, size=(T, n))
     residual = shared + slow + np.sqrt(gain) * rng.normal(size=(T, n))
-    found = temporal_noise(residual, gain, np.zeros(n))
+    found = temporal_noise(zip(residual, gain, strict=True), np.zeros(n))
     assert found is not None
     assert abs(found.sigma - 1) < 3 / np.sqrt(2 * found.dof)
     # Of a χ²/ν estimate the variance is 2/ν. 4000 of them give it to 2.5 %.
     assert 2 / np.var(found.map**2) == pytest.approx(found.map_dof, rel=0.08)
     assert not found.larger.any()
     residual[:, 100:140] += 2.0 * rng.normal(size=(T, 40))
-    noisier = temporal_noise(residual, gain, np.zeros(n))
+    noisier = temporal_noise(zip(residual, gain, strict=True), np.zeros(n))
     assert noisier is not None
     assert noisier.larger[100:140].mean() > 0.9
     assert noisier.larger.sum() == noisier.larger[100:140].sum()
-    assert temporal_noise(residual[:2], gain[:2], np.zeros(n)) is None
+    assert temporal_noise(zip(residual[:2], gain[:2], strict=True), np.zeros(n)) is None
 
 
 def test_what_a_fit_takes_from_the_residuals_is_given_back() -> None:
@@ -66,6 +66,6 @@ def test_what_a_fit_takes_from_the_residuals_is_given_back() -> None:
     modes = np.linalg.qr(rng.normal(size=(500, 100)))[0]
     residual = rng.normal(size=(80, 500))
     residual -= (residual @ modes) @ modes.T
-    found = temporal_noise(residual, np.ones_like(residual), (modes**2).sum(axis=1))
+    found = temporal_noise(((rho, np.ones(500)) for rho in residual), (modes**2).sum(axis=1))
     assert found is not None
     assert abs(found.sigma - 1) < 3 / np.sqrt(2 * found.dof)
