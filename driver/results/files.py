@@ -5,11 +5,12 @@ The case file and its schema are named by `driver.case.model`, which reads them.
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from tempfile import TemporaryFile
 
 from driver.case.model import Case
-from driver.common.errors import InputError, sentence, show, why
+from driver.common.errors import InputError, sentence, why
 
 # Of a run.
 RESULTS = "results"
@@ -179,7 +180,7 @@ def make_job_store(folder: Path, file: Path) -> None:
             pass
     except (OSError, ValueError) as error:
         reason = "a file or a link to nothing" if isinstance(error, FileExistsError) else why(error)
-        found = f"{show(str(folder))} ({reason})"
+        found = f"{json.dumps(str(folder), ensure_ascii=False)} ({reason})"
         raise InputError(sentence(file, "execution.store", found, expected)) from None
 
 
