@@ -13,14 +13,14 @@ import os
 import subprocess
 import sys
 import time
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from benchmarks.measuring import show
-from driver.batch.command import batch
-from driver.case.model import write_case
 from driver.common.parallel import side_by_side
-from tools.short_specimen import small_case
+
+# What only the campaign needs it imports itself: processes of tasks import this module.
 
 _WORK = 0.02  # s of a task
 _CASES = 8
@@ -33,12 +33,24 @@ def work(seconds: float) -> None:
         pass
 
 
+def load(module: str) -> None:
+    """Import a module."""
+    import_module(module)
+
+
 def overhead_of_tasks(number: int, processes: int) -> float:
     """Wall-clock time of each task beside its share of the work [s]."""
     begin = time.perf_counter()
     side_by_side(work, [_WORK] * number, processes)
     wall = time.perf_counter() - begin
     return (wall - number * _WORK / processes) / number
+
+
+def start_of_refits(processes: int) -> float:
+    """Wall-clock time until processes side by side have what a refit needs [s]."""
+    begin = time.perf_counter()
+    side_by_side(load, ["driver.diagnosis.search.refit"] * processes, processes)
+    return time.perf_counter() - begin
 
 
 def start_of_a_case() -> float:
@@ -51,6 +63,10 @@ def start_of_a_case() -> float:
 
 def campaign(number: int) -> float:
     """Wall-clock time of each case of a campaign that only meshes [s]."""
+    from driver.batch.command import batch
+    from driver.case.model import write_case
+    from tools.short_specimen import small_case
+
     with TemporaryDirectory() as name:
         folder = Path(name)
         case = small_case().with_values_at({"specimen.cells": "hex20"})
@@ -78,6 +94,7 @@ def main() -> None:
         overhead = 1e3 * overhead_of_tasks(number, processes)
         show(f"{number} tasks of 20 ms on {processes} processes: overhead of each [ms]", overhead,
              "<= 50")  # fmt: skip
+    show(f"start of {processes} processes that refit [s]", start_of_refits(processes))
     show("start of a process of prismid [s]", start_of_a_case())
     if not quick:
         show(f"campaign of {_CASES} cases that mesh: wall-clock time of each [s]",
