@@ -14,25 +14,18 @@ import os
 import subprocess
 import sys
 import time
-from heapq import heapreplace
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
-from distributed import Client, LocalCluster
-
-from benchmarks.many_images import MANY, show_images
 from benchmarks.measuring import show
-from driver.batch.command import batch
-from driver.case.model import write_case
 from driver.common.parallel import side_by_side
-from meshes.arrays import FloatArray
-from tools.short_specimen import small_case
+
+# What only some figures need is imported by them: processes of tasks import this module.
 
 _WORK = 0.02  # s of a task
 _CASES = 8
-_WORKERS = (8, 32)
 
 
 def work(seconds: float) -> None:
@@ -42,12 +35,24 @@ def work(seconds: float) -> None:
         pass
 
 
+def load(module: str) -> None:
+    """Import a module."""
+    import_module(module)
+
+
 def overhead_of_tasks(number: int, processes: int) -> float:
     """Wall-clock time of each task beside its share of the work [s]."""
     begin = time.perf_counter()
     side_by_side(work, [_WORK] * number, processes)
     wall = time.perf_counter() - begin
     return (wall - number * _WORK / processes) / number
+
+
+def start_of_refits(processes: int) -> float:
+    """Wall-clock time until processes side by side have what a refit needs [s]."""
+    begin = time.perf_counter()
+    side_by_side(load, ["driver.diagnosis.search.refit"] * processes, processes)
+    return time.perf_counter() - begin
 
 
 def start_of_a_case() -> float:
@@ -60,6 +65,10 @@ def start_of_a_case() -> float:
 
 def campaign(number: int) -> float:
     """Wall-clock time of each case of a campaign that only meshes [s]."""
+    from driver.batch.command import batch
+    from driver.case.model import write_case
+    from tools.short_specimen import small_case
+
     with TemporaryDirectory() as name:
         folder = Path(name)
         case = small_case().with_values_at({"specimen.cells": "hex20"})
@@ -77,37 +86,9 @@ def campaign(number: int) -> float:
         return (time.perf_counter() - begin) / number
 
 
-def planned(times: FloatArray, workers: int) -> float:
-    """Return when the last of some cases ends, each beginning on the first worker that is free [s].
-
-    Args:
-        times: of the cases, in the order in which they begin, shape (n,) [s].
-        workers: cases at a time.
-    """
-    free = [0.0] * workers
-    for time_of_case in times:
-        heapreplace(free, free[0] + float(time_of_case))
-    return max(free)
-
-
-def cluster_in_small(number: int, workers: int) -> tuple[float, float]:
-    """Wall-clock time of a campaign on a scheduler of Dask, in small, and what the plan says [s].
-
-    A case is a wait of a thirtieth part of a second for each minute; one in ten takes five times as
-    long, for its meshes are refined. Waits, so that there may be more workers than cores.
-    """
-    rng = np.random.default_rng(1)
-    times = 0.5 * rng.lognormal(0.0, 0.3, number) * np.where(rng.random(number) < 0.1, 5.0, 1.0)
-    start: Any = LocalCluster
-    connect: Any = Client
-    with (
-        start(n_workers=2, threads_per_worker=workers // 2, dashboard_address=":0") as cluster,
-        connect(cluster) as client,
-    ):
-        client.gather(client.map(time.sleep, [0.0] * workers, pure=False))
-        begin = time.perf_counter()
-        client.gather(client.map(time.sleep, times.tolist(), pure=False))
-        return time.perf_counter() - begin, planned(times, workers)
+def many_images() -> Any:
+    """Return the study of the number of images."""
+    return import_module("benchmarks.many_images")
 
 
 def main() -> None:
@@ -118,22 +99,20 @@ def main() -> None:
     arguments = parser.parse_args()
     quick = arguments.quick
     if arguments.images:
-        show_images(arguments.images)
+        many_images().show_images(arguments.images)
         return
     processes = os.cpu_count() or 1
     for number in (10, 100) if quick else (1, 10, 100, 1000):
         overhead = 1e3 * overhead_of_tasks(number, processes)
         show(f"{number} tasks of 20 ms on {processes} processes: overhead of each [ms]", overhead,
              "<= 50")  # fmt: skip
+    show(f"start of {processes} processes that refit [s]", start_of_refits(processes))
     show("start of a process of prismid [s]", start_of_a_case())
     if not quick:
         show(f"campaign of {_CASES} cases that mesh: wall-clock time of each [s]",
              campaign(_CASES))  # fmt: skip
-        for workers in _WORKERS:
-            wall, foreseen = cluster_in_small(1000, workers)
-            show(f"1000 cases on {workers} workers of Dask, in small: time over that planned",
-                 wall / foreseen, "0.9 to 1.1")  # fmt: skip
-        show_images(MANY)
+        import_module("benchmarks.cluster_plan").show_plan()
+        many_images().show_images(many_images().MANY)
 
 
 if __name__ == "__main__":

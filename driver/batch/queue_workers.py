@@ -44,9 +44,11 @@ def refuse_unusable(queue: Queue, file: Path) -> None:
             not fit into the line of a job; each in a sentence.
     """
     refused = []
-    if find_spec("dask_jobqueue") is None:
+    absent = [name for name in ("dask_jobqueue", "cryptography") if find_spec(name) is None]
+    if absent:
+        found = f"a table without the library {' and '.join(absent)}"
         expected = '`pip install "prismid[cluster]"` before'
-        refused.append(sentence(file, "cluster", "a table without dask-jobqueue", expected))
+        refused.append(sentence(file, "cluster", found, expected))
     for command in COMMANDS[queue.system or ""]:
         if shutil.which(command) is None:
             found = f'"{queue.system}" without its command {command}'

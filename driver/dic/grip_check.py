@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
 
+from driver.common.distributions import normal_isf
 from meshes.arrays import BoolArray, FloatArray, IntArray
 
 _FAMILY = 0.01  # error of all tests of a kind together
@@ -225,7 +225,7 @@ def _spread(stage: FloatArray) -> bool:
 
 def _limit(tests: int) -> float:
     """Return the standard deviations beyond which one of so many normal numbers is significant."""
-    return float(norm.isf(_FAMILY / 2 / max(tests, 1)))
+    return float(normal_isf(_FAMILY / 2 / max(tests, 1)))
 
 
 def _outliers(

@@ -7,8 +7,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
 
+from driver.common.distributions import chi2_sf
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.noise_causes import COVARIANCE
 from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
@@ -79,4 +79,4 @@ def probability(here: Fit, objective: Objective, cause: Cause) -> float:
     rows = [here.best.free.index(name) for name in names]
     theta = np.array([objective.parameters[n].theta(here.values[n], null[n]) for n in names])
     covariance = here.covariance[np.ix_(rows, rows)]
-    return float(chi2.sf(theta @ np.linalg.solve(covariance, theta), len(rows)))
+    return float(chi2_sf(theta @ np.linalg.solve(covariance, theta), len(rows)))

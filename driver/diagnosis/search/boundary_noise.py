@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
+from driver.common.distributions import chi2_sf
 from driver.common.progress import quiet
 from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.causes.candidates import NotExamined
@@ -87,7 +87,7 @@ def sensitivities_where_they_pay(
     degrees, factor = data.load_degrees, data.load_noise / stated
     if not FEWEST <= degrees < np.inf:
         return none("there are too few loads to tell noises by")
-    p = float(chi2.sf(degrees * factor**2, degrees))
+    p = float(chi2_sf(degrees * factor**2, degrees))
     if p > FAMILY_LEVEL:
         return none(
             f"the loads scatter by {factor:.2f} of their stated noise (p {p:.2g}): none is seen"

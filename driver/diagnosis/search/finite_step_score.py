@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
+from driver.common.distributions import chi2_sf
 from driver.common.outcomes import Failure, attempt
 from driver.common.parallel import side_by_side
 from driver.common.progress import collected_lines
@@ -181,7 +181,7 @@ def _best_score(task: _Task) -> tuple[Score, list[Refit]]:
         for one in sides
         if one.score.estimate[0] * one.amount > 0
         and _may_be_far(one.score)
-        and chi2.sf(one.score.statistic, one.score.degrees) < PROMISING
+        and chi2_sf(one.score.statistic, one.score.degrees) < PROMISING
     ]
     scores = [near, *(one.score for one in promising)]
     refits: list[Refit] = []

@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import f
 
+from driver.common.distributions import f_sf
 from driver.diagnosis.answer.verdict import Verdict, to_confirm
 from driver.diagnosis.causes.all_causes import NAMES
 from driver.diagnosis.causes.candidates import NotExamined
@@ -100,7 +100,7 @@ def unevenness(at: Evaluation, data: Data, family: int) -> Unevenness | None:
     slopes = np.linalg.lstsq(features[whole], power.T / power.mean(), rcond=None)[0].T
     mean, scatter = slopes.mean(axis=0), np.cov(slopes.T) / m
     square = float(mean @ np.linalg.solve(scatter, mean))
-    p = float(f.sf(square * (m - q) / (q * (m - 1)), q, m - q))
+    p = float(f_sf(square * (m - q) / (q * (m - 1)), q, m - q))
     variance = np.maximum(1.0 + features @ mean, _QUIETEST)
     low, high = np.percentile(variance[whole], (5, 95))
     ratio = float(np.sqrt(high / low))

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm, t
 
+from driver.common.distributions import normal_ppf, t_sf
 from driver.diagnosis.answer.result_types import BadLoad
 from driver.diagnosis.statistics.high_pass_loads import FEWEST, LEFT, freed, high_pass_loads
 from driver.identification.data import Data
@@ -84,7 +84,7 @@ def _significant(fast: _Fast, found: Sequence[int]) -> list[int]:
         if degrees < FEWEST:
             return []
         off, sigma = _joint(fast, left)
-        p = len(fast.single) * 2 * t.sf(np.abs(off) / sigma, degrees)
+        p = len(fast.single) * 2 * t_sf(np.abs(off) / sigma, degrees)
         if np.all(p < LEVEL):
             return left
         left.pop(int(np.argmax(p)))
@@ -117,7 +117,7 @@ def _suspects(fast: _Fast, most: int) -> list[int]:
         length = np.linalg.norm(single, axis=1)
         seen = length > 0.1 * np.median(np.linalg.norm(fast.single, axis=1))
         z = np.where(seen, single @ y / np.where(seen, length, 1.0), 0.0)
-        scale = float(np.median(np.abs(z[seen]))) / float(norm.ppf(0.75))
+        scale = float(np.median(np.abs(z[seen]))) / float(normal_ppf(0.75))
         worst = int(np.argmax(np.abs(z)))
         if abs(z[worst]) < _SUSPECT * scale:
             return rows

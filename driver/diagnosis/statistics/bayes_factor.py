@@ -22,8 +22,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.special import log_ndtr, logsumexp
-from scipy.stats import gamma
 
+from driver.common.distributions import gamma_logpdf
 from driver.identification.line_search import promised
 from driver.identification.objective import Evaluation, Objective
 from meshes.arrays import FloatArray
@@ -33,7 +33,7 @@ DEGREES = 4.0  # degrees of freedom of the prior
 _STEP = 0.35
 _LOG_PRECISIONS = np.arange(-14.0, 3.5, _STEP)  # log λ, for effects of up to a thousand scales
 _WEIGHTS = (
-    gamma.logpdf(np.exp(_LOG_PRECISIONS), DEGREES / 2, scale=2 / DEGREES)
+    gamma_logpdf(np.exp(_LOG_PRECISIONS), DEGREES / 2, scale=2 / DEGREES)
     + _LOG_PRECISIONS
     + np.log(_STEP)
 )

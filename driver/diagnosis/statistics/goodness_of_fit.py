@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, f, norm
 
+from driver.common.distributions import chi2_sf, f_sf, normal_ppf, normal_sf
 from driver.diagnosis.statistics.score_test import beside, score_together
 from driver.identification.cosine_modes import cosine_modes
 from driver.identification.data import Data
@@ -125,7 +125,7 @@ def _slow_against_fast(signal: FloatArray, taken: FloatArray) -> tuple[float, fl
     if not all(degrees):
         return 1.0, 0.0
     ratio = (powers[0] / degrees[0]) / (powers[1] / degrees[1])
-    return float(f.sf(ratio, degrees[0], degrees[1])), (ratio - 1.0) * degrees[0]
+    return float(f_sf(ratio, degrees[0], degrees[1])), (ratio - 1.0) * degrees[0]
 
 
 def _outlier(signal: FloatArray, taken: FloatArray) -> float:
@@ -141,8 +141,8 @@ def _outlier(signal: FloatArray, taken: FloatArray) -> float:
     root, own, rest = np.cbrt((power / degrees) / (others / left)), 2 / 9 / degrees, 2 / 9 / left
     deviates = (root * (1 - rest) - (1 - own)) / np.sqrt(root**2 * rest + own)
     low, high = np.quantile(deviates, _MIDDLE)
-    spread = (high - low) / np.diff(norm.ppf(_MIDDLE))[0]
-    return float(min(1.0, len(signal) * norm.sf(deviates.max() / max(spread, 1.0))))
+    spread = (high - low) / np.diff(normal_ppf(_MIDDLE))[0]
+    return float(min(1.0, len(signal) * normal_sf(deviates.max() / max(spread, 1.0))))
 
 
 def _free_power(x: FloatArray, taken: FloatArray) -> tuple[float, int]:
@@ -171,4 +171,4 @@ def _serial(loads: FloatArray, covariance: FloatArray) -> float:
     u = np.array([loads @ A @ loads for A in lagged]) / float(loads @ loads) - means
     variance = np.diag(V)
     stretch = float(np.sum(V**2 / np.outer(variance, variance))) / LAGS
-    return float(chi2.sf(np.sum(u**2 / variance) / stretch, LAGS / stretch))
+    return float(chi2_sf(np.sum(u**2 / variance) / stretch, LAGS / stretch))

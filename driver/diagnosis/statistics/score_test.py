@@ -15,8 +15,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2, f
 
+from driver.common.distributions import chi2_sf, f_sf
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.statistics.bayes_factor import log_mean_likelihood, prior_scaled, projected
 from driver.identification.objective import Evaluation
@@ -197,7 +197,7 @@ def score_together(
     statistic = power / (rest / others) / variance
     basis = vector[:, kept].T @ left / np.sqrt(eigenvalue[kept])[:, None]
     known = 1.0 / (_in_loads(basis, baseline) ** 2 / load_degrees + 1.0 / others)
-    return Together(statistic, degrees, float(f.sf(statistic / degrees, degrees, known)))
+    return Together(statistic, degrees, float(f_sf(statistic / degrees, degrees, known)))
 
 
 def beside(fitted: Evaluation, shapes: FloatArray) -> Evaluation:
@@ -230,8 +230,8 @@ def _tail(statistic: float, degrees: int, load_degrees: float, share: float) -> 
     if not degrees:
         return 1.0
     if np.isinf(load_degrees) or share == 0.0:
-        return float(chi2.sf(statistic, degrees))
-    return float(f.sf(statistic / degrees, degrees, load_degrees / share**2))
+        return float(chi2_sf(statistic, degrees))
+    return float(f_sf(statistic / degrees, degrees, load_degrees / share**2))
 
 
 def subspace_similarity(first: Score, second: Score) -> float:

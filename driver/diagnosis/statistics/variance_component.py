@@ -20,8 +20,8 @@ from functools import cached_property
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.stats import norm
 
+from driver.common.distributions import normal_sf
 from driver.diagnosis.statistics.score_test import SEEN_AT
 from meshes.arrays import FloatArray
 
@@ -73,7 +73,7 @@ class Component:
         """√s of which the expected z² are as rare as 4.5 standard deviations."""
         if not self.told_apart:
             return np.inf
-        rare = float(norm.sf(SEEN_AT))
+        rare = float(normal_sf(SEEN_AT))
 
         def too_common(log_q: float) -> float:
             return float(np.log(self._least_p(1.0 + np.exp(log_q) * self.strength) / rare))
@@ -164,7 +164,7 @@ def tail(weights: FloatArray, q: float) -> float:
     a, q = weights / scale, q / scale
     mean, variance = float(a.sum()), 2.0 * float(a @ a)
     if abs(q - mean) < _MIDDLE * np.sqrt(variance):
-        return float(norm.sf(8.0 * float(np.sum(a**3)) / variance**1.5 / 6.0))
+        return float(normal_sf(8.0 * float(np.sum(a**3)) / variance**1.5 / 6.0))
 
     def slope(t: float) -> float:
         return float(np.sum(a / (1.0 - 2.0 * t * a))) - q
@@ -180,4 +180,4 @@ def tail(weights: FloatArray, q: float) -> float:
     curvature = 2.0 * float(np.sum((a / (1.0 - 2.0 * t * a)) ** 2))
     w = np.sign(t) * np.sqrt(2.0 * (t * q - log_mean))
     v = t * np.sqrt(curvature)
-    return float(norm.sf(w + np.log(v / w) / w))
+    return float(normal_sf(w + np.log(v / w) / w))

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
+from driver.common.distributions import chi2_isf
 from driver.experiment.images.heightmaps import ImageError
 from driver.experiment.images.plane import plane_modes
 from meshes.arrays import BoolArray, FloatArray
@@ -118,7 +118,7 @@ def temporal_noise(
     variance = np.where(count > 0, total / np.maximum(count, 1), mean)
     map_dof = n_differences / _SHARED
     own = np.maximum(count, 1) / _SHARED
-    limit = chi2.isf(CHANCE / variance.size, own) / own
+    limit = chi2_isf(CHANCE / variance.size, own) / own
     return TemporalNoise(
         sigma=float(np.sqrt(mean)),
         dof=map_dof * float(variance.size - fitted.sum()),

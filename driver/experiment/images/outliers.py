@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
-from scipy.stats import t as student
 
+from driver.common.distributions import t_isf
 from driver.experiment.images.reference import Reference
 from driver.experiment.images.rigid import shift_between
 from driver.experiment.images.spikes import NORMAL
@@ -193,5 +193,5 @@ def _unlike(value: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """How far each value is from what is usual there, that, and the limit by chance alone."""
     usual = _usual(value)
     distance = np.abs(value - usual)
-    threshold = student.isf(CHANCE / 2 / value.size, _EFFICIENCY * value.size)
+    threshold = t_isf(CHANCE / 2 / value.size, _EFFICIENCY * value.size)
     return distance, usual, float(threshold * NORMAL * np.median(distance))

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
-from scipy.stats import chi2
 
+from driver.common.distributions import chi2_isf
 from driver.common.splines.images import variance_gain
 from driver.experiment.images.flatfield import FlatField
 from driver.experiment.images.heightmaps import ImageError, fill_off_surface, on_surface
@@ -138,7 +138,7 @@ def _moved(
     slopes -= slopes.mean(axis=0)
     own = shifts[:, :2] - shifts[:, :2].mean(axis=0)
     statistic = np.einsum("ti,ij,tj->", own, slopes.T @ slopes, own) / sigma**2
-    return bool(statistic >= chi2.isf(SIGNIFICANCE, 2 * (len(repeats) - 1)))
+    return bool(statistic >= chi2_isf(SIGNIFICANCE, 2 * (len(repeats) - 1)))
 
 
 def _moved_back(

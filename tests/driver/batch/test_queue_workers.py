@@ -10,6 +10,7 @@ from typing import Literal
 
 import pytest
 
+from driver.batch import queue_workers
 from driver.batch.command import batch
 from driver.batch.queue_workers import cluster_of, of_job, refuse_unusable
 from driver.batch.queues import Queue
@@ -67,6 +68,7 @@ def test_what_is_not_on_this_machine_is_told_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr(queue_workers, "find_spec", lambda name: None)
     queue = Queue(system="pbs", walltime="00:01:00", interface="nowhere0")
     file = tmp_path / "two words.toml"
     with pytest.raises(InputError) as error:
@@ -74,10 +76,14 @@ def test_what_is_not_on_this_machine_is_told_at_once(
     told = str(error.value).splitlines()
     assert all(line.startswith(f"{file}: cluster") for line in told)
     places = [line.removeprefix(f"{file}: ") for line in told]
-    assert places[0].startswith('cluster.system: found "pbs" without its command qsub, expected a')
-    assert places[1].startswith('cluster.system: found "pbs" without its command qdel, expected a')
-    assert places[2].startswith('cluster.interface: found "nowhere0", expected a network of this')
-    assert places[3].startswith(f"cluster: found the path {tmp_path}/two words.batch, expected one")
+    assert places[0] == (
+        "cluster: found a table without the library dask_jobqueue and cryptography, expected `pip "
+        'install "prismid[cluster]"` before'
+    )
+    assert places[1].startswith('cluster.system: found "pbs" without its command qsub, expected a')
+    assert places[2].startswith('cluster.system: found "pbs" without its command qdel, expected a')
+    assert places[3].startswith('cluster.interface: found "nowhere0", expected a network of this')
+    assert places[4].startswith(f"cluster: found the path {tmp_path}/two words.batch, expected one")
 
 
 def test_a_campaign_with_a_bad_case_and_no_queue_system_is_told_both_and_nothing_is_written(
