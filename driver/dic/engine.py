@@ -276,7 +276,7 @@ def _solved(
         left = relief if solved.lost else end.residual
         return replace(
             solved,
-            end=end if with_residual else replace(end, residual=left[:0]),
+            end=end if with_residual else replace(end, residual=np.empty(0)),
             squares=float(np.nansum(left**2 / _variance(system, end.p, noise, unit))),
             seen=int(np.count_nonzero(np.isfinite(left))),
         )

@@ -26,7 +26,8 @@ from meshes.arrays import BoolArray, FloatArray, IntArray
 
 SMOOTHING = 1.0  # px; of the first gradient, whose noise would otherwise rival the pattern
 RING = 4  # px around the region of interest that the derivative of a cubic spline still feels
-_BLOCK = 2**20  # pixels of the images that are at work together, at least one image
+_BLOCK = 2**18  # pixels of the images that are at work together, at least one image
+_KEPT = 2**22  # pixels of a series whose splines are kept in memory
 
 
 class PixelFields(Protocol):
@@ -246,7 +247,8 @@ def prepare(
         if not on_surface(heights).any():
             raise ImageError(f"frame {t}: no pixel carries a height (all empty).")
     splines = SplineImages(FrameSplines(frames, flat), pixel, origin)
-    return over_region(reference, splines, smooth, flat, bounds)
+    images = over_region(reference, splines, smooth, flat, bounds)
+    return images if len(frames) * reference.heights.size > _KEPT else images.kept()
 
 
 def over_region(

@@ -222,7 +222,7 @@ def measured_motion(
         nodal_uv=nodal - mean[..., :2],
         residual=residual,
         standardised=standardised,
-        spread=Spread.of(m["residual_over_noise"][t] for t in range(len(cycle))),
+        spread=Spread.of(m["residual_over_noise"]),
         chi=m["chi"],
         converged=m["converged"] > 0,
         stopped=tuple(_text(why) for why in m["stopped"]),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -166,6 +166,14 @@ class StoredSeries:
         """Values of a frame."""
         with h5py.File(self.path, "r") as file:
             return np.asarray(file[self.name][index])
+
+    def __iter__(self) -> Iterator[Array]:
+        """Values of one frame after the other; each block is read once."""
+        with h5py.File(self.path, "r") as file:
+            dataset = file[self.name]
+            together = dataset.chunks[0] if dataset.chunks else 1
+            for first in range(0, len(self), together):
+                yield from np.asarray(dataset[first : first + together])
 
 
 def read_hdf5(path: Path) -> dict[str, Array]:

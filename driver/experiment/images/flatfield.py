@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft, ndimage
 
-from driver.experiment.images.heightmaps import ImageError, fill_off_surface, on_surface
+from driver.experiment.images.heightmaps import HeightMaps, ImageError, fill_off_surface, on_surface
 from driver.experiment.images.plane import plane_modes
 from driver.experiment.images.spikes import NORMAL
 from meshes.arrays import BoolArray, FloatArray
@@ -39,7 +39,7 @@ class FlatField:
     n: int
 
 
-def flat_pattern(flats: Iterable[FloatArray]) -> FlatField:
+def flat_pattern(flats: HeightMaps | Sequence[FloatArray]) -> FlatField:
     """Mean of images of a flat reference surface at random places, minus its best plane.
 
     Each frame loses its own plane first, so that a stage that tilts between the places does
@@ -47,30 +47,30 @@ def flat_pattern(flats: Iterable[FloatArray]) -> FlatField:
     of their pixel.
 
     Args:
-        flats: height maps [µm], each of shape (rows, cols); an array (n, rows, cols) will do.
+        flats: height maps [µm], each of shape (rows, cols).
 
     Raises:
         ImageError: fewer than two frames, frames of unlike size, or one without heights.
     """
-    levelled: list[FloatArray] = []
+    n = len(flats)
+    if n < 2:
+        raise ImageError(f"flat frames: {n} given; at least 2 are needed for a standard error.")
+    # In one piece, which goes back to the machine as a whole.
+    levelled = np.empty((n, *flats[0].shape))
     whole: FloatArray | None = None
-    for flat in flats:
-        if levelled and flat.shape != levelled[0].shape:
+    for k, flat in enumerate(flats):
+        if flat.shape != levelled.shape[1:]:
             raise ImageError(
-                f"flat frame {len(levelled)}: shape {flat.shape}; expected {levelled[0].shape} "
-                "as before."
+                f"flat frame {k}: shape {flat.shape}; expected {levelled.shape[1:]} as before."
             )
         valid = on_surface(flat)
         if not valid.any():
-            raise ImageError(f"flat frame {len(levelled)}: no pixel carries a height.")
+            raise ImageError(f"flat frame {k}: no pixel carries a height.")
         if valid.all():
             whole = _planes(valid) if whole is None else whole
-            levelled.append(_without_plane(flat, valid, whole))
+            levelled[k] = _without_plane(flat, valid, whole)
         else:
-            levelled.append(_without_plane(flat, valid, _planes(valid)))
-    n = len(levelled)
-    if n < 2:
-        raise ImageError(f"flat frames: {n} given; at least 2 are needed for a standard error.")
+            levelled[k] = _without_plane(flat, valid, _planes(valid))
     mean, squares, count = _statistics(levelled)
     known = count >= 2
     # A plane of three parameters was taken from every frame.
@@ -138,13 +138,13 @@ def _without_plane(heights: FloatArray, valid: BoolArray, planes: FloatArray) ->
     return result
 
 
-def _statistics(levelled: list[FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _statistics(levelled: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Mean, sum of squares about it, and number of the readings of each pixel without dirt."""
-    shape = levelled[0].shape
+    shape = levelled.shape[1:]
     bands = [np.s_[top : top + _BAND] for top in range(0, shape[0], _BAND)]
     medians, own = np.empty(shape), np.empty(shape)
     for rows in bands:
-        stack = np.array([flat[rows] for flat in levelled])
+        stack = levelled[:, rows]
         medians[rows] = _median(stack)
         own[rows] = NORMAL * _median(np.abs(stack - medians[rows]))
     # A pixel may be noisier than the others: its own readings say how much it scatters, and
@@ -152,7 +152,7 @@ def _statistics(levelled: list[FloatArray]) -> tuple[FloatArray, FloatArray, Flo
     limit = DIRT * np.fmax(own, np.nanmedian(own))
     mean, squares, count = np.empty(shape), np.empty(shape), np.empty(shape)
     for rows in bands:
-        stack = np.array([flat[rows] for flat in levelled])
+        stack = levelled[:, rows]
         finite = np.isfinite(stack)
         clean = finite & (np.abs(stack - medians[rows]) <= limit[rows])
         # Of two readings that differ neither is known to be the wrong one.

@@ -17,10 +17,10 @@ def test_a_known_pattern_is_recovered_with_the_stated_error() -> None:
     row, col = np.indices((40, 60)) / 40.0
     pattern = 0.006 * np.sin(9 * row) * np.cos(7 * col)
     tilts = rng.normal(scale=0.02, size=(100, 3))
-    flats = (
+    flats = [
         0.4 + pattern + a + b * row + c * col + SIGMA * rng.normal(size=row.shape)
         for a, b, c in tilts
-    )
+    ]
     found = flat_pattern(flats)
     modes = np.linalg.qr(np.column_stack([np.ones(row.size), row.ravel(), col.ravel()]))[0]
     truth = pattern.ravel() - modes @ (modes.T @ pattern.ravel())
