@@ -66,19 +66,31 @@ class FrameSeries:
 
 
 class _Remembering(io.FileIO):
-    """A file that remembers why it could not be written: HDF5 says another thing, or nothing."""
+    """A file that remembers why it could not be written, and goes on as if it were.
+
+    HDF5 ends the process, without a word, where a file cannot be written.
+    """
 
     failed: OSError | None = None
 
     def write(self, content: Any) -> int:
+        rest = memoryview(content).cast("B")
+        size = len(rest)
         try:
-            rest = memoryview(content).cast("B")
-            while rest:
+            while rest and self.failed is None:
                 rest = rest[super().write(rest) or 0 :]
         except OSError as error:
             self.failed = error
-            raise
-        return memoryview(content).nbytes
+        return size
+
+    def readinto(self, target: Any) -> int:
+        wanted = memoryview(target).cast("B")
+        found = super().readinto(wanted) or 0
+        wanted[found:] = bytes(len(wanted) - found)
+        return len(wanted)
+
+    def truncate(self, size: int | None = None) -> int:
+        return (size or 0) if self.failed else super().truncate(size)
 
 
 def write_hdf5(
@@ -99,17 +111,13 @@ def write_hdf5(
         OSError: the file cannot be written.
     """
     with _Remembering(path, "w+") as written:
-        try:
-            _write(written, arrays, texts or {}, series)
-        except Exception:
-            if written.failed is None:
-                raise
+        _write(written, arrays, texts or {}, series)
         if written.failed is not None:
             raise written.failed
 
 
 def _write(
-    target: io.FileIO,
+    target: _Remembering,
     arrays: Mapping[str, tuple[NDArray[np.generic] | float, str]],
     texts: Mapping[str, str],
     series: FrameSeries | None,
@@ -125,13 +133,15 @@ def _write(
             dataset = file.create_dataset(name, data=array, compression=compression)
             dataset.attrs["unit"] = unit
         if series is not None:
-            _write_series(file, series)
+            _write_series(file, series, target)
 
 
-def _write_series(file: h5py.File, series: FrameSeries) -> None:
+def _write_series(file: h5py.File, series: FrameSeries, target: _Remembering) -> None:
     """Write frames as they come; each block is compressed as a whole."""
     first = 0
     for block in series.blocks:
+        if target.failed is not None:
+            return
         for name, values in block.items():
             if name not in file:
                 rest = values.shape[1:]

@@ -92,6 +92,28 @@ def test_a_frame_with_all_pixels_has_the_covariance_of_its_nodal_values() -> Non
         assert np.diag(stated[k]) == pytest.approx(expected, rel=1e-9)
 
 
+def test_the_bands_in_which_the_flat_pattern_is_taken_change_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(9)
+    frames = CLEAN + 0.009 * rng.normal(size=CLEAN.shape)
+    frames[1, 20:24, 30:34] = np.nan
+    repeats = STILL + 0.009 * rng.normal(size=(10, *SHAPE))
+    flat = FlatField(np.zeros(SHAPE), 0.003, rng.uniform(0.001, 0.005, SHAPE), 4)
+    images = prepare(frames, repeats, flat, PIXEL, ORIGIN, BOUNDS)
+    _, motion, functional = elongation(images)
+    assert not motion.compared[1].all()
+    whole = covariance_in_time(motion, images, functional[None])
+    monkeypatch.setattr("driver.dic.covariance._BLOCK", 1000)
+    monkeypatch.setattr("driver.dic.covariance._PIXELS", 100)
+    np.testing.assert_allclose(
+        covariance_in_time(motion, images, functional[None]),
+        whole,
+        rtol=0,
+        atol=1e-12 * whole.max(),
+    )
+
+
 def test_a_lost_frame_is_stated_as_one_without_gaps_and_spoils_no_other() -> None:
     rng = np.random.default_rng(8)
     noise = 0.009 * rng.normal(size=CLEAN.shape)

@@ -177,3 +177,24 @@ def test_input_that_does_not_fit_is_named(
     }  # fmt: skip
     with pytest.raises(ImageError, match=message):
         prepare(**change(arguments))
+
+
+def test_splines_that_are_made_anew_and_blocks_of_frames_change_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    frames, repeats = noisy(40, 7, 0.4, 0.3), noisy(41, 10)
+    frames[3, 20:24, 30:34] = np.nan
+    kept = prepare(frames, repeats, None, PIXEL, ORIGIN, BOUNDS)
+    motion = constant_motion(kept, 0.4 * PIXEL, 0.3 * PIXEL, 0.0)
+    motion = np.repeat(motion[:1], 7, axis=0)
+    monkeypatch.setattr("driver.dic.surface_images._KEPT", 0)
+    monkeypatch.setattr("driver.dic.surface_images._BLOCK", 2 * frames[0].size)
+    anew = prepare(frames, repeats, None, PIXEL, ORIGIN, BOUNDS)
+    assert isinstance(kept.frames.coefficients, np.ndarray)
+    assert not isinstance(anew.frames.coefficients, np.ndarray)
+    assert [index.tolist() for index, _ in anew.blocks()] == [[0, 1], [2, 3], [4, 5], [6]]
+    np.testing.assert_array_equal(anew.residual(motion), kept.residual(motion))
+    np.testing.assert_array_equal(anew.chi(motion), kept.chi(motion))
+    refined = refine_gradient(anew, motion).gradient
+    np.testing.assert_array_equal(refined, refine_gradient(kept, motion).gradient)
+    np.testing.assert_array_equal(anew.kept().frames.coefficients, kept.frames.coefficients)

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import csv
+import subprocess
+import sys
 from pathlib import Path
 
 import h5py
@@ -9,13 +11,16 @@ import pytest
 from numpy.typing import NDArray
 
 from driver.results.hdf5 import (
+    FrameSeries,
     ResultError,
+    open_hdf5,
     prismid_version,
     read_hdf5,
     write_csv,
     write_hdf5,
 )
 
+ROOT = Path(__file__).parents[3]
 NOISE = np.random.default_rng(0).standard_normal((60, 40))
 
 
@@ -70,6 +75,39 @@ def test_a_damaged_array_is_one_sentence(path: Path) -> None:
 def test_an_absent_file_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="found no readable HDF5 file"):
         read_hdf5(tmp_path / "absent.h5")
+
+
+def test_frames_that_come_in_blocks_are_read_as_one_dataset_or_frame_by_frame(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "series.h5"
+    blocks = ({"motion": NOISE[k : k + 16]} for k in range(0, 60, 16))
+    write_hdf5(
+        path, {"time": (np.arange(60.0), "s")}, series=FrameSeries(60, {"motion": "µm"}, blocks)
+    )
+    np.testing.assert_array_equal(read_hdf5(path)["motion"], NOISE)
+    opened = open_hdf5(path, ("motion",))
+    np.testing.assert_array_equal(opened["time"], np.arange(60.0))
+    assert opened["motion"].shape == (60, 40) and len(opened["motion"]) == 60
+    np.testing.assert_array_equal(opened["motion"][37], NOISE[37])
+    np.testing.assert_array_equal(np.array(list(opened["motion"])), NOISE)
+    with h5py.File(path, "r") as file:
+        assert file["motion"].attrs["unit"] == "µm"
+
+
+@pytest.mark.parametrize("room", [100, 3000, 20000, 380000])
+def test_a_file_for_which_there_is_no_room_is_refused(tmp_path: Path, room: int) -> None:
+    """The system itself lets no file of the process grow further."""
+    code = (
+        "import resource, sys; from pathlib import Path; import numpy as np;"
+        "from driver.results.hdf5 import write_hdf5;"
+        f"resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, {room}));"
+        "write_hdf5(Path(sys.argv[1]), {'noise': (np.random.default_rng(0).random(50000), '1')})"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path / "large.h5")]
+    ended = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
+    assert ended.returncode == 1 and ended.stderr.strip().endswith("File too large")
+    assert "OSError: [Errno 27]" in ended.stderr
 
 
 def test_a_table_has_six_digits_and_columns_of_one_length(tmp_path: Path) -> None:
