@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from signal import Signals
 from time import monotonic, sleep
@@ -18,6 +19,7 @@ from driver.batch.jobs import Job
 from driver.common.parallel import THREAD_VARIABLES
 
 _EVERY = 0.2  # s between two looks whether a call has ended
+_AGAIN = 10.0  # s after which a process that was asked to end is asked once more
 _SELDOM, _STALE = 10.0, 300.0  # s between two looks how old the token is, and how old it may be
 _STOPPED = 130  # exit code after a signal
 _TOLD = "prismid: "  # what a line begins with that tells why a call failed
@@ -151,13 +153,14 @@ def _ended(call: Sequence[str], threads: int, alive: Token, log: IO[bytes], lock
         env=os.environ | limits,
         pass_fds=(lock.fileno(),),
     ) as process:
-        asked = False
+        asked = -inf
         try:
             while process.poll() is None:
                 sleep(_EVERY)
-                if not asked and alive.gone():
+                # Where Python cannot raise what the signal asks for, it tells so and goes on.
+                if monotonic() - asked > _AGAIN and alive.gone():
                     process.terminate()
-                    asked = True
+                    asked = monotonic()
         except BaseException:
             process.terminate()
             raise
