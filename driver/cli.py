@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from time import perf_counter, time
+from time import perf_counter, sleep, time
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from driver.batch.progress import State
 
 _WIDEST = 1000  # columns
+_AGAIN = 10.0  # s after which a process that was asked to end is asked once more
 _MARKS = {"ok": "ok     ", "warning": "WARNING", "error": "ERROR  "}
 
 app = typer.Typer(
@@ -102,7 +103,10 @@ def _stop_at_end_of_input() -> None:
     # Not by `sys.stdin`, whose lock would be held where Python ends.
     while os.read(sys.stdin.fileno(), 1):
         pass
-    os.kill(os.getpid(), signal.SIGTERM)
+    # Where Python cannot raise what the signal asks for, it tells so and goes on.
+    while True:
+        os.kill(os.getpid(), signal.SIGTERM)
+        sleep(_AGAIN)
 
 
 @app.command()

@@ -29,6 +29,14 @@ def _inlined(function: Function) -> Function:
     return cast(Function, njit(inline="always")(function))
 
 
+@_inlined
+def _cubic(t: float) -> tuple[float, float, float, float]:
+    """Cubic B-splines of the four pixels around a place, t beyond the second of them."""
+    first, last = (1 - t) ** 3 / 6, t**3 / 6
+    second = 2 / 3 - t * t * (1 - 0.5 * t)
+    return first, second, 1 - first - second - last, last
+
+
 MAX_PARTNERS = 32
 
 
@@ -143,12 +151,8 @@ def _residual_and_right_side(
             continue
         r, c = int(np.floor(y)), int(np.floor(x))
         t, s = y - r, x - c
-        a0, a3 = (1 - t) ** 3 / 6, t**3 / 6
-        a1 = 2 / 3 - t * t * (1 - 0.5 * t)
-        a2 = 1 - a0 - a1 - a3
-        b0, b3 = (1 - s) ** 3 / 6, s**3 / 6
-        b1 = 2 / 3 - s * s * (1 - 0.5 * s)
-        b2 = 1 - b0 - b1 - b3
+        a0, a1, a2, a3 = _cubic(t)
+        b0, b1, b2, b3 = _cubic(s)
         if 1 <= r < n_rows - 2 and 1 <= c < n_cols - 2:
             g = 0.0
             for i in range(4):
@@ -334,12 +338,8 @@ def spread(places: FloatArray, values: FloatArray, shape: tuple[int, int]) -> Fl
         if r < 1 or c < 1 or r + 2 >= shape[0] or c + 2 >= shape[1]:
             continue
         t, s = places[k, 0] - r, places[k, 1] - c
-        a0, a3 = (1 - t) ** 3 / 6, t**3 / 6
-        a1 = 2 / 3 - t * t * (1 - 0.5 * t)
-        a2 = 1 - a0 - a1 - a3
-        b0, b3 = (1 - s) ** 3 / 6, s**3 / 6
-        b1 = 2 / 3 - s * s * (1 - 0.5 * s)
-        b2 = 1 - b0 - b1 - b3
+        a0, a1, a2, a3 = _cubic(t)
+        b0, b1, b2, b3 = _cubic(s)
         for i in range(4):
             along = values[k] * (a0 if i == 0 else a1 if i == 1 else a2 if i == 2 else a3)
             total[r - 1 + i, c - 1] += along * b0

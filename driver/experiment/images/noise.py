@@ -101,16 +101,16 @@ def temporal_noise(
     count, total = np.zeros(fitted.size, dtype=np.int64), np.zeros(fitted.size)
     last: list[tuple[FloatArray, FloatArray]] = []
     n_differences = 0
-    for now in series:
+    for third in series:
         if len(last) == 2:
             n_differences += 1
             (first, gain_first), (second, gain_second) = last
-            difference = first - 2.0 * second + now[0]
-            scale = gain_first + 4.0 * gain_second + now[1]
+            difference = first - 2.0 * second + third[0]
+            scale = gain_first + 4.0 * gain_second + third[1]
             seen = np.isfinite(difference) & (fitted < FITTED)
             count += seen
             total[seen] += difference[seen] ** 2 / scale[seen]
-        last = [*last[-1:], now]
+        last = [*last[-1:], third]
     if not count.any():
         return None
     total /= np.maximum(1.0 - fitted, 1.0 - FITTED)
