@@ -6,8 +6,9 @@ MAKEFLAGS += --no-print-directory
 .PHONY: help demo test slow setup clean
 
 VENV := .venv
-# Files of tests side by side, one for each core, each with one thread.
-PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(VENV)/bin/pytest --numprocesses logical --dist loadfile
+# Files of tests side by side, one for each core, each with one thread; by their names, for files of
+# few tests are the longest and would come last.
+PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(VENV)/bin/pytest --numprocesses logical --dist loadfile --no-loadscope-reorder
 CASE := examples/alpha/case.toml
 PAGE := examples/alpha/results/report.html
 

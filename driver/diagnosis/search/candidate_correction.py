@@ -21,9 +21,9 @@ from driver.diagnosis.answer.result_types import Refit
 from driver.diagnosis.search.fine_models import FineModels
 from driver.diagnosis.search.refit import TOLERANCE, Executor, refit_of, with_prior
 from driver.forward.model import ForwardModel
-from driver.identification.correction import correction
-from driver.identification.fit import fit_from
-from driver.identification.objective import Evaluation
+from driver.identification.correction import Correction, correction
+from driver.identification.fit import Fit, fit_from
+from driver.identification.objective import Evaluation, Objective
 
 logger = logging.getLogger(__name__)
 
@@ -49,6 +49,19 @@ class _Task:
     refit: Refit
     finer: ForwardModel
     baseline: Evaluation
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    """What a process answers: its objective, with all images, stays where it is.
+
+    Attributes:
+        change: finer minus working prediction where the refit stood.
+        fit: the fit with it.
+    """
+
+    change: Correction
+    fit: Fit
 
 
 def with_candidate_corrections(
@@ -89,8 +102,9 @@ def with_candidate_corrections(
             if isinstance(end, Failure):
                 failed[name] = end
             else:
-                own[name] = end
-                changed[name] = abs(end.log_evidence - refit.log_evidence)
+                objective = _under(end.change, refit)
+                own[name] = refit_of(refit.cause, objective, end.fit, baseline)
+                changed[name] = abs(own[name].log_evidence - refit.log_evidence)
         # The next correction changes less than the last one, that of the best as well.
         best = max(own.values(), key=lambda refit: refit.log_evidence)
         contending = [
@@ -115,19 +129,22 @@ def _tell(before: Refit, after: Refit, failed: Failure | None) -> None:
 
 
 @quiet()
-def _corrected(task: _Task) -> Refit | Failure:
+def _corrected(task: _Task) -> _End | Failure:
     """Return a refit under the correction where it stands, or why there is none."""
-    refit = task.refit
-    objective, at = with_prior(refit.objective, refit.cause), refit.fit
+    refit, at = task.refit, task.refit.fit
     change = attempt(
         lambda: correction(
-            objective.model, task.finer, at.best.prediction, at.values, free=at.best.free
+            refit.objective.model, task.finer, at.best.prediction, at.values, free=at.best.free
         )
     )
     if isinstance(change, Failure):
         return change
+    return _End(change, fit_from(at.best, _under(change, refit), _MOST, TOLERANCE))
+
+
+def _under(change: Correction, refit: Refit) -> Objective:
+    """Return the objective of a refit with the correction at its own end."""
+    objective = with_prior(refit.objective, refit.cause)
     # What the other mesh adds is that at the baseline: small beside what this changes.
     mean = change.mean_with(objective.spread).completed_by(objective.correction)
-    objective = replace(objective, correction=mean)
-    result = fit_from(at.best, objective, _MOST, TOLERANCE)
-    return refit_of(refit.cause, objective, result, task.baseline)
+    return replace(objective, correction=mean)

@@ -20,6 +20,7 @@ logger = logging.getLogger(__name__)
 LARGE = 3.0  # χ_F beyond which a score names a cause no better than chance
 LOST = 10.0  # Newton decrement of a baseline that no refit should begin with [σ]
 ENOUGH = 0.9  # share of the excess that the best cause has to explain
+_NEAR = 1.0  # Newton decrement of a refit whose log evidence is right to a half [σ]
 _AKIN = 0.5  # likeness of causes that may do for each other
 _STRAIGHT = 0.5  # of a log evidence, by which score and refit may differ
 _RIVAL = 0.75  # of the log evidence of the best score, with which a cause is refitted in any case
@@ -72,7 +73,7 @@ def refits_of_likely(
         best = best_of_each([*best, *afar, *more])
     if not best:
         return []
-    stalled = {r.cause.name for r in best if not r.fit.converged}
+    stalled = {r.cause.name for r in best if is_far_from_its_end(r)}
     # Soft loads were another start than a baseline that is lost.
     far = every if large else _bent(best[0], scores)
     leading = {r.cause.name for r in best[:most]} if far else set()
@@ -118,6 +119,14 @@ def leaves_unexplained(baseline: Evaluation, best: Refit) -> bool:
     """Whether the best cause explains too little of the excess, and leaves more than noise."""
     # Of a small excess noise alone leaves more than a tenth.
     return share_explained(baseline, best.fit.best) < ENOUGH and is_excess(best.fit.best)
+
+
+def is_far_from_its_end(refit: Refit) -> bool:
+    """Whether a refit has stalled, and another start may tell more of its cause.
+
+    One that only ran out of iterations beside its optimum has not.
+    """
+    return not refit.fit.converged and newton(refit.objective, refit.fit.best)[1] > _NEAR
 
 
 def cost_to_promise(best: Sequence[Refit], baseline: Evaluation) -> float:

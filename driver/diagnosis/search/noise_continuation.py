@@ -92,12 +92,15 @@ def refit_by_noise_continuation(
         if gain >= HOPEFUL * max(gained)
     ]
 
-    def done(index: int, result: Refit) -> None:
-        logger.info(refit_line(result))
+    refits: dict[int, Refit] = {}
 
-    return side_by_side(
-        _as_precise_as_they_are, hopeful, executor.processes, executor.threads, done
-    )
+    def done(index: int, result: Fit) -> None:
+        task = hopeful[index]
+        refits[index] = refit_of(task.score.cause, task.hard, result, task.baseline)
+        logger.info(refit_line(refits[index]))
+
+    side_by_side(_as_precise_as_they_are, hopeful, executor.processes, executor.threads, done)
+    return [refits[index] for index in sorted(refits)]
 
 
 def _by_the_images(objective: Objective, baseline: Evaluation) -> Fit:
@@ -143,8 +146,8 @@ def _below_soft_loads(task: _Task) -> Fit:
 
 
 @quiet()
-def _as_precise_as_they_are(task: _Task) -> Refit:
-    """Return the refit, by way of loads half as soft on a logarithmic scale."""
+def _as_precise_as_they_are(task: _Task) -> Fit:
+    """Return the fit, by way of loads half as soft on a logarithmic scale."""
     at = task.start
     half = softened(task.hard, np.sqrt(task.baseline.chi_load))
     for objective, most, tolerance in (
@@ -153,4 +156,4 @@ def _as_precise_as_they_are(task: _Task) -> Refit:
     ):
         result = fit_from(at, objective, most, tolerance)
         at = result.best
-    return refit_of(task.score.cause, task.hard, result, task.baseline)
+    return result

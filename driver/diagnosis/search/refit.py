@@ -215,16 +215,19 @@ def refit_from(tasks: Sequence[Start], executor: Executor) -> list[Refit]:
         NotRunError: a simulation was not run.
         JobError, ResultFileError: one was killed, ran out of time or left no result.
     """
+    refits: dict[int, Refit] = {}
 
-    def done(index: int, result: Refit | str) -> None:
-        name = tasks[index].cause.name
+    def done(index: int, result: Fit | str) -> None:
+        task = tasks[index]
         if isinstance(result, str):
-            logger.info(f"  {name}: a start is given up, {result}")
+            logger.info(f"  {task.cause.name}: a start is given up, {result}")
             return
-        logger.info(refit_line(result))
+        # Objectives of this process share the images; one of another process brings its own.
+        refits[index] = refit_of(task.cause, task.objective, result, task.baseline)
+        logger.info(refit_line(refits[index]))
 
-    ends = side_by_side(_refit, tasks, executor.processes, executor.threads, done)
-    return [end for end in ends if isinstance(end, Refit)]
+    side_by_side(_fitted, tasks, executor.processes, executor.threads, done)
+    return [refits[index] for index in sorted(refits)]
 
 
 def refit_line(refit: Refit) -> str:
@@ -237,8 +240,8 @@ def refit_line(refit: Refit) -> str:
 
 
 @quiet()
-def _refit(task: Start) -> Refit | str:
-    """Return the refit, or why the start was given up."""
+def _fitted(task: Start) -> Fit | str:
+    """Return the fit, or why the start was given up."""
     objective, begin = task.objective, task.start
     if begin is None:
         beside, free = (
@@ -260,7 +263,7 @@ def _refit(task: Start) -> Refit | str:
     )
     if result.given_up:
         return f"for {result.reason}"
-    return refit_of(task.cause, objective, result, task.baseline)
+    return result
 
 
 def refit_of(cause: Cause, objective: Objective, result: Fit, baseline: Evaluation) -> Refit:

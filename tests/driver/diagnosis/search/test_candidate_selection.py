@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 from unittest.mock import patch
@@ -7,7 +8,12 @@ from unittest.mock import patch
 import numpy as np
 
 from driver.diagnosis.search import candidate_selection
-from driver.diagnosis.search.candidate_selection import LARGE, refits_of_likely, to_refit
+from driver.diagnosis.search.candidate_selection import (
+    LARGE,
+    is_far_from_its_end,
+    refits_of_likely,
+    to_refit,
+)
 from driver.diagnosis.search.refit import Executor
 from driver.diagnosis.statistics.score_test import Score
 from tools.closed_form_diagnosis import large_effect
@@ -65,3 +71,15 @@ def test_a_large_effect_that_refits_from_the_baseline_explain_needs_no_soft_load
     with patch.object(candidate_selection, "refit_by_noise_continuation", None):
         found = refits_of_likely(tried, (), augmented, baseline.best, objective, 5, CREW)
     assert found[0].cause.name == "isotropic_hardening"
+
+
+def test_a_refit_that_ran_out_of_iterations_beside_its_optimum_needs_no_other_start() -> None:
+    objective, baseline, augmented, tried = large_effect("Q", 60.0)
+    done = refits_of_likely(tried, (), augmented, baseline.best, objective, 5, CREW)[0]
+    assert done.fit.converged
+    ran_out = replace(done, fit=replace(done.fit, converged=False))
+    assert not is_far_from_its_end(ran_out)
+    begin = done.objective.restrict(augmented, done.fit.best.free)
+    stalled = replace(done, fit=replace(done.fit, best=begin, converged=False))
+    assert is_far_from_its_end(stalled)
+    assert not is_far_from_its_end(replace(stalled, fit=replace(stalled.fit, converged=True)))
