@@ -43,12 +43,10 @@ class _Task:
     Attributes:
         refit: the refit, under the correction at the baseline.
         finer: the finer model, its orientations those of the refit.
-        baseline: the baseline at its optimum.
     """
 
     refit: Refit
     finer: ForwardModel
-    baseline: Evaluation
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +92,7 @@ def with_candidate_corrections(
         again = [r for r in contending if changed[r.cause.name] >= _SETTLED]
         if len(contending) < 2 or not again:
             break
-        tasks = [_Task(r, finer.turned((r.cause,)).one, baseline) for r in again]
+        tasks = [_Task(r, finer.turned((r.cause,)).one) for r in again]
         ends = side_by_side(_corrected, tasks, executor.processes, executor.threads)
         for refit, end in zip(again, ends, strict=True):
             name = refit.cause.name
@@ -102,8 +100,7 @@ def with_candidate_corrections(
             if isinstance(end, Failure):
                 failed[name] = end
             else:
-                objective = _under(end.change, refit)
-                own[name] = refit_of(refit.cause, objective, end.fit, baseline)
+                own[name] = _at_its_end(refit, end, baseline)
                 changed[name] = abs(own[name].log_evidence - refit.log_evidence)
         # The next correction changes less than the last one, that of the best as well.
         best = max(own.values(), key=lambda refit: refit.log_evidence)
@@ -140,6 +137,11 @@ def _corrected(task: _Task) -> _End | Failure:
     if isinstance(change, Failure):
         return change
     return _End(change, fit_from(at.best, _under(change, refit), _MOST, TOLERANCE))
+
+
+def _at_its_end(refit: Refit, end: _End, baseline: Evaluation) -> Refit:
+    """Return the refit that a process has corrected."""
+    return refit_of(refit.cause, _under(end.change, refit), end.fit, baseline)
 
 
 def _under(change: Correction, refit: Refit) -> Objective:

@@ -164,6 +164,7 @@ def test_a_rival_is_corrected_on_as_long_as_it_may_still_lead(
         return replace(refit, log_evidence=course[name][taken.count(name)])
 
     monkeypatch.setattr(candidate_correction, "_corrected", corrected)
+    monkeypatch.setattr(candidate_correction, "_at_its_end", lambda refit, end, at: end)
     begin = [replace(r, log_evidence=course[r.cause.name][0]) for r in (first, second)]
     models = FineModels(finer(BENCH))
     after = with_candidate_corrections(begin, baseline.best, models, Executor(1, 1))
@@ -187,6 +188,7 @@ def test_one_that_has_fallen_far_behind_is_not_corrected_on(
         return replace(refit, log_evidence=after_one[name])
 
     monkeypatch.setattr(candidate_correction, "_corrected", corrected)
+    monkeypatch.setattr(candidate_correction, "_at_its_end", lambda refit, end, at: end)
     begin = [replace(first, log_evidence=101.0), replace(second, log_evidence=90.0)]
     models = FineModels(finer(BENCH))
     after = with_candidate_corrections(begin, baseline.best, models, Executor(1, 1))
