@@ -46,6 +46,7 @@ def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> Diagnose:
     return diagnoses(tmp_path_factory, small_case(), course)
 
 
+@pytest.mark.slow
 def test_a_hidden_effect_is_named_and_its_size_recovered(diagnosed: Diagnose) -> None:
     found = diagnosed("load_offset", SEED)
     assert_named_and_recovered(found, "load_offset", *EFFECTS["load_offset"])
