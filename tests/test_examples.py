@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from driver.case.model import load_case
+from driver.case.model import load_case, write_case
+from driver.diagnosis.causes.all_causes import NAMES
 from driver.results.hdf5 import read_hdf5
 from driver.virtual.command import true_case
 from driver.virtual.settings import read_virtual
@@ -25,9 +26,15 @@ SEED = 1
 
 @pytest.mark.slow
 def test_the_demo_whose_data_others_made_is_diagnosed_to_its_hidden_effect(tmp_path: Path) -> None:
-    """Simulated by Code_Aster, imaged by other programs: τ0 of grain 2 is 1.15 that of grain 1."""
+    """Simulated by Code_Aster, imaged by other programs: τ0 of grain 2 is 1.15 that of grain 1.
+
+    Of all causes non-Schmid stress is not asked for: without symmetry its tangent takes longest.
+    """
     folder = tmp_path / "alpha"
     shutil.copytree(ALPHA, folder, ignore=shutil.ignore_patterns("results"))
+    asked = tuple(name for name in NAMES if name != "non_schmid")
+    case = load_case(folder / "case.toml").with_values_at({"diagnosis.causes": asked})
+    write_case(case, folder / "case.toml")
     pipeline.run(folder / "case.toml", "diagnose", False)
     found = json.loads((folder / "results" / "diagnosis.json").read_text("utf-8"))
     assert (found["verdict"], found["causes"]) == ("named", ["grain_contrast"])

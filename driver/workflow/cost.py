@@ -32,6 +32,8 @@ _NODAL_COPIES, _COVARIANCES = 6, 10
 # Numbers at a pixel of the face in an image that an identification holds: with 40 images of
 # 76 000 such pixels it took 3.3 GB.
 _FACE_NUMBERS = 100
+# Fits whose derivatives a diagnosis keeps beside those of its refits: the demo keeps eight in all.
+_OTHER_FITS = 3
 # Parameters of all causes, which are differentiated together.
 _CAUSE_DIRECTIONS = len({name for cause in EVERY for name in cause.parameters})
 # Directions of the boundary motion: 4 λ's and the knots of three cycles (6 for each of 4 motions).
@@ -104,6 +106,8 @@ def estimate(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> C
         memory += case.execution.processes * each
     if case.with_images:
         memory += identified_images(case, n_images)
+        kept = _OTHER_FITS + min(case.diagnosis.refit, _causes(case))
+        memory += kept * directions * 8.0 * _face(case) * n_images
         memory = max(memory, measuring_memory(case, n_images))
     each_time = 1 if solver.derivatives else 1 + RUNS_PER_DIRECTION * directions
     evaluations = fits * case.identification.starts + refits

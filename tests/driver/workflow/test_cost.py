@@ -96,6 +96,15 @@ def test_each_process_beside_the_first_has_a_memory_of_its_own() -> None:
     assert three - two == pytest.approx((two - one) / 2) and two > one
 
 
+def test_each_refit_keeps_its_derivatives_at_the_pixels_of_the_face() -> None:
+    case = load_case(ALPHA / "case.toml")
+    one, two, every = (with_tables(diagnosis={"refit": n}).memory for n in (1, 2, len(NAMES)))
+    pixels = case.specimen.length * case.specimen.width / case.images.pixel_um**2
+    directions = len(case.identification.parameters) + 28  # 4 λ's, 6 knots of each of 4 motions
+    assert two - one == pytest.approx(8 * directions * pixels * 97, rel=1e-6)
+    assert with_tables(diagnosis={"refit": 10000}).memory == every
+
+
 def test_the_finer_mesh_costs_with_the_square_of_the_ratio_of_the_sizes() -> None:
     case = load_case(ALPHA / "case.toml")
     size = case.specimen.mesh_size
