@@ -92,8 +92,19 @@ class PlaneMesh:
             cell of each point, −1 for one outside the mesh, shape (n,); reference coordinates,
             shape (n, 2).
         """
+        point, cell = self._near(xy)
+        nodes = self.points[self.cells]
+        at = _inverse_map(self.cell, nodes[cell], xy[point])
+        inside = self.cell.excess(at) <= TOLERANCE
+        # The first of several cells that hold a point takes it: what is written last stays.
+        held = np.flatnonzero(inside)[::-1]
         cells = np.full(len(xy), -1, dtype=np.int64)
         local = np.zeros((len(xy), 2))
+        cells[point[held]], local[point[held]] = cell[held], at[held]
+        return cells, local
+
+    def _near(self, xy: FloatArray) -> tuple[IntArray, IntArray]:
+        """Return pairs of a point and a cell whose box holds it, in the order of the cells."""
         order = np.argsort(xy[:, 1], kind="stable")
         x, y = xy[order].T
         nodes = self.points[self.cells]
@@ -102,15 +113,11 @@ class PlaneMesh:
         low, high = nodes.min(axis=1) - slack, nodes.max(axis=1) + slack
         first = np.searchsorted(y, low[:, 1], side="left")
         last = np.searchsorted(y, high[:, 1], side="right")
-        for k, (i, j) in enumerate(zip(first, last, strict=True)):
-            near = order[i:j][(x[i:j] >= low[k, 0]) & (x[i:j] <= high[k, 0])]
-            near = near[cells[near] < 0]
-            if near.size:
-                at = _inverse_map(self.cell, nodes[k], xy[near])
-                inside = self.cell.excess(at) <= TOLERANCE
-                cells[near[inside]] = k
-                local[near[inside]] = at[inside]
-        return cells, local
+        near = [
+            order[i:j][(x[i:j] >= low[k, 0]) & (x[i:j] <= high[k, 0])]
+            for k, (i, j) in enumerate(zip(first, last, strict=True))
+        ]
+        return np.concatenate(near), np.repeat(np.arange(len(near)), [len(n) for n in near])
 
     def interpolation(self, cell: IntArray, local: FloatArray) -> sp.csr_array:
         """Values at located points as linear combinations of nodal values, (n, n_nodes)."""
@@ -121,14 +128,16 @@ class PlaneMesh:
 
 
 def _inverse_map(cell: PlaneCell, nodes: FloatArray, xy: FloatArray) -> FloatArray:
-    """Return reference coordinates of points (n, 2) by Newton's method on the map of one cell."""
+    """Return reference coordinates of points (n, 2) in cells of given nodes (n, m, 2), by Newton."""
     at = np.tile(cell.centre, (len(xy), 1))
-    scale = float(np.ptp(nodes, axis=0).max())
+    scale = np.ptp(nodes, axis=1).max(axis=1)
+    left = np.arange(len(xy))
     for _ in range(NEWTON_STEPS):
-        miss = xy - cell.shape(at) @ nodes
-        jacobian = np.einsum("nai,ad->ndi", cell.gradient(at), nodes)
+        miss = xy[left] - (cell.shape(at[left])[:, None] @ nodes[left])[:, 0]
+        jacobian = nodes[left].transpose(0, 2, 1) @ cell.gradient(at[left])
         step = np.linalg.solve(jacobian, miss[..., None])[..., 0]
-        at = np.clip(at + step, -3.0, 3.0)
-        if np.abs(miss).max() < 1e-13 * scale:
+        at[left] = np.clip(at[left] + step, -3.0, 3.0)
+        left = left[np.abs(miss).max(axis=1) >= 1e-13 * scale[left]]
+        if not left.size:
             break
     return at
