@@ -128,7 +128,7 @@ class PlaneMesh:
 
 
 def _inverse_map(cell: PlaneCell, nodes: FloatArray, xy: FloatArray) -> FloatArray:
-    """Return reference coordinates of points (n, 2) in cells of given nodes (n, m, 2), by Newton."""
+    """Return reference coordinates (n, 2) of points, each in the cell of its nodes (n, m, 2)."""
     at = np.tile(cell.centre, (len(xy), 1))
     scale = np.ptp(nodes, axis=1).max(axis=1)
     left = np.arange(len(xy))
