@@ -212,6 +212,35 @@ def batch(
 
 
 @app.command()
+def trust(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE", parser=_path, help="case.toml, its folder, or file of a campaign"
+        ),
+    ],
+    yes: Annotated[bool, typer.Option("--yes", help="do not ask")] = False,
+) -> None:
+    """Show what FILE would run or write outside its folder, and agree to it, once on this machine.
+
+    Read docs/trust.md before you agree to what comes from others.
+    """
+    from driver.trust.command import agreed, asked_for, shown
+
+    with _told_in_one_line():
+        path = _case_file(file)
+        requests = asked_for(path)
+        if not requests:
+            typer.echo(f"{path}: nothing to agree to")
+            return
+        for request in requests:
+            typer.echo(shown(request))
+        if not yes:
+            typer.confirm("Agree?", abort=True)
+        typer.echo(agreed(path, requests))
+
+
+@app.command()
 def report(case: CaseArgument) -> None:
     """Write the report page of CASE anew from its results."""
     from driver.workflow import pipeline

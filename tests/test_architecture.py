@@ -15,6 +15,7 @@ PACKAGES = ("prismid", "driver", "solver_adapters", "meshes", "templates")
 # module has in the table is its room; packages that only hold rooms stand in `CORRIDORS`.
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("driver.cli", "prismid"),
+    ("driver.trust",),
     ("driver.batch", "driver.cache", "driver.check", "driver.export"),
     ("driver.workflow",),
     ("driver.design", "driver.noise_floor"),
@@ -76,10 +77,11 @@ WRITTEN = (
     ".txt", ".lock", ".partial", ".edited",
 )  # fmt: skip
 FOLDERS = ("results", "jobs", "extended_decks")
-# These name no result: the case file, its schema and usual inputs, the user's queue systems,
-# formats of images that are read, and a file that is not whole yet.
+# These name no result: the case file, its schema and usual inputs, the user's queue systems and
+# consent, formats of images that are read, and a file that is not whole yet.
 NAME_NO_RESULT = (
     "driver.batch.queues",
+    "driver.case.consent",
     "driver.case.loading",
     "driver.case.model",
     "driver.common.atomic_write",

@@ -17,8 +17,10 @@ from driver.batch.jobs import Job, jobs_of, most_at_a_time, store_of, write_file
 from driver.batch.progress import State, at_work, remaining
 from driver.batch.queue_workers import of_queue, refuse_unusable
 from driver.batch.queues import Queue, queue_of
+from driver.batch.requests import requests_of_campaign
 from driver.batch.summary import write_summary
 from driver.batch.workers import Workers, of_scheduler, of_this_machine
+from driver.case.consent import refuse_unless_agreed
 from driver.common import machine
 from driver.common.errors import InputError, sentence, why
 from driver.common.formatting import cost_told, duration
@@ -29,6 +31,7 @@ from driver.results.files import (
     batch_token,
     make_folder,
     make_job_store,
+    refuse_links_of_batch,
 )
 from driver.workflow.run_lock import sole_run
 
@@ -62,9 +65,11 @@ def batch(path: Path, watch: Watch) -> bool:
     # Workers have folders of their own.
     path = Path(os.path.abspath(path))
     campaign = read_campaign(path)
+    refuse_unless_agreed(path, requests_of_campaign(campaign))
     jobs, queue = _planned(campaign, path)
     folder = batch_folder(path)
-    make_folder(folder)
+    make_folder(folder, path)
+    refuse_links_of_batch(path)
     if campaign.execution.store is not None:
         make_job_store(store_of(campaign.execution.store, path), path)
     with sole_run(folder):
@@ -76,7 +81,7 @@ def batch(path: Path, watch: Watch) -> bool:
                 _carry_out(states, campaign, workers, path, watch)
         finally:
             # Of a campaign that is stopped, too: what is done, and what is not.
-            make_folder(folder)
+            make_folder(folder, path)
             write_summary(folder, path.stem, states)
     logger.info(f"{folder / SUMMARY_HTML} and {SUMMARY_CSV} compare the cases")
     return all(state.status == "done" for state in states)

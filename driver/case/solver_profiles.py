@@ -10,6 +10,7 @@ from typing import Any
 
 from pydantic import Field, ValidationError
 
+from driver.case.consent import Request, refuse_unless_agreed
 from driver.case.messages import sentences
 from driver.case.model import Case
 from driver.case.solver import ProfileTable
@@ -69,8 +70,11 @@ def profile_of(case: Case, prepare_only: bool = False) -> Profile:
 
     Raises:
         ConfigError: the user's configuration cannot be used.
+        ConsentError: the case states a command to which the user has not agreed.
     """
     name = case.solver.name
+    asked = [request for request in requests_of_profiles(case) if request.key == _command_key(name)]
+    refuse_unless_agreed(case.file, asked)
     path = config_path()
     users = load_config(path, stated=bool(os.environ.get(CONFIG_VARIABLE))).profiles
     entries: dict[str, Any] = {}
@@ -82,6 +86,19 @@ def profile_of(case: Case, prepare_only: bool = False) -> Profile:
     keys = {"memory_MB": "memory", "wall_time_s": "wall_time", "cpu_time_s": "cpu_time"}
     known = {keys.get(key, key): value for key, value in entries.items()}
     return Profile(**known, prepare_only=prepare_only, asker=os.path.abspath(case.file))
+
+
+def requests_of_profiles(case: Case) -> list[Request]:
+    """Return the commands of the profiles of a case, which its user has to agree to."""
+    return [
+        Request(_command_key(name), "a command", with_files_of(case.path(""), profile.command))
+        for name, profile in case.solver.profiles.items()
+        if profile.command is not None
+    ]
+
+
+def _command_key(solver: str) -> str:
+    return f"solver.profiles.{solver}.command"
 
 
 def with_files_of(folder: Path, command: Sequence[str]) -> tuple[str, ...]:

@@ -33,7 +33,7 @@ from driver.forward.build import (
     used_face,
 )
 from driver.results.extended_decks import rendered_decks
-from driver.results.files import CHECK_PICTURE, job_store, make_job_store, results_of
+from driver.results.files import CHECK_PICTURE, job_store, make_folder, make_job_store, results_of
 from driver.results.mesh_sizes import sized
 from driver.workflow.cost import estimate
 from driver.workflow.refinement import told_beforehand
@@ -98,12 +98,14 @@ def check(case_path: Path) -> list[Finding]:
             findings += _decks(case, adapter, experiment)
     picture = results_of(case) / CHECK_PICTURE
     try:
-        picture.parent.mkdir(exist_ok=True)
+        make_folder(picture.parent, case.file)
         draw(case, experiment, picture, None if reference is None else reference.codes)
     except OSError as error:
         expected = "a folder that can be made and written"
         message = sentence(picture.parent, "folder", why(error), expected)
         return [*findings, Finding("error", "picture", message)]
+    except InputError as error:
+        return [*findings, Finding("error", "picture", str(error))]
     findings.append(
         Finding(
             "ok", "picture", f"{picture}: ROI, pixels left out, axes, grain boundary, load curve"

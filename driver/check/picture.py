@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
 
 from driver.case.model import Case
+from driver.common.atomic_write import write_whole
 from driver.experiment.history import History
 from driver.experiment.images.region import CodeArray, Excluded
 from driver.experiment.reading import Experiment, fitted_loads
@@ -45,7 +47,9 @@ def draw(case: Case, experiment: Experiment, path: Path, codes: CodeArray | None
     _draw_stage(figure.add_subplot(grid[0, 1]), experiment)
     load = fitted_loads(case, experiment.force)
     _draw_load(figure.add_subplot(grid[1, 1]), experiment.history, load)
-    figure.savefig(path, dpi=110)
+    picture = BytesIO()
+    figure.savefig(picture, format="png", dpi=110)
+    write_whole(path, picture.getvalue())
 
 
 def _draw_image(axes: Axes, case: Case, experiment: Experiment, codes: CodeArray | None) -> None:

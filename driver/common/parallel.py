@@ -29,6 +29,8 @@ Result = TypeVar("Result")
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Limits of numerical libraries that would each start as many threads as there are cores."""
 
+_SAFE_PATH = "PYTHONSAFEPATH"
+"""Keeps the current folder, where anybody's files lie, from what Python imports from."""
 
 _ENDED = (
     "execution.processes: one of {} processes side by side was ended by the system, most likely "
@@ -131,7 +133,7 @@ def _own_processes(processes: int, threads: int) -> Iterator[Executor]:
     """
     with (
         TemporaryDirectory(prefix="prismid-") as name,
-        _few_threads(threads),
+        _own_environment(threads),
         ProcessPoolExecutor(
             max_workers=processes,
             mp_context=multiprocessing.get_context("spawn"),
@@ -245,10 +247,11 @@ def _deaf_to_interrupts() -> Iterator[None]:
 
 
 @contextmanager
-def _few_threads(threads: int) -> Iterator[None]:
-    """Let processes that start inside inherit the limit."""
-    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
-    os.environ.update({name: str(threads) for name in THREAD_VARIABLES})
+def _own_environment(threads: int) -> Iterator[None]:
+    """Let processes that start inside inherit the limit, and import nothing from this folder."""
+    inside = dict.fromkeys(THREAD_VARIABLES, str(threads)) | {_SAFE_PATH: "1"}
+    before = {name: os.environ.get(name) for name in inside}
+    os.environ.update(inside)
     try:
         yield
     finally:

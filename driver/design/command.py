@@ -9,6 +9,7 @@ from pathlib import Path
 from time import perf_counter
 
 from driver.case.model import Case
+from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError
 from driver.common.formatting import cost_told
 from driver.common.outcomes import first_line
@@ -89,7 +90,7 @@ def design(
     )
     plans = [replace(base, variant=variant) for variant in asked]
     own = [plan for plan in plans if not plan.variant.simulated_as(base.variant)]
-    make_folder(results)
+    make_folder(results, case.file)
     seconds, memory = _cost(base, own)
     logger.info(
         f"the case and {len(plans)} changes: {1 + len(own)} of them simulated with all "
@@ -178,4 +179,4 @@ def _seconds(case: Case, n_images: int) -> float:
 
 def _write(folder: Path, base: Forecast, surface: Surface, others: Sequence[Forecast]) -> None:
     write_design(folder, design_of(base, surface.told, surface.images.sigma, others))
-    (folder / DESIGN_PICTURE).write_bytes(png(draw(base, others)))
+    write_whole(folder / DESIGN_PICTURE, png(draw(base, others)))

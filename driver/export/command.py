@@ -8,7 +8,9 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from driver.case.consent import refuse_unless_agreed
 from driver.case.model import Case
+from driver.common.atomic_write import place_below, refuse_link
 from driver.common.errors import InputError, sentence
 from driver.experiment.history import History, read_history
 from driver.export.readme import exported_files, write_readme
@@ -26,6 +28,7 @@ from driver.results.files import (
     STAGES,
     SURFACE_SERIES,
     job_store,
+    link_requests,
     results_of,
 )
 from driver.results.hdf5 import write_csv
@@ -87,7 +90,7 @@ def export_case(
     if not results.diagnosed:
         logger.info("no extended model: there is no diagnosis of the case as it is")
     history = read_history(case.path(case.history.file))
-    _make_folder(folder)
+    _make_folder(folder, case)
     with tempfile.TemporaryDirectory(prefix="partial-", dir=folder) as aside:
         written = Path(aside)
         write_surface(written, results.measured, results.models, case.boundary.gauge == "rigid")
@@ -225,7 +228,10 @@ def _write_parameters(
     write_csv(path, columns)
 
 
-def _make_folder(folder: Path) -> None:
+def _make_folder(folder: Path, case: Case) -> None:
+    if folder.parent == results_of(case):  # nobody has named it
+        refuse_unless_agreed(case.file, link_requests(folder.parent))
+        refuse_link(folder)
     if folder.exists() and not folder.is_dir():
         raise ExportError(sentence(folder, "--to", "a file", "a folder, or nothing"))
     folder.mkdir(parents=True, exist_ok=True)
@@ -262,7 +268,8 @@ def _move(written: Path, folder: Path) -> None:
     )
     # What an earlier export holds beyond this one is no result of the case as it is.
     for name in exported_files(folder / README) - set(names):
-        (folder / name).unlink(missing_ok=True)
+        place_below(folder, name).unlink(missing_ok=True)
     for name in names:
-        (folder / name).parent.mkdir(exist_ok=True)
-        os.replace(written / name, folder / name)
+        place = place_below(folder, name)
+        place.parent.mkdir(exist_ok=True)
+        os.replace(written / name, place)

@@ -9,6 +9,7 @@ from time import perf_counter
 
 import numpy as np
 
+from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError
 from driver.common.formatting import cost_told
 from driver.dic.slope_noise import squared_slopes
@@ -70,7 +71,7 @@ def noise_floor(case_path: Path) -> None:
             "noise of the elongation is measured from them)"
         )
     folder = results_of(case)
-    make_folder(folder)
+    make_folder(folder, case.file)
     images = surface_images(case, experiment)
     pixel, specimen = images.pixel, case.specimen
     relief = relief_rms(images)
@@ -134,7 +135,7 @@ def noise_floor(case_path: Path) -> None:
             motions=tuple((motion.name, motion.kind) for motion in motions),
         ),
     )
-    (folder / NOISE_FLOOR_PICTURE).write_bytes(png(draw(rows, take, freedom)))
+    write_whole(folder / NOISE_FLOOR_PICTURE, png(draw(rows, take, freedom)))
     logger.info(f"{folder}: {NOISE_FLOOR}, {NOISE_FLOOR_CSV}, {NOISE_FLOOR_PICTURE}")
 
 

@@ -6,10 +6,13 @@ The case file and its schema are named by `driver.case.model`, which reads them.
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from tempfile import TemporaryFile
 
+from driver.case.consent import Request, refuse_unless_agreed
 from driver.case.model import Case
+from driver.common.atomic_write import refuse_link
 from driver.common.errors import InputError, sentence, why
 
 # Of a run.
@@ -122,6 +125,17 @@ def batch_folder(campaign: Path) -> Path:
     return campaign.with_suffix(BATCH)
 
 
+def refuse_links_of_batch(campaign: Path) -> None:
+    """Refuse a campaign whose folder holds links, through which others' files would be written.
+
+    Raises:
+        InputError: one of them.
+    """
+    for pattern in ("*", "logs/*", "truths/*"):
+        for place in sorted(batch_folder(campaign).glob(pattern)):
+            refuse_link(place)
+
+
 def batch_log(campaign: Path, job: str) -> Path:
     """Return the file of what a job of a campaign says."""
     return batch_folder(campaign) / "logs" / f"{job}.log"
@@ -184,20 +198,41 @@ def make_job_store(folder: Path, file: Path) -> None:
         raise InputError(sentence(file, "execution.store", found, expected)) from None
 
 
-def make_folder(results: Path) -> None:
+def make_folder(results: Path, file: Path) -> None:
     """Make the folder of the results, where there is none yet.
 
+    Args:
+        results: the folder.
+        file: of the case or the campaign whose results they are.
+
     Raises:
-        InputError: there is something else, or it cannot be made.
+        ConsentError: it is a link that the user has not agreed to.
+        InputError: there is something else, or it cannot be made; its folder of jobs is elsewhere.
     """
     if results.is_symlink() and not results.exists():
         target = f"a link to {results.readlink()}, which is not there"
         raise InputError(sentence(results, "folder", target, "a folder, or a link to one"))
+    refuse_unless_agreed(file, link_requests(results))
+    refuse_link(results / JOBS)
     try:
         results.mkdir(exist_ok=True)
     except OSError as error:
         expected = "a folder that can be made and written"
         raise InputError(sentence(results, "folder", why(error), expected)) from None
+
+
+def link_requests(folder: Path) -> list[Request]:
+    """Return what a folder asks for that is a link: to write where that leads."""
+    if not folder.is_symlink():
+        return []
+    return [Request(folder.name, "a link", (str(folder.resolve()),))]
+
+
+def remove_folder(folder: Path) -> None:
+    """Remove a folder if there is one; of a link what it leads to stays."""
+    if folder.is_symlink():
+        folder.unlink()
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def working_folder(stage: str) -> str:

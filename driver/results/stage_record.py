@@ -35,7 +35,7 @@ def read_record(results: Path) -> Record:
         return {}
     try:
         record: Record = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError:
+    except (ValueError, RecursionError):
         record = {}
     # A damaged record is no record: the stages are run again.
     whole = isinstance(record, dict) and all(map(_is_entry, record.values()))
@@ -48,14 +48,23 @@ def _is_entry(entry: object) -> bool:
         and isinstance(entry.get("key"), str)
         and isinstance(entry.get("outputs"), list)
         and all(map(_is_result, entry["outputs"]))
-        and isinstance(entry.get("inputs", {}), dict)
-        and isinstance(entry.get("digests", {}), dict)
+        and _are_texts(entry.get("inputs", {}))
+        and _are_texts(entry.get("digests", {}))
+        and all(map(_is_result, entry.get("digests", {})))
+        and isinstance(entry.get("finished", ""), str)
         and isinstance(entry.get("seconds"), int | float)
     )
 
 
+def _are_texts(table: object) -> bool:
+    return isinstance(table, dict) and all(isinstance(text, str) for text in table.values())
+
+
 def _is_result(name: object) -> bool:
-    """Whether a name is that of a file below the results: those of a stage may be removed."""
+    """Whether a name is that of a file below the results.
+
+    Those of a stage may be renamed or removed, and the record may come from anywhere.
+    """
     return (
         isinstance(name, str)
         and "\0" not in name

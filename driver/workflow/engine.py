@@ -17,10 +17,19 @@ from pathlib import Path
 from typing import Any
 
 from driver.case.model import Case
+from driver.common.atomic_write import place_below
 from driver.common.errors import InputError, sentence
 from driver.experiment.images.files import split_dataset
 from driver.parameters.user_terms import files_of_terms, installed_terms
-from driver.results.files import READ_BACK, edited, make_folder, present, results_of, working_folder
+from driver.results.files import (
+    READ_BACK,
+    edited,
+    make_folder,
+    present,
+    remove_folder,
+    results_of,
+    working_folder,
+)
 from driver.results.stage_record import Done, read_record, write_record
 from driver.workflow.run_lock import sole_run
 from solver_adapters.interface import SolverError
@@ -160,7 +169,7 @@ def run_stages(
     if until is not None and until not in names:
         raise StageError(f'--until: found "{until}", expected one of {", ".join(names)}')
     results = results_of(case)
-    make_folder(results)
+    make_folder(results, case.file)
     last = len(names) if until is None else names.index(until) + 1
     memory, forced = dict[str, Any](), set(names) if force else set()
     with sole_run(results):
@@ -266,7 +275,7 @@ def _run_stage(
     memory: dict[str, Any],
 ) -> None:
     workdir = results / working_folder(stage.name)
-    shutil.rmtree(workdir, ignore_errors=True)
+    remove_folder(workdir)
     workdir.mkdir()
     logger.info(f"{stage.name}: started")
     start = time.perf_counter()
@@ -288,10 +297,11 @@ def _run_stage(
     # Until the record is written anew, a stage whose files are being replaced counts as not done.
     write_record(results, done)
     for name in outputs:
-        (results / name).parent.mkdir(parents=True, exist_ok=True)
-        os.replace(workdir / name, results / name)
+        place = place_below(results, name)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        os.replace(workdir / name, place)
     for name in set(old["outputs"] if old else ()) - set(outputs):
-        (results / name).unlink(missing_ok=True)
+        place_below(results, name).unlink(missing_ok=True)
     done[stage.name] = {
         "key": key,
         "inputs": inputs,
@@ -308,7 +318,7 @@ def _run_stage(
 def _set_edited_aside(old: Done | None, results: Path) -> None:
     """Rename what has changed since its stage wrote it, before that writes it anew."""
     for name, digest in old.get("digests", {}).items() if old else ():
-        path = results / name
+        path = place_below(results, name)
         if not path.is_file() or _content_hash(path) == digest:
             continue
         names = (edited(path, number) for number in count())
@@ -377,9 +387,9 @@ def finished(
 
 
 def _refuse_folders(entry: Done | None, results: Path) -> None:
-    """Refuse a folder where a result goes before it is computed, not after."""
+    """Refuse a folder or a link where a result goes before it is computed, not after."""
     for name in entry["outputs"] if entry else ():
-        if (results / name).is_dir():
+        if place_below(results, name).is_dir():
             raise StageError(
                 sentence(results / name, "result", "a folder", "a file, or nothing: move it away")
             )

@@ -32,8 +32,13 @@ def sole_run(results: Path) -> Iterator[None]:
         InputError: no file can be written there.
     """
     try:
-        opened = (results / LOCK).open("a+", encoding="utf-8")
+        # What a link in its place leads to would be emptied.
+        flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC
+        opened = os.fdopen(os.open(results / LOCK, flags, 0o666), "a+", encoding="utf-8")
     except OSError as error:
+        if (results / LOCK).is_symlink():
+            found, expected = "a link", "a file, or nothing: remove it"
+            raise InputError(sentence(results / LOCK, "file", found, expected)) from None
         expected = "a folder that can be written"
         raise InputError(sentence(results, "folder", why(error), expected)) from None
     with opened as file:

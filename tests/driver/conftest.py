@@ -19,6 +19,12 @@ def lines() -> Iterator[list[str]]:
 
 
 @pytest.fixture
+def willing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A user who has agreed to whatever a case or a campaign asks for."""
+    monkeypatch.setattr("driver.case.consent.is_agreed", lambda request: True)
+
+
+@pytest.fixture
 def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Results:
     made = Results(tmp_path / "alpha")
     monkeypatch.setattr(volume, "adapter_of", lambda case: made.solver)

@@ -148,6 +148,9 @@ def test_what_slurm_refuses_is_told_in_its_words(file: Path, variables: dict[str
 def test_jobs_that_bring_no_worker_are_told(file: Path, variables: dict[str, str]) -> None:
     """As where nodes do not reach the machine of the command: it waited for ever."""
     file.write_text(STUDY + 'job_script_prologue = ["exit 1"]\n', encoding="utf-8")
+    variables = variables | {"XDG_CONFIG_HOME": str(file.parent)}
+    agree = [sys.executable, "-m", "driver.cli", "trust", "--yes", str(file)]
+    subprocess.run(agree, env=variables, check=True)
     soon = (
         "from driver.batch import queue_workers; queue_workers._SILENT = 1.0; "
         "from driver.cli import app; app()"

@@ -30,6 +30,7 @@ from solver_adapters.kernels import PACKAGES
 from tests.driver.batch.cases import rows, write_small_case
 from tests.driver.batch.seen_calls import SeenCalls
 
+pytestmark = pytest.mark.usefixtures("willing")
 ADDRESS = re.compile(r"Scheduler at:\s+(tcp://\S+)")
 
 

@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
+from driver.case.consent import ConsentError, agree
 from driver.case.model import Case, default_case, load_case, write_case
 from driver.case.solver import ProfileTable
-from driver.case.solver_profiles import ConfigError, profile_of
+from driver.case.solver_profiles import ConfigError, profile_of, requests_of_profiles
 from solver_adapters.profile import Profile, config_path
 
 
@@ -57,7 +58,7 @@ def test_the_user_states_it_for_all_cases() -> None:
     assert profile_of(case()) == expected
 
 
-@pytest.mark.usefixtures("config")
+@pytest.mark.usefixtures("config", "willing")
 def test_the_case_overrides_entry_by_entry() -> None:
     found = profile_of(case(command=["/opt/bar"], cpu_time_s=5.0))
     assert (found.command, found.memory, found.cpu_time) == (("/opt/bar",), 9000.0, 5.0)
@@ -70,7 +71,7 @@ def test_the_file_of_the_user_is_where_the_system_keeps_such_files(nothing: Path
     assert profile_of(case()).threads == 4
 
 
-@pytest.mark.usefixtures("nothing")
+@pytest.mark.usefixtures("nothing", "willing")
 def test_files_of_a_call_are_sought_from_the_file_of_the_case(tmp_path: Path) -> None:
     folder = tmp_path / "cases"
     (folder / "bin").mkdir(parents=True)
@@ -126,3 +127,19 @@ def test_a_file_in_the_place_of_the_file_is_told_in_one_sentence(config: Path) -
     config.mkdir()
     with pytest.raises(ConfigError, match=f"^{config}: file: found “Is a directory”, expected a"):
         profile_of(case())
+
+
+@pytest.mark.usefixtures("config")
+def test_a_command_of_the_case_needs_the_consent_of_the_user() -> None:
+    stated = case(command=["/opt/bar", "-q"])
+    with pytest.raises(ConsentError, match="solver.profiles.bar.command: found a command that"):
+        profile_of(stated)
+    agree(requests_of_profiles(stated))
+    assert profile_of(stated).command == ("/opt/bar", "-q")
+
+
+@pytest.mark.usefixtures("config")
+def test_a_command_of_another_solver_is_not_called_and_asks_nothing() -> None:
+    stated = case(command=["/opt/bar"])
+    other = stated.solver.model_copy(update={"name": "other"})
+    assert profile_of(stated.model_copy(update={"solver": other})).threads == 3

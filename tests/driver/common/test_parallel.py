@@ -271,3 +271,13 @@ def mark_and_work(task: Path) -> None:
 
 def test_no_tasks_have_no_results() -> None:
     assert side_by_side(math.sqrt, [], 4) == []
+
+
+def test_processes_import_nothing_from_the_folder_of_the_call(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trap = "raise SystemExit('imported from the folder of the call')"
+    for name in ("multiprocessing", "signal", "random", "numpy", "driver"):
+        (tmp_path / f"{name}.py").write_text(trap)
+    monkeypatch.chdir(tmp_path)
+    assert side_by_side(math.sqrt, [9.0, 4.0], 2) == [3.0, 2.0]

@@ -45,6 +45,8 @@ def test_where_nothing_has_run_no_stage_is_finished(tmp_path: Path) -> None:
         {"key": 5}, {"key": None}, {"outputs": "mesh.med"}, {"outputs": [5]}, {"digests": []},
         {"seconds": "2"}, {"inputs": []}, {"inputs": None}, {"inputs": 3}, {"outputs": [""]},
         {"outputs": ["../history.csv"]}, {"outputs": ["/history.csv"]}, {"outputs": ["a\0b"]},
+        {"digests": {"../history.csv": "cd34"}}, {"digests": {"/history.csv": "cd34"}},
+        {"digests": {"mesh.med": None}}, {"inputs": {"version": ["1"]}}, {"finished": 3},
     ],
 )  # fmt: skip
 def test_one_entry_that_is_damaged_makes_the_whole_record_none(
@@ -52,6 +54,11 @@ def test_one_entry_that_is_damaged_makes_the_whole_record_none(
 ) -> None:
     record = {"measure": RECORD["mesh"], "mesh": RECORD["mesh"] | damage}
     (tmp_path / "stages.json").write_text(json.dumps(record), encoding="utf-8")
+    assert read_record(tmp_path) == {}
+
+
+def test_a_record_nested_beyond_all_measure_is_none(tmp_path: Path) -> None:
+    (tmp_path / "stages.json").write_text(100_000 * "[", encoding="utf-8")
     assert read_record(tmp_path) == {}
 
 

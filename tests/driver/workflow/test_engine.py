@@ -1,14 +1,16 @@
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from driver.case.consent import ConsentError, agree
 from driver.case.model import Case, CaseError, default_case, load_case, write_case
 from driver.common.errors import InputError
 from driver.common.progress import progress_to
-from driver.results.files import AbsentError
+from driver.results.files import AbsentError, link_requests
 from driver.results.stage_record import Done, read_record
 from driver.workflow.engine import (
     Stage,
@@ -460,3 +462,51 @@ def test_a_dataset_is_known_by_the_content_of_its_file(workshop: Workshop) -> No
 def test_a_file_that_cannot_be_looked_up_is_left_to_the_stage_to_tell(workshop: Workshop) -> None:
     workshop.edit('frames = "images.tif"', f'frames = "{"a" * 300}"')
     assert workshop.run() == ["mesh", "measure"]
+
+
+def test_a_record_from_elsewhere_renames_and_removes_nothing_outside(workshop: Workshop) -> None:
+    workshop.run()
+    theirs = workshop.folder / "theirs.txt"
+    theirs.write_text("theirs")
+    path = workshop.folder / "results" / "stages.json"
+    whole = path.read_text("utf-8")
+    for name in ("../theirs.txt", str(theirs)):
+        for table, entry in (("outputs", [name]), ("digests", {name: "0" * 64})):
+            record = json.loads(whole)
+            record["mesh"][table] = entry
+            path.write_text(json.dumps(record), encoding="utf-8")
+            workshop.run(force=True)
+            assert theirs.read_text() == "theirs"
+
+
+@pytest.mark.parametrize("name", ["measure.partial", "maps", "jobs"])
+def test_a_link_among_the_results_leads_nowhere(workshop: Workshop, name: str) -> None:
+    workshop.run()
+    theirs, link = workshop.folder / "theirs", workshop.folder / "results" / name
+    theirs.mkdir()
+    (theirs / "motion.txt").write_text("theirs")
+    if link.exists():
+        shutil.rmtree(link)
+    link.symlink_to(theirs)
+    try:
+        workshop.run(force=True)
+    except InputError as error:
+        assert str(error).startswith(f"{link}: file or folder: found a link to {theirs}")
+    assert [(path.name, path.read_text()) for path in theirs.iterdir()] == [
+        ("motion.txt", "theirs")
+    ]
+
+
+def test_results_that_are_a_link_need_the_consent_of_the_user(
+    workshop: Workshop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    scratch = workshop.folder / "scratch"
+    scratch.mkdir()
+    (workshop.folder / "results").symlink_to(scratch)
+    with pytest.raises(ConsentError, match="found a link that you have not agreed to .*scratch"):
+        workshop.run()
+    assert not list(scratch.iterdir())
+    agree(link_requests(workshop.folder / "results"))
+    assert workshop.run() == ["mesh", "measure"]
+    assert (scratch / "mesh.txt").is_file()

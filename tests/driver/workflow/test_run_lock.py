@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from driver.common.errors import InputError
 from driver.workflow.run_lock import BusyError, sole_run
 
 HOLD = """
@@ -60,3 +61,15 @@ def test_other_results_are_free(tmp_path: Path) -> None:
     other.mkdir()
     with sole_run(tmp_path), sole_run(other):
         pass
+
+
+def test_what_a_link_in_the_place_of_the_lock_leads_to_stays_as_it_is(tmp_path: Path) -> None:
+    theirs = tmp_path / "theirs"
+    theirs.write_text("theirs")
+    (tmp_path / "run.lock").symlink_to(theirs)
+    with (
+        pytest.raises(InputError, match=f"^{tmp_path}/run.lock: file: found a link, expected a"),
+        sole_run(tmp_path),
+    ):
+        pass
+    assert theirs.read_text() == "theirs"
