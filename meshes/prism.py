@@ -6,7 +6,7 @@ Tetrahedra are made by gmsh, hexahedra by sweeping quadrilaterals of the section
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite, sqrt
+from math import hypot, isfinite, sqrt
 from types import ModuleType
 from typing import Any, Literal
 
@@ -20,10 +20,18 @@ from meshes.prism_mesh import PrismMesh
 from meshes.tet10 import node_groups
 
 Vector = tuple[float, float, float]
+SIDES = ("length", "width", "depth")
+_TINY, _HUGE = 1e-100, 1e100  # lengths of a normal whose square is a number
 CellKind = Literal["tet10", "hex20"]
 
 LAYER = 0.6
 """Thickness of a layer of hexahedra over their width: slip varies most along the axis."""
+
+MOST_CELLS = 200_000
+"""Cells of a mesh beyond which no simulation ends on any machine that people have."""
+MOST_SLENDER = 100.0
+"""Ratio of two sides of a prism beyond which its cells would be flat or needles."""
+_CELLS_IN_A_CUBE = {"tet10": 8.5, "hex20": 3.0}  # whose edge is the size of the cells
 
 _GMSH_TET10 = 11
 # gmsh numbers the mid-edge nodes of 13 and 23 the other way round than VTK.
@@ -46,8 +54,8 @@ class PrismGeometry:
             grain; it points out of the first grain (index 0).
 
     Raises:
-        ValueError: a dimension is not positive, the boundary is only half given or its normal
-            is zero.
+        ValueError: a dimension is not positive or more than MOST_SLENDER times another, the
+            boundary is only half given, or its normal is zero or not a finite one.
     """
 
     length: float = 12.0
@@ -58,15 +66,21 @@ class PrismGeometry:
 
     def __post_init__(self) -> None:
         """Refuse what is not a prism."""
-        for name in ("length", "width", "depth"):
+        for name in SIDES:
             value = getattr(self, name)
             if not (isfinite(value) and value > 0):
                 raise ValueError(f"prism {name} is {value} µm; it must be positive")
+        least, most = min(SIDES, key=self.__getattribute__), max(SIDES, key=self.__getattribute__)
+        if getattr(self, most) > MOST_SLENDER * getattr(self, least):
+            raise ValueError(
+                f"prism {most} is {getattr(self, most):g} µm and its {least} "
+                f"{getattr(self, least):g} µm; a ratio of at most {MOST_SLENDER:g} is expected"
+            )
         if (self.boundary_point is None) != (self.boundary_normal is None):
             raise ValueError("the grain boundary needs both a point and a normal, or neither")
         if self.boundary_point is not None and self.boundary_normal is not None:
             numbers = (*self.boundary_point, *self.boundary_normal)
-            if not all(map(isfinite, numbers)) or not any(self.boundary_normal):
+            if not all(map(isfinite, numbers)) or not _TINY < hypot(*self.boundary_normal) < _HUGE:
                 raise ValueError(
                     f"grain boundary through {self.boundary_point} with normal "
                     f"{self.boundary_normal}: finite numbers and a non-zero normal are expected"
@@ -151,13 +165,15 @@ def generate(
         the mesh, every Jacobian positive.
 
     Raises:
-        ValueError: the size is not positive, the boundary leaves one grain empty, or it meets an
+        ValueError: the size is not positive or makes more than MOST_CELLS, the boundary leaves one
+            grain empty, or it meets an
             end face, which layers of hexahedra cannot follow; layers of tetrahedra, or none in a
             grain.
         RuntimeError: gmsh could not mesh the prism.
     """
     if not (isfinite(size) and size > 0):
         raise ValueError(f"element size is {size} µm; it must be positive")
+    refuse_too_many(geometry, size, kind)
     if geometry.boundary_point is not None:
         _require_two_grains(geometry)
     if kind == "hex20":
@@ -176,6 +192,27 @@ def generate(
         grain = (geometry.boundary_distance(centres) > 0).astype(np.int64)
     faces = _faces(geometry, points, cells)
     return PrismMesh(points, cells, grain, faces, node_groups(points, faces))
+
+
+def expected_cells(geometry: PrismGeometry, size: float, kind: CellKind) -> float:
+    """Return about how many cells of a size [µm] a prism holds, by its volume."""
+    volume = geometry.length * geometry.width * geometry.depth / 2
+    return _CELLS_IN_A_CUBE[kind] * volume / size**3
+
+
+def refuse_too_many(geometry: PrismGeometry, size: float, kind: CellKind) -> None:
+    """Refuse a size before gmsh takes minutes and gigabytes for it.
+
+    Raises:
+        ValueError: the mesh would have more cells than MOST_CELLS.
+    """
+    cells = expected_cells(geometry, size, kind)
+    if cells > MOST_CELLS:
+        least = size * (cells / MOST_CELLS) ** (1 / 3)
+        raise ValueError(
+            f"elements of {size:g} µm would be about {cells:.1g} cells; at most {MOST_CELLS} are "
+            f"expected, as of {least:.2g} µm or more"
+        )
 
 
 def longest_side(width: float, depth: float) -> float:

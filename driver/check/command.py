@@ -12,11 +12,13 @@ import numpy as np
 
 from driver.case.model import Case, load_case
 from driver.case.solver_profiles import profile_of
+from driver.case.specimen import SIZES
 from driver.check.check_result import Finding
 from driver.check.images import look_at_images
 from driver.check.loads import stated_motion, strange_loads
 from driver.check.picture import draw
 from driver.check.steps import recommended_steps
+from driver.common import machine
 from driver.common.errors import InputError, sentence, why
 from driver.common.formatting import cost_told
 from driver.diagnosis.causes.user_causes import asked_causes
@@ -30,6 +32,7 @@ from driver.forward.build import (
     integration_of,
     mesh_of,
     refuse_parameters,
+    refuse_size,
     used_face,
 )
 from driver.results.extended_decks import rendered_decks
@@ -214,6 +217,8 @@ def _mesh(case: Case) -> tuple[int, Finding]:
     """Return the number of cells of the working mesh, 0 where there is none."""
     specimen = case.specimen
     try:
+        for key, size in zip(SIZES, (specimen.mesh_size, specimen.fine_mesh_size), strict=True):
+            refuse_size(case, key, size)
         mesh = mesh_of(case, specimen.mesh_size)
     except (InputError, ImportError) as error:
         return 0, Finding("error", "mesh", str(error))
@@ -306,11 +311,16 @@ def _decks(case: Case, adapter: Adapter, experiment: Experiment) -> Iterator[Fin
 def _cost(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> Iterator[Finding]:
     cost = estimate(case, solver, n_cells, n_images)
     free = shutil.disk_usage(case.path(".")).free / 1e9
+    there, short = machine.memory(), ""
+    if cost.memory > there:
+        short = (
+            f", but this machine has {there / 1e9:.3g} GB: take larger elements or fewer processes"
+        )
     yield Finding(
-        "ok",
+        "warning" if short else "ok",
         "cost",
         f"a run takes {cost_told(cost.seconds, cost.memory)} ({cost.simulations} simulations on "
-        f"the working mesh); {free:.0f} GB of disk are free",
+        f"the working mesh){short}; {free:.0f} GB of disk are free",
     )
     if case.specimen.refined is not None:
         yield Finding("ok", "cost", told_beforehand(case, cost))

@@ -29,7 +29,7 @@ from meshes.arrays import FloatArray
 from meshes.cells import NAMES
 from meshes.plane_files import read_plane_mesh
 from meshes.plane_mesh import PlaneMesh
-from meshes.prism import PrismGeometry, generate, longest_side, section_divisions
+from meshes.prism import PrismGeometry, generate, longest_side, refuse_too_many, section_divisions
 from meshes.prism_mesh import PrismMesh
 from meshes.surface import trace
 from solver_adapters.external import ExternalAdapter
@@ -62,6 +62,23 @@ def mesh_of(case: Case, size: float) -> PrismMesh:
     except (ValueError, RuntimeError) as error:
         instead = ', or cells = "tet10"' if case.specimen.cell_kind == "hex20" else ""
         raise InputError(f"specimen: {error}{instead}") from None
+
+
+def refuse_size(case: Case, key: str, size: float) -> None:
+    """Refuse a size of a mesh before that is made.
+
+    Args:
+        case: the case.
+        key: that states the size.
+        size: of its cells [µm].
+
+    Raises:
+        InputError: the case does not describe a prism, or the cells would be too many.
+    """
+    try:
+        refuse_too_many(geometry_of(case), size, case.specimen.cell_kind)
+    except ValueError as error:
+        raise InputError(f"specimen.{key}: {error}") from None
 
 
 def size_of_second_mesh(case: Case) -> float:

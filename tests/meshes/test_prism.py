@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull
 
 from meshes.cells import jacobians, outer_faces
 from meshes.gmsh_library import load_gmsh
-from meshes.prism import PrismGeometry, Vector, generate
+from meshes.prism import CellKind, PrismGeometry, Vector, expected_cells, generate
 from meshes.prism_mesh import FACE_GROUPS, PrismMesh
 from meshes.tet10 import EDGES
 from tests.meshes.places import DEPTH, group_masks
@@ -235,3 +235,36 @@ def test_a_geometry_that_is_no_prism_is_refused() -> None:
         PrismGeometry(boundary_point=(0, 5, 0), boundary_normal=(0, 0, 0))
     with pytest.raises(ValueError, match="it has no grain boundary"):
         PrismGeometry().boundary_distance(np.zeros(3))
+
+
+@pytest.mark.parametrize(("kind", "size"), [("tet10", 0.01), ("hex20", 1e-3), ("tet10", 1e-80)])
+def test_a_mesh_beyond_all_machines_is_refused_before_it_is_made(
+    kind: CellKind, size: float
+) -> None:
+    with pytest.raises(ValueError, match="µm would be about .* cells; at most 200000 are expected"):
+        generate(PrismGeometry(), size, kind)
+
+
+@pytest.mark.parametrize(("kind", "size"), [("tet10", 1.1), ("tet10", 0.8), ("hex20", 0.667)])
+def test_the_cells_that_are_foretold_are_those_that_come_within_a_third(
+    kind: CellKind, size: float
+) -> None:
+    geometry = PrismGeometry(boundary_point=(0.0, 5.4, 0.0), boundary_normal=(0.15, 1.0, 0.3))
+    made = len(generate(geometry, size, kind).cells)
+    assert expected_cells(geometry, size, kind) == pytest.approx(made, rel=1 / 3)
+
+
+@pytest.mark.parametrize("sides", [(12.0, 4.0, 1e6), (12.0, 4.0, 0.01), (1200.0, 4.0, 3.4)])
+def test_a_prism_as_flat_as_a_foil_or_as_thin_as_a_wire_is_refused(
+    sides: tuple[float, float, float],
+) -> None:
+    with pytest.raises(ValueError, match="µm and its .* µm; a ratio of at most 100 is expected"):
+        PrismGeometry(*sides)
+
+
+@pytest.mark.parametrize("normal", [(0.0, 1e-300, 0.0), (1e300, 1e300, 0.0)])
+def test_a_normal_whose_length_is_no_number_is_refused(
+    normal: tuple[float, float, float],
+) -> None:
+    with pytest.raises(ValueError, match="finite numbers and a non-zero normal are expected"):
+        PrismGeometry(boundary_point=(0.0, 5.4, 0.0), boundary_normal=normal)

@@ -308,3 +308,22 @@ def test_what_an_external_solver_refuses_is_found_before_it_runs(
 
     install(monkeypatch, Refusing())
     assert "the bar has no images" in found(case_path, "error")
+
+
+def test_sizes_of_more_cells_than_any_machine_holds_are_found_by_their_keys(
+    case_path: Path,
+) -> None:
+    edit(case_path, "fine_mesh_size_um = 1.1", "fine_mesh_size_um = 0.005")
+    (found,) = (finding for finding in check(case_path) if finding.subject == "mesh")
+    assert found.level == "error"
+    assert found.message.startswith(
+        "specimen.fine_mesh_size_um: elements of 0.005 µm would be about 6e+09 cells"
+    )
+
+
+def test_a_run_that_needs_more_memory_than_there_is_is_no_good_case(
+    case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(check_module.machine, "memory", lambda: 1e8)
+    found = next(finding for finding in check(case_path) if finding.subject == "cost")
+    assert found.level == "warning" and "but this machine has 0.1 GB" in found.message
