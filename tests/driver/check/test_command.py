@@ -324,6 +324,6 @@ def test_sizes_of_more_cells_than_any_machine_holds_are_found_by_their_keys(
 def test_a_run_that_needs_more_memory_than_there_is_is_no_good_case(
     case_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(check_module.machine, "memory", lambda: 1e8)
+    monkeypatch.setattr("driver.common.machine.memory", lambda: 1e8)
     found = next(finding for finding in check(case_path) if finding.subject == "cost")
     assert found.level == "warning" and "but this machine has 0.1 GB" in found.message
