@@ -85,9 +85,9 @@ NAME_NO_RESULT = (
     "driver.case.loading",
     "driver.case.model",
     "driver.common.atomic_write",
-    "driver.experiment.image_sizes",
     "driver.experiment.images.files",
     "driver.experiment.images.formats",
+    "driver.experiment.images.headers",
 )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, PrivateAttr, model_validator
@@ -159,7 +159,9 @@ class Specimen(Table):
 class Grain(Table):
     """A grain and its measured orientation."""
 
-    name: str = Field(description="a text in quotes, the label of the grain")
+    name: Annotated[str, Field(min_length=1, max_length=60)] = Field(
+        description="a text in quotes of 1 to 60 letters, the label of the grain"
+    )
     euler_deg: Vector = Field(
         description="a list of three numbers [φ1, Φ, φ2], Bunge, sample → crystal, in degrees"
     )

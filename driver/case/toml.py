@@ -13,6 +13,7 @@ from driver.common.errors import InputError, sentence, why
 
 Tables = TypeVar("Tables", bound=BaseModel)
 
+_DEEPEST = 50  # tables and lists within each other, of which a case has four
 _TWICE = "Cannot overwrite a value"  # as tomllib has it, before the place
 
 
@@ -30,15 +31,28 @@ def read_toml(path: Path, expected: str, refuse: type[InputError] = InputError) 
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise refuse(sentence(path, "file", "no regular file", expected))
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        if _depth(content) > _DEEPEST:
+            raise RecursionError
+        return content
     except FileNotFoundError:
         raise refuse(sentence(path, "file", "nothing", expected)) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise refuse(no_toml(path, error)) from None
     except RecursionError:
-        raise refuse(sentence(path, "file", "lists nested too deep", "a TOML file")) from None
+        raise refuse(sentence(path, "file", "tables nested too deep", "a TOML file")) from None
     except (OSError, ValueError) as error:
         raise refuse(sentence(path, "file", why(error), "a TOML file that can be read")) from None
+
+
+def _depth(content: Any) -> int:
+    """Return how many tables and lists lie within each other."""
+    depth, inside = 0, [content]
+    while inside:
+        depth += 1
+        values = [v for c in inside for v in (c.values() if isinstance(c, dict) else c)]
+        inside = [value for value in values if isinstance(value, dict | list)]
+    return depth
 
 
 def no_toml(path: Path, error: tomllib.TOMLDecodeError | UnicodeDecodeError) -> str:

@@ -19,6 +19,7 @@ from driver.experiment.history import History
 from driver.experiment.images.region import CodeArray, Excluded
 from driver.experiment.reading import Experiment, fitted_loads
 from driver.forward.geometry import boundary_trace
+from driver.report.style import literal
 from meshes.arrays import FloatArray
 
 _ROI, _BOUNDARY, _AXES = "#ffe14d", "#ff8a1f", "#35d0ff"
@@ -102,7 +103,7 @@ def _draw_image(axes: Axes, case: Case, experiment: Experiment, codes: CodeArray
             path_effects=_RIM,
         )
         middle = float(trace[:, 1].mean())
-        names = [grain.name for grain in case.grains]
+        names = [literal(grain.name) for grain in case.grains]
         starts_at_origin = (case.specimen.boundary_normal or (0, 1, 0))[1] > 0
         first, second = names if starts_at_origin else names[::-1]
         for y, name in ((middle / 2, first), ((middle + specimen.length) / 2, second)):

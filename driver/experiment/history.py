@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from driver.common.errors import InputError, sentence, why
+from driver.common.errors import InputError, sentence, show, why
 from meshes.arrays import BoolArray, FloatArray, IntArray
 
 _BEYOND = "beyond the columns"
+_MOST_BYTES = 50_000_000  # of a file, some million rows
 COLUMNS = ("time_s", "stage_um", "image", "force_N")
 # The stage has turned when it has gone back by this share of its whole range: less is play
 # or encoder noise.
@@ -216,6 +217,7 @@ def _segment(turning: IntArray, rows: IntArray) -> IntArray:
 def _read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     """Return the rows with their line number under the key "line"; `columns` have to be there."""
     try:
+        _refuse_no_table(path)
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file, restkey=_BEYOND, skipinitialspace=True)
             names = [name.strip() for name in reader.fieldnames or ()]
@@ -241,6 +243,16 @@ def _read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
         raise HistoryError(sentence(path, "history.file", why(error), expected)) from None
 
 
+def _refuse_no_table(path: Path) -> None:
+    """Refuse what has no end, as a pipe or a device, and what no log of a test is as large as."""
+    expected = f"a CSV file of at most {_MOST_BYTES / 1e6:.0f} MB"
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise HistoryError(sentence(path, "file", "no regular file", expected))
+    if path.is_file() and path.stat().st_size > _MOST_BYTES:
+        found = f"{path.stat().st_size / 1e6:.0f} MB"
+        raise HistoryError(sentence(path, "file", found, expected))
+
+
 def _cells(path: Path, row: Mapping[str, Any], names: Sequence[str], line: int) -> dict[str, str]:
     """Strip the cells of a row; more cells than columns are decimal commas, or a slip."""
     more: Sequence[str] = row.get(_BEYOND, ())
@@ -249,6 +261,9 @@ def _cells(path: Path, row: Mapping[str, Any], names: Sequence[str], line: int) 
         expected = f"{len(names)}, as the columns, parted by commas, with points in the numbers"
         raise HistoryError(sentence(path, f"row {line}", found, expected))
     cells = {name: (row[name] or "").strip() for name in COLUMNS if name in names}
+    if any("\n" in cell for cell in cells.values()):
+        found = "a cell that goes on in the next row"
+        raise HistoryError(sentence(path, f"row {line}", found, "each quote closed in its row"))
     return cells | {"line": str(line)}
 
 
@@ -259,7 +274,7 @@ def _number(path: Path, row: dict[str, str], column: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise _error(path, row, column, f'"{text}"' if text else "nothing", "a number")
+        raise _error(path, row, column, show(text) if text else "nothing", "a number")
     return value
 
 

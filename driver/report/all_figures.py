@@ -14,6 +14,7 @@ from driver.report import evidence_figures, figures, history_figures, maps, matr
 from driver.report.findings import Findings, Record
 from driver.report.identified_tables import core
 from driver.report.labels import cause_label, reading_unit
+from driver.report.style import literal
 from driver.report.tables import ordered
 from meshes.arrays import FloatArray
 
@@ -32,7 +33,7 @@ def draw(findings: Findings) -> Iterator[tuple[str, Figure]]:
 
     case, mesh, face = findings.case, findings.mesh, findings.motion.face
     loads = fitted_loads(case, m["force"])
-    names = [grain.name for grain in case.grains]
+    names = [literal(grain.name) for grain in case.grains]
     yield "specimen", maps.specimen(mesh.points, mesh.cells, mesh.grain, names)
 
     last = sides[-1]

@@ -83,6 +83,11 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
     return figure
 
 
+def literal(text: str) -> str:
+    """Return a text of the user's as a figure shows it, letter by letter: none is a formula."""
+    return text.replace("$", r"\$")
+
+
 def typeset(text: str) -> str:
     """Return a text of a figure with χ_F, γ_F, λ⁺_Y, U_Y and the like as indexed symbols."""
     return INDEXED.sub(r"$\\mathregular{\1_\2}$", text)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from driver.common.errors import why
 from driver.experiment.images.files import HDF5, Refused
+from driver.experiment.images.headers import refuse_large
 
 Levels = NDArray[np.generic]
 
@@ -33,9 +34,10 @@ def read_file(file: Path, dataset: str = "") -> Levels:
         Shape (n, rows, cols), of the type that is stored.
 
     Raises:
-        Refused: the file is unreadable, truncated, empty, in colour or not of numbers, its
-            pages differ, or it holds no dataset of that name.
+        Refused: the file is unreadable, truncated, empty, too large, in colour or not of numbers,
+            its pages differ, or it holds no dataset of that name.
     """
+    refuse_large(file, dataset)
     suffix = file.suffix.lower()
     if suffix in HDF5:
         levels = _read_hdf5(file, dataset)

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from driver.case.model import CaseError, default_case, load_case, write_case
+from driver.case.toml import read_toml
 from driver.common.errors import InputError
 from driver.design.settings import read_settings
 from driver.virtual.settings import read_virtual
@@ -34,7 +35,7 @@ def test_a_file_that_cannot_be_read_is_one_sentence(
         "found a key twice (at line 3, column 6), expected each key once": lambda: path.write_bytes(
             b"[a]\nb = 1\nb = 2\n"
         ),
-        "found lists nested too deep, expected a TOML file": lambda: path.write_text(
+        "found tables nested too deep, expected a TOML file": lambda: path.write_text(
             f"a = {'[' * 5000}{']' * 5000}"
         ),
         "found no regular file, expected": be_a_pipe,
@@ -58,3 +59,10 @@ def test_a_file_with_the_mark_of_windows_editors_is_read(tmp_path: Path) -> None
 def test_what_is_wrong_with_a_case_is_an_error_of_the_case(tmp_path: Path) -> None:
     with pytest.raises(CaseError, match="prismid init DIR"):
         load_case(tmp_path / "absent.toml")
+
+
+def test_dotted_keys_without_end_are_told_in_a_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    path.write_text(".".join(2000 * ["a"]) + " = 1\n")
+    with pytest.raises(InputError, match="found tables nested too deep, expected a TOML file$"):
+        read_toml(path, "a case")

@@ -327,3 +327,9 @@ def test_a_run_that_needs_more_memory_than_there_is_is_no_good_case(
     monkeypatch.setattr("driver.common.machine.memory", lambda: 1e8)
     found = next(finding for finding in check(case_path) if finding.subject == "cost")
     assert found.level == "warning" and "but this machine has 0.1 GB" in found.message
+
+
+def test_the_name_of_a_grain_is_drawn_letter_by_letter(case_path: Path) -> None:
+    edit(case_path, 'name = "grain 1"', r"name = '$\frac$ and $'")
+    found = {finding.subject: finding for finding in check(case_path)}
+    assert found["picture"].level == "ok"

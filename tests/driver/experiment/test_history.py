@@ -194,3 +194,21 @@ def test_loads_may_be_absent_where_none_are_needed(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.force, 0.0)
     with pytest.raises(HistoryError, match="force_N"):
         read_history(path)
+
+
+def test_a_quote_that_is_not_closed_is_told_by_its_row_in_one_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "history.csv"
+    path.write_text('time_s,stage_um,image,force_N\n0,0,0,0\n10,"5,1,1\n20,10,2,2\n30,0,3,0\n')
+    with pytest.raises(HistoryError, match="each quote closed in its row|a number") as refused:
+        read_history(path)
+    assert len(str(refused.value).splitlines()) == 1
+
+
+def test_what_has_no_end_is_no_history(tmp_path: Path) -> None:
+    with pytest.raises(HistoryError, match="^/dev/zero: file: found no regular file, expected a"):
+        read_history(Path("/dev/zero"))
+    path = tmp_path / "history.csv"
+    with path.open("wb") as file:
+        file.truncate(60_000_000)
+    with pytest.raises(HistoryError, match="found 60 MB, expected a CSV file of at most 50 MB"):
+        read_history(path)

@@ -1,0 +1,119 @@
+"""How large the images of a file are, from its header, before a byte of them is decoded."""
+
+from __future__ import annotations
+
+import struct
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import tifffile
+
+from driver.experiment.images.files import HDF5, Refused
+
+MOST_PIXELS = 100_000_000
+"""Pixels of a frame beyond which it is no height map of a micro-specimen."""
+MOST_BYTES = 8_000_000_000
+"""Bytes of all levels of a file."""
+
+Header = tuple[tuple[int, ...], np.dtype[np.generic]]
+
+
+def header(file: Path, dataset: str = "") -> Header:
+    """Shape and type of what a file says that it holds.
+
+    Args:
+        file: a .tif, .tiff, .png, .npy, .h5, .hdf5 or .hdf file.
+        dataset: name of the dataset in an HDF5 file.
+
+    Raises:
+        Refused: the directory of a TIFF file points back at itself.
+        OSError, ValueError, LookupError, TypeError, tifffile.TiffFileError: it has no header that
+            can be read; what reads the levels tells why.
+    """
+    suffix = file.suffix.lower()
+    if suffix in HDF5:
+        with h5py.File(file, "r") as content:
+            node = content[dataset]
+            if not isinstance(node, h5py.Dataset):
+                raise LookupError(dataset)
+            return node.shape, node.dtype
+    if suffix == ".npy":
+        return _of_npy(file)
+    if suffix == ".png":
+        with file.open("rb") as picture:
+            start = picture.read(25)
+        size = int.from_bytes(start[20:24]), int.from_bytes(start[16:20])
+        return size, np.dtype(np.uint16 if start[24] == 16 else np.uint8)
+    with tifffile.TiffFile(file) as tiff:
+        _refuse_circle(tiff)
+        first = tiff.pages.first
+        shape = tuple(map(int, first.shape))
+        # Pages are counted only where one of them is no more than can be.
+        number = 1 if _too_many(shape, np.dtype(first.dtype)) else len(tiff.pages)
+        return (number, *shape), np.dtype(first.dtype)
+
+
+def _refuse_circle(tiff: tifffile.TiffFile) -> None:
+    """Refuse a file whose pages follow each other without end, which tifffile would read for ever.
+
+    Raises:
+        Refused: a page is followed by one before it.
+    """
+    kind, file = tiff.tiff, tiff.filehandle
+    seen: set[int] = set()
+
+    def number(at: int, size: int, code: str) -> int:
+        file.seek(at)
+        value: int = struct.unpack(code, file.read(size))[0]
+        return value
+
+    try:
+        page = number(8 if kind.is_bigtiff else 4, kind.offsetsize, kind.offsetformat)
+        while page and page not in seen:
+            seen.add(page)
+            end = (
+                page
+                + kind.tagnosize
+                + kind.tagsize * number(page, kind.tagnosize, kind.tagnoformat)
+            )
+            page = number(end, kind.offsetsize, kind.offsetformat)
+    except struct.error:
+        return  # it ends too early, as tifffile tells
+    if page:
+        raise Refused("pages that follow each other in a circle", "a TIFF file that is whole")
+
+
+def _of_npy(file: Path) -> Header:
+    read: Any = np.lib.format
+    with file.open("rb") as content:
+        major, _ = read.read_magic(content)
+        known = {1: read.read_array_header_1_0, 2: read.read_array_header_2_0}
+        if major not in known:
+            raise ValueError(f"version {major} of the format")
+        shape, _, kind = known[major](content)
+    return shape, kind
+
+
+def refuse_large(file: Path, dataset: str = "") -> None:
+    """Refuse a file whose header tells more than any height map has.
+
+    Raises:
+        Refused: a frame has more than MOST_PIXELS, or all together more than MOST_BYTES.
+    """
+    try:
+        shape, kind = header(file, dataset)
+    except (OSError, ValueError, LookupError, TypeError, tifffile.TiffFileError):
+        return
+    if _too_many(shape, kind):
+        sizes, gigabytes = " × ".join(map(str, shape)), prod(shape) * kind.itemsize / 1e9
+        raise Refused(
+            f"{sizes} pixels by its header, {gigabytes:.3g} GB of levels",
+            f"at most {MOST_PIXELS:.0e} pixels a frame and {MOST_BYTES / 1e9:.0f} GB a file",
+        )
+
+
+def _too_many(shape: tuple[int, ...], kind: np.dtype[np.generic]) -> bool:
+    return prod(shape[-2:]) > MOST_PIXELS or prod(shape) * kind.itemsize > MOST_BYTES
