@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from driver.batch.queues import Cluster
 from driver.case.messages import refusal
 from driver.case.toml import read_tables, read_toml
-from driver.case.values import Count, FileName, NewFolder, Positive, Table
+from driver.case.values import Few, FileName, NewFolder, Positive, Table
 from driver.common.errors import InputError, sentence
 
 Seed = Annotated[int, Field(strict=True, ge=0)]
@@ -47,12 +47,12 @@ class Trial(Table):
 class Use(Table):
     """Use of the machine by all jobs together."""
 
-    jobs: Count | None = Field(
+    jobs: Few | None = Field(
         default=None,
         description="jobs at a time, default as many as cores and memory hold",
     )
-    processes: Count = Field(default=1, description="processes of each job")
-    threads: Count = Field(default=1, description="threads of each process")
+    processes: Few = Field(default=1, description="processes of each job")
+    threads: Few = Field(default=1, description="threads of each process")
     memory_GB: Positive | None = Field(
         default=None, description="memory of all jobs together, default that of the machine"
     )

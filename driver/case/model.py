@@ -154,6 +154,14 @@ class Case(Table):
         return self
 
     @model_validator(mode="after")
+    def _a_stop_within_the_specimen(self) -> Self:
+        jitter, length = self.boundary.jitter_nm, 1e3 * self.specimen.length
+        if jitter >= length:
+            expected = f"a number below the length of the specimen, {length:g} nm"
+            raise refusal(expected, "boundary.jitter_nm", f"{jitter:g}")
+        return self
+
+    @model_validator(mode="after")
     def _nothing_that_loads_alone_ignore(self) -> Self:
         if self.with_images:
             return self

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from driver.case.values import Count, NewFolder, Positive, Table
+from driver.case.values import Count, Few, NewFolder, Positive, Table
 from solver_adapters.interface import Integration
 
 
@@ -16,8 +16,8 @@ class ProfileTable(Table):
     command: Annotated[tuple[str, ...], Field(min_length=1)] | None = Field(
         default=None, description="a list of texts, the program and its leading arguments"
     )
-    processes: Count | None = Field(default=None, description="MPI processes of a job")
-    threads: Count | None = Field(default=None, description="threads of each process")
+    processes: Few | None = Field(default=None, description="MPI processes of a job")
+    threads: Few | None = Field(default=None, description="threads of each process")
     memory_MB: Positive | None = Field(default=None, description="memory limit of a job")
     wall_time_s: Positive | None = Field(default=None, description="limit of the wall-clock time")
     cpu_time_s: Positive | None = Field(
@@ -62,8 +62,8 @@ class Solver(Table):
 class Execution(Table):
     """Use of the machine."""
 
-    processes: Count = Field(default=2, description="simulations side by side")
-    threads: Count = Field(default=1, description="threads of each process")
+    processes: Few = Field(default=2, description="simulations side by side")
+    threads: Few = Field(default=1, description="threads of each process")
     budget_min: Positive = Field(
         default=120.0,
         description="minutes of all stages up to the diagnosis, within which automatic meshes are "

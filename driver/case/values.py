@@ -12,7 +12,9 @@ Number = Annotated[float, Field(strict=True)]
 Positive = Annotated[float, Field(strict=True, gt=0)]
 NonNegative = Annotated[float, Field(strict=True, ge=0)]
 Frame = Annotated[int, Field(strict=True, ge=0)]
-Count = Annotated[int, Field(strict=True, ge=1)]
+Count = Annotated[int, Field(strict=True, ge=1, le=100_000)]
+Few = Annotated[int, Field(strict=True, ge=1, le=4096)]
+"""As many processes or threads as a machine may have."""
 FileName = Annotated[str, Field(min_length=1)]
 
 
