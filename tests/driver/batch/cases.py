@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import csv
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +14,7 @@ import tifffile
 from driver.batch.jobs import Job
 from driver.case.model import write_case
 from driver.workflow.cost import Cost
+from solver_adapters.kernels import PACKAGES
 from tools.short_specimen import small_case
 
 HISTORY = "time_s,stage_um,image,force_N\n0,0,0,0\n10,5,1,1\n20,10,2,2\n"
@@ -33,6 +37,14 @@ def write_small_case(folder: Path) -> Path:
     tifffile.imwrite(folder / "images.tif", nothing, photometric="minisblack")
     write_case(case, folder / "case.toml")
     return folder / "case.toml"
+
+
+def agreed(file: Path) -> dict[str, str]:
+    """Variables of a user who has agreed to what a campaign asks for, by the real command."""
+    own = {"XDG_CONFIG_HOME": str(file.parent / "config"), "PYTHONPATH": str(PACKAGES)}
+    command = [sys.executable, "-m", "driver.cli", "trust", "--yes", str(file)]
+    subprocess.run(command, env=os.environ | own, check=True, stdout=subprocess.DEVNULL)
+    return own
 
 
 def rows(file: Path) -> dict[str, dict[str, str]]:

@@ -16,7 +16,7 @@ import psutil
 import pytest
 
 from solver_adapters.kernels import PACKAGES
-from tests.driver.batch.cases import rows, write_small_case
+from tests.driver.batch.cases import agreed, rows, write_small_case
 from tests.driver.batch.seen_calls import SeenCalls
 from tests.support.slurm import missing, slurm
 
@@ -125,6 +125,7 @@ def test_ctrl_c_takes_back_all_jobs_those_that_wait_too(
         os.killpg(run[0].pid, signal.SIGINT)
 
     file.write_text(STUDY + 'job_extra_directives = ["--exclusive"]\n', encoding="utf-8")
+    variables = variables | agreed(file)
     with SeenCalls(file, stop):
         run.append(command(file, variables))
         _, complaints = run[0].communicate(timeout=300)
@@ -148,9 +149,7 @@ def test_what_slurm_refuses_is_told_in_its_words(file: Path, variables: dict[str
 def test_jobs_that_bring_no_worker_are_told(file: Path, variables: dict[str, str]) -> None:
     """As where nodes do not reach the machine of the command: it waited for ever."""
     file.write_text(STUDY + 'job_script_prologue = ["exit 1"]\n', encoding="utf-8")
-    variables = variables | {"XDG_CONFIG_HOME": str(file.parent)}
-    agree = [sys.executable, "-m", "driver.cli", "trust", "--yes", str(file)]
-    subprocess.run(agree, env=variables, check=True)
+    variables = variables | agreed(file)
     soon = (
         "from driver.batch import queue_workers; queue_workers._SILENT = 1.0; "
         "from driver.cli import app; app()"

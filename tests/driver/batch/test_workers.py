@@ -27,7 +27,7 @@ from driver.common.parallel import THREAD_VARIABLES, side_by_side
 from driver.results.hdf5 import read_hdf5
 from driver.virtual.command import virtual
 from solver_adapters.kernels import PACKAGES
-from tests.driver.batch.cases import rows, write_small_case
+from tests.driver.batch.cases import agreed, rows, write_small_case
 from tests.driver.batch.seen_calls import SeenCalls
 
 pytestmark = pytest.mark.usefixtures("willing")
@@ -181,7 +181,7 @@ def run(file: Path, told: Path) -> tuple[int, str]:
     with told.open("w", encoding="utf-8") as log:
         ended = subprocess.run(
             [sys.executable, "-u", "-m", "driver.cli", "batch", str(file)],
-            env=os.environ | {"PYTHONPATH": str(PACKAGES)},
+            env=os.environ | agreed(file),
             stdout=log,
             stderr=subprocess.PIPE,
             text=True,
