@@ -159,8 +159,8 @@ class Specimen(Table):
 class Grain(Table):
     """A grain and its measured orientation."""
 
-    name: Annotated[str, Field(min_length=1, max_length=60)] = Field(
-        description="a text in quotes of 1 to 60 letters, the label of the grain"
+    name: Annotated[str, Field(min_length=1, max_length=1000)] = Field(
+        description="a text in quotes of 1 to 1000 letters, the label of the grain"
     )
     euler_deg: Vector = Field(
         description="a list of three numbers [φ1, Φ, φ2], Bunge, sample → crystal, in degrees"
