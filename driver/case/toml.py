@@ -13,6 +13,7 @@ from driver.common.errors import InputError, sentence, why
 
 Tables = TypeVar("Tables", bound=BaseModel)
 
+_TOO_DEEP = "tables nested too deep"
 _DEEPEST = 50  # tables and lists within each other, of which a case has four
 _TWICE = "Cannot overwrite a value"  # as tomllib has it, before the place
 
@@ -32,17 +33,17 @@ def read_toml(path: Path, expected: str, refuse: type[InputError] = InputError) 
         raise refuse(sentence(path, "file", "no regular file", expected))
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-        if _depth(content) > _DEEPEST:
-            raise RecursionError
-        return content
     except FileNotFoundError:
         raise refuse(sentence(path, "file", "nothing", expected)) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise refuse(no_toml(path, error)) from None
     except RecursionError:
-        raise refuse(sentence(path, "file", "tables nested too deep", "a TOML file")) from None
+        raise refuse(sentence(path, "file", _TOO_DEEP, "a TOML file")) from None
     except (OSError, ValueError) as error:
         raise refuse(sentence(path, "file", why(error), "a TOML file that can be read")) from None
+    if _depth(content) > _DEEPEST:
+        raise refuse(sentence(path, "file", _TOO_DEEP, "a TOML file"))
+    return content
 
 
 def _depth(content: Any) -> int:

@@ -76,7 +76,11 @@ def refuse_size(case: Case, key: str, size: float) -> None:
         InputError: the case does not describe a prism, or the cells would be too many.
     """
     try:
-        refuse_too_many(geometry_of(case), size, case.specimen.cell_kind)
+        geometry = geometry_of(case)
+    except ValueError as error:
+        raise InputError(f"specimen: {error}") from None
+    try:
+        refuse_too_many(geometry, size, case.specimen.cell_kind)
     except ValueError as error:
         raise InputError(f"specimen.{key}: {error}") from None
 

@@ -333,3 +333,11 @@ def test_the_name_of_a_grain_is_drawn_letter_by_letter(case_path: Path) -> None:
     edit(case_path, 'name = "grain 1"', r"name = '$\frac$ and $'")
     found = {finding.subject: finding for finding in check(case_path)}
     assert found["picture"].level == "ok"
+
+
+def test_a_prism_that_is_none_is_told_as_such_and_not_by_the_size_of_its_cells(
+    case_path: Path,
+) -> None:
+    edit(case_path, "# depth_um = 3.464", "depth_um = 0.001  #")
+    (found,) = (finding for finding in check(case_path) if finding.subject == "mesh")
+    assert found.level == "error" and found.message.startswith("specimen: prism length is 12 µm")
