@@ -45,6 +45,7 @@ from driver.diagnosis.causes.all_causes import EVERY
 from driver.diagnosis.causes.causes import LIBRARY
 from driver.diagnosis.causes.ebsd_flips import flips_of
 from driver.diagnosis.causes.noise_causes import BOUNDARY_NOISE
+from driver.experiment.orientations import orientations_of
 from driver.virtual.settings import Microscope, Virtual
 from driver.virtual.writing import record
 from driver.workflow.engine import Stage, StageContext, run_stages
@@ -156,7 +157,7 @@ def planned(seed: int, cache: Path) -> tuple[Trial, ...]:
     for cause in measure.causes:
         aim = np.array(towards[cause.name])
         reach[cause.name] = (measure.reach(cause, aim), measure.reach(cause, -aim))
-    tried, _ = flips_of(known_case().orientations, None)
+    tried, _ = flips_of(orientations_of(known_case()), None)
     d = true_case().material.d
     return plan(seed, shapes, measure.alike, reach, d, [flip.name for flip in tried])
 

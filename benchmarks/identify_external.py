@@ -20,11 +20,12 @@ from pathlib import Path
 
 import h5py
 
+from driver.case.grains import Grain
 from driver.case.images import Images
 from driver.case.material import MaterialTable
 from driver.case.model import Case, load_case, write_case
 from driver.case.solver import Execution, Solver
-from driver.case.specimen import Grain, Specimen
+from driver.case.specimen import Specimen
 from driver.common.progress import progress_to
 from driver.results.hdf5 import read_hdf5
 from driver.virtual.command import virtual

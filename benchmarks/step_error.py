@@ -15,12 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
+from driver.case.grains import Grain
 from driver.case.inference import Identification
 from driver.case.loading import Boundary
 from driver.case.material import MaterialTable
 from driver.case.model import Case, write_case
 from driver.case.solver import Solver
-from driver.case.specimen import Grain, Specimen
+from driver.case.specimen import Specimen
 from driver.experiment.history import read_history
 from driver.forward.boundary_motion import knots_of_stage
 from driver.forward.build import build_model, mesh_of

@@ -85,6 +85,7 @@ NAME_NO_RESULT = (
     "driver.case.loading",
     "driver.case.model",
     "driver.common.atomic_write",
+    "driver.experiment.ebsd.headers",
     "driver.experiment.images.files",
     "driver.experiment.images.formats",
     "driver.experiment.images.headers",

@@ -24,6 +24,7 @@ from driver.diagnosis.search.selection_round import WITHIN
 from driver.diagnosis.statistics.score_test import WORTH
 from driver.dic.series import measure
 from driver.experiment.history import History, turning_points
+from driver.experiment.orientations import orientations_of
 from driver.forward.build import build_model, geometry_of
 from driver.forward.model import ForwardModel
 from driver.identification.fit import Fit, fit
@@ -49,13 +50,13 @@ from driver.report.style import (
 from meshes.arrays import FloatArray
 from meshes.prism import generate
 from solver_adapters.bundled.adapter import BundledAdapter
-from solver_adapters.crystal import bunge_matrix, schmid_tensors
+from solver_adapters.crystal import schmid_tensors
 from solver_adapters.interface import Integration
 from solver_adapters.material import Material
 from tools import closed_form
 from tools.boxes import uniaxial
 from tools.closed_form_diagnosis import diagnosis_of, identified, priors
-from tools.short_specimen import GRAINS, small_case
+from tools.short_specimen import small_case
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "method"
 
@@ -126,7 +127,7 @@ def most_active_system(
         integration: scheme of the time integration.
         steps: time steps between two instants.
     """
-    rotation = bunge_matrix(*GRAINS[0].euler_deg)
+    rotation = orientations_of(small_case())[0]
     asked = replace(
         uniaxial(material, rotation, time, strain),
         integration=integration, steps_per_interval=steps, cell_fields=True,

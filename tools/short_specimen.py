@@ -5,13 +5,14 @@ Nothing of the truth is shared with what identifies it: driver/virtual/microscop
 
 from __future__ import annotations
 
+from driver.case.grains import Grain
 from driver.case.images import Images
 from driver.case.inference import DiagnosisTable
 from driver.case.loading import LambdaStart
 from driver.case.material import MaterialTable
 from driver.case.model import Case
 from driver.case.solver import Solver
-from driver.case.specimen import Grain, Specimen
+from driver.case.specimen import Specimen
 from driver.experiment.history import History
 from driver.parameters.boundary import elongation_names, tilt_names
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from driver.case.grains import GIVES_WAY
 from driver.case.messages import sentences
 from driver.case.model import Case
 from driver.common.errors import InputError
@@ -26,8 +27,10 @@ def changed_case(case: Case, change: Mapping[str, Any], path: Path, name: str) -
     Raises:
         InputError: a key is unknown or out of range.
     """
+    whole = case.model_dump(mode="json")
+    _without_what_gives_way(whole["grains"], change.get("grains"))
     try:
-        data = merged(case.model_dump(mode="json"), dict(change))
+        data = merged(whole, dict(change))
     except KeyError as error:
         raise InputError(
             f"{path}: {name}: found the entry {error.args[0]} of a list, expected one of its "
@@ -37,6 +40,16 @@ def changed_case(case: Case, change: Mapping[str, Any], path: Path, name: str) -
         return Case.model_validate(data, context={"file": case.file})
     except ValidationError as error:
         raise InputError(sentences(path, Case, data, error)) from None
+
+
+def _without_what_gives_way(grains: list[dict[str, Any]], change: Any) -> None:
+    """Leave out the map of a grain whose angles are stated anew, and the other way round."""
+    for number, stated in change.items() if isinstance(change, dict) else ():
+        for key in stated if isinstance(stated, dict) else ():
+            for grain in (g for n, g in enumerate(grains, start=1) if str(n) == number):
+                for other in GIVES_WAY.get(key, ()):
+                    if other not in stated:
+                        grain.pop(other, None)
 
 
 def merged(whole: Any, change: Any) -> Any:

@@ -31,9 +31,14 @@ def with_file_names(case: Case, renamed: Callable[[str], str]) -> Case:
     }
     causes = tuple(map(renamed, case.diagnosis.cause_files))
     profiles = _renamed_profiles(case, renamed)
+    grains = tuple(
+        grain if grain.ebsd is None else grain.model_copy(update={"ebsd": renamed(grain.ebsd)})
+        for grain in case.grains
+    )
     store = {} if case.execution.store is None else {"store": renamed(case.execution.store)}
     return case.model_copy(
         update={
+            "grains": grains,
             "images": case.images.model_copy(update=images),
             "dic": case.dic.model_copy(update=meshes),
             "history": case.history.model_copy(update={"file": renamed(case.history.file)}),

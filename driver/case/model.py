@@ -8,24 +8,22 @@ from functools import reduce
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
-import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
+from driver.case.grains import Grain, Orientation
 from driver.case.images import Dic, Images
 from driver.case.inference import DiagnosisTable, Identification
 from driver.case.loading import Boundary, HistoryTable, Loads, Sections
 from driver.case.material import MaterialTable
 from driver.case.messages import refusal, sentences
 from driver.case.solver import Execution, Solver
-from driver.case.specimen import Grain, Orientation, Specimen
+from driver.case.specimen import Specimen
 from driver.case.toml import read_toml
 from driver.case.values import Number, Table
 from driver.common.errors import InputError, one_of
 from driver.parameters.boundary import LAMBDAS
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.parameters.registry import declared_parameters
-from meshes.arrays import FloatArray
-from solver_adapters.crystal import bunge_matrix
 from templates import render
 
 AnyTable = TypeVar("AnyTable", bound=Table)
@@ -216,17 +214,6 @@ class Case(Table):
         """Whether the dilatation of a cell is projected on few functions."""
         stated = self.solver.mean_dilatation
         return self.specimen.cell_kind == "hex20" if stated is None else stated
-
-    @property
-    def orientations(self) -> FloatArray:
-        """Crystal → specimen rotation of each grain, shape (n_grains, 3, 3).
-
-        Columns are the crystal axes in the specimen frame: Q · Rz(φ1) · Rx(Φ) · Rz(φ2), with Q
-        the rotation from the EBSD frame to the specimen frame.
-        """
-        return np.array(
-            [self.orientation.rotation @ bunge_matrix(*grain.euler_deg) for grain in self.grains]
-        )
 
 
 def _with_value(table: AnyTable, key: str, value: Any) -> AnyTable:

@@ -1,17 +1,15 @@
-"""The specimen: its geometry, its grains and their orientations."""
+"""The specimen: its geometry, and the sizes of its meshes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
-import numpy as np
 from pydantic import Field, PrivateAttr, model_validator
 
 from driver.case.mesh_sizes import LARGEST_RATIO, sizes_at
 from driver.case.messages import refusal
 from driver.case.values import Positive, Table, Vector
-from meshes.arrays import FloatArray
 from meshes.prism import CellKind, section_divisions
 
 AUTO: Literal["auto"] = "auto"
@@ -154,41 +152,3 @@ class Specimen(Table):
                 "hexahedra",
                 "fine_mesh_size_um",
             )
-
-
-class Grain(Table):
-    """A grain and its measured orientation."""
-
-    name: Annotated[str, Field(min_length=1, max_length=1000)] = Field(
-        description="a text in quotes of 1 to 1000 letters, the label of the grain"
-    )
-    euler_deg: Vector = Field(
-        description="a list of three numbers [φ1, Φ, φ2], Bunge, sample → crystal, in degrees"
-    )
-
-
-class Orientation(Table):
-    """The rotation from the EBSD frame to the specimen frame."""
-
-    ebsd_to_specimen: tuple[Vector, Vector, Vector] = Field(
-        default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-        description="three rows of three numbers, x_specimen = matrix · x_EBSD",
-    )
-
-    @property
-    def rotation(self) -> FloatArray:
-        """The proper rotation nearest to the given matrix (it may be rounded), shape (3, 3)."""
-        left, _, right = np.linalg.svd(np.array(self.ebsd_to_specimen))
-        return np.asarray(left @ right, dtype=np.float64)
-
-    @model_validator(mode="after")
-    def _proper(self) -> Self:
-        matrix = np.array(self.ebsd_to_specimen)
-        if np.abs(matrix @ matrix.T - np.eye(3)).max() > 1e-3:
-            raise refusal("a proper rotation: orthonormal rows (to 1e-3)", "ebsd_to_specimen")
-        if np.linalg.det(matrix) < 0:
-            raise refusal(
-                "a proper rotation of determinant +1; this one has −1 and mirrors the crystal",
-                "ebsd_to_specimen",
-            )
-        return self

@@ -14,8 +14,10 @@ from driver.case.model import Case, load_case
 from driver.case.solver_profiles import profile_of
 from driver.case.specimen import SIZES
 from driver.check.check_result import Finding
+from driver.check.ebsd_picture import map_pictures
 from driver.check.images import look_at_images
 from driver.check.loads import stated_motion, strange_loads
+from driver.check.orientations import look_at_orientations
 from driver.check.picture import draw
 from driver.check.steps import recommended_steps
 from driver.common import machine
@@ -25,6 +27,7 @@ from driver.diagnosis.causes.user_causes import asked_causes
 from driver.dic.region import within
 from driver.experiment.held_out import held_out_cycle
 from driver.experiment.history import History
+from driver.experiment.orientations import map_files
 from driver.experiment.reading import Experiment, fitted_loads, history_of, read_experiment
 from driver.forward.build import (
     build_model,
@@ -64,7 +67,10 @@ def check(case_path: Path) -> list[Finding]:
     except InputError as error:
         return findings + [Finding("error", "case", line) for line in str(error).splitlines()]
     findings.append(Finding("ok", "case", f"{case_path} is valid"))
-    findings += _orientation(case)
+    findings += _axes(case)
+    of_grains = look_at_orientations(case)
+    findings += of_grains
+    unoriented = any(finding.level == "error" for finding in of_grains)
     findings += _causes(case)
     adapter: Adapter | None = None
     try:
@@ -80,7 +86,7 @@ def check(case_path: Path) -> list[Finding]:
     n_cells, mesh_finding = _mesh(case)
     findings.append(mesh_finding)
     if not case.with_images:
-        return [*findings, *_loads_alone(case, adapter, n_cells)]
+        return [*findings, *_loads_alone(case, None if unoriented else adapter, n_cells)]
     findings += _correlation(case)
     try:
         experiment = read_experiment(case)
@@ -88,21 +94,22 @@ def check(case_path: Path) -> list[Finding]:
         lines = str(error).splitlines()
         return [*findings, *(Finding("error", "experiment", line) for line in lines)]
     findings += _history(case, experiment)
-    if adapter is not None and not any(finding.level == "error" for finding in of_solver):
+    # What is wrong above would be told once more, in words for another reader.
+    refused = unoriented or any(finding.level == "error" for finding in of_solver)
+    if adapter is not None and not refused:
         findings += recommended_steps(case, adapter, experiment.history)
     seen, reference = look_at_images(case, experiment)
     findings += seen
     if n_cells and adapter is not None:
         n_images = experiment.history.n_images
         findings += _cost(case, adapter.capabilities(), n_cells, n_images)
-        # What is wrong above would be told once more, in words for another reader.
-        solver_refused = any(finding.level == "error" for finding in of_solver)
-        if not solver_refused:
+        if not refused:
             findings += _decks(case, adapter, experiment)
     picture = results_of(case) / CHECK_PICTURE
     try:
         make_folder(picture.parent, case.file)
-        draw(case, experiment, picture, None if reference is None else reference.codes)
+        codes = None if reference is None else reference.codes
+        draw(case, experiment, picture, codes, () if unoriented else map_pictures(case))
     except OSError as error:
         expected = "a folder that can be made and written"
         message = sentence(picture.parent, "folder", why(error), expected)
@@ -111,7 +118,10 @@ def check(case_path: Path) -> list[Finding]:
         return [*findings, Finding("error", "picture", str(error))]
     findings.append(
         Finding(
-            "ok", "picture", f"{picture}: ROI, pixels left out, axes, grain boundary, load curve"
+            "ok",
+            "picture",
+            f"{picture}: ROI, pixels left out, axes, grain boundary, load curve"
+            + (", EBSD map" if map_files(case) and not unoriented else ""),
         )
     )
     return findings
@@ -135,7 +145,7 @@ def _libraries() -> Iterator[Finding]:
     yield Finding("ok", "libraries", ", ".join(versions))
 
 
-def _orientation(case: Case) -> Iterator[Finding]:
+def _axes(case: Case) -> Iterator[Finding]:
     images = case.images
     yield Finding(
         "ok",
@@ -143,9 +153,6 @@ def _orientation(case: Case) -> Iterator[Finding]:
         f"rows along {images.rows_along}, columns along {images.columns_along}, heights along "
         f"{images.heights}: right-handed",
     )
-    for grain, rotation in zip(case.grains, case.orientations, strict=True):
-        along = " ".join(f"{component:+.3f}" for component in rotation[1])
-        yield Finding("ok", "orientation", f"{grain.name}: loading axis along crystal [{along}]")
 
 
 def _causes(case: Case) -> Iterator[Finding]:

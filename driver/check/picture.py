@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
 
 from driver.case.model import Case
+from driver.check.ebsd_picture import MapPicture, draw_map
 from driver.common.atomic_write import write_whole
 from driver.experiment.history import History
 from driver.experiment.images.region import CodeArray, Excluded
@@ -22,6 +24,7 @@ from driver.forward.geometry import boundary_trace
 from driver.report.style import literal
 from meshes.arrays import FloatArray
 
+_HEIGHT, _MAP_HEIGHT = 5.4, 4.6  # inches
 _ROI, _BOUNDARY, _AXES = "#ffe14d", "#ff8a1f", "#35d0ff"
 _LEFT_OUT = {
     Excluded.TRENCH: ("#3b6cff", "trench"),
@@ -32,7 +35,13 @@ _LEFT_OUT = {
 _RIM = [withStroke(linewidth=3.5, foreground="black")]
 
 
-def draw(case: Case, experiment: Experiment, path: Path, codes: CodeArray | None = None) -> None:
+def draw(
+    case: Case,
+    experiment: Experiment,
+    path: Path,
+    codes: CodeArray | None = None,
+    maps: Sequence[MapPicture] = (),
+) -> None:
     """Draw the picture of a check into a PNG file.
 
     Args:
@@ -40,14 +49,21 @@ def draw(case: Case, experiment: Experiment, path: Path, codes: CodeArray | None
         experiment: its measured data.
         path: file to write.
         codes: what becomes of each pixel, values of `Excluded`, or None if it is not known.
+        maps: the EBSD maps of the case.
     """
-    figure = Figure(figsize=(14.0, 5.4), layout="constrained")
+    heights = (_HEIGHT, _MAP_HEIGHT) if maps else (_HEIGHT,)
+    figure = Figure(figsize=(14.0, sum(heights)), layout="constrained")
     FigureCanvasAgg(figure)  # draws without a display, whatever the user's backend
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.9, 1.0))
-    _draw_image(figure.add_subplot(grid[:, 0]), case, experiment, codes)
-    _draw_stage(figure.add_subplot(grid[0, 1]), experiment)
+    parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
+    grid = parts[0].add_gridspec(2, 2, width_ratios=(1.9, 1.0))
+    _draw_image(parts[0].add_subplot(grid[:, 0]), case, experiment, codes)
+    _draw_stage(parts[0].add_subplot(grid[0, 1]), experiment)
     load = fitted_loads(case, experiment.force)
-    _draw_load(figure.add_subplot(grid[1, 1]), experiment.history, load)
+    _draw_load(parts[0].add_subplot(grid[1, 1]), experiment.history, load)
+    if maps:
+        places = parts[1].subplots(1, len(maps), squeeze=False)[0]
+        for axes, one in zip(places, maps, strict=True):
+            draw_map(axes, one)
     picture = BytesIO()
     figure.savefig(picture, format="png", dpi=110)
     write_whole(path, picture.getvalue())

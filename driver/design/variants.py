@@ -15,6 +15,7 @@ from driver.case.model import Case
 from driver.common.errors import InputError, sentence
 from driver.design.settings import Schedule, Settings
 from driver.diagnosis.causes.user_causes import asked_causes
+from driver.experiment.orientations import grain_orientations
 
 _TURN = 30.0  # ° about the normal of the face, of the last grain
 # Tables of the case that a simulation does not depend on; of the images, the noise alone.
@@ -61,9 +62,12 @@ def usual_changes(case: Case, test: Schedule, n_repeats: int) -> dict[str, dict[
         case: the case.
         test: its test.
         n_repeats: images averaged into its reference.
+
+    Raises:
+        OrientationError: an EBSD map cannot be used.
     """
     last = len(case.grains)
-    phi1, *others = case.grains[-1].euler_deg
+    phi1, *others = grain_orientations(case)[-1].euler_deg
     turned = [(phi1 + _TURN) % 360.0, *others]
     return {
         "two images a stop": {"test": {"images_per_stop": 2 * test.images_per_stop}},

@@ -17,6 +17,7 @@ from driver.dic.surface_images import SurfaceImages, prepare
 from driver.experiment.history import History, knot_weights
 from driver.experiment.images.flatfield import FlatField, flat_pattern
 from driver.experiment.images.reference import Reference, build_reference
+from driver.experiment.orientations import orientations_of, rotation_scales
 from driver.experiment.reading import Experiment
 from driver.forward.boundary_motion import BoundaryMotion
 from driver.forward.instrument import Instrument
@@ -24,6 +25,7 @@ from driver.forward.mesh_extrapolation import extrapolated_with
 from driver.forward.microstructure import build_microstructure
 from driver.forward.model import ForwardModel
 from driver.forward.surface_projection import PixelProjection
+from driver.parameters.registry import declared_parameters
 from driver.parameters.user_terms import BoundaryTerm, ReadingTerm, terms_of
 from meshes.arrays import FloatArray
 from meshes.cells import NAMES
@@ -36,6 +38,7 @@ from solver_adapters.external import ExternalAdapter
 from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import Adapter, Capabilities, Integration
 from solver_adapters.material import MATERIAL_PARAMETERS
+from solver_adapters.parameter import Parameter
 from solver_adapters.registry import find_adapter
 
 _SMALLER = (0.93, 0.9, 0.87, 0.84, 0.8, 0.75)  # elements of another mesh over those of the first
@@ -324,6 +327,9 @@ def build_model(
         adapter: the solver.
         steps_per_interval: time steps between two rows of the history.
         workspace: where the solver keeps files of its runs, or None.
+
+    Raises:
+        OrientationError: an EBSD map cannot be used.
     """
     surface = trace(mesh)
     half, solver = case.specimen.width / 2, case.solver
@@ -332,7 +338,9 @@ def build_model(
     duration = history.time[-1] - history.time[0]
     return ForwardModel(
         material=case.material.to_material(),
-        microstructure=build_microstructure(mesh, geometry_of(case), case.orientations),
+        microstructure=build_microstructure(
+            mesh, geometry_of(case), orientations_of(case), rotation_scales(case)
+        ),
         boundary=_boundary_motion(case, mesh, knot_weights(history)),
         instrument=Instrument(
             surface.points,
@@ -352,6 +360,19 @@ def build_model(
         mean_dilatation=case.mean_dilatation,
         workspace=workspace,
     )
+
+
+def parameters_of(case: Case, n_knots: int) -> dict[str, Parameter]:
+    """Every parameter of the general model by name, with its scale in a case.
+
+    Args:
+        case: the case.
+        n_knots: turning points of its history.
+
+    Raises:
+        OrientationError: an EBSD map cannot be used.
+    """
+    return declared_parameters(n_knots, case.material.to_material(), rotation_scales(case))
 
 
 def build_finer_model(

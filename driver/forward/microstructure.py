@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -46,11 +46,13 @@ class Microstructure:
         mesh: the prism as drawn.
         orientations: measured crystal → specimen rotations, shape (n_grains, 3, 3).
         velocities: node velocity for each geometric parameter, shape (n_nodes, 3).
+        scales: prior scales that the measured orientations tell, by name of the parameter.
     """
 
     mesh: PrismMesh
     orientations: FloatArray
     velocities: Mapping[str, FloatArray]
+    scales: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def parameters(self) -> frozenset[str]:
@@ -121,9 +123,19 @@ class Microstructure:
 
 
 def build_microstructure(
-    mesh: PrismMesh, geometry: PrismGeometry, orientations: FloatArray
+    mesh: PrismMesh,
+    geometry: PrismGeometry,
+    orientations: FloatArray,
+    scales: Mapping[str, float] | None = None,
 ) -> Microstructure:
-    """Collect the geometric parameters that the specimen has."""
+    """Collect the geometric parameters that the specimen has.
+
+    Args:
+        mesh: the prism as drawn.
+        geometry: of the prism and of its grain boundary.
+        orientations: measured crystal → specimen rotations, shape (n_grains, 3, 3).
+        scales: prior scales that these tell, by name of the parameter.
+    """
     velocities = {
         "depth_scale": depth_scale(mesh, geometry),
         "apex_shift": apex_shift(mesh, geometry),
@@ -136,4 +148,4 @@ def build_microstructure(
             boundary_bow(mesh, geometry),
         )
         velocities |= dict(zip(OF_BOUNDARY, fields, strict=True))
-    return Microstructure(mesh, orientations, velocities)
+    return Microstructure(mesh, orientations, velocities, dict(scales or {}))

@@ -92,8 +92,9 @@ class ForwardModel:
 
     @cached_property
     def parameters(self) -> dict[str, Parameter]:
-        """Every parameter by name, with its scale at the material of the case."""
-        return declared_parameters(self.boundary.weights.shape[1], self.material)
+        """Every parameter by name, with its scale at the material and orientations of the case."""
+        n_knots = self.boundary.weights.shape[1]
+        return declared_parameters(n_knots, self.material, self.microstructure.scales)
 
     def null_values(self) -> dict[str, float]:
         """Every parameter at its null, material constants as in the case, knots at zero."""

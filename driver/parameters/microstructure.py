@@ -33,12 +33,15 @@ GEOMETRY_DECLARATIONS: tuple[Parameter, ...] = (
     ),
 )  # fmt: skip
 
+ROTATION_SCALE = 2 * _DEGREE
+"""Prior scale of a component of the turn of a grain, or of the EBSD frame [rad]."""
+
 _TURNED = {
     "rotation_grain1": "grain 1", "rotation_grain2": "grain 2", "rotation_frame": "the EBSD frame",
 }  # fmt: skip
 ORIENTATION_DECLARATIONS: tuple[Parameter, ...] = tuple(
     Parameter(
-        f"{what}_{axis}", "rad", 0.0, 2 * _DEGREE, -0.5, 0.5, enters="orientations",
+        f"{what}_{axis}", "rad", 0.0, ROTATION_SCALE, -0.5, 0.5, enters="orientations",
         label=f"turn of {turned} about {axis.upper()}",
     )
     for what, turned in _TURNED.items()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 from driver.parameters.boundary import BOUNDARY_DECLARATIONS, knot_declarations, knot_number
 from driver.parameters.covariance import COVARIANCE_PARAMETERS
 from driver.parameters.history import HOLD_DECLARATIONS
@@ -19,8 +22,16 @@ from solver_adapters.parameter import Parameter
 _OF_THE_PAPER = Material()
 
 
-def declared_parameters(n_knots: int, material: Material = _OF_THE_PAPER) -> dict[str, Parameter]:
-    """Every parameter of the general model by name, with its scale at a material."""
+def declared_parameters(
+    n_knots: int, material: Material = _OF_THE_PAPER, scales: Mapping[str, float] | None = None
+) -> dict[str, Parameter]:
+    """Every parameter of the general model by name, with its scale at a material.
+
+    Args:
+        n_knots: turning points of the history.
+        material: constants of the law.
+        scales: other prior scales, by name, that measured files tell.
+    """
     declared = (
         *declarations_at(material),
         *BOUNDARY_DECLARATIONS,
@@ -36,7 +47,9 @@ def declared_parameters(n_knots: int, material: Material = _OF_THE_PAPER) -> dic
         *map(declaration, installed_terms()),
     )
     refuse_doubles(declared)
-    return {parameter.name: parameter for parameter in declared}
+    known = {parameter.name: parameter for parameter in declared}
+    told = {name: replace(known[name], scale=scale) for name, scale in (scales or {}).items()}
+    return known | told
 
 
 def declaration_of(name: str) -> Parameter | None:

@@ -13,8 +13,8 @@ from driver.case.model import Case
 from driver.dic.residual_noise import residual_variance
 from driver.experiment.history import History, knot_weights, read_history
 from driver.forward.boundary_motion import BoundaryMotion
+from driver.forward.build import parameters_of
 from driver.forward.geometry import boundary_trace
-from driver.parameters.registry import declared_parameters
 from driver.report.identified import IdentifiedParameter, estimates
 from driver.report.measured import DATASETS, MeasuredMotion, measured_motion, peaks
 from driver.report.measured_figures import FIGURES
@@ -218,7 +218,7 @@ def read_findings(case: Case, results: Path) -> Findings:
 
 
 def _declared(case: Case, history: History) -> dict[str, Parameter]:
-    return declared_parameters(history.n_knots, case.material.to_material())
+    return parameters_of(case, history.n_knots)
 
 
 def _seconds(results: Path, iterations: Record) -> dict[str, float]:

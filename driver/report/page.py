@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from driver.case.grains import Grain
 from driver.case.specimen import Specimen
 from driver.common.formatting import chi, joined, number, probability
 from driver.diagnosis.answer.result_types import GATE, IMAGING
+from driver.experiment.orientations import GrainOrientation, grain_orientations
 from driver.experiment.reading import fitted_loads
 from driver.parameters.registry import label_of
 from driver.report.evidence_figures import signed_evidence
@@ -245,14 +247,23 @@ def untried(findings: Findings) -> list[str]:
     return sentences
 
 
+def _orientation(grain: Grain, found: GrainOrientation) -> str:
+    """Return a grain with its Bunge angles, and where they are from."""
+    if found.of_map is None:
+        return f"{grain.name} ({', '.join(f'{angle:g}°' for angle in found.euler_deg)})"
+    angles = ", ".join(f"{angle:.2f}°" for angle in found.euler_deg)
+    spread = np.rad2deg(found.of_map.spread)
+    return (
+        f"{grain.name} ({angles}, mean of {found.of_map.points} points of {grain.ebsd} "
+        f"that spread by {spread:.2g}°)"
+    )
+
+
 def facts(findings: Findings) -> list[tuple[str, str]]:
     """Specimen, images and simulation in a few lines."""
     case, m = findings.case, findings.measured
     s = case.specimen
-    grains = "; ".join(
-        f"{grain.name} ({', '.join(f'{angle:g}°' for angle in grain.euler_deg)})"
-        for grain in case.grains
-    )
+    grains = "; ".join(map(_orientation, case.grains, grain_orientations(case)))
     peak = float(np.nanmax(fitted_loads(case, m["force"])))
     left = [str(frame) for frame, out in enumerate(m["left_out"]) if out]
     fate = "is unlike its" if len(left) == 1 else "are unlike their"

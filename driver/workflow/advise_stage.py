@@ -13,7 +13,7 @@ from driver.common.outcomes import first_line
 from driver.design.model_discrimination import Discrimination, advice, discriminating_changes
 from driver.diagnosis.causes.ebsd_flips import FLIPS
 from driver.experiment.reading import history_of
-from driver.parameters.registry import declared_parameters
+from driver.forward.build import parameters_of
 from driver.results.advice import Advice, write_advice
 from driver.results.extended_case import with_half_turns
 from driver.results.files import DIAGNOSIS, job_store
@@ -60,7 +60,7 @@ def _changes(
     flips = [flip for flip in FLIPS if flip.name in diagnosis["flips"]]
     case = with_half_turns(context.case, flips)
     history = history_of(case)
-    declared = declared_parameters(history.n_knots, case.material.to_material())
+    declared = parameters_of(case, history.n_knots)
     # What was dropped and added again stands in two rounds.
     last = next(s for s in reversed(diagnosis["steps"]) if s["named"][:1] == list(causes[:1]))
     scores = {score["cause"]: score for score in last["causes"]}

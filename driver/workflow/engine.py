@@ -20,6 +20,7 @@ from driver.case.model import Case
 from driver.common.atomic_write import place_below
 from driver.common.errors import InputError, sentence
 from driver.experiment.images.files import split_dataset
+from driver.experiment.orientations import map_files
 from driver.parameters.user_terms import files_of_terms, installed_terms
 from driver.results.files import (
     READ_BACK,
@@ -112,9 +113,14 @@ def measured_files(case: Case) -> tuple[Path, ...]:
     return tuple(Path(split_dataset(case.path(name))[0]) for name in names if name is not None)
 
 
+def reported_files(case: Case) -> tuple[Path, ...]:
+    """Return what a report reads: the measured files, and the EBSD maps."""
+    return (*measured_files(case), *map_files(case))
+
+
 def identified_files(case: Case) -> tuple[Path, ...]:
-    """Return what an identification reads: the measured files, and the terms that it frees."""
-    return (*measured_files(case), *files_of_terms(case.extensions))
+    """Return what an identification reads: what a report does, and the terms that it frees."""
+    return (*reported_files(case), *files_of_terms(case.extensions))
 
 
 def diagnosed_files(case: Case) -> tuple[Path, ...]:

@@ -29,6 +29,7 @@ from driver.workflow.engine import (
     finished,
     identified_files,
     measured_files,
+    reported_files,
     run_stages,
 )
 from driver.workflow.identify_stage import run_identify
@@ -63,7 +64,7 @@ def stages(case: Case) -> Sequence[Stage]:
         return (
             Stage("mesh", "3", _MESH, run_mesh),
             Stage("identify", "7", inputs, run_identify_loads, identified_files),
-            Stage("report", "3", inputs, run_report_loads, measured_files),
+            Stage("report", "3", inputs, run_report_loads, reported_files),
         )
     return (
         Stage("mesh", "3", _MESH, run_mesh),
@@ -73,7 +74,7 @@ def stages(case: Case) -> Sequence[Stage]:
         Stage("identify", "11", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
         Stage("diagnose", "11", ("diagnosis",), run_diagnose, diagnosed_files),
         Stage("advise", "1", (), run_advise),
-        Stage("report", "9", _REPORT, run_report, measured_files),
+        Stage("report", "9", _REPORT, run_report, reported_files),
     )
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from driver.case.model import Case
 from driver.common.formatting import chi, joined, number, with_sigma
 from driver.experiment.reading import fitted_loads, history_of
+from driver.forward.build import parameters_of
 from driver.identification.loads_alone import doubts
-from driver.parameters.registry import declared_parameters
 from driver.report import figures
 from driver.report.identified import estimates
 from driver.report.identified_tables import estimate_rows
@@ -30,7 +30,7 @@ def run_report_loads(context: StageContext) -> None:
     """
     results, case = read_hdf5(context.result(IDENTIFY)), context.case
     identified = read_identification(context.result(IDENTIFY))
-    declared = declared_parameters(history_of(case).n_knots, case.material.to_material())
+    declared = parameters_of(case, history_of(case).n_knots)
     groups, knots = estimate_rows(estimates(identified.names, declared, results))
     loads = fitted_loads(case, results["force"])
     picture = png(

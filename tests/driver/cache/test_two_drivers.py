@@ -15,12 +15,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from driver.case.grains import Grain
 from driver.case.inference import Identification
 from driver.case.loading import Boundary, HistoryTable
 from driver.case.material import MaterialTable
 from driver.case.model import Case, write_case
 from driver.case.solver import Execution, Solver
-from driver.case.specimen import Grain, Specimen
+from driver.case.specimen import Specimen
 from driver.results.hdf5 import read_hdf5
 from meshes.arrays import FloatArray
 from tests.solver_adapters.calculix.runs import needs_ccx

@@ -10,7 +10,6 @@ from pydantic import Field
 from driver.case.material import MaterialTable
 from driver.case.model import Case, CaseError, case_text, default_case, load_case, schema
 from driver.case.solver import ProfileTable
-from meshes.arrays import FloatArray
 from solver_adapters.material import Material
 from tests.driver.stated_sizes import stated_case
 
@@ -255,7 +254,7 @@ def test_every_constant_of_the_law_stands_once_in_the_written_case() -> None:
 def test_the_schema_refuses_unknown_keys_and_is_named_by_the_case() -> None:
     assert case_text(default_case()).splitlines()[0] == "#:schema ./case.schema.json"
     assert schema()["additionalProperties"] is False
-    assert schema()["$defs"]["Grain"]["required"] == ["name", "euler_deg"]
+    assert schema()["$defs"]["Grain"]["required"] == ["name"]
 
 
 def test_the_schema_beside_the_example_is_that_of_the_model() -> None:
@@ -277,49 +276,6 @@ def test_paths_are_relative_to_the_case_file() -> None:
     case = load_case(ALPHA)
     assert case.images.frames is not None
     assert case.path(case.images.frames) == ALPHA.parent / "images.tif"
-
-
-def young_modulus(direction: FloatArray) -> float:
-    """Young's modulus [MPa] of the cubic crystal along a direction in crystal axes (Nye 1957)."""
-    c11, c12, c44 = 233.5e3, 135.5e3, 118e3
-    det = (c11 - c12) * (c11 + 2 * c12)
-    s11, s12, s44 = (c11 + c12) / det, -c12 / det, 1 / c44
-    l2, m2, n2 = np.asarray(direction) ** 2
-    return float(1 / (s11 - 2 * (s11 - s12 - s44 / 2) * (l2 * m2 + m2 * n2 + n2 * l2)))
-
-
-def test_the_first_grain_is_as_stiff_along_Y_as_in_code_aster() -> None:
-    # Code_Aster 15.2, one HEXA8, ANGL_EULER = (281, 8, 47), uniaxial stress along Y, after the
-    # first step: stress 109.834484338433 MPa, strain 8.33333333333333e-4, of which
-    # 2.79788085082804e-4 plastic.
-    modulus = 109.834484338433 / (8.33333333333333e-4 - 2.79788085082804e-4)
-    first = load_case(ALPHA).orientations[0]
-    assert young_modulus(first[1]) == pytest.approx(modulus, rel=1e-6)
-    # The inverse rotation, the usual mistake, is another crystal.
-    assert young_modulus(first[:, 1]) != pytest.approx(modulus, rel=1e-3)
-
-
-def test_the_second_grain_is_as_stiff_along_Z_as_in_a_point_solution() -> None:
-    # Backward-Euler point solution that agrees with CalculiX 2.20, Bunge (211, 45, 150),
-    # uniaxial stress along Z: 63.764812769 MPa at a strain of 2.5e-4, still elastic.
-    second = load_case(ALPHA).orientations[1]
-    assert young_modulus(second[2]) == pytest.approx(63.764812769 / 2.5e-4, rel=1e-9)
-
-
-def test_turning_the_ebsd_frame_back_restores_the_crystals(tmp_path: Path) -> None:
-    """A specimen mounted 30° askew: φ1 grows by 30°, the rotation of the frame takes it back."""
-    expected = load_case(write(tmp_path)).orientations
-    c, s = np.cos(np.radians(30)), np.sin(np.radians(30))
-    back = [[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]
-    turned = load_case(
-        write(
-            tmp_path,
-            ("[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]", json.dumps(back)),
-            ("euler_deg = [30.0, 0.0, 0.0]", "euler_deg = [60.0, 0.0, 0.0]"),
-            ("euler_deg = [0.0, 0.0, 0.0]", "euler_deg = [30.0, 0.0, 0.0]"),
-        )
-    )
-    np.testing.assert_allclose(turned.orientations, expected, atol=1e-12)
 
 
 def test_the_example_states_what_its_readme_states() -> None:

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from driver.case.grains import Grain
 from driver.case.inference import Identification
 from driver.case.loading import Boundary, HistoryTable
 from driver.case.material import MaterialTable
 from driver.case.model import Case, load_case, write_case
 from driver.case.solver import Execution, Solver
-from driver.case.specimen import Grain, Specimen
+from driver.case.specimen import Specimen
 from driver.experiment.history import read_history
 from driver.forward.boundary_motion import knots_of_stage
 from driver.forward.build import build_model, mesh_of

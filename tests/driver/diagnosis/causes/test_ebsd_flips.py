@@ -5,6 +5,7 @@ import pytest
 
 from driver.diagnosis.causes.causes import Cause
 from driver.diagnosis.causes.ebsd_flips import FLIPS, disorientation, flips_of, half_turn
+from driver.experiment.orientations import orientations_of
 from meshes.arrays import FloatArray
 from solver_adapters.crystal import bunge_matrix, rotation_vector_matrix, schmid_tensors
 from tools import closed_form
@@ -53,7 +54,7 @@ def test_the_disorientation_of_a_small_turn_is_its_angle(angle: float) -> None:
 
 
 def test_grains_of_no_special_orientation_tell_three_flips_apart() -> None:
-    kept, left = flips_of(closed_form.small_case().orientations, None)
+    kept, left = flips_of(orientations_of(closed_form.small_case()), None)
     assert kept == FLIPS and not left
 
 
@@ -76,6 +77,6 @@ def test_flips_that_make_the_same_lattices_are_tried_once() -> None:
 
 
 def test_only_wanted_flips_are_tried() -> None:
-    orientations = closed_form.small_case().orientations
+    orientations = orientations_of(closed_form.small_case())
     assert flips_of(orientations, (Y.name, "load_gain")) == ((Y,), ())
     assert flips_of(orientations, ("load_gain",)) == ((), ())

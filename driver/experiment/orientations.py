@@ -1,0 +1,145 @@
+"""Orientations of the grains of a case: the one place where Bunge angles or a map become them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from driver.case.model import Case
+from driver.common.errors import InputError, sentence, why
+from driver.experiment.ebsd.headers import EXPECTED
+from driver.experiment.ebsd.maps import read_map
+from driver.experiment.ebsd.picking import Pick, PickedGrain, picked_grain
+from driver.experiment.ebsd.segmentation import grain_numbers
+from driver.experiment.images.files import Refused
+from driver.parameters.microstructure import ROTATION_SCALE
+from meshes.arrays import FloatArray
+from solver_adapters.crystal import bunge_angles, bunge_matrix
+
+Stamp = tuple[int, int, int]
+
+
+class OrientationError(InputError):
+    """An EBSD map that cannot be used: file, key, what was found, what was expected."""
+
+
+@dataclass(frozen=True, eq=False)
+class GrainOrientation:
+    """The measured orientation of a grain.
+
+    Attributes:
+        rotation: crystal → specimen, shape (3, 3). Columns are the crystal axes in the specimen
+            frame: Q · V · Rz(φ1) · Rx(Φ) · Rz(φ2), with V from the frame of the Euler angles to
+            the EBSD frame, and Q from there to the specimen frame.
+        euler_deg: its Bunge angles φ1, Φ, φ2 [degrees], stated or those of the mean of the map.
+        of_map: the grain of a map, None for stated angles.
+    """
+
+    rotation: FloatArray
+    euler_deg: tuple[float, float, float]
+    of_map: PickedGrain | None = None
+
+
+def grain_orientations(case: Case) -> tuple[GrainOrientation, ...]:
+    """Return the orientations of the grains of a case.
+
+    Raises:
+        OrientationError: a map cannot be used, or a pick meets no grain of it.
+    """
+    to_specimen, picked = case.orientation.from_euler_axes, _picked(case)
+    found = []
+    for number, grain in enumerate(case.grains):
+        of_map = picked.get(number)
+        if of_map is None:
+            assert grain.euler_deg is not None  # a grain has angles or a map
+            rotation, angles = bunge_matrix(*grain.euler_deg), grain.euler_deg
+        else:
+            rotation, angles = of_map.rotation, bunge_angles(of_map.rotation)
+        found.append(GrainOrientation(to_specimen @ rotation, angles, of_map))
+    return tuple(found)
+
+
+def orientations_of(case: Case) -> FloatArray:
+    """Crystal → specimen rotation of each grain of a case, shape (n_grains, 3, 3).
+
+    Raises:
+        OrientationError: a map cannot be used, or a pick meets no grain of it.
+    """
+    return np.array([grain.rotation for grain in grain_orientations(case)])
+
+
+def rotation_scales(case: Case) -> dict[str, float]:
+    """Prior scales [rad] of the turns of those grains whose maps spread more than is usual.
+
+    The three components of a turn have spread/√3 each, so that the root mean square of its angle is
+    the spread of the grain. It is never less than the scale without a map: that holds what a map
+    cannot tell of itself, how well the system is calibrated and how the specimen was put in.
+
+    Returns:
+        Scale by the name of the parameter, of these grains alone.
+
+    Raises:
+        OrientationError: a map cannot be used, or a pick meets no grain of it.
+    """
+    scales: dict[str, float] = {}
+    for number, grain in enumerate(grain_orientations(case), start=1):
+        of_component = 0.0 if grain.of_map is None else grain.of_map.spread / 3**0.5
+        if of_component > ROTATION_SCALE:
+            scales |= {f"rotation_grain{number}_{axis}": of_component for axis in "xyz"}
+    return scales
+
+
+def map_files(case: Case) -> tuple[Path, ...]:
+    """Return the EBSD maps that a case names, each once."""
+    names = dict.fromkeys(grain.ebsd for grain in case.grains if grain.ebsd is not None)
+    return tuple(case.path(name) for name in names)
+
+
+def _picked(case: Case) -> dict[int, PickedGrain]:
+    """Return the grains that are picked in maps, by their number from 0; each map is read once."""
+    picked: dict[int, PickedGrain] = {}
+    for file in map_files(case):
+        here = {
+            number: Pick(grain.ebsd_point_um, grain.ebsd_grain)
+            for number, grain in enumerate(case.grains)
+            if grain.ebsd is not None and case.path(grain.ebsd) == file
+        }
+        try:
+            grains = _read(file, _stamp(file), tuple(here.values()))
+        except Refused as refused:
+            grains = (refused,) * len(here)
+        for number, grain in zip(here, grains, strict=True):
+            if isinstance(grain, Refused):
+                key = f"grains.{number + 1}.ebsd"
+                raise OrientationError(sentence(file, key, grain.found, grain.expected))
+            picked[number] = grain
+    return picked
+
+
+def _stamp(file: Path) -> Stamp:
+    """Return what tells a file from the one that was there before."""
+    try:
+        status = file.stat()
+    except FileNotFoundError:
+        raise Refused("nothing", EXPECTED) from None
+    except (OSError, ValueError) as error:
+        raise Refused(why(error), EXPECTED) from None
+    return status.st_ino, status.st_size, status.st_mtime_ns
+
+
+@lru_cache(maxsize=4)
+def _read(file: Path, stamp: Stamp, picks: tuple[Pick, ...]) -> tuple[PickedGrain | Refused, ...]:
+    """Read grains of a map; the models of one run ask for them again and again."""
+    points = read_map(file)
+    numbers = grain_numbers(points)
+
+    def grain(pick: Pick) -> PickedGrain | Refused:
+        try:
+            return picked_grain(points, numbers, pick)
+        except Refused as refused:
+            return refused
+
+    return tuple(map(grain, picks))

@@ -1,0 +1,137 @@
+"""What a check tells of orientations, and asks about."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from driver.case.grains import Grain, Orientation
+from driver.case.model import Case, default_case, load_case, write_case
+from driver.check.orientations import look_at_orientations
+from tests.driver.ebsd_files import FIRST, SECOND, grid, halves, write_ang, write_ctf
+
+X, Y = grid(4, 6)
+ROWS = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
+ANGLES = Grain(name="first", euler_deg=FIRST)
+
+
+def case_of(folder: Path, *grains: Grain, **orientation: object) -> Case:
+    update = {"grains": grains, "orientation": Orientation.model_validate(orientation)}
+    write_case(default_case().model_copy(update=update), folder / "case.toml")
+    return load_case(folder / "case.toml")
+
+
+def told(case: Case, level: str) -> list[str]:
+    found = look_at_orientations(case)
+    assert all(finding.subject == "orientation" for finding in found)
+    return [finding.message for finding in found if finding.level == level]
+
+
+def of_second(folder: Path, angles: tuple[float, float, float]) -> list[str]:
+    return told(case_of(folder, ANGLES, Grain(name="second", euler_deg=angles)), "warning")
+
+
+def test_usual_angles_are_told_by_the_crystal_along_the_loading_axis(tmp_path: Path) -> None:
+    case = case_of(tmp_path, ANGLES, Grain(name="second", euler_deg=(0.0, 0.0, 0.0)))
+    assert told(case, "warning") == told(case, "error") == []
+    assert told(case, "ok")[1] == "second: loading axis along crystal [+0.000 +1.000 +0.000]"
+
+
+@pytest.mark.parametrize(
+    ("angles", "same"),
+    [
+        ((10.0, 200.0, 30.0), "[190.0, 160.0, 210.0]"),
+        ((10.0, -20.0, 30.0), "[190.0, 20.0, 210.0]"),
+        ((370.0, 20.0, 30.0), "[10.0, 20.0, 30.0]"),
+    ],
+)
+def test_angles_beyond_their_range_are_told_with_their_equivalent(
+    tmp_path: Path, angles: tuple[float, float, float], same: str
+) -> None:
+    assert of_second(tmp_path, angles) == [
+        f"grains.2.euler_deg = {list(angles)} is beyond its range (φ1 and φ2 to 360, Φ from 0 to "
+        f"180) and is taken as {same}, the same rotation"
+    ]
+    assert of_second(tmp_path, (-79.0, 20.0, -313.0)) == []
+
+
+def test_angles_that_look_like_radians_are_asked_about(tmp_path: Path) -> None:
+    (message,) = of_second(tmp_path, (3.6826, 0.7854, 2.618))
+    assert message == (
+        "grains.2.euler_deg = [3.6826, 0.7854, 2.618] looks like radians and is taken as degrees; "
+        "if it is radians, write euler_deg = [210.997, 45.0, 150.0]"
+    )
+    for degrees in ((0.0, 5.0, 2.0), (0.5, 45.0, 0.5)):
+        assert of_second(tmp_path, degrees) == []
+
+
+def test_grains_of_one_crystal_are_told(tmp_path: Path) -> None:
+    # A quarter turn of the crystal about its own z, and 0.3° more.
+    (message,) = of_second(tmp_path, (281.0, 8.0, 137.3))
+    assert message.startswith(
+        "grains: first and second are the same crystal within 0.5° (0.30°, symmetry considered)"
+    )
+    assert of_second(tmp_path, (281.0, 8.0, 137.6)) == []
+
+
+def test_a_map_is_told_with_its_grain_its_spread_and_the_prior(tmp_path: Path) -> None:
+    turned = np.array(FIRST) + np.outer(np.where(np.arange(24) % 2, 1.0, -1.0), [1.0, 0, 0])
+    write_ctf(tmp_path / "a.ctf", X, Y, turned, np.where(X > 1.9, 0, 1))
+    second = Grain(name="second", ebsd="a.ctf", ebsd_point_um=(0.6, 0.4))
+    orientation = {"ebsd_frame": "oxford", "ebsd_to_specimen": ROWS}
+    case = case_of(tmp_path, Grain(name="first", euler_deg=SECOND), second, **orientation)
+    assert told(case, "warning") == told(case, "error") == []
+    frame, _, _, of_map = told(case, "ok")
+    assert frame == (
+        'Euler angles of "oxford"; of the map x is along +Y, y along +X and z, into its surface, '
+        "along −Z of the specimen"
+    )
+    assert of_map == (
+        "second: the grain at [0.5, 0.5] µm, whose neighbours differ by less than 5°, in "
+        f"{tmp_path / 'a.ctf'} (16 of 24 points indexed): 16 points, mean φ1, Φ, φ2 = 281.00, "
+        "8.00, 47.00°, spread 1.00° rms; a turn about an axis has a prior of 2°"
+    )
+
+
+def test_a_grain_by_its_number_is_told_by_it(tmp_path: Path) -> None:
+    write_ang(tmp_path / "a.ang", X, Y, halves(X, 1.2), grains=np.where(X < 1.2, 7, 8))
+    case = case_of(tmp_path, ANGLES, Grain(name="second", ebsd="a.ang", ebsd_grain=8))
+    assert any("second: grain 8 of the file in" in message for message in told(case, "ok"))
+
+
+def test_what_a_map_leaves_in_doubt_is_asked_about(tmp_path: Path) -> None:
+    few = np.where(((X == 1.0) & (Y == 1.0))[:, None], SECOND, FIRST)
+    write_ctf(tmp_path / "a.ctf", X, Y, few, header={"AcqE2": "-90.0000"})
+    second = Grain(name="second", ebsd="a.ctf", ebsd_point_um=(1.0, 1.0))
+    place = f"{tmp_path / 'a.ctf'}: grains.2.ebsd: "
+    frame, lone, surface = told(case_of(tmp_path, ANGLES, second), "warning")
+    assert frame.startswith("orientation.ebsd_frame: found nothing, so that x and y of the map are")
+    assert 'expected "edax", "oxford" or "bruker"' in frame
+    assert lone == (
+        f"{place}found a grain of 1 point(s), expected one of 10 or more: it may be indexed wrongly"
+    )
+    assert surface.startswith(
+        f"{place}the map was acquired on a surface turned by AcqE1 to AcqE3 = 0, -90, 0°"
+    )
+    write_ctf(tmp_path / "a.ctf", X, Y, np.deg2rad(FIRST))
+    (radians,) = told(case_of(tmp_path, ANGLES, second, ebsd_frame="oxford",
+                              ebsd_to_specimen=ROWS), "warning")  # fmt: skip
+    assert radians.startswith(f"{place}all Euler angles of the map look like radians")
+
+
+def test_a_map_seen_from_behind_the_face_is_asked_about(tmp_path: Path) -> None:
+    write_ctf(tmp_path / "a.ctf", X, Y, SECOND)
+    second = Grain(name="second", ebsd="a.ctf", ebsd_point_um=(1.0, 1.0))
+    (message,) = told(case_of(tmp_path, ANGLES, second, ebsd_frame="bruker"), "warning")
+    assert message.startswith("orientation.ebsd_to_specimen: found z of the map, which points into")
+
+
+def test_a_map_that_cannot_be_used_is_one_error(tmp_path: Path) -> None:
+    case = case_of(tmp_path, ANGLES, Grain(name="second", ebsd="a.ctf", ebsd_point_um=(1, 1)))
+    found = look_at_orientations(case)
+    assert [(one.level, one.message) for one in found] == [
+        ("error", f"{tmp_path / 'a.ctf'}: grains.2.ebsd: found nothing, expected an EBSD map in a "
+                  "file .ang, .ctf or .h5"),
+    ]  # fmt: skip
