@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from driver.case.changes import changed_case, merged
+from driver.case.grains import Grain
 from driver.common.errors import InputError
 from tools import closed_form
 
@@ -44,3 +45,20 @@ def test_a_change_that_cannot_be_made_is_told_with_its_key(
     with pytest.raises(InputError) as error:
         changed_case(CASE, change, Path("c.toml"), "a")
     assert str(error.value).startswith(said)
+
+
+def test_angles_that_are_stated_take_the_place_of_a_map_and_the_other_way_round() -> None:
+    mapped = {"ebsd": "a.ang", "ebsd_point_um": [1.0, 2.0]}
+    of_map = changed_case(CASE, {"grains": {"2": mapped}}, Path("c.toml"), "a")
+    assert of_map.grains[1] == Grain(name="grain 2", ebsd="a.ang", ebsd_point_um=(1.0, 2.0))
+    assert of_map.grains[0] == CASE.grains[0]
+    for change, expected in (
+        ({"euler_deg": [1.0, 2.0, 3.0]}, {"euler_deg": (1.0, 2.0, 3.0)}),
+        ({"ebsd_grain": 3}, {"ebsd": "a.ang", "ebsd_grain": 3}),
+        ({"ebsd": "b.ang"}, {"ebsd": "b.ang", "ebsd_point_um": (1.0, 2.0)}),
+    ):
+        again = changed_case(of_map, {"grains": {"2": change}}, Path("c.toml"), "a")
+        assert again.grains[1] == Grain.model_validate({"name": "grain 2"} | expected)
+    both = {"grains": {"2": {"euler_deg": [1.0, 2.0, 3.0], "ebsd": "a.ang"}}}
+    with pytest.raises(InputError, match="found both, expected one of euler_deg and ebsd"):
+        changed_case(CASE, both, Path("c.toml"), "a")

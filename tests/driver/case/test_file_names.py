@@ -3,6 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from driver.case.file_names import with_file_names
+from driver.case.grains import Grain
 from driver.case.images import Dic, Images
 from driver.case.inference import DiagnosisTable
 from driver.case.loading import HistoryTable
@@ -22,6 +23,10 @@ def test_every_file_that_a_case_names_is_renamed_and_nothing_else(tmp_path: Path
             "diagnosis": DiagnosisTable(cause_files=("g.toml",)),
             "solver": Solver(profiles={"calculix": profile}),
             "execution": Execution(store="jobs"),
+            "grains": (
+                Grain(name="h", ebsd="h.ang", ebsd_grain=1),
+                closed_form.small_case().grains[1],
+            ),
         }
     )
     write_case(case, tmp_path / "case.toml")
@@ -35,4 +40,5 @@ def test_every_file_that_a_case_names_is_renamed_and_nothing_else(tmp_path: Path
     assert moved.diagnosis.cause_files == ("../g.toml",)
     assert moved.solver.profiles["calculix"].command == ("python", "../tool.py", "--fast")
     assert moved.execution.store == "../jobs"
+    assert moved.grains == (Grain(name="h", ebsd="../h.ang", ebsd_grain=1), case.grains[1])
     assert moved.specimen == case.specimen and moved.images.pixel_size_nm == 110.0

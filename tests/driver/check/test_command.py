@@ -21,6 +21,7 @@ from solver_adapters.code_aster.adapter import CodeAsterAdapter
 from solver_adapters.interface import Adapter, Capabilities, Simulation, UnsupportedError
 from solver_adapters.profile import Profile
 from solver_adapters.registry import find_adapter
+from tests.driver.ebsd_files import grid, write_ang
 from tests.solver_adapters.bar import BarAdapter
 
 ALPHA = Path(__file__).parents[3] / "examples" / "alpha"
@@ -341,3 +342,37 @@ def test_a_prism_that_is_none_is_told_as_such_and_not_by_the_size_of_its_cells(
     edit(case_path, "# depth_um = 3.464", "depth_um = 0.001  #")
     (found,) = (finding for finding in check(case_path) if finding.subject == "mesh")
     assert found.level == "error" and found.message.startswith("specimen: prism length is 12 µm")
+
+
+def mapped(case_path: Path, name: str) -> None:
+    """Let the first grain of the case be picked in a map."""
+    edit(case_path, "euler_deg = [281.0, 8.0, 47.0]",
+         f'ebsd = "{name}"\nebsd_point_um = [1.0, 1.0]')  # fmt: skip
+    edit(case_path, '# ebsd_frame = "edax"', 'ebsd_frame = "edax"')
+    edit(case_path, "[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]",
+         "[[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]")  # fmt: skip
+
+
+def test_the_map_of_a_grain_is_drawn_below_the_images(case_path: Path) -> None:
+    assert found(case_path, "error") == []
+    without = imread(case_path.parent / "results" / "check.png")
+    write_ang(case_path.parent / "a.ang", *grid(6, 9), (0.0, 0.0, 0.0))
+    mapped(case_path, "a.ang")
+    assert found(case_path, "error") == found(case_path, "warning") == []
+    (message,) = (one for one in found(case_path, "ok") if "check.png" in one)
+    assert message.endswith("load curve, EBSD map")
+    picture = imread(case_path.parent / "results" / "check.png")
+    assert picture.shape[0] > 1.5 * without.shape[0]
+    # ⟨001⟩ along the loading axis is red, and nothing else in the lower part is.
+    red = np.all(np.abs(picture[..., :3] - (1.0, 0.0, 0.0)) < 0.02, axis=-1)
+    assert red[: without.shape[0] - 50].sum() < 100 < 20_000 < red[without.shape[0] :].sum()
+
+
+def test_a_map_that_cannot_be_read_is_told_once(case_path: Path) -> None:
+    mapped(case_path, "a.ang")
+    (error,) = found(case_path, "error")
+    assert error.startswith(f"{case_path.parent / 'a.ang'}: grains.1.ebsd: found nothing, expected")
+    (message,) = (one for one in found(case_path, "ok") if "check.png" in one)
+    assert "EBSD" not in message
+    edit(case_path, 'motion = "images"', 'motion = "stage"')
+    assert found(case_path, "error") == [error]

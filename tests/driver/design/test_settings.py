@@ -2,15 +2,20 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from driver.case.changes import label
+from driver.case.grains import Grain
 from driver.case.model import Case
 from driver.common.errors import InputError
 from driver.design.settings import Schedule, Settings, read_change, read_settings
 from driver.design.variants import base_variant, usual_changes, variant, variants
+from solver_adapters.crystal import bunge_matrix
+from tests.driver.ebsd_files import FIRST, grid, write_ctf
 from tools import closed_form
 
 DOCS = Path(__file__).resolve().parents[3] / "docs" / "design.md"
@@ -150,3 +155,19 @@ def test_a_change_that_a_design_could_not_follow_is_refused(change: str, found: 
     with pytest.raises(InputError) as error:
         changed(change)
     assert str(error.value).startswith(found)
+
+
+def test_a_grain_of_a_map_is_turned_from_its_mean(tmp_path: Path) -> None:
+    x, y = grid(3, 3)
+    write_ctf(tmp_path / "a.ctf", x, y, FIRST)
+    grain = Grain(name="b", ebsd=str(tmp_path / "a.ctf"), ebsd_point_um=(0.5, 0.5))
+    mapped = BASE.case.model_copy(update={"grains": (BASE.case.grains[0], grain)})
+    usual = usual_changes(mapped, Schedule(), 10)
+    (name,) = (name for name in usual if name.startswith("grain 2 turned by"))
+    turned = variant(replace(BASE, case=mapped), name, usual[name], Path()).case.grains[1]
+    of_angles = BASE.case.model_copy(
+        update={"grains": (BASE.case.grains[0], Grain(name="b", euler_deg=FIRST))}
+    )
+    by_angles = usual_changes(of_angles, Schedule(), 10)[name]["grains"]["2"]["euler_deg"]
+    assert turned.ebsd is None and turned.euler_deg is not None
+    np.testing.assert_allclose(bunge_matrix(*turned.euler_deg), bunge_matrix(*by_angles), atol=1e-9)

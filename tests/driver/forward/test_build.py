@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from driver.case.grains import Grain
 from driver.case.model import Case, load_case
 from driver.common.errors import InputError
 from driver.experiment.history import read_history
@@ -22,10 +23,14 @@ from driver.forward.build import (
     refuse_parameters,
     surface_images,
 )
+from driver.forward.model import ForwardModel
+from driver.parameters.boundary import elongation_names
 from meshes.prism_mesh import PrismMesh
 from solver_adapters.bundled.adapter import BundledAdapter
+from solver_adapters.crystal import bunge_angles, bunge_matrix
 from solver_adapters.finite_differences import FiniteDifferences
 from solver_adapters.interface import Capabilities, UnsupportedError
+from tests.driver.ebsd_files import FIRST, SECOND, grid, write_ctf
 from tools import closed_form
 from tools.closed_form import LENGTH, PIXEL, WIDTH
 
@@ -222,3 +227,44 @@ def test_cells_that_the_solver_lacks_are_refused_by_key(
     with pytest.raises(InputError) as error:
         refuse_parameters(case, solver)
     assert str(error.value).endswith(expected)
+
+
+def bicrystal(folder: Path, *grains: Grain) -> ForwardModel:
+    case = closed_form.small_case().model_copy(update={"grains": grains})
+    case._file = folder / "case.toml"
+    mesh = mesh_of(case, 2.0)
+    none = np.zeros((0, 2))
+    return build_model(case, mesh, closed_form.history(), none, BundledAdapter(), 1)
+
+
+def test_the_grains_of_a_map_and_their_spread_are_those_of_the_model(tmp_path: Path) -> None:
+    x, y = grid(4, 6)
+    along = np.array(FIRST) + np.outer(x / 0.5 - 2.5, [4.5, 0.0, 0.0])
+    write_ctf(tmp_path / "a.ctf", x, y, along)
+    write_ctf(tmp_path / "b.ctf", x, y, SECOND)
+    picked = (Grain(name=name, ebsd=f"{name}.ctf", ebsd_point_um=(1.0, 0.5)) for name in ("a", "b"))
+    mapped = bicrystal(tmp_path, *picked)
+    angles = (Grain(name="a", euler_deg=FIRST), Grain(name="b", euler_deg=SECOND))
+    stated = bicrystal(tmp_path, *angles)
+    found = mapped.microstructure.orientations
+    np.testing.assert_allclose(found, stated.microstructure.orientations, atol=1e-6)
+    # rms of ±2.25, ±6.75 and ±11.25°, a third of its square for each axis.
+    wide = np.deg2rad(np.sqrt(np.mean([2.25**2, 6.75**2, 11.25**2]) / 3))
+    for name, usual in stated.parameters.items():
+        scale = wide if name.startswith("rotation_grain1") else usual.scale
+        assert mapped.parameters[name].scale == pytest.approx(scale, rel=1e-6)
+
+
+def test_equivalent_angles_make_the_same_loads(tmp_path: Path) -> None:
+    second = Grain(name="b", euler_deg=SECOND)
+    loads = []
+    # The same, Φ beyond its range, a quarter turn about ⟨001⟩ and a third about ⟨111⟩ of the crystal.
+    crystal = bunge_matrix(*FIRST)
+    cyclic = bunge_angles(crystal[:, [1, 2, 0]])
+    for angles in (FIRST, (101.0, -8.0, 227.0), (281.0, 8.0, 137.0), cyclic):
+        model = bicrystal(tmp_path, Grain(name="a", euler_deg=angles), second)
+        knots = dict(zip(elongation_names(5), (0.02, 0.0176, 0.048, 0.0455), strict=True))
+        loads.append(model.predict(model.null_values() | knots).load)
+    assert np.abs(loads[0]).max() > 100
+    for load in loads[1:]:
+        np.testing.assert_allclose(load, loads[0], rtol=1e-6)

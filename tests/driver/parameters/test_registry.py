@@ -115,3 +115,10 @@ def test_the_keys_of_a_declaration_lead_to_a_number_of_the_case(parameter: Param
 def test_laws_and_apex_amplitudes_have_a_start_in_the_case_and_all_others_are_extensions() -> None:
     stated = {name for name, parameter in EVERY.items() if parameter.key}
     assert stated == {*LAMBDAS, *(one.name for one in MATERIAL_DECLARATIONS), SIGMA_E.name}
+
+
+def test_scales_that_measured_files_tell_stand_in_place_of_the_declared_ones() -> None:
+    told = declared_parameters(2, scales={"rotation_grain1_x": 0.1})
+    assert told["rotation_grain1_x"].scale == 0.1
+    assert told["rotation_grain1_y"] == declared_parameters(2)["rotation_grain1_y"]
+    assert list(told) == list(declared_parameters(2))

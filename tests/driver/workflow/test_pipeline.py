@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from driver.case.grains import Grain
 from driver.case.model import Case, CaseError, load_case, schema
 from driver.common.errors import InputError
 from driver.common.progress import progress_to
@@ -25,6 +26,7 @@ from driver.workflow.engine import StageContext, StageError, run_stages, stage_k
 from meshes.files import read_med
 from solver_adapters.interface import Capabilities, PreparedError, Progress, Response, Simulation
 from solver_adapters.profile import Profile
+from tests.driver.ebsd_files import FIRST, SECOND, grid, write_ctf
 from tools import closed_form
 from tools.closed_form import KNOTS
 
@@ -503,3 +505,21 @@ def test_a_stage_and_those_after_it_depend_on_its_tables_and_no_others(table: st
     stale = [name for name in names if before[name] != after[name]]
     first = FIRST_STAGE.get(table)  # how the machine is used changes no result
     assert stale == (names[names.index(first) :] if first else [])
+
+
+def test_a_changed_map_makes_what_hangs_on_orientations_stale(tmp_path: Path) -> None:
+    x, y = grid(3, 3)
+    grains = (
+        Grain(name="a", ebsd=str(tmp_path / "a.ctf"), ebsd_point_um=(0.0, 0.0)),
+        closed_form.small_case().grains[1],
+    )
+    case = closed_form.small_case().model_copy(update={"grains": grains})
+    loads_alone = case.with_values_at({"boundary.motion": "stage"})
+    write_ctf(tmp_path / "a.ctf", x, y, FIRST)
+    before, alone = keys(case), keys(loads_alone)
+    write_ctf(tmp_path / "a.ctf", x, y, SECOND)
+    after = keys(case)
+    stale = [name for name in before if before[name] != after[name]]
+    assert stale == ["identify", "diagnose", "advise", "report"]
+    after = keys(loads_alone)
+    assert [name for name in alone if alone[name] != after[name]] == ["identify", "report"]

@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
+from driver.case.grains import Grain
 from driver.case.model import load_case, write_case
 from driver.case.specimen import Specimen
 from driver.diagnosis.causes.causes import LIBRARY
@@ -22,6 +23,7 @@ from driver.results.files import AbsentError
 from driver.results.hdf5 import ResultError
 from driver.workflow.report_stage import run_report
 from meshes.arrays import FloatArray
+from tests.driver.ebsd_files import grid, write_ctf
 from tests.driver.invented_results import Results
 
 FIGURES = (
@@ -117,6 +119,18 @@ def test_the_sizes_of_the_meshes_and_their_refinements_are_told(written: Results
     )
     assert chosen[1].endswith("0.667 µm, chosen by prismid and refined once")
     assert chosen[2].endswith("0.5 µm, chosen by prismid and refined 2 times")
+
+
+def test_orientations_are_told_with_where_they_are_from(written: Results) -> None:
+    findings = read_findings(load_case(written.folder / "case.toml"), written.results)
+    stated = dict(facts(findings))["grains"]
+    assert "281°, 8°, 47°" in stated
+    x, y = grid(3, 4)
+    write_ctf(written.folder / "a.ctf", x, y, (30.0, 20.0, 10.0))
+    grain = Grain(name="mapped", ebsd="a.ctf", ebsd_point_um=(0.0, 0.0))
+    case = findings.case.model_copy(update={"grains": (grain, findings.case.grains[1])})
+    told = dict(facts(replace(findings, case=case)))["grains"]
+    assert told.startswith("mapped (30.00°, 20.00°, 10.00°, mean of 12 points of a.ctf that spread")
 
 
 def test_every_cause_stands_in_the_table_with_its_sentence(page: str) -> None:
