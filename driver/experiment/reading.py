@@ -15,8 +15,7 @@ from driver.case.model import Case
 from driver.common.errors import InputError, sentence
 from driver.experiment.history import History, HistoryError, read_history
 from driver.experiment.images.files import Refused, files_of, split_dataset
-from driver.experiment.images.formats import Levels
-from driver.experiment.images.heightmaps import HeightMaps, Stack, load_stack
+from driver.experiment.images.heightmaps import HeightMaps, Stack, StoredLevels, load_stack
 from meshes.arrays import BoolArray, FloatArray
 
 Anything = TypeVar("Anything")
@@ -78,12 +77,12 @@ class MeasuredMaps:
     """
 
     images: Images
-    levels: tuple[Levels, ...]
+    levels: StoredLevels
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Numbers of maps, of their rows along +X and of their columns along +Y."""
-        rows, cols = self.levels[0].shape
+        _, rows, cols = self.levels.shape
         along_x_first = self.images.rows_along[1] == "X"
         return (len(self.levels), *((rows, cols) if along_x_first else (cols, rows)))
 
@@ -339,7 +338,7 @@ def _optional(case: Case, key: str, frames: Stack | None) -> Stack | None:
         if np.array_equal(stack[t], stack[t - 1], equal_nan=True):
             raise _error(
                 case, key, f"frame {t} with every pixel as in the one before",
-                "frames that were each taken anew", stack.frames[t][0],
+                "frames that were each taken anew", stack.file(t),
             )  # fmt: skip
     if key == "repeats" and frames is not None:
         first, repeat = (_spread(case.images, s[0]) for s in (frames, stack))
@@ -393,13 +392,13 @@ def _refuse_strange(case: Case, key: str, stack: Stack) -> None:
             raise _error(
                 case, key, f"level {largest:.3g} in frame {t}",
                 f"heights within {_TALLEST:g} nm; NaN, or off_surface_level, for a pixel without",
-                stack.frames[t][0],
+                stack.file(t),
             )  # fmt: skip
         if there.size and np.ptp(there) > 0:
             continue
         found = f"level {there[0]:g} at every pixel" if there.size else "no pixel with a height"
         found = f"{found} in frame {t}"
-        raise _error(case, key, found, "heights of a surface", stack.frames[t][0])
+        raise _error(case, key, found, "heights of a surface", stack.file(t))
 
 
 def _spread(images: Images, levels: FloatArray) -> float:

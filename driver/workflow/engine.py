@@ -88,6 +88,7 @@ class Stage:
         files: the files (folders, patterns) that it reads beside the case.
         left_out: keys of these tables on which its results do not depend, by table.
         alone: whether it reads no results of the stages before it.
+        reads_on: whether it reads its files again and again until it ends.
     """
 
     name: str
@@ -97,6 +98,7 @@ class Stage:
     files: Callable[[Case], Sequence[Path]] = field(default=_no_files)
     left_out: Mapping[str, Collection[str]] = field(default_factory=dict)
     alone: bool = False
+    reads_on: bool = False
 
 
 def measured_files(case: Case) -> tuple[Path, ...]:
@@ -281,6 +283,8 @@ def _run_stage(
     start = time.perf_counter()
     stage.run(StageContext(case, results, workdir, prepare_only, memory))
     seconds = time.perf_counter() - start
+    if stage.reads_on:
+        _refuse_other_files(stage, case, inputs)
     outputs = sorted(
         str(path.relative_to(workdir)) for path in workdir.rglob("*") if path.is_file()
     )
@@ -313,6 +317,18 @@ def _run_stage(
     write_record(results, done)
     shutil.rmtree(workdir)
     logger.info(f"{stage.name}: finished in {seconds:.1f} s")
+
+
+def _refuse_other_files(stage: Stage, case: Case, inputs: dict[str, str]) -> None:
+    """Refuse results of files that are not those of which the key of the stage was made.
+
+    Raises:
+        StageError: one has changed while the stage read it.
+    """
+    for path in stage.files(case):
+        if _content_hash(path) != inputs[_name_of(path, case)]:
+            found, expected = f"another content than as {stage.name} began", "the same: run again"
+            raise StageError(sentence(path, "file", found, expected))
 
 
 def _set_edited_aside(old: Done | None, results: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import h5py
 import numpy as np
@@ -41,7 +41,9 @@ def header(file: Path, dataset: str = "") -> Header:
                 raise LookupError(dataset)
             return node.shape, node.dtype
     if suffix == ".npy":
-        return _of_npy(file)
+        with file.open("rb") as content:
+            shape, _, kind = npy_header(content)
+        return shape, kind
     if suffix == ".png":
         with file.open("rb") as picture:
             start = picture.read(25)
@@ -86,15 +88,19 @@ def _refuse_circle(tiff: tifffile.TiffFile) -> None:
         raise Refused("pages that follow each other in a circle", "a TIFF file that is whole")
 
 
-def _of_npy(file: Path) -> Header:
+def npy_header(content: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype[np.generic]]:
+    """Shape, whether columns come first, and type of an NPY file, which is read to its levels.
+
+    Raises:
+        ValueError: it has no header that is known.
+    """
     read: Any = np.lib.format
-    with file.open("rb") as content:
-        major, _ = read.read_magic(content)
-        known = {1: read.read_array_header_1_0, 2: read.read_array_header_2_0}
-        if major not in known:
-            raise ValueError(f"version {major} of the format")
-        shape, _, kind = known[major](content)
-    return shape, kind
+    version = read.read_magic(content)
+    known = {(1, 0): read.read_array_header_1_0, (2, 0): read.read_array_header_2_0}
+    if version not in known:
+        raise ValueError(f"version {version[0]} of the format")
+    shape, fortran, kind = known[version](content)
+    return shape, fortran, kind
 
 
 def refuse_large(file: Path, dataset: str = "") -> None:
