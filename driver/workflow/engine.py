@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import hashlib
 import json
 import logging
@@ -19,7 +18,7 @@ from typing import Any
 from driver.case.model import Case
 from driver.common.atomic_write import place_below
 from driver.common.errors import InputError, sentence
-from driver.experiment.images.files import split_dataset
+from driver.experiment.images.files import matches, split_dataset
 from driver.parameters.user_terms import files_of_terms, installed_terms
 from driver.results.files import (
     READ_BACK,
@@ -417,8 +416,8 @@ def _content_hash(path: Path) -> str:
         if path.is_file():
             with path.open("rb") as file:
                 return hashlib.file_digest(file, "sha256").hexdigest()
-        files = sorted(path.iterdir()) if path.is_dir() else sorted(map(Path, glob.glob(str(path))))
-        parts = [f"{file.name} {_content_hash(file)}" for file in files if file.is_file()]
+        files = [file for file in sorted(matches(path)) if file.is_file()]
+        parts = [f"{file.name} {_content_hash(file)}" for file in files]
     except (OSError, ValueError):
         return _UNREADABLE  # the stage that needs it says so, with the key of the case
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()

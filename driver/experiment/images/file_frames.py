@@ -26,11 +26,14 @@ class FileFrames:
         dtype: type of the stored numbers.
         read: returns the levels of a frame, shape (rows, cols), from the file as it is then; it
             may be called from several threads.
+        pixel_nm: pitch of its rows and of its columns as the file states it, None where it is
+            silent.
     """
 
     shape: tuple[int, int, int]
     dtype: np.dtype[np.generic]
     read: Callable[[int], Levels]
+    pixel_nm: tuple[float, float] | None = None
 
     def __len__(self) -> int:
         """Return the number of frames."""

@@ -30,7 +30,7 @@ def open_file(file: Path, dataset: str = "") -> FileFrames:
     """Frames of one file, of which every one can be read; never rescaled.
 
     Args:
-        file: a .tif, .tiff, .png, .npy, .h5, .hdf5 or .hdf file.
+        file: a .tif, .tiff, .png, .npy, .h5, .hdf5, .hdf or .mat file.
         dataset: name of the dataset in an HDF5 file.
 
     Raises:

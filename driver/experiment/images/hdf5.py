@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from importlib import import_module
 from math import prod
 from pathlib import Path
 
@@ -10,29 +12,60 @@ import numpy as np
 
 from driver.common.errors import why
 from driver.experiment.images.file_frames import FileFrames, Levels, in_blocks, stack_shape
-from driver.experiment.images.files import Refused
+from driver.experiment.images.files import MATLAB, Refused
 
+_MATLAB = "MATLAB_class"  # attribute of every array that MATLAB saves
 _BLOCK = 2**26  # bytes of the frames that are read together where chunks span several
 
 
 def open_hdf5(file: Path, dataset: str) -> FileFrames:
     """Frames of a dataset, of which every one can be read.
 
+    An array that MATLAB has saved has the rows and columns that MATLAB shows.
+
     Raises:
         Refused: the file is unreadable or truncated, or holds no dataset of that name.
     """
+    absent: list[str] = []
     try:
         with h5py.File(file, "r") as content:
             node = content.get(dataset) if dataset else None
             if not isinstance(node, h5py.Dataset):
                 raise _no_dataset(file, content, dataset)
             shape = stack_shape(node.shape, node.dtype)
-            flat, dtype = node.ndim == 2, node.dtype
-            together = _together(node, shape)
-        frames = in_blocks(shape, dtype, together, lambda a, b: _read(file, dataset, a, b, flat))
+            if _MATLAB in node.attrs:
+                shape = (shape[0], shape[2], shape[1])
+            dtype, together = node.dtype, _together(node, shape)
+            absent = _absent_filters(node)
+        frames = in_blocks(shape, dtype, together, lambda a, b: _read(file, dataset, a, b))
         return frames.all_read()
     except (OSError, ValueError, RuntimeError, KeyError) as error:
-        raise Refused(why(error), "an HDF5 file that can be read") from None
+        if absent:
+            found = f"levels compressed by {', '.join(absent)}, which this HDF5 library lacks"
+            expected = "`pip install hdf5plugin`, or a file written anew with gzip (h5repack)"
+            raise Refused(found, expected) from None
+        expected = "an HDF5 file that can be read"
+        if file.suffix.lower() == MATLAB and not h5py.is_hdf5(file):
+            expected = "a MATLAB file of version 7.3, which is HDF5: save(…, '-v7.3')"
+        raise Refused(why(error), expected) from None
+
+
+def _absent_filters(node: h5py.Dataset) -> list[str]:
+    """Return the filters of a dataset that are not there, nor among the plugins."""
+    created = node.id.get_create_plist()
+    filters = [created.get_filter(number) for number in range(created.get_nfilters())]
+
+    def absent() -> list[str]:
+        return [
+            f"filter {number} ({name.decode(errors='replace')})"
+            for number, _, _, name in filters
+            if not h5py.h5z.filter_avail(number)
+        ]
+
+    if absent():
+        with suppress(ImportError):
+            import_module("hdf5plugin")  # it tells HDF5 where they are
+    return absent()
 
 
 def _together(node: h5py.Dataset, shape: tuple[int, int, int]) -> int:
@@ -43,10 +76,12 @@ def _together(node: h5py.Dataset, shape: tuple[int, int, int]) -> int:
     return max(1, min(int(node.chunks[0]), shape[0], most))
 
 
-def _read(file: Path, dataset: str, first: int, last: int, flat: bool) -> Levels:
+def _read(file: Path, dataset: str, first: int, last: int) -> Levels:
     with h5py.File(file, "r") as content:
         node = content[dataset]
-        return np.asarray(node[()][np.newaxis] if flat else node[first:last])
+        levels = np.asarray(node[()][np.newaxis] if node.ndim == 2 else node[first:last])
+        # MATLAB counts axes from the other end: its (rows, columns, frames) is stored turned.
+        return levels.swapaxes(1, 2) if _MATLAB in node.attrs else levels
 
 
 def _no_dataset(file: Path, content: h5py.File, dataset: str) -> Refused:

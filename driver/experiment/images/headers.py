@@ -25,7 +25,7 @@ def header(file: Path, dataset: str = "") -> Header:
     """Shape and type of what a file says that it holds.
 
     Args:
-        file: a .tif, .tiff, .png, .npy, .h5, .hdf5 or .hdf file.
+        file: a .tif, .tiff, .png, .npy, .h5, .hdf5, .hdf or .mat file.
         dataset: name of the dataset in an HDF5 file.
 
     Raises:

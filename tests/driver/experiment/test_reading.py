@@ -11,14 +11,8 @@ from numpy.typing import NDArray
 
 from driver.case.images import Axis, Images
 from driver.case.model import default_case, load_case, write_case
-from driver.experiment.reading import (
-    ExperimentError,
-    arrange,
-    as_in_files,
-    heights,
-    origin,
-    read_experiment,
-)
+from driver.experiment.reading import arrange, as_in_files, heights, origin, read_experiment
+from driver.experiment.stack_checks import ExperimentError
 
 Arrangement = tuple[Axis, Axis, Literal["+Z", "-Z"]]
 RIGHT_HANDED: list[Arrangement] = [

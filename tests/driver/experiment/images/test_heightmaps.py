@@ -212,3 +212,12 @@ def test_a_trench_is_filled_with_the_nearest_height() -> None:
     assert list(filled[0, :2]) == [1.0, 2.0]
     assert filled[1, 2] in (2.0, 6.0)
     assert list(filled[2]) == [4.0, 5.0, 6.0]
+
+
+def test_brackets_in_the_name_of_a_folder_are_no_pattern(tmp_path: Path) -> None:
+    folder = tmp_path / "specimen [2] *"
+    folder.mkdir()
+    for number in (1, 2):
+        tifffile.imwrite(folder / f"frame{number}.tif", np.full((4, 6), number, np.uint8))
+    for path in (folder, folder / "frame[0-9].tif", tmp_path / "spec*" / "frame*.tif"):
+        assert len(load_stack(path)) == 2
