@@ -18,6 +18,7 @@ from driver.experiment.images.heightmaps import HeightMaps, Stack, StoredLevels,
 from driver.experiment.stack_checks import (
     ExperimentError,
     levels_at_the_limit,
+    refuse_other_lengths,
     remarks_on_pixels,
     spread,
     stack_error,
@@ -299,6 +300,7 @@ def origin(images: Images, size: tuple[int, int]) -> tuple[float, float]:
 def _stack(case: Case, key: str, name: str, like: Stack | None) -> Stack:
     """Return a stack of the case that has the size of the frames."""
     stack = load_stack(case.path(name), f"images.{key}")
+    refuse_other_lengths(case, key, stack)
     if like is not None and stack.shape != like.shape:
         raise stack_error(case, key, stack.size, f"{like.size} as the frames")
     return stack

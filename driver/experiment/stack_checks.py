@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from driver.case.images import Images
+from driver.case.instrument_files import LEVEL_NM
 from driver.case.model import Case
 from driver.common.errors import InputError, sentence
 from driver.experiment.images.heightmaps import Stack
@@ -74,10 +75,12 @@ def _refuse_strange(
             f"heights; images.off_surface_level = {_exact(level)} if it marks pixels without one",
             stack.file(t),
         )  # fmt: skip
-    largest = np.abs(there).max(initial=0.0)
-    if largest * case.images.height_per_level_nm > _TALLEST:
+    # Instruments may measure from a stage far away.
+    far = stack.levels.sources[t].in_nm and there.size
+    away = np.abs(there - (np.median(there) if far else 0.0))
+    if away.max(initial=0.0) * case.images.height_per_level_nm > _TALLEST:
         raise stack_error(
-            case, key, f"level {largest:.3g} in frame {t}",
+            case, key, f"level {there[np.argmax(away)]:.3g} in frame {t}",
             f"heights within {_TALLEST:g} nm; NaN, or off_surface_level, for a pixel without",
             stack.file(t),
         )  # fmt: skip
@@ -115,6 +118,36 @@ def spread(images: Images, levels: FloatArray) -> float:
     return float(high - low)
 
 
+def refuse_other_lengths(case: Case, key: str, stack: Stack) -> None:
+    """Hold the lengths that the file of an instrument states against those of the case.
+
+    Raises:
+        ExperimentError: its heights would be scaled, or its pixels are of another size.
+    """
+    for t, source in enumerate(stack.levels.sources):
+        if not source.in_nm:
+            continue
+        if case.images.height_per_level_nm != LEVEL_NM:
+            raise stack_error(
+                case, key,
+                f"heights in nanometres and height_per_level_nm = "
+                f"{case.images.height_per_level_nm:g}",
+                f"height_per_level_nm = {LEVEL_NM:g} for the files of an instrument",
+                stack.file(t),
+            )  # fmt: skip
+        if source.pixel_nm is not None and _off(case, source.pixel_nm):
+            mean = sum(source.pixel_nm) / 2
+            raise stack_error(
+                case, key, f"pixels of {mean:.6g} nm in the file",
+                f"the {case.images.pixel_size_nm:g} of images.pixel_size_nm, to {_PIXEL_OFF:.0%}",
+                stack.file(t),
+            )  # fmt: skip
+
+
+def _off(case: Case, sizes: tuple[float, float]) -> bool:
+    return max(abs(size / case.images.pixel_size_nm - 1.0) for size in sizes) > _PIXEL_OFF
+
+
 def remarks_on_pixels(case: Case, stacks: dict[str, Stack | None]) -> Iterator[str]:
     """Say where a file states another size of the pixels than the case.
 
@@ -127,7 +160,7 @@ def remarks_on_pixels(case: Case, stacks: dict[str, Stack | None]) -> Iterator[s
         sizes = None if stack is None else stack.levels.sources[0].pixel_nm
         if stack is None or sizes is None:
             continue
-        if max(abs(size / stated - 1.0) for size in sizes) > _PIXEL_OFF:
+        if _off(case, sizes):
             rows, columns = sizes
             found = f"pixels of {columns:.4g} nm" + (
                 f" along its rows and {rows:.4g} nm along its columns"

@@ -28,12 +28,14 @@ class FileFrames:
             may be called from several threads.
         pixel_nm: pitch of its rows and of its columns as the file states it, None where it is
             silent.
+        in_nm: whether the levels are heights in nanometres by themselves.
     """
 
     shape: tuple[int, int, int]
     dtype: np.dtype[np.generic]
     read: Callable[[int], Levels]
     pixel_nm: tuple[float, float] | None = None
+    in_nm: bool = False
 
     def __len__(self) -> int:
         """Return the number of frames."""

@@ -8,11 +8,13 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from driver.case.instrument_files import INSTRUMENTS
 from driver.common.errors import why
 
 MATLAB = ".mat"
 HDF5 = (".h5", ".hdf5", ".hdf", MATLAB)
-SUFFIXES = (".tif", ".tiff", ".png", ".npy", *HDF5)
+PLAIN = (".tif", ".tiff", ".png", ".npy", *HDF5)
+SUFFIXES = (*PLAIN, *INSTRUMENTS)
 _DATASET = re.compile(rf"^(.*(?:{'|'.join(map(re.escape, HDF5))})):(.+)$", re.IGNORECASE)
 
 
@@ -43,7 +45,7 @@ def files_of(path: str) -> list[Path]:
     Raises:
         Refused: there are none, or the path cannot be looked up.
     """
-    kinds = ", ".join(SUFFIXES)
+    kinds = f"{', '.join(PLAIN)} or instrument"
     try:
         given = Path(path)
         if given.is_file():

@@ -8,6 +8,7 @@ from pathlib import Path
 import imagecodecs
 import numpy as np
 
+from driver.case.instrument_files import INSTRUMENTS
 from driver.common.errors import why
 from driver.experiment.images.file_frames import (
     FileFrames,
@@ -19,6 +20,7 @@ from driver.experiment.images.file_frames import (
 from driver.experiment.images.files import HDF5, Refused
 from driver.experiment.images.hdf5 import open_hdf5
 from driver.experiment.images.headers import npy_header, refuse_large
+from driver.experiment.images.instruments import open_instrument
 from driver.experiment.images.tiff import HEIGHTS, open_tiff
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -30,7 +32,7 @@ def open_file(file: Path, dataset: str = "") -> FileFrames:
     """Frames of one file, of which every one can be read; never rescaled.
 
     Args:
-        file: a .tif, .tiff, .png, .npy, .h5, .hdf5, .hdf or .mat file.
+        file: a .tif, .tiff, .png, .npy, .h5, .hdf5, .hdf or .mat file, or one of an instrument.
         dataset: name of the dataset in an HDF5 file.
 
     Raises:
@@ -41,6 +43,8 @@ def open_file(file: Path, dataset: str = "") -> FileFrames:
     suffix = file.suffix.lower()
     if suffix in HDF5:
         return open_hdf5(file, dataset)
+    if suffix in INSTRUMENTS:
+        return open_instrument(file)
     return {".npy": _open_npy, ".png": _open_png}.get(suffix, open_tiff)(file)
 
 

@@ -11,7 +11,9 @@ import h5py
 import numpy as np
 import tifffile
 
+from driver.case.instrument_files import INSTRUMENTS
 from driver.experiment.images.files import HDF5, Refused
+from driver.experiment.images.instruments import instrument_size
 
 MOST_PIXELS = 100_000_000
 """Pixels of a frame beyond which it is no height map of a micro-specimen."""
@@ -25,11 +27,12 @@ def header(file: Path, dataset: str = "") -> Header:
     """Shape and type of what a file says that it holds.
 
     Args:
-        file: a .tif, .tiff, .png, .npy, .h5, .hdf5, .hdf or .mat file.
+        file: a .tif, .tiff, .png, .npy, .h5, .hdf5, .hdf or .mat file, or one of an instrument.
         dataset: name of the dataset in an HDF5 file.
 
     Raises:
-        Refused: the directory of a TIFF file points back at itself.
+        Refused: the directory of a TIFF file points back at itself, or the file of an instrument
+            cannot be read.
         OSError, ValueError, LookupError, TypeError, tifffile.TiffFileError: it has no header that
             can be read; what reads the levels tells why.
     """
@@ -49,6 +52,9 @@ def header(file: Path, dataset: str = "") -> Header:
             start = picture.read(25)
         size = int.from_bytes(start[20:24]), int.from_bytes(start[16:20])
         return size, np.dtype(np.uint16 if start[24] == 16 else np.uint8)
+    if suffix in INSTRUMENTS:
+        rows, columns = instrument_size(file)
+        return (1, rows, columns), np.dtype(np.float64)
     with tifffile.TiffFile(file) as tiff:
         _refuse_circle(tiff)
         first = tiff.pages.first
