@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from driver.case.instrument_files import LEVEL_NM, is_of_instrument
 from driver.case.messages import refusal
 from driver.case.values import Count, FileName, NonNegative, Number, Positive, Table
 from driver.common.element_sizes import ELEMENT_UV, ELEMENT_W
@@ -77,6 +78,24 @@ class Images(Table):
     def gamma_f(self) -> float:
         """Nominal standard deviation of the height noise [µm]."""
         return self.noise_nm * 1e-3
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_instrument(cls, stated: Any) -> Any:
+        """Files of instruments have heights, and no level that marks pixels without one."""
+        if isinstance(stated, dict) and is_of_instrument(stated.get("frames")):
+            return {"height_per_level_nm": LEVEL_NM, "off_surface_level": "none"} | stated
+        return stated
+
+    @model_validator(mode="after")
+    def _heights_of_instrument(self) -> Self:
+        if is_of_instrument(self.frames) and self.height_per_level_nm != LEVEL_NM:
+            raise refusal(
+                f"nothing, or {LEVEL_NM:g}: the heights in {self.frames} are read in nanometres",
+                "height_per_level_nm",
+                f"{self.height_per_level_nm:g}",
+            )
+        return self
 
     @model_validator(mode="after")
     def _right_handed(self) -> Self:

@@ -64,6 +64,8 @@ def _stacks(experiment: Experiment) -> Iterator[Finding]:
             f"images.frames: {experiment.clipped} pixels are at the largest level of their type: "
             "the heights are cut there",
         )
+    for remark in experiment.remarks:
+        yield Finding("warning", "images", remark)
     if experiment.flats is None:
         yield Finding("warning", "images", "images.flats is not given: no fixed pattern is removed")
     for name in ("flats", "repeats"):

@@ -41,7 +41,7 @@ class PixelFields(Protocol):
 class FrameSplines:
     """Spline coefficients of corrected frames, made anew whenever one is asked for.
 
-    The frames of a long series do not fit into memory as numbers, but as their files have them.
+    The frames of a long series do not fit into memory as numbers.
 
     Attributes:
         frames: height maps of the series [µm].

@@ -123,9 +123,11 @@ def _image_rows(path: Path, rows: list[dict[str, str]]) -> IntArray:
     for index, row in enumerate(rows):
         if not row["image"]:
             continue
-        if row["image"] != str(len(rows_of_images)):
+        number = len(rows_of_images)
+        # A column with gaps is one of floating-point numbers in pandas.
+        if row["image"] not in (f"{number}", f"{number}.0"):
             raise _error(path, row, "image", row["image"],
-                         f"{len(rows_of_images)}, for images are numbered 0, 1, 2, …")  # fmt: skip
+                         f"{number}, for images are numbered 0, 1, 2, …")  # fmt: skip
         rows_of_images.append(index)
     return np.array(rows_of_images, dtype=np.int64)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -12,11 +11,19 @@ from numpy.typing import NDArray
 
 from driver.case.images import Images
 from driver.case.model import Case
-from driver.common.errors import InputError, sentence
+from driver.common.errors import InputError
 from driver.experiment.history import History, HistoryError, read_history
 from driver.experiment.images.files import Refused, files_of, split_dataset
-from driver.experiment.images.formats import Levels
-from driver.experiment.images.heightmaps import HeightMaps, Stack, load_stack
+from driver.experiment.images.heightmaps import HeightMaps, Stack, StoredLevels, load_stack
+from driver.experiment.stack_checks import (
+    ExperimentError,
+    levels_at_the_limit,
+    refuse_other_lengths,
+    remarks_on_pixels,
+    spread,
+    stack_error,
+    with_height,
+)
 from meshes.arrays import BoolArray, FloatArray
 
 Anything = TypeVar("Anything")
@@ -25,11 +32,6 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 # The relief of the repeats is that of image 0: another scale shows in its spread.
 _SCALES = 2.0
 _FEWEST_LOADS = 2  # as of a history, see `read_history`
-_TALLEST = 1e6  # nm; beyond it a level means something else, such as 3e38 for no height
-
-
-class ExperimentError(InputError):
-    """Measured files that do not fit together: a line each, with file, key, found, expected."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +54,7 @@ class Experiment:
         gamma_F: standard deviation of the load noise at the specimen [µN].
         clipped: number of pixels of `frames` at the largest level of their type.
         noise_map: noise of each pixel, on any scale, shape (rows, columns), or None for even noise.
+        remarks: what is doubtful in the files, a sentence each.
     """
 
     frames: HeightMaps
@@ -66,6 +69,7 @@ class Experiment:
     gamma_F: float
     clipped: int = 0
     noise_map: FloatArray | None = None
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,12 +82,12 @@ class MeasuredMaps:
     """
 
     images: Images
-    levels: tuple[Levels, ...]
+    levels: StoredLevels
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Numbers of maps, of their rows along +X and of their columns along +Y."""
-        rows, cols = self.levels[0].shape
+        _, rows, cols = self.levels.shape
         along_x_first = self.images.rows_along[1] == "X"
         return (len(self.levels), *((rows, cols) if along_x_first else (cols, rows)))
 
@@ -147,7 +151,7 @@ def read_experiment(case: Case) -> Experiment:
 
     images = case.images
     history = or_told(lambda: history_of(case))
-    frames = or_told(lambda: _frames(case, history))
+    frames, clipped = or_told(lambda: _frames(case, history)) or (None, 0)
     flats = or_told(lambda: _optional(case, "flats", frames))
     repeats = or_told(lambda: _optional(case, "repeats", frames))
     mask = or_told(lambda: _mask(case, frames))
@@ -165,8 +169,11 @@ def read_experiment(case: Case) -> Experiment:
         force=history.force * case.force_scale,
         gamma_f=images.gamma_f,
         gamma_F=case.loads.gamma_F,
-        clipped=_clipped(frames),
+        clipped=clipped,
         noise_map=noise_map,
+        remarks=tuple(
+            remarks_on_pixels(case, {"frames": frames, "flats": flats, "repeats": repeats})
+        ),
     )
 
 
@@ -229,19 +236,12 @@ def heights(images: Images, levels: FloatArray) -> FloatArray:
     sign = 1.0 if images.heights == "+Z" else -1.0
     arranged = arrange(images, levels)
     surface = (sign * images.level_um) * arranged + sign * images.offset_um
-    surface[~_with_height(images, arranged)] = np.nan
+    surface[~with_height(images, arranged)] = np.nan
     return surface
 
 
 def _all(images: Images, stack: Stack) -> FloatArray:
     return np.stack(list(MeasuredMaps(images, stack.levels)))
-
-
-def _with_height(images: Images, levels: FloatArray) -> BoolArray:
-    finite = np.isfinite(levels)
-    if images.off_surface_level == "none":
-        return finite
-    return np.asarray(finite & (levels != images.off_surface_level))
 
 
 def arrange(images: Images, stack: NDArray[Scalar]) -> NDArray[Scalar]:
@@ -300,12 +300,14 @@ def origin(images: Images, size: tuple[int, int]) -> tuple[float, float]:
 def _stack(case: Case, key: str, name: str, like: Stack | None) -> Stack:
     """Return a stack of the case that has the size of the frames."""
     stack = load_stack(case.path(name), f"images.{key}")
+    refuse_other_lengths(case, key, stack)
     if like is not None and stack.shape != like.shape:
-        raise _error(case, key, stack.size, f"{like.size} as the frames")
+        raise stack_error(case, key, stack.size, f"{like.size} as the frames")
     return stack
 
 
-def _frames(case: Case, history: History | None) -> Stack:
+def _frames(case: Case, history: History | None) -> tuple[Stack, int]:
+    """Return the frames, and how many of their pixels are at the largest level of their type."""
     if case.images.frames is None:
         raise ExperimentError(
             'images.frames: found nothing (boundary.motion = "stage" does without), expected images'
@@ -314,9 +316,8 @@ def _frames(case: Case, history: History | None) -> Stack:
     if history is not None and len(stack) != history.n_images:
         gap = f" ({stack.gap})" if stack.gap else ""
         found, images = f"{len(stack)} frames{gap}", f"the images of {case.history.file}"
-        raise _error(case, "frames", found, f"{history.n_images}, {images}")
-    _refuse_strange(case, "frames", stack)
-    return stack
+        raise stack_error(case, "frames", found, f"{history.n_images}, {images}")
+    return stack, levels_at_the_limit(case, "frames", stack)
 
 
 def _optional(case: Case, key: str, frames: Stack | None) -> Stack | None:
@@ -327,25 +328,25 @@ def _optional(case: Case, key: str, frames: Stack | None) -> Stack | None:
     stack = _stack(case, key, name, frames)
     if frames is not None and stack.dtype != frames.dtype:
         expected = f"{frames.dtype} as the frames, for one height_per_level_nm holds for all"
-        raise _error(case, key, f"levels of type {stack.dtype}", expected)
+        raise stack_error(case, key, f"levels of type {stack.dtype}", expected)
     if len(stack) < 2:
         of = {
             "flats": "their scatter is the error of their mean",
             "repeats": "their scatter is the noise",
         }
-        raise _error(case, key, "1 frame", f"at least 2 ({of[key]})")
-    _refuse_strange(case, key, stack)
+        raise stack_error(case, key, "1 frame", f"at least 2 ({of[key]})")
+    levels_at_the_limit(case, key, stack)
     for t in range(1, len(stack)):
         if np.array_equal(stack[t], stack[t - 1], equal_nan=True):
-            raise _error(
+            raise stack_error(
                 case, key, f"frame {t} with every pixel as in the one before",
-                "frames that were each taken anew", stack.frames[t][0],
+                "frames that were each taken anew", stack.file(t),
             )  # fmt: skip
     if key == "repeats" and frames is not None:
-        first, repeat = (_spread(case.images, s[0]) for s in (frames, stack))
+        first, repeat = (spread(case.images, s[0]) for s in (frames, stack))
         if not first / _SCALES <= repeat <= first * _SCALES:
             level = case.images.height_per_level_nm
-            raise _error(
+            raise stack_error(
                 case, key, f"heights that spread over {level * repeat:.3g} nm",
                 f"about {level * first:.3g} nm as in image 0: one scale holds for all",
             )  # fmt: skip
@@ -357,9 +358,9 @@ def _mask(case: Case, frames: Stack | None) -> Stack | None:
         return None
     stack = _stack(case, "mask", case.images.mask, frames)
     if len(stack) != 1:
-        raise _error(case, "mask", f"{len(stack)} images", "one")
+        raise stack_error(case, "mask", f"{len(stack)} images", "one")
     if not _used(stack).any():
-        raise _error(case, "mask", "0 at every pixel", "another number where pixels are used")
+        raise stack_error(case, "mask", "0 at every pixel", "another number where pixels are used")
     return stack
 
 
@@ -369,55 +370,15 @@ def _noise_map(case: Case, frames: Stack | None) -> FloatArray | None:
         return None
     stack = _stack(case, "noise_map", case.images.noise_map, frames)
     if len(stack) != 1:
-        raise _error(case, "noise_map", f"{len(stack)} images", "one")
+        raise stack_error(case, "noise_map", f"{len(stack)} images", "one")
     noise = stack[0]
     bad = ~(np.isfinite(noise) & (noise > 0))
     if bad.any():
         row, column = np.argwhere(bad)[0]
         found = f"{noise[row, column]:.3g} at row {row}, column {column}"
-        raise _error(case, "noise_map", found, "a number above 0 at every pixel")
+        raise stack_error(case, "noise_map", found, "a number above 0 at every pixel")
     return np.asarray(arrange(case.images, noise[None])[0])
 
 
 def _used(mask: Stack) -> BoolArray:
     return np.asarray(np.isfinite(mask[0]) & (mask[0] != 0))
-
-
-def _refuse_strange(case: Case, key: str, stack: Stack) -> None:
-    """Refuse a frame without relief, or with a number that is no height."""
-    for t in range(len(stack)):
-        levels = stack[t]
-        there = levels[_with_height(case.images, levels)]
-        largest = np.abs(there).max(initial=0.0)
-        if largest * case.images.height_per_level_nm > _TALLEST:
-            raise _error(
-                case, key, f"level {largest:.3g} in frame {t}",
-                f"heights within {_TALLEST:g} nm; NaN, or off_surface_level, for a pixel without",
-                stack.frames[t][0],
-            )  # fmt: skip
-        if there.size and np.ptp(there) > 0:
-            continue
-        found = f"level {there[0]:g} at every pixel" if there.size else "no pixel with a height"
-        found = f"{found} in frame {t}"
-        raise _error(case, key, found, "heights of a surface", stack.frames[t][0])
-
-
-def _spread(images: Images, levels: FloatArray) -> float:
-    """Nine tenths of the heights lie within it [levels]."""
-    low, high = np.percentile(levels[_with_height(images, levels)], (5, 95))
-    return float(high - low)
-
-
-def _clipped(stack: Stack) -> int:
-    """Return the number of pixels at the largest level that an integer of their type can be."""
-    if stack.dtype.kind not in "ui":
-        return 0
-    bits = 8 * stack.dtype.itemsize - (stack.dtype.kind == "i")
-    return sum(int(np.count_nonzero(stack[t] == 2.0**bits - 1.0)) for t in range(len(stack)))
-
-
-def _error(
-    case: Case, key: str, found: str, expected: str, file: Path | None = None
-) -> ExperimentError:
-    path = file or case.path(getattr(case.images, key))
-    return ExperimentError(sentence(path, f"images.{key}", found, expected))

@@ -123,14 +123,13 @@ def measuring_memory(case: Case, n_images: int) -> float:
     """
     face, dic = _face(case), case.dic
     nodes = face * (2 / dic.element_px**2 + 1 / dic.height_element_px**2)
-    frames, flats = stack_size(case, "frames"), stack_size(case, "flats")
-    stored = 0.0 if frames is None else float(frames.pixels * frames.stored)
+    flats = stack_size(case, "flats")
     # The stage begins with the flats as numbers, and ends with what it found of each image.
-    first = 0.0 if flats is None else flats.n * flats.pixels * (8.0 + flats.stored)
+    first = 0.0 if flats is None else 8.0 * flats.n * flats.pixels
     of_image = face + 8.0 * nodes * _NODAL_COPIES
     band = min(8.0 * face * n_images, _LARGEST_BAND)
     last = n_images * of_image + 8.0 * _COVARIANCES * n_images**2 + band
-    return PROCESS_BYTES + _BLOCK_BYTES + n_images * stored + max(first, last)
+    return PROCESS_BYTES + _BLOCK_BYTES + max(first, last)
 
 
 def identified_images(case: Case, n_images: int) -> float:
@@ -141,7 +140,7 @@ def identified_images(case: Case, n_images: int) -> float:
         n_images: images of the history.
     """
     frames = stack_size(case, "frames")
-    of_image = 0.0 if frames is None else frames.pixels * (8.0 + frames.stored)
+    of_image = 0.0 if frames is None else 8.0 * frames.pixels
     return n_images * (of_image + 8.0 * _FACE_NUMBERS * _face(case))
 
 

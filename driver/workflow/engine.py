@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import glob
 import hashlib
 import json
 import logging
@@ -19,7 +18,7 @@ from typing import Any
 from driver.case.model import Case
 from driver.common.atomic_write import place_below
 from driver.common.errors import InputError, sentence
-from driver.experiment.images.files import split_dataset
+from driver.experiment.images.files import matches, split_dataset
 from driver.experiment.orientations import map_files
 from driver.parameters.user_terms import files_of_terms, installed_terms
 from driver.results.files import (
@@ -89,6 +88,7 @@ class Stage:
         files: the files (folders, patterns) that it reads beside the case.
         left_out: keys of these tables on which its results do not depend, by table.
         alone: whether it reads no results of the stages before it.
+        reads_on: whether it reads its files again and again until it ends.
     """
 
     name: str
@@ -98,6 +98,7 @@ class Stage:
     files: Callable[[Case], Sequence[Path]] = field(default=_no_files)
     left_out: Mapping[str, Collection[str]] = field(default_factory=dict)
     alone: bool = False
+    reads_on: bool = False
 
 
 def measured_files(case: Case) -> tuple[Path, ...]:
@@ -287,6 +288,8 @@ def _run_stage(
     start = time.perf_counter()
     stage.run(StageContext(case, results, workdir, prepare_only, memory))
     seconds = time.perf_counter() - start
+    if stage.reads_on:
+        _refuse_other_files(stage, case, inputs)
     outputs = sorted(
         str(path.relative_to(workdir)) for path in workdir.rglob("*") if path.is_file()
     )
@@ -319,6 +322,18 @@ def _run_stage(
     write_record(results, done)
     shutil.rmtree(workdir)
     logger.info(f"{stage.name}: finished in {seconds:.1f} s")
+
+
+def _refuse_other_files(stage: Stage, case: Case, inputs: dict[str, str]) -> None:
+    """Refuse results of files that are not those of which the key of the stage was made.
+
+    Raises:
+        StageError: one has changed while the stage read it.
+    """
+    for path in stage.files(case):
+        if _content_hash(path) != inputs[_name_of(path, case)]:
+            found, expected = f"another content than as {stage.name} began", "the same: run again"
+            raise StageError(sentence(path, "file", found, expected))
 
 
 def _set_edited_aside(old: Done | None, results: Path) -> None:
@@ -407,8 +422,8 @@ def _content_hash(path: Path) -> str:
         if path.is_file():
             with path.open("rb") as file:
                 return hashlib.file_digest(file, "sha256").hexdigest()
-        files = sorted(path.iterdir()) if path.is_dir() else sorted(map(Path, glob.glob(str(path))))
-        parts = [f"{file.name} {_content_hash(file)}" for file in files if file.is_file()]
+        files = [file for file in sorted(matches(path)) if file.is_file()]
+        parts = [f"{file.name} {_content_hash(file)}" for file in files]
     except (OSError, ValueError):
         return _UNREADABLE  # the stage that needs it says so, with the key of the case
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()

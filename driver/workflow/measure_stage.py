@@ -61,6 +61,8 @@ def measure_numbers(context: StageContext) -> None:
         f"{1e3 * images.sigma / np.sqrt(2 * images.noise_dof):.2f} nm from {images.n_reference} "
         f"repeats, {np.count_nonzero(images.codes == Excluded.DUST)} pixels with dust"
     )
+    for remark in experiment.remarks:
+        logger.info(f"  {remark}")
     pixel, history = case.images.pixel_um, experiment.history
     rows = history.image_row
     single = measure(

@@ -69,7 +69,14 @@ def stages(case: Case) -> Sequence[Stage]:
     return (
         Stage("mesh", "3", _MESH, run_mesh),
         Stage(
-            "measure", "7", _MEASURE, run_measure, measured_files, {"specimen": _unseen(case)}, True
+            "measure",
+            "7",
+            _MEASURE,
+            run_measure,
+            measured_files,
+            {"specimen": _unseen(case)},
+            alone=True,
+            reads_on=True,
         ),
         Stage("identify", "11", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
         Stage("diagnose", "11", ("diagnosis",), run_diagnose, diagnosed_files),

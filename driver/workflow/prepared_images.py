@@ -7,6 +7,7 @@ from pathlib import Path
 
 from driver.common.errors import InputError, sentence
 from driver.dic.surface_images import SurfaceImages
+from driver.experiment.images.files import matches
 from driver.experiment.reading import Experiment, read_experiment
 from driver.forward.build import surface_images
 from driver.workflow.engine import StageContext, measured_files
@@ -54,6 +55,6 @@ def _state(context: StageContext) -> tuple[tuple[Path, int, int], ...]:
     for path in measured_files(context.case):
         each = [path]
         if not path.is_file():
-            each = sorted(path.iterdir() if path.is_dir() else path.parent.glob(path.name))
+            each = sorted(matches(path))
         states += [(file, file.stat().st_mtime_ns, file.stat().st_size) for file in each]
     return tuple(states)

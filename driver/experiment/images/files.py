@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import glob
+import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from driver.case.instrument_files import INSTRUMENTS
 from driver.common.errors import why
 
-HDF5 = (".h5", ".hdf5", ".hdf")
-SUFFIXES = (".tif", ".tiff", ".png", ".npy", *HDF5)
+MATLAB = ".mat"
+HDF5 = (".h5", ".hdf5", ".hdf", MATLAB)
+PLAIN = (".tif", ".tiff", ".png", ".npy", *HDF5)
+SUFFIXES = (*PLAIN, *INSTRUMENTS)
 _DATASET = re.compile(rf"^(.*(?:{'|'.join(map(re.escape, HDF5))})):(.+)$", re.IGNORECASE)
 
 
@@ -41,12 +45,12 @@ def files_of(path: str) -> list[Path]:
     Raises:
         Refused: there are none, or the path cannot be looked up.
     """
-    kinds = ", ".join(SUFFIXES)
+    kinds = f"{', '.join(PLAIN)} or instrument"
     try:
         given = Path(path)
         if given.is_file():
             return [given]
-        candidates = list(given.iterdir()) if given.is_dir() else list(map(Path, glob.glob(path)))
+        candidates = matches(given)
         # Names that begin with a dot are leftovers of file managers, not images.
         files = [
             file
@@ -59,6 +63,21 @@ def files_of(path: str) -> list[Path]:
         what = f"no image among {len(candidates)} files" if candidates else "no image"
         raise Refused(what, f"a file, a folder or a pattern of {kinds} files")
     return sorted(files, key=lambda file: (natural(file.name), file.name))
+
+
+def matches(path: Path) -> list[Path]:
+    """Return what a folder holds, or what a pattern matches.
+
+    Brackets in a folder that is there are no pattern.
+
+    Raises:
+        OSError, ValueError: it cannot be looked up.
+    """
+    if path.is_dir():
+        return list(path.iterdir())
+    parent = str(path.parent)
+    folder = glob.escape(parent) if path.parent.is_dir() else parent
+    return [Path(name) for name in glob.glob(os.path.join(folder, path.name))]
 
 
 def natural(name: str) -> list[tuple[int, str]]:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import struct
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import h5py
 import numpy as np
 import tifffile
 
+from driver.case.instrument_files import INSTRUMENTS
 from driver.experiment.images.files import HDF5, Refused
+from driver.experiment.images.instruments import instrument_size
 
 MOST_PIXELS = 100_000_000
 """Pixels of a frame beyond which it is no height map of a micro-specimen."""
@@ -25,11 +27,12 @@ def header(file: Path, dataset: str = "") -> Header:
     """Shape and type of what a file says that it holds.
 
     Args:
-        file: a .tif, .tiff, .png, .npy, .h5, .hdf5 or .hdf file.
+        file: a .tif, .tiff, .png, .npy, .h5, .hdf5, .hdf or .mat file, or one of an instrument.
         dataset: name of the dataset in an HDF5 file.
 
     Raises:
-        Refused: the directory of a TIFF file points back at itself.
+        Refused: the directory of a TIFF file points back at itself, or the file of an instrument
+            cannot be read.
         OSError, ValueError, LookupError, TypeError, tifffile.TiffFileError: it has no header that
             can be read; what reads the levels tells why.
     """
@@ -41,12 +44,17 @@ def header(file: Path, dataset: str = "") -> Header:
                 raise LookupError(dataset)
             return node.shape, node.dtype
     if suffix == ".npy":
-        return _of_npy(file)
+        with file.open("rb") as content:
+            shape, _, kind = npy_header(content)
+        return shape, kind
     if suffix == ".png":
         with file.open("rb") as picture:
             start = picture.read(25)
         size = int.from_bytes(start[20:24]), int.from_bytes(start[16:20])
         return size, np.dtype(np.uint16 if start[24] == 16 else np.uint8)
+    if suffix in INSTRUMENTS:
+        rows, columns = instrument_size(file)
+        return (1, rows, columns), np.dtype(np.float64)
     with tifffile.TiffFile(file) as tiff:
         _refuse_circle(tiff)
         first = tiff.pages.first
@@ -86,15 +94,19 @@ def _refuse_circle(tiff: tifffile.TiffFile) -> None:
         raise Refused("pages that follow each other in a circle", "a TIFF file that is whole")
 
 
-def _of_npy(file: Path) -> Header:
+def npy_header(content: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype[np.generic]]:
+    """Shape, whether columns come first, and type of an NPY file, which is read to its levels.
+
+    Raises:
+        ValueError: it has no header that is known.
+    """
     read: Any = np.lib.format
-    with file.open("rb") as content:
-        major, _ = read.read_magic(content)
-        known = {1: read.read_array_header_1_0, 2: read.read_array_header_2_0}
-        if major not in known:
-            raise ValueError(f"version {major} of the format")
-        shape, _, kind = known[major](content)
-    return shape, kind
+    version = read.read_magic(content)
+    known = {(1, 0): read.read_array_header_1_0, (2, 0): read.read_array_header_2_0}
+    if version not in known:
+        raise ValueError(f"version {version[0]} of the format")
+    shape, fortran, kind = known[version](content)
+    return shape, fortran, kind
 
 
 def refuse_large(file: Path, dataset: str = "") -> None:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, overload
 
 import numpy as np
 from scipy import ndimage
 
-from driver.common.errors import InputError, sentence
+from driver.common.errors import InputError, sentence, why
+from driver.experiment.images.file_frames import FileFrames, Levels
 from driver.experiment.images.files import Refused, files_of, gap, split_dataset
-from driver.experiment.images.formats import Levels, read_file
+from driver.experiment.images.formats import open_file
 from meshes.arrays import BoolArray, FloatArray
 
 
@@ -38,31 +39,81 @@ class HeightMaps(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class StoredLevels(Sequence[Levels]):
+    """Levels of the frames of a stack, read from their files whenever one is asked for.
+
+    Attributes:
+        frames: file of each frame and its place there, length n.
+        sources: frames of that file, length n.
+        key: key of the case that names the files, to be told.
+    """
+
+    frames: tuple[tuple[Path, int], ...]
+    sources: tuple[FileFrames, ...]
+    key: str
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Numbers of frames, rows and columns."""
+        return (len(self), *self.sources[0].shape[1:])
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self.frames)
+
+    @overload
+    def __getitem__(self, index: int, /) -> Levels: ...
+
+    @overload
+    def __getitem__(self, index: slice, /) -> Sequence[Levels]: ...
+
+    def __getitem__(self, index: int | slice, /) -> Levels | Sequence[Levels]:
+        """Levels of a frame, shape (rows, cols).
+
+        Raises:
+            ImageError: its file is no longer as it was when the stack was loaded.
+        """
+        if isinstance(index, slice):
+            return [self[t] for t in range(*index.indices(len(self)))]
+        (file, place), source = self.frames[index], self.sources[index]
+        try:
+            return source.read(place)
+        except Exception as error:  # of the decoders each raises its own types
+            found = error.found if isinstance(error, Refused) else why(error)
+            expected = "the file that was read at first: run again"
+            raise ImageError(sentence(file, self.key, found, expected)) from None
+
+
+@dataclass(frozen=True, eq=False)
 class Stack:
-    """Height maps in digital levels, as stored: of 8 bits a pixel takes one byte.
+    """Height maps in digital levels, as stored.
 
     Attributes:
         levels: of each frame, of the type that is stored, each of shape (rows, cols).
-        dtype: type of the stored numbers.
-        frames: file of each frame and its place there, length n.
         gap: the first gap in the numbers of the files, or an empty text.
     """
 
-    levels: tuple[Levels, ...]
-    dtype: np.dtype[np.generic]
-    frames: tuple[tuple[Path, int], ...]
+    levels: StoredLevels
     gap: str
+
+    @property
+    def dtype(self) -> np.dtype[np.generic]:
+        """Type of the stored numbers."""
+        return self.levels.sources[0].dtype
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of a frame."""
-        rows, cols = self.levels[0].shape
-        return rows, cols
+        return self.levels.shape[1:]
 
     @property
     def size(self) -> str:
         """Rows × columns, to be told."""
-        return _size(self.levels[0])
+        return _size(self.shape)
+
+    def file(self, index: int) -> Path:
+        """Return the file of a frame."""
+        return self.levels.frames[index][0]
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -74,7 +125,7 @@ class Stack:
 
 
 def load_stack(path: str | Path, key: str = "images") -> Stack:
-    """Read height maps in digital levels, never rescaled.
+    """Open height maps in digital levels, never rescaled; each of them can be read.
 
     Args:
         path: a TIFF (one page or many), a PNG, an NPY array, a dataset of an HDF5 file
@@ -91,12 +142,13 @@ def load_stack(path: str | Path, key: str = "images") -> Stack:
         files = files_of(name)
     except Refused as refused:
         raise ImageError(sentence(Path(path), key, refused.found, refused.expected)) from None
-    parts: list[Levels] = []
+    parts: list[FileFrames] = []
     for file in files:
         try:
-            part = read_file(file, dataset)
+            part = open_file(file, dataset)
             if parts and part.shape[1:] != parts[0].shape[1:]:
-                raise Refused(_size(part[0]), f"{_size(parts[0][0])} as {files[0].name}")
+                first = _size(parts[0].shape[1:])
+                raise Refused(_size(part.shape[1:]), f"{first} as {files[0].name}")
             if parts and part.dtype != parts[0].dtype:
                 raise Refused(
                     f"levels of type {part.dtype}",
@@ -105,14 +157,13 @@ def load_stack(path: str | Path, key: str = "images") -> Stack:
         except Refused as refused:
             raise ImageError(sentence(file, key, refused.found, refused.expected)) from None
         parts.append(part)
-    return Stack(
-        levels=tuple(levels for part in parts for levels in part),
-        dtype=parts[0].dtype,
-        frames=tuple(
-            (f, k) for f, part in zip(files, parts, strict=True) for k in range(len(part))
-        ),
-        gap=gap([file.name for file in files]),
+    each = [(f, k, part) for f, part in zip(files, parts, strict=True) for k in range(len(part))]
+    levels = StoredLevels(
+        frames=tuple((file, place) for file, place, _ in each),
+        sources=tuple(part for _, _, part in each),
+        key=key,
     )
+    return Stack(levels, gap([file.name for file in files]))
 
 
 def on_surface(heights: FloatArray) -> BoolArray:
@@ -135,5 +186,5 @@ def fill_off_surface(heights: FloatArray, valid: BoolArray) -> FloatArray:
     return np.asarray(heights[tuple(nearest)])
 
 
-def _size(frame: Levels) -> str:
-    return f"{frame.shape[0]} × {frame.shape[1]} px"
+def _size(shape: tuple[int, int]) -> str:
+    return f"{shape[0]} × {shape[1]} px"

@@ -121,6 +121,17 @@ def test_encoder_noise_in_a_hold_is_no_reversal() -> None:
     np.testing.assert_array_equal(turning_points(noisy), clean)
 
 
+def test_numbers_of_images_may_be_written_as_floats(tmp_path: Path) -> None:
+    """As pandas does where the column has gaps."""
+    path = tmp_path / "history.csv"
+    rows = "time_s,stage_um,image,force_N\n0.0,0.0,0.0,1.0\n1.0,2.0,,\n2.0,2.0,1.0,5.0\n"
+    path.write_text(rows)
+    assert read_history(path).image_row.tolist() == [0, 2]
+    path.write_text(rows.replace("2.0,1.0,5.0", "2.0,1.5,5.0"))
+    with pytest.raises(HistoryError, match="image: found 1.5, expected 1, for images"):
+        read_history(path)
+
+
 @pytest.mark.parametrize(
     ("row", "text", "place", "found", "expected"),
     [

@@ -11,14 +11,8 @@ from numpy.typing import NDArray
 
 from driver.case.images import Axis, Images
 from driver.case.model import default_case, load_case, write_case
-from driver.experiment.reading import (
-    ExperimentError,
-    arrange,
-    as_in_files,
-    heights,
-    origin,
-    read_experiment,
-)
+from driver.experiment.reading import arrange, as_in_files, heights, origin, read_experiment
+from driver.experiment.stack_checks import ExperimentError
 
 Arrangement = tuple[Axis, Axis, Literal["+Z", "-Z"]]
 RIGHT_HANDED: list[Arrangement] = [
@@ -253,7 +247,7 @@ BAD: dict[str, tuple[str, Callable[[Path], str], str]] = {
                 "found no pixel with a height in frame 0, expected heights of a surface"),
     "no height": ("frames", lambda f: stored(f, "h.tif", np.where(
         np.arange(120).reshape(2, 6, 10) == 70, -3.4e38, np.stack([SURFACE + k for k in (0, 1)])
-        ).astype(np.float32)), "found level 3.4e+38 in frame 1, expected heights within 1e+06 nm"),
+        ).astype(np.float32)), "found level -3.4e+38 in frame 1, expected heights within 1e+06 nm"),
     "mask": ("mask", lambda f: stored(f, "m.tif", 0 * SURFACE),
              "found 0 at every pixel, expected another number where pixels are used"),
     "noise": ("noise_map", lambda f: stored(f, "o.tif", SURFACE - SURFACE.min()),

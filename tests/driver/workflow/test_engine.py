@@ -1,4 +1,5 @@
 import json
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -418,6 +419,28 @@ def test_where_a_refined_case_cannot_be_simulated_the_stages_end_with_the_case_b
     ran = workshop.run(refined=refined, coarser=coarser)
     assert ran == ["mesh", "identify 12", "mesh", "identify 9", "mesh", "report"]
     assert (workshop.folder / "results" / "mesh.txt").read_text() == "12.0"
+
+
+@pytest.mark.parametrize("reads_on", [True, False])
+def test_a_file_that_is_replaced_while_its_stage_reads_on_ends_the_run(
+    workshop: Workshop, reads_on: bool
+) -> None:
+    frames = workshop.folder / "images.tif"
+
+    def replaced(context: StageContext) -> None:
+        before = frames.stat()
+        frames.write_text("IMAGES.TIF")  # of the same size and time
+        os.utime(frames, ns=(before.st_atime_ns, before.st_mtime_ns))
+        workshop.measure(context)
+
+    workshop.stages[1] = replace(workshop.stages[1], run=replaced, reads_on=reads_on)
+    if reads_on:
+        told = r"images.tif: file: found another content than as measure began, expected the same"
+        with pytest.raises(StageError, match=told):
+            workshop.run()
+    else:
+        assert workshop.run() == ["mesh", "measure"]
+    assert ("measure" in read_record(workshop.folder / "results")) is not reads_on
 
 
 def test_one_name_for_two_results_is_refused(workshop: Workshop) -> None:

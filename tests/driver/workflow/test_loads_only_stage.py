@@ -16,7 +16,8 @@ from driver.check.command import check
 from driver.check.loads import stated_motion
 from driver.common.errors import InputError
 from driver.common.progress import progress_to
-from driver.experiment.reading import ExperimentError, history_of, read_experiment
+from driver.experiment.reading import history_of, read_experiment
+from driver.experiment.stack_checks import ExperimentError
 from driver.export.command import ExportError, export_case
 from driver.forward import build
 from driver.identification.loads_alone import identify_from_loads

@@ -13,7 +13,7 @@ import pytest
 import tifffile
 
 from driver.experiment.images.files import Refused
-from driver.experiment.images.formats import read_file
+from driver.experiment.images.formats import open_file
 from driver.experiment.images.headers import header
 
 LARGE = r"pixels by its header, .* GB of levels"
@@ -43,14 +43,14 @@ def test_an_array_that_claims_a_terabyte_or_more_than_numbers_hold_is_refused(
     for shape in ((2000, 8000, 8000), (2**40, 2**40), (1, 2**62, 2)):
         file.write_bytes(npy(shape))
         with pytest.raises(Refused) as refused:
-            read_file(file)
+            open_file(file)
         assert "pixels by its header" in refused.value.found
 
 
 def test_a_picture_of_two_thousand_million_pixels_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.png").write_bytes(png(50_000, 50_000))
     with pytest.raises(Refused, match=rf"50000 × 50000 {LARGE}"):
-        read_file(tmp_path / "a.png")
+        open_file(tmp_path / "a.png")
 
 
 def test_a_tiff_that_deflates_to_nothing_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
@@ -63,7 +63,7 @@ def test_a_tiff_that_deflates_to_nothing_is_refused_before_it_is_decoded(tmp_pat
         )  # fmt: skip
     assert file.stat().st_size < 2_000_000
     with pytest.raises(Refused, match=rf"1 × 30720 × 30720 {LARGE}"):
-        read_file(file)
+        open_file(file)
 
 
 def test_a_dataset_that_is_nowhere_on_the_disk_is_refused(tmp_path: Path) -> None:
@@ -72,7 +72,7 @@ def test_a_dataset_that_is_nowhere_on_the_disk_is_refused(tmp_path: Path) -> Non
         content.create_dataset("a", (20_000, 1000, 1000), np.uint8, chunks=(1, 1000, 1000))
     assert file.stat().st_size < 100_000
     with pytest.raises(Refused, match=rf"20000 × 1000 × 1000 {LARGE}"):
-        read_file(file, "a")
+        open_file(file, "a")
 
 
 def test_a_tiff_whose_directory_points_at_itself_is_refused(tmp_path: Path) -> None:
@@ -84,7 +84,7 @@ def test_a_tiff_whose_directory_points_at_itself_is_refused(tmp_path: Path) -> N
     struct.pack_into("<I", data, first + 2 + 12 * tags, first)
     file.write_bytes(data)
     with pytest.raises(Refused, match="pages that follow each other in a circle"):
-        read_file(file)
+        open_file(file)
 
 
 @pytest.mark.parametrize("suffix", [".npy", ".png", ".tif", ".h5"])
@@ -100,5 +100,5 @@ def test_the_header_tells_shape_and_type_of_what_is_read(suffix: str, tmp_path: 
         with h5py.File(file, "w") as content:
             content["a"] = levels
     shape, kind = header(file, "a")
-    read = read_file(file, "a")
+    read = open_file(file, "a")
     assert shape[-2:] == read.shape[-2:] == (6, 10) and kind == read.dtype

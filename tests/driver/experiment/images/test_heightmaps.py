@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import h5py
 import imagecodecs
@@ -29,6 +31,51 @@ def test_every_digit_of_a_tiff_stack_survives(
     levels = load_stack(tmp_path / "a.tif").levels
     assert all(level.dtype == stack.dtype for level in levels)
     assert np.array_equal(levels, stack)
+
+
+@pytest.mark.parametrize("kind", ["strips", "tiles", "big-endian", "float", "chunks", "columns"])
+def test_frames_that_are_read_by_several_threads_at_a_time_are_those_of_the_file(
+    tmp_path: Path, kind: str
+) -> None:
+    stack: np.ndarray = np.random.default_rng(4).integers(0, 2**16, (23, 40, 50), np.uint16)
+    options: dict[str, dict[str, Any]] = {
+        "strips": {"compression": "lzw", "rowsperstrip": 7, "predictor": True},
+        "tiles": {"tile": (16, 16), "compression": "zlib"},
+        "big-endian": {"byteorder": ">"},
+        "float": {"compression": "zlib", "predictor": 3},
+    }
+    path: str | Path = tmp_path / "a.tif"
+    if kind == "float":
+        stack = stack.astype(np.float32) / 7
+    if kind == "chunks":
+        with h5py.File(tmp_path / "a.h5", "w") as file:
+            file.create_dataset("a", data=stack, chunks=(5, 16, 16), compression="gzip")
+        path = f"{tmp_path / 'a.h5'}:/a"
+    elif kind == "columns":
+        path = tmp_path / "a.npy"
+        np.save(path, np.asfortranarray(stack))
+    else:
+        tifffile.imwrite(path, stack, metadata=None, photometric="minisblack", **options[kind])
+    levels = load_stack(path).levels
+    order = np.random.default_rng(5).permutation(np.repeat(np.arange(len(stack)), 3))
+    with ThreadPoolExecutor(3) as threads:
+        read = list(threads.map(levels.__getitem__, order.tolist()))
+    assert np.array_equal(read, stack[order]) and read[0].dtype.isnative
+
+
+@pytest.mark.parametrize("name", ["a.tif", "a.npy", "a.png", "a.h5:/a"])
+def test_a_file_that_goes_while_its_frames_are_read_is_named(tmp_path: Path, name: str) -> None:
+    frame = frames("uint8")[:1]
+    tifffile.imwrite(tmp_path / "a.tif", frame, compression="deflate")
+    np.save(tmp_path / "a.npy", frame)
+    (tmp_path / "a.png").write_bytes(imagecodecs.png_encode(frame[0]))
+    with h5py.File(tmp_path / "a.h5", "w") as content:
+        content["a"] = frame
+    levels = load_stack(tmp_path / name, "images.frames").levels
+    (tmp_path / name.partition(":")[0]).unlink()
+    told = r"a\.\w+: images.frames: found .*, expected the file that was read at first"
+    with pytest.raises(ImageError, match=told):
+        levels[0]
 
 
 def test_a_single_page_is_a_stack_of_one(tmp_path: Path) -> None:
@@ -165,3 +212,12 @@ def test_a_trench_is_filled_with_the_nearest_height() -> None:
     assert list(filled[0, :2]) == [1.0, 2.0]
     assert filled[1, 2] in (2.0, 6.0)
     assert list(filled[2]) == [4.0, 5.0, 6.0]
+
+
+def test_brackets_in_the_name_of_a_folder_are_no_pattern(tmp_path: Path) -> None:
+    folder = tmp_path / "specimen [2] *"
+    folder.mkdir()
+    for number in (1, 2):
+        tifffile.imwrite(folder / f"frame{number}.tif", np.full((4, 6), number, np.uint8))
+    for path in (folder, folder / "frame[0-9].tif", tmp_path / "spec*" / "frame*.tif"):
+        assert len(load_stack(path)) == 2
