@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -13,15 +12,15 @@ from driver.case.history import CLOCK, HistoryTable
 from driver.common.errors import sentence
 from driver.experiment.log_columns import Log, read_log
 from driver.experiment.log_file import HistoryError
-from meshes.arrays import BoolArray, FloatArray, IntArray
+from driver.experiment.logged_travel import SIGNIFICANT, instants, noise_of_travel
+from meshes.arrays import FloatArray, IntArray
 
 _PLAIN = HistoryTable()
 COLUMNS = ("time_s", "stage_um", "image", "force_N")
 # The stage has turned when it has gone back by this share of its whole range: less is play
 # or encoder noise.
 _REVERSAL = 0.02
-# A row that only logs a load is left out where the travel is straight within this share.
-_STRAIGHT = 0.002
+_TOLD = 12  # reversals at most that are told
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +37,7 @@ class History:
             the last row of the history, shape (n_knots,).
         cycle: cycle of each image, a loading with the unloading after it, counted from 1,
             shape (n_images,).
+        stage_noise: standard deviation of the stage travel as it was logged [µm], 0 for none.
     """
 
     time: FloatArray
@@ -46,6 +46,7 @@ class History:
     force: FloatArray
     turning: IntArray
     cycle: IntArray
+    stage_noise: float = 0.0
 
     @property
     def n_images(self) -> int:
@@ -105,9 +106,10 @@ def read_history(
         force = _load_of_images(log, seen)
     rows_stated = ~loaded
     rows_stated[seen] = True
-    kept = _instants(time, stage, rows_stated)
-    time, stage, seen = time[kept], stage[kept], np.searchsorted(kept, seen)
-    turning = turning_points(stage)
+    noise = noise_of_travel(time, stage, ~rows_stated if with_images else loaded)
+    kept, stage = instants(time, stage, rows_stated, noise if with_images else 0.0)
+    time, seen = time[kept], np.searchsorted(kept, seen)
+    turning = turning_points(stage, noise)
     return History(
         time=time,
         stage=stage,
@@ -115,6 +117,7 @@ def read_history(
         force=force,
         turning=turning,
         cycle=_segment(turning, seen) // 2 + 1,
+        stage_noise=noise,
     )
 
 
@@ -146,28 +149,14 @@ def _load_of_images(log: Log, images: IntArray) -> FloatArray:
     return force
 
 
-def _instants(time: FloatArray, stage: FloatArray, stated: BoolArray) -> IntArray:
-    """Rows that are stated instants, and those of the log at which the stage travel bends."""
-    kept = stated.copy()
-    kept[[0, -1]] = True
-    tolerance = _STRAIGHT * np.ptp(stage)
-    while True:
-        rows = np.flatnonzero(kept)
-        off = np.abs(stage - np.interp(time, time[rows], stage[rows]))
-        worst = [a + int(np.argmax(off[a:b])) for a, b in pairwise(rows.tolist())]
-        bends = [row for row in worst if off[row] > tolerance]
-        if not bends:
-            return rows
-        kept[bends] = True
-
-
-def turning_points(stage: FloatArray) -> IntArray:
+def turning_points(stage: FloatArray, noise: float = 0.0) -> IntArray:
     """Rows of the first point, of each reversal (the end of its hold) and of the last point.
 
     Args:
         stage: stage travel [µm], shape (n_rows,).
+        noise: its standard deviation [µm].
     """
-    tolerance = _REVERSAL * np.ptp(stage)
+    tolerance = max(_REVERSAL * float(np.ptp(stage)), SIGNIFICANT * noise)
     turning, direction, best = [0], 0.0, 0
     for row in range(1, stage.size):
         if direction == 0.0:
@@ -185,6 +174,21 @@ def turning_points(stage: FloatArray) -> IntArray:
 def phase_of_images(history: History) -> IntArray:
     """In which loading or unloading each image lies, from 0; the turning image ends its phase."""
     return _segment(history.turning, history.image_row)
+
+
+def travel_told(history: History) -> str:
+    """Return the reversals of the stage in words, and the noise above which they were sought."""
+    turns = [f"{history.stage[row]:.4g}" for row in history.turning[1:-1]]
+    shown = ", ".join(turns[:_TOLD]) + (", …" if len(turns) > _TOLD else "")
+    said = f"the stage turns at {shown} µm" if turns else "the stage never turns"
+    said = f"{said}; the test ends at {history.stage[-1]:.4g} µm after {history.time.size} instants"
+    if history.stage_noise:
+        least = SIGNIFICANT * history.stage_noise
+        said += (
+            f"; its travel has noise of {history.stage_noise:.2g} µm, so that it turns where it "
+            f"goes back by more than {least:.2g} µm"
+        )
+    return said
 
 
 def knot_weights(history: History) -> FloatArray:
