@@ -82,7 +82,7 @@ FOLDERS = ("results", "jobs", "extended_decks")
 NAME_NO_RESULT = (
     "driver.batch.queues",
     "driver.case.consent",
-    "driver.case.loading",
+    "driver.case.history",
     "driver.case.model",
     "driver.common.atomic_write",
     "driver.experiment.ebsd.headers",

@@ -1,4 +1,4 @@
-"""The loading history, the loads and the motion of the end faces."""
+"""The loads and the motion of the end faces."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from driver.case.messages import refusal
-from driver.case.values import FileName, Frame, NonNegative, Number, Positive, Table
+from driver.case.values import Frame, NonNegative, Number, Positive, Table
 from driver.parameters.instrument import LARGEST_LAG
 
 
@@ -16,23 +16,6 @@ def _each_once(numbers: tuple[int, ...]) -> tuple[int, ...]:
         if numbers.count(number) > 1:
             raise refusal("each number once", found=f"{number} {numbers.count(number)} times")
     return numbers
-
-
-class HistoryTable(Table):
-    """Where the loading history is."""
-
-    file: FileName = Field(
-        default="history.csv",
-        description="a text in quotes, CSV of time_s, stage_um, image, force_N",
-    )
-    grip_distance_mm: Positive = Field(
-        default=32.0, description="distance of the grips, over which the stage travels"
-    )
-
-    @property
-    def grip_distance(self) -> float:
-        """Distance of the grips [µm]."""
-        return self.grip_distance_mm * 1e3
 
 
 class Sections(Table):

@@ -11,9 +11,10 @@ from typing import Any, Self, TypeVar
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from driver.case.grains import Grain, Orientation
+from driver.case.history import HistoryTable
 from driver.case.images import Dic, Images
 from driver.case.inference import DiagnosisTable, Identification
-from driver.case.loading import Boundary, HistoryTable, Loads, Sections
+from driver.case.loading import Boundary, Loads, Sections
 from driver.case.material import MaterialTable
 from driver.case.messages import refusal, sentences
 from driver.case.solver import Execution, Solver

@@ -26,7 +26,7 @@ from driver.common.formatting import cost_told
 from driver.diagnosis.causes.user_causes import asked_causes
 from driver.dic.region import within
 from driver.experiment.held_out import held_out_cycle
-from driver.experiment.history import History
+from driver.experiment.history import History, travel_told
 from driver.experiment.orientations import map_files
 from driver.experiment.reading import Experiment, fitted_loads, history_of, read_experiment
 from driver.forward.build import (
@@ -263,6 +263,7 @@ def _loads_alone(case: Case, adapter: Adapter | None, n_cells: int) -> Iterator[
         return
     force = history.force * case.force_scale
     yield _course(case, history, force, "loads")
+    yield Finding("ok", "history", travel_told(history))
     yield from strange_loads(case, history, force)
     yield stated_motion(case, history)
     if adapter is not None:
@@ -278,7 +279,7 @@ def _course(case: Case, history: History, force: FloatArray, what: str) -> Findi
     return Finding(
         "ok",
         "history",
-        f"{history.n_images} {what} in {history.cycle.max()} cycle(s), {history.time[-1]:g} s, "
+        f"{history.n_images} {what} in {history.cycle.max()} cycle(s), {np.ptp(history.time):g} s, "
         f"stage travel to {history.stage.max():g} µm, load to {np.nanmax(force):.0f} µN{out}",
     )
 
@@ -286,6 +287,7 @@ def _course(case: Case, history: History, force: FloatArray, what: str) -> Findi
 def _history(case: Case, experiment: Experiment) -> Iterator[Finding]:
     history = experiment.history
     yield _course(case, history, experiment.force, "images")
+    yield Finding("ok", "history", travel_told(history))
     yield from strange_loads(case, history, experiment.force)
     try:
         held_out_cycle(case, history)

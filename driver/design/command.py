@@ -32,7 +32,8 @@ from driver.design.surface import Surface, expected_surface
 from driver.design.text import lines_of
 from driver.design.variants import base_variant, refuse_without_images, usual_changes, variants
 from driver.diagnosis.causes.user_causes import asked_causes
-from driver.experiment.history import History, HistoryError, read_history
+from driver.experiment.history import History, read_history
+from driver.experiment.log_file import HistoryError
 from driver.forward.build import capabilities_of, mesh_of
 from driver.forward.cost import simulation_seconds
 from driver.identification.correction_cost import correction_seconds
@@ -152,7 +153,7 @@ def _history(case: Case, settings: Settings) -> History:
     if settings.program.cycles:
         return stage_program(settings.program.cycles)
     try:
-        return read_history(case.path(case.history.file), with_loads=False)
+        return read_history(case.path(case.history.file), with_loads=False, stated=case.history)
     except HistoryError as error:
         raise HistoryError(
             f"{error}; or `cycles` under [program] of --settings, where no test is planned yet"

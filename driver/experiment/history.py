@@ -2,31 +2,25 @@
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from driver.common.errors import InputError, sentence, show, why
-from meshes.arrays import BoolArray, FloatArray, IntArray
+from driver.case.history import CLOCK, HistoryTable
+from driver.common.errors import sentence
+from driver.experiment.log_columns import Log, read_log
+from driver.experiment.log_file import HistoryError
+from driver.experiment.logged_travel import SIGNIFICANT, instants, noise_of_travel
+from meshes.arrays import FloatArray, IntArray
 
-_BEYOND = "beyond the columns"
-_MOST_BYTES = 50_000_000  # of a file, some million rows
+_PLAIN = HistoryTable()
 COLUMNS = ("time_s", "stage_um", "image", "force_N")
 # The stage has turned when it has gone back by this share of its whole range: less is play
 # or encoder noise.
 _REVERSAL = 0.02
-# A row that only logs a load is left out where the travel is straight within this share.
-_STRAIGHT = 0.002
-
-
-class HistoryError(InputError):
-    """A loading history that cannot be used: file, row, what was found, what was expected."""
+_TOLD = 12  # reversals at most that are told
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +37,7 @@ class History:
             the last row of the history, shape (n_knots,).
         cycle: cycle of each image, a loading with the unloading after it, counted from 1,
             shape (n_images,).
+        stage_noise: standard deviation of the stage travel as it was logged [µm], 0 for none.
     """
 
     time: FloatArray
@@ -51,6 +46,7 @@ class History:
     force: FloatArray
     turning: IntArray
     cycle: IntArray
+    stage_noise: float = 0.0
 
     @property
     def n_images(self) -> int:
@@ -63,8 +59,13 @@ class History:
         return self.turning.size
 
 
-def read_history(path: Path, with_images: bool = True, with_loads: bool = True) -> History:
-    """Read a history of columns time_s, stage_um, image, force_N.
+def read_history(
+    path: Path,
+    with_images: bool = True,
+    with_loads: bool = True,
+    stated: HistoryTable = _PLAIN,
+) -> History:
+    """Read a history: rows of time, stage travel, image and load.
 
     A row with a load but no image belongs to a log of loads. The load of an image that has none
     in its own row lies on the line between the loads logged before and after it. A row of the
@@ -75,39 +76,40 @@ def read_history(path: Path, with_images: bool = True, with_loads: bool = True) 
         with_images: whether the images are read; if not, each load stands for itself, and the
             column of the images is not looked at.
         with_loads: whether the loads are needed; else they may be absent, and are 0.
+        stated: how the file is written; by default a CSV file of time_s, stage_um, image, force_N.
 
     Raises:
-        HistoryError: the file is absent, a column is missing, a cell is no number, times do not
-            increase, images are not numbered 0, 1, 2, …, an image has no load, there are fewer
-            than two images (loads), or the stage never moves.
+        HistoryError: the file cannot be read as stated, times do not increase, images are not
+            numbered 0, 1, 2, …, an image has no load, there are fewer than two images (loads),
+            or the stage never moves.
     """
-    rows = _read_rows(path, COLUMNS if with_loads else COLUMNS[:-1])
-    time = np.array([_number(path, row, "time_s") for row in rows])
-    stage = np.array([_number(path, row, "stage_um") for row in rows])
-    for index in range(1, len(rows)):
-        if time[index] <= time[index - 1]:
-            found, before = rows[index]["time_s"], rows[index - 1]["time_s"]
-            raise _error(path, rows[index], "time_s", found, f"more than the {before} s before it")
-    loaded = np.array([bool(row.get("force_N")) for row in rows], dtype=bool)
-    load = np.full(len(rows), np.nan)
-    load[loaded] = [_number(path, row, "force_N") for row in np.array(rows)[loaded]]
-    seen = _image_rows(path, rows) if with_images else np.flatnonzero(loaded)
+    kinds = {"time": True, "stage": True, "image": with_images, "force": with_loads}
+    log = read_log(path, stated, [kind for kind, needed in kinds.items() if needed])
+    time, stage, load = log.time, log.stage, log.force
+    late = np.flatnonzero(np.diff(time) <= 0)
+    if late.size:
+        row = int(late[0]) + 1
+        unit = "" if stated.time.unit == CLOCK else f" {stated.time.unit}"
+        expected = f"more than the {log.text(row - 1, 'time')}{unit} before it"
+        raise log.error(row, "time", log.text(row, "time"), expected)
+    loaded = np.isfinite(load)
+    seen = _image_rows(log) if with_images else np.flatnonzero(loaded)
     if seen.size < 2:
-        column, what = ("image", "images") if with_images else ("force_N", "loads")
+        kind, what = ("image", "images") if with_images else ("force", "loads")
         least = "image 0 and at least one more" if with_images else "at least two"
-        raise HistoryError(sentence(path, column, f"{seen.size} {what}", least))
+        raise HistoryError(sentence(path, log.columns[kind].name, f"{seen.size} {what}", least))
     if np.ptp(stage) == 0:
-        raise HistoryError(
-            sentence(path, "stage_um", f"{stage[0]:g} in every row", "a stage that moves")
-        )
+        found = f"{log.text(0, 'stage')} in every row"
+        raise HistoryError(sentence(path, log.columns["stage"].name, found, "a stage that moves"))
     force = np.nan_to_num(load[seen])
     if with_loads:
-        force = _load_of_images(path, rows, time, load, seen)
-    stated = ~loaded
-    stated[seen] = True
-    kept = _instants(time, stage, stated)
-    time, stage, seen = time[kept], stage[kept], np.searchsorted(kept, seen)
-    turning = turning_points(stage)
+        force = _load_of_images(log, seen)
+    rows_stated = ~loaded
+    rows_stated[seen] = True
+    noise = noise_of_travel(time, stage, ~rows_stated if with_images else loaded)
+    kept, stage = instants(time, stage, rows_stated, noise if with_images else 0.0)
+    time, seen = time[kept], np.searchsorted(kept, seen)
+    turning = turning_points(stage, noise)
     return History(
         time=time,
         stage=stage,
@@ -115,63 +117,46 @@ def read_history(path: Path, with_images: bool = True, with_loads: bool = True) 
         force=force,
         turning=turning,
         cycle=_segment(turning, seen) // 2 + 1,
+        stage_noise=noise,
     )
 
 
-def _image_rows(path: Path, rows: list[dict[str, str]]) -> IntArray:
-    rows_of_images: list[int] = []
-    for index, row in enumerate(rows):
-        if not row["image"]:
-            continue
-        number = len(rows_of_images)
-        # A column with gaps is one of floating-point numbers in pandas.
-        if row["image"] not in (f"{number}", f"{number}.0"):
-            raise _error(path, row, "image", row["image"],
-                         f"{number}, for images are numbered 0, 1, 2, …")  # fmt: skip
-        rows_of_images.append(index)
-    return np.array(rows_of_images, dtype=np.int64)
+def _image_rows(log: Log) -> IntArray:
+    """Rows of the images, which are numbered from 0 on."""
+    rows = np.flatnonzero(np.isfinite(log.image))
+    wrong = np.flatnonzero(log.image[rows] != np.arange(rows.size))
+    if wrong.size:
+        number, row = int(wrong[0]), int(rows[wrong[0]])
+        expected = f"{number}, for images are numbered 0, 1, 2, …"
+        raise log.error(row, "image", log.text(row, "image"), expected)
+    return rows
 
 
-def _load_of_images(
-    path: Path, rows: list[dict[str, str]], time: FloatArray, load: FloatArray, images: IntArray
-) -> FloatArray:
+def _load_of_images(log: Log, images: IntArray) -> FloatArray:
     """Return the load in the row of each image, else from the log between its neighbours [N]."""
+    time, load = log.time, log.force
     loaded = np.flatnonzero(np.isfinite(load))
     force = load[images]
     for image in np.flatnonzero(np.isnan(force)).tolist():
-        row = images[image]
+        row = int(images[image])
         first = images[image - 1] if image else -1
-        last = images[image + 1] if image + 1 < images.size else len(rows)
+        last = images[image + 1] if image + 1 < images.size else time.size
         near = loaded[(loaded > first) & (loaded < last)]
         if not (near.size and near[0] < row < near[-1]):
             expected = f"the load of image {image}, or loads logged shortly before and after it"
-            raise _error(path, rows[row], "force_N", "nothing", expected)
+            raise log.error(row, "force", "nothing", expected)
         force[image] = np.interp(time[row], time[near], load[near])
     return force
 
 
-def _instants(time: FloatArray, stage: FloatArray, stated: BoolArray) -> IntArray:
-    """Rows that are stated instants, and those of the log at which the stage travel bends."""
-    kept = stated.copy()
-    kept[[0, -1]] = True
-    tolerance = _STRAIGHT * np.ptp(stage)
-    while True:
-        rows = np.flatnonzero(kept)
-        off = np.abs(stage - np.interp(time, time[rows], stage[rows]))
-        worst = [a + int(np.argmax(off[a:b])) for a, b in pairwise(rows.tolist())]
-        bends = [row for row in worst if off[row] > tolerance]
-        if not bends:
-            return rows
-        kept[bends] = True
-
-
-def turning_points(stage: FloatArray) -> IntArray:
+def turning_points(stage: FloatArray, noise: float = 0.0) -> IntArray:
     """Rows of the first point, of each reversal (the end of its hold) and of the last point.
 
     Args:
         stage: stage travel [µm], shape (n_rows,).
+        noise: its standard deviation [µm].
     """
-    tolerance = _REVERSAL * np.ptp(stage)
+    tolerance = max(_REVERSAL * float(np.ptp(stage)), SIGNIFICANT * noise)
     turning, direction, best = [0], 0.0, 0
     for row in range(1, stage.size):
         if direction == 0.0:
@@ -189,6 +174,21 @@ def turning_points(stage: FloatArray) -> IntArray:
 def phase_of_images(history: History) -> IntArray:
     """In which loading or unloading each image lies, from 0; the turning image ends its phase."""
     return _segment(history.turning, history.image_row)
+
+
+def travel_told(history: History) -> str:
+    """Return the reversals of the stage in words, and the noise above which they were sought."""
+    turns = [f"{history.stage[row]:.4g}" for row in history.turning[1:-1]]
+    shown = ", ".join(turns[:_TOLD]) + (", …" if len(turns) > _TOLD else "")
+    said = f"the stage turns at {shown} µm" if turns else "the stage never turns"
+    said = f"{said}; the test ends at {history.stage[-1]:.4g} µm after {history.time.size} instants"
+    if history.stage_noise:
+        least = SIGNIFICANT * history.stage_noise
+        said += (
+            f"; its travel has noise of {history.stage_noise:.2g} µm, so that it turns where it "
+            f"goes back by more than {least:.2g} µm"
+        )
+    return said
 
 
 def knot_weights(history: History) -> FloatArray:
@@ -214,71 +214,3 @@ def knot_weights(history: History) -> FloatArray:
 def _segment(turning: IntArray, rows: IntArray) -> IntArray:
     """Between which turning points each row lies; a turning point ends its segment."""
     return np.maximum(np.searchsorted(turning, rows, side="left") - 1, 0)
-
-
-def _read_rows(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
-    """Return the rows with their line number under the key "line"; `columns` have to be there."""
-    try:
-        _refuse_no_table(path)
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.DictReader(file, restkey=_BEYOND, skipinitialspace=True)
-            names = [name.strip() for name in reader.fieldnames or ()]
-            reader.fieldnames = names
-            missing = [name for name in columns if name not in names]
-            if missing:
-                found = ",".join(names) or "no columns"
-                raise HistoryError(sentence(path, "row 1", found, "the column " + missing[0]))
-            twice = [name for name in columns if names.count(name) > 1]
-            if twice:
-                found = f"the column {twice[0]} {names.count(twice[0])} times"
-                raise HistoryError(sentence(path, "row 1", found, "each column once"))
-            return [_cells(path, row, names, reader.line_num) for row in reader]
-    except FileNotFoundError:
-        expected = "a CSV file of " + ", ".join(COLUMNS)
-        raise HistoryError(sentence(path, "file", "nothing", expected)) from None
-    except HistoryError:
-        raise
-    except UnicodeDecodeError as error:
-        raise HistoryError(sentence(path, "file", f"“{error}”", "a text in UTF-8")) from None
-    except (OSError, ValueError, csv.Error) as error:
-        expected = "a CSV file of " + ", ".join(COLUMNS)
-        raise HistoryError(sentence(path, "history.file", why(error), expected)) from None
-
-
-def _refuse_no_table(path: Path) -> None:
-    """Refuse what has no end, as a pipe or a device, and what no log of a test is as large as."""
-    expected = f"a CSV file of at most {_MOST_BYTES / 1e6:.0f} MB"
-    if path.exists() and not (path.is_file() or path.is_dir()):
-        raise HistoryError(sentence(path, "file", "no regular file", expected))
-    if path.is_file() and path.stat().st_size > _MOST_BYTES:
-        found = f"{path.stat().st_size / 1e6:.0f} MB"
-        raise HistoryError(sentence(path, "file", found, expected))
-
-
-def _cells(path: Path, row: Mapping[str, Any], names: Sequence[str], line: int) -> dict[str, str]:
-    """Strip the cells of a row; more cells than columns are decimal commas, or a slip."""
-    more: Sequence[str] = row.get(_BEYOND, ())
-    if any(cell.strip() for cell in more):
-        found = f"{len(names) + len(more)} cells"
-        expected = f"{len(names)}, as the columns, parted by commas, with points in the numbers"
-        raise HistoryError(sentence(path, f"row {line}", found, expected))
-    cells = {name: (row[name] or "").strip() for name in COLUMNS if name in names}
-    if any("\n" in cell for cell in cells.values()):
-        found = "a cell that goes on in the next row"
-        raise HistoryError(sentence(path, f"row {line}", found, "each quote closed in its row"))
-    return cells | {"line": str(line)}
-
-
-def _number(path: Path, row: dict[str, str], column: str) -> float:
-    text = row[column]
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise _error(path, row, column, show(text) if text else "nothing", "a number")
-    return value
-
-
-def _error(path: Path, row: dict[str, str], column: str, found: str, expected: str) -> HistoryError:
-    return HistoryError(sentence(path, f"row {row['line']}, {column}", found, expected))

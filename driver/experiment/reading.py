@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from driver.case.images import Images
 from driver.case.model import Case
 from driver.common.errors import InputError
-from driver.experiment.history import History, HistoryError, read_history
+from driver.experiment.history import History, read_history
 from driver.experiment.images.files import Refused, files_of, split_dataset
 from driver.experiment.images.heightmaps import HeightMaps, Stack, StoredLevels, load_stack
+from driver.experiment.log_file import HistoryError
 from driver.experiment.stack_checks import (
     ExperimentError,
     levels_at_the_limit,
@@ -113,7 +114,7 @@ def history_of(case: Case) -> History:
             of it, or too many of it.
     """
     path = case.path(case.history.file)
-    history = read_history(path, case.with_images)
+    history = read_history(path, case.with_images, stated=case.history)
     left, loads = set(case.loads.left_out), range(history.n_images)
     unknown = sorted(left.difference(loads))
     if unknown:

@@ -89,7 +89,7 @@ def export_case(
     results = _finished_results(case)
     if not results.diagnosed:
         logger.info("no extended model: there is no diagnosis of the case as it is")
-    history = read_history(case.path(case.history.file))
+    history = read_history(case.path(case.history.file), stated=case.history)
     _make_folder(folder, case)
     with tempfile.TemporaryDirectory(prefix="partial-", dir=folder) as aside:
         written = Path(aside)

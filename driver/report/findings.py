@@ -192,7 +192,7 @@ def read_findings(case: Case, results: Path) -> Findings:
     identified = _datasets(paths[IDENTIFY], _IDENTIFIED)
     identification = read_identification(paths[IDENTIFY])
     measured = _datasets(paths[MEASURE], _MEASURED)
-    history = read_history(case.path(case.history.file))
+    history = read_history(case.path(case.history.file), stated=case.history)
     # A term of the user's own that was installed since the identification is at its null.
     null = {name: parameter.null for name, parameter in _declared(case, history).items()}
     iterations = _record(paths[HISTORY_JSON], ("C",))

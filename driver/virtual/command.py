@@ -52,7 +52,8 @@ def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int
         raise InputError(sentence(folder, "--to", "something there", "an empty or a new folder"))
     truth = true_case(case, settings)
     cycles = settings.program.cycles
-    history = stage_program(cycles) if cycles else read_history(case.path(case.history.file))
+    path = case.path(case.history.file)
+    history = stage_program(cycles) if cycles else read_history(path, stated=case.history)
     hidden = knots(history, settings.program, case.specimen.length) | settings.truth
     n_cells = len(mesh_of(truth, truth.specimen.mesh_size).cells)
     face = case.specimen.length * case.specimen.width / case.images.pixel_um**2

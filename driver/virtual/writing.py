@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from driver.case.history import HistoryTable
 from driver.case.model import CASE_FILE, SCHEMA_FILE, Case, schema_text, write_case
 from driver.common.errors import InputError
 from driver.parameters.registry import declared_parameters
@@ -177,7 +178,7 @@ def _stated(case: Case, settings: Virtual, lens: _Lens) -> Case:
             "rows_along": "+X", "columns_along": "+Y", "heights": "+Z",
         }
     )  # fmt: skip
-    history = case.history.model_copy(update={"file": HISTORY_CSV})
+    history = HistoryTable(file=HISTORY_CSV, grip_distance_mm=case.history.grip_distance_mm)
     loads = case.loads.model_copy(update={"left_out": ()})
     return case.model_copy(update={"images": images, "history": history, "loads": loads})
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from driver.case.model import Case
+from driver.case.values import Table
 from driver.common.atomic_write import place_below
 from driver.common.errors import InputError, sentence
 from driver.experiment.images.files import matches, split_dataset
@@ -241,9 +242,18 @@ def stage_inputs(stage: Stage, case: Case) -> dict[str, str]:
     )
     return (
         {_VERSION: stage.version}
-        | {f"[{section}]": _hash(table) for section, table in tables.items()}
+        | {f"[{name}]": _hash(_stated(getattr(case, name), keys)) for name, keys in tables.items()}
         | {_name_of(path, case): _content_hash(path) for path in stage.files(case)}
     )
+
+
+def _stated(table: Any, keys: Any) -> Any:
+    """Return the keys of a table without those that came later and stand at their defaults."""
+    if not isinstance(table, Table):
+        return keys
+    fields = type(table).model_fields
+    silent = {key for key in table.added if getattr(table, key) == fields[key].default}
+    return {key: value for key, value in keys.items() if key not in silent}
 
 
 def _name_of(path: Path, case: Case) -> str:

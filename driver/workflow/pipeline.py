@@ -15,6 +15,7 @@ from driver.common.errors import sentence
 from driver.common.formatting import cost_told
 from driver.diagnosis.causes.user_causes import asked_causes
 from driver.experiment.held_out import held_out_cycle
+from driver.experiment.history import travel_told
 from driver.experiment.reading import history_of
 from driver.forward.build import capabilities_of, mesh_of, refuse_unfit_solver
 from driver.results.files import DIAGNOSIS, IDENTIFY, job_store, make_job_store, results_of
@@ -63,14 +64,14 @@ def stages(case: Case) -> Sequence[Stage]:
         inputs = (*_MESH, "history", "sections", "loads", *_IDENTIFY)
         return (
             Stage("mesh", "3", _MESH, run_mesh),
-            Stage("identify", "7", inputs, run_identify_loads, identified_files),
+            Stage("identify", "8", inputs, run_identify_loads, identified_files),
             Stage("report", "3", inputs, run_report_loads, reported_files),
         )
     return (
         Stage("mesh", "3", _MESH, run_mesh),
         Stage(
             "measure",
-            "7",
+            "8",
             _MEASURE,
             run_measure,
             measured_files,
@@ -78,7 +79,7 @@ def stages(case: Case) -> Sequence[Stage]:
             alone=True,
             reads_on=True,
         ),
-        Stage("identify", "11", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
+        Stage("identify", "12", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
         Stage("diagnose", "11", ("diagnosis",), run_diagnose, diagnosed_files),
         Stage("advise", "1", (), run_advise),
         Stage("report", "9", _REPORT, run_report, reported_files),
@@ -133,6 +134,7 @@ def run(
     refuse_unfit_solver(case, mesh, history)
     if case.with_images:
         held_out_cycle(case, history)
+    logger.info(travel_told(history))
     cost = estimate(case, solver, len(mesh.cells), history.n_images)
     logger.info(f"all stages take {cost_told(cost.seconds, cost.memory)}")
     if case.with_images:

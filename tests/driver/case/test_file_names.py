@@ -4,9 +4,9 @@ from pathlib import Path
 
 from driver.case.file_names import with_file_names
 from driver.case.grains import Grain
+from driver.case.history import HistoryTable
 from driver.case.images import Dic, Images
 from driver.case.inference import DiagnosisTable
-from driver.case.loading import HistoryTable
 from driver.case.model import load_case, write_case
 from driver.case.solver import Execution, ProfileTable, Solver
 from tools import closed_form

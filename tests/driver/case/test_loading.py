@@ -4,14 +4,13 @@ from typing import Any
 
 import pytest
 
-from driver.case.loading import Boundary, HistoryTable, Loads
+from driver.case.loading import Boundary, Loads
 from tests.driver.case.tables import refused
 
 RATIO: dict[str, Any] = {"stage_ratio": 4e-4, "stage_ratio_uncertainty": 1e-4}
 
 
 def test_lengths_of_the_loading_are_micrometres_inside() -> None:
-    assert HistoryTable(grip_distance_mm=32.0).grip_distance == pytest.approx(32e3)
     assert Boundary(jitter_nm=0.5).jitter == pytest.approx(5e-4)
     assert Loads(noise_uN=6.0).gamma_F == 6.0
 

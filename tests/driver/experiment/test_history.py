@@ -4,7 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from driver.experiment.history import HistoryError, knot_weights, read_history, turning_points
+from driver.experiment.history import knot_weights, read_history, turning_points
+from driver.experiment.log_file import HistoryError
 
 ALPHA = Path(__file__).parents[3] / "examples" / "alpha" / "history.csv"
 # Two cycles with a hold before each image; the last cycle ends unloaded.
@@ -157,7 +158,8 @@ def test_a_missing_column_and_a_missing_file_are_named(tmp_path: Path) -> None:
     with pytest.raises(HistoryError) as error:
         read_history(path)
     assert str(error.value) == (
-        f"{path}: row 1: found time_s,stage_mm,image,force_N, expected the column stage_um"
+        f"{path}: row 1: found time_s,stage_mm,image,force_N, expected the column stage_um, or "
+        'stage = {name = "stage_mm", unit = "mm"} under [history.columns]'
     )
     with pytest.raises(HistoryError, match="absent.csv: file: found nothing, expected a CSV"):
         read_history(tmp_path / "absent.csv")
@@ -174,14 +176,15 @@ def test_decimal_commas_and_a_doubled_column_are_refused_rather_than_misread(
     with pytest.raises(HistoryError) as error:
         read_history(path)
     assert str(error.value) == (
-        f"{path}: row 4: found 5 cells, expected 4, as the columns, parted by commas, with points "
-        "in the numbers"
+        f'{path}: row 4: found 5 cells, expected 4, as the columns, parted by ",", with "." in the '
+        "numbers (numbers with decimal commas need another separator)"
     )
     path = write(tmp_path, [row + ",1" for row in ROWS], "time_s,stage_um,image,force_N,force_N")
     with pytest.raises(HistoryError) as error:
         read_history(path)
     assert str(error.value) == (
-        f"{path}: row 1: found the column force_N 2 times, expected each column once"
+        f"{path}: row 1: found the column force_N 2 times, expected each column once, or its "
+        'number, as force = {name = 4, unit = "N"} under [history.columns]'
     )
 
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from driver.case.grains import Grain
+from driver.case.history import HistoryTable
 from driver.case.inference import Identification
-from driver.case.loading import Boundary, HistoryTable
+from driver.case.loading import Boundary
 from driver.case.material import MaterialTable
 from driver.case.model import Case, load_case, write_case
 from driver.case.solver import Execution, Solver

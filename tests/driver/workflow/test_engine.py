@@ -1,3 +1,4 @@
+import hashlib
 import json
 import os
 import shutil
@@ -21,6 +22,7 @@ from driver.workflow.engine import (
     finished,
     measured_files,
     run_stages,
+    stage_inputs,
     stage_key,
 )
 from driver.workflow.run_lock import BusyError
@@ -533,3 +535,16 @@ def test_results_that_are_a_link_need_the_consent_of_the_user(
     agree(link_requests(workshop.folder / "results"))
     assert workshop.run() == ["mesh", "measure"]
     assert (scratch / "mesh.txt").is_file()
+
+
+def test_keys_of_a_table_that_came_later_change_no_result_until_they_are_stated(
+    workshop: Workshop,
+) -> None:
+    case = load_case(workshop.case_path)
+    stage = Stage("measure", "1", ("history",), workshop.measure)
+    before = {"file": "history.csv", "grip_distance_mm": 32.0}
+    digest = hashlib.sha256(json.dumps(before, sort_keys=True).encode()).hexdigest()
+    assert stage_inputs(stage, case)["[history]"] == digest
+    for key, value in (("separator", ";"), ("empty", "NaN"), ("first_row", 3)):
+        stated = case.with_values_at({f"history.{key}": value})
+        assert stage_inputs(stage, stated)["[history]"] != digest
