@@ -67,7 +67,7 @@ def open_med(
         fields_of = _fields_of_meshes(path)
         with quiet_library():
             name = _chosen(path, fields_of, mesh, groups, fields)
-            return MedFile(path, mc.MEDFileUMesh(str(path), name), fields_of[name])
+            return MedFile(path, mc.MEDFileUMesh(as_utf8(path), name), fields_of[name])
     except FileNotFoundError:
         raise FileNotFoundError(f"{path}: no such file") from None
     except (OSError, LookupError, TypeError, AttributeError, mc.InterpKernelException) as error:
@@ -85,14 +85,23 @@ def write_as_med_4_0(data: Any, path: Path, replace: bool) -> None:
     Raises:
         OSError: the library cannot write it, as where no space is left or the path is not UTF-8.
     """
-    name = str(path)
     try:
         with quiet_library():
-            data.write40(name, _REPLACE if replace else _ADD)
-    except TypeError:  # of a path that no string of C++ is made of
-        raise OSError(errno.EILSEQ, "a path that is not UTF-8", name) from None
+            data.write40(as_utf8(path), _REPLACE if replace else _ADD)
     except mc.InterpKernelException:
-        raise OSError(errno.EIO, "no MED file could be written", name) from None
+        raise OSError(errno.EIO, "no MED file could be written", str(path)) from None
+
+
+def as_utf8(path: Path) -> str:
+    """Return a path whose UTF-8 is that of the system, whatever the encoding of the locale.
+
+    Raises:
+        OSError: it is none.
+    """
+    try:
+        return os.fsencode(path).decode("utf-8")
+    except UnicodeDecodeError:
+        raise OSError(errno.EILSEQ, "a path that is not UTF-8", str(path)) from None
 
 
 @contextmanager
@@ -188,7 +197,7 @@ def _chosen(
         fitting = [
             name
             for name in fields_of
-            if set(groups) <= set(mc.GetMeshGroupsNames(str(path), name))
+            if set(groups) <= set(mc.GetMeshGroupsNames(as_utf8(path), name))
             and set(fields) <= set(fields_of[name])
             and (groups or fields or fields_of[name])
         ]
