@@ -18,7 +18,7 @@ from driver.experiment.orientations import grain_orientations, map_files
 from driver.report.style import literal
 from meshes.arrays import FloatArray
 
-_MOST_CELLS = 1000  # of a side of the picture
+_MOST_CELLS = 600  # of a side, more than the picture has pixels
 _NOT_INDEXED, _NOT_CUBIC = (0.0, 0.0, 0.0), (0.5, 0.5, 0.5)
 _RIM = [withStroke(linewidth=3.5, foreground="black")]
 
