@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,6 +37,7 @@ from driver.experiment.log_file import (
 )
 from meshes.arrays import FloatArray
 
+_PLAIN = frozenset("0123456789+-.eE")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _WITH_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
 _CLOCK_TIME = re.compile(r"(\d+):([0-5]?\d):([0-5]?\d(\.\d*)?)")
@@ -127,7 +129,7 @@ def read_log(path: Path, stated: HistoryTable, needed: Sequence[str]) -> Log:
     def values(kind: str, unit: float) -> FloatArray:
         if kind not in columns:
             return np.full(len(rows), np.nan)
-        return unit * np.array([_value(path, stated, columns[kind], row) for row in rows])
+        return unit * _values(path, stated, columns[kind], rows)
 
     return Log(
         path=path,
@@ -228,6 +230,21 @@ def _refuse_no_numbers(
         remedy += f" and {', '.join(entries)} under [history.columns]"
     found = show(stated.separator.join(first.cells))
     raise HistoryError(sentence(path, f"row {first.number}", found, f"numbers, or {remedy}"))
+
+
+def _values(
+    path: Path, stated: HistoryTable, column: LogColumn, rows: Sequence[LogRow]
+) -> FloatArray:
+    """Return the numbers of a column, NaN where an image or a load may be absent and is."""
+    texts = [row.cells[column.place] for row in rows]
+    absent = {"", stated.empty} if column.kind in ("image", "force") else set()
+    if column.unit != CLOCK and stated.decimal == "." and _PLAIN.issuperset("".join(texts)):
+        # Most logs, at once; what is no number after all is told below, with its row.
+        with suppress(ValueError):
+            values = np.array([math.nan if text in absent else float(text) for text in texts])
+            if not np.isinf(values).any():
+                return values
+    return np.array([_value(path, stated, column, row) for row in rows])
 
 
 def _value(path: Path, stated: HistoryTable, column: LogColumn, row: LogRow) -> float:

@@ -212,6 +212,13 @@ def test_a_column_that_tells_its_unit_wrongly_is_stated_by_its_number(tmp_path: 
     assert_as_said(read(tmp_path / "log.csv", text, columns={"stage": {"name": 2, "unit": "um"}}))
 
 
+def test_a_mark_before_the_text_is_no_part_of_the_first_name(tmp_path: Path) -> None:
+    marked = PLAIN.encode("utf-16")
+    assert_as_said(read(tmp_path / "log.csv", marked, encoding="utf-16"))
+    little = b"\xff\xfe" + PLAIN.encode("utf-16-le")
+    assert_as_said(read(tmp_path / "log.csv", little, encoding="utf-16-le"))
+
+
 def test_a_log_of_loads_alone_needs_no_column_of_images(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("time_s,stage_um,force_N\n0,0,500\n90,5,100\n180,10,0\n270,7.5,200\n")
