@@ -18,7 +18,7 @@ from driver.experiment.history import History
 from driver.experiment.reading import fitted_loads
 from meshes.arrays import FloatArray
 
-# A tenth of the strain at which a metal yields, and more than it takes in a test by steps.
+# A tenth of the strain at which a metal yields, and a specimen that is half as long again.
 _STRAINS = (1e-4, 0.5)
 # Slower than creep that a test waits for, and faster than images between steps allow.
 _RATES = (1e-8, 1.0)

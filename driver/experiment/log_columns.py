@@ -37,6 +37,7 @@ from driver.experiment.log_file import (
 )
 from meshes.arrays import FloatArray
 
+_LONGEST = 200  # characters of a row that are told
 _PLAIN = frozenset("0123456789+-.eE")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _WITH_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
@@ -178,6 +179,8 @@ def _no_column(
         found = f'the name "{column.name}"'
         return HistoryError(sentence(path, f"history.columns.{kind}", found, expected))
     found = stated.separator.join(names)
+    if len(found) > _LONGEST:
+        found = f"{found[:_LONGEST]}…"
     expected = f"the column {column.name}, or {remedy_of_names(lines, stated, needed)}"
     return HistoryError(sentence(path, f"row {stated.header_row}", found, expected))
 
@@ -186,14 +189,14 @@ def _refuse_other_units(
     path: Path, stated: HistoryTable, lines: Sequence[str], columns: Mapping[str, LogColumn]
 ) -> None:
     """Refuse a column of which its name, or a row below the names, says another unit."""
-    below = range(stated.header_row, stated.first_data_row - 1) if stated.header_row else ()
+    last = min(stated.first_data_row - 1, len(lines))
+    below = range(stated.header_row, last) if stated.header_row else ()
     for kind, column in columns.items():
         if isinstance(getattr(stated, kind).name, int):
             continue
         said = {stated.header_row: unit_in(column.name, kind)}
         for row in below:
-            line = lines[row] if row < len(lines) else ""
-            said[row + 1] = unit_in_row(line, stated.separator, column.place, kind)
+            said[row + 1] = unit_in_row(lines[row], stated.separator, column.place, kind)
         for number, unit in said.items():
             if unit is not None and not same_unit(unit, column.unit):
                 found = f'the column {column.name} in "{unit}"'
