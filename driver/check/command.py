@@ -257,7 +257,7 @@ def _loads_alone(case: Case, adapter: Adapter | None, n_cells: int) -> Iterator[
         return
     force = history.force * case.force_scale
     yield _course(case, history, force, "loads")
-    yield Finding("ok", "history", travel_told(history))
+    yield Finding("ok", "stage", travel_told(history))
     yield from in_figures(case, history, force)
     yield from strange_loads(case, history, force)
     yield stated_motion(case, history)
@@ -283,7 +283,7 @@ def _course(case: Case, history: History, force: FloatArray, what: str) -> Findi
 def _history(case: Case, experiment: Experiment) -> Iterator[Finding]:
     history = experiment.history
     yield _course(case, history, experiment.force, "images")
-    yield Finding("ok", "history", travel_told(history))
+    yield Finding("ok", "stage", travel_told(history))
     yield from in_figures(case, history, experiment.force)
     yield from strange_loads(case, history, experiment.force)
     try:
