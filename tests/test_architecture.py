@@ -18,7 +18,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("driver.cli",),
     ("driver.terminal",),
     ("driver.trust",),
-    ("driver.batch", "driver.cache", "driver.check", "driver.export"),
+    ("driver.batch", "driver.cache", "driver.check", "driver.export", "driver.status"),
     ("driver.workflow",),
     ("driver.design", "driver.noise_floor"),
     ("driver.virtual",),
@@ -79,13 +79,14 @@ WRITTEN = (
     ".txt", ".lock", ".partial", ".edited",
 )  # fmt: skip
 FOLDERS = ("results", "jobs", "extended_decks")
-# These name no result: the case file, its schema and usual inputs, the user's queue systems and
+# These name no result: the case file, its schema, usual inputs and key of the folder of results, the user's queue systems and
 # consent, formats of images that are read, and a file that is not whole yet.
 NAME_NO_RESULT = (
     "driver.batch.queues",
     "driver.case.consent",
     "driver.case.loading",
     "driver.case.model",
+    "driver.case.solver",
     "driver.common.atomic_write",
     "driver.experiment.images.files",
     "driver.experiment.images.formats",
