@@ -79,8 +79,8 @@ WRITTEN = (
     ".txt", ".lock", ".partial", ".edited",
 )  # fmt: skip
 FOLDERS = ("results", "jobs", "extended_decks")
-# These name no result: the case file, its schema, usual inputs and key of the folder of results, the user's queue systems and
-# consent, formats of images that are read, and a file that is not whole yet.
+# These name no result: the case file, its schema, usual inputs and the folder of its results, the
+# user's queue systems and consent, formats of images that are read, a file that is not whole yet.
 NAME_NO_RESULT = (
     "driver.batch.queues",
     "driver.case.consent",
