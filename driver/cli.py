@@ -241,12 +241,20 @@ def trust(
 
 
 @app.command()
-def report(case: CaseArgument) -> None:
+def report(
+    case: CaseArgument,
+    figures: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", parser=_path, help="write the figures there, too, as PDF and SVG"
+        ),
+    ] = None,
+) -> None:
     """Write the report page of CASE anew from its results."""
     from driver.workflow import pipeline
 
     with _told_in_one_line(), progress_to(typer.echo):
-        pipeline.report(_case_file(case))
+        pipeline.report(_case_file(case), figures)
 
 
 @app.command()
