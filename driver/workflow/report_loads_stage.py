@@ -8,10 +8,10 @@ import numpy as np
 
 from driver.case.model import Case
 from driver.common.formatting import chi, joined, number, with_sigma
-from driver.experiment.reading import fitted_loads, history_of
+from driver.experiment.reading import history_of
 from driver.identification.loads_alone import doubts
 from driver.parameters.registry import declared_parameters
-from driver.report import figures
+from driver.report.all_figures import draw_loads_alone
 from driver.report.identified import estimates
 from driver.report.identified_tables import estimate_rows
 from driver.report.style import data_uri, png
@@ -32,13 +32,7 @@ def run_report_loads(context: StageContext) -> None:
     identified = read_identification(context.result(IDENTIFY))
     declared = declared_parameters(history_of(case).n_knots, case.material.to_material())
     groups, knots = estimate_rows(estimates(identified.names, declared, results))
-    loads = fitted_loads(case, results["force"])
-    picture = png(
-        figures.loads(
-            results["stage"], results["time"], loads, {"before": results["final/load"]},
-            case.loads.gamma_F, results["initial/load"],
-        )
-    )  # fmt: skip
+    picture = png(draw_loads_alone(case, results))
     (context.workdir / report_figure("loads")).write_bytes(picture)
     rest = np.delete(results["final/load_residual"], case.loads.left_out)
     page = render(
