@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from driver.dic.correlation import Correlation, Options, correlate
     from driver.results.files import results_of
     from driver.results.hdf5 import read_hdf5
-    from prismid.cases import load_case
+    from prismid.cases import changed, load_case
     from prismid.pictures import figures
     from prismid.results import read_results
     from prismid.simulations import simulate
@@ -47,6 +47,7 @@ __all__ = [
     "PreparedError",
     "SolverError",
     "bunge_matrix",
+    "changed",
     "check",
     "correlate",
     "default_case",
@@ -77,6 +78,7 @@ _MODULES = {
     "PreparedError": "solver_adapters.interface",
     "SolverError": "solver_adapters.interface",
     "bunge_matrix": "solver_adapters.crystal",
+    "changed": "prismid.cases",
     "check": "prismid.stages",
     "correlate": "driver.dic.correlation",
     "default_case": "driver.case.model",

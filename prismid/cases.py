@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
 
 from driver.case import model
-from driver.case.model import CASE_FILE, Case
-from driver.common.errors import InputError, sentence
+from driver.case.messages import sentences
+from driver.case.model import CASE_FILE, Case, CaseError
+from driver.common.errors import InputError, one_of, sentence
 
 CaseLike = Case | Path | str
 """A case that was read, its file, or the folder of its `case.toml`."""
@@ -29,6 +34,43 @@ def load_case(path: Path | str) -> Case:
         (12.0, ['grain 1', 'grain 2'])
     """
     return model.load_case(file_named(path))
+
+
+def changed(case: CaseLike, values: Mapping[str, Any]) -> Case:
+    """Return a case with other values, validated as those of a file are.
+
+    Args:
+        case: the case, its file or its folder.
+        values: what its file would state, by dotted key: {"material.tau0_MPa": 30.0}.
+
+    Returns:
+        a case that names the same file, whose folder its paths start from; `write_case` writes it
+        to one of its own.
+
+    Raises:
+        CaseError: a key is unknown or a value out of range; an `InputError`.
+
+    Examples:
+        >>> import prismid
+        >>> softer = prismid.changed("alpha", {"material.tau0_MPa": 30.0})
+        >>> softer.material.to_material().tau0
+        30.0
+    """
+    before = read(case)
+    data = before.model_dump(mode="json")
+    for key, value in values.items():
+        *tables, last = key.split(".")
+        table: Any = data
+        for name in tables:
+            if not isinstance(table.get(name), dict):
+                expected = one_of(name, tuple(table))
+                raise CaseError(sentence(before.file, key, f"the table {name}", expected))
+            table = table[name]
+        table[last] = value
+    try:
+        return Case.model_validate(data, context={"file": before.file})
+    except ValidationError as error:
+        raise CaseError(sentences(before.file, Case, data, error)) from None
 
 
 def read(case: CaseLike) -> Case:

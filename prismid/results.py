@@ -41,8 +41,8 @@ def read_results(case: CaseLike) -> xarray.DataTree:
     Nodes, each with what its stage has found; those of stages that are not finished for the case
     as it is are absent:
 
-    - `images` (image): `load`, `elongation`, `tilt`, `chi`, `left_out`; `load_model` of the
-      identified and `load_extended` of the extended model;
+    - `images` (image): `load_measured`, `elongation`, `tilt`, `chi`, `left_out`; `load_model` of
+      the identified and `load_extended` of the extended model;
     - `surface` (image, point, component): `motion` by free correlation, `motion_model`,
       `motion_extended`; `residual` (image, point), and of the models `residual_model`, …;
       coordinates X, Y of the points;
@@ -126,7 +126,7 @@ def _image_coordinates(base: _Results) -> dict[str, Variable]:
 
 def _images(case: Case, base: _Results, models: _Models) -> xarray.Dataset:
     along = ("image",)
-    variables: dict[str, Variable] = {"load": (along, base["force"], "µN", "load")}
+    variables: dict[str, Variable] = {"load_measured": (along, base["force"], "µN", "load")}
     for label, (found, prefix) in models.items():
         variables[f"load_{label}"] = (along, found[f"{prefix}/load"], "µN", f"load, {label}")
     if case.with_images:
@@ -138,7 +138,7 @@ def _images(case: Case, base: _Results, models: _Models) -> xarray.Dataset:
             variables[name] = (along, base[name], unit, words)
         variables["left_out"] = (along, base["left_out"] > 0, "", "whether the image is left out")
     made = dataset(variables, _image_coordinates(base))
-    made["load"].attrs["sigma"] = case.loads.gamma_F
+    made["load_measured"].attrs["sigma"] = case.loads.gamma_F
     if case.with_images:
         for name in ("elongation", "tilt"):
             made[name].attrs["sigma"] = float(base[f"{name}_sigma"])

@@ -46,7 +46,7 @@ def simulate(
     """Simulate a case once, and look at it with perfect instruments.
 
     Args:
-        case: the case as it is (changes by `Case.with_values_at` count), its file or its folder.
+        case: the case as it is (with what was `changed` in it), its file or its folder.
         values: parameters of the general model by name, in µm, MPa, s, µN, rad; others are those
             that the stage identify has found, before it those at which it would start. Before it
             the elongations at the turning points, `elongation_1`, …, have to be given.
@@ -55,8 +55,9 @@ def simulate(
         finer: whether on the finer mesh, in its steps, instead of the working mesh.
 
     Returns:
-        `motion` (image, point, component) [µm], without a shift of the stage; `load` (image) [µN];
-        `value` (parameter) of every parameter. The correction for mesh and steps is not in them.
+        `motion` (image, point, component) [µm], without a shift of the stage; `load_simulated`
+        (image) [µN]; `value` (parameter) of every parameter. The correction for mesh and steps is
+        not in them.
 
     Raises:
         InputError: the case, a name, a value or a point cannot be used.
@@ -67,7 +68,7 @@ def simulate(
         >>> import prismid
         >>> case = prismid.load_case("alpha")
         >>> still = prismid.simulate(case, {f"elongation_{k}": 0.0 for k in range(1, 7)})
-        >>> float(abs(still.load).max())
+        >>> float(abs(still.load_simulated).max())
         0.0
     """
     xarray_library()
@@ -101,7 +102,7 @@ def simulate(
     return dataset(
         {
             "motion": (("image", "point", "component"), motion, "µm", "simulated motion"),
-            "load": (("image",), seen.load, "µN", "simulated load"),
+            "load_simulated": (("image",), seen.load, "µN", "simulated load"),
             "value": (("parameter",), np.array([everything[name] for name in names]), "", "value"),
         },
         of_images(history.time[rows], history.stage[rows], history.cycle)

@@ -68,10 +68,9 @@ def check(case: CaseLike) -> list[Finding]:
     Returns:
         what was found, each with a `level` ("ok", "warning", "error"), `subject` and `message`.
 
-    Examples:
-        >>> import prismid
-        >>> {finding.level for finding in prismid.check("alpha")}
-        {'ok'}
+    Raises:
+        InputError: values of the case were changed since it was read; else nothing is raised for
+            bad input: it is found.
     """
     return check_command.check(file_of(case))
 

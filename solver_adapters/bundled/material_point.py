@@ -330,7 +330,8 @@ class _Driver:
     @property
     def rotation(self) -> FloatArray:
         """Crystal → specimen, shape (3, 3)."""
-        return self.law.rotation[-1]
+        last: FloatArray = self.law.rotation[-1]
+        return last
 
     def at_rest(self, material: Material) -> _State:
         """Return the point before loading."""

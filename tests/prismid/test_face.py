@@ -47,8 +47,6 @@ def test_every_function_is_typed_through_and_through() -> None:
             assert inspect.Parameter.empty not in kinds
 
 
-@pytest.mark.parametrize(
-    "package", ["prismid", "driver", "meshes", "solver_adapters", "templates"]
-)
+@pytest.mark.parametrize("package", ["prismid", "driver", "meshes", "solver_adapters", "templates"])
 def test_type_checkers_of_users_are_told_of_the_types(package: str) -> None:
     assert (SOURCE.parents[1] / package / "py.typed").is_file()

@@ -24,6 +24,7 @@ OUTPUTS = {
     "measure": ["measure.h5"],
     "identify": ["identify.h5"],
     "diagnose": ["diagnosis.json", "diagnosis.h5"],
+    "advise": ["advice.json"],
 }
 
 
@@ -46,7 +47,7 @@ def diagnosed(results: Results) -> Path:
         for name in ("load", "motion", "rho"):
             to[f"final/{name}"] = source[f"before/{name}"][()]
         to["sigma"] = np.arange(1.0, len(to["values"]) + 1)
-    record(results.folder, *OUTPUTS)
+    record(results.folder, "mesh", "measure", "identify", "diagnose")
     return results.folder
 
 
@@ -70,14 +71,14 @@ def test_loads_and_elongation_are_those_of_the_table(alpha: Path) -> None:
         rows = list(csv.DictReader(file))
     images = prismid.read_results(alpha)["images"]
     for name, column, factor in (
-        ("load", "force_uN", 1.0),
+        ("load_measured", "force_uN", 1.0),
         ("elongation", "elongation_nm", 1e3),
         ("time", "time_s", 1.0),
         ("stage", "stage_um", 1.0),
     ):
         told = [float(row[column]) for row in rows]
         np.testing.assert_allclose(factor * images[name], told, rtol=1e-5, atol=1e-9)
-    assert images["load"].attrs == {"units": "µN", "long_name": "load", "sigma": 5.97}
+    assert images["load_measured"].attrs == {"units": "µN", "long_name": "load", "sigma": 5.97}
 
 
 def test_identified_parameters_have_sigma_and_covariance(diagnosed: Path) -> None:

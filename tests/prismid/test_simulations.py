@@ -30,13 +30,13 @@ def test_an_elastic_pull_is_that_of_a_stiffness_between_those_of_the_grains(alph
         ).stress_along_Y[-1]
         for rotation in case.orientations
     ]
-    stress = float(seen.load[-1]) / case.section
+    stress = float(seen.load_simulated[-1]) / case.section
     assert min(bars) < stress < 1.2 * max(bars)
     # Held across the ends, the face elongates from end to end by what is asked for.
     v = seen.motion.sel(component="v").isel(image=-1)
     ends = [float(v[(seen.Y - y) ** 2 < 1e-12].mean()) for y in (0.0, case.specimen.length)]
     assert ends[1] - ends[0] == pytest.approx(pull, rel=1e-9)
-    assert seen.motion.units == "µm" and seen.load.units == "µN"
+    assert seen.motion.units == "µm" and seen.load_simulated.units == "µN"
 
 
 def test_points_of_the_face_are_those_that_are_asked_for(alpha: Path) -> None:
@@ -45,9 +45,9 @@ def test_points_of_the_face_are_those_that_are_asked_for(alpha: Path) -> None:
     pull = knots(*[1e-3] * N_KNOTS)
     at_points, at_nodes = prismid.simulate(case, pull, points), prismid.simulate(case, pull)
     np.testing.assert_array_equal(np.column_stack([at_points.X, at_points.Y]), points)
-    np.testing.assert_allclose(at_points.load, at_nodes.load)
+    np.testing.assert_allclose(at_points.load_simulated, at_nodes.load_simulated)
     # Between those of the nodes around them, to a twentieth of the whole.
-    for point in at_points.point.values if "point" in at_points.coords else range(3):
+    for point in range(3):
         x, y = points[point]
         near = int(np.argmin((at_nodes.X.values - x) ** 2 + (at_nodes.Y.values - y) ** 2))
         off = at_points.motion[-1, point] - at_nodes.motion[-1, near]
@@ -58,8 +58,8 @@ def test_points_of_the_face_are_those_that_are_asked_for(alpha: Path) -> None:
 def test_changes_of_a_case_in_memory_count(alpha: Path) -> None:
     case = prismid.load_case(alpha)
     pull = knots(*[1e-3] * N_KNOTS)
-    softer = case.with_values_at({"material.elastic_scale": 0.5})
-    loads = [prismid.simulate(one, pull).load for one in (case, softer)]
+    softer = prismid.changed(case, {"material.elastic_scale": 0.5})
+    loads = [prismid.simulate(one, pull).load_simulated for one in (case, softer)]
     np.testing.assert_allclose(loads[1], 0.5 * loads[0], rtol=1e-9)
 
 
