@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from driver.common.errors import InputError
+from driver.parameters.registry import label_of
 from meshes.arrays import AnyArray, FloatArray
 
 if TYPE_CHECKING:
@@ -78,4 +79,14 @@ def of_points(xy: FloatArray) -> dict[str, Variable]:
         "X": (("point",), xy[:, 0], "µm", "X, across the face"),
         "Y": (("point",), xy[:, 1], "µm", "Y, along the loading axis"),
         "component": (("component",), np.array(COMPONENTS), "", "motion along X, Y, Z"),
+    }
+
+
+def of_parameters(names: Iterable[str], units: Iterable[str]) -> dict[str, Variable]:
+    """Coordinates of parameters: their names, units and labels."""
+    named, along = list(names), ("parameter",)
+    return {
+        "parameter": (along, np.array(named), "", ""),
+        "unit": (along, np.array(list(units)), "", ""),
+        "label": (along, np.array([label_of(name) for name in named]), "", ""),
     }

@@ -42,16 +42,16 @@ def figures(case: CaseLike) -> dict[str, Figure]:
         >>> [axes.get_xlabel() for axes in drawn["measure_travel"].axes][-1]
         'stage travel [µm]'
     """
-    read = sized_case(file_of(case))
-    folder = results_of(read)
-    needed = ("measure",) if read.with_images else ("identify",)
-    done = finished(read, stages(read), needed)
-    if not read.with_images:
-        return {"report_loads": draw_loads_alone(read, read_hdf5(folder / IDENTIFY))}
+    stated = sized_case(file_of(case))
+    folder = results_of(stated)
+    needed = ("measure",) if stated.with_images else ("identify",)
+    done = finished(stated, stages(stated), needed)
+    if not stated.with_images:
+        return {"report_loads": draw_loads_alone(stated, read_hdf5(folder / IDENTIFY))}
     measured = measured_motion(
-        read_hdf5(folder / MEASURE), read.images.level_um, boundary_trace(read)
+        read_hdf5(folder / MEASURE), stated.images.level_um, boundary_trace(stated)
     )
     drawn = {Path(name).stem: picture(measured) for name, picture in FIGURES.items()}
     if "advise" in done:
-        drawn |= {f"report_{name}": one for name, one in draw(read_findings(read, folder))}
+        drawn |= {f"report_{name}": one for name, one in draw(read_findings(stated, folder))}
     return drawn

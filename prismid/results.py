@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from driver.case.model import Case
-from driver.parameters.registry import label_of
 from driver.results.files import DIAGNOSIS, DIAGNOSIS_H5, IDENTIFY, MEASURE, results_of
 from driver.results.hdf5 import damaged, open_hdf5, prismid_version
 from driver.results.identification import read_identification
@@ -20,7 +19,15 @@ from driver.workflow.engine import finished
 from driver.workflow.pipeline import stages
 from meshes.arrays import AnyArray
 from prismid.cases import CaseLike, file_of
-from prismid.labelled import Variable, dataset, of_images, of_points, xarray_library
+from prismid.diagnosed import causes, effects, extended
+from prismid.labelled import (
+    Variable,
+    dataset,
+    of_images,
+    of_parameters,
+    of_points,
+    xarray_library,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -50,7 +57,9 @@ def read_results(case: CaseLike) -> xarray.DataTree:
       `correlation`, `prior_share` of what was identified, `unit` of each;
     - `extended` (parameter): `value` and `sigma` after the diagnosis;
     - `causes` (round, cause): `log_evidence`, `log_evidence_refit`, `statistic`, `degrees`,
-      `p_family`, `named`; the verdict in its attributes.
+      `p_family`, `named`; the verdict in its attributes;
+    - `effects` (round, effect): of each parameter of a cause its departure from the null, to first
+      order `estimate`, and `smallest_visible`; refitted its `value` and `sigma`.
 
     Lengths are in µm, loads in µN, times in s, stresses in MPa; each variable has its `units`.
 
@@ -73,18 +82,18 @@ def read_results(case: CaseLike) -> xarray.DataTree:
         'µm'
     """
     xarray_library()
-    read = sized_case(file_of(case))
-    folder = results_of(read)
-    needed = ("measure",) if read.with_images else ("identify",)
-    done = finished(read, stages(read), needed)
-    base = _Results.of(folder / (MEASURE if read.with_images else IDENTIFY))
+    stated = sized_case(file_of(case))
+    folder = results_of(stated)
+    needed = ("measure",) if stated.with_images else ("identify",)
+    done = finished(stated, stages(stated), needed)
+    base = _Results.of(folder / (MEASURE if stated.with_images else IDENTIFY))
     models = {
         label: (_Results.of(folder / name), prefix)
         for label, (stage, name, prefix) in _MODELS.items()
         if stage in done
     }
-    nodes = {"images": _images(read, base, models)}
-    if read.with_images:
+    nodes = {"images": _images(stated, base, models)}
+    if stated.with_images:
         nodes["surface"] = _surface(base, models)
     if "identify" in done:
         nodes["parameters"] = _parameters(models["model"][0])
@@ -92,10 +101,14 @@ def read_results(case: CaseLike) -> xarray.DataTree:
         path = folder / DIAGNOSIS
         record = read_json(path)
         try:
-            nodes["extended"], nodes["causes"] = _extended(record), _causes(record)
+            nodes |= {
+                "extended": extended(record),
+                "causes": causes(record),
+                "effects": effects(record),
+            }
         except _DAMAGE as error:
             raise damaged(path, f"no readable diagnosis ({error!r})") from None
-    root = dataset({}, {}, {"prismid": prismid_version(), "case": str(read.file)})
+    root = dataset({}, {}, {"prismid": prismid_version(), "case": str(stated.file)})
     tree: xarray.DataTree = xarray_library().DataTree.from_dict({"/": root, **nodes})
     return tree
 
@@ -175,7 +188,7 @@ def _parameters(found: _Results) -> xarray.Dataset:
             "covariance": (both, correlation * np.outer(sigma, sigma), "", "covariance"),
             "correlation": (both, correlation, "", "correlation"),
         },
-        _of_parameters(told.names, told.units)
+        of_parameters(told.names, told.units)
         | {"with_parameter": (("with_parameter",), names, "", "")},
         {
             "reason": told.reason,
@@ -183,78 +196,3 @@ def _parameters(found: _Results) -> xarray.Dataset:
             "warnings": list(told.warnings),
         },
     )
-
-
-def _of_parameters(names: Iterable[str], units: Iterable[str]) -> dict[str, Variable]:
-    named, along = list(names), ("parameter",)
-    return {
-        "parameter": (along, np.array(named), "", ""),
-        "unit": (along, np.array(list(units)), "", ""),
-        "label": (along, np.array([label_of(name) for name in named]), "", ""),
-    }
-
-
-def _extended(record: Mapping[str, Any]) -> xarray.Dataset:
-    fitted = record["extended"]["values"]
-    along = ("parameter",)
-    return dataset(
-        {
-            name: (along, np.array([float(one[name]) for one in fitted.values()]), "", words)
-            for name, words in (("value", "value"), ("sigma", "standard deviation"))
-        },
-        _of_parameters(fitted, (one["unit"] for one in fitted.values())),
-        {"added": list(record["added"])},
-    )
-
-
-def _causes(record: Mapping[str, Any]) -> xarray.Dataset:
-    """Return the causes that were tried, those of the first round first, round by round."""
-    rounds = [{cause["cause"]: cause for cause in step["causes"]} for step in record["steps"]]
-    tried = {name: cause for one in reversed(rounds) for name, cause in one.items()}
-    names = list(dict.fromkeys(name for one in rounds for name in one))
-    refits = [
-        {name: cause["refit"] for name, cause in one.items() if cause["refit"]} for one in rounds
-    ]
-    table = {
-        "log_evidence": (rounds, "log Bayes factor, to first order"),
-        "statistic": (rounds, "score statistic"),
-        "degrees": (rounds, "degrees of freedom"),
-        "p_family": (rounds, "probability by chance, of all tries"),
-    }
-    both = ("round", "cause")
-    variables: dict[str, Variable] = {
-        name: (both, _numbers(found, names, name), "", words)
-        for name, (found, words) in table.items()
-    }
-    variables["log_evidence_refit"] = (
-        both, _numbers(refits, names, "log_evidence"), "", "log Bayes factor of the refit"
-    )  # fmt: skip
-    named = [[name in step["named"] for name in names] for step in record["steps"]]
-    variables["named"] = (both, np.array(named, dtype=bool).reshape(-1, len(names)), "", "")
-    along = ("cause",)
-    return dataset(
-        variables,
-        {
-            "round": (("round",), np.arange(1, len(rounds) + 1), "", "round"),
-            "cause": (along, np.array(names, dtype=str), "", ""),
-            **{
-                name: (along, np.array([tried[cause][name] for cause in names], dtype=str), "", "")
-                for name in ("category", "sentence")
-            },
-        },
-        {
-            "verdict": record["verdict"],
-            "named": list(record["causes"]),
-            "text": record["text"],
-            "next": record["next"],
-        },
-    )
-
-
-def _numbers(
-    rounds: Iterable[Mapping[str, Mapping[str, Any]]], names: Iterable[str], key: str
-) -> AnyArray:
-    """Numbers of each round and cause, NaN where a cause was not tried or has none."""
-    columns = list(names)
-    rows = [[one.get(name, {}).get(key) for name in columns] for one in rounds]
-    return np.array(rows, dtype=np.float64).reshape(-1, len(columns))

@@ -31,6 +31,7 @@ from driver.workflow.pipeline import stages
 from meshes.arrays import FloatArray
 from prismid.cases import CaseLike, read
 from prismid.labelled import dataset, of_images, of_points, xarray_library
+from solver_adapters.kernels import use_threads
 
 if TYPE_CHECKING:
     import xarray
@@ -83,6 +84,7 @@ def simulate(
     if solver.uses_workspace:
         make_folder(results_of(stated), stated.file)
         workspace = job_store(stated)
+    use_threads(stated.execution.processes * stated.execution.threads)
     adapter = adapter_of(stated)
     looked_at = np.zeros((0, 2)) if points is None else np.asarray(points, dtype=np.float64)
     if finer:

@@ -62,12 +62,12 @@ class MaterialPointCurve:
     back_stress: FloatArray
 
     @property
-    def strain_along_Y(self) -> FloatArray:  # noqa: N802
+    def strain_along_Y(self) -> FloatArray:
         """Elongation along Y over the undeformed length [-], shape (n,)."""
         return self.gradient[:, 1, 1]
 
     @property
-    def stress_along_Y(self) -> FloatArray:  # noqa: N802
+    def stress_along_Y(self) -> FloatArray:
         """Component YY of the stress [MPa], shape (n,)."""
         return self.stress[:, 1, 1]
 

@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 import pytest
 from matplotlib import pyplot
@@ -17,12 +16,12 @@ NOTEBOOK = Path(__file__).resolve().parents[2] / "examples" / "notebook.ipynb"
 CELLS = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
 
 
-def modulus_along_Y(case: Case, grain: int) -> float:  # noqa: N802
+def modulus_along_Y(case: Case, grain: int) -> float:
     """Nye, Physical Properties of Crystals: 1/E = s11 − 2 (s11 − s12 − s44/2) Σ l²m² [MPa]."""
     m = case.material.to_material()
     inverse = np.linalg.inv([[m.C11, m.C12, m.C12], [m.C12, m.C11, m.C12], [m.C12, m.C12, m.C11]])
-    l, k, n = case.orientations[grain][1] ** 2  # noqa: E741
-    less = 2 * (inverse[0, 0] - inverse[0, 1] - 0.5 / m.C44) * (l * k + k * n + n * l)
+    a, b, c = case.orientations[grain][1] ** 2
+    less = 2 * (inverse[0, 0] - inverse[0, 1] - 0.5 / m.C44) * (a * b + b * c + c * a)
     return float(1 / (inverse[0, 0] - less))
 
 
@@ -32,14 +31,15 @@ def test_the_notebook_is_kept_without_what_it_shows() -> None:
     assert len({cell["id"] for cell in CELLS}) == len(CELLS)
 
 
-def test_the_notebook_finds_the_truth_that_others_made(alpha: Path) -> None:
+@pytest.mark.usefixtures("alpha")
+def test_the_notebook_finds_the_truth_that_others_made() -> None:
     names: dict[str, Any] = {}
-    with matplotlib.rc_context(), pytest.MonkeyPatch.context() as patch:
-        matplotlib.use("agg")
-        patch.setattr(pyplot, "show", None)
+    pyplot.switch_backend("agg")
+    try:
         for cell in CELLS:
             if cell["cell_type"] == "code":
                 exec("".join(cell["source"]), names)
+    finally:
         pyplot.close("all")
     # Code_Aster's loads: the truth of the README meets them, the law without its effect does not.
     simulated, without = (names["miss"](names[name]) for name in ("simulated", "without"))
@@ -53,4 +53,3 @@ def test_the_notebook_finds_the_truth_that_others_made(alpha: Path) -> None:
     for grain, curve in enumerate(names["curves"]):
         slope = curve.stress_along_Y[1] / curve.strain_along_Y[1]
         assert slope == pytest.approx(modulus_along_Y(names["case"], grain), rel=1e-6)
-    assert alpha.is_dir()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from driver.case.model import load_case
 from driver.workflow.engine import stage_keys
 from driver.workflow.pipeline import stages
 from tests.driver.invented_results import Results, results, written
+from tests.prismid.conftest import ALPHA
 
 __all__ = ["results", "written"]  # fixtures
 
@@ -121,6 +123,22 @@ def test_the_diagnosis_is_a_table_of_causes_by_round(diagnosed: Path) -> None:
     assert found["extended"].attrs["added"] == ["tau0_grain2"]
 
 
+def test_parameters_of_causes_have_what_was_seen_and_what_would_have_been(
+    diagnosed: Path,
+) -> None:
+    effects = prismid.read_results(diagnosed)["effects"].to_dataset()
+    told = json.loads((diagnosed / "results" / "diagnosis.json").read_text("utf-8"))
+    first = told["steps"][0]["causes"]
+    pairs = [(cause["cause"], name) for cause in first for name in cause["parameters"]]
+    assert list(zip(effects.cause.values, effects.parameter.values, strict=True)) == pairs
+    one = effects.sel(round=1)
+    contrast = one.isel(effect=pairs.index(("grain_contrast", "tau0_grain2")))
+    assert (float(contrast.estimate), float(contrast.smallest_visible)) == (0.14, 0.02)
+    assert (float(contrast.value), float(contrast.sigma)) == (1.1493, 0.0041)
+    drift = one.isel(effect=[cause for cause, _ in pairs].index("load_drift"))
+    assert np.isnan(drift.smallest_visible) and np.isnan(drift.value)
+
+
 def test_models_stand_beside_the_measurement(diagnosed: Path) -> None:
     found = prismid.read_results(diagnosed)
     with h5py.File(diagnosed / "results" / "diagnosis.h5") as file:
@@ -158,6 +176,39 @@ def test_a_file_without_a_dataset_is_told_in_a_sentence(diagnosed: Path) -> None
         del file["force"]
     with pytest.raises(prismid.InputError, match=r"measure\.h5: found no dataset force, expected"):
         prismid.read_results(diagnosed)
+
+
+@pytest.fixture
+def of_loads(tmp_path: Path) -> Path:
+    """The folder of a case without images whose identification is finished."""
+    for name in ("case.toml", "history.csv"):
+        shutil.copy(ALPHA / name, tmp_path / name)
+    ratio = {"boundary.stage_ratio": 6.8e-4, "boundary.stage_ratio_uncertainty": 1e-5}
+    case = prismid.changed(tmp_path, {"boundary.motion": "stage", **ratio})
+    prismid.write_case(case, tmp_path / "case.toml")
+    (tmp_path / "results").mkdir()
+    load = np.array([0.0, 310.0, 120.0])
+    datasets = {
+        "time": [0.0, 40.0, 80.0], "stage": [0.0, 10.0, 4.0], "cycle": [1, 1, 1], "force": load,
+        "final/load": load + 2.0, "initial/load": load + 50.0, "sigma": [0.5], "start": [40.0],
+        "values": [21.0], "correlation": [[1.0]], "prior_share": [0.01],
+    }  # fmt: skip
+    with h5py.File(tmp_path / "results" / "identify.h5", "w") as file:
+        for name, values in datasets.items():
+            file[name] = values
+        file.attrs.update(names='["tau0"]', units='["MPa"]', all_values='{"tau0": 21.0}',
+                          warnings="[]", reason="", converged="yes")  # fmt: skip
+    record(tmp_path, "identify")
+    return tmp_path
+
+
+def test_a_case_without_images_has_loads_and_parameters(of_loads: Path) -> None:
+    found = prismid.read_results(of_loads)
+    assert set(found.children) == {"images", "parameters"}
+    assert found["images"]["load_measured"].values.tolist() == [0.0, 310.0, 120.0]
+    assert found["images"]["load_model"].values.tolist() == [2.0, 312.0, 122.0]
+    assert float(found["parameters"]["value"].sel(parameter="tau0")) == 21.0
+    assert list(prismid.figures(of_loads)) == ["report_loads"]
 
 
 def test_without_xarray_the_extra_is_named(
