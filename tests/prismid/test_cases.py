@@ -29,7 +29,7 @@ def test_stages_refuse_a_case_that_is_not_that_of_its_file(folder: Path) -> None
     changed = prismid.changed(folder, {"material.tau0_MPa": 30.0})
     for verb in (prismid.run, prismid.check, prismid.report, prismid.read_results):
         with pytest.raises(prismid.InputError, match=r"prismid\.write_case\(case, path\)"):
-            verb(changed)  # type: ignore[operator]
+            verb(changed)
 
 
 def test_a_changed_case_is_that_of_a_file_with_these_values(folder: Path) -> None:

@@ -84,7 +84,7 @@ def test_loads_and_elongation_are_those_of_the_table(alpha: Path) -> None:
 
 
 def test_identified_parameters_have_sigma_and_covariance(diagnosed: Path) -> None:
-    found = prismid.read_results(diagnosed / "case.toml")["parameters"]
+    found = prismid.read_results(diagnosed / "case.toml")["parameters"].to_dataset()
     with h5py.File(diagnosed / "results" / "identify.h5") as file:
         names = json.loads(file.attrs["names"])
         sigma, correlation = file["sigma"][()], file["correlation"][()]
@@ -205,8 +205,9 @@ def of_loads(tmp_path: Path) -> Path:
 def test_a_case_without_images_has_loads_and_parameters(of_loads: Path) -> None:
     found = prismid.read_results(of_loads)
     assert set(found.children) == {"images", "parameters"}
-    assert found["images"]["load_measured"].values.tolist() == [0.0, 310.0, 120.0]
-    assert found["images"]["load_model"].values.tolist() == [2.0, 312.0, 122.0]
+    images = found["images"].to_dataset()
+    assert images.load_measured.values.tolist() == [0.0, 310.0, 120.0]
+    assert images.load_model.values.tolist() == [2.0, 312.0, 122.0]
     assert float(found["parameters"]["value"].sel(parameter="tau0")) == 21.0
     assert list(prismid.figures(of_loads)) == ["report_loads"]
 
