@@ -230,6 +230,8 @@ def _refuse_bad_course(
         BadSimulationError: so it is.
     """
     expect_shape("time", time, (None,))
+    if len(time) < 2:
+        raise BadSimulationError(f"time has shape {time.shape}; expected two instants or more")
     expect_finite("time", time)
     expect_increasing("time", time)
     expect_shape(name, values, (len(time), *shape))
@@ -367,11 +369,15 @@ class _Driver:
         slips = start.last
         for _ in range(_ITERATIONS):
             stress, tangent, state, slips = self._answer(start, H, slips, span)
-            left = stress[self.free]
-            largest = float(abs(stress).max())
+            left, largest = stress[self.free], float(abs(stress).max())
+            if not np.isfinite(largest):
+                break
             if not left.size or abs(left).max() <= self.tolerance + _TOLERANCE * largest:
                 return _State(H, stress, state, start.slip + slips, slips)
-            H[self.free] -= np.linalg.solve(tangent[np.ix_(self.free, self.free)], left)
+            try:
+                H[self.free] -= np.linalg.solve(tangent[np.ix_(self.free, self.free)], left)
+            except np.linalg.LinAlgError:
+                break
         raise _NoSolutionError
 
     def _answer(

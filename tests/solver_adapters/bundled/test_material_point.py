@@ -176,6 +176,15 @@ def test_what_no_point_can_follow_is_refused_in_one_sentence(call: Any, said: st
         call()
 
 
-def test_a_bad_course_is_a_bad_simulation() -> None:
-    with pytest.raises(BadSimulationError):
-        uniaxial_stress(IRON, np.eye(3), np.zeros(2), np.zeros(2))
+@pytest.mark.parametrize("n", [0, 1, 2])
+def test_a_bad_course_is_a_bad_simulation(n: int) -> None:
+    with pytest.raises(BadSimulationError, match="^time "):
+        uniaxial_stress(IRON, np.eye(3), np.zeros(n), np.zeros(n))
+
+
+def test_a_crystal_that_is_turned_inside_out_has_no_solution() -> None:
+    inside_out = np.stack([np.zeros((3, 3)), np.diag([0.0, -2.0, 0.0])])
+    with pytest.raises(SolverError, match="^no solution between t = 0 s and 1 s; expected a sm"):
+        strain_path(Material(), np.eye(3), inside_out, TIME)
+    with pytest.raises(SolverError, match="^no solution between t = 0 s and 1 s; expected a sm"):
+        uniaxial_stress(Material(), np.eye(3), inside_out[:, 1, 1], TIME)
