@@ -16,7 +16,7 @@ PACKAGES = ("prismid", "driver", "solver_adapters", "meshes", "templates")
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("driver.cli", "prismid"),
     ("driver.trust",),
-    ("driver.batch", "driver.cache", "driver.check", "driver.export"),
+    ("driver.batch", "driver.cache", "driver.check", "driver.export", "driver.verify"),
     ("driver.workflow",),
     ("driver.design", "driver.noise_floor"),
     ("driver.virtual",),
@@ -78,7 +78,8 @@ WRITTEN = (
 )  # fmt: skip
 FOLDERS = ("results", "jobs", "extended_decks")
 # These name no result: the case file, its schema and usual inputs, the user's queue systems and
-# consent, formats of images that are read, and a file that is not whole yet.
+# consent, formats of images that are read and of results that are compared, and a file that is
+# not whole yet.
 NAME_NO_RESULT = (
     "driver.batch.queues",
     "driver.case.consent",
@@ -88,6 +89,7 @@ NAME_NO_RESULT = (
     "driver.experiment.images.files",
     "driver.experiment.images.formats",
     "driver.experiment.images.headers",
+    "driver.verify.numbers",
 )
 
 

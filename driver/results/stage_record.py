@@ -14,7 +14,7 @@ class Done(TypedDict):
     """What is kept of a finished stage.
 
     Its key, what it depends on by name with a hash each, names of its results, the hashes of their
-    content, when it ended, how long it took.
+    content, when it ended, how long it took, and on what machine.
     """
 
     key: str
@@ -23,6 +23,7 @@ class Done(TypedDict):
     digests: NotRequired[dict[str, str]]
     finished: str
     seconds: float
+    machine: NotRequired[str]
 
 
 Record = dict[str, Done]
@@ -53,6 +54,7 @@ def _is_entry(entry: object) -> bool:
         and all(map(_is_result, entry.get("digests", {})))
         and isinstance(entry.get("finished", ""), str)
         and isinstance(entry.get("seconds"), int | float)
+        and isinstance(entry.get("machine", ""), str)
     )
 
 

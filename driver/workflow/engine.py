@@ -19,6 +19,7 @@ from typing import Any
 from driver.case.model import Case
 from driver.common.atomic_write import place_below
 from driver.common.errors import InputError, sentence
+from driver.common.machine import computed_by
 from driver.experiment.images.files import split_dataset
 from driver.parameters.user_terms import files_of_terms, installed_terms
 from driver.results.files import (
@@ -235,7 +236,7 @@ def stage_inputs(stage: Stage, case: Case) -> dict[str, str]:
     return (
         {_VERSION: stage.version}
         | {f"[{section}]": _hash(table) for section, table in tables.items()}
-        | {_name_of(path, case): _content_hash(path) for path in stage.files(case)}
+        | {_name_of(path, case): content_hash(path) for path in stage.files(case)}
     )
 
 
@@ -306,9 +307,10 @@ def _run_stage(
         "key": key,
         "inputs": inputs,
         "outputs": outputs,
-        "digests": {name: _content_hash(results / name) for name in outputs},
+        "digests": {name: content_hash(results / name) for name in outputs},
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         "seconds": round(seconds, 2),
+        "machine": computed_by(case.execution.processes, case.execution.threads),
     }
     write_record(results, done)
     shutil.rmtree(workdir)
@@ -319,7 +321,7 @@ def _set_edited_aside(old: Done | None, results: Path) -> None:
     """Rename what has changed since its stage wrote it, before that writes it anew."""
     for name, digest in old.get("digests", {}).items() if old else ():
         path = place_below(results, name)
-        if not path.is_file() or _content_hash(path) == digest:
+        if not path.is_file() or content_hash(path) == digest:
             continue
         names = (edited(path, number) for number in count())
         kept = next(name for name in names if not name.exists())
@@ -339,7 +341,7 @@ def is_done(entry: Done | None, key: str, results: Path) -> bool:
         and entry["key"] == key
         and all((results / name).is_file() for name in entry["outputs"])
         and all(
-            _content_hash(results / name) == digest
+            content_hash(results / name) == digest
             for name, digest in entry.get("digests", {}).items()
             if _is_read_back(name)
         )
@@ -395,14 +397,14 @@ def _refuse_folders(entry: Done | None, results: Path) -> None:
             )
 
 
-def _content_hash(path: Path) -> str:
+def content_hash(path: Path) -> str:
     """Hash of a file, or of all files of a folder or pattern with their names."""
     try:
         if path.is_file():
             with path.open("rb") as file:
                 return hashlib.file_digest(file, "sha256").hexdigest()
         files = sorted(path.iterdir()) if path.is_dir() else sorted(map(Path, glob.glob(str(path))))
-        parts = [f"{file.name} {_content_hash(file)}" for file in files if file.is_file()]
+        parts = [f"{file.name} {content_hash(file)}" for file in files if file.is_file()]
     except (OSError, ValueError):
         return _UNREADABLE  # the stage that needs it says so, with the key of the case
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
