@@ -127,7 +127,7 @@ def _read_png(file: Path) -> Levels:
 def _read_npy(file: Path) -> Levels:
     try:
         return np.asarray(np.load(file, allow_pickle=False))
-    except (OSError, ValueError, EOFError) as error:
+    except Exception as error:  # the header is an expression of Python, with all its errors
         raise Refused(why(error), "an NPY file of numbers that can be read") from None
 
 
@@ -143,7 +143,7 @@ def _read_hdf5(file: Path, dataset: str) -> Levels:
                     names.append(f"/{name}") if isinstance(child, h5py.Dataset) else None
                 )
             )
-    except (OSError, ValueError, RuntimeError, KeyError) as error:
+    except (OSError, ValueError, RuntimeError, KeyError, TypeError, MemoryError) as error:
         raise Refused(why(error), "an HDF5 file that can be read") from None
     found = f'no dataset "{dataset}"' if dataset else "no name of a dataset"
     known = ", ".join(names) if names else "a dataset, but the file holds none"
