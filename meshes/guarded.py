@@ -18,8 +18,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 _ROOT = Path(__file__).resolve().parents[1]
-_SECONDS, _BYTES_PER_SECOND = 8.0, 5e6  # for a file without content, and for what it has
-_START = 300.0  # s until the process has begun, on a loaded machine
+# Of the processor, for a file without content and for what it has; of the clock so many times it.
+_SECONDS, _BYTES_PER_SECOND, _LOADED = 8.0, 5e6, 10.0
+_START = 300.0  # s until the process has loaded what reads, on a loaded machine
 _GONE = b""
 
 
@@ -30,26 +31,33 @@ class _Trials:
     Attributes:
         lock: of one file at a time.
         process: None before the first file, and after one that has ended it.
+        owner: number of the process that has started it.
         known: what became of each state of a file.
     """
 
     lock: threading.Lock = field(default_factory=threading.Lock)
     process: subprocess.Popen[bytes] | None = None
+    owner: int = 0
     known: dict[tuple[object, ...], bool] = field(default_factory=dict)
 
     def outcome(self, request: bytes, seconds: float) -> bool:
         """Whether the process has come back from a request."""
-        process = self.process if self.process is not None else self._started()
-        self.process = process
+        if self.process is None or self.owner != os.getpid():
+            self.process, self.owner = self._started(), os.getpid()
+        process = self.process
         assert process.stdin is not None
+        answer = _GONE
         try:
             process.stdin.write(request)
             process.stdin.flush()
-            answer = _line(process, seconds)
+            if _line(process, _START) != _GONE:
+                answer = _line(process, _LOADED * seconds)
         except BrokenPipeError:
-            answer = _GONE
-        if answer == _GONE:
-            self.end()
+            pass
+        finally:
+            # After Ctrl-C an answer is still to come, which is none to the next request.
+            if answer == _GONE:
+                self.end()
         return answer == b"read\n"
 
     def _started(self) -> subprocess.Popen[bytes]:
@@ -57,6 +65,7 @@ class _Trials:
         process = subprocess.Popen(
             [sys.executable, "-P", "-m", "meshes.trial_reader"],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+            bufsize=0,  # an answer that lies in a buffer is not seen to be there
             start_new_session=True,  # Ctrl-C is for this process
             env=os.environ | {"PYTHONPATH": path},
         )  # fmt: skip
@@ -67,7 +76,7 @@ class _Trials:
 
     def end(self) -> None:
         """End the process."""
-        if self.process is not None:
+        if self.process is not None and self.owner == os.getpid():
             _end(self.process)
             self.process = None
 
@@ -107,7 +116,7 @@ def can_be_read(reader: str, path: Path, *words: str) -> bool:
         return True  # whoever reads it tells why
     key = (reader, str(path), words, state.st_ino, state.st_size, state.st_mtime_ns)
     seconds = _SECONDS + state.st_size / _BYTES_PER_SECOND
-    request = json.dumps([reader, os.path.abspath(path), *words, seconds]) + "\n"
+    request = json.dumps([reader, os.path.abspath(path), *words, seconds, _LOADED * seconds]) + "\n"
     with _TRIALS.lock:
         if key not in _TRIALS.known:
             _TRIALS.known[key] = _TRIALS.outcome(request.encode(), seconds)

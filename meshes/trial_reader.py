@@ -1,4 +1,7 @@
-"""The process that `meshes.guarded` has read files first: a request a line, an answer a line."""
+"""The process that `meshes.guarded` has read files first.
+
+Each request is a line; what it answers is a line when it begins to read, and one when it has read.
+"""
 
 from __future__ import annotations
 
@@ -30,11 +33,13 @@ def main() -> None:
 
 
 def _answer(request: list[object], answers: BinaryIO) -> None:
-    reader, path, *words, seconds = request
+    reader, path, *words, seconds, longest = request
     module, _, name = str(reader).partition(":")
     read = getattr(importlib.import_module(module), name)
-    # Where nobody is left to end it, it ends itself.
-    signal.alarm(int(float(str(seconds))) + 2)
+    answers.write(b"begun\n")
+    # It ends itself where it takes too long, or nobody is left to end it.
+    signal.setitimer(signal.ITIMER_PROF, float(str(seconds)))
+    signal.alarm(int(float(str(longest))) + 2)
     resource.setrlimit(resource.RLIMIT_AS, (_allowed(str(path)), resource.RLIM_INFINITY))
     try:
         read(path, *words)
@@ -44,6 +49,7 @@ def _answer(request: list[object], answers: BinaryIO) -> None:
     except (Exception, SystemExit):  # the one who asks meets it, too, and tells it
         answer = b"read\n"
     resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    signal.setitimer(signal.ITIMER_PROF, 0.0)
     signal.alarm(0)
     answers.write(answer)
 

@@ -35,6 +35,8 @@ from solver_adapters.response_file import prismid_version as prismid_version
 Array = NDArray[np.float64]
 Taken = TypeVar("Taken")
 
+# Bytes of a dataset that a file may hold at least, and for each of its own; that are read at once.
+_LEAST_BYTES, _PER_BYTE, _AT_ONCE = 1_000_000_000, 20, 100_000_000
 _READER = "driver.results.hdf5:read_datasets"
 _COMPRESSED = 1000  # numbers, beyond which a dataset is
 
@@ -261,15 +263,24 @@ def read_attributes(path: Path) -> dict[str, Any]:
 
 
 def read_datasets(name: str) -> None:
-    """Read all datasets of a file, as a process of its own reads them first.
+    """Read all datasets of a file, some rows at a time, as a process of its own reads them first.
 
     Args:
         name: path of the file.
+
+    Raises:
+        MemoryError: a dataset is larger than any that a file of this size holds.
     """
+    most = _LEAST_BYTES + _PER_BYTE * Path(name).stat().st_size
 
     def read(_: str, item: h5py.Dataset | h5py.Group) -> None:
-        if isinstance(item, h5py.Dataset):
-            item[()]
+        if not isinstance(item, h5py.Dataset):
+            return
+        if item.nbytes > most:
+            raise MemoryError
+        together = max(_AT_ONCE // max(item.nbytes // max(len(item), 1), 1), 1) if item.shape else 1
+        for first in range(0, len(item) if item.shape else 1, together):
+            item[first : first + together] if item.shape else item[()]
 
     with h5py.File(name, "r") as file:
         dict(file.attrs)

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
 from driver.common.errors import InputError, why
-from driver.results.hdf5 import damaged, read_hdf5
+from driver.results.hdf5 import damaged, read_attributes, read_hdf5
 from meshes.files import read_med
 
 Values = Mapping[str, NDArray[np.generic]]
@@ -58,10 +57,9 @@ def numbers_of(path: Path) -> Values:
 
 def _hdf5(path: Path) -> Values:
     values: dict[str, NDArray[np.generic]] = dict(read_hdf5(path))
-    with h5py.File(path, "r") as file:
-        for name, value in file.attrs.items():
-            if name not in _NO_RESULT:
-                values[f"attribute {name}"] = np.asarray(value)
+    for name, value in read_attributes(path).items():
+        if name not in _NO_RESULT:
+            values[f"attribute {name}"] = np.asarray(value)
     return values
 
 
