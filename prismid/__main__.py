@@ -42,8 +42,8 @@ def _stopped_at_once() -> Iterator[None]:
 
 
 if __name__ == "__main__":
-    # The folder of the call comes first with `-m`: what a user keeps there may have any name.
+    # The folder of the call is searched with `-m`: what a user keeps there may have any name.
     own = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-    if not sys.flags.safe_path and sys.path[0] != own:
-        del sys.path[0]
+    if not sys.flags.safe_path and os.getcwd() != own and os.getcwd() in sys.path[:2]:
+        sys.path.remove(os.getcwd())
     main()

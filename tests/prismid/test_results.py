@@ -45,9 +45,7 @@ def record(folder: Path, *done: str) -> None:
 def diagnosed(results: Results) -> Path:
     """The folder of a case whose diagnosis is finished."""
     found = results.results
-    with h5py.File(found / "diagnosis.h5") as source, h5py.File(found / "identify.h5", "a") as to:
-        for name in ("load", "motion", "rho"):
-            to[f"final/{name}"] = source[f"before/{name}"][()]
+    with h5py.File(found / "identify.h5", "a") as to:
         to["sigma"] = np.arange(1.0, len(to["values"]) + 1)
     record(results.folder, "mesh", "measure", "identify", "diagnose")
     return results.folder

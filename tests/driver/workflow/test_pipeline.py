@@ -405,7 +405,7 @@ def test_a_run_takes_the_case_and_its_threads_from_the_file(
     copied.edit("threads = 1", "threads = 3")
     copied.edit("processes = 1", "processes = 2")
     pipeline.run(copied.path, "mesh", True)
-    assert lines[:2] == ["mesh: a minute at most", "mesh: started"] and threads == [6]
+    assert lines[1:3] == ["mesh: a minute at most", "mesh: started"] and threads == [6]
     assert lines[-1].startswith("mesh: finished in")
 
 
@@ -440,7 +440,7 @@ def test_a_run_refines_automatic_meshes_until_a_verdict_stands(
     again = [f"{name} {size}" for size in ("0.533", "0.355") for name in ("identify", "diagnose")]
     first = ["measure 0.8", "identify 0.8", "diagnose 0.8"]
     assert done == [*first, *again, "advise 0.355", "report 0.355"]
-    assert run.lines[2].startswith("tet10 of 0.8 and 0.556 µm, chosen by prismid; where the mesh")
+    assert run.lines[3].startswith("tet10 of 0.8 and 0.556 µm, chosen by prismid; where the mesh")
     refined = [line for line in run.lines if "is refined: " in line]
     assert len(refined) == 2 and "0.533 and 0.371 µm" in refined[0]
     # A second run, and the report alone, are of the sizes of the first.
