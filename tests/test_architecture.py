@@ -90,7 +90,7 @@ WRITTEN = (
 FOLDERS = ("results", "jobs", "extended_decks")
 # These name no result: the case file, its schema, usual inputs and the folder of its results, the
 # user's queue systems and consent, formats of images that are read and of results that are
-# compared, a file that is not whole yet.
+# compared, keys of answers for other programs, a file that is not whole yet.
 NAME_NO_RESULT = (
     "driver.batch.queues",
     "driver.case.consent",
@@ -102,6 +102,7 @@ NAME_NO_RESULT = (
     "driver.experiment.images.files",
     "driver.experiment.images.formats",
     "driver.experiment.images.headers",
+    "driver.terminal.answers",
     "driver.verify.numbers",
 )
 

@@ -139,8 +139,10 @@ def test_parameters_of_causes_have_what_was_seen_and_what_would_have_been(
 
 def test_models_stand_beside_the_measurement(diagnosed: Path) -> None:
     found = prismid.read_results(diagnosed)
-    with h5py.File(diagnosed / "results" / "diagnosis.h5") as file:
-        for label, side in (("model", "before"), ("extended", "after")):
+    for label, name, side in (
+        ("model", "identify.h5", "final"), ("extended", "diagnosis.h5", "after"),
+    ):  # fmt: skip
+        with h5py.File(diagnosed / "results" / name) as file:
             np.testing.assert_array_equal(found["images"][f"load_{label}"], file[f"{side}/load"])
             rho = found["surface"][f"residual_{label}"]
             np.testing.assert_array_equal(rho, file[f"{side}/rho"])
