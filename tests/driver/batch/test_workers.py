@@ -80,6 +80,10 @@ def cluster(
             stack.enter_context(process(*own, log=folder / f"worker_{k}.log", settings=variables))
             for k in range(workers)
         ]
+        for k, worker in enumerate(each):
+            while "Registered to" not in (folder / f"worker_{k}.log").read_text("utf-8"):
+                assert worker.poll() is None
+                time.sleep(0.1)
         yield Cluster(found[1], scheduler, each)
 
 
