@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from time import perf_counter, sleep, time
-from typing import TYPE_CHECKING, Annotated
+from time import time
+from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.markup import escape
+from typer.core import TyperGroup
 
 from driver.case.model import (
     CASE_FILE,
@@ -26,23 +20,30 @@ from driver.case.model import (
     write_case,
 )
 from driver.common.atomic_write import write_whole
-from driver.common.errors import InputError, sentence, why
-from driver.common.formatting import byte_size, duration
-from driver.common.progress import progress_to, seldom
+from driver.common.errors import sentence
+from driver.common.formatting import byte_size
+from driver.common.progress import progress_to
 from driver.results.files import EXPORT, RESULTS
-from meshes.system_libraries import SystemLibraryError
-from solver_adapters.interface import PreparedError, SolverError
+from driver.terminal.endings import CODES, Ending, ending_of, told_in_one_line
+from driver.terminal.exit_codes import FAILED
+from driver.terminal.output import show_table, tell, tell_error, tolerate_any_encoding
+from driver.terminal.progress_display import shown_progress, shown_states
+from driver.terminal.stopping import stop_at_end_of_input, stoppable
 
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from driver.batch.progress import State
-
-_WIDEST = 1000  # columns
-_AGAIN = 10.0  # s after which a process that was asked to end is asked once more
 _MARKS = {"ok": "ok     ", "warning": "WARNING", "error": "ERROR  "}
 
+
+class _Verbs(TyperGroup):
+    """The verbs, which a signal stops."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run one."""
+        with stoppable():
+            return super().invoke(ctx)
+
+
 app = typer.Typer(
+    cls=_Verbs,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -75,7 +76,7 @@ StoreArgument = Annotated[
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"prismid {version('prismid')}")
+        tell(f"prismid {version('prismid')}")
         raise typer.Exit
 
 
@@ -90,23 +91,9 @@ def main(
     ] = False,
 ) -> None:
     """Identify crystal plasticity from a micro-prism in tension, and name what the model lacks."""
-    # A batch system at its time limit, or a terminal that is closed, stops a run as Ctrl-C does.
-    for end in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(end) == signal.SIG_DFL:  # nohup ignores the latter
-            signal.signal(end, signal.default_int_handler)
+    tolerate_any_encoding()
     if end_with_input:
-        # Who started it holds the other end, and has ended.
-        threading.Thread(target=_stop_at_end_of_input, daemon=True).start()
-
-
-def _stop_at_end_of_input() -> None:
-    # Not by `sys.stdin`, whose lock would be held where Python ends.
-    while os.read(sys.stdin.fileno(), 1):
-        pass
-    # Where Python cannot raise what the signal asks for, it tells so and goes on.
-    while True:
-        os.kill(os.getpid(), signal.SIGTERM)
-        sleep(_AGAIN)
+        stop_at_end_of_input()
 
 
 @app.command()
@@ -116,7 +103,7 @@ def init(
     ],
 ) -> None:
     """Write a commented case.toml, and its schema for editors, into DIR."""
-    with _told_in_one_line():
+    with told_in_one_line():
         path, schema = folder / CASE_FILE, folder / SCHEMA_FILE
         if folder.exists() and not folder.is_dir():
             raise CaseError(sentence(folder, "DIR", "a file", "a folder, or nothing yet"))
@@ -126,7 +113,7 @@ def init(
         folder.mkdir(parents=True, exist_ok=True)
         write_case(default_case(), path)
         write_whole(schema, schema_text())
-        typer.echo(f"{path} written: fill it in, then `prismid check {path}`")
+        tell(f"{path} written: fill it in, then `prismid check {path}`")
 
 
 @app.command()
@@ -134,12 +121,12 @@ def check(case: CaseArgument) -> None:
     """Validate CASE, its files, solver and libraries; estimate the cost; draw the set-up."""
     from driver.check.command import check as find
 
-    with _told_in_one_line():
+    with told_in_one_line():
         findings = find(_case_file(case))
         for finding in findings:
-            typer.echo(f"{_MARKS[finding.level]} {finding.subject}: {finding.message}")
+            tell(f"{_MARKS[finding.level]} {finding.subject}: {finding.message}")
     if any(finding.level == "error" for finding in findings):
-        raise typer.Exit(1)
+        raise typer.Exit(FAILED)
 
 
 @app.command()
@@ -172,24 +159,23 @@ def run(
     """Run the stages of one CASE or many; what is done and unchanged is not done again."""
     from driver.workflow import pipeline
 
-    failed = False
+    endings: dict[str, Ending] = {}
     for case in cases:
         # A bad case does not keep the next one from running.
-        try:
-            prefix = f"{case}: " if len(cases) > 1 else ""
-            with _told_in_one_line(prefix), _progress(prefix):
-                pipeline.run(
-                    _case_file(case), until, force, prepare_only, processes, threads, store
-                )
-        except PreparedError as prepared:
-            typer.echo(f"{case}: {prepared}")
-        except typer.Exit:
-            failed = True
-        except KeyboardInterrupt:
-            typer.echo("prismid: stopped; finished stages are kept, run again to go on", err=True)
-            raise typer.Exit(130) from None
-    if failed:
-        raise typer.Exit(1)
+        file, prefix = _case_file(case), f"{case}: " if len(cases) > 1 else ""
+        asked = (file, until, force, prepare_only, processes, threads, store)
+        with shown_progress(prefix):
+            ending = ending_of(partial(pipeline.run, *asked), file.parent / RESULTS)
+        endings[str(case)] = ending
+        if ending.status == "prepared":
+            tell("\n".join((f"{case}: {ending.messages[0]}", *ending.messages[1:])))
+        else:
+            tell_error("\n".join(ending.messages), prefix)
+    if len(cases) > 1:
+        tell(", ".join(f"{case} {ending.status}" for case, ending in endings.items()))
+    code = max(CODES[ending.status] for ending in endings.values())
+    if code:
+        raise typer.Exit(code)
 
 
 @app.command()
@@ -201,14 +187,10 @@ def batch(
     """Run the cases of CAMPAIGN beside one another; compare what they came to."""
     from driver.batch.command import batch as run_all
 
-    try:
-        with _told_in_one_line(), _states() as watch:
-            done = run_all(campaign, watch)
-    except KeyboardInterrupt:
-        typer.echo("prismid: stopped; finished stages are kept, run again to go on", err=True)
-        raise typer.Exit(130) from None
+    with told_in_one_line(), shown_states() as watch:
+        done = run_all(campaign, watch)
     if not done:
-        raise typer.Exit(1)
+        raise typer.Exit(FAILED)
 
 
 @app.command()
@@ -227,17 +209,17 @@ def trust(
     """
     from driver.trust.command import agreed, asked_for, shown
 
-    with _told_in_one_line():
+    with told_in_one_line():
         path = _case_file(file)
         requests = asked_for(path)
         if not requests:
-            typer.echo(f"{path}: nothing to agree to")
+            tell(f"{path}: nothing to agree to")
             return
         for request in requests:
-            typer.echo(shown(request))
+            tell(shown(request))
         if not yes:
             typer.confirm("Agree?", abort=True)
-        typer.echo(agreed(path, requests))
+        tell(agreed(path, requests))
 
 
 @app.command()
@@ -245,7 +227,7 @@ def report(case: CaseArgument) -> None:
     """Write the report page of CASE anew from its results."""
     from driver.workflow import pipeline
 
-    with _told_in_one_line(), progress_to(typer.echo):
+    with told_in_one_line(), progress_to(tell):
         pipeline.report(_case_file(case))
 
 
@@ -267,7 +249,7 @@ def export(
 
     path = _case_file(case)
     folder = to if to is not None else path.parent / RESULTS / EXPORT
-    with _told_in_one_line(), _progress():
+    with told_in_one_line(), shown_progress():
         export_case(path, folder, volume, med)
 
 
@@ -276,7 +258,7 @@ def noise_floor(case: CaseArgument) -> None:
     """Measure what the correlation of CASE can see: errors against mesh size, the mesh to take."""
     from driver.noise_floor.command import noise_floor as measure
 
-    with _told_in_one_line(), _progress():
+    with told_in_one_line(), shown_progress():
         measure(_case_file(case))
 
 
@@ -301,7 +283,7 @@ def virtual(
     """
     from driver.virtual.command import virtual as make
 
-    with _told_in_one_line(), _progress():
+    with told_in_one_line(), shown_progress():
         make(_case_file(case), settings, to, seed)
 
 
@@ -323,7 +305,7 @@ def design(
     """Say before an experiment what CASE will know of parameters and causes, and what limits it."""
     from driver.design.command import design as foresee
 
-    with _told_in_one_line(), _progress():
+    with told_in_one_line(), shown_progress():
         foresee(_case_file(case), settings, change or (), usual)
 
 
@@ -332,11 +314,11 @@ def cache_list(where: StoreArgument = Path()) -> None:
     """Show the jobs of a store: solver, state, size, last use, and the case that asked for it."""
     from driver.cache.command import jobs_at, table_of, total_of
 
-    with _told_in_one_line():
+    with told_in_one_line():
         store, jobs = jobs_at(where)
         if jobs:
-            _show_table(table_of(jobs, time()))
-        typer.echo(total_of(store, jobs))
+            show_table(table_of(jobs, time()))
+        tell(total_of(store, jobs))
 
 
 @cache.command("verify")
@@ -344,12 +326,12 @@ def cache_verify(where: StoreArgument = Path()) -> None:
     """Compare the jobs of a store with their keys and checksums, and name what does not match."""
     from driver.cache.command import jobs_at, verified, verify
 
-    with _told_in_one_line():
+    with told_in_one_line():
         store, jobs = jobs_at(where)
-        whole, faulty = verify(jobs, typer.echo)
-        typer.echo(verified(store, whole, faulty))
+        whole, faulty = verify(jobs, tell)
+        tell(verified(store, whole, faulty))
     if faulty:
-        raise typer.Exit(1)
+        raise typer.Exit(FAILED)
 
 
 @cache.command("prune")
@@ -367,113 +349,22 @@ def cache_prune(
     """Remove jobs of a store; none that somebody works on."""
     from driver.cache.command import jobs_at, prune, pruned, table_of, to_prune
 
-    with _told_in_one_line():
+    with told_in_one_line():
         store, jobs = jobs_at(where)
         chosen = to_prune(jobs, failed, older_than, time())
         if not chosen:
-            typer.echo(f"{store}: nothing to remove")
+            tell(f"{store}: nothing to remove")
             return
-        _show_table(table_of(chosen, time()))
+        show_table(table_of(chosen, time()))
         if not yes:
             typer.confirm(f"Remove {pruned(chosen)}?", abort=True)
-        freed = prune(chosen, typer.echo)
-        typer.echo(f"{store}: {byte_size(freed)} freed")
-
-
-def _show_table(table: Table) -> None:
-    """Show a table, as wide as it is where nobody looks at it on a terminal."""
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=_WIDEST)
-    console.print(table)
+        freed = prune(chosen, tell)
+        tell(f"{store}: {byte_size(freed)} freed")
 
 
 def _case_file(case: Path) -> Path:
     """Return the case file, where the folder of the case was given."""
     return case / CASE_FILE if case.is_dir() else case
-
-
-@contextmanager
-def _told_in_one_line(prefix: str = "") -> Iterator[None]:
-    """Turn what a user can mend into a line on standard error and the exit code 1.
-
-    Args:
-        prefix: what a line begins with after the name of the program.
-    """
-    from driver.experiment.images.heightmaps import ImageError
-
-    try:
-        yield
-    except PreparedError:
-        raise  # what was asked for, no mistake
-    except (InputError, ImageError, SolverError, SystemLibraryError, OSError) as error:
-        said = _of_the_system(error) if isinstance(error, OSError) else str(error)
-        for line in said.splitlines():
-            # A line that begins with the file of the case says which it is.
-            known = prefix and line.startswith(prefix.removesuffix(": "))
-            typer.echo(f"prismid: {'' if known else prefix}{line}", err=True)
-        raise typer.Exit(1) from None
-
-
-def _of_the_system(error: OSError) -> str:
-    """Return what the system refused: the file, and what it said."""
-    if error.filename is None:
-        return " ".join(str(error).split())
-    found = f"{why(error)} of the system"
-    return sentence(error.filename, "file", found, "one that can be read and written here")
-
-
-@contextmanager
-def _states() -> Iterator[Callable[[Sequence[State], int], None]]:
-    """Show lines of progress; on a terminal with the states of all jobs as a table below them."""
-    from rich.live import Live
-
-    from driver.batch.progress import remaining, table
-
-    console = Console(highlight=False, markup=False, soft_wrap=True)
-    start = perf_counter()
-
-    def show(line: str) -> None:
-        console.print(f"{perf_counter() - start:7.1f} s  {line}")
-
-    if console.is_terminal:
-        with Live(console=console) as live, progress_to(show):
-            yield lambda states, most: live.update(table(states, most))
-        return
-    tell = seldom(lambda words: show(f"    {words}"))
-
-    def watch(states: Sequence[State], most: int) -> None:
-        at_work = [f"{s.job.name} {s.stage}".rstrip() for s in states if s.status == "running"]
-        waiting = sum(s.status == "waiting" for s in states)
-        left = duration(remaining(states, most))
-        tell(f"at work: {', '.join(at_work) or 'none'}; {waiting} waiting; about {left} left")
-
-    with progress_to(show):
-        yield watch
-
-
-@contextmanager
-def _progress(prefix: str = "") -> Iterator[None]:
-    """Show lines of progress; on a terminal with the running step and its time below them."""
-    from solver_adapters.kernels import compiled_before
-
-    console = Console(highlight=False, markup=False, soft_wrap=True)
-    start = perf_counter()
-    status = console.status("starting") if console.is_terminal else None
-
-    def show(line: str) -> None:
-        console.print(f"{perf_counter() - start:7.1f} s  {prefix}{line}")
-        if status is not None:
-            status.update(escape(prefix + line))
-
-    if not compiled_before():
-        show("first use of this version: its kernels are compiled on the way, a minute or two more")
-    if status is None:
-        with progress_to(show, seldom(lambda words: show(f"    {words}"))):
-            yield
-    else:
-        with status, progress_to(show, lambda words: status.update(escape(prefix + words))):
-            yield
 
 
 if __name__ == "__main__":

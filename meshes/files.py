@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import pwd
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,7 +85,18 @@ def write_med(mesh: PrismMesh, path: Path) -> None:
         # the file does not declare.
         if groups:
             file.setGroupsAtLevel(level, [_group(name, ids) for name, ids in groups.items()])
+    # The library refuses to write it for a user without a name.
+    file.setUnivNameWrStatus(_has_name())
     write_as_med_4_0(file, path, replace=True)
+
+
+def _has_name() -> bool:
+    """Whether the user of this process has an entry in the table of users."""
+    try:
+        pwd.getpwuid(os.geteuid())
+    except KeyError:
+        return False
+    return True
 
 
 def read_med(path: Path, mesh: str | None = None) -> PrismMesh:

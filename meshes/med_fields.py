@@ -11,7 +11,7 @@ import medcoupling as mc
 import numpy as np
 
 from meshes.arrays import FloatArray, IntArray
-from meshes.med_file import MedFile, open_med, quiet_library, write_as_med_4_0
+from meshes.med_file import MedFile, as_utf8, open_med, quiet_library, write_as_med_4_0
 
 Place = Literal["nodes", "cells", "points", "cell nodes"]
 
@@ -63,7 +63,7 @@ def add_med_fields(path: Path, fields: Sequence[MedField]) -> None:
     Raises:
         ValueError: a field does not have one value for every node or cell.
     """
-    mesh = mc.MEDFileUMesh(str(path))
+    mesh = mc.MEDFileUMesh(as_utf8(path))
     support = mesh.getMeshAtLevel(_VOLUME_CELLS)
     sizes = {"nodes": support.getNumberOfNodes(), "cells": support.getNumberOfCells()}
     for item in fields:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import errno
 import os
+import tempfile
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,6 +20,7 @@ import medcoupling as mc
 _ADD, _REPLACE = 0, 2  # modes of medcoupling
 _OLDEST = (2, 2)  # version of MED that its library reads
 _LONGEST_NAME = 64  # signs, of a mesh or field in MED
+_OVERHEAD = 1_000_000  # bytes of a file beside its numbers, at most
 _UNSTRUCTURED = 0  # type of a mesh in MED
 _QUIET = threading.Lock()
 _C = ctypes.CDLL(None)
@@ -67,7 +69,7 @@ def open_med(
         fields_of = _fields_of_meshes(path)
         with quiet_library():
             name = _chosen(path, fields_of, mesh, groups, fields)
-            return MedFile(path, mc.MEDFileUMesh(str(path), name), fields_of[name])
+            return MedFile(path, mc.MEDFileUMesh(as_utf8(path), name), fields_of[name])
     except FileNotFoundError:
         raise FileNotFoundError(f"{path}: no such file") from None
     except (OSError, LookupError, TypeError, AttributeError, mc.InterpKernelException) as error:
@@ -85,14 +87,38 @@ def write_as_med_4_0(data: Any, path: Path, replace: bool) -> None:
     Raises:
         OSError: the library cannot write it, as where no space is left or the path is not UTF-8.
     """
-    name = str(path)
+    name = as_utf8(path)
+    _require_space(path, 2 * data.getHeapMemorySize() + _OVERHEAD)
     try:
         with quiet_library():
             data.write40(name, _REPLACE if replace else _ADD)
-    except TypeError:  # of a path that no string of C++ is made of
-        raise OSError(errno.EILSEQ, "a path that is not UTF-8", name) from None
     except mc.InterpKernelException:
         raise OSError(errno.EIO, "no MED file could be written", name) from None
+
+
+def _require_space(path: Path, size: int) -> None:
+    """Make sure of space beside a file: where none is left the library ends the process.
+
+    Raises:
+        OSError: there is less.
+    """
+    try:
+        with tempfile.TemporaryFile(dir=path.parent) as file:
+            os.posix_fallocate(file.fileno(), 0, size)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
+
+
+def as_utf8(path: Path) -> str:
+    """Return a path whose UTF-8 is that of the system, whatever the encoding of the locale.
+
+    Raises:
+        OSError: it is none.
+    """
+    try:
+        return os.fsencode(path).decode("utf-8")
+    except UnicodeDecodeError:
+        raise OSError(errno.EILSEQ, "a path that is not UTF-8", str(path)) from None
 
 
 @contextmanager
@@ -188,7 +214,7 @@ def _chosen(
         fitting = [
             name
             for name in fields_of
-            if set(groups) <= set(mc.GetMeshGroupsNames(str(path), name))
+            if set(groups) <= set(mc.GetMeshGroupsNames(as_utf8(path), name))
             and set(fields) <= set(fields_of[name])
             and (groups or fields or fields_of[name])
         ]

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numba
+
+from solver_adapters.user_folders import cache_folder
 
 # GNU's OpenMP threads spin while they wait: on a machine with other work that makes every parallel
 # loop ten times slower. It must be said before the first loop loads the library.
@@ -48,7 +50,7 @@ KERNEL_SOURCES = (
     "solver_adapters/bundled/fem/dilatation.py",
     *(
         f"solver_adapters/{name}.py"
-        for name in ("kernels", "constants", "crystal", "material", "parameter")
+        for name in ("kernels", "user_folders", "constants", "crystal", "material", "parameter")
     ),
 )
 
@@ -67,40 +69,47 @@ def kernels_hash(packages: Path = PACKAGES) -> str:
     return hash_of(sources, {"numba": numba.__version__})
 
 
-def _cache_folder() -> Path:
-    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return root / "prismid" / f"kernels-{kernels_hash()}"
+def kernels_folder() -> Path | None:
+    """Return the folder of the compiled kernels, or None where none can be written."""
+    root = cache_folder(os.environ.get("NUMBA_CACHE_DIR"))
+    return None if root is None else root / f"kernels-{kernels_hash()}"
 
 
 _config: Any = numba.config
-_config.CACHE_DIR = str(_cache_folder())
+_folder = kernels_folder()
+if _folder is not None:
+    _config.CACHE_DIR = str(_folder)
 
 
 def compiled_before() -> bool:
     """Whether kernels of this version were compiled on this machine before."""
-    return any(_cache_folder().rglob("*.nbi"))
+    folder = kernels_folder()
+    return folder is not None and any(folder.rglob("*.nbi"))
+
+
+def compiled(**options: Any) -> Callable[[Any], Any]:
+    """Return what compiles a function and keeps the result, where there is a folder for it.
+
+    Args:
+        options: of `numba.njit`.
+    """
+    decorator: Callable[[Any], Any] = numba.njit(cache=_folder is not None, **options)
+    return decorator
 
 
 def kernel(function: Any) -> Any:
     """Compile a scalar kernel that is inlined into the batch loops by LLVM."""
-    return numba.njit(
-        cache=True,
-        error_model="numpy",
-        fastmath=_FAST,
-        nogil=True,
-    )(function)
+    return compiled(error_model="numpy", fastmath=_FAST, nogil=True)(function)
 
 
 def ordered_kernel(function: Any) -> Any:
     """Compile a scalar kernel whose sums keep their order, as cancelled digits demand."""
-    return numba.njit(cache=True, error_model="numpy", fastmath={"contract"}, nogil=True)(function)
+    return compiled(error_model="numpy", fastmath={"contract"}, nogil=True)(function)
 
 
 def batch_kernel(function: Any) -> Any:
     """Compile a loop over Gauss points or elements that Numba spreads over threads."""
-    return numba.njit(cache=True, error_model="numpy", fastmath=_FAST, nogil=True, parallel=True)(
-        function
-    )
+    return compiled(error_model="numpy", fastmath=_FAST, nogil=True, parallel=True)(function)
 
 
 def use_threads(count: int) -> None:

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from platformdirs import user_config_path
+from solver_adapters.user_folders import config_folder
 
 CONFIG_VARIABLE = "PRISMID_CONFIG"
 
@@ -40,4 +40,4 @@ class Profile:
 def config_path() -> Path:
     """Return the user's configuration, for all cases: PRISMID_CONFIG or prismid/config.toml."""
     stated = os.environ.get(CONFIG_VARIABLE)
-    return Path(stated) if stated else user_config_path("prismid") / "config.toml"
+    return Path(stated) if stated else config_folder() / "config.toml"

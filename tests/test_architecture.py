@@ -14,7 +14,9 @@ PACKAGES = ("prismid", "driver", "solver_adapters", "meshes", "templates")
 # From the roof down. Rooms of one floor know nothing of each other. The longest name that a
 # module has in the table is its room; packages that only hold rooms stand in `CORRIDORS`.
 FLOORS: tuple[tuple[str, ...], ...] = (
-    ("driver.cli", "prismid"),
+    ("prismid",),
+    ("driver.cli",),
+    ("driver.terminal",),
     ("driver.trust",),
     ("driver.batch", "driver.cache", "driver.check", "driver.export"),
     ("driver.workflow",),
@@ -65,7 +67,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
         "solver_adapters.parameter",
         "solver_adapters.profile",
     ),
-    ("meshes", "templates"),
+    ("meshes", "solver_adapters.user_folders", "templates"),
 )
 CORRIDORS = ("driver", "driver.diagnosis", "solver_adapters")
 # Only these draw.

@@ -144,7 +144,7 @@ def _ended(call: Sequence[str], threads: int, alive: Token, log: IO[bytes], lock
     """
     limits = dict.fromkeys(THREAD_VARIABLES, str(threads))
     # The folder of the call is none to import from.
-    command = [sys.executable, "-P", "-m", "driver.cli", "--end-with-input", *call]
+    command = [sys.executable, "-P", "-m", "prismid", "--end-with-input", *call]
     with subprocess.Popen(
         command,
         stdin=subprocess.PIPE,

@@ -151,11 +151,14 @@ def _case_file(path: Path) -> Path:
 
 
 def _of_case(path: Path, key: str, campaign: Campaign, file: Path) -> Job:
-    """Return the job of a case; one that cannot be used fails by itself, when it is run."""
+    """Return the job of a case; one that cannot be used fails by itself, when it is run.
+
+    So does one at which prismid has a fault, which its run tells with a traceback.
+    """
     name = _name(path, file)
     try:
         return _job(name, key, path, load_case(path), campaign, file)
-    except (InputError, OSError):
+    except Exception:
         calls = (("run", str(path), "--until", campaign.until),)
         return Job(name, key, path, calls, campaign.until, *_files(file, name), _NOTHING)
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from platformdirs import user_config_path
 from pydantic import Field
 
 from driver.case.toml import read_tables
 from driver.case.values import FileName, Positive, Table
 from driver.common.errors import InputError, one_of, sentence
+from solver_adapters.user_folders import config_folder
 
 # In a line of a job script, or alone in one.
 Word = Annotated[str, Field(pattern=r"^[^\s\"'`$\\;&|<>]+$")]
@@ -83,7 +83,7 @@ class Profiles(Table):
 
 def profiles_path() -> Path:
     """Return the file of the user's queue systems."""
-    return user_config_path("prismid") / "clusters.toml"
+    return config_folder() / "clusters.toml"
 
 
 def queue_of(cluster: Cluster, file: Path) -> Queue:

@@ -15,8 +15,11 @@ def write_whole(path: Path, content: str | bytes) -> None:
     """
     partial = path.with_name(path.name + ".partial")
     partial.unlink(missing_ok=True)
-    with partial.open("xb") as file:
-        file.write(content.encode() if isinstance(content, str) else content)
+    try:
+        with partial.open("xb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+    except OSError as error:  # a full disk names no file
+        raise OSError(error.errno, error.strerror, str(path)) from None
     os.replace(partial, path)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import unicodedata
 from collections.abc import Sequence
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -112,6 +113,18 @@ def with_unit(text: str, unit: str) -> str:
 def joined(words: Sequence[str]) -> str:
     """Return “a”, “a and b”, “a, b and c”."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def printable(text: str) -> str:
+    """Return a text with its control characters as escapes such as x1b, but for breaks and tabs."""
+    return "".join(
+        sign if sign in "\n\t" or not _controls(sign) else ascii(sign)[1:-1] for sign in text
+    )
+
+
+def _controls(sign: str) -> bool:
+    """Whether a character is none: a control, a direction of writing, half of a pair, a break."""
+    return unicodedata.category(sign)[0] == "C" or sign in "\u2028\u2029"
 
 
 def _places(sigma: float) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
 import pickle
@@ -31,6 +32,10 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 
 _SAFE_PATH = "PYTHONSAFEPATH"
 """Keeps the current folder, where anybody's files lie, from what Python imports from."""
+
+_PR_SET_PDEATHSIG = 1
+_SECONDS_LEFT = int(signal.SIGQUIT)
+"""Seconds that a process lives on after the one that gives its tasks, and a signal: both are 3."""
 
 _ENDED = (
     "execution.processes: one of {} processes side by side was ended by the system, most likely "
@@ -209,8 +214,11 @@ def _result_file(folder: Path, index: int) -> Path:
 
 
 def _write(path: Path, what: object) -> None:
-    with path.open("wb") as file:
-        pickle.dump(what, file, pickle.HIGHEST_PROTOCOL)
+    try:
+        with path.open("wb") as file:
+            pickle.dump(what, file, pickle.HIGHEST_PROTOCOL)
+    except OSError as error:  # a full disk names no file
+        raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 def _taken(path: Path) -> Any:
@@ -224,7 +232,25 @@ def _taken(path: Path) -> Any:
 def _begin(threads: int, folder: Path) -> None:
     """Prepare a process."""
     use_threads(threads)
+    _end_soon_after_asker()
     threading.Thread(target=_end_with_asker, args=(folder,), daemon=True).start()
+
+
+def _end_soon_after_asker() -> None:
+    """Let the system end this process where the one that gives the tasks has died.
+
+    C code that holds the lock of Python keeps it from hearing of that, for as long as it takes. The
+    system sends a signal, and what answers it is no Python: `alarm` of C, which takes the number of
+    the signal for seconds. Until these are over a task can tidy up.
+    """
+    if not sys.platform.startswith("linux"):
+        return
+    libc, asker = ctypes.CDLL(None), multiprocessing.parent_process()
+    libc.signal.argtypes = (ctypes.c_int, ctypes.c_void_p)
+    libc.signal(_SECONDS_LEFT, ctypes.cast(libc.alarm, ctypes.c_void_p))
+    libc.prctl(_PR_SET_PDEATHSIG, _SECONDS_LEFT)
+    if asker is not None and os.getppid() != asker.pid:  # it has died before
+        signal.alarm(_SECONDS_LEFT)
 
 
 def _end_with_asker(folder: Path) -> None:

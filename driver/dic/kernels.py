@@ -9,17 +9,15 @@ import numpy as np
 from numba import njit
 
 from meshes.arrays import FloatArray, IntArray
-
-# Loaded for its folder of compiled kernels.
-from solver_adapters import kernels as kernels
+from solver_adapters.kernels import compiled
 
 # NaN has to stay NaN: it marks what was not measured.
-_compiled: Any = njit(
-    cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}
+_compiled = compiled(
+    nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}
 )
 
 # Without contraction: the same to the last bit on every machine.
-_exact: Any = njit(cache=True, nogil=True, error_model="numpy")
+_exact = compiled(nogil=True, error_model="numpy")
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import njit
 
 from meshes.arrays import FloatArray, IntArray
+from solver_adapters.kernels import compiled
 
-# Loaded for its folder of compiled kernels.
-from solver_adapters import kernels as kernels
-
-_compiled: Any = njit(cache=True, nogil=True)
+_compiled = compiled(nogil=True)
 
 
 @_compiled

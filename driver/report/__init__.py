@@ -6,3 +6,6 @@ grips in `grip_figure`, of models and misfits in `maps` and `figures`, of the fi
 `history_figures` and `matrix_figures`, of causes in `evidence_figures`; `all_figures` lists those
 of the page. `style` is their look.
 """
+
+# Loaded before anything else loads matplotlib.
+from driver.report import drawing_library as drawing_library

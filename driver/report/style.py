@@ -14,6 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from driver.common.formatting import printable
+
 _P = ParamSpec("_P")
 
 # Okabe and Ito's palette.
@@ -85,7 +87,7 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
 
 def literal(text: str) -> str:
     """Return a text of the user's as a figure shows it, letter by letter: none is a formula."""
-    return text.replace("$", r"\$")
+    return printable(text).replace("$", r"\$")
 
 
 def typeset(text: str) -> str:

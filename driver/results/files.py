@@ -22,6 +22,8 @@ STAGES = "stages.json"
 """Which stages are finished, for which inputs, with which results."""
 LOCK = "run.lock"
 """Whose run is at work on the results."""
+FAULT = "fault.log"
+"""The traceback of a fault of prismid that has ended a run."""
 JOBS = "jobs"
 """The folder of the jobs of a solver that is a program of its own, unless the case names one."""
 READ_BACK = (".h5", ".json", ".med")

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from driver.case.model import CASE_FILE, Case
-from driver.common.errors import InputError, sentence
+from driver.common.errors import InputError
 from driver.common.formatting import cost_told
 from driver.common.progress import tenths
 from driver.experiment.history import read_history
@@ -15,6 +14,7 @@ from driver.forward.build import adapter_of, capabilities_of, geometry_of, mesh_
 from driver.forward.cost import simulation_memory, simulation_seconds
 from driver.results.files import TRUTH
 from driver.results.mesh_sizes import sized_case
+from driver.virtual.place import refuse_what_is_there, whole_or_none
 from driver.virtual.settings import Virtual, read_virtual
 from driver.virtual.truth import coarser_size, knots, pull, stage_program
 from driver.virtual.writing import record
@@ -48,8 +48,7 @@ def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int
     """
     case = sized_case(case_path)
     settings = Virtual() if settings_path is None else read_virtual(settings_path)
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(sentence(folder, "--to", "something there", "an empty or a new folder"))
+    refuse_what_is_there(folder)
     truth = true_case(case, settings)
     cycles = settings.program.cycles
     path = case.path(case.history.file)
@@ -78,13 +77,8 @@ def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int
         f"{history.n_images} images, {cost_told(seconds, memory)}"
     )
     course = pull(truth, history, hidden, steps, tenths("  truth: "))
-    folder.mkdir(parents=True, exist_ok=True)
-    # A folder holds a whole experiment or none: one that was begun would be refused next time.
-    with TemporaryDirectory(prefix=".", dir=folder) as aside:
-        record(Path(aside), case, course, seed, settings)
-        # The case comes last: with it the experiment is whole.
-        for file in sorted(Path(aside).iterdir(), key=lambda file: file.name == CASE_FILE):
-            file.replace(folder / file.name)
+    with whole_or_none(folder) as aside:
+        record(aside, case, course, seed, settings)
     logger.info(f"{folder / CASE_FILE} written, its truth in {TRUTH}: `prismid run {folder}`")
 
 

@@ -2,6 +2,7 @@ import logging
 import signal
 import sys
 from pathlib import Path
+from time import sleep
 from types import SimpleNamespace
 
 import pytest
@@ -108,6 +109,15 @@ def test_a_bad_case_is_one_line_on_standard_error_and_the_others_are_run(
     assert f"{case_path}: mesh: started" in result.stdout
 
 
+def test_control_characters_of_a_file_never_reach_the_terminal(tmp_path: Path) -> None:
+    assert invoke("init", tmp_path).exit_code == 0
+    case = tmp_path / "case.toml"
+    keys = '\n[extensions]\n"\\u001b[2J" = 1.0\n'
+    case.write_text(case.read_text("utf-8").replace("\n[extensions]\n", keys), "utf-8")
+    found = invoke("run", tmp_path)
+    assert found.exit_code == 1 and "\x1b" not in found.stderr and r"\x1b[2J" in found.stderr
+
+
 def test_prepared_jobs_are_listed_and_are_no_failure_and_the_other_cases_are_run(
     pipeline: SimpleNamespace, case_path: Path, tmp_path: Path
 ) -> None:
@@ -180,6 +190,67 @@ def test_an_expected_error_shows_no_traceback(
     pipeline.report = failing
     result = invoke("report", case_path)
     assert (result.exit_code, result.stderr) == (1, "prismid: what went wrong\n")
+
+
+def test_a_fault_in_one_case_is_told_and_kept_and_the_other_cases_are_run(
+    pipeline: SimpleNamespace, case_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def faulty(path: Path, *asked: object) -> None:
+        pipeline.calls.append(path)
+        if path == case_path:
+            raise KeyError("a bug")
+
+    assert invoke("init", tmp_path / "b").exit_code == 0
+    (case_path.parent / "results").mkdir()
+    other = tmp_path / "b" / "case.toml"
+    monkeypatch.setattr(pipeline, "run", faulty)
+    result = invoke("run", case_path, other)
+    assert result.exit_code == 3 and pipeline.calls == [case_path, other]
+    kept = case_path.parent / "results" / "fault.log"
+    assert result.stderr == (
+        f"prismid: {case_path}: a fault of prismid has ended it (KeyError: 'a bug'); please report "
+        f"it with the traceback in {kept}\n"
+    )
+    assert "Traceback" in kept.read_text() and "in faulty" in kept.read_text()
+    assert result.stdout.splitlines()[-1] == f"{case_path} fault, {other} done"
+
+
+def test_a_stop_that_a_callback_or_a_library_swallows_ends_the_run_all_the_same(
+    pipeline: SimpleNamespace, case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Swallows:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGTERM)
+
+    went_on: list[str] = []
+
+    def in_a_callback(*asked: object) -> None:
+        Swallows()
+        sleep(30)
+        went_on.append("callback")
+
+    def in_a_library(*asked: object) -> None:
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except BaseException:
+            logger.info("a library goes on")
+            went_on.append("library")
+
+    def at_the_end(*asked: object) -> None:
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except BaseException:
+            pass
+
+    before = signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    try:
+        for run in (in_a_callback, in_a_library, at_the_end):
+            monkeypatch.setattr(pipeline, "run", run)
+            found = invoke("run", case_path)
+            assert (found.exit_code, found.stderr.count("\n")) == (130, 1), run
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert went_on == []
 
 
 def test_a_mistake_of_the_program_is_not_hidden(pipeline: SimpleNamespace, case_path: Path) -> None:

@@ -1,5 +1,8 @@
 """MED both ways, against medcoupling and a file that Code_Aster ran; VTU; refusals."""
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -82,10 +85,39 @@ def test_a_file_that_cannot_be_written_is_told_with_its_name(
     mesh: PrismMesh, folder: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / folder / "mesh.med"
-    with pytest.raises(OSError, match="MED file could be|not UTF-8") as refused:
+    with pytest.raises(OSError, match="No such file|not UTF-8") as refused:
         write_med(mesh, path)
     assert refused.value.filename == str(path)
     assert capfd.readouterr().err == ""
+
+
+FULL = """
+import resource, signal, sys
+from pathlib import Path
+from meshes.files import read_med, write_med
+mesh = read_med(Path(sys.argv[1]))
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), -1))
+try:
+    write_med(mesh, Path(sys.argv[1]).with_name("other.med"))
+except OSError as error:
+    print(error.filename)
+"""
+
+
+@pytest.mark.parametrize("space", [100, 10_000])
+def test_where_no_space_is_left_the_file_is_named_and_the_process_lives(
+    med: Path, space: int
+) -> None:
+    found = subprocess.run(
+        [sys.executable, "-c", FULL, med, str(space)],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    told = f"{med.with_name('other.med')}\n"
+    assert (found.returncode, found.stdout, found.stderr) == (0, told, "")
 
 
 def test_the_file_holds_every_group_of_cells_faces_and_nodes(mesh: PrismMesh, med: Path) -> None:

@@ -14,6 +14,7 @@ from solver_adapters.kernels import (
     KERNEL_SOURCES,
     PACKAGES,
     compiled_before,
+    kernels_folder,
     kernels_hash,
 )
 
@@ -85,6 +86,13 @@ def test_another_numba_changes_the_hash(monkeypatch: pytest.MonkeyPatch) -> None
 def test_the_cache_lies_in_a_folder_of_the_hash() -> None:
     config: Any = numba.config
     assert Path(config.CACHE_DIR).name == f"kernels-{kernels_hash()}"
+
+
+def test_the_folder_that_the_user_names_to_numba_holds_the_cache(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "mine"))
+    assert kernels_folder() == tmp_path / "mine" / f"kernels-{kernels_hash()}"
 
 
 def test_a_first_use_is_one_whose_folder_holds_no_compiled_kernel(

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from driver.common.splines.kernels import POLE, coefficients
 from meshes.arrays import FloatArray
+from solver_adapters.kernels import compiled
 
 Number = TypeVar("Number", float, FloatArray)
 
@@ -169,7 +169,7 @@ def _slopes(t: float) -> tuple[float, float, float, float]:
     return -0.5 * s * s, t * (1.5 * t - 2.0), s * (2.0 - 1.5 * s), 0.5 * t * t
 
 
-_compiled: Any = njit(cache=True)
+_compiled = compiled()
 _weights_at = _compiled(_weights)
 _slopes_at = _compiled(_slopes)
 _folded = _compiled(_fold)

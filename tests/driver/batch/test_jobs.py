@@ -11,9 +11,10 @@ import pytest
 from driver.batch import jobs as jobs_module
 from driver.batch.campaign import Campaign, Study, Trial, Use
 from driver.batch.jobs import Job, jobs_of, most_at_a_time, write_files
-from driver.case.model import load_case
+from driver.case.model import Case, load_case
 from driver.common.errors import InputError
 from driver.workflow.cost import Cost
+from driver.workflow.pipeline import cost_of_run
 from tests.driver.batch.cases import write_small_case
 
 
@@ -240,6 +241,20 @@ def test_a_case_that_cannot_be_used_is_a_job_that_fails_by_itself(file: Path) ->
     assert other.calls == (("run", str(bad), "--until", "report"),) and other.cost == Cost(
         0.0, 0.0, 0
     )
+
+
+def test_a_case_at_which_prismid_has_a_fault_is_a_job_that_fails_by_itself(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_small_case(file.parent / "other")
+    def faulty(case: Case, *asked: int) -> Cost:
+        if case.file.parent.name == "other":
+            raise KeyError("a bug")
+        return cost_of_run(case, *asked)
+
+    monkeypatch.setattr(jobs_module, "cost_of_run", faulty)
+    good, other = jobs_of(Campaign(cases=("*/case.toml",)), file)
+    assert good.cost.seconds > 0 and other.calls == (("run", str(other.case), "--until", "report"),)
 
 
 def test_jobs_at_a_time_are_what_cores_and_memory_hold(file: Path) -> None:

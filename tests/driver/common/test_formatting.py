@@ -11,6 +11,7 @@ from driver.common.formatting import (
     interval,
     number,
     percent,
+    printable,
     probability,
     signed,
     with_sigma,
@@ -114,3 +115,17 @@ def test_a_size_is_told_in_thousands_of_thousands(size: float, text: str) -> Non
 )
 def test_an_age_is_told_in_days_from_two_on(seconds: float, text: str) -> None:
     assert age(seconds) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("grain \x1b[31mσ\x07", r"grain \x1b[31mσ\x07"),
+        ("\x9b2J", r"\x9b2J"),
+        ("left‮right", r"left\u202eright"),
+        ("half of a pair \udcc3", r"half of a pair \udcc3"),
+        ("a\tb\nc · 1 µm", "a\tb\nc · 1 µm"),
+    ],
+)
+def test_control_characters_are_shown_as_escapes(text: str, shown: str) -> None:
+    assert printable(text) == shown

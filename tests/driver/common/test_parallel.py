@@ -209,6 +209,36 @@ def test_processes_end_with_the_one_that_gives_the_tasks(
     assert not list(tmp_path.glob("prismid-*"))
 
 
+HELD = """
+import ctypes, os, sys
+from pathlib import Path
+from driver.common.parallel import side_by_side
+def hold(task):
+    Path(task).write_text(str(os.getpid()))
+    ctypes.PyDLL(None).sleep(60)  # with the lock of Python
+if __name__ == "__main__":
+    side_by_side(hold, sys.argv[1:], 2)
+"""
+
+
+def test_processes_that_hold_the_lock_of_python_end_with_the_one_that_gives_the_tasks(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "script.py").write_text(HELD)
+    tasks = [tmp_path / "first", tmp_path / "second"]
+    with subprocess.Popen(
+        [sys.executable, tmp_path / "script.py", *tasks],
+        env={**os.environ, "PYTHONPATH": str(PACKAGES), "TMPDIR": str(tmp_path)},
+    ) as asker:
+        late = time.monotonic() + 60.0
+        while not all(task.exists() and task.read_text() for task in tasks):
+            assert time.monotonic() < late
+            time.sleep(0.05)
+        asker.kill()
+    _, living = psutil.wait_procs(pids_alive([int(task.read_text()) for task in tasks]), timeout=5)
+    assert not living
+
+
 def pids_alive(pids: list[int]) -> list[psutil.Process]:
     found = []
     for pid in pids:
