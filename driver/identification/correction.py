@@ -26,6 +26,7 @@ from driver.identification.step_error import (
     parts_of,
 )
 from meshes.arrays import FloatArray
+from solver_adapters.interface import Trajectory
 from solver_adapters.parameter import Parameter
 
 logger = logging.getLogger(__name__)
@@ -100,6 +101,8 @@ class Correction:
         parts: q, equal parts of each working step in the finer simulation: of an error e of the
             working steps the correction holds e (1 − 1/q) and leaves e/q.
         derivatives: of motion and load, None where the correction counts as constant.
+        course: trajectory of the finer simulation on the clock of the history, by which a later
+            one begins its iterations; None where there is none.
     """
 
     motion: FloatArray | float = 0.0
@@ -107,6 +110,7 @@ class Correction:
     left_by_steps: StepError | None = None
     parts: int = 1
     derivatives: Derivatives | None = None
+    course: Trajectory | None = None
 
     def at(self, values: Mapping[str, float]) -> Correction:
         """Return the correction as it is at other parameters, to first order, and constant."""
@@ -164,6 +168,7 @@ def correction(
     values: Mapping[str, float],
     with_steps: bool = False,
     free: Sequence[str] = (),
+    near: Correction | None = None,
 ) -> Correction:
     """Finer minus working prediction, extrapolated where both meshes are of one family.
 
@@ -179,6 +184,8 @@ def correction(
         with_steps: whether the error of such steps is estimated, by one more simulation.
         free: the parameters for which the working prediction has derivatives, in that order. The
             correction gets them where they cost no further simulations.
+        near: a correction by the same finer mesh at other parameters, by whose course the finer
+            simulation begins its iterations.
 
     Raises:
         SolverError: a simulation could not be finished.
@@ -189,6 +196,8 @@ def correction(
     asked = tuple(free) if exact else ()
     meshes = [model.microstructure.mesh for model in (working, finer)]
     more = lacking_share(*meshes) if finer.extrapolation is None else 0.0
+    if near is not None and near.course is not None:
+        finer = replace(finer, trajectory=near.course)
     of_steps: list[ForwardModel] = []
     if first_order:
         # Only what is of the mesh is extrapolated: the error of the steps has to be known.
@@ -207,6 +216,7 @@ def correction(
     logger.info(f"  finer − working: load {np.sqrt(np.mean(load**2)):.2f} µN rms{of_motion}")
     if more:
         logger.info(f"  extrapolated to cells of no size: {1 + more:.2f} times what is of the mesh")
+    course = finer.warm_started_from(fine.response.trajectory, values).trajectory
     derivatives = None
     if asked:
         declared = tuple(working.parameters[name] for name in asked)
@@ -215,12 +225,12 @@ def correction(
         both = coarse.derivatives_alone(), fine.derivatives_alone()
         derivatives = Derivatives(dict(values), declared, *both, factor)
     if not first_order or not stepped:
-        found = Correction(motion, load, parts=parts, derivatives=derivatives).extrapolated(more)
+        found = Correction(motion, load, None, parts, derivatives, course).extrapolated(more)
         for one in stepped:
             found = found.plus(one.motion - coarse.motion, one.load - coarse.load)
         return found
     left = error_by_halves(coarse, stepped[0]).times(1 / parts)
-    corrected = Correction(motion, load, left, parts, derivatives).extrapolated(more)
+    corrected = Correction(motion, load, left, parts, derivatives, course).extrapolated(more)
     if not with_steps:
         return replace(corrected, left_by_steps=None)
     cuts = working.cut_steps(coarse.response)

@@ -275,8 +275,9 @@ def corrected_with_derivatives(
         return objective, at
     logger.info("finer mesh and steps at the result, with all derivatives")
     change = correction(
-        objective.model, finer, at.prediction, at.values, with_steps=True, free=at.free
-    )
+        objective.model, finer, at.prediction, at.values, with_steps=True, free=at.free,
+        near=objective.correction,
+    )  # fmt: skip
     objective = with_correction(objective, objective.data.image.noise_factor, change, sizes)
     return objective, objective.compare(at.prediction, at.values, at.free)
 

@@ -194,13 +194,13 @@ def _starts(found: Identification) -> Arrays:
     }
 
 
-def _trajectory(trajectory: Trajectory | None) -> Arrays:
-    """By which the simulation can be repeated without its iterations."""
+def _trajectory(trajectory: Trajectory | None, of: str = "trajectory") -> Arrays:
+    """By which the simulation can be repeated without its iterations, or with few."""
     if trajectory is None:
         return {}
     return {
-        "trajectory/times": (trajectory.times, "s"),
-        "trajectory/displacement": (trajectory.displacement, "µm"),
+        f"{of}/times": (trajectory.times, "s"),
+        f"{of}/displacement": (trajectory.displacement, "µm"),
     }
 
 
@@ -210,9 +210,13 @@ def written_trajectory(datasets: Mapping[str, FloatArray]) -> Trajectory | None:
     Args:
         datasets: those of `identify.h5` by name.
     """
-    if "trajectory/times" not in datasets:
+    return _written(datasets, "trajectory")
+
+
+def _written(datasets: Mapping[str, FloatArray], of: str) -> Trajectory | None:
+    if f"{of}/times" not in datasets:
         return None
-    return Trajectory(datasets["trajectory/times"], datasets["trajectory/displacement"])
+    return Trajectory(datasets[f"{of}/times"], datasets[f"{of}/displacement"])
 
 
 def _jitter(jitter: BoundaryJitter | None) -> Arrays:
@@ -258,6 +262,7 @@ def written_correction(datasets: Mapping[str, FloatArray]) -> Correction:
         datasets["correction/load"],
         left,
         int(datasets["correction/parts"]),
+        course=_written(datasets, "finer_trajectory"),
     )
 
 
@@ -352,6 +357,7 @@ def write_with_images(
             **_starts(found),
             **_jitter(found.objective.data.jitter),
             **_trajectory(found.final.best.prediction.response.trajectory),
+            **_trajectory(correction.course, "finer_trajectory"),
             **fit_arrays(found.final, problem, "final"),
         },
     )

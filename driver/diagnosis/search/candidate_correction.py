@@ -131,8 +131,13 @@ def _corrected(task: _Task) -> _End | Failure:
     refit, at = task.refit, task.refit.fit
     change = attempt(
         lambda: correction(
-            refit.objective.model, task.finer, at.best.prediction, at.values, free=at.best.free
-        )
+            refit.objective.model,
+            task.finer,
+            at.best.prediction,
+            at.values,
+            free=at.best.free,
+            near=refit.objective.correction,
+        )  # fmt: skip
     )
     if isinstance(change, Failure):
         return change

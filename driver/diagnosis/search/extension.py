@@ -103,7 +103,7 @@ def _corrected(objective: Objective, here: Fit, finer: FineModels, settings: Set
     """Return the objective with the correction at a fit, by both meshes where it had both."""
     logger.info("finer mesh and steps at the extended model")
     both = objective.spread is not None
-    change, spread = finer.corrections(objective.model, here, both)
+    change, spread = finer.corrections(objective, here, both)
     noise = noise_of_images(here, objective.data, settings)
     mean = change.mean_with(spread).completed_by(objective.correction)
     objective = with_correction(objective, noise, change, settings.sizes)

@@ -69,7 +69,7 @@ def final_comparison(
         objective = replace(objective, correction=objective.correction.mean_with(spread))
     counted = replace(objective, data=current.data)
     uncounted = replace(counted, data=replace(counted.data, jitter=objective.data.jitter))
-    tasks: list[_Refresh | _Again | HeldOutTask] = [_Refresh(current.model, finer, extended)]
+    tasks: list[_Refresh | _Again | HeldOutTask] = [_Refresh(current, finer, extended)]
     if causes:
         tasks.append(_Again(counted, baseline))
     if BOUNDARY_NOISE in causes:
@@ -90,7 +90,7 @@ def final_comparison(
 class _Refresh:
     """A correction to be taken at a fit."""
 
-    working: ForwardModel
+    objective: Objective
     finer: ForwardModel
     at: Fit
 
@@ -108,8 +108,10 @@ def _run(task: _Refresh | _Again | HeldOutTask) -> Correction | Fit | HeldOut:
     if isinstance(task, HeldOutTask):
         return predict_held_out(task)
     if isinstance(task, _Refresh):
-        at = task.at
-        return correction(task.working, task.finer, at.best.prediction, at.values)
+        objective, at = task.objective, task.at
+        return correction(
+            objective.model, task.finer, at.best.prediction, at.values, near=objective.correction
+        )
     return fit_from(task.fit.best, task.objective, POLISH)
 
 

@@ -32,7 +32,7 @@ class OnBoth:
 
     Attributes:
         lost: the change that takes every significant score away, None where one of them stays.
-        first: the correction by the finer mesh at the fit.
+        first: the correction by the finer mesh, to be taken at the fit.
         spread: half of what the other one adds.
     """
 
@@ -70,12 +70,11 @@ def held_against_both(
     seen = [s for s in scores if s.p < NAMING_LEVEL and s.directions.size and s.cause != NUMERICS]
     if not seen or objective.spread is not None or finer.another is None:
         return None
-    logger.info("finer mesh and steps at this fit")
-    first, spread = finer.corrections(objective.model, here, True)
+    first, spread = _corrections(finer, here, objective)
     if spread is None:
         return None
     taken = objective.correction.at(here.values)
-    both = whitened_difference(objective, first.mean_with(spread), taken)
+    both = whitened_difference(objective, first.at(here.values).mean_with(spread), taken)
     half = whitened_difference(objective, spread, Correction())
     effects = []
     for scored in seen:
@@ -93,6 +92,18 @@ def held_against_both(
             return OnBoth(None, first, spread)
     lost = DiscretisationCheck(effects[0], seen[0].cause, "mesh", between_meshes=True)
     return OnBoth(lost, first, spread)
+
+
+def _corrections(
+    finer: FineModels, here: Fit, objective: Objective
+) -> tuple[Correction, Correction | None]:
+    """Return the correction by the finer mesh, and half of what the other one adds at the fit."""
+    known = objective.correction
+    if known.derivatives is None:
+        logger.info("finer mesh and steps at this fit")
+        return finer.corrections(objective, here, True)
+    # Its derivatives take it to the fit: no more than a polish has moved that since.
+    return known, finer.spread(objective, here)
 
 
 def with_both(objective: Objective, here: Fit, both: OnBoth) -> tuple[Objective, Fit]:

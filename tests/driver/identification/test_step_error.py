@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from driver.identification.step_error import (
 )
 from driver.virtual.truth import stage_program
 from solver_adapters.bundled.adapter import BundledAdapter
+from solver_adapters.interface import Response
 from tools import closed_form
 from tools.short_specimen import small_case
 
@@ -178,3 +180,26 @@ def test_steps_of_second_order_are_finer_on_the_working_mesh_alone() -> None:
     # Their derivatives are those of the cells.
     assert change.derivatives is not None
     assert change.derivatives.finer.response.ends.size == coarse.response.ends.size
+
+
+def test_a_correction_begun_by_one_nearby_is_the_same_in_half_the_iterations() -> None:
+    (working,) = of_hexahedra("exponential", (4.0, 1))
+    (fine,) = of_hexahedra("exponential", (2.0, 1))
+    counted: list[int] = []
+
+    class Counted(BundledAdapter):
+        def solve(self, *args: Any) -> Response:
+            response = super().solve(*args)
+            counted.append(response.iterations)
+            return response
+
+    fine = replace(fine, adapter=Counted())
+    there = values() | {"tau0": 25.2, "lambda_plus_Y": 1.01}
+    near = correction(working, fine, working.predict(values()), values())
+    coarse = working.predict(there)
+    counted.clear()
+    cold = correction(working, fine, coarse, there)
+    warm = correction(working, fine, coarse, there, near=near)
+    assert counted[1] <= 0.6 * counted[0]
+    np.testing.assert_allclose(warm.load, cold.load, atol=1e-5 * abs(np.asarray(cold.load)).max())
+    np.testing.assert_allclose(warm.motion, cold.motion, atol=1e-8)

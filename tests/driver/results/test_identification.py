@@ -78,6 +78,7 @@ DATASETS = {
 AT_TIMES = {
     "correction/steps_motion", "correction/steps_load", "starts/cost", "starts/NAME", "jitter/load",
     "jitter/image", "trajectory/times", "trajectory/displacement",
+    "finer_trajectory/times", "finer_trajectory/displacement",
 }  # fmt: skip
 
 
@@ -191,3 +192,7 @@ def test_what_an_identification_did_not_write_is_none(finished: Path) -> None:
     trajectory = written_trajectory(path)
     assert trajectory is not None and trajectory.displacement.shape == (4, 7, 3)
     np.testing.assert_array_equal(trajectory.times, np.arange(4.0))
+    assert written_correction(held).course is None
+    finer = {f"finer_{name}": values for name, values in path.items()}
+    course = written_correction(held | finer).course
+    assert course is not None and course.displacement.shape == (4, 7, 3)

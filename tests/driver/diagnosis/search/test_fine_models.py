@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -10,18 +11,28 @@ import pytest
 from driver.diagnosis.causes.ebsd_flips import FLIPS
 from driver.diagnosis.search.fine_models import FineModels
 from driver.forward.model import ForwardModel
+from driver.identification.correction import correction
 from driver.identification.fit import Fit
-from solver_adapters.interface import PreparedError, SolverError
+from meshes.arrays import FloatArray
+from solver_adapters.interface import PreparedError, Simulation, SolverError
 from tools import closed_form
 from tools.closed_form_diagnosis import finer, identified
 
 BENCH = closed_form.problem()
+OBJECTIVE = closed_form.objective(BENCH, BENCH.truth)
 ONE, ANOTHER = finer(BENCH, 0.001), finer(BENCH, 0.003)
 
 
 @cache
 def here() -> Fit:
     return identified(BENCH, closed_form.objective(BENCH, BENCH.truth))[1]
+
+
+class Never(closed_form.ClosedFormSolver):
+    """The finer mesh, which is not simulated again."""
+
+    def answer(self, simulation: Simulation) -> tuple[FloatArray, FloatArray]:
+        raise AssertionError("was simulated")
 
 
 def raising(error: Exception) -> Callable[[], ForwardModel]:
@@ -32,7 +43,7 @@ def raising(error: Exception) -> Callable[[], ForwardModel]:
 
 
 def test_two_meshes_give_the_difference_of_the_first_and_half_of_what_the_other_adds() -> None:
-    first, half = FineModels(ONE, lambda: ANOTHER).corrections(BENCH.model, here(), True)
+    first, half = FineModels(ONE, lambda: ANOTHER).corrections(OBJECTIVE, here(), True)
     working, one, other = (m.predict(here().values) for m in (BENCH.model, ONE, ANOTHER))
     assert half is not None
     assert first.motion == pytest.approx(one.motion - working.motion, abs=1e-12)
@@ -45,25 +56,35 @@ def test_two_meshes_give_the_difference_of_the_first_and_half_of_what_the_other_
     assert both.load == pytest.approx(mean - working.load, abs=1e-9)
 
 
+def test_what_the_other_mesh_adds_is_told_without_the_first_one_again() -> None:
+    baseline, free = here(), here().best.free
+    away = {n: 1.02 * v if n == "tau0" else v for n, v in baseline.values.items()}
+    taken = correction(BENCH.model, ONE, BENCH.model.predict(away, free), away, free=free)
+    meshes = FineModels(replace(ONE, adapter=Never()), lambda: ANOTHER)
+    half = meshes.spread(replace(OBJECTIVE, correction=taken), baseline)
+    _, wanted = FineModels(ONE, lambda: ANOTHER).corrections(OBJECTIVE, baseline, True)
+    assert half is not None and wanted is not None
+    constant = 0.5 * np.abs(taken.load - taken.at(baseline.values).load).max()
+    assert np.abs(half.load - wanted.load).max() < 0.1 * constant
+
+
 def test_the_other_mesh_is_made_where_it_is_asked_for_alone() -> None:
     unwanted = FineModels(ONE, raising(AssertionError("was made")))
-    assert unwanted.corrections(BENCH.model, here(), False)[1] is None
-    assert FineModels(ONE).corrections(BENCH.model, here(), True)[1] is None
+    assert unwanted.corrections(OBJECTIVE, here(), False)[1] is None
+    assert FineModels(ONE).corrections(OBJECTIVE, here(), True)[1] is None
 
 
 def test_where_the_other_mesh_cannot_be_simulated_one_has_to_do_and_that_is_told(
     lines: list[str],
 ) -> None:
     meshes = FineModels(ONE, raising(SolverError("no step is short enough\nin 7 tries")))
-    assert meshes.corrections(BENCH.model, here(), True)[1] is None
+    assert meshes.corrections(OBJECTIVE, here(), True)[1] is None
     assert lines[-1] == "  one mesh has to do: no step is short enough"
 
 
 def test_a_job_that_was_only_prepared_is_not_done_without() -> None:
     with pytest.raises(PreparedError):
-        FineModels(ONE, raising(PreparedError([Path("key")]))).corrections(
-            BENCH.model, here(), True
-        )
+        FineModels(ONE, raising(PreparedError([Path("key")]))).corrections(OBJECTIVE, here(), True)
 
 
 def test_a_flip_of_the_ebsd_frame_turns_the_grains_of_both_meshes() -> None:

@@ -125,7 +125,7 @@ def test_the_jobs_of_both_meshes_are_prepared_at_once() -> None:
     )
     objective, baseline = identified(BENCH, closed_form.objective(BENCH, BENCH.truth))
     with pytest.raises(PreparedError) as error:
-        FineModels(one, lambda: another).corrections(objective.model, baseline, True)
+        FineModels(one, lambda: another).corrections(objective, baseline, True)
     assert error.value.folders == (Elsewhere.folder, ElsewhereToo.folder)
 
 
