@@ -44,12 +44,13 @@ def changed_case(case: Case, change: Mapping[str, Any], path: Path, name: str) -
 
 def _without_what_gives_way(grains: list[dict[str, Any]], change: Any) -> None:
     """Leave out the map of a grain whose angles are stated anew, and the other way round."""
-    for number, stated in change.items() if isinstance(change, dict) else ():
-        for key in stated if isinstance(stated, dict) else ():
-            for grain in (g for n, g in enumerate(grains, start=1) if str(n) == number):
-                for other in GIVES_WAY.get(key, ()):
-                    if other not in stated:
-                        grain.pop(other, None)
+    if not isinstance(change, dict):
+        return
+    for number, grain in enumerate(grains, start=1):
+        stated = change.get(str(number))
+        keys = stated if isinstance(stated, dict) else {}
+        for other in {other for key in keys for other in GIVES_WAY.get(key, ())}.difference(keys):
+            grain.pop(other, None)
 
 
 def merged(whole: Any, change: Any) -> Any:

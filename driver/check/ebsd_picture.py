@@ -18,7 +18,7 @@ from driver.experiment.orientations import grain_orientations, map_files
 from driver.report.style import literal
 from meshes.arrays import FloatArray
 
-_MOST_CELLS = 1000  # of a side of the picture
+_MOST_CELLS = 600  # of a side, more than the picture has pixels
 _NOT_INDEXED, _NOT_CUBIC = (0.0, 0.0, 0.0), (0.5, 0.5, 0.5)
 _RIM = [withStroke(linewidth=3.5, foreground="black")]
 
@@ -76,18 +76,20 @@ def draw_map(axes: Axes, picture: MapPicture) -> None:
 def _cells(
     points: EbsdMap, loading_axis: FloatArray
 ) -> tuple[FloatArray, tuple[float, float, float, float]]:
-    """Colours of the cells of a map, and its extent; points of one cell show the last of them."""
+    """Colours of the cells of a map, and its extent; the first point of a cell stands for it."""
     dx, dy = grid_steps(points)
     left, top = float(points.x.min()), float(points.y.min())
     column = np.floor((points.x - left) / dx + 0.25).astype(np.int64)  # hexagonal: odd rows too
     row = np.rint((points.y - top) / dy).astype(np.int64)
     stride = ceil((max(int(column.max()), int(row.max())) + 1) / _MOST_CELLS)
-    drawn = np.flatnonzero((column % stride == 0) & (row % stride == 0))
-    column, row = column[drawn] // stride, row[drawn] // stride
+    column, row = column // stride, row // stride
     colours = np.ones((int(row.max()) + 1, int(column.max()) + 1, 3))
-    colours[row, column] = np.where(points.indexed[drawn, None], _NOT_CUBIC, _NOT_INDEXED)
-    cubic = points.cubic[drawn]
-    colours[row[cubic], column[cubic]] = _ipf_colours(points.rotations[drawn[cubic]], loading_axis)
+    _, drawn = np.unique(row * colours.shape[1] + column, return_index=True)
+    colours[row[drawn], column[drawn]] = np.where(
+        points.indexed[drawn, None], _NOT_CUBIC, _NOT_INDEXED
+    )
+    shown = drawn[points.cubic[drawn]]
+    colours[row[shown], column[shown]] = _ipf_colours(points.rotations[shown], loading_axis)
     right = left + dx * stride * colours.shape[1]
     bottom = top + dy * stride * colours.shape[0]
     return colours, (left - dx / 2, right - dx / 2, bottom - dy / 2, top - dy / 2)

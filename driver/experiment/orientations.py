@@ -140,6 +140,6 @@ def _read(file: Path, stamp: Stamp, picks: tuple[Pick, ...]) -> tuple[PickedGrai
         try:
             return picked_grain(points, numbers, pick)
         except Refused as refused:
-            return refused
+            return refused.with_traceback(None)  # which would keep the whole map
 
     return tuple(map(grain, picks))

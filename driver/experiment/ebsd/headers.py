@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import h5py
 
-from driver.common.errors import why
+from driver.common.errors import show, why
 from driver.experiment.images.files import Refused
 
 MOST_POINTS = 10_000_000
@@ -107,9 +108,12 @@ def _entries(file: Path, ang: bool) -> Iterator[tuple[str, str]]:
 def _number(entries: dict[str, str], name: str) -> float:
     text = entries.get(name, "0")
     try:
-        return float(text.replace(",", "."))
+        number = float(text.replace(",", "."))
+        if math.isfinite(number):
+            return number
     except ValueError:
-        raise Refused(f"{name} = “{text}” in its header", "a number") from None
+        pass
+    raise Refused(f"{name} = {show(text)} in its header", "a number")
 
 
 def _points(entries: dict[str, str], ang: bool) -> int:

@@ -28,6 +28,7 @@ CUBIC = "m-3m"
 """Laue class of the crystals whose law is known here."""
 _NOT_INDEXED = -1
 _FOUR_PI, _NEARLY = 4 * np.pi, 1e-3
+_LONGEST = 160  # of what a file or its reader says in a sentence
 _GRAIN_IDS = ("grainid", "grainids", "grain", "grains")
 _MICROMETRES = {"um": 1.0, "µm": 1.0, "nm": 1e-3, "mm": 1e3}
 
@@ -102,7 +103,7 @@ def read_map(file: Path) -> EbsdMap:
             crystal_map, header, _marked(file), suffix == CTF or _of_bruker(crystal_map)
         )
     except (ValueError, TypeError, AttributeError, IndexError) as error:
-        raise Refused(why(error), _whole(file)) from None
+        raise Refused(_said(error), _whole(file)) from None
     _refuse_unusable(points, header)
     return points
 
@@ -124,7 +125,7 @@ def _loaded(file: Path) -> Any:
             warnings.simplefilter("ignore")
             return load(file, **named)
     except Exception as error:  # its readers raise what their parts raise
-        raise Refused(why(error), _whole(file)) from None
+        raise Refused(_said(error), _whole(file)) from None
 
 
 def _whole(file: Path) -> str:
@@ -132,6 +133,16 @@ def _whole(file: Path) -> str:
     if suffix in HDF5:
         return "an HDF5 file of Bruker, EMsoft or orix that is whole; of others, an export as .ang"
     return f"an {ANG} file that is whole" if suffix == ANG else f"a {CTF} file that is whole"
+
+
+def _said(error: BaseException) -> str:
+    """Return what a reader said, of which it may have quoted any length."""
+    return f"“{_cut(why(error).strip('“”'))}”"
+
+
+def _cut(text: str) -> str:
+    line = " ".join(text.split())
+    return line if len(line) <= _LONGEST else line[: _LONGEST - 1] + "…"
 
 
 def _of_bruker(crystal_map: Any) -> bool:
@@ -149,7 +160,7 @@ def _marked(file: Path) -> BoolArray | None:
     try:
         columns = np.loadtxt(file, usecols=(0, 1, 2, 6), ndmin=2)
     except (ValueError, OSError) as error:
-        raise Refused(why(error), _whole(file)) from None
+        raise Refused(_said(error), _whole(file)) from None
     angles = columns[:, :3]
     marked = (np.abs(angles - _FOUR_PI) < _NEARLY).all(axis=1) | (columns[:, 3] == -1.0)
     largest = np.abs(angles[~marked]).max(initial=0.0)
@@ -183,7 +194,9 @@ def _points(crystal_map: Any, header: Header, marked: BoolArray | None, degrees:
         rotations=best * [1.0, -1.0, -1.0, -1.0],
         phase=phase,
         phases={
-            int(key): Phase(str(one.name), one.point_group.laue.name if one.point_group else "")
+            int(key): Phase(
+                _cut(str(one.name)), one.point_group.laue.name if one.point_group else ""
+            )
             for key, one in crystal_map.phases
             if key != _NOT_INDEXED
         },

@@ -68,6 +68,8 @@ def _neighbours(
 
     Rows of a hexagonal grid are shifted by half a step, so that columns are counted in halves.
     """
+    if np.ptp(x) > _MOST_CELLS * steps[0] or np.ptp(y) > _MOST_CELLS * steps[1]:
+        raise _no_grid(steps)
     halves, rows = (x - x.min()) / (steps[0] / 2), (y - y.min()) / steps[1]
     column, row = np.rint(halves).astype(np.int64), np.rint(rows).astype(np.int64)
     hexagonal = np.unique((column - row) % 2).size == 1 and bool((column % 2).any())

@@ -40,7 +40,7 @@ DRAWN = {
 
 
 def axis(name: str) -> FloatArray:
-    return float(f"{name[0]}1") * np.eye(3)["xyz".index(name[1])]
+    return np.asarray(float(f"{name[0]}1") * np.eye(3)["xyz".index(name[1])])
 
 
 @pytest.mark.parametrize("frame", EULER_AXES)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from driver.case.grains import EULER_AXES, EbsdFrame, Grain, Orientation
 from driver.case.model import Case, case_text, default_case, load_case, write_case
 from driver.experiment import orientations
+from driver.experiment.ebsd.maps import EbsdMap, read_map
 from driver.experiment.orientations import (
     OrientationError,
     grain_orientations,
@@ -27,7 +29,7 @@ from tests.driver.ebsd_files import FIRST, SECOND, grid, halves, write_ang, writ
 ALPHA = Path(__file__).parents[3] / "examples" / "alpha" / "case.toml"
 X, Y = grid(4, 6)
 # Angles of which an .ang file keeps every digit.
-EXACT = tuple(float(angle) for angle in np.rad2deg([4.90438, 0.13963, 0.82030]))
+EXACT = (math.degrees(4.90438), math.degrees(0.13963), math.degrees(0.82030))
 ROWS = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))
 
 
@@ -150,8 +152,12 @@ def test_a_map_is_read_once_until_it_changes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     read: list[Path] = []
-    reader = orientations.read_map
-    monkeypatch.setattr(orientations, "read_map", lambda file: read.append(file) or reader(file))
+
+    def counted(file: Path) -> EbsdMap:
+        read.append(file)
+        return read_map(file)
+
+    monkeypatch.setattr(orientations, "read_map", counted)
     file = write_ctf(tmp_path / "a.ctf", X, Y, FIRST)
     two = (Grain(name=name, ebsd="a.ctf", ebsd_point_um=(0.0, 0.0)) for name in "ab")
     case = case_of(tmp_path, *two)

@@ -123,13 +123,13 @@ def test_the_sizes_of_the_meshes_and_their_refinements_are_told(written: Results
 
 def test_orientations_are_told_with_where_they_are_from(written: Results) -> None:
     findings = read_findings(load_case(written.folder / "case.toml"), written.results)
-    stated = dict(facts(findings))["grains"]
-    assert "281°, 8°, 47°" in stated
+    stated = dict(facts(findings))["grains (Bunge angles)"]
+    assert stated == "grain 1 (0°, 0°, 0°); grain 2 (30°, 0°, 0°)"
     x, y = grid(3, 4)
     write_ctf(written.folder / "a.ctf", x, y, (30.0, 20.0, 10.0))
     grain = Grain(name="mapped", ebsd="a.ctf", ebsd_point_um=(0.0, 0.0))
     case = findings.case.model_copy(update={"grains": (grain, findings.case.grains[1])})
-    told = dict(facts(replace(findings, case=case)))["grains"]
+    told = dict(facts(replace(findings, case=case)))["grains (Bunge angles)"]
     assert told.startswith("mapped (30.00°, 20.00°, 10.00°, mean of 12 points of a.ctf that spread")
 
 

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from driver.experiment.ebsd import headers
 from driver.experiment.ebsd.maps import EbsdMap, Phase, read_map
+from driver.experiment.ebsd.orix_library import compiled_apart
 from driver.experiment.images.files import Refused
 from meshes.arrays import FloatArray
 from tests.driver.ebsd_files import (
@@ -118,6 +119,36 @@ def test_a_turned_surface_of_acquisition_is_kept(tmp_path: Path) -> None:
     assert points.surface == (0.0, -90.0, 0.0)
 
 
+def orix_file(path: Path, unit: str) -> Path:
+    """A map that orix has written, a fifth of it not indexed."""
+    with compiled_apart():
+        from orix import io
+        from orix.crystal_map import CrystalMap, PhaseList
+        from orix.quaternion import Rotation as ToCrystal
+
+    crystal_map = CrystalMap(
+        rotations=ToCrystal.from_euler(halves(X, 1.2), degrees=True),
+        phase_id=np.where(np.arange(X.size) % 5, 1, -1),
+        x=X,
+        y=Y,
+        phase_list=PhaseList(names=["iron"], point_groups=["m-3m"], ids=[1]),
+        prop={"grain_id": np.where(X < 1.2, 3, 4)},
+        scan_unit=unit,
+    )
+    io.save(str(path), crystal_map, overwrite=True)
+    return path
+
+
+def test_a_file_of_orix_is_read_with_the_unit_of_its_coordinates(tmp_path: Path) -> None:
+    for unit, factor in (("um", 1.0), ("nm", 1e-3)):
+        points = read_map(orix_file(tmp_path / "a.h5", unit))
+        np.testing.assert_allclose(matrices(points), EXPECTED, atol=1e-12)
+        np.testing.assert_allclose(points.x, X * factor)
+        np.testing.assert_array_equal(points.cubic, np.arange(X.size) % 5 > 0)
+        np.testing.assert_array_equal(points.grain_ids, np.where(X < 1.2, 3, 4))
+    assert refused(orix_file(tmp_path / "a.h5", "px")) == ("coordinates in “px”", "micrometres")
+
+
 def test_angles_of_an_ang_file_in_degrees_are_refused(tmp_path: Path) -> None:
     file = write_ang(tmp_path / "a.ang", X, Y, np.rad2deg(halves(X, 1.2)))
     assert refused(file) == ("Euler angles up to 281", "radians, as an .ang file has them")
@@ -144,12 +175,18 @@ def test_a_file_that_is_none_or_of_another_kind_is_refused(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("suffix", [".ang", ".ctf", ".h5"])
-@pytest.mark.parametrize("content", [b"", b"\x00\xff" * 200, b"Phase\tX\tY\n1 2 3\n", b"1 2\n3\n"])
+@pytest.mark.parametrize(
+    "content", [b"", b"\x00\xff" * 200, b"Phase\tX\tY\n1 2 3\n", b"1 2\n3\n", b"x" * 9999]
+)
 def test_a_damaged_file_gets_one_sentence(tmp_path: Path, suffix: str, content: bytes) -> None:
     file = tmp_path / f"a{suffix}"
     file.write_bytes(content)
     found, expected = refused(file)
-    assert found and "\n" not in found and ("whole" in expected or "can be read" in expected)
+    assert (
+        0 < len(found) < 200
+        and "\n" not in found
+        and ("whole" in expected or "can be read" in expected)
+    )
 
 
 def test_a_file_that_was_cut_is_refused(tmp_path: Path) -> None:
@@ -169,8 +206,9 @@ def test_a_file_that_was_cut_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_number_of_the_header_that_is_none_is_named(tmp_path: Path) -> None:
-    file = write_ctf(tmp_path / "a.ctf", X, Y, FIRST, header={"XStep": "fine"})
-    assert refused(file) == ("XStep = “fine” in its header", "a number")
+    for key, text in (("XStep", "fine"), ("XStep", "nan"), ("YCells", "1e999")):
+        file = write_ctf(tmp_path / "a.ctf", X, Y, FIRST, header={key: text})
+        assert refused(file) == (f'{key} = "{text}" in its header', "a number")
 
 
 def test_what_is_no_number_among_the_points_is_refused(tmp_path: Path) -> None:

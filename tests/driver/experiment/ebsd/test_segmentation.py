@@ -81,6 +81,7 @@ def test_points_on_no_grid_are_refused() -> None:
         replace(points, x=np.zeros(9)),
         replace(points, y=y + 0.2 * x),
         replace(points, x=x * 1e9, step=(0.5, 0.5)),
+        replace(points, step=(1e-308, 0.5)),
     ):
         with pytest.raises(Refused) as error:
             grain_numbers(wrong)
