@@ -18,8 +18,10 @@ from driver.experiment.images.heightmaps import HeightMaps, Stack, StoredLevels,
 from driver.experiment.log_file import HistoryError
 from driver.experiment.stack_checks import (
     ExperimentError,
-    levels_at_the_limit,
+    Seen,
+    look_at_levels,
     refuse_other_lengths,
+    remarks_on_copies,
     remarks_on_pixels,
     spread,
     stack_error,
@@ -152,7 +154,7 @@ def read_experiment(case: Case) -> Experiment:
 
     images = case.images
     history = or_told(lambda: history_of(case))
-    frames, clipped = or_told(lambda: _frames(case, history)) or (None, 0)
+    frames, seen = or_told(lambda: _frames(case, history)) or (None, Seen(0, ()))
     flats = or_told(lambda: _optional(case, "flats", frames))
     repeats = or_told(lambda: _optional(case, "repeats", frames))
     mask = or_told(lambda: _mask(case, frames))
@@ -170,10 +172,11 @@ def read_experiment(case: Case) -> Experiment:
         force=history.force * case.force_scale,
         gamma_f=images.gamma_f,
         gamma_F=case.loads.gamma_F,
-        clipped=clipped,
+        clipped=seen.clipped,
         noise_map=noise_map,
-        remarks=tuple(
-            remarks_on_pixels(case, {"frames": frames, "flats": flats, "repeats": repeats})
+        remarks=(
+            *remarks_on_pixels(case, {"frames": frames, "flats": flats, "repeats": repeats}),
+            *remarks_on_copies(frames, seen.copies),
         ),
     )
 
@@ -307,8 +310,8 @@ def _stack(case: Case, key: str, name: str, like: Stack | None) -> Stack:
     return stack
 
 
-def _frames(case: Case, history: History | None) -> tuple[Stack, int]:
-    """Return the frames, and how many of their pixels are at the largest level of their type."""
+def _frames(case: Case, history: History | None) -> tuple[Stack, Seen]:
+    """Return the frames, and what a look at each has found."""
     if case.images.frames is None:
         raise ExperimentError(
             'images.frames: found nothing (boundary.motion = "stage" does without), expected images'
@@ -318,7 +321,11 @@ def _frames(case: Case, history: History | None) -> tuple[Stack, int]:
         gap = f" ({stack.gap})" if stack.gap else ""
         found, images = f"{len(stack)} frames{gap}", f"the images of {case.history.file}"
         raise stack_error(case, "frames", found, f"{history.n_images}, {images}")
-    return stack, levels_at_the_limit(case, "frames", stack)
+    seen = look_at_levels(case, "frames", stack)
+    if len(seen.copies) == len(stack) - 1 > 0:
+        found = f"the levels of frame 0 in all {len(stack)} frames"
+        raise stack_error(case, "frames", found, "an image of each stop")
+    return stack, seen
 
 
 def _optional(case: Case, key: str, frames: Stack | None) -> Stack | None:
@@ -336,13 +343,11 @@ def _optional(case: Case, key: str, frames: Stack | None) -> Stack | None:
             "repeats": "their scatter is the noise",
         }
         raise stack_error(case, key, "1 frame", f"at least 2 ({of[key]})")
-    levels_at_the_limit(case, key, stack)
-    for t in range(1, len(stack)):
-        if np.array_equal(stack[t], stack[t - 1], equal_nan=True):
-            raise stack_error(
-                case, key, f"frame {t} with every pixel as in the one before",
-                "frames that were each taken anew", stack.file(t),
-            )  # fmt: skip
+    for t, original in look_at_levels(case, key, stack).copies:
+        raise stack_error(
+            case, key, f"frame {t} with every pixel as in frame {original}",
+            "frames that were each taken anew", stack.file(t),
+        )  # fmt: skip
     if key == "repeats" and frames is not None:
         first, repeat = (spread(case.images, s[0]) for s in (frames, stack))
         if not first / _SCALES <= repeat <= first * _SCALES:

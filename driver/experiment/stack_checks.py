@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+from hashlib import blake2b
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,10 @@ _TALLEST = 1e6  # nm; beyond it a level means something else, such as 3e38 for n
 # half of their spread, at so many pixels if by three times their whole range.
 _SHARE, _SPREADS = 5e-3, 0.5
 _FEW, _RANGES = 10, 3.0
+# Frames that end alike are stretched where the relief changes by this share from one to the next,
+# and by more than the noise of so many pixels.
+_STRETCHED, _OF_NOISE, _FEWEST = 3e-3, 2.0, 4
+_TOLD = 5  # copies
 _PIXEL_OFF = 0.01  # of the size that a file states, beyond which one of both is in doubt
 
 
@@ -42,30 +48,72 @@ def with_height(images: Images, levels: FloatArray) -> BoolArray:
     return np.asarray(finite & (levels != images.off_surface_level))
 
 
-def levels_at_the_limit(case: Case, key: str, stack: Stack) -> int:
-    """Read every frame once, and count the pixels at the largest level of their type.
+@dataclass(frozen=True)
+class Seen:
+    """What a look at every frame of a stack has found.
+
+    Attributes:
+        clipped: number of pixels at the largest level of their type.
+        copies: frames with every level of an earlier one, and that one.
+    """
+
+    clipped: int
+    copies: tuple[tuple[int, int], ...]
+
+
+def look_at_levels(case: Case, key: str, stack: Stack) -> Seen:
+    """Read every frame once.
 
     Raises:
-        ExperimentError: a frame has no relief, or a level that is no height.
+        ExperimentError: a frame has no relief or a level that is no height, or each was stretched
+            to a contrast of its own.
     """
     limit = np.inf
     if stack.dtype.kind in "ui":
         limit = 2.0 ** (8 * stack.dtype.itemsize - (stack.dtype.kind == "i")) - 1.0
-    clipped = 0
+    clipped, reliefs, ends = 0, list[float](), set[tuple[float, float]]()
+    first_of, copies = dict[bytes, int](), list[tuple[int, int]]()
     for t in range(len(stack)):
         levels = stack[t]
         kept = with_height(case.images, levels)
-        _refuse_strange(case, key, stack, t, levels, kept)
+        _refuse_strange(case, key, stack, t, levels, kept, limit)
         clipped += int(np.count_nonzero(levels == limit))
-    return clipped
+        reliefs.append(float(np.std(levels[kept])))
+        ends.add((float(np.nanmin(levels)), float(np.nanmax(levels))))
+        same = first_of.setdefault(blake2b(levels.tobytes()).digest(), t)
+        if same != t:
+            copies.append((t, same))
+    _refuse_stretched(case, key, stack, np.array(reliefs), ends)
+    return Seen(clipped, tuple(copies))
+
+
+def _refuse_stretched(
+    case: Case, key: str, stack: Stack, reliefs: FloatArray, ends: set[tuple[float, float]]
+) -> None:
+    """Refuse frames that end at the same levels, though the relief of each is another.
+
+    Of one surface the relief stays, whatever the noise of its pixels, but for what is stretched.
+    """
+    if len(reliefs) < _FEWEST or len(ends) > 1:
+        return
+    change = float(np.median(np.abs(np.diff(np.log(reliefs)))))
+    rows, columns = stack.shape
+    if change > max(_STRETCHED, _OF_NOISE / np.sqrt(rows * columns)):
+        ((low, high),) = ends
+        raise stack_error(
+            case, key,
+            f"levels from {low:g} to {high:g} in each frame, whose relief changes by "
+            f"{100 * change:.2g} % from one to the next",
+            "one scale for all: heights that no program stretched to the contrast of each image",
+        )  # fmt: skip
 
 
 def _refuse_strange(
-    case: Case, key: str, stack: Stack, t: int, levels: FloatArray, kept: BoolArray
+    case: Case, key: str, stack: Stack, t: int, levels: FloatArray, kept: BoolArray, limit: float
 ) -> None:
     there = levels[kept]
     marked = np.isfinite(levels).sum() > there.size
-    level, count = (None, 0) if marked else _isolated(there)
+    level, count = (None, 0) if marked else _isolated(there, limit)
     if level is not None:
         others = there[there != level]
         raise stack_error(
@@ -90,17 +138,21 @@ def _refuse_strange(
     raise stack_error(case, key, f"{found} in frame {t}", "heights of a surface", stack.file(t))
 
 
-def _isolated(levels: FloatArray) -> tuple[float | None, int]:
-    """Return the smallest or largest level and its count, if it cannot belong to the others."""
+def _isolated(levels: FloatArray, limit: float) -> tuple[float | None, int]:
+    """Return the smallest or largest level and its count, if it cannot belong to the others.
+
+    Few pixels at the limit of their type are dust that is cut there.
+    """
+    step = 1.0 if np.isfinite(limit) else 0.0  # between two integers
     for extreme in (levels.min(initial=np.inf), levels.max(initial=-np.inf)):
         at = levels == extreme
         count, others = int(np.count_nonzero(at)), levels[~at]
         if count < _FEW or not others.size:
             continue
         apart = float(np.abs(others - extreme).min())
-        if apart > _RANGES * np.ptp(others) > 0:
+        if extreme != limit and apart > _RANGES * np.ptp(others) > 0:
             return float(extreme), count
-        if count >= _SHARE * levels.size and apart > 1.0:
+        if count >= _SHARE * levels.size and apart > step:
             low, high = np.percentile(others, (5, 95))
             if apart > _SPREADS * (high - low) > 0:
                 return float(extreme), count
@@ -146,6 +198,17 @@ def refuse_other_lengths(case: Case, key: str, stack: Stack) -> None:
 
 def _off(case: Case, sizes: tuple[float, float]) -> bool:
     return max(abs(size / case.images.pixel_size_nm - 1.0) for size in sizes) > _PIXEL_OFF
+
+
+def remarks_on_copies(stack: Stack, copies: tuple[tuple[int, int], ...]) -> Iterator[str]:
+    """Say which frames are copies of others, the first of them."""
+    for frame, original in copies[:_TOLD]:
+        yield sentence(
+            stack.file(frame), "images.frames", f"every level of frame {original} in frame {frame}",
+            "an image that was taken anew: its noise differs",
+        )  # fmt: skip
+    if len(copies) > _TOLD:
+        yield f"images.frames: {len(copies) - _TOLD} more frames are copies of others"
 
 
 def remarks_on_pixels(case: Case, stacks: dict[str, Stack | None]) -> Iterator[str]:

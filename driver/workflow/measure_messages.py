@@ -8,14 +8,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from driver.case.model import Case
+from driver.common.splines.images import samples
 from driver.dic.derived_quantities import Reading
 from driver.dic.series import SurfaceMotion
+from driver.dic.surface_images import SurfaceImages
+from driver.dic.wrong_frames import exchanged, jumps, turned
+from driver.experiment.images.heightmaps import fill_off_surface, on_surface
 from driver.experiment.images.outliers import Outlier, texts_by_frame
-from meshes.arrays import BoolArray
+from meshes.arrays import BoolArray, FloatArray
 
 logger = logging.getLogger(__name__)
 
 
+_LOOKED_AT = 20  # frames that cannot be followed, of which it is asked whether they are mirrored
 _TOLD = 5  # frames at most, of which it is told why they stopped
 _STRETCHED = 5.0  # σ of the elongation before loading, beyond which the images are in doubt
 
@@ -102,3 +107,48 @@ def tell_frames(
             f"({abs(stretch) / sigma:.0f} σ), expected no load on both: look at the order of "
             "images.frames"
         )
+
+
+def tell_wrong_frames(
+    images: SurfaceImages,
+    motion: SurfaceMotion,
+    doubtful: BoolArray,
+    elongation: Reading,
+    stage: FloatArray,
+) -> None:
+    """Tell which frames are mirrored, exchanged with another, or far from the one before.
+
+    Args:
+        images: the series.
+        motion: motion of each image by itself.
+        doubtful: frames that cannot be followed or leave too much, shape (T,).
+        elongation: against the repeats.
+        stage: stage travel at each image [µm], shape (T,).
+    """
+    for frame in np.flatnonzero(doubtful)[:_LOOKED_AT].tolist():
+        way = how_turned(images, frame)
+        if way:
+            logger.info(f"  frame {frame} {way}: save it as the others are")
+    followed = ~doubtful
+    for first, second in exchanged(elongation.value, stage, elongation.own, followed):
+        logger.info(
+            f"  frames {first} and {second} look exchanged, for each has the elongation of the "
+            "other: look at the order of images.frames and at their rows in the history"
+        )
+    for frame, (along_x, along_y) in jumps(motion.means()[:, :2] / images.pixel, followed):
+        logger.info(
+            f"  frame {frame} is shifted by {along_x:.0f} px along X and {along_y:.0f} px along Y "
+            "against the one before: was the field of view moved or cropped otherwise?"
+        )
+
+
+def how_turned(images: SurfaceImages, frame: int) -> str:
+    """Say how a frame shows the surface, if mirrored or turned, else nothing."""
+    seen = samples(images.frames.coefficients[frame])
+    valid = on_surface(seen)
+    if not valid.any():
+        return ""
+    region = np.zeros(images.shape, dtype=bool)
+    region[images.rows, images.cols] = True
+    way = turned(images.reference_image, fill_off_surface(seen, valid), region)
+    return f"shows the surface {way}" if way else ""

@@ -29,7 +29,13 @@ from driver.results.files import MEASURE
 from driver.results.hdf5 import open_hdf5
 from driver.results.measurement import MeasuredFields, Measurement, write_measurement
 from driver.workflow.engine import StageContext
-from driver.workflow.measure_messages import tell_frames, tell_readings, tell_regularisation
+from driver.workflow.measure_messages import (
+    how_turned,
+    tell_frames,
+    tell_readings,
+    tell_regularisation,
+    tell_wrong_frames,
+)
 from driver.workflow.prepared_images import prepared_images
 from meshes.arrays import BoolArray, FloatArray
 
@@ -73,7 +79,7 @@ def measure_numbers(context: StageContext) -> None:
         penalty=case.dic.penalty,
     )
     tell_regularisation(case, single)
-    _refuse_another_surface(single)
+    _refuse_another_surface(single, images)
     rigid = single.means()
     used = images.codes == Excluded.USED
     noise = noise_levels(_sampled(images), used[images.box(_AROUND)])
@@ -83,6 +89,8 @@ def measure_numbers(context: StageContext) -> None:
     read = readings(single, images, case.specimen.length, motion, smoother)
     tell_readings(single, motion, read)
     tell_frames(single, outliers, left, read["elongation"])
+    doubtful = left | ~single.converged
+    tell_wrong_frames(images, single, doubtful, read["elongation"], history.stage[rows])
     refined = refine_gradient(images, motion.fields)
     later = _temporal(images, refined.gradient, single, ~left)
     if later is not None:
@@ -110,7 +118,7 @@ def measure_numbers(context: StageContext) -> None:
     )  # fmt: skip
 
 
-def _refuse_another_surface(motion: SurfaceMotion) -> None:
+def _refuse_another_surface(motion: SurfaceMotion, images: SurfaceImages) -> None:
     """Refuse a series of which more than half cannot be followed.
 
     Raises:
@@ -119,10 +127,10 @@ def _refuse_another_surface(motion: SurfaceMotion) -> None:
     astray = motion.lost | (~motion.converged & (motion.chi > _OTHER_SURFACE))
     if 2 * np.count_nonzero(astray) > astray.size:
         first = int(np.argmax(astray))
+        why = how_turned(images, first) or motion.reason[first]
         raise InputError(
             f"images.frames: found {np.count_nonzero(astray)} of {astray.size} frames that cannot "
-            f"be followed (frame {first} {motion.reason[first]}), expected the surface of "
-            "images.repeats"
+            f"be followed (frame {first} {why}), expected the surface of images.repeats"
         )
 
 

@@ -240,7 +240,7 @@ BAD: dict[str, tuple[str, Callable[[Path], str], str]] = {
     "one repeat": ("repeats", lambda f: stored(f, "r.tif", SURFACE),
                    "found 1 frame, expected at least 2 (their scatter is the noise)"),
     "twice the same": ("repeats", lambda f: stored(f, "r.tif", np.stack([SURFACE] * 2)),
-                       "found frame 1 with every pixel as in the one before"),
+                       "found frame 1 with every pixel as in frame 0"),
     "constant": ("frames", lambda f: stored(f, "c.tif", np.stack([SURFACE, 0 * SURFACE + 7])),
                  "found level 7 at every pixel in frame 1, expected heights of a surface"),
     "all NaN": ("frames", lambda f: stored(f, "n.tif", np.full((2, 6, 10), np.nan, np.float32)),

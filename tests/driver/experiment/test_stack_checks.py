@@ -35,6 +35,7 @@ def case_of(folder: Path, stack: np.ndarray, **images: Any) -> Path:
         (-(2.0**15), np.int16, "-32768"),
         (float(np.finfo(np.float32).max), np.float32, "3.4028234663852886e+38"),
         (0.0, np.uint16, "0"),
+        (0.0, np.float32, "0"),
     ],
 )
 def test_a_level_that_marks_pixels_without_a_height_is_named_with_its_key(
@@ -58,7 +59,8 @@ def test_what_belongs_to_the_surface_is_no_mark(tmp_path: Path) -> None:
     frames[0, 4, 5:9] = 0
     path = case_of(tmp_path, np.clip(frames, 1, 255).astype(np.uint8))
     assert read_experiment(load_case(path)).clipped > 100
-    two = np.random.default_rng(11).integers(100, 102, (3, 30, 40)).astype(np.uint8)
+    two = np.random.default_rng(11).integers(100, 102, (3, 60, 80)).astype(np.uint8)
+    two[0, 5:8, 5:10] = 255  # a grain of dust
     assert len(read_experiment(load_case(case_of(tmp_path, two))).frames) == 3
 
 
@@ -74,3 +76,35 @@ def test_another_pixel_size_than_that_of_the_files_is_remarked(tmp_path: Path) -
         told = f"{tmp_path}/images.tif: images.frames: found pixels of 100 nm in the file, " \
             "expected the 110 of images.pixel_size_nm, which are used"  # fmt: skip
         assert remarks == ((told,) if remarked else ())
+
+
+def test_one_image_for_all_stops_is_refused_and_a_copy_is_remarked(tmp_path: Path) -> None:
+    frames = np.random.default_rng(13).integers(50, 90, (6, 30, 40)).astype(np.uint8)
+    path = case_of(tmp_path, np.repeat(frames[:1], 6, axis=0))
+    with pytest.raises(ExperimentError, match=r"found the levels of frame 0 in all 6 frames, expe"):
+        read_experiment(load_case(path))
+    frames[4] = frames[1]
+    (remark,) = read_experiment(load_case(case_of(tmp_path, frames))).remarks
+    assert "images.frames: found every level of frame 1 in frame 4, expected an image" in remark
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_contrast_that_was_chosen_for_each_image_is_refused(tmp_path: Path, dtype: type) -> None:
+    """The same surface, noise of a tenth of its relief, 557 px as a camera has."""
+    rng = np.random.default_rng(14)
+    relief = rng.normal(0.0, 20.0, (557, 557))
+    largest = np.iinfo(dtype).max
+    heights = [relief + rng.normal(0.0, 2.0, relief.shape) for _ in range(6)]
+    stretched = [np.rint((h - h.min()) / np.ptp(h) * largest) for h in heights]
+    path = case_of(tmp_path, np.array(stretched, dtype), off_surface_level="none")
+    told = (
+        rf"found levels from 0 to {largest} in each frame, whose relief changes by .* expected one"
+    )
+    with pytest.raises(ExperimentError, match=told):
+        read_experiment(load_case(path))
+    # A trench at 0 and spikes at the limit end all frames of one scale alike, too.
+    plain = [np.clip(0.5 * largest + h * largest / 400, 1, largest - 1) for h in heights]
+    for frame in plain:
+        frame[:9], frame[60, 60:64] = 0, largest
+    path = case_of(tmp_path, np.array(plain, dtype))
+    assert len(read_experiment(load_case(path)).frames) == 6

@@ -82,6 +82,34 @@ def test_the_rigid_motion_of_each_frame_is_kept(
     assert roughness < 0.02 * closed_form.PIXEL < 0.15 * np.std(stage[:, 0])
 
 
+def test_a_mirrored_frame_two_that_changed_places_and_a_copy_are_each_told(tmp_path: Path) -> None:
+    closed_form.write_files(tmp_path, {})
+    frames = tifffile.imread(tmp_path / "images.tif")
+    frames[[5, 30]] = frames[[30, 5]]
+    frames[BAD] = frames[BAD, :, ::-1]
+    frames[22] = frames[21]
+    tifffile.imwrite(tmp_path / "images.tif", frames)
+    lines: list[str] = []
+    with progress_to(lines.append):
+        run(tmp_path / "case.toml", "measure", False)
+    log = "\n".join(lines)
+    assert f"frame {BAD} shows the surface mirrored along Y: save it as the others are" in log
+    assert "frames 5 and 30 look exchanged, for each has the elongation of the other" in log
+    assert "images.frames: found every level of frame 21 in frame 22, expected an image" in log
+    told = ("shows the surface", "look exchanged", "found every level", "is shifted by")
+    assert [log.count(words) for words in told] == [1, 1, 1, 0]
+
+
+def test_a_series_that_is_mirrored_as_a_whole_is_refused_as_such(tmp_path: Path) -> None:
+    closed_form.write_files(tmp_path, {})
+    frames = tifffile.imread(tmp_path / "images.tif")
+    tifffile.imwrite(tmp_path / "images.tif", frames[:, ::-1].copy())
+    with pytest.raises(
+        InputError, match=r"\(frame \d+ shows the surface mirrored along X\), expec"
+    ):
+        run(tmp_path / "case.toml", "measure", False)
+
+
 def face(folder: Path, kind: CellKind, name: str) -> None:
     """A mesh file of 2 × 4 µm that overlaps the face, its cells distorted."""
     mesh = distorted(kind, n=4)
