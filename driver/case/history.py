@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from driver.case.messages import refusal
 from driver.case.values import FileName, Positive, Table
 
 Separator = Literal[",", ";", "\t", "|", " "]
 TimeUnit = Literal["s", "ms", "min", "h", "hh:mm:ss"]
-LengthUnit = Literal["um", "µm", "nm", "mm", "m"]
-ForceUnit = Literal["N", "uN", "µN", "mN", "kN"]
+
+
+def with_micro_sign(unit: object) -> object:
+    """Return a unit with the sign of micro where it has the Greek letter, which looks the same."""
+    return unit.replace("\u03bc", "\u00b5") if isinstance(unit, str) else unit
+
+
+LengthUnit = Annotated[Literal["um", "µm", "nm", "mm", "m"], BeforeValidator(with_micro_sign)]
+ForceUnit = Annotated[Literal["N", "uN", "µN", "mN", "kN"], BeforeValidator(with_micro_sign)]
 Row = Annotated[int, Field(strict=True, ge=1)]
 ColumnName = Annotated[str, Field(min_length=1)] | Annotated[int, Field(strict=True, ge=1)]
 
@@ -134,11 +141,16 @@ class HistoryTable(Table):
         return self.first_row or self.header_row + 1
 
     @model_validator(mode="after")
-    def _numbers_can_be_told_from_cells(self) -> Self:
+    def _no_cell_means_two_things(self) -> Self:
         if self.decimal == self.separator:
             raise refusal(
                 'another one with decimal = ",", as ";"', "separator", f'"{self.separator}"'
             )
+        names = [column.name for column in (self.time, self.stage, self.image, self.force)]
+        for name in names:
+            if names.count(name) > 1:
+                found = f"{name} {names.count(name)} times"
+                raise refusal("a column of its own for each", "columns", found)
         if self.first_row is not None and self.first_row <= self.header_row:
             expected = f"a row below the names of the columns, which stand in row {self.header_row}"
             raise refusal(expected, "first_row", str(self.first_row))

@@ -19,6 +19,7 @@ from driver.check.images import look_at_images
 from driver.check.loads import stated_motion, strange_loads
 from driver.check.orientations import look_at_orientations
 from driver.check.picture import draw
+from driver.check.plausible import in_figures
 from driver.check.steps import recommended_steps
 from driver.common import machine
 from driver.common.errors import InputError, sentence, why
@@ -263,7 +264,8 @@ def _loads_alone(case: Case, adapter: Adapter | None, n_cells: int) -> Iterator[
         return
     force = history.force * case.force_scale
     yield _course(case, history, force, "loads")
-    yield Finding("ok", "history", travel_told(history))
+    yield Finding("ok", "stage", travel_told(history))
+    yield from in_figures(case, history, force)
     yield from strange_loads(case, history, force)
     yield stated_motion(case, history)
     if adapter is not None:
@@ -280,14 +282,16 @@ def _course(case: Case, history: History, force: FloatArray, what: str) -> Findi
         "ok",
         "history",
         f"{history.n_images} {what} in {history.cycle.max()} cycle(s), {np.ptp(history.time):g} s, "
-        f"stage travel to {history.stage.max():g} µm, load to {np.nanmax(force):.0f} µN{out}",
+        f"stage travel to {history.stage.max():g} µm, load to {np.nanmax(force):.0f} µN "
+        f"({np.nanmax(force) / case.section:.0f} MPa){out}",
     )
 
 
 def _history(case: Case, experiment: Experiment) -> Iterator[Finding]:
     history = experiment.history
     yield _course(case, history, experiment.force, "images")
-    yield Finding("ok", "history", travel_told(history))
+    yield Finding("ok", "stage", travel_told(history))
+    yield from in_figures(case, history, experiment.force)
     yield from strange_loads(case, history, experiment.force)
     try:
         held_out_cycle(case, history)

@@ -14,7 +14,7 @@ from driver.experiment.log_file import cells_of
 _SEARCHED = 200  # first rows, among which the names of the columns are looked for
 _BRACKETS = re.compile(r"[\[(<]\s*([^\])>]+?)\s*[\])>]\s*$")
 _LAST_WORD = re.compile(r"[\s_/,.]([^\s_/,.\d]+)$")
-_GREEK_MU, _MICRO = "\u03bc", "\u00b5"
+_MICRO = "\u00b5"
 _WORDS = {
     "time": re.compile(r"time|zeit|temps|^t\b", re.I),
     "stage": re.compile(r"stage|travel|displ|position|crosshead|weg|extension|stroke", re.I),
@@ -48,7 +48,7 @@ def unit_in(name: str, kind: str) -> str | None:
     """
     for pattern in (_BRACKETS, _LAST_WORD):
         if match := pattern.search(name):
-            unit = match[1].replace(_GREEK_MU, _MICRO)
+            unit = match[1].replace("\u03bc", _MICRO)
             unit = _OTHER_SPELLINGS.get(unit.lower(), unit)
             if unit in UNITS[kind]:
                 return unit

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,6 +37,8 @@ from driver.experiment.log_file import (
 )
 from meshes.arrays import FloatArray
 
+_LONGEST = 200  # characters of a row that are told
+_PLAIN = frozenset("0123456789+-.eE")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _WITH_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
 _CLOCK_TIME = re.compile(r"(\d+):([0-5]?\d):([0-5]?\d(\.\d*)?)")
@@ -127,7 +130,7 @@ def read_log(path: Path, stated: HistoryTable, needed: Sequence[str]) -> Log:
     def values(kind: str, unit: float) -> FloatArray:
         if kind not in columns:
             return np.full(len(rows), np.nan)
-        return unit * np.array([_value(path, stated, columns[kind], row) for row in rows])
+        return unit * _values(path, stated, columns[kind], rows)
 
     return Log(
         path=path,
@@ -176,6 +179,8 @@ def _no_column(
         found = f'the name "{column.name}"'
         return HistoryError(sentence(path, f"history.columns.{kind}", found, expected))
     found = stated.separator.join(names)
+    if len(found) > _LONGEST:
+        found = f"{found[:_LONGEST]}…"
     expected = f"the column {column.name}, or {remedy_of_names(lines, stated, needed)}"
     return HistoryError(sentence(path, f"row {stated.header_row}", found, expected))
 
@@ -184,14 +189,14 @@ def _refuse_other_units(
     path: Path, stated: HistoryTable, lines: Sequence[str], columns: Mapping[str, LogColumn]
 ) -> None:
     """Refuse a column of which its name, or a row below the names, says another unit."""
-    below = range(stated.header_row, stated.first_data_row - 1) if stated.header_row else ()
+    last = min(stated.first_data_row - 1, len(lines))
+    below = range(stated.header_row, last) if stated.header_row else ()
     for kind, column in columns.items():
         if isinstance(getattr(stated, kind).name, int):
             continue
         said = {stated.header_row: unit_in(column.name, kind)}
         for row in below:
-            line = lines[row] if row < len(lines) else ""
-            said[row + 1] = unit_in_row(line, stated.separator, column.place, kind)
+            said[row + 1] = unit_in_row(lines[row], stated.separator, column.place, kind)
         for number, unit in said.items():
             if unit is not None and not same_unit(unit, column.unit):
                 found = f'the column {column.name} in "{unit}"'
@@ -228,6 +233,21 @@ def _refuse_no_numbers(
         remedy += f" and {', '.join(entries)} under [history.columns]"
     found = show(stated.separator.join(first.cells))
     raise HistoryError(sentence(path, f"row {first.number}", found, f"numbers, or {remedy}"))
+
+
+def _values(
+    path: Path, stated: HistoryTable, column: LogColumn, rows: Sequence[LogRow]
+) -> FloatArray:
+    """Return the numbers of a column, NaN where an image or a load may be absent and is."""
+    texts = [row.cells[column.place] for row in rows]
+    absent = {"", stated.empty} if column.kind in ("image", "force") else set()
+    if column.unit != CLOCK and stated.decimal == "." and _PLAIN.issuperset("".join(texts)):
+        # Most logs, at once; what is no number after all is told below, with its row.
+        with suppress(ValueError):
+            values = np.array([math.nan if text in absent else float(text) for text in texts])
+            if not np.isinf(values).any():
+                return values
+    return np.array([_value(path, stated, column, row) for row in rows])
 
 
 def _value(path: Path, stated: HistoryTable, column: LogColumn, row: LogRow) -> float:

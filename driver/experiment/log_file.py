@@ -170,6 +170,8 @@ def _decoded(path: Path, content: bytes, encoding: str) -> str:
         found = f"the byte 0x{content[reason.start]:02x}"
         remedy = '"latin-1"' if name == "cp1252" else '"cp1252" (Windows)'
         raise error(f"row {number}", found, f"encoding = {remedy}") from None
+    except UnicodeError as reason:
+        raise error("file", why(reason), 'encoding = "utf-8"') from None
     if "\0" in text[:1000]:
         raise error("file", "characters of two bytes", 'encoding = "utf-16-le"')
-    return text
+    return text.removeprefix("\ufeff")

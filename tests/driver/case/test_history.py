@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from driver.case.history import HistoryColumns, HistoryTable, ImageColumn, TimeColumn
+from driver.case.history import HistoryColumns, HistoryTable, ImageColumn, StageColumn, TimeColumn
 from driver.case.model import case_text, default_case, load_case
 from tests.driver.case.tables import refused
 
@@ -30,6 +30,17 @@ def test_a_decimal_comma_does_not_part_the_cells_as_well() -> None:
         "separator",
         'another one with decimal = ",", as ";"',
     )
+
+
+def test_a_column_is_of_one_quantity() -> None:
+    columns = {"time": {"name": 1, "unit": "s"}, "stage": {"name": 1, "unit": "mm"}}
+    said = ("columns", "a column of its own for each")
+    assert refused(HistoryTable, columns=columns) == said
+    assert refused(HistoryTable, columns={"image": {"name": "force_N"}}) == said
+
+
+def test_the_greek_letter_is_the_sign_of_micro() -> None:
+    assert StageColumn.model_validate({"name": "s", "unit": "\u03bcm"}).unit == "\u00b5m"
 
 
 def test_numbers_stand_below_the_names_of_their_columns() -> None:

@@ -185,6 +185,10 @@ def test_a_table_without_names_is_read_by_the_numbers_of_its_columns(tmp_path: P
         (FRAME.replace("0,1\n", '"0,1\n'), {"decimal": ","}, "row 7: found a quote that stays open"
          ", expected each quote closed in its row"),
         (FRAME.replace("0,1\n", "0,1;3\n"), {"decimal": ","}, "row 7: found 5 cells, expected 4, "),
+        (FRAME, {"first_row": 10**15}, "file: found no rows of numbers, expected one for each"),
+        ("a" * 5000 + ";b\n" + PLAIN, {"header_row": 1, "columns": {}},
+         f"row 1: found {'a' * 200}…, expected "
+         'the column time_s, or separator = ",", header_row = 2, first_row = 3 under [history]'),
         ("", {}, "row 4: found no columns, expected the names of the columns"),
         (FRAME[:FRAME.index("0,0")], {}, "file: found no rows of numbers, expected one for each"),
         (PLAIN.replace("0,500", "0,1_0"), {"header_row": 1, "first_row": 2, "separator": ",",
@@ -210,6 +214,13 @@ def test_a_column_that_tells_its_unit_wrongly_is_stated_by_its_number(tmp_path: 
     with pytest.raises(HistoryError, match='the column stage_mm in "mm", .* name = 2'):
         read(tmp_path / "log.csv", text, columns=columns)
     assert_as_said(read(tmp_path / "log.csv", text, columns={"stage": {"name": 2, "unit": "um"}}))
+
+
+def test_a_mark_before_the_text_is_no_part_of_the_first_name(tmp_path: Path) -> None:
+    marked = PLAIN.encode("utf-16")
+    assert_as_said(read(tmp_path / "log.csv", marked, encoding="utf-16"))
+    little = b"\xff\xfe" + PLAIN.encode("utf-16-le")
+    assert_as_said(read(tmp_path / "log.csv", little, encoding="utf-16-le"))
 
 
 def test_a_log_of_loads_alone_needs_no_column_of_images(tmp_path: Path) -> None:
