@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from shlex import quote
 from time import time
 from typing import Annotated, Any
 
@@ -22,11 +23,18 @@ from driver.case.model import (
 from driver.common.atomic_write import write_whole
 from driver.common.errors import sentence
 from driver.common.formatting import byte_size
-from driver.common.progress import progress_to
-from driver.results.files import EXPORT, RESULTS
-from driver.terminal.endings import CODES, Ending, ending_of, told_in_one_line
+from driver.results.files import EXPORT
+from driver.terminal.answers import answer_of_check, answer_of_run, answer_of_status, answered
+from driver.terminal.endings import (
+    CODES,
+    Ending,
+    ending_of,
+    results_at,
+    tell_ending,
+    told_in_one_line,
+)
 from driver.terminal.exit_codes import FAILED
-from driver.terminal.output import show_table, tell, tell_error, tolerate_any_encoding
+from driver.terminal.output import show_table, tell, tolerate_any_encoding
 from driver.terminal.progress_display import shown_progress, shown_states
 from driver.terminal.stopping import stop_at_end_of_input, stoppable
 
@@ -45,7 +53,7 @@ class _Verbs(TyperGroup):
 app = typer.Typer(
     cls=_Verbs,
     no_args_is_help=True,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
 )
 
@@ -63,6 +71,17 @@ def _path(text: str) -> Path:
 
 CaseArgument = Annotated[
     Path, typer.Argument(metavar="CASE", parser=_path, help="case.toml or its folder")
+]
+
+
+ResultsOption = Annotated[
+    Path | None,
+    typer.Option(metavar="FOLDER", parser=_path, help="of the results, default as in the case"),
+]
+
+
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="one JSON object on standard output, all else beside it")
 ]
 
 
@@ -113,18 +132,21 @@ def init(
         folder.mkdir(parents=True, exist_ok=True)
         write_case(default_case(), path)
         write_whole(schema, schema_text())
-        tell(f"{path} written: fill it in, then `prismid check {path}`")
+        tell(f"{path} written: fill it in, then `prismid check {quote(str(path))}`")
 
 
 @app.command()
-def check(case: CaseArgument) -> None:
+def check(case: CaseArgument, results: ResultsOption = None, as_json: JsonOption = False) -> None:
     """Validate CASE, its files, solver and libraries; estimate the cost; draw the set-up."""
     from driver.check.command import check as find
 
-    with told_in_one_line():
-        findings = find(_case_file(case))
+    file = _case_file(case)
+    with answered(as_json) as answer, told_in_one_line():
+        with shown_progress(err=True):
+            findings = find(file, results)
         for finding in findings:
             tell(f"{_MARKS[finding.level]} {finding.subject}: {finding.message}")
+        answer(answer_of_check(file, findings))
     if any(finding.level == "error" for finding in findings):
         raise typer.Exit(FAILED)
 
@@ -155,27 +177,43 @@ def run(
             metavar="FOLDER", parser=_path, help="of the solver's jobs, default as in the case"
         ),
     ] = None,
+    results: ResultsOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Run the stages of one CASE or many; what is done and unchanged is not done again."""
     from driver.workflow import pipeline
 
-    endings: dict[str, Ending] = {}
-    for case in cases:
-        # A bad case does not keep the next one from running.
-        file, prefix = _case_file(case), f"{case}: " if len(cases) > 1 else ""
-        asked = (file, until, force, prepare_only, processes, threads, store)
-        with shown_progress(prefix):
-            ending = ending_of(partial(pipeline.run, *asked), file.parent / RESULTS)
-        endings[str(case)] = ending
-        if ending.status == "prepared":
-            tell("\n".join((f"{case}: {ending.messages[0]}", *ending.messages[1:])))
-        else:
-            tell_error("\n".join(ending.messages), prefix)
-    if len(cases) > 1:
-        tell(", ".join(f"{case} {ending.status}" for case, ending in endings.items()))
-    code = max(CODES[ending.status] for ending in endings.values())
+    if results is not None and len(cases) > 1:
+        raise typer.BadParameter("found several cases, expected one", param_hint="--results")
+    endings: list[tuple[Path, Path, Ending]] = []
+    with answered(as_json) as answer:
+        for case in cases:
+            # A bad case does not keep the next one from running.
+            file, prefix = _case_file(case), f"{case}: " if len(cases) > 1 else ""
+            folder = results_at(file, results)
+            asked = (file, until, force, prepare_only, processes, threads, store, results)
+            with shown_progress(prefix):
+                ending = ending_of(partial(pipeline.run, *asked), folder)
+            endings.append((case, folder, ending))
+            tell_ending(str(case), ending, prefix)
+        if len(cases) > 1:
+            tell(", ".join(f"{case} {ending.status}" for case, _, ending in endings))
+        answer(answer_of_run(endings))
+    code = max(CODES[ending.status] for _, _, ending in endings)
     if code:
         raise typer.Exit(code)
+
+
+@app.command()
+def status(case: CaseArgument, results: ResultsOption = None, as_json: JsonOption = False) -> None:
+    """Say how far CASE is: its stages, the run that is at work, the verdict."""
+    from driver.status.command import lines_of, status_of
+
+    with answered(as_json) as answer, told_in_one_line():
+        found = status_of(_case_file(case), results)
+        for line in lines_of(found):
+            tell(line)
+        answer(answer_of_status(found))
 
 
 @app.command()
@@ -223,12 +261,12 @@ def trust(
 
 
 @app.command()
-def report(case: CaseArgument) -> None:
+def report(case: CaseArgument, results: ResultsOption = None) -> None:
     """Write the report page of CASE anew from its results."""
     from driver.workflow import pipeline
 
-    with told_in_one_line(), progress_to(tell):
-        pipeline.report(_case_file(case))
+    with told_in_one_line(), shown_progress():
+        pipeline.report(_case_file(case), results)
 
 
 @app.command()
@@ -243,14 +281,15 @@ def export(
         typer.Option("--volume/--no-volume", help="stress and slips inside (simulates once more)"),
     ] = True,
     med: Annotated[bool, typer.Option("--med", help="the volume for Salome, too")] = False,
+    results: ResultsOption = None,
 ) -> None:
     """Write the results of CASE in the formats of other programs."""
     from driver.export.command import export_case
 
     path = _case_file(case)
-    folder = to if to is not None else path.parent / RESULTS / EXPORT
+    folder = to if to is not None else results_at(path, results) / EXPORT
     with told_in_one_line(), shown_progress():
-        export_case(path, folder, volume, med)
+        export_case(path, folder, volume, med, results)
 
 
 @app.command("noise-floor")

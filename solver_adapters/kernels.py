@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core.event import Event, Listener, register
 
 from solver_adapters.user_folders import cache_folder
 
@@ -85,6 +86,31 @@ def compiled_before() -> bool:
     """Whether kernels of this version were compiled on this machine before."""
     folder = kernels_folder()
     return folder is not None and any(folder.rglob("*.nbi"))
+
+
+class _Compilations(Listener):
+    """Counts the kernels that are being compiled; those that are loaded are none."""
+
+    def __init__(self) -> None:
+        self.at_work = 0
+
+    def on_start(self, event: Event) -> None:
+        """Count one that begins."""
+        self.at_work += 1
+
+    def on_end(self, event: Event) -> None:
+        """Count one that ends."""
+        self.at_work -= 1
+
+
+_compilations = _Compilations()
+_register: Any = register
+_register("numba:compile", _compilations)
+
+
+def compiling() -> bool:
+    """Whether this process compiles a kernel just now."""
+    return _compilations.at_work > 0
 
 
 def compiled(**options: Any) -> Callable[[Any], Any]:

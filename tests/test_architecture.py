@@ -18,7 +18,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("driver.cli",),
     ("driver.terminal",),
     ("driver.trust",),
-    ("driver.batch", "driver.cache", "driver.check", "driver.export"),
+    ("driver.batch", "driver.cache", "driver.check", "driver.export", "driver.status"),
     ("driver.workflow",),
     ("driver.design", "driver.noise_floor"),
     ("driver.virtual",),
@@ -79,13 +79,14 @@ WRITTEN = (
     ".txt", ".lock", ".partial", ".edited",
 )  # fmt: skip
 FOLDERS = ("results", "jobs", "extended_decks")
-# These name no result: the case file, its schema and usual inputs, the user's queue systems and
-# consent, formats of images that are read, and a file that is not whole yet.
+# These name no result: the case file, its schema, usual inputs and the folder of its results, the
+# user's queue systems and consent, formats of images that are read, a file that is not whole yet.
 NAME_NO_RESULT = (
     "driver.batch.queues",
     "driver.case.consent",
     "driver.case.history",
     "driver.case.model",
+    "driver.case.solver",
     "driver.common.atomic_write",
     "driver.experiment.ebsd.headers",
     "driver.experiment.images.files",

@@ -28,6 +28,7 @@ from driver.results.files import (
     batch_log,
     batch_made_from,
     batch_truth,
+    results_of,
 )
 from driver.results.hdf5 import prismid_version
 from driver.results.mesh_sizes import sized_case
@@ -107,13 +108,21 @@ def _twice(jobs: Sequence[Job], file: Path) -> Iterator[str]:
     names: dict[str, Job] = {}
     places: dict[Path, Job] = {}
     for job in jobs:
-        place = (job.case.parent / RESULTS).resolve()
+        place = results_at(job.case).resolve()
         other = names.get(job.name) or places.get(place)
         if other is not None:
             found = f"{job.case}, which has the name or the results of {other.case} ({other.key})"
             yield sentence(file, job.key, found, "each case once, in a folder of its own")
         names.setdefault(job.name, job)
         places.setdefault(place, job)
+
+
+def results_at(path: Path) -> Path:
+    """Return the folder of the results of a case; the usual one of a case that cannot be used."""
+    try:
+        return results_of(load_case(path))
+    except (InputError, OSError):
+        return path.parent / RESULTS
 
 
 def _jobs_of(source: str | Study | Trial, key: str, campaign: Campaign, file: Path) -> list[Job]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from driver.batch.jobs import Job, stages_done
+from driver.batch.jobs import Job, results_at, stages_done
 from driver.batch.progress import State
 from driver.case.model import load_case
 from driver.common.atomic_write import write_whole
@@ -24,7 +24,6 @@ from driver.results.files import (
     DIAGNOSIS,
     IDENTIFY,
     REPORT,
-    RESULTS,
     SUMMARY_CSV,
     SUMMARY_HTML,
     TRUTH,
@@ -104,7 +103,7 @@ def write_summary(folder: Path, title: str, states: Sequence[State]) -> None:
 
 def _answer(state: State, folder: Path) -> Answer:
     """Return what a case came to; results that cannot be read are why it has not been done."""
-    job, results = state.job, state.job.case.parent / RESULTS
+    job, results = state.job, results_at(state.job.case)
     log = os.path.relpath(job.log, folder)
     status = "stopped" if state.status == "running" else state.status
     if status != "done":

@@ -11,6 +11,7 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 
 from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError, sentence, why
@@ -94,7 +95,7 @@ def refuse_unless_agreed(file: Path, requests: Iterable[Request]) -> None:
 
 def _refusal(file: Path, request: Request) -> str:
     found = f"{request.kind} that you have not agreed to ({request.told})"
-    expected = f"one that you have: `prismid trust {file}` shows it and asks"
+    expected = f"one that you have: `prismid trust {quote(str(file))}` shows it and asks"
     return sentence(file, request.key, found, expected)
 
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from driver.case.values import Count, Few, NewFolder, Positive, Table
+from driver.case.values import Count, Few, NewFolder, OwnFolder, Positive, Table
 from solver_adapters.interface import Integration
 
 
@@ -68,6 +68,10 @@ class Execution(Table):
         default=120.0,
         description="minutes of all stages up to the diagnosis, within which automatic meshes are "
         "refined",
+    )
+    results: OwnFolder = Field(
+        default="results",
+        description="a text in quotes, the name of the folder of the results, beside the case",
     )
     store: NewFolder | None = Field(
         default=None,

@@ -27,6 +27,17 @@ def _as_it_stands(name: str) -> str:
 
 NewFolder = Annotated[str, Field(min_length=1), AfterValidator(_as_it_stands)]
 """A folder that is made where there is none."""
+
+
+def _beside_the_case(name: str) -> str:
+    """Refuse what is no name of a folder beside the case: a case writes nowhere else by itself."""
+    if name.startswith(".") or "/" in name or "\0" in name or len(name.encode()) > 200:
+        raise refusal("the name of a folder beside the case; `--results` takes any path")
+    return name
+
+
+OwnFolder = Annotated[str, Field(min_length=1), AfterValidator(_beside_the_case)]
+"""A folder beside the case."""
 Vector = tuple[Number, Number, Number]
 
 

@@ -40,8 +40,16 @@ from driver.forward.build import (
     used_face,
 )
 from driver.results.extended_decks import rendered_decks
-from driver.results.files import CHECK_PICTURE, job_store, make_folder, make_job_store, results_of
+from driver.results.files import (
+    CHECK_PICTURE,
+    job_store,
+    make_folder,
+    make_job_store,
+    results_of,
+    with_results,
+)
 from driver.results.mesh_sizes import sized
+from driver.results.stage_record import refuse_another_case
 from driver.workflow.cost import estimate
 from driver.workflow.refinement import told_beforehand
 from meshes.arrays import FloatArray
@@ -53,18 +61,19 @@ from solver_adapters.profile import config_path
 from solver_adapters.registry import find_adapter
 
 
-def check(case_path: Path) -> list[Finding]:
+def check(case_path: Path, results: Path | None = None) -> list[Finding]:
     """Check a case with its files, its solver and the libraries; draw `results/check.png`.
 
     Args:
         case_path: the case file.
+        results: folder of the results, None for that of the case.
 
     Returns:
         What was looked at, in the order of a run. Nothing is raised for bad input: it is found.
     """
     findings = list(_libraries())
     try:
-        case = load_case(case_path)
+        case = with_results(load_case(case_path), results)
     except InputError as error:
         return findings + [Finding("error", "case", line) for line in str(error).splitlines()]
     findings.append(Finding("ok", "case", f"{case_path} is valid"))
@@ -108,6 +117,7 @@ def check(case_path: Path) -> list[Finding]:
             findings += _decks(case, adapter, experiment)
     picture = results_of(case) / CHECK_PICTURE
     try:
+        refuse_another_case(picture.parent, case)
         make_folder(picture.parent, case.file)
         codes = None if reference is None else reference.codes
         draw(case, experiment, picture, codes, () if unoriented else map_pictures(case))

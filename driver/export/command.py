@@ -57,6 +57,7 @@ def export_case(
     folder: Path,
     volume: bool = True,
     med: bool = False,
+    results_folder: Path | None = None,
 ) -> None:
     """Write the finished results of a case in the formats of other programs.
 
@@ -67,10 +68,11 @@ def export_case(
     left out where the program of the solver is absent.
 
     Args:
-        case_path: the case file; its results are in `results/` beside it.
+        case_path: the case file.
         folder: where to write.
         volume: whether to write the fields of the volume, where the solver answers them.
         med: whether to write them as MED, too.
+        results_folder: folder of the results, None for that of the case.
 
     Raises:
         CaseError: the case cannot be used.
@@ -81,7 +83,7 @@ def export_case(
     """
     if med and not volume:
         raise ExportError("--med: found --no-volume, expected --volume: MED holds its fields")
-    case = sized_case(case_path)
+    case = sized_case(case_path, results_folder)
     if not case.with_images:
         expected = '"images": the fields that are exported are those of images and models'
         raise ExportError(sentence(case_path, "boundary.motion", '"stage"', expected))

@@ -22,7 +22,7 @@ from driver.experiment.reading import as_in_files
 from driver.parameters.boundary import LAMBDAS
 from driver.parameters.covariance import NOISE_RATIO, SIGMA_E
 from driver.parameters.registry import declared_parameters
-from driver.results.files import NOISE_MAP, RESULTS
+from driver.results.files import NOISE_MAP, RESULTS, results_of
 from solver_adapters.material import declarations_at
 
 
@@ -44,6 +44,7 @@ def extended_case(case: Case, found: Diagnosis) -> Case:
         for name in (*case.extensions, *added_parameters(found))
     }
     moved = with_file_names(started, lambda name: _from_results(case, name))
+    moved = moved.with_values_at({"execution.results": RESULTS})
     images = {"noise_map": NOISE_MAP} if NOISE_RATIO.name in found.levels else {}
     wrong = {*case.loads.left_out, *(bad.frame for bad in found.bad_loads)}
     return moved.model_copy(
@@ -94,7 +95,8 @@ def write_noise_map(case: Case, found: Diagnosis, path: Path) -> None:
 def _from_results(case: Case, name: str) -> str:
     if Path(name).is_absolute():
         return name
-    if not case.path(RESULTS).is_symlink():
+    results = results_of(case)
+    if results.parent == case.path("") and not results.is_symlink():
         return f"../{name}"
     # One folder up from where a link leads is not the folder of the case.
     return str(case.path("").resolve() / name)

@@ -6,6 +6,7 @@ The case file and its schema are named by `driver.case.model`, which reads them.
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -17,7 +18,7 @@ from driver.common.errors import InputError, sentence, why
 
 # Of a run.
 RESULTS = "results"
-"""The folder of the results, beside the case."""
+"""The folder of the results, beside the case, unless the case names another one."""
 STAGES = "stages.json"
 """Which stages are finished, for which inputs, with which results."""
 LOCK = "run.lock"
@@ -169,8 +170,15 @@ def batch_token(campaign: Path, run: str) -> Path:
 
 
 def results_of(case: Case) -> Path:
-    """Return the folder of the results of a case, which stands beside its file."""
-    return case.file.parent / RESULTS
+    """Return the folder of the results of a case: beside its file, or the one that is asked for."""
+    return case.path(case.execution.results)
+
+
+def with_results(case: Case, folder: Path | None) -> Case:
+    """Return a case whose results go into a folder; None leaves them where they are."""
+    if folder is None:
+        return case
+    return case.with_values_at({"execution.results": os.path.abspath(folder)})
 
 
 def job_store(case: Case) -> Path:

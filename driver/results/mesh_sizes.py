@@ -7,7 +7,7 @@ from pathlib import Path
 
 from driver.case.model import Case, load_case
 from driver.forward.build import capabilities_of, geometry_of
-from driver.results.files import SIZES, results_of
+from driver.results.files import SIZES, results_of, with_results
 from driver.results.hdf5 import damaged
 from driver.results.json_files import read_json, write_json
 from meshes.cells import NAMES
@@ -63,15 +63,19 @@ def write_refinements(results: Path, done: Refinements) -> None:
     write_json(results / SIZES, record)
 
 
-def sized_case(path: Path) -> Case:
+def sized_case(path: Path, results: Path | None = None) -> Case:
     """Read a case file, and choose the sizes that it leaves open.
+
+    Args:
+        path: the case file.
+        results: folder of its results, None for the one that the case names.
 
     Raises:
         CaseError: the case cannot be used.
         ResultError: what its results tell of refinements is damaged.
         UnsupportedError: there is no such solver.
     """
-    case = load_case(path)
+    case = with_results(load_case(path), results)
     return sized(case, capabilities_of(case)) if case.specimen.automatic else case
 
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import NotRequired, TypedDict
 
+from driver.case.model import Case
 from driver.common.atomic_write import write_whole
+from driver.common.errors import InputError, sentence
 from driver.results.files import STAGES
 
 
@@ -14,7 +17,7 @@ class Done(TypedDict):
     """What is kept of a finished stage.
 
     Its key, what it depends on by name with a hash each, names of its results, the hashes of their
-    content, when it ended, how long it took.
+    content, when it ended, how long it took, the file of its case from here.
     """
 
     key: str
@@ -23,6 +26,7 @@ class Done(TypedDict):
     digests: NotRequired[dict[str, str]]
     finished: str
     seconds: float
+    case: NotRequired[str]
 
 
 Record = dict[str, Done]
@@ -53,6 +57,7 @@ def _is_entry(entry: object) -> bool:
         and all(map(_is_result, entry.get("digests", {})))
         and isinstance(entry.get("finished", ""), str)
         and isinstance(entry.get("seconds"), int | float)
+        and isinstance(entry.get("case", ""), str)
     )
 
 
@@ -72,6 +77,34 @@ def _is_result(name: object) -> bool:
         and not Path(name).is_absolute()
         and ".." not in Path(name).parts
     )
+
+
+def case_from(results: Path, case: Case) -> str:
+    """Return the path of a case file from its results: both may be moved together."""
+    return os.path.relpath(case.file.resolve(), results.resolve())
+
+
+def refuse_another_case(results: Path, case: Case) -> None:
+    """Refuse results of another case, which those of this one would replace.
+
+    Raises:
+        InputError: they are of a case that is still there.
+    """
+    own = case_from(results, case)
+    for name in {entry.get("case", own) for entry in read_record(results).values()} - {own}:
+        other = Path(os.path.normpath(results.resolve() / name))
+        try:
+            is_another = other.is_file() and not other.samefile(case.file)
+        except (OSError, ValueError):
+            continue
+        if is_another:
+            raise InputError(
+                sentence(
+                    results, "folder", f"results of {other}",
+                    'its own for each case: `results = "NAME"` under [execution] of one of them, '
+                    "or `--results FOLDER`",
+                )
+            )  # fmt: skip
 
 
 def write_record(results: Path, record: Record) -> None:

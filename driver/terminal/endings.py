@@ -13,12 +13,13 @@ from typing import Literal
 
 import typer
 
+from driver.case.model import load_case
 from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError, sentence, why
-from driver.results.files import FAULT
+from driver.results.files import FAULT, RESULTS, results_of, with_results
 from driver.terminal.exit_codes import DONE, FAILED
 from driver.terminal.exit_codes import FAULT as FAULT_CODE
-from driver.terminal.output import tell_error
+from driver.terminal.output import tell, tell_error
 from driver.terminal.stopping import refuse_to_go_on
 from meshes.system_libraries import SystemLibraryError
 from solver_adapters.interface import PreparedError, SolverError
@@ -82,6 +83,28 @@ def told_in_one_line() -> Iterator[None]:
             raise
         tell_error(said)
         raise typer.Exit(FAILED) from None
+
+
+def tell_ending(case: str, ending: Ending, prefix: str) -> None:
+    """Tell how the run of a case has ended, if there is more to say than that it is done.
+
+    Args:
+        case: as the user has named it.
+        ending: how.
+        prefix: what a line of an error begins with.
+    """
+    if ending.status == "prepared":
+        tell("\n".join((f"{case}: {ending.messages[0]}", *ending.messages[1:])))
+    else:
+        tell_error("\n".join(ending.messages), prefix)
+
+
+def results_at(case: Path, stated: Path | None) -> Path:
+    """Return the folder of the results of a case file; the usual one if it cannot be used."""
+    try:
+        return results_of(with_results(load_case(case), stated))
+    except Exception:  # whatever is wrong with it is told where it is run
+        return case.parent / RESULTS
 
 
 def _said(error: Exception) -> str | None:

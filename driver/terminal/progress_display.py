@@ -12,6 +12,7 @@ from rich.markup import escape
 
 from driver.common.formatting import duration, printable
 from driver.common.progress import progress_to, seldom
+from driver.terminal.silence import LONGEST_SILENCE, Silence
 from driver.terminal.stopping import refuse_to_go_on
 
 if TYPE_CHECKING:
@@ -31,18 +32,24 @@ def shown_progress(prefix: str = "", err: bool = False) -> Iterator[None]:
     console = Console(highlight=False, markup=False, soft_wrap=True, stderr=err)
     start = perf_counter()
     status = console.status("starting") if console.is_terminal else None
+    silence = Silence()
+
+    def put(line: str) -> None:
+        text = printable(prefix + line)
+        console.print(f"{perf_counter() - start:7.1f} s  {text}")
+        silence.broken()
+        if status is not None:
+            status.update(escape(text))
 
     def show(line: str) -> None:
         refuse_to_go_on()
-        text = printable(prefix + line)
-        console.print(f"{perf_counter() - start:7.1f} s  {text}")
-        if status is not None:
-            status.update(escape(text))
+        put(line)
 
     if not compiled_before():
         show("first use of this version: its kernels are compiled on the way, a minute or two more")
     if status is None:
-        with progress_to(show, seldom(lambda words: show(f"    {words}"))):
+        passing = seldom(lambda words: show(f"    {words}"), LONGEST_SILENCE)
+        with silence.told(put), progress_to(show, passing):
             yield
     else:
         with status, progress_to(show, lambda w: status.update(escape(printable(prefix + w)))):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
+from shlex import quote
 
 from driver.case.model import CASE_FILE, Case
 from driver.common.errors import InputError
@@ -79,7 +80,8 @@ def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int
     course = pull(truth, history, hidden, steps, tenths("  truth: "))
     with whole_or_none(folder) as aside:
         record(aside, case, course, seed, settings)
-    logger.info(f"{folder / CASE_FILE} written, its truth in {TRUTH}: `prismid run {folder}`")
+    run = f"`prismid run {quote(str(folder))}`"
+    logger.info(f"{folder / CASE_FILE} written, its truth in {TRUTH}: {run}")
 
 
 def true_case(case: Case, settings: Virtual) -> Case:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 from driver.case.model import Case
 from driver.diagnosis.causes.all_causes import EVERY, NAMES
@@ -48,11 +49,17 @@ class Cost:
         seconds: wall-clock time of all stages [s], to a factor of two or so.
         memory: largest resident memory of all processes together [bytes].
         simulations: number of simulations on the working mesh.
+        of_stages: the seconds by stage, of those that take some.
     """
 
     seconds: float
     memory: float
     simulations: int
+    of_stages: Mapping[str, float] = field(default_factory=dict)
+
+    def of(self, stages: Iterable[str]) -> float:
+        """Wall-clock time of some stages [s]."""
+        return sum(self.of_stages.get(name, 0.0) for name in stages)
 
 
 def estimate(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> Cost:
@@ -78,21 +85,26 @@ def estimate(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> C
 
     runs = (*told, *(0,) * (_FINE_RUNS - len(told)))
     size = case.specimen.fine_mesh_size
-    fine = correction_seconds(case, solver, n_cells, n_images, size, runs)
+    fine, second = correction_seconds(case, solver, n_cells, n_images, size, runs), 0.0
+    first = correction_seconds(case, solver, n_cells, n_images, size, runs[:1])
     if case.with_images:
         size = size_of_second_mesh(case)
-        fine += correction_seconds(case, solver, n_cells, n_images, size, (0,) * _SECOND_RUNS)
+        second = correction_seconds(case, solver, n_cells, n_images, size, (0,) * _SECOND_RUNS)
     fits = round(_ITERATION_SHARE * case.identification.max_iterations)
     refits = min(case.diagnosis.refit, _causes(case)) * _PER_REFIT if case.with_images else 0
     looks = _bent_causes(case) * _PER_LOOK if case.with_images else 0
     # Only further starts, refits and looks are independent of each other and run side by side.
-    beside = working * (fits * (case.identification.starts - 1) + refits) + plain * looks
-    solving = working * fits + beside / case.execution.processes + fine
+    starts = working * fits * (case.identification.starts - 1) / case.execution.processes
+    tried = (working * refits + plain * looks) / case.execution.processes
+    identify = working * fits + starts + first
     if case.boundary.jitter_nm:
         # A direction for the stop of each image, before stage B and at its result.
-        solving += 2 * steps_seconds(
+        identify += 2 * steps_seconds(
             case, solver, n_cells, intervals * case.solver.steps_per_interval, n_images
         )
+    diagnose = tried + second + fine - first
+    if not case.with_images:  # which diagnoses nothing
+        identify, diagnose = identify + diagnose, 0.0
     correlation = _PIXEL_SECONDS * _face(case) * n_images if case.with_images else 0.0
     at_once = case.solver.steps_per_interval
     kind = case.specimen.cell_kind
@@ -111,7 +123,9 @@ def estimate(case: Case, solver: Capabilities, n_cells: int, n_images: int) -> C
         memory = max(memory, measuring_memory(case, n_images))
     each_time = 1 if solver.derivatives else 1 + RUNS_PER_DIRECTION * directions
     evaluations = fits * case.identification.starts + refits
-    return Cost(solving + correlation, memory, each_time * evaluations + looks)
+    of_stages = {"measure": correlation, "identify": identify, "diagnose": diagnose}
+    seconds = sum(of_stages.values())
+    return Cost(seconds, memory, each_time * evaluations + looks, of_stages)
 
 
 def measuring_memory(case: Case, n_images: int) -> float:

@@ -11,8 +11,8 @@ import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from itertools import count
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 from driver.case.model import Case
@@ -23,22 +23,32 @@ from driver.experiment.images.files import matches, split_dataset
 from driver.experiment.orientations import map_files
 from driver.parameters.user_terms import files_of_terms, installed_terms
 from driver.results.files import (
-    READ_BACK,
-    edited,
     make_folder,
     present,
     remove_folder,
     results_of,
     working_folder,
 )
-from driver.results.stage_record import Done, read_record, write_record
+from driver.results.stage_record import (
+    Done,
+    case_from,
+    read_record,
+    refuse_another_case,
+    write_record,
+)
+from driver.workflow.outputs import (
+    UNREADABLE,
+    are_readable,
+    content_hash,
+    differences,
+    set_edited_aside,
+)
 from driver.workflow.run_lock import sole_run
 from solver_adapters.interface import SolverError
 
 logger = logging.getLogger(__name__)
 
 _VERSION = "version"
-_UNREADABLE = "unreadable"
 _NOTHING = hashlib.sha256().hexdigest()
 
 
@@ -150,12 +160,11 @@ def run_stages(
 ) -> None:
     """Run the stages in their order, leaving out those that are done and unchanged.
 
-    A stage is left out if its key is that of its last run and its results are there. The key
-    is a hash of the version of its code, its tables of the case, the content of its files and
-    the key of the stages before it. Results that later stages read and that are damaged since are
-    made anew. Results are written aside and moved into `results/`, beside
-    the case, once the stage has ended; a stage that fails leaves the results of its last run, and
-    what somebody has edited since is kept under another name.
+    A stage is left out if its key is that of its last run and its results are there as it wrote
+    them. The key is a hash of the version of its code, its tables of the case, the content of its
+    files and the key of the stages before it. Results are written aside and moved into `results/`,
+    beside the case, once the stage has ended; a stage that fails leaves the results of its last
+    run, and what somebody has edited since is kept under another name.
 
     Args:
         case: the case.
@@ -171,6 +180,7 @@ def run_stages(
         PreparedError: such jobs were written.
         SolverError: a stage could not be simulated.
         BusyError: another run is at work on the results.
+        InputError: they are those of another case.
         StageError: there is no stage of the name `until`, or two results have one name.
     """
     names = [stage.name for stage in stages]
@@ -181,6 +191,7 @@ def run_stages(
     last = len(names) if until is None else names.index(until) + 1
     memory, forced = dict[str, Any](), set(names) if force else set()
     with sole_run(results):
+        refuse_another_case(results, case)
         state: Case | None = case
         while state is not None:
             case, state, before = state, None, ""
@@ -188,7 +199,7 @@ def run_stages(
                 inputs = stage_inputs(stage, case)
                 key, before = _chained(stage, inputs, before)
                 entry = read_record(results).get(stage.name)
-                if stage.name not in forced and is_done(entry, key, results):
+                if stage.name not in forced and _stands(stage, entry, key, results):
                     logger.info(f"{stage.name}: done and unchanged")
                 else:
                     _refuse_folders(entry, results)
@@ -243,7 +254,7 @@ def stage_inputs(stage: Stage, case: Case) -> dict[str, str]:
     return (
         {_VERSION: stage.version}
         | {f"[{name}]": _hash(_stated(getattr(case, name), keys)) for name, keys in tables.items()}
-        | {_name_of(path, case): _content_hash(path) for path in stage.files(case)}
+        | {_name_of(path, case): content_hash(path) for path in stage.files(case)}
     )
 
 
@@ -273,7 +284,7 @@ def changed_inputs(entry: Done, stage: Stage, case: Case) -> str:
         return "an earlier stage has changed"
     if _VERSION in changed:
         return f"of version {then[_VERSION]} of this stage, which has {now[_VERSION]}"
-    states = {_UNREADABLE: "cannot be read", _NOTHING: "is empty or not there"}
+    states = {UNREADABLE: "cannot be read", _NOTHING: "is empty or not there"}
     said = [f"{name} {states.get(now[name], 'has changed')}" for name in changed]
     return "; ".join([*said, *(f"{name} is read no more" for name in gone)])
 
@@ -312,7 +323,8 @@ def _run_stage(
                 f"{stage.name}: found a result {min(shared)}, which belongs to {other}, "
                 "expected another name"
             )
-    _set_edited_aside(old, results)
+    for told in set_edited_aside(old, results):
+        logger.info(told)
     # Until the record is written anew, a stage whose files are being replaced counts as not done.
     write_record(results, done)
     for name in outputs:
@@ -325,9 +337,10 @@ def _run_stage(
         "key": key,
         "inputs": inputs,
         "outputs": outputs,
-        "digests": {name: _content_hash(results / name) for name in outputs},
+        "digests": {name: content_hash(results / name) for name in outputs},
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         "seconds": round(seconds, 2),
+        "case": case_from(results, case),
     }
     write_record(results, done)
     shutil.rmtree(workdir)
@@ -341,40 +354,24 @@ def _refuse_other_files(stage: Stage, case: Case, inputs: dict[str, str]) -> Non
         StageError: one has changed while the stage read it.
     """
     for path in stage.files(case):
-        if _content_hash(path) != inputs[_name_of(path, case)]:
+        if content_hash(path) != inputs[_name_of(path, case)]:
             found, expected = f"another content than as {stage.name} began", "the same: run again"
             raise StageError(sentence(path, "file", found, expected))
 
 
-def _set_edited_aside(old: Done | None, results: Path) -> None:
-    """Rename what has changed since its stage wrote it, before that writes it anew."""
-    for name, digest in old.get("digests", {}).items() if old else ():
-        path = place_below(results, name)
-        if not path.is_file() or _content_hash(path) == digest:
-            continue
-        names = (edited(path, number) for number in count())
-        kept = next(name for name in names if not name.exists())
-        path.rename(kept)
-        logger.info(f"{path} has changed since it was written: it is kept as {kept.name}")
-
-
-def _is_read_back(name: str) -> bool:
-    """Whether later stages read a result; what is not read, or in a folder, may be edited."""
-    return name.endswith(READ_BACK) and Path(name).parent == Path()
-
-
 def is_done(entry: Done | None, key: str, results: Path) -> bool:
-    """Whether a stage has run with a key, and its results are there as they were written."""
-    return (
-        entry is not None
-        and entry["key"] == key
-        and all((results / name).is_file() for name in entry["outputs"])
-        and all(
-            _content_hash(results / name) == digest
-            for name, digest in entry.get("digests", {}).items()
-            if _is_read_back(name)
-        )
-    )
+    """Whether a stage has run with a key, and others can read its results."""
+    return entry is not None and entry["key"] == key and are_readable(entry, results)
+
+
+def _stands(stage: Stage, entry: Done | None, key: str, results: Path) -> bool:
+    """Whether a stage has run with a key, and all its results are as it wrote them; tell if not."""
+    if entry is None or entry["key"] != key:
+        return False
+    found = list(differences(entry, results))
+    for name, state in found:
+        logger.info(f"{stage.name}: {name} {state}: it is made anew")
+    return not found
 
 
 def finished(
@@ -407,11 +404,11 @@ def finished(
             if there and entry is not None:
                 state = f"results of another state ({changed_inputs(entry, stage, case)})"
             last = [name for name in (s.name for s in stages) if name in needed][-1]
+            run = f"prismid run {quote(str(case.file))}"
             raise refuse(
                 sentence(
                     results, f"stage {stage.name}", state,
-                    f"those of the case as it is (`prismid run {case.file} --until {last}` makes "
-                    "them)",
+                    f"those of the case as it is (`{run} --until {last}` makes them)",
                 )
             )  # fmt: skip
     return frozenset(done)
@@ -424,16 +421,3 @@ def _refuse_folders(entry: Done | None, results: Path) -> None:
             raise StageError(
                 sentence(results / name, "result", "a folder", "a file, or nothing: move it away")
             )
-
-
-def _content_hash(path: Path) -> str:
-    """Hash of a file, or of all files of a folder or pattern with their names."""
-    try:
-        if path.is_file():
-            with path.open("rb") as file:
-                return hashlib.file_digest(file, "sha256").hexdigest()
-        files = [file for file in sorted(matches(path)) if file.is_file()]
-        parts = [f"{file.name} {_content_hash(file)}" for file in files]
-    except (OSError, ValueError):
-        return _UNREADABLE  # the stage that needs it says so, with the key of the case
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()

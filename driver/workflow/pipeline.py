@@ -7,12 +7,13 @@ import os
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from shlex import quote
 
 from driver.case.file_names import TRACE
 from driver.case.model import Case
 from driver.case.specimen import SIZES
 from driver.common.errors import sentence
-from driver.common.formatting import cost_told
+from driver.common.formatting import cost_told, joined
 from driver.diagnosis.causes.user_causes import asked_causes
 from driver.experiment.held_out import held_out_cycle
 from driver.experiment.history import travel_told
@@ -94,6 +95,7 @@ def run(
     processes: int | None = None,
     threads: int | None = None,
     store: Path | None = None,
+    results: Path | None = None,
 ) -> None:
     """Run the stages of a case; what is done and unchanged is not done again.
 
@@ -110,13 +112,14 @@ def run(
         threads: threads of each process, None for those of the case.
         store: folder of the jobs of a solver that is a program of its own, None for that of the
             case.
+        results: folder of the results, None for that of the case.
 
     Raises:
         PreparedError: jobs were written for another machine, which `prepare_only` asks for.
         InputError: the case or a measured file cannot be used.
         SolverError: a simulation could not be finished.
     """
-    case = _executed(sized_case(case_path), processes, threads)
+    case = _executed(sized_case(case_path, results), processes, threads)
     if store is not None:
         case = case.with_values_at({"execution.store": os.path.abspath(store)})
     solver = capabilities_of(case)
@@ -136,17 +139,39 @@ def run(
         held_out_cycle(case, history)
     logger.info(travel_told(history))
     cost = estimate(case, solver, len(mesh.cells), history.n_images)
-    logger.info(f"all stages take {cost_told(cost.seconds, cost.memory)}")
-    if case.with_images:
-        measuring = measuring_memory(case, history.n_images)
-        logger.info(f"those up to measure take {measuring / 1e9:.1f} GB of memory")
-    if case.specimen.refined is not None:
+    every = stages(case)
+    left = _left(case, every, until, force)
+    _foretell(case, cost, left, history.n_images)
+    if case.specimen.refined is not None and "diagnose" in left:
         logger.info(told_beforehand(case, cost))
     if not case.with_images:
         logger.info(SKIPPED)
-    every = stages(case)
     refined = partial(refined_within_budget, stages=every)
     run_stages(case, every, until, force, prepare_only, refined, coarser_again)
+
+
+def _left(case: Case, every: Sequence[Stage], until: str | None, force: bool) -> list[str]:
+    """Return the stages that are asked for and not done, by name."""
+    names = [stage.name for stage in every]
+    asked = names[: names.index(until) + 1] if until in names else names
+    done = frozenset[str]() if force else finished(case, every, ())
+    return [name for name in asked if name not in done]
+
+
+def _foretell(case: Case, cost: Cost, left: Sequence[str], n_images: int) -> None:
+    """Tell what the stages take that are left."""
+    if not left:
+        logger.info("all stages that are asked for are done")
+        return
+    measuring = measuring_memory(case, n_images) if case.with_images else cost.memory
+    simulates = any(name in left for name in ("identify", "diagnose"))
+    memory = cost.memory if simulates or not case.with_images else measuring
+    whole = len(left) == len(stages(case))
+    seconds = cost.of(left)
+    told = cost_told(seconds, memory) if seconds else "a minute at most"
+    logger.info(f"all stages take {told}" if whole else f"{joined(left)}: {told}")
+    if case.with_images and simulates and "measure" in left:
+        logger.info(f"those up to measure take {measuring / 1e9:.1f} GB of memory")
 
 
 def cost_of_run(case: Case, processes: int, threads: int, n_images: int = 0) -> Cost:
@@ -174,18 +199,21 @@ def _executed(case: Case, processes: int | None, threads: int | None) -> Case:
     return case.with_values_at(stated)
 
 
-def report(case_path: Path) -> None:
+def report(case_path: Path, results: Path | None = None) -> None:
     """Write the report page anew from the results that are there.
+
+    Args:
+        case_path: the case file.
+        results: folder of the results, None for that of the case.
 
     Raises:
         StageError: a stage before it has no results, or such as are of another state of the case.
     """
-    case = sized_case(case_path)
+    case = sized_case(case_path, results)
     needed = results_of(case) / (DIAGNOSIS if case.with_images else IDENTIFY)
     if not needed.is_file():
-        raise StageError(
-            sentence(needed, "file", "nothing", f"the results of `prismid run {case_path}`")
-        )
+        run = f"`prismid run {quote(str(case_path))}`"
+        raise StageError(sentence(needed, "file", "nothing", f"the results of {run}"))
     *before, last = stages(case)
     finished(case, (*before, last), [stage.name for stage in before])
     run_stages(case, [last], None, True)

@@ -17,6 +17,21 @@ class BusyError(InputError):
     """Results on which another run is at work."""
 
 
+def holder(results: Path) -> str:
+    """Return which process is at work on a folder of results, "" for none."""
+    try:
+        with open(os.open(results / LOCK, os.O_RDONLY | os.O_NOFOLLOW), encoding="utf-8") as file:
+            told = file.read().strip()
+            # A run that begins finds nothing in the file, and is not kept from its lock.
+            if told:
+                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return told
+    except (OSError, ValueError):
+        pass  # no run so far, or a file system without locks
+    return ""
+
+
 @contextmanager
 def sole_run(results: Path) -> Iterator[None]:
     """Keep other runs away from a folder of results.

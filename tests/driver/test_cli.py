@@ -1,4 +1,6 @@
+import json
 import logging
+import re
 import signal
 import sys
 from pathlib import Path
@@ -15,6 +17,7 @@ from driver.case.model import CaseError, load_case
 from driver.check.check_result import Finding
 from driver.cli import app
 from driver.common.errors import InputError
+from driver.terminal import exit_codes
 from solver_adapters import kernels
 from solver_adapters.interface import PreparedError, SolverError
 
@@ -34,20 +37,23 @@ def pipeline(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
         processes: int | None,
         threads: int | None,
         store: Path | None,
+        results: Path | None,
     ) -> None:
         load_case(case_path)
-        calls.append(("run", case_path, until, force, processes, threads, store))
+        calls.append(("run", case_path, until, force, processes, threads, store, results))
         if prepare_only:
             raise PreparedError([case_path.parent / "results" / "jobs" / "key"])
         logger.info("mesh: started")
 
-    def export(case_path: Path, folder: Path, volume: bool, med: bool) -> None:
-        calls.append(("export", case_path, folder, volume, med))
+    def export(
+        case_path: Path, folder: Path, volume: bool, med: bool, results: Path | None
+    ) -> None:
+        calls.append(("export", case_path, folder, volume, med, results))
 
     fake = SimpleNamespace(
         calls=calls,
         run=run,
-        report=lambda case_path: calls.append(("report", case_path)),
+        report=lambda case_path, results: calls.append(("report", case_path, results)),
     )
     monkeypatch.setitem(sys.modules, "driver.workflow.pipeline", fake)
     monkeypatch.setattr(driver.workflow, "pipeline", fake, raising=False)
@@ -88,10 +94,13 @@ def test_run_takes_a_case_or_its_folder_and_hands_on_the_options(
 ) -> None:
     options = (
         "--until", "measure", "--force", "--processes", 3, "--threads", 2, "--store", "jobs",
+        "--results", "there",
     )  # fmt: skip
     result = invoke("run", case_path.parent, *options)
     assert result.exit_code == 0 and result.stdout.rstrip().endswith("s  mesh: started")
-    assert pipeline.calls == [("run", case_path, "measure", True, 3, 2, Path("jobs"))]
+    assert pipeline.calls == [
+        ("run", case_path, "measure", True, 3, 2, Path("jobs"), Path("there"))
+    ]
 
 
 def test_a_bad_case_is_one_line_on_standard_error_and_the_others_are_run(
@@ -105,7 +114,7 @@ def test_a_bad_case_is_one_line_on_standard_error_and_the_others_are_run(
         f"prismid: {bad}: diagnosis.refit: found 0, expected a number ≥ 1 "
         "(number of causes refitted nonlinearly)\n"
     )
-    assert pipeline.calls == [("run", case_path, None, False, None, None, None)]
+    assert pipeline.calls == [("run", case_path, None, False, None, None, None, None)]
     assert f"{case_path}: mesh: started" in result.stdout
 
 
@@ -184,7 +193,7 @@ def test_the_end_of_a_terminal_or_of_a_batch_job_stops_a_run_as_ctrl_c_does(
 def test_an_expected_error_shows_no_traceback(
     pipeline: SimpleNamespace, case_path: Path, error: type[Exception]
 ) -> None:
-    def failing(case_path: Path) -> None:
+    def failing(case_path: Path, results: Path | None) -> None:
         raise error("what went wrong")
 
     pipeline.report = failing
@@ -254,7 +263,7 @@ def test_a_stop_that_a_callback_or_a_library_swallows_ends_the_run_all_the_same(
 
 
 def test_a_mistake_of_the_program_is_not_hidden(pipeline: SimpleNamespace, case_path: Path) -> None:
-    def failing(case_path: Path) -> None:
+    def failing(case_path: Path, results: Path | None) -> None:
         raise KeyError("a bug")
 
     pipeline.report = failing
@@ -269,9 +278,9 @@ def test_report_and_export_find_their_case(
     there = tmp_path / "there"
     assert invoke("export", case_path, "--to", there, "--no-volume", "--med").exit_code == 0
     assert pipeline.calls == [
-        ("report", case_path),
-        ("export", case_path, case_path.parent / "results" / "export", True, False),
-        ("export", case_path, there, False, True),
+        ("report", case_path, None),
+        ("export", case_path, case_path.parent / "results" / "export", True, False, None),
+        ("export", case_path, there, False, True, None),
     ]
 
 
@@ -299,13 +308,61 @@ def test_check_prints_each_finding_and_fails_on_an_error(
     case_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     findings = [Finding("ok", "case", "valid"), Finding("warning", "images", "no flats")]
-    monkeypatch.setattr("driver.check.command.check", lambda path: findings)
+    monkeypatch.setattr("driver.check.command.check", lambda path, results: findings)
     good = invoke("check", case_path)
     assert good.exit_code == 0
     assert good.stdout.splitlines() == ["ok      case: valid", "WARNING images: no flats"]
     findings.append(Finding("error", "solver", "none"))
     bad = invoke("check", case_path)
     assert bad.exit_code == 1 and bad.stdout.splitlines()[-1] == "ERROR   solver: none"
+
+
+def test_answers_for_programs_are_one_object_and_all_else_is_on_standard_error(
+    pipeline: SimpleNamespace, case_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    findings = [Finding("ok", "case", "valid"), Finding("error", "solver", "none")]
+    monkeypatch.setattr("driver.check.command.check", lambda path, results: findings)
+    checked = invoke("check", case_path, "--json")
+    assert checked.exit_code == 1
+    answer = json.loads(checked.stdout)
+    assert answer.keys() == {"prismid", "case", "good", "findings"} and not answer["good"]
+    assert answer["findings"][1] == {"level": "error", "subject": "solver", "message": "none"}
+
+    bad = case_path.with_name("bad.toml")
+    bad.write_text("", "utf-8")
+    ran = invoke("run", case_path, bad, "--json")
+    assert ran.exit_code == 1 and "mesh: started" in ran.stderr
+    good, refused = json.loads(ran.stdout)["cases"]
+    results = str(case_path.parent / "results")
+    assert good == {"case": str(case_path), "results": results, "status": "done", "messages": []}
+    assert refused["status"] == "failed" and "grains" in refused["messages"][0]
+
+
+def test_results_elsewhere_are_of_one_case(pipeline: SimpleNamespace, case_path: Path) -> None:
+    found = invoke("run", case_path, case_path, "--results", "there")
+    assert found.exit_code == 2 and pipeline.calls == []
+
+
+@pytest.mark.parametrize("verb", [(), ("run",), ("cache", "list")])
+def test_help_has_a_short_name(verb: tuple[str, ...]) -> None:
+    assert invoke(*verb, "-h").exit_code == 0
+    assert invoke(*verb, "-h").stdout == invoke(*verb, "--help").stdout
+
+
+def test_the_codes_are_those_of_the_documentation() -> None:
+    page = Path(__file__).resolve().parents[2] / "docs" / "terminal.md"
+    listed = re.findall(r"^\| (\d+) \|", page.read_text("utf-8"), re.MULTILINE)
+    codes = (exit_codes.DONE, exit_codes.FAILED, exit_codes.USAGE, exit_codes.FAULT)
+    assert [int(code) for code in listed] == [*codes, exit_codes.STOPPED]
+    assert invoke("no-such-verb").exit_code == exit_codes.USAGE
+
+
+def test_a_hint_quotes_a_path_with_spaces_and_umlauts(tmp_path: Path) -> None:
+    folder = tmp_path / "zweiter Prüfling"
+    found = invoke("init", folder)
+    assert found.stdout.endswith(f"then `prismid check '{folder / 'case.toml'}'`\n")
+    status = invoke("status", folder)
+    assert status.exit_code == 0 and status.stdout.count("missing") == 6
 
 
 def test_the_version_is_that_of_the_distribution(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -337,7 +394,7 @@ def test_a_report_of_results_of_another_state_of_the_case_is_refused(tmp_path: P
     (tmp_path / "results" / "diagnosis.json").write_text("{}")
     found = CliRunner().invoke(app, ["report", str(tmp_path)])
     assert found.exit_code == 1 and "stage mesh: found no results" in found.output
-    assert found.output.count("\n") == 1
+    assert found.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize(

@@ -247,6 +247,7 @@ def test_a_case_at_which_prismid_has_a_fault_is_a_job_that_fails_by_itself(
     file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_small_case(file.parent / "other")
+
     def faulty(case: Case, *asked: int) -> Cost:
         if case.file.parent.name == "other":
             raise KeyError("a bug")

@@ -205,6 +205,78 @@ def test_a_result_that_is_damaged_is_made_anew_and_one_for_people_may_be_edited(
     assert (results / "mesh.json").read_text() == "{}"
 
 
+def with_table(workshop: Workshop) -> Path:
+    """A result for people beside those of the first stage."""
+
+    def mesh(context: StageContext) -> None:
+        workshop.mesh(context)
+        (context.workdir / "mesh.csv").write_text("x,y\n1,2\n")
+        (context.workdir / "extended.toml").write_text("[specimen]\n")
+
+    workshop.stages[0] = replace(workshop.stages[0], run=mesh)
+    workshop.run()
+    return workshop.folder / "results" / "mesh.csv"
+
+
+@pytest.mark.parametrize("damage", [b"", bytes(10)])
+def test_a_damaged_result_for_people_is_made_anew_and_not_kept(
+    workshop: Workshop, damage: bytes
+) -> None:
+    table = with_table(workshop)
+    table.write_bytes(damage)
+    assert workshop.run() == ["mesh"] and table.read_text() == "x,y\n1,2\n"
+    assert "mesh: mesh.csv is damaged: it is made anew" in workshop.lines
+    assert not list(table.parent.glob("mesh.edited*"))
+    assert workshop.run() == []
+
+
+@pytest.mark.parametrize("content", ["x,y\n1,", "x,y\n1,2\n3,4\n"])
+def test_a_result_for_people_that_is_not_as_it_was_written_is_made_anew_and_kept(
+    workshop: Workshop, content: str
+) -> None:
+    table = with_table(workshop)
+    table.write_text(content)
+    assert workshop.run() == ["mesh"] and table.read_text() == "x,y\n1,2\n"
+    told = "mesh: mesh.csv has changed since it was written: it is made anew"
+    assert told in workshop.lines
+    assert table.with_name("mesh.edited.csv").read_text() == content
+
+
+def test_the_extended_case_may_be_edited_and_its_stage_stays_done(workshop: Workshop) -> None:
+    extended = with_table(workshop).with_name("extended.toml")
+    extended.write_text("[specimen]\nwidth_um = 3.0\n")
+    assert workshop.run() == []
+    extended.write_bytes(b"")
+    assert workshop.run() == ["mesh"] and extended.read_text() == "[specimen]\n"
+
+
+def test_results_of_another_case_are_refused_with_the_remedy(workshop: Workshop) -> None:
+    workshop.run()
+    before = (workshop.folder / "results" / "stages.json").read_bytes()
+    first, workshop.case_path = workshop.case_path, workshop.folder / "other.toml"
+    shutil.copy(first, workshop.case_path)
+    told = r"found results of .*case.toml, expected its own for each case: `results = \"NAME\"`"
+    with pytest.raises(InputError, match=told):
+        workshop.run(force=True)
+    assert (workshop.folder / "results" / "stages.json").read_bytes() == before
+    workshop.edit('results = "results"', 'results = "others"')
+    assert workshop.run() == ["mesh", "measure"]
+    assert (workshop.folder / "others" / "mesh.txt").is_file()
+
+
+def test_a_case_that_is_renamed_keeps_its_results(workshop: Workshop) -> None:
+    workshop.run()
+    workshop.case_path = workshop.case_path.rename(workshop.folder / "renamed.toml")
+    assert workshop.run() == []
+
+
+@pytest.mark.parametrize("name", ["../elsewhere", "/tmp/elsewhere", ".hidden", "a/b", ""])
+def test_a_case_names_no_results_outside_its_folder(workshop: Workshop, name: str) -> None:
+    workshop.edit('results = "results"', f'results = "{name}"')
+    with pytest.raises(CaseError, match="execution.results: found"):
+        workshop.run()
+
+
 def test_what_was_edited_is_kept_under_another_name_when_its_stage_runs_again(
     workshop: Workshop,
 ) -> None:

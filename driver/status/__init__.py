@@ -1,0 +1,1 @@
+"""The verb `status`: how far a case is, and what it came to."""
