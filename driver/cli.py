@@ -261,12 +261,21 @@ def trust(
 
 
 @app.command()
-def report(case: CaseArgument, results: ResultsOption = None) -> None:
+def report(
+    case: CaseArgument,
+    results: ResultsOption = None,
+    figures: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", parser=_path, help="write the figures there, too, as PDF and SVG"
+        ),
+    ] = None,
+) -> None:
     """Write the report page of CASE anew from its results."""
     from driver.workflow import pipeline
 
     with told_in_one_line(), shown_progress():
-        pipeline.report(_case_file(case), results)
+        pipeline.report(_case_file(case), results, figures)
 
 
 @app.command()

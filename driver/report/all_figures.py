@@ -28,7 +28,7 @@ _STAGE_NAMES = {
 def draw(findings: Findings) -> Iterator[tuple[str, Figure]]:
     """All figures with their names, in the order of the page."""
     m, history, sides = findings.measured, findings.history, findings.sides
-    budgets = {side: findings.diagnosis["gain"][f"budget_{side}"] for side in sides}
+    budgets = findings.budgets
     yield "budget", figures.budget(budgets["before"]["free"], budgets)
 
     case, mesh, face = findings.case, findings.mesh, findings.motion.face
@@ -45,12 +45,12 @@ def draw(findings: Findings) -> Iterator[tuple[str, Figure]]:
     peaks = findings.peaks
     at_peak = {
         "free correlation": m["motion"][peaks[-1]],
-        figures.side_labels(sides)[last]: findings.fitted[f"{last}/motion"][peaks[-1]],
+        figures.side_labels(sides)[last]: findings.predicted[f"{last}/motion"][peaks[-1]],
     }
     yield "fields", maps.fields(face, at_peak)
     yield "loads", figures.loads(
         m["stage"], m["time"], loads,
-        {side: findings.fitted[f"{side}/load"] for side in sides}, findings.load_noise,
+        {side: findings.predicted[f"{side}/load"] for side in sides}, findings.load_noise,
         findings.identified["initial/load"],
     )  # fmt: skip
 
@@ -66,7 +66,7 @@ def draw(findings: Findings) -> Iterator[tuple[str, Figure]]:
         findings.edges(last)[history.image_row, 0] / case.specimen.length,
         m["cycle"].astype(np.int64),
         {
-            side: (loads - findings.fitted[f"{side}/load"]) / findings.load_noise
+            side: (loads - findings.predicted[f"{side}/load"]) / findings.load_noise
             for side in sides
         },
         of_images,
@@ -74,7 +74,7 @@ def draw(findings: Findings) -> Iterator[tuple[str, Figure]]:
     yield "residual_history", figures.residual_history(
         m["time"], m["chi"], of_images, peaks,
     )  # fmt: skip
-    for index, step in enumerate(findings.diagnosis["steps"], start=1):
+    for index, step in enumerate(findings.diagnosis.get("steps", ()), start=1):
         yield f"evidence_{index}", _evidence(step)
     yield from _matrices(findings)
     yield "convergence", _convergence(findings)
@@ -131,11 +131,13 @@ def _convergence(findings: Findings) -> Figure:
             label_of(name), unit, column(name, factor), factor * estimate.sigma
         )
 
+    # Where loads are not fitted there is no χ_F.
+    fitted_loads_only = [np.where(part > 0.0, part, np.nan) for part in column("chi_load")]
     few = core(tuple(findings.estimates))
     return history_figures.convergence(
         [_STAGE_NAMES[name] for name in stages],
         {
-            "χ_F of loads": column("paper_chi_F"),
+            "χ_F of loads": fitted_loads_only,
             "χ of images, mesh": column("chi_image"),
             "χ_f of images": column("paper_chi_f"),
         },

@@ -20,7 +20,9 @@ from driver.report.style import (
 )
 from meshes.arrays import FloatArray
 
-_LINEAR = 10.0  # of the evidence axis; logarithmic beyond
+_SHOWN = 40.0  # of log evidence behind the best, at least; what lies farther is cut off
+_PALE, _FAINT = 0.45, 0.12  # of bars that are screened only, and of those that are cut off
+_BEYOND_NEXT = 3.0  # times the lead over the next cause that are shown
 
 
 @styled
@@ -31,7 +33,10 @@ def evidence(
     refit: FloatArray,
     winner: int | None,
 ) -> Figure:
-    """Log evidence of every cause against the baseline of a round, best on top.
+    """Log evidence of every cause on a linear axis: how far it is behind the added one.
+
+    Where none was added it is the evidence against the model of the round. What lies too far
+    below to be compared is cut off and marked.
 
     Args:
         names: the causes, best first, length n.
@@ -41,44 +46,53 @@ def evidence(
         winner: the place of the cause that the round added, None where it added none.
     """
     n = len(names)
-    figure = new_figure(0.255 * n + 1.15)
+    figure = new_figure(0.255 * n + 1.45)
     axis = figure.subplots()
     best = np.where(np.isnan(refit), score, refit)
-    places = np.arange(n)
+    behind = best - (0.0 if winner is None else best[winner])
+    low, high = _window(behind, winner)
     for place, category in enumerate(categories):
-        colour, refitted = CATEGORIES[category], not np.isnan(refit[place])
-        axis.barh(place, best[place], height=0.72, color=colour, alpha=1.0 if refitted else 0.45,
+        colour, cut_off = CATEGORIES[category], behind[place] < low
+        alpha = _FAINT if cut_off else _PALE if np.isnan(refit[place]) else 1.0
+        axis.barh(place, max(behind[place], low), height=0.72, color=colour, alpha=alpha,
                   edgecolor=MEASURED if place == winner else colour,
                   lw=2.0 if place == winner else 0.6)  # fmt: skip
-        if refitted:
-            axis.plot(score[place], place, "D", ms=5, mfc="white", mec=MEASURED, mew=1.0)
+        if cut_off:
+            axis.plot(low, place, "<", ms=6, color=MEASURED, clip_on=False)
         text = signed_evidence(best[place])
-        axis.annotate(text, (max(best[place], score[place] if refitted else -np.inf, 0.0), place),
-                      xytext=(7, 0), textcoords="offset points", va="center", fontsize=8.5,
+        if winner is not None:
+            text += " (added)" if place == winner else f" ({signed_evidence(behind[place])})"
+        axis.annotate(text, (max(behind[place], 0.0), place), xytext=(7, 0),
+                      textcoords="offset points", va="center", fontsize=8.5,
                       weight="bold" if place == winner else "normal",
                       bbox={"facecolor": "white", "alpha": 0.85, "lw": 0, "pad": 0.6})  # fmt: skip
     axis.axvline(0.0, color=MEASURED, lw=0.9)
     if winner is not None:
-        axis.axvline(refit[winner] - WITHIN, color=BEFORE, lw=1.1, ls="--")
-    largest = max(float(np.nanmax(np.abs(best))), float(np.abs(score).max()))
-    if largest > 6 * _LINEAR:
-        axis.set_xscale("symlog", linthresh=_LINEAR, linscale=1.0)
-        axis.set_xlim(min(-1.0, 1.3 * float(best.min())), 3.5 * largest)
-        note = f" (linear to ±{_LINEAR:g}, logarithmic beyond)"
+        axis.axvline(-WITHIN, color=BEFORE, lw=1.1, ls="--")
+    axis.set_xlim(low - 0.015 * (high - low), high + 0.22 * (high - low))
+    axis.set_yticks(places := np.arange(n), names)
+    axis.set_ylim(places[-1] + 0.6, -0.6)
+    if winner is None:
+        axis.set_xlabel("log evidence against the model of this round")
     else:
-        low = min(float(best.min()), 0.0)
-        axis.set_xlim(low - 0.5, largest + 0.16 * (largest - low) + 0.5)
-        note = ""
-    axis.set_yticks(places, names)
-    axis.set_ylim(n - 0.4, -0.6)
-    if winner is not None:
         axis.get_yticklabels()[winner].set_fontweight("bold")
-    axis.set_xlabel(f"log evidence against the model of this round{note}")
+        axis.set_xlabel(f"log evidence less that of {names[winner]}")
     axis.tick_params(axis="y", length=0)
     axis.grid(True, axis="x")
-    axis.legend(handles=_evidence_key(categories, winner is not None), loc="lower right",
-                frameon=True, framealpha=0.95)  # fmt: skip
+    cut = bool((behind < low).any())
+    handles = _evidence_key(categories, winner is not None, cut)
+    figure.legend(handles=handles, loc="outside lower center", ncols=4)
     return figure
+
+
+def _window(behind: FloatArray, winner: int | None) -> tuple[float, float]:
+    """Return the ends of the axis: the lead over the next cause fills a good part of it."""
+    high = max(float(behind.max()), 0.0)
+    if winner is None:
+        return max(float(behind.min()), -_SHOWN, -max(high, 1.0)), max(high, 0.5)
+    others = np.delete(behind, winner)
+    lead = -float(others.max()) if others.size else 0.0
+    return max(float(behind.min()), -max(_SHOWN, _BEYOND_NEXT * lead)), high
 
 
 def signed_evidence(value: float) -> str:
@@ -86,13 +100,13 @@ def signed_evidence(value: float) -> str:
     return f"{value:+.{1 if abs(value) < 100 else 0}f}".replace("-", "−")
 
 
-def _evidence_key(categories: Sequence[str], refitted: bool) -> list[Patch | Line2D]:
+def _evidence_key(categories: Sequence[str], added: bool, cut: bool) -> list[Patch | Line2D]:
     key: list[Patch | Line2D] = [
         Patch(color=colour, label=name) for name, colour in CATEGORIES.items() if name in categories
     ]
-    key.append(Patch(color=GREY, alpha=0.45, label="screened only (pale)"))
-    if refitted:
-        key.append(Line2D([], [], marker="D", ls="", mfc="white", mec=MEASURED,
-                          label="its screening, before the refit"))  # fmt: skip
-        key.append(Line2D([], [], color=BEFORE, ls="--", label=f"added − {WITHIN:g}"))
+    key.append(Patch(color=GREY, alpha=_PALE, label="screened only (pale)"))
+    if cut:
+        key.append(Line2D([], [], marker="<", ls="", color=MEASURED, label="farther below"))
+    if added:
+        key.append(Line2D([], [], color=BEFORE, ls="--", label=f"{WITHIN:g} behind"))
     return key

@@ -32,6 +32,7 @@ from driver.results.files import (
     MEASURE,
     MEASURE_CSV,
     MESH,
+    REPORT_CSV,
     present,
 )
 from driver.results.hdf5 import damaged, read_hdf5
@@ -51,22 +52,26 @@ FILES = {
     MEASURE: "motion by free correlation, with covariance",
     MEASURE_CSV: "elongation, tilt and load of each image",
     IDENTIFY: "parameters, covariance, predictions",
-    IDENTIFY_CSV: "parameters with standard deviations",
+    IDENTIFY_CSV: "parameters of the model of the case, no cause added",
     HISTORY_JSON: "iterations of each stage",
     DIAGNOSIS: "verdict, evidence of every cause, gain",
     ADVICE: "changes of the experiment that would part a set of causes",
     DIAGNOSIS_H5: "loads, motion and image residuals before and after",
     EXTENDED: "the case with the causes that were added",
+    REPORT_CSV: "parameters of the final model, and of the one that it replaces",
 }
 
-_READ = (MESH, MEASURE, IDENTIFY, HISTORY_JSON, DIAGNOSIS, DIAGNOSIS_H5, ADVICE)
+_READ = (MESH, MEASURE, IDENTIFY, HISTORY_JSON)
+_DIAGNOSED = (DIAGNOSIS, DIAGNOSIS_H5, ADVICE)
 _MEASURED = (
     "time", "force", "xy", "left_out", "sigma_flat", *DATASETS)  # fmt: skip
 _IDENTIFIED = (
     "start", "values", "covariance", "correlation", "kinematic_hessian", "hessian_names",
     "prior/mean", "prior/width", "prior_share", "paper/chi", "paper/chi_f", "paper/chi_F",
-    "initial/load", "noise_factor",
+    "initial/load", "noise_factor", "budget/free", "budget/model", "budget/basis", "budget/load",
 )  # fmt: skip
+_BUDGET = ("free", "model", "basis", "load")
+_PREDICTED = ("load", "motion", "rho")
 _FITTED = ("before/load", "before/motion", "before/rho", "after/load", "after/motion", "after/rho")
 
 
@@ -81,7 +86,8 @@ class Findings:
         measured: datasets of `measure.h5`.
         motion: the same as the pictures of free correlation need it.
         pictures: these pictures as PNG files, by name without ending.
-        fitted: datasets of `diagnosis.h5`: "before/…", "after/…".
+        predicted: datasets of `diagnosis.h5`: "before/…", "after/…"; without a diagnosis those of
+            the identification as "before/…".
         estimates: the k identified parameters of the baseline, by name.
         identified: datasets of `identify.h5`, without predictions.
         hessian_names: parameters of the kinematic Hessian.
@@ -90,7 +96,7 @@ class Findings:
         values: every parameter of the general model at the baseline.
         noise_factor: noise on the correlation basis over that of the repeats.
         iterations: iterations of each stage of the identification.
-        diagnosis: content of `diagnosis.json`.
+        diagnosis: content of `diagnosis.json`, empty before a diagnosis.
         advice: which change of the experiment would part a set of causes, in words, or empty.
     """
 
@@ -100,7 +106,7 @@ class Findings:
     measured: dict[str, FloatArray]
     motion: MeasuredMotion
     pictures: dict[str, bytes]
-    fitted: dict[str, FloatArray]
+    predicted: dict[str, FloatArray]
     estimates: dict[str, IdentifiedParameter]
     identified: dict[str, FloatArray]
     hessian_names: tuple[str, ...]
@@ -113,9 +119,21 @@ class Findings:
     advice: str
 
     @property
+    def diagnosed(self) -> bool:
+        """Whether there is a diagnosis."""
+        return bool(self.diagnosis)
+
+    @property
     def extended(self) -> bool:
         """Whether causes were added to the model."""
-        return bool(self.diagnosis["added"] or self.diagnosis["flips"])
+        return bool(self.diagnosis.get("added") or self.diagnosis.get("flips"))
+
+    @property
+    def budgets(self) -> dict[str, dict[str, float]]:
+        """The error budget of each model that is shown: "free", "model", "basis", "load"."""
+        if self.diagnosed:
+            return {side: self.diagnosis["gain"][f"budget_{side}"] for side in self.sides}
+        return {"before": {part: float(self.identified[f"budget/{part}"]) for part in _BUDGET}}
 
     @property
     def sides(self) -> tuple[str, ...]:
@@ -137,10 +155,19 @@ class Findings:
         estimate = self.estimates.get(name)
         return self.values[name] if estimate is None else estimate.start
 
+    def fitted(self, side: str) -> dict[str, Record]:
+        """Return the free parameters of a model with "value", "sigma" and "unit", by name."""
+        if self.diagnosed:
+            model = self.diagnosis["baseline" if side == "before" else "extended"]
+            return dict(model["values"])
+        return {
+            name: {"value": found.value, "sigma": found.sigma, "unit": found.parameter.unit}
+            for name, found in self.estimates.items()
+        }
+
     def fitted_values(self, side: str) -> dict[str, float]:
         """Every parameter of the general model before or after."""
-        record = self.diagnosis["baseline" if side == "before" else "extended"]
-        return self.values | {n: v["value"] for n, v in record["values"].items()}
+        return self.values | {n: v["value"] for n, v in self.fitted(side).items()}
 
     def residual(self, side: str) -> FloatArray:
         """ρ in units of the standard deviation that noise alone gives it, shape (T, n_pix).
@@ -148,13 +175,13 @@ class Findings:
         That depends on where the pixels fell, so the stage's translation counts: it is what free
         correlation saw beyond the model.
         """
-        m, motion = self.measured, self.fitted[f"{side}/motion"][..., :2]
+        m, motion = self.measured, self.predicted[f"{side}/motion"][..., :2]
         seen = motion + np.mean(m["motion"][..., :2] - motion, axis=1, keepdims=True)
         variance = residual_variance(
             m["xy"] / m["pixel"] + m["origin"], seen / m["pixel"], float(m["sigma"]),
             float(m["n_reference"]), float(m["sigma_flat"]),
         )  # fmt: skip
-        return np.asarray(self.fitted[f"{side}/rho"] / np.sqrt(variance))
+        return np.asarray(self.predicted[f"{side}/rho"] / np.sqrt(variance))
 
     def edges(self, side: str) -> FloatArray:
         """Return the identified elongation and tilt in each row [µm], shape (n_rows, 2)."""
@@ -176,20 +203,23 @@ class Findings:
         return peaks(self.measured["stage"], self.measured["cycle"].astype(np.int64))
 
 
-def read_findings(case: Case, results: Path) -> Findings:
+def read_findings(case: Case, results: Path, diagnosed: bool = True) -> Findings:
     """Read all results that the report shows.
 
     Args:
         case: the case.
         results: the folder of its results.
+        diagnosed: whether the diagnosis is finished; if not, the identification is shown alone.
 
     Raises:
         AbsentError: a result is absent.
         ResultError: a result is damaged or lacks what the report shows.
         HistoryError: the history cannot be used.
     """
-    paths = {name: present(results, name) for name in _READ}
-    identified = _datasets(paths[IDENTIFY], _IDENTIFIED)
+    needed = (*_READ, *_DIAGNOSED) if diagnosed else _READ
+    paths = {name: present(results, name) for name in needed}
+    of_model = () if diagnosed else tuple(f"final/{what}" for what in _PREDICTED)
+    identified = _datasets(paths[IDENTIFY], (*_IDENTIFIED, *of_model))
     identification = read_identification(paths[IDENTIFY])
     measured = _datasets(paths[MEASURE], _MEASURED)
     history = read_history(case.path(case.history.file), stated=case.history)
@@ -203,7 +233,9 @@ def read_findings(case: Case, results: Path) -> Findings:
         measured=measured,
         motion=measured_motion(measured, case.images.level_um, boundary_trace(case)),
         pictures={Path(name).stem: present(results, name).read_bytes() for name in FIGURES},
-        fitted=_datasets(paths[DIAGNOSIS_H5], _FITTED),
+        predicted=_datasets(paths[DIAGNOSIS_H5], _FITTED)
+        if diagnosed
+        else {f"before/{what}": identified[f"final/{what}"] for what in _PREDICTED},
         estimates=estimates(identification.names, _declared(case, history), identified),
         identified=identified,
         hessian_names=tuple(name.decode() for name in identified["hessian_names"].tolist()),
@@ -212,8 +244,8 @@ def read_findings(case: Case, results: Path) -> Findings:
         values=null | identification.values,
         noise_factor=float(identified["noise_factor"]),
         iterations=iterations,
-        diagnosis=_diagnosis(paths[DIAGNOSIS]),
-        advice=read_advised_text(paths[ADVICE]),
+        diagnosis=_diagnosis(paths[DIAGNOSIS]) if diagnosed else {},
+        advice=read_advised_text(paths[ADVICE]) if diagnosed else "",
     )
 
 

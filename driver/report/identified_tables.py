@@ -165,7 +165,7 @@ def law_table(
     ]
     rows = (("start", 0, starts), ("identified", 1, [_value(n, found[n]) for n in names]))
     return Table(
-        ("", "χ", "χ_f", "χ_F", *heads),
+        ("", "χ", "χ_f", "χ_F over γ_F alone", *heads),
         tuple(
             (what, *(chi(paper[key][end]) for key in ("chi", "chi_f", "chi_F")), *texts)
             for what, end, texts in rows

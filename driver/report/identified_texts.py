@@ -9,6 +9,7 @@ import numpy as np
 from driver.common.formatting import chi, interval, number, with_sigma, with_unit
 from driver.parameters.boundary import LAMBDAS
 from driver.parameters.registry import label_of
+from driver.report.figures import side_labels
 from driver.report.findings import Findings
 from driver.report.identified import interval_of
 from driver.report.identified_tables import (
@@ -24,8 +25,6 @@ from driver.report.labels import reading_unit
 
 Row = dict[str, Any]
 
-_MODELS = {"before": "identified model", "after": "extended model"}
-
 
 def identification(findings: Findings) -> Row:
     """Tables and texts of the section on the identification, by name."""
@@ -38,7 +37,7 @@ def identification(findings: Findings) -> Row:
         key: (float(results[f"paper/{key}"][0]), float(results[f"paper/{key}"][1]))
         for key in ("chi", "chi_f", "chi_F")
     }
-    gain = findings.diagnosis["gain"]
+    budgets, names_of = findings.budgets, side_labels(findings.sides)
     groups, many = estimate_rows(estimates)
     return {
         "groups": groups,
@@ -48,9 +47,9 @@ def identification(findings: Findings) -> Row:
         "apex": apex_table(_amplitudes(findings), free, paper["chi_f"]),
         "law": law_table(estimates, paper),
         "budget": budget_table(
-            (gain["budget_before"]["free"], free),
-            {_MODELS[side]: gain[f"budget_{side}"] for side in findings.sides},
-            {_MODELS["before"]: paper["chi_f"][1]},
+            (budgets["before"]["free"], free),
+            {names_of[side]: budget for side, budget in budgets.items()},
+            {names_of["before"]: paper["chi_f"][1]},
             noise_chi_f(findings),
         ),
         "noise": chi(noise_chi_f(findings)),
@@ -89,7 +88,7 @@ def free_chi_f(findings: Findings) -> float:
 
 def law_tiles(findings: Findings) -> list[Row]:
     """Return the parameters of the law as they came out, with their 95 % intervals."""
-    last = findings.diagnosis["extended" if findings.extended else "baseline"]["values"]
+    last, first = findings.fitted(findings.sides[-1]), findings.fitted("before")
     tiles = []
     for name, estimate in findings.estimates.items():
         if name not in core((name,)) or name in LAMBDAS:
@@ -99,7 +98,7 @@ def law_tiles(findings: Findings) -> list[Row]:
         low, high = interval_of(estimate.parameter, value, sigma / estimate.parameter.slope(value))
         before = ""
         if findings.extended:
-            earlier = with_sigma(factor * estimate.value, factor * estimate.sigma)
+            earlier = with_sigma(factor * first[name]["value"], factor * first[name]["sigma"])
             before = f"; before the extension {earlier}"
         tiles.append(
             {

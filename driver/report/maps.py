@@ -186,23 +186,29 @@ def _view() -> tuple[FloatArray, FloatArray, FloatArray]:
 
 @styled
 def fields(face: Face, rows: Mapping[str, FloatArray]) -> Figure:
-    """u, v, w at one instant, measured and predicted, mean of each removed.
+    """u, v, w at one instant, measured and predicted, and their difference; mean of each removed.
 
     Args:
         face: the region of interest.
-        rows: motion at the pixels [µm] by title of its row, each of shape (n_pix, 3).
+        rows: motion at the pixels [µm] by title of its row, measured and predicted, each of shape
+            (n_pix, 3).
     """
-    figure = new_figure(1.35 * len(rows) + 1.1)
-    axes = figure.subplots(len(rows), 3, squeeze=False, sharex=True, sharey=True)
+    figure = new_figure(1.35 * (len(rows) + 1) + 1.1)
+    axes = figure.subplots(len(rows) + 1, 3, squeeze=False, sharex=True, sharey=True)
     centred = {name: 1e3 * (motion - motion.mean(axis=0)) for name, motion in rows.items()}
+    measured, predicted = centred.values()
+    shown = centred | {"difference": measured - predicted}
     for k, component in enumerate(("u (along X)", "v (along Y)", "w (along Z)")):
         every = np.concatenate([motion[:, k] for motion in centred.values()])
         limit = float(np.percentile(np.abs(every), 99.5))
-        for row, (name, motion) in enumerate(centred.items()):
+        for row, (name, motion) in enumerate(shown.items()):
             axis = axes[row, k]
             picture = face.show(axis, motion[:, k], SIGNED, -limit, limit)
             if row == 0:
                 axis.set_title(component)
+            if name == "difference":
+                rms = float(np.sqrt(np.mean(motion[:, k] ** 2)))
+                axis.set_title(f"rms {rms:.1f} nm", fontsize=9)
             if k == 0:
                 axis.set_ylabel(f"{name}\nX [µm]")
         axes[-1, k].set_xlabel("Y [µm]")

@@ -41,6 +41,26 @@ def texts(measured: MeasuredMotion) -> dict[str, PictureText]:
     }
 
 
+def difference_text(m: MeasuredMotion, rms: tuple[float, float, float]) -> str:
+    """Return why measured and modelled motion need not agree, with numbers.
+
+    Args:
+        m: the measured motion.
+        rms: root mean square of the difference in u, v, w [µm].
+    """
+    found = joined([number(1e3 * each, 2) for each in rms])
+    noise = joined([number(1e3 * each, 2) for each in m.nodal_sigma.tolist()])
+    smooth = f"the {len(m.cells_uv)} elements of u and v"
+    if np.isfinite(m.regularisation.roughness):
+        smooth += " and the penalty that keeps them smooth"
+    return (
+        f"The difference in u, v and w has a root mean square of {found} nm. Noise alone gives a "
+        f"typical node of free correlation a standard deviation of {noise} nm, and {smooth} leave "
+        f"out what bends within them: the maps need not agree better than that. Whether the model "
+        f"misses the images is judged by the images themselves, in the residual maps."
+    )
+
+
 def _reference(m: MeasuredMotion) -> PictureText:
     rows, columns = m.reference.shape
     spread = 1e3 * float(np.std(m.reference[m.face.rows, m.face.cols]))

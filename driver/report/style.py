@@ -13,6 +13,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from PIL import Image
 
 from driver.common.formatting import printable
 
@@ -46,6 +47,7 @@ INDEXED = re.compile("([χγU]|λ[⁺⁻])_([FYZf])")  # symbols with an index, 
 
 WIDTH = 9.6  # in; shown at about 100 pixels per inch, so that 10 pt reads as on the page
 DPI = 150
+_COLOURS = 256  # of a PNG file
 
 _STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -101,10 +103,19 @@ def grid(axes: Axes) -> None:
 
 
 def png(figure: Figure) -> bytes:
-    """Return the figure as a PNG file."""
+    """Return the figure as a PNG file of 256 colours: a third of the size that all would take."""
+    drawn, buffer = BytesIO(saved(figure, "png")), BytesIO()
+    with Image.open(drawn) as image:
+        few = image.convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)
+    few.save(buffer, "png", optimize=True)
+    return buffer.getvalue()
+
+
+def saved(figure: Figure, kind: str) -> bytes:
+    """Return the figure as a file: "png", "pdf" or "svg"."""
     buffer = BytesIO()
     with rc_context(_STYLE):
-        figure.savefig(buffer, format="png", dpi=DPI)
+        figure.savefig(buffer, format=kind, dpi=DPI)
     return buffer.getvalue()
 
 

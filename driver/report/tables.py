@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from driver.common.formatting import number, probability, signed, with_sigma, with_unit
+from driver.common.formatting import interval, number, probability, signed, with_sigma, with_unit
 from driver.diagnosis.statistics.goodness_of_fit import FAMILY_LEVEL
 from driver.parameters.boundary import LAMBDAS, knot_number
 from driver.parameters.covariance import COVARIANCE_PARAMETERS
 from driver.parameters.registry import label_of
 from driver.report.evidence_figures import signed_evidence
 from driver.report.findings import Findings
+from driver.report.identified import interval_of
 from driver.report.labels import cause_label, change, reading_unit, smallest
 from solver_adapters.material import MATERIAL_DECLARATIONS
 from solver_adapters.parameter import Parameter
@@ -33,12 +34,13 @@ def cause_rows(step: Row, declared: Declared) -> list[Row]:
 
 def ordered(causes: Sequence[Row]) -> list[Row]:
     """Refitted causes by their evidence, then the others by their screening."""
+    return sorted(causes, key=lambda cause: (cause["refit"] is None, -evidence_of(cause)))
 
-    def key(cause: Row) -> tuple[bool, float]:
-        refit = cause["refit"]
-        return (refit is None, -(cause if refit is None else refit)["log_evidence"])
 
-    return sorted(causes, key=key)
+def evidence_of(cause: Row) -> float:
+    """Return the log evidence of a cause of a round: by its refit, or else by its screening."""
+    refit = cause["refit"]
+    return float((cause if refit is None else refit)["log_evidence"])
 
 
 def _cause_row(cause: Row, step: Row, declared: Declared) -> Row:
@@ -108,8 +110,9 @@ def added_rows(findings: Findings) -> list[Row]:
 
 
 def parameter_rows(findings: Findings) -> list[tuple[str, list[Row]]]:
-    """Return groups of parameters with start, value before and after, and their shift in σ."""
-    before, after = (findings.diagnosis[fit_]["values"] for fit_ in ("baseline", "extended"))
+    """Return groups of parameters: start, value before and after, its interval, shift in σ."""
+    before, after = (findings.fitted(side) for side in ("before", "after"))
+    declared = findings.declared
     groups: dict[str, list[Row]] = {}
     for name in dict.fromkeys((*before, *after)):
         unit = (before.get(name) or after[name])["unit"]
@@ -123,6 +126,7 @@ def parameter_rows(findings: Findings) -> list[tuple[str, list[Row]]]:
                 "start": number(factor * start, 4),
                 "before": _pair(before.get(name), factor),
                 "after": _pair(after.get(name), factor),
+                "interval": _interval(declared[name], after.get(name), factor),
                 "shift": _shift(before.get(name), after.get(name)),
             }
         )
@@ -170,6 +174,14 @@ def _pair(record: Row | None, factor: float) -> str:
     if record is None:
         return "–"
     return with_sigma(factor * record["value"], factor * record["sigma"])
+
+
+def _interval(parameter: Parameter, record: Row | None, factor: float) -> str:
+    if record is None:
+        return "–"
+    value, sigma = record["value"], record["sigma"]
+    low, high = interval_of(parameter, value, sigma / parameter.slope(value))
+    return interval(factor * low, factor * high, factor * sigma)
 
 
 def _shift(before: Row | None, after: Row | None) -> str:

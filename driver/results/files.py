@@ -76,8 +76,8 @@ ADVICE = "advice.json"
 """Which change of the experiment would part a set of causes."""
 
 # Stage report.
-REPORT = "report.html"
-"""The report page."""
+REPORT, REPORT_CSV = "report.html", "report_parameters.csv"
+"""The report page, and the parameters of the final model, one a row."""
 
 # Other verbs, into the same folder.
 CHECK_PICTURE = "check.png"
@@ -258,6 +258,11 @@ def edited(path: Path, number: int) -> Path:
 def report_figure(name: str) -> str:
     """Return the file name of a figure of the report page."""
     return f"report_{name}.png"
+
+
+def vector_figure(name: str, kind: str) -> str:
+    """Return the file name of the same as "pdf" or "svg", where those are asked for."""
+    return f"{name}.{kind}"
 
 
 def surface_frame(image: int) -> str:

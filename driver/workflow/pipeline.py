@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from shlex import quote
@@ -40,7 +41,7 @@ from driver.workflow.measure_stage import run_measure
 from driver.workflow.mesh_stage import run_mesh
 from driver.workflow.refinement import coarser_again, refined_within_budget, told_beforehand
 from driver.workflow.report_loads_stage import run_report_loads
-from driver.workflow.report_stage import run_report
+from driver.workflow.report_stage import run_report, run_report_identified
 from solver_adapters.kernels import use_threads
 
 logger = logging.getLogger(__name__)
@@ -66,7 +67,7 @@ def stages(case: Case) -> Sequence[Stage]:
         return (
             Stage("mesh", "3", _MESH, run_mesh),
             Stage("identify", "8", inputs, run_identify_loads, identified_files),
-            Stage("report", "3", inputs, run_report_loads, reported_files),
+            Stage("report", "4", inputs, run_report_loads, reported_files),
         )
     return (
         Stage("mesh", "3", _MESH, run_mesh),
@@ -83,7 +84,7 @@ def stages(case: Case) -> Sequence[Stage]:
         Stage("identify", "12", (*_MESH, *_MEASURE, *_IDENTIFY), run_identify, identified_files),
         Stage("diagnose", "11", ("diagnosis",), run_diagnose, diagnosed_files),
         Stage("advise", "1", (), run_advise),
-        Stage("report", "9", _REPORT, run_report, reported_files),
+        Stage("report", "10", _REPORT, run_report, reported_files),
     )
 
 
@@ -199,21 +200,36 @@ def _executed(case: Case, processes: int | None, threads: int | None) -> Case:
     return case.with_values_at(stated)
 
 
-def report(case_path: Path, results: Path | None = None) -> None:
-    """Write the report page anew from the results that are there.
+def report(
+    case_path: Path, results: Path | None = None, vectors: Path | None = None
+) -> None:
+    """Write the report page anew from the results that are there, identified or diagnosed.
 
     Args:
         case_path: the case file.
         results: folder of the results, None for that of the case.
+        vectors: a folder for the figures as PDF and SVG files, None for none.
 
     Raises:
-        StageError: a stage before it has no results, or such as are of another state of the case.
+        StageError: a stage before it has no results, or such as are of another state of the case;
+            or the figures cannot be written.
     """
     case = sized_case(case_path, results)
-    needed = results_of(case) / (DIAGNOSIS if case.with_images else IDENTIFY)
+    every = stages(case)
+    *before, last = every
+    write = run_report if case.with_images else run_report_loads
+    folder = results_of(case)
+    needed = folder / (DIAGNOSIS if case.with_images else IDENTIFY)
     if not needed.is_file():
-        run = f"`prismid run {quote(str(case_path))}`"
-        raise StageError(sentence(needed, "file", "nothing", f"the results of {run}"))
-    *before, last = stages(case)
+        if not (folder / IDENTIFY).is_file():
+            run = f"`prismid run {quote(str(case_path))}`"
+            raise StageError(sentence(needed, "file", "nothing", f"the results of {run}"))
+        write = run_report_identified
+        before = before[: [stage.name for stage in every].index("identify") + 1]
+        last = replace(last, run=write)
+    if vectors is not None:
+        if vectors.exists() and not vectors.is_dir():
+            raise StageError(sentence(vectors, "--figures", "a file", "a folder, or nothing yet"))
+        last = replace(last, run=lambda context: write(context, vectors))
     finished(case, (*before, last), [stage.name for stage in before])
     run_stages(case, [last], None, True)

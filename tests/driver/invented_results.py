@@ -215,6 +215,7 @@ def _write_identified(folder: Path) -> None:
     width = np.array([PRIOR_WIDTH.get(name, np.inf) for name in names])
     values = np.array([fitted[name]["value"] for name in names])
     everything = null | {name: fitted[name]["value"] for name in names}
+    load = 23.1 * np.array(STAGE)
     write_hdf5(
         folder / "identify.h5",
         {
@@ -235,6 +236,13 @@ def _write_identified(folder: Path) -> None:
             "paper/chi_F": (np.array([78.0, 58.0]), "1"),
             "initial/load": (30.0 * np.array(STAGE), "µN"),
             "noise_factor": (1.04, "1"),
+            "budget/free": (1.01, "1"),
+            "budget/model": (1.33, "1"),
+            "budget/basis": (1.62, "1"),
+            "budget/load": (6.9, "1"),
+            "final/load": (load, "µN"),
+            "final/motion": (np.zeros((len(STAGE), pixels()[0].size, 3), np.float32), "µm"),
+            "final/rho": (np.zeros((len(STAGE), pixels()[0].size), np.float32), "µm"),
         },
         {
             "names": json.dumps(names),

@@ -53,7 +53,7 @@ def pipeline(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     fake = SimpleNamespace(
         calls=calls,
         run=run,
-        report=lambda case_path, results: calls.append(("report", case_path, results)),
+        report=lambda *arguments: calls.append(("report", *arguments)),
     )
     monkeypatch.setitem(sys.modules, "driver.workflow.pipeline", fake)
     monkeypatch.setattr(driver.workflow, "pipeline", fake, raising=False)
@@ -193,7 +193,7 @@ def test_the_end_of_a_terminal_or_of_a_batch_job_stops_a_run_as_ctrl_c_does(
 def test_an_expected_error_shows_no_traceback(
     pipeline: SimpleNamespace, case_path: Path, error: type[Exception]
 ) -> None:
-    def failing(case_path: Path, results: Path | None) -> None:
+    def failing(*arguments: object) -> None:
         raise error("what went wrong")
 
     pipeline.report = failing
@@ -263,7 +263,7 @@ def test_a_stop_that_a_callback_or_a_library_swallows_ends_the_run_all_the_same(
 
 
 def test_a_mistake_of_the_program_is_not_hidden(pipeline: SimpleNamespace, case_path: Path) -> None:
-    def failing(case_path: Path, results: Path | None) -> None:
+    def failing(*arguments: object) -> None:
         raise KeyError("a bug")
 
     pipeline.report = failing
@@ -274,11 +274,13 @@ def test_report_and_export_find_their_case(
     pipeline: SimpleNamespace, case_path: Path, tmp_path: Path
 ) -> None:
     assert invoke("report", case_path.parent).exit_code == 0
+    assert invoke("report", case_path, "--figures", tmp_path / "drawn").exit_code == 0
     assert invoke("export", case_path).exit_code == 0
     there = tmp_path / "there"
     assert invoke("export", case_path, "--to", there, "--no-volume", "--med").exit_code == 0
     assert pipeline.calls == [
-        ("report", case_path, None),
+        ("report", case_path, None, None),
+        ("report", case_path, None, tmp_path / "drawn"),
         ("export", case_path, case_path.parent / "results" / "export", True, False, None),
         ("export", case_path, there, False, True, None),
     ]

@@ -104,14 +104,16 @@ def test_pixels_off_the_region_stay_blank() -> None:
     assert np.array_equal(image, [[1.0, 2.0], [np.nan, 3.0]], equal_nan=True)
 
 
-def test_displacements_share_one_scale_around_zero_and_are_in_nanometres() -> None:
+def test_displacements_and_their_difference_share_one_scale_and_are_in_nanometres() -> None:
     seen = face()
     motion = np.zeros((seen.rows.size, 3))
     motion[:, 1] = 0.1 * np.linspace(-1.0, 1.0, seen.rows.size) + 5.0
     figure = maps.fields(seen, {"free correlation": motion, "model": 0.5 * motion})
     limits = [axes.images[0].get_clim() for axes in figure.axes if axes.images]
     v = [limit for limit in limits if limit[1] > 90.0]
-    assert len(v) == 2 and v[0] == v[1] and v[0][0] == -v[0][1]
+    assert len(v) == 3 and len(set(v)) == 1 and v[0][0] == -v[0][1]
+    maps_of_v = [axes.images[0].get_array() for axes in figure.axes[1:9:3] if axes.images]
+    assert np.ptp(np.ma.asarray(maps_of_v[2])) == pytest.approx(100.0)  # half of 200 nm
     assert "v − mean [nm]" in [axes.get_xlabel() for axes in figure.axes]
 
 

@@ -92,7 +92,7 @@ def test_the_apex_table_goes_from_free_correlation_to_the_result() -> None:
 def test_the_law_table_has_units_in_its_head_and_the_residuals_at_both_ends() -> None:
     paper = {"chi": (4.64, 4.52), "chi_f": (4.46, 4.47), "chi_F": (78.0, 58.0)}
     table = law_table(PAPER, paper)
-    assert table.head == ("", "χ", "χ_f", "χ_F", "τ₀ [MPa]", "c [GPa]", "d")
+    assert table.head == ("", "χ", "χ_f", "χ_F over γ_F alone", "τ₀ [MPa]", "c [GPa]", "d")
     assert table.rows == (
         ("start", "4.64", "4.46", "78.0", "40.00", "40.00", "1500"),
         ("identified", "4.52", "4.47", "58.0", "21.00 ± 0.12", "44.0 ± 0.4", "1140 ± 13"),

@@ -154,7 +154,7 @@ def test_the_variance_of_what_the_loads_do_not_tell_is_that_of_its_prior(
 
 def test_the_report_says_what_it_rests_on(finished: tuple[Path, str]) -> None:
     page = (finished[0].parent / "results" / "report.html").read_text("utf-8")
-    assert "identified from loads alone" in page and "(4.5 ± 1.0)·10⁻⁴" in page
+    assert "Identified from loads alone" in page and "(4.5 ± 1.0)·10⁻⁴" in page
     assert "<code>tau0</code>" in page and "<code>elongation_4</code>" in page
     assert "diagnosis are left out" in page
     assert "Not decided by the loads:" in page and "Elongation knots" in page
