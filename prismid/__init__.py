@@ -1,4 +1,7 @@
-"""The Python face of prismid: the verbs of the command line, and correlation of plain arrays.
+"""The Python face of prismid.
+
+Cases are read, run, simulated and drawn; results are read as labelled arrays; plain arrays are
+correlated; a point of a crystal is pulled. `docs/python.md` is the reference.
 
 What it offers is loaded when it is asked for: the command line begins here, too.
 """
@@ -8,35 +11,59 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from prismid.precedence import own_packages_first
+
 if TYPE_CHECKING:
-    from driver.case.model import Case, default_case, load_case, write_case
+    from driver.case.model import Case, default_case, write_case
     from driver.check.check_result import Finding
-    from driver.check.command import check
     from driver.common.errors import InputError
     from driver.common.progress import progress_to
-    from driver.dic.correlation import Correlation, correlate
-    from driver.export.command import export_case
+    from driver.dic.correlation import Correlation, Options, correlate
     from driver.results.files import results_of
     from driver.results.hdf5 import read_hdf5
-    from driver.workflow.pipeline import report, run
-    from solver_adapters.interface import SolverError
+    from prismid.cases import changed, load_case
+    from prismid.pictures import figures
+    from prismid.results import read_results
+    from prismid.simulations import simulate
+    from prismid.stages import check, export_case, report, run
+    from solver_adapters.bundled.material_point import (
+        MaterialPointCurve,
+        loaded_along,
+        strain_path,
+        uniaxial_stress,
+    )
+    from solver_adapters.crystal import bunge_matrix
+    from solver_adapters.interface import PreparedError, SolverError
+    from solver_adapters.material import Material
 
 __all__ = [
     "Case",
     "Correlation",
     "Finding",
     "InputError",
+    "Material",
+    "MaterialPointCurve",
+    "Options",
+    "PreparedError",
     "SolverError",
+    "bunge_matrix",
+    "changed",
     "check",
     "correlate",
     "default_case",
     "export_case",
+    "figures",
     "load_case",
+    "loaded_along",
     "progress_to",
     "read_hdf5",
+    "read_results",
     "report",
     "results_of",
     "run",
+    "simulate",
+    "strain_path",
+    "uniaxial_stress",
     "write_case",
 ]
 
@@ -45,19 +72,33 @@ _MODULES = {
     "Correlation": "driver.dic.correlation",
     "Finding": "driver.check.check_result",
     "InputError": "driver.common.errors",
+    "Material": "solver_adapters.material",
+    "MaterialPointCurve": "solver_adapters.bundled.material_point",
+    "Options": "driver.dic.correlation",
+    "PreparedError": "solver_adapters.interface",
     "SolverError": "solver_adapters.interface",
-    "check": "driver.check.command",
+    "bunge_matrix": "solver_adapters.crystal",
+    "changed": "prismid.cases",
+    "check": "prismid.stages",
     "correlate": "driver.dic.correlation",
     "default_case": "driver.case.model",
-    "export_case": "driver.export.command",
-    "load_case": "driver.case.model",
+    "export_case": "prismid.stages",
+    "figures": "prismid.pictures",
+    "load_case": "prismid.cases",
+    "loaded_along": "solver_adapters.bundled.material_point",
     "progress_to": "driver.common.progress",
     "read_hdf5": "driver.results.hdf5",
-    "report": "driver.workflow.pipeline",
+    "read_results": "prismid.results",
+    "report": "prismid.stages",
     "results_of": "driver.results.files",
-    "run": "driver.workflow.pipeline",
+    "run": "prismid.stages",
+    "simulate": "prismid.simulations",
+    "strain_path": "solver_adapters.bundled.material_point",
+    "uniaxial_stress": "solver_adapters.bundled.material_point",
     "write_case": "driver.case.model",
 }
+
+own_packages_first()
 
 
 def __getattr__(name: str) -> Any:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from driver.case.model import Case
 from driver.experiment.reading import fitted_loads
 from driver.parameters.boundary import LAMBDAS
 from driver.parameters.registry import label_of, short_label_of
@@ -78,6 +79,19 @@ def draw(findings: Findings) -> Iterator[tuple[str, Figure]]:
         yield f"evidence_{index}", _evidence(step)
     yield from _matrices(findings)
     yield "convergence", _convergence(findings)
+
+
+def draw_loads_alone(case: Case, identified: Mapping[str, FloatArray]) -> Figure:
+    """Measured and predicted loads of an identification without images.
+
+    Args:
+        case: the case.
+        identified: datasets of `identify.h5`.
+    """
+    return figures.loads(
+        identified["stage"], identified["time"], fitted_loads(case, identified["force"]),
+        {"before": identified["final/load"]}, case.loads.gamma_F, identified["initial/load"],
+    )  # fmt: skip
 
 
 def _matrices(findings: Findings) -> Iterator[tuple[str, Figure]]:

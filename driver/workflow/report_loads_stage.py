@@ -16,7 +16,7 @@ from driver.forward.build import parameters_of
 from driver.identification.loads_alone import doubts
 from driver.parameters.boundary import elongation_names
 from driver.parameters.registry import label_of
-from driver.report import figures
+from driver.report.all_figures import draw_loads_alone
 from driver.report.first_screen import FirstScreen, Row, check_row, tile
 from driver.report.identified import IdentifiedParameter, estimates
 from driver.report.identified_tables import core, estimate_rows
@@ -55,10 +55,7 @@ def run_report_loads(context: StageContext, vectors: Path | None = None) -> None
     found = estimates(identified.names, declared, results)
     groups, knots = estimate_rows(found)
     loads = _loads(case, history, results, identified.values)
-    figure = figures.loads(
-        loads.stage, results["time"], loads.measured, loads.models, loads.noise,
-        results["initial/load"],
-    )  # fmt: skip
+    figure = draw_loads_alone(case, results)
     picture = png(figure)
     (context.workdir / report_figure("loads")).write_bytes(picture)
     if vectors is not None:

@@ -7,6 +7,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from meshes.arrays import FloatArray
 from solver_adapters.checks.arrays import (
     expect_array,
     expect_finite,
@@ -47,7 +48,7 @@ def refuse_bad_simulation(simulation: Simulation) -> None:
         UnsupportedError: a value that a solver cannot honour (constants, options, kind of cell).
         BadSimulationError: input that is broken (mesh, orientations, motion, outputs, directions).
     """
-    _refuse_bad_material(simulation.material)
+    refuse_bad_material(simulation.material)
     refuse_bad_mesh(simulation.mesh)
     _refuse_bad_crystals(simulation)
     _refuse_ratios_of_no_grain(simulation)
@@ -59,7 +60,13 @@ def refuse_bad_simulation(simulation: Simulation) -> None:
     refuse_bad_directions(simulation)
 
 
-def _refuse_bad_material(m: Material) -> None:
+def refuse_bad_material(m: Material) -> None:
+    """Raise where a constant of the law is none that a solver can honour.
+
+    Raises:
+        UnsupportedError: it is not admissible.
+        BadSimulationError: it is no number.
+    """
     for name in MATERIAL_PARAMETERS:
         expect_number(name, getattr(m, name))
     for name, admissible in admissible_at(m).items():
@@ -119,22 +126,31 @@ def _refuse_bad_crystals(simulation: Simulation) -> None:
             f"there are {len(R)} orientations for {n} grains; expected one for each grain"
         )
     expect_finite("orientations", R)
-    off = abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2))
-    volume = np.linalg.det(R)
     for grain in range(n):
-        if off[grain] > _ROUNDING:
-            raise BadSimulationError(
-                f"the orientation of grain {grain + 1} is no rotation (RᵀR is {off[grain]:.2g} off "
-                "the identity); expected an orthogonal matrix"
-            )
-        if volume[grain] < 0:
-            raise BadSimulationError(
-                f"the orientation of grain {grain + 1} is a reflection, left-handed (determinant "
-                f"{volume[grain]:.3g}); expected a rotation of determinant 1"
-            )
+        refuse_bad_rotation(f"the orientation of grain {grain + 1}", R[grain])
     if simulation.lattice_gradient is not None:
         expect_shape("lattice_gradient", simulation.lattice_gradient, (n, 3))
         expect_finite("lattice_gradient", simulation.lattice_gradient)
+
+
+def refuse_bad_rotation(name: str, rotation: FloatArray) -> None:
+    """Raise where a matrix (3, 3) is no rotation.
+
+    Raises:
+        BadSimulationError: so it is.
+    """
+    off = abs(rotation.T @ rotation - np.eye(3)).max()
+    if off > _ROUNDING:
+        raise BadSimulationError(
+            f"{name} is no rotation (RᵀR is {off:.2g} off the identity); expected an orthogonal "
+            "matrix"
+        )
+    volume = np.linalg.det(rotation)
+    if volume < 0:
+        raise BadSimulationError(
+            f"{name} is a reflection, left-handed (determinant {volume:.3g}); expected a rotation "
+            "of determinant 1"
+        )
 
 
 def _refuse_ratios_of_no_grain(simulation: Simulation) -> None:
@@ -172,16 +188,7 @@ def _refuse_bad_times(simulation: Simulation) -> None:
         raise BadSimulationError(
             f"accuracy is {simulation.accuracy:g} µN; expected a positive number or None"
         )
-    n = simulation.material.n
-    if simulation.integration == "exponential" and n < LEAST_EXPONENT:
-        raise UnsupportedError(
-            f"n is {n:g}; expected {LEAST_EXPONENT:g} or more with exponential integration "
-            "(backward_euler takes 1 or more)"
-        )
-    if simulation.integration not in get_args(Integration):
-        raise UnsupportedError(
-            f"integration is {simulation.integration!r}; expected 'backward_euler' or 'exponential'"
-        )
+    refuse_bad_integration(simulation.integration, simulation.material.n)
     if steps is not None:
         expect_shape("steps", steps, (None,))
         expect_finite("steps", steps)
@@ -200,6 +207,23 @@ def _refuse_bad_times(simulation: Simulation) -> None:
                 f"steps pass over {missed.size} of {len(gap)} instants, the first is "
                 f"{times[1 + missed[0]]:g} s; expected a step that ends at every instant"
             )
+
+
+def refuse_bad_integration(integration: Integration, n: float) -> None:
+    """Raise where there is no such scheme, or it has no solution at the rate exponent n.
+
+    Raises:
+        UnsupportedError: so it is.
+    """
+    if integration == "exponential" and n < LEAST_EXPONENT:
+        raise UnsupportedError(
+            f"n is {n:g}; expected {LEAST_EXPONENT:g} or more with exponential integration "
+            "(backward_euler takes 1 or more)"
+        )
+    if integration not in get_args(Integration):
+        raise UnsupportedError(
+            f"integration is {integration!r}; expected 'backward_euler' or 'exponential'"
+        )
 
 
 def _refuse_bad_outputs(simulation: Simulation) -> None:

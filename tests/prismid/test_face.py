@@ -1,39 +1,52 @@
-"""The Python face, used as docs/python.md says."""
+"""What the package offers, and the page and the notebook that show it."""
 
 from __future__ import annotations
 
-import re
-import shutil
+import ast
+import inspect
 from pathlib import Path
 
 import pytest
 
 import prismid
 
-ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
-RUN, CORRELATION = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+SOURCE = Path(str(prismid.__file__))
 
 
 def test_every_name_that_is_offered_is_there_and_says_what_it_does() -> None:
     for name in prismid.__all__:
         assert getattr(prismid, name).__doc__
+    assert set(prismid.__all__) <= set(dir(prismid))
 
 
-def test_the_example_of_a_run_goes_until_the_measurement(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    example = ROOT / "examples" / "alpha"
-    shutil.copytree(example, tmp_path / "alpha", ignore=shutil.ignore_patterns("results"))
-    monkeypatch.chdir(tmp_path)
-    exec(RUN, {})
-    told = capsys.readouterr().out
-    assert "measure: started" in told and "measure: finished" in told
-    assert (tmp_path / "alpha" / "results" / "measure.h5").is_file()
+def test_what_type_checkers_see_is_what_is_loaded() -> None:
+    tree = ast.parse(SOURCE.read_text(encoding="utf-8"))
+    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    seen = {
+        alias.name: statement.module
+        for statement in block.body
+        if isinstance(statement, ast.ImportFrom)
+        for alias in statement.names
+    }
+    assert seen == prismid._MODULES
+    assert sorted(seen) == prismid.__all__
 
 
-def test_the_example_of_a_correlation_finds_the_motion_that_it_made(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    exec(CORRELATION, {})
-    assert re.fullmatch(r"0\.60 px, residual (0\.9|1\.0)\d of its noise\n", capsys.readouterr().out)
+def test_an_unknown_name_is_no_attribute() -> None:
+    with pytest.raises(AttributeError, match="module 'prismid' has no attribute 'corelate'"):
+        prismid.corelate  # noqa: B018
+
+
+def test_every_function_is_typed_through_and_through() -> None:
+    for name in prismid.__all__:
+        function = getattr(prismid, name)
+        if inspect.isfunction(function):
+            told = inspect.signature(function)
+            assert told.return_annotation is not inspect.Signature.empty
+            kinds = (parameter.annotation for parameter in told.parameters.values())
+            assert inspect.Parameter.empty not in kinds
+
+
+@pytest.mark.parametrize("package", ["prismid", "driver", "meshes", "solver_adapters", "templates"])
+def test_type_checkers_of_users_are_told_of_the_types(package: str) -> None:
+    assert (SOURCE.parents[1] / package / "py.typed").is_file()

@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+import prismid
+from prismid.cases import file_of
+
+ALPHA = Path(__file__).resolve().parents[2] / "examples" / "alpha"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    shutil.copy(ALPHA / "case.toml", tmp_path / "case.toml")
+    return tmp_path
+
+
+def test_a_case_is_named_by_its_file_its_folder_or_itself(folder: Path) -> None:
+    path = folder / "case.toml"
+    case = prismid.load_case(path)
+    assert prismid.load_case(str(folder)) == case == prismid.load_case(folder)
+    for named in (case, path, str(path), folder):
+        assert file_of(named) == path
+
+
+def test_stages_refuse_a_case_that_is_not_that_of_its_file(folder: Path) -> None:
+    changed = prismid.changed(folder, {"material.tau0_MPa": 30.0})
+    for verb in (prismid.run, prismid.check, prismid.report, prismid.read_results):
+        with pytest.raises(prismid.InputError, match=r"prismid\.write_case\(case, path\)"):
+            verb(changed)
+
+
+def test_a_changed_case_is_that_of_a_file_with_these_values(folder: Path) -> None:
+    path = folder / "case.toml"
+    values = {"material.tau0_MPa": 30.0, "boundary.lambda_start.plus_Y": 0.9, "solver.name": "x"}
+    changed = prismid.changed(folder, values)
+    assert prismid.changed(folder, {}) == prismid.load_case(folder)
+    text = path.read_text("utf-8")
+    for old, new in (("tau0_MPa = 40.0", "tau0_MPa = 30.0"), ("plus_Y = 1.0", "plus_Y = 0.9"),
+                     ('name = "bundled"', 'name = "x"')):  # fmt: skip
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    path.write_text(text, encoding="utf-8")
+    assert prismid.load_case(folder) == changed
+
+
+@pytest.mark.parametrize(("values", "said"), [
+    ({"material.tau0": 30.0}, r"case\.toml: material\.tau0: "),
+    ({"material.tau0_MPa": -1.0}, r"case\.toml: material\.tau0_MPa: found -1\.0, expected "),
+    ({"materials.tau0_MPa": 1.0}, r"materials\.tau0_MPa: found the table materials, expected mat"),
+    ({"grains.name": "x"}, r"grains\.name: found the table grains"),
+])  # fmt: skip
+def test_a_change_that_no_file_could_state_is_refused(
+    folder: Path, values: dict[str, object], said: str
+) -> None:
+    with pytest.raises(prismid.InputError, match=said):
+        prismid.changed(folder, values)
+
+
+def test_an_absent_case_is_told_in_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(prismid.InputError, match=r"no_case\.toml"):
+        prismid.load_case(tmp_path / "no_case.toml")
