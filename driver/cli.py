@@ -301,6 +301,31 @@ def export(
         export_case(path, folder, volume, med, results)
 
 
+@app.command()
+def verify(
+    results: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RESULTS", parser=_path, help="folder of results, case.toml or its folder"
+        ),
+    ],
+    until: Annotated[
+        str | None, typer.Option(help="last stage to compute, default all that have results")
+    ] = None,
+) -> None:
+    """Compute RESULTS anew, elsewhere, and compare every number; exit code 1 if any differs."""
+    from driver.verify.command import table_of, told
+    from driver.verify.command import verify as compare
+
+    with _told_in_one_line():
+        with _progress():
+            found = compare(results, until)
+        _show_table(table_of(found))
+        told(found, typer.echo)
+    if not found.agrees:
+        raise typer.Exit(1)
+
+
 @app.command("noise-floor")
 def noise_floor(case: CaseArgument) -> None:
     """Measure what the correlation of CASE can see: errors against mesh size, the mesh to take."""

@@ -17,6 +17,8 @@ from typing import Any
 import h5py
 import medcoupling as mc
 
+from meshes.guarded import can_be_read
+
 _ADD, _REPLACE = 0, 2  # modes of medcoupling
 _OLDEST = (2, 2)  # version of MED that its library reads
 _LONGEST_NAME = 64  # signs, of a mesh or field in MED
@@ -64,6 +66,8 @@ def open_med(
             or it has no such mesh, or several.
         FileNotFoundError: there is no such file.
     """
+    if not can_be_read("meshes.med_trial:read_everything", path, mesh or ""):
+        raise ValueError(f"{path}: not a MED file, or a damaged one")
     try:
         # h5py comes first: medcoupling ends the process at some of what it cannot read.
         fields_of = _fields_of_meshes(path)
@@ -72,7 +76,9 @@ def open_med(
             return MedFile(path, mc.MEDFileUMesh(as_utf8(path), name), fields_of[name])
     except FileNotFoundError:
         raise FileNotFoundError(f"{path}: no such file") from None
-    except (OSError, LookupError, TypeError, AttributeError, mc.InterpKernelException) as error:
+    except (
+        OSError, LookupError, TypeError, AttributeError, RuntimeError, mc.InterpKernelException,
+    ) as error:  # fmt: skip
         raise ValueError(f"{path}: not a MED file, or a damaged one") from error
 
 

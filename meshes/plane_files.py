@@ -10,6 +10,7 @@ import meshio
 import numpy as np
 
 from meshes.arrays import IntArray
+from meshes.guarded import can_be_read
 from meshes.plane_cells import CELLS, CellKind
 from meshes.plane_mesh import PlaneMesh
 
@@ -19,6 +20,20 @@ _KINDS: dict[str, CellKind] = {
 }  # fmt: skip
 _LESSER = ("vertex", "line", "line3")  # points and sides of the plane, which are passed over
 _FLAT = 1e-6  # of the extent, by which Z may differ
+
+
+def read_with_meshio(path: str | Path, file_format: str) -> meshio.Mesh:
+    """Read a mesh without a word on the terminal.
+
+    Args:
+        path: the file.
+        file_format: its format, as meshio names it.
+
+    Raises:
+        Exception, SystemExit: whatever meshio raises at a damaged file.
+    """
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        return meshio.read(path, file_format=file_format)
 
 
 def read_plane_mesh(path: Path) -> PlaneMesh:
@@ -38,8 +53,9 @@ def read_plane_mesh(path: Path) -> PlaneMesh:
         raise ValueError(f"found no such file, expected {expected}")
     # On a damaged file meshio prints and leaves, or fails anywhere in its readers.
     try:
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            mesh = meshio.read(path, file_format=file_format)
+        if not can_be_read("meshes.plane_files:read_with_meshio", path, file_format):
+            raise ValueError
+        mesh = read_with_meshio(path, file_format)
     except (Exception, SystemExit):
         raise ValueError(f"found no readable {file_format} file, expected {expected}") from None
     blocks: dict[CellKind, list[IntArray]] = {}
@@ -54,7 +70,13 @@ def read_plane_mesh(path: Path) -> PlaneMesh:
         raise ValueError(f"found {found}, expected {expected}, all cells of one kind")
     ((kind, parts),) = blocks.items()
     used, local = np.unique(np.concatenate(parts), return_inverse=True)
-    points = np.asarray(mesh.points, dtype=np.float64)[used]
+    every = np.asarray(mesh.points, dtype=np.float64)
+    if every.ndim != 2 or every.shape[1] not in (2, 3):
+        raise ValueError(f"found nodes of shape {every.shape}, expected {expected}")
+    if used[0] < 0 or used[-1] >= len(every):
+        found = f"cells with the nodes {used[0] + 1} to {used[-1] + 1}"
+        raise ValueError(f"found {found}, expected 1 to {len(every)}")
+    points = every[used]
     height = np.ptp(points[:, 2:], axis=0).max(initial=0.0)
     if not height <= _FLAT * np.ptp(points[:, :2], axis=0).max():
         raise ValueError(f"found nodes that differ by {height:.3g} µm in Z, expected a plane mesh")

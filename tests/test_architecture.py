@@ -18,7 +18,14 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("driver.cli",),
     ("driver.terminal",),
     ("driver.trust",),
-    ("driver.batch", "driver.cache", "driver.check", "driver.export", "driver.status"),
+    (
+        "driver.batch",
+        "driver.cache",
+        "driver.check",
+        "driver.export",
+        "driver.status",
+        "driver.verify",
+    ),
     ("driver.workflow",),
     ("driver.design", "driver.noise_floor"),
     ("driver.virtual",),
@@ -82,7 +89,8 @@ WRITTEN = (
 )  # fmt: skip
 FOLDERS = ("results", "jobs", "extended_decks")
 # These name no result: the case file, its schema, usual inputs and the folder of its results, the
-# user's queue systems and consent, formats of images that are read, a file that is not whole yet.
+# user's queue systems and consent, formats of images that are read and of results that are
+# compared, a file that is not whole yet.
 NAME_NO_RESULT = (
     "driver.batch.queues",
     "driver.case.consent",
@@ -94,6 +102,7 @@ NAME_NO_RESULT = (
     "driver.experiment.images.files",
     "driver.experiment.images.formats",
     "driver.experiment.images.headers",
+    "driver.verify.numbers",
 )
 
 

@@ -10,6 +10,9 @@ from driver.case.messages import refusal
 from driver.case.values import Frame, NonNegative, Number, Positive, Table
 from driver.parameters.instrument import LARGEST_LAG
 
+_LARGEST_NOISE = 1e9
+"""Of a load at the specimen [µN]: a thousand newtons, which no micro-prism carries."""
+
 
 def _each_once(numbers: tuple[int, ...]) -> tuple[int, ...]:
     for number in numbers:
@@ -25,7 +28,7 @@ class Sections(Table):
     specimen_um2: Positive | None = Field(
         default=None, description="section of the prism, default drawn"
     )
-    relative_uncertainty: NonNegative = Field(
+    relative_uncertainty: Annotated[float, Field(strict=True, ge=0, le=1)] = Field(
         default=0.0, description="relative standard deviation of the ratio of the sections"
     )
 
@@ -33,11 +36,13 @@ class Sections(Table):
 class Loads(Table):
     """Noise of the loads, and what is known of their zero and of their clock."""
 
-    noise_uN: Positive = Field(default=5.97, description="standard deviation at specimen scale")
+    noise_uN: Annotated[float, Field(strict=True, gt=0, le=_LARGEST_NOISE)] = Field(
+        default=5.97, description="standard deviation at specimen scale"
+    )
     autocorrelation: Annotated[float, Field(strict=True, ge=0, lt=1)] = Field(
         default=0.0, description="correlation of the noise from one image to the next"
     )
-    offset_uncertainty_uN: NonNegative = Field(
+    offset_uncertainty_uN: Annotated[float, Field(strict=True, ge=0, le=_LARGEST_NOISE)] = Field(
         default=0.0, description="standard deviation of the zero of the load at the specimen"
     )
     clock_uncertainty_s: Annotated[float, Field(strict=True, ge=0, le=LARGEST_LAG / 3)] = Field(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import isfinite
 from typing import Annotated, Any, Literal, Self
 
@@ -15,6 +16,7 @@ from solver_adapters.interaction import bcc24_classes
 from solver_adapters.material import (
     ELASTIC_CONSTANTS,
     MATERIAL_DECLARATIONS,
+    TAU0_MODES,
     Material,
     admissible_at,
     least_C11,
@@ -51,7 +53,28 @@ Classes = tuple[Number, Number, Number, Number]
 Interaction = Annotated[Matrix | Classes | None, BeforeValidator(_matrix_or_classes)]
 
 
-# Finite bounds are 0, which is the same in GPa, or of numbers without a unit.
+# What a specimen may carry, in the unit of the key (docs/case-file.md says why). Ratios of τ₀ may
+# be so large that the systems they belong to never slip.
+_CARRIED: Mapping[str, tuple[float, float]] = {
+    **dict.fromkeys(("C11_GPa", "C12_GPa"), (-1e4, 1e4)),
+    "C44_GPa": (1e-3, 1e4),
+    **dict.fromkeys(("tau0_MPa", "K"), (1e-6, 1e6)),
+    "n": (1, 1e3),
+    **dict.fromkeys(("c_MPa", "c2_MPa"), (0, 1e9)),
+    **dict.fromkeys(("Q_MPa", "Q_latent_MPa"), (0, 1e6)),
+    **dict.fromkeys(("d", "d2", "b"), (0, 1e7)),
+    "h_latent": (-1, 1e3),
+    **dict.fromkeys(("tau0_112", "tau0_grain2", "tau0_antitwinning"), (1e-6, 1e12)),
+    "a1": (-1, 1),
+    "eigenstrain": (-0.1, 0.1),
+    "skin_tau0": (1e-3, 1e3),
+    "skin_thickness_um": (1e-6, 1e6),
+    **dict.fromkeys(sum(TAU0_MODES, ()), (-5, 5)),
+    **dict.fromkeys(("elastic_scale", "C44_scale"), (1e-3, 1e3)),
+}
+
+_BACK_STRAIN = 1.0  # of x0, where d is 0 and nothing saturates
+
 _STARTABLE = {constant.key: constant.admissible for constant in ELASTIC_CONSTANTS} | {
     parameter.key: parameter.startable or parameter.admissible
     for parameter in MATERIAL_DECLARATIONS
@@ -69,12 +92,12 @@ def _constant(key: str, description: str) -> Any:
 
     The description stands in the schema and behind the key in a written case.
     """
-    allowed = _STARTABLE[f"material.{key}"]
-    above, below = ("gt", "lt") if allowed.open else ("ge", "le")
-    bounds: dict[str, Any] = {above: allowed.lower, below: allowed.upper}
-    finite = {bound: value for bound, value in bounds.items() if isfinite(value)}
+    allowed, (lower, upper) = _STARTABLE[f"material.{key}"], _CARRIED[key]
+    above: dict[str, Any] = (
+        {"gt": lower} if allowed.open and lower == allowed.lower else {"ge": lower}
+    )
     default = _DEFAULTS[f"material.{key}"]
-    return Field(default=default, description=description, strict=True, **finite)
+    return Field(default=default, description=description, strict=True, le=upper, **above)
 
 
 class MaterialTable(Table):
@@ -145,6 +168,8 @@ class MaterialTable(Table):
             least = "C12_GPa" if self.C12_GPa >= 0 else "-2 C12_GPa"
             expected = f"a number > {least} = {least_C11(self.C12_GPa):g} (a stable crystal)"
             raise refusal(expected, "C11_GPa")
+        if not abs(self.x0) <= _BACK_STRAIN:
+            raise refusal(f"a number from {-_BACK_STRAIN:g} to {_BACK_STRAIN:g}", "x0")
         back_strain = admissible_at(self.to_material())["x0"]
         if not back_strain.holds(self.x0):
             raise refusal(f"a number smaller in size than 1/d = {back_strain.upper:g}", "x0")

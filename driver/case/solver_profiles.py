@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,9 +13,9 @@ from driver.case.consent import Request, refuse_unless_agreed
 from driver.case.messages import sentences
 from driver.case.model import Case
 from driver.case.solver import ProfileTable
-from driver.case.toml import no_toml
+from driver.case.toml import read_toml
 from driver.case.values import Table
-from driver.common.errors import InputError, sentence
+from driver.common.errors import InputError
 from solver_adapters.profile import CONFIG_VARIABLE, Profile, config_path
 
 
@@ -43,20 +42,9 @@ def load_config(path: Path, stated: bool) -> Config:
         ConfigError: the file is absent though it was named, cannot be read, is no TOML, or a key
             is wrong.
     """
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        if not stated:
-            return Config()
-        raise ConfigError(
-            sentence(path, "file", "nothing", f"the file that {CONFIG_VARIABLE} names")
-        ) from None
-    except OSError as error:
-        raise ConfigError(
-            sentence(path, "file", f"“{error.strerror}”", "a TOML file that can be read")
-        ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(no_toml(path, error)) from None
+    if not stated and not path.exists():
+        return Config()
+    data = read_toml(path, f"the file that {CONFIG_VARIABLE} names", ConfigError)
     try:
         return Config.model_validate(data)
     except ValidationError as error:

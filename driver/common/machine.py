@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import os
+import platform
+from importlib.metadata import version
 from pathlib import Path
 
 _LIMIT = Path("/sys/fs/cgroup/memory.max")
+_PROCESSORS = Path("/proc/cpuinfo")
+# Libraries whose versions may change the last digits of a result.
+_LIBRARIES = ("numpy", "scipy", "numba", "cvxopt", "gmsh")
 
 
 def cores() -> int:
@@ -26,3 +31,25 @@ def memory(limit: Path = _LIMIT) -> float:
         return min(whole, float(limit.read_text()))
     except (OSError, ValueError):  # none, or “max”
         return whole
+
+
+def computed_by(processes: int, threads: int) -> str:
+    """Return what the last digits of a result may depend on: processor, libraries and threads.
+
+    Args:
+        processes: simulations side by side.
+        threads: threads of each.
+    """
+    libraries = (f"{name} {version(name)}" for name in _LIBRARIES)
+    python = f"Python {platform.python_version()}"
+    return ", ".join((_processor(), python, *libraries, f"{processes} x {threads} threads"))
+
+
+def _processor() -> str:
+    """Name of the processor, as the system tells it."""
+    try:
+        lines = _PROCESSORS.read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(named, platform.machine())

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import tifffile
-
 from driver.case.model import Case
-from driver.experiment.images.files import Refused, files_of, split_dataset
+from driver.experiment.images.files import files_of, split_dataset
 from driver.experiment.images.headers import header
 
 
@@ -40,6 +38,6 @@ def stack_size(case: Case, key: str) -> StackSize | None:
         files = files_of(path)
         shape, kind = header(files[0], dataset)
         n, rows, columns = shape if len(shape) == 3 else (1, *shape)
-    except (Refused, OSError, ValueError, LookupError, TypeError, tifffile.TiffFileError):
+    except Exception:  # every decoder raises its own types at a header that it cannot read
         return None
     return StackSize(len(files) * n, rows * columns, kind.itemsize)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from driver.common.atomic_write import write_whole
-from driver.common.errors import InputError
+from driver.common.errors import InputError, why
 from driver.results.files import (
     ADVICE,
     DIAGNOSIS,
@@ -26,11 +28,14 @@ from driver.results.files import (
     MEASURE,
     MESH,
 )
+from driver.results.stage_record import read_record
+from meshes.guarded import can_be_read
 from solver_adapters.response_file import prismid_version as prismid_version
 
 Array = NDArray[np.float64]
 Taken = TypeVar("Taken")
 
+_READER = "driver.results.hdf5:read_datasets"
 _COMPRESSED = 1000  # numbers, beyond which a dataset is
 
 # Of results that a later stage reads back, the stage that makes them.
@@ -221,15 +226,64 @@ def _read(path: Path, taken: Callable[[str, h5py.Dataset], Taken]) -> dict[str, 
         if isinstance(item, h5py.Dataset):
             datasets[name] = taken(name, item)
 
+    with _readable(path) as file:
+        file.visititems(take)
+    return datasets
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[h5py.File]:
+    """Open a file that HDF5 can read.
+
+    Raises:
+        ResultError: it cannot, or what is read inside cannot.
+    """
     try:
+        if not (_is_as_written(path) or can_be_read(_READER, path)):
+            raise OSError("what no library can read")
         with h5py.File(path, "r") as file:
-            file.visititems(take)
-    except OSError as error:
+            yield file
+    except (OSError, ValueError, TypeError, RuntimeError, KeyError, MemoryError) as error:
         raise ResultError(
-            f"{path}: found no readable HDF5 file ({error}), expected a result of prismid; "
+            f"{path}: found no readable HDF5 file ({why(error)}), expected a result of prismid; "
             f"{_remedy(path)}"
         ) from None
-    return datasets
+
+
+def read_attributes(path: Path) -> dict[str, Any]:
+    """All attributes of a file by name.
+
+    Raises:
+        ResultError: as in `read_hdf5`.
+    """
+    with _readable(path) as file:
+        return dict(file.attrs)
+
+
+def read_datasets(name: str) -> None:
+    """Read all datasets of a file, as a process of its own reads them first.
+
+    Args:
+        name: path of the file.
+    """
+
+    def read(_: str, item: h5py.Dataset | h5py.Group) -> None:
+        if isinstance(item, h5py.Dataset):
+            item[()]
+
+    with h5py.File(name, "r") as file:
+        dict(file.attrs)
+        file.visititems(read)
+
+
+def _is_as_written(path: Path) -> bool:
+    """Whether a result has the content that the record of its stage tells."""
+    digests = (entry.get("digests", {}) for entry in read_record(path.parent).values())
+    told = {digest for names in digests for name, digest in names.items() if name == path.name}
+    if not told:
+        return False
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest() in told
 
 
 def damaged(path: Path, found: str) -> ResultError:

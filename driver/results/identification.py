@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,7 +23,7 @@ from driver.identification.step_error import StepError
 from driver.parameters.boundary import LAMBDAS
 from driver.parameters.pose import POSE_DECLARATIONS
 from driver.results.files import HISTORY_JSON, IDENTIFY, IDENTIFY_CSV
-from driver.results.hdf5 import damaged, write_csv, write_hdf5
+from driver.results.hdf5 import damaged, read_attributes, write_csv, write_hdf5
 from meshes.arrays import FloatArray
 from solver_adapters.interface import Trajectory
 from solver_adapters.parameter import Parameter
@@ -291,10 +290,9 @@ def read_identification(path: Path) -> IdentificationTexts:
     """Read the words of `identify.h5` back.
 
     Raises:
-        ResultError: an attribute is absent or no readable JSON.
+        ResultError: the file cannot be read, or an attribute is absent or no readable JSON.
     """
-    with h5py.File(path, "r") as file:
-        attributes = dict(file.attrs)
+    attributes = read_attributes(path)
     for name in ("names", "units", "all_values", "warnings", "reason", "converged"):
         if name not in attributes:
             raise damaged(path, f"no attribute {name}")
@@ -312,7 +310,7 @@ def read_identification(path: Path) -> IdentificationTexts:
             str(attributes["reason"]),
             bool(attributes["converged"]),
         )
-    except (TypeError, ValueError, AttributeError) as error:
+    except (TypeError, ValueError, AttributeError, RecursionError) as error:
         raise damaged(path, f"no readable parameters ({error})") from None
 
 

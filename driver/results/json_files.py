@@ -20,7 +20,7 @@ def read_json(path: Path) -> dict[str, Any]:
     """
     try:
         record: object = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise damaged(path, f"no readable JSON ({error})") from None
     if not isinstance(record, dict):
         raise damaged(path, "no record")

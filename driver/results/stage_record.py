@@ -17,7 +17,7 @@ class Done(TypedDict):
     """What is kept of a finished stage.
 
     Its key, what it depends on by name with a hash each, names of its results, the hashes of their
-    content, when it ended, how long it took, the file of its case from here.
+    content, when it ended, how long it took, the file of its case from here, and on what machine.
     """
 
     key: str
@@ -27,6 +27,7 @@ class Done(TypedDict):
     finished: str
     seconds: float
     case: NotRequired[str]
+    machine: NotRequired[str]
 
 
 Record = dict[str, Done]
@@ -58,6 +59,7 @@ def _is_entry(entry: object) -> bool:
         and isinstance(entry.get("finished", ""), str)
         and isinstance(entry.get("seconds"), int | float)
         and isinstance(entry.get("case", ""), str)
+        and isinstance(entry.get("machine", ""), str)
     )
 
 

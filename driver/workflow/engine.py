@@ -19,6 +19,7 @@ from driver.case.model import Case
 from driver.case.values import Table
 from driver.common.atomic_write import place_below
 from driver.common.errors import InputError, sentence
+from driver.common.machine import computed_by
 from driver.experiment.images.files import matches, split_dataset
 from driver.experiment.orientations import map_files
 from driver.parameters.user_terms import files_of_terms, installed_terms
@@ -341,6 +342,7 @@ def _run_stage(
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         "seconds": round(seconds, 2),
         "case": case_from(results, case),
+        "machine": computed_by(case.execution.processes, case.execution.threads),
     }
     write_record(results, done)
     shutil.rmtree(workdir)

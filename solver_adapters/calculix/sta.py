@@ -63,14 +63,25 @@ def read_increments(path: Path, ends: FloatArray) -> Increments:
             "of CalculiX"
         )
     taken = [row for row in rows if not row[3]]
-    step = np.array([int(row[0]) for row in taken])
+    try:
+        step = np.array([int(row[0]) for row in taken], dtype=np.int64)
+        times = np.array([float(row[6]) for row in taken])
+        iterations = sum(int(row[4]) for row in rows)
+    except (ValueError, OverflowError) as error:
+        raise ResultFileError(
+            f"{path.name}: {error}, expected the increments of CalculiX"
+        ) from None
+    if np.any((step < 1) | (step > len(ends))):
+        raise ResultFileError(
+            f"{path.name}: found *STEP {step.min()} to {step.max()}, expected 1 to {len(ends)}"
+        )
     if not len(step) or step[-1] != len(ends):
         raise ResultFileError(
             f"{path.name}: found *STEP {step[-1] if len(step) else 0} as the last one, expected "
             f"{len(ends)}"
         )
     begins = np.append(0.0, ends)[step - 1]
-    reached = begins + np.array([float(row[6]) for row in taken])
+    reached = begins + times
     last = np.append(np.diff(step) > 0, True)
     reached[last] = ends[step[last] - 1]
-    return Increments(reached, sum(int(row[4]) for row in rows), len(rows) - len(taken))
+    return Increments(reached, iterations, len(rows) - len(taken))

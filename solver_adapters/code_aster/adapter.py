@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from solver_adapters.code_aster import limits, listing, result
@@ -69,8 +70,11 @@ class CodeAsterAdapter(ExternalAdapter):
 
     def reached(self, simulation: Simulation, folder: Path) -> float | None:
         """Return end of the last time step that the output of run_aster tells to have converged."""
-        ends = listing.steps_taken(end_of_output(folder)).ends
-        return ends[-1] if ends else None
+        # The listing of a run that goes on may break off.
+        with suppress(ValueError):
+            ends = listing.steps_taken(end_of_output(folder)).ends
+            return ends[-1] if ends else None
+        return None
 
     def version_in(self, answer: str) -> str | None:
         """Version and revision, as `code_aster 15.2.17 (34161d7955)`."""

@@ -122,7 +122,11 @@ class Steps:
 
 
 def steps_taken(text: str) -> Steps:
-    """Return the time steps that a listing tells of."""
+    """Return the time steps that a listing tells of.
+
+    Raises:
+        ValueError: an instant or a count is no number.
+    """
     _, *attempts = _INSTANT.split(text)
     instants, bodies = attempts[::2], attempts[1::2]
     converged = [_CONVERGED.search(body) is not None for body in bodies]

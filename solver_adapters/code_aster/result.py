@@ -38,7 +38,7 @@ def read(simulation: Simulation, folder: Path) -> Response:
     reaction = file.nodal("REAC_NODA", instants).pick(_ALONG)[..., 0]
     force = reaction[:, simulation.mesh.nodes[_PULLED]].sum(axis=1)
     _require_same_force(folder / FORCES, instants, force)
-    steps = _steps(folder / LISTING)
+    steps = read_steps(folder / LISTING)
     return Response(
         displacement=motion[:, simulation.output_nodes],
         force=force,
@@ -64,10 +64,18 @@ def _require_same_force(path: Path, instants: FloatArray, force: FloatArray) -> 
         )
 
 
-def _steps(path: Path) -> Steps:
+def read_steps(path: Path) -> Steps:
+    """Return the time steps that a listing tells of.
+
+    Raises:
+        ResultFileError: there is none, or it tells of none that can be read.
+    """
     if not path.is_file():
         raise ResultFileError(f"{path}: no such file; expected the listing of Code_Aster")
-    steps = steps_taken(path.read_text(encoding="utf-8", errors="replace"))
+    try:
+        steps = steps_taken(path.read_text(encoding="utf-8", errors="replace"))
+    except ValueError as error:
+        raise ResultFileError(f"{path}: {error}; expected the listing of Code_Aster") from None
     if not steps.ends:
         raise ResultFileError(f"{path}: found no time step that converged; expected the listing")
     return steps

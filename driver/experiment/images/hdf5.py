@@ -39,7 +39,7 @@ def open_hdf5(file: Path, dataset: str) -> FileFrames:
             absent = _absent_filters(node)
         frames = in_blocks(shape, dtype, together, lambda a, b: _read(file, dataset, a, b))
         return frames.all_read()
-    except (OSError, ValueError, RuntimeError, KeyError) as error:
+    except (OSError, ValueError, RuntimeError, KeyError, TypeError, MemoryError) as error:
         if absent:
             found = f"levels compressed by {', '.join(absent)}, which this HDF5 library lacks"
             expected = "`pip install hdf5plugin`, or a file written anew with gzip (h5repack)"

@@ -14,6 +14,7 @@ import tifffile
 from driver.case.instrument_files import INSTRUMENTS
 from driver.experiment.images.files import HDF5, Refused
 from driver.experiment.images.instruments import instrument_size
+from meshes.guarded import can_be_read
 
 MOST_PIXELS = 100_000_000
 """Pixels of a frame beyond which it is no height map of a micro-specimen."""
@@ -31,13 +32,15 @@ def header(file: Path, dataset: str = "") -> Header:
         dataset: name of the dataset in an HDF5 file.
 
     Raises:
-        Refused: the directory of a TIFF file points back at itself, or the file of an instrument
-            cannot be read.
-        OSError, ValueError, LookupError, TypeError, tifffile.TiffFileError: it has no header that
-            can be read; what reads the levels tells why.
+        Refused: the directory of a TIFF file points back at itself, an HDF5 file ends the process
+            that reads it, or the file of an instrument cannot be read.
+        Exception: it has no header that can be read, of whatever type its decoder raises; what
+            reads the levels tells why.
     """
     suffix = file.suffix.lower()
     if suffix in HDF5:
+        if not can_be_read("driver.experiment.images.headers:read_levels", file, dataset):
+            raise Refused("what no library can read", "an HDF5 file that is whole")
         with h5py.File(file, "r") as content:
             node = content[dataset]
             if not isinstance(node, h5py.Dataset):
@@ -62,6 +65,22 @@ def header(file: Path, dataset: str = "") -> Header:
         # Pages are counted only where one of them is no more than can be.
         number = 1 if _too_many(shape, np.dtype(first.dtype)) else len(tiff.pages)
         return (number, *shape), np.dtype(first.dtype)
+
+
+def read_levels(file: str, dataset: str) -> None:
+    """Read all levels of a dataset, some at a time, as a process of its own reads them first.
+
+    Args:
+        file: an HDF5 file.
+        dataset: name of the dataset.
+    """
+    with h5py.File(file, "r") as content:
+        content.visititems(lambda name, child: None)
+        node = content.get(dataset) if dataset else None
+        if not isinstance(node, h5py.Dataset) or _too_many(node.shape, node.dtype):
+            return
+        for index in range(node.shape[0]) if node.ndim == 3 else [()]:
+            node[index]
 
 
 def _refuse_circle(tiff: tifffile.TiffFile) -> None:
@@ -117,7 +136,9 @@ def refuse_large(file: Path, dataset: str = "") -> None:
     """
     try:
         shape, kind = header(file, dataset)
-    except (OSError, ValueError, LookupError, TypeError, tifffile.TiffFileError):
+    except Refused:
+        raise
+    except Exception:  # every decoder raises its own types at what it cannot read
         return
     if _too_many(shape, kind):
         sizes, gigabytes = " × ".join(map(str, shape)), prod(shape) * kind.itemsize / 1e9

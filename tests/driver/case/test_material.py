@@ -7,7 +7,7 @@ import pytest
 
 from driver.case.material import MaterialTable
 from solver_adapters.interaction import bcc24_classes
-from solver_adapters.material import Material
+from solver_adapters.material import MATERIAL_DECLARATIONS, Material
 from tests.driver.case.tables import refused
 
 
@@ -56,3 +56,33 @@ def test_a_crystal_is_stable_and_its_first_back_stress_below_saturation() -> Non
 @pytest.mark.parametrize("key", ["tau0_MPa", "K", "n", "b", "d2", "tau0_112", "skin_tau0"])
 def test_what_divides_or_has_a_logarithm_is_above_zero(key: str) -> None:
     assert refused(MaterialTable, **{key: 0.0})[0] == key
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("a1", 1e30), ("a1", -1.1), ("eigenstrain", 1.0), ("K", 1e300), ("skin_tau0", 1e9),
+        ("n", 0.01), ("n", 1e4), ("h_latent", -1e9), ("h_latent", 1e4), ("tau0_MPa", 1e-300),
+        ("tau0_MPa", 1e7), ("C44_GPa", 1e5), ("elastic_scale", 1e6), ("tau0_grain1_slope_X", 30.0),
+        ("skin_thickness_um", 1e9), ("d2", 1e12), ("b", 1e30), ("Q_MPa", 1e9), ("c2_MPa", 1e12),
+    ],
+)  # fmt: skip
+def test_what_no_specimen_can_carry_is_refused(key: str, value: float) -> None:
+    assert refused(MaterialTable, **{key: value})[0] == key
+
+
+def test_a_back_strain_that_nothing_saturates_is_a_strain() -> None:
+    assert refused(MaterialTable, d=0.0, x0=1e30)[0] == "x0"
+    assert MaterialTable(d=0.0, x0=0.01).x0 == 0.01
+
+
+def test_systems_that_never_slip_may_be_stated() -> None:
+    assert MaterialTable(tau0_112=1e9).tau0_112 == 1e9
+
+
+def test_whatever_a_fit_may_find_may_be_stated() -> None:
+    """An extended case states what was found."""
+    for parameter in MATERIAL_DECLARATIONS:
+        key = parameter.key.removeprefix("material.")
+        for value in (parameter.lower, parameter.upper):
+            assert getattr(MaterialTable.model_validate({key: value}), key) == value

@@ -85,7 +85,7 @@ def refused(tmp_path: Path, *changes: tuple[str, str]) -> list[str]:
          "material.interaction", "row 24 as [1.0, 2.0]", "24 rows of 24 numbers, or the four"),
         ("d2 = 150.0", "d2 = 0", "material.d2", "0", "> 0"),
         ("tau0_antitwinning = 1.0", "tau0_antitwinning = -1", "material.tau0_antitwinning", "-1",
-         "> 0"),
+         "≥ 1e-06"),
         ("c2_MPa = 0.0", "c2_MPa = -1", "material.c2_MPa", "-1", "≥ 0"),
         ("x0 = 0.0", "x0 = -0.001", "material.x0", "-0.001", "smaller in size than 1/d = 0.000666"),
         ("c_MPa = 40000.0", "c_MPa = 0", "material", "c = 0",

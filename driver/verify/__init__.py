@@ -1,0 +1,1 @@
+"""Stored results computed anew elsewhere, and compared number by number."""
