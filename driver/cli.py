@@ -317,13 +317,13 @@ def verify(
     from driver.verify.command import table_of, told
     from driver.verify.command import verify as compare
 
-    with _told_in_one_line():
-        with _progress():
+    with told_in_one_line():
+        with shown_progress():
             found = compare(results, until)
-        _show_table(table_of(found))
-        told(found, typer.echo)
+        show_table(table_of(found))
+        told(found, tell)
     if not found.agrees:
-        raise typer.Exit(1)
+        raise typer.Exit(FAILED)
 
 
 @app.command("noise-floor")

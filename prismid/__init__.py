@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from driver.common.errors import InputError
     from driver.common.progress import progress_to
     from driver.dic.correlation import Correlation, Options, correlate
+    from driver.experiment.orientations import orientations_of
     from driver.results.files import results_of
     from driver.results.hdf5 import read_hdf5
     from prismid.cases import changed, load_case
@@ -55,6 +56,7 @@ __all__ = [
     "figures",
     "load_case",
     "loaded_along",
+    "orientations_of",
     "progress_to",
     "read_hdf5",
     "read_results",
@@ -86,6 +88,7 @@ _MODULES = {
     "figures": "prismid.pictures",
     "load_case": "prismid.cases",
     "loaded_along": "solver_adapters.bundled.material_point",
+    "orientations_of": "driver.experiment.orientations",
     "progress_to": "driver.common.progress",
     "read_hdf5": "driver.results.hdf5",
     "read_results": "prismid.results",

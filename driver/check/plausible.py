@@ -15,6 +15,7 @@ from driver.check.check_result import Finding
 from driver.check.magnitudes import Magnitudes, magnitudes
 from driver.common.formatting import number
 from driver.experiment.history import History
+from driver.experiment.orientations import orientations_of
 from driver.experiment.reading import fitted_loads
 from meshes.arrays import FloatArray
 
@@ -61,7 +62,7 @@ def sizes_of(case: Case, history: History, force: FloatArray) -> Magnitudes:
         fitted_loads(case, force),
         case.section,
         nominal if ratio is None else ratio / case.specimen.length,
-        case.orientations,
+        orientations_of(case),
         material.tau0 * ratios,
         (material.C11, material.C12, material.C44),
     )

@@ -20,7 +20,7 @@ from driver.case.values import Table
 from driver.common.atomic_write import place_below
 from driver.common.errors import InputError, sentence
 from driver.common.machine import computed_by
-from driver.experiment.images.files import matches, split_dataset
+from driver.experiment.images.files import split_dataset
 from driver.experiment.orientations import map_files
 from driver.parameters.user_terms import files_of_terms, installed_terms
 from driver.results.files import (

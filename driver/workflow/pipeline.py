@@ -200,9 +200,7 @@ def _executed(case: Case, processes: int | None, threads: int | None) -> Case:
     return case.with_values_at(stated)
 
 
-def report(
-    case_path: Path, results: Path | None = None, vectors: Path | None = None
-) -> None:
+def report(case_path: Path, results: Path | None = None, vectors: Path | None = None) -> None:
     """Write the report page anew from the results that are there, identified or diagnosed.
 
     Args:

@@ -11,6 +11,7 @@ import pytest
 from matplotlib import pyplot
 
 from driver.case.model import Case
+from driver.experiment.orientations import orientations_of
 
 NOTEBOOK = Path(__file__).resolve().parents[2] / "examples" / "notebook.ipynb"
 CELLS = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
@@ -20,7 +21,7 @@ def modulus_along_Y(case: Case, grain: int) -> float:
     """Nye, Physical Properties of Crystals: 1/E = s11 − 2 (s11 − s12 − s44/2) Σ l²m² [MPa]."""
     m = case.material.to_material()
     inverse = np.linalg.inv([[m.C11, m.C12, m.C12], [m.C12, m.C11, m.C12], [m.C12, m.C12, m.C11]])
-    a, b, c = case.orientations[grain][1] ** 2
+    a, b, c = orientations_of(case)[grain][1] ** 2
     less = 2 * (inverse[0, 0] - inverse[0, 1] - 0.5 / m.C44) * (a * b + b * c + c * a)
     return float(1 / (inverse[0, 0] - less))
 

@@ -28,7 +28,7 @@ def test_an_elastic_pull_is_that_of_a_stiffness_between_those_of_the_grains(alph
         prismid.uniaxial_stress(
             case.material.to_material(), rotation, strain * np.arange(2.0), np.array([0.0, 40.0])
         ).stress_along_Y[-1]
-        for rotation in case.orientations
+        for rotation in prismid.orientations_of(case)
     ]
     stress = float(seen.load_simulated[-1]) / case.section
     assert min(bars) < stress < 1.2 * max(bars)
