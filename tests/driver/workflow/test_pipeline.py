@@ -405,8 +405,7 @@ def test_a_run_takes_the_case_and_its_threads_from_the_file(
     copied.edit("threads = 1", "threads = 3")
     copied.edit("processes = 1", "processes = 2")
     pipeline.run(copied.path, "mesh", True)
-    assert lines[0].startswith("all stages take about") and threads == [6]
-    assert lines[1].startswith("those up to measure take ") and lines[2] == "mesh: started"
+    assert lines[:2] == ["mesh: a minute at most", "mesh: started"] and threads == [6]
     assert lines[-1].startswith("mesh: finished in")
 
 
