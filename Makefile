@@ -3,7 +3,7 @@
 MAKEFLAGS += --no-print-directory
 .SILENT:
 .DELETE_ON_ERROR:
-.PHONY: help demo test slow setup clean
+.PHONY: help demo test slow docs setup clean
 
 VENV := .venv
 # Files of tests side by side, one for each core, each with one thread; by their names, for files of
@@ -21,6 +21,7 @@ help:
 	echo "make demo    set everything up in $(VENV) and run $(CASE)"
 	echo "make test    set everything up in $(VENV), then lint, type check and test"
 	echo "make slow    run the slower set of tests"
+	echo "make docs    set everything up in $(VENV) and build the documentation into site/"
 	echo "make setup   set everything up in $(VENV)"
 	echo "make clean   remove $(VENV), the caches and the demo's results"
 
@@ -36,6 +37,10 @@ test: $(VENV)/installed-dev
 
 slow: $(VENV)/installed-dev
 	$(PYTEST) -m slow
+
+docs: $(VENV)/installed-dev
+	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --quiet --strict
+	echo "The documentation is $(CURDIR)/site/index.html"
 
 setup: $(VENV)/installed
 
@@ -60,5 +65,5 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 clean:
-	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache examples/*/results
+	rm -rf $(VENV) build site *.egg-info .mypy_cache .ruff_cache .pytest_cache examples/*/results
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
