@@ -76,7 +76,9 @@ CaseArgument = Annotated[
 
 ResultsOption = Annotated[
     Path | None,
-    typer.Option(metavar="FOLDER", parser=_path, help="of the results, default as in the case"),
+    typer.Option(
+        "--results", metavar="FOLDER", parser=_path, help="of the results, default as in the case"
+    ),
 ]
 
 
@@ -312,6 +314,7 @@ def verify(
     until: Annotated[
         str | None, typer.Option(help="last stage to compute, default all that have results")
     ] = None,
+    of_case: ResultsOption = None,
 ) -> None:
     """Compute RESULTS anew, elsewhere, and compare every number; exit code 1 if any differs."""
     from driver.verify.command import table_of, told
@@ -319,7 +322,7 @@ def verify(
 
     with told_in_one_line():
         with shown_progress():
-            found = compare(results, until)
+            found = compare(results, until, of_case)
         show_table(table_of(found))
         told(found, tell)
     if not found.agrees:

@@ -89,11 +89,12 @@ def case_file(where: Path) -> Path:
         return where / CASE_FILE
     path = where.parent / CASE_FILE
     if not path.is_file():
-        raise VerifyError(sentence(path, "file", "nothing", "the case of these results: name it"))
+        remedy = "the case of these results: name it, and them by --results"
+        raise VerifyError(sentence(path, "file", "nothing", remedy))
     return path
 
 
-def verify(where: Path, until: str | None = None) -> Verification:
+def verify(where: Path, until: str | None = None, results: Path | None = None) -> Verification:
     """Compute the stored results of a case anew in a temporary folder, and compare them.
 
     Nothing among the stored results is changed. Jobs of solvers that are programs of their own are
@@ -102,12 +103,14 @@ def verify(where: Path, until: str | None = None) -> Verification:
     Args:
         where: a case file, its folder, or the folder of its results.
         until: name of the last stage to compute, None for all that have results.
+        results: folder of the results of a case, None for the one that the case names.
 
     Raises:
         InputError: the case has no results as it is, or cannot be computed.
         SolverError: a simulation could not be finished.
     """
-    case = sized_case(case_file(where))
+    stored = where if results is None and (where / STAGES).is_file() else results
+    case = sized_case(case_file(where), stored)
     results = results_of(case)
     record = read_record(results)
     chosen = _with_results(case, record, until)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from datetime import datetime
 from pathlib import Path
 
@@ -158,6 +159,24 @@ def test_results_of_another_state_of_the_case_are_no_results_of_it(stored: Path)
     asked = verified(stored, "--until", "measure")
     assert asked.exit_code == 1
     assert "stage measure: found results of another state ([images] has changed)" in asked.stderr
+
+
+def test_results_that_were_put_elsewhere_are_the_ones_that_are_compared(stored: Path) -> None:
+    """As `run --results` puts them, beside the case or anywhere."""
+    beside, away = stored / "second", stored.parent / "away"
+    for folder in (beside, away):
+        shutil.copytree(stored / "results", folder)
+        change(folder / "measure.h5", 1.0 + 1e-12, mended=False)
+    asked = verified(away)
+    assert asked.exit_code == 1 and "name it, and them by --results" in asked.stderr
+    for done, folder in (
+        (verified(beside), beside),
+        (verified(stored / "case.toml", "--results", away), away),
+    ):
+        assert done.exit_code == 1, done.output
+        assert f"{folder / 'measure.h5'}: elongation[3]: stored" in done.stdout
+        assert f"{folder}: 4 files do NOT all agree" in done.stdout
+    assert verified(stored / "results").exit_code == 0
 
 
 def test_stages_without_results_are_no_results(stored: Path) -> None:
