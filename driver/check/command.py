@@ -96,14 +96,14 @@ def check(case_path: Path, results: Path | None = None) -> list[Finding]:
     n_cells, mesh_finding = _mesh(case)
     findings.append(mesh_finding)
     if not case.with_images:
-        return [*findings, *_loads_alone(case, None if unoriented else adapter, n_cells)]
+        return [*findings, *_loads_alone(case, adapter, n_cells, unoriented)]
     findings += _correlation(case)
     try:
         experiment = read_experiment(case)
     except InputError as error:
         lines = str(error).splitlines()
         return [*findings, *(Finding("error", "experiment", line) for line in lines)]
-    findings += _history(case, experiment)
+    findings += _history(case, experiment, unoriented)
     # What is wrong above would be told once more, in words for another reader.
     refused = unoriented or any(finding.level == "error" for finding in of_solver)
     if adapter is not None and not refused:
@@ -265,7 +265,9 @@ def _correlation(case: Case) -> Iterator[Finding]:
             yield Finding("ok", "dic", f"dic.{key}: {len(mesh.cells)} {mesh.kind} of {size:.1f} px")
 
 
-def _loads_alone(case: Case, adapter: Adapter | None, n_cells: int) -> Iterator[Finding]:
+def _loads_alone(
+    case: Case, adapter: Adapter | None, n_cells: int, unoriented: bool
+) -> Iterator[Finding]:
     """Yield what a run from loads alone needs."""
     try:
         history = history_of(case)
@@ -275,10 +277,11 @@ def _loads_alone(case: Case, adapter: Adapter | None, n_cells: int) -> Iterator[
     force = history.force * case.force_scale
     yield _course(case, history, force, "loads")
     yield Finding("ok", "stage", travel_told(history))
-    yield from in_figures(case, history, force)
+    if not unoriented:
+        yield from in_figures(case, history, force)
     yield from strange_loads(case, history, force)
     yield stated_motion(case, history)
-    if adapter is not None:
+    if adapter is not None and not unoriented:
         yield from recommended_steps(case, adapter, history)
     yield Finding("ok", "images", 'not used, for boundary.motion is "stage": no picture is drawn')
     if n_cells and adapter is not None:
@@ -297,11 +300,12 @@ def _course(case: Case, history: History, force: FloatArray, what: str) -> Findi
     )
 
 
-def _history(case: Case, experiment: Experiment) -> Iterator[Finding]:
+def _history(case: Case, experiment: Experiment, unoriented: bool) -> Iterator[Finding]:
     history = experiment.history
     yield _course(case, history, experiment.force, "images")
     yield Finding("ok", "stage", travel_told(history))
-    yield from in_figures(case, history, experiment.force)
+    if not unoriented:
+        yield from in_figures(case, history, experiment.force)
     yield from strange_loads(case, history, experiment.force)
     try:
         held_out_cycle(case, history)
