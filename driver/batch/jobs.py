@@ -15,7 +15,7 @@ from typing import Any
 
 from driver.batch.campaign import Campaign, Study, Trial
 from driver.case.changes import changed_case, merged
-from driver.case.file_names import with_file_names
+from driver.case.file_names import read_from
 from driver.case.model import CASE_FILE, SCHEMA_FILE, Case, case_text, load_case, schema_text
 from driver.common.atomic_write import write_whole
 from driver.common.errors import InputError, sentence, show
@@ -298,15 +298,10 @@ def _copied(case: Case, folder: Path) -> tuple[tuple[Path, str], ...]:
         InputError: there is a case that no campaign wrote.
     """
     path = folder / CASE_FILE
-    above = os.path.relpath(case.path("").resolve(), folder.resolve())
-
-    def renamed(name: str) -> str:
-        return name if Path(name).is_absolute() else f"{above}/{name}"
-
     if path.is_file() and not path.read_text("utf-8").startswith(_MARK):
         found = "a case that no campaign wrote"
         raise InputError(sentence(path, "file", found, "none: move it away"))
-    text = _MARK + case_text(with_file_names(case, renamed))
+    text = _MARK + case_text(read_from(case, folder))
     return (folder / SCHEMA_FILE, schema_text()), (path, text)
 
 

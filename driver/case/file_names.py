@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from pathlib import Path
 
 from driver.case.model import Case
 from driver.case.solver import ProfileTable
@@ -47,6 +49,16 @@ def with_file_names(case: Case, renamed: Callable[[str], str]) -> Case:
             "execution": case.execution.model_copy(update=store),
         }
     )
+
+
+def read_from(case: Case, folder: Path) -> Case:
+    """Return the case with names that lead to its files from another folder."""
+    above = os.path.relpath(case.path("").resolve(), folder.resolve())
+
+    def renamed(name: str) -> str:
+        return name if Path(name).is_absolute() else f"{above}/{name}"
+
+    return with_file_names(case, renamed)
 
 
 def _renamed_profiles(case: Case, renamed: Callable[[str], str]) -> dict[str, ProfileTable]:

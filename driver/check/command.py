@@ -96,10 +96,7 @@ def check(case_path: Path, results: Path | None = None) -> list[Finding]:
     n_cells, mesh_finding = _mesh(case)
     findings.append(mesh_finding)
     if not case.with_images:
-        return [
-            *findings,
-            *_loads_alone(case, None if unoriented else adapter, n_cells, unoriented),
-        ]
+        return [*findings, *_loads_alone(case, adapter, n_cells, unoriented)]
     findings += _correlation(case)
     try:
         experiment = read_experiment(case)
@@ -284,7 +281,7 @@ def _loads_alone(
         yield from in_figures(case, history, force)
     yield from strange_loads(case, history, force)
     yield stated_motion(case, history)
-    if adapter is not None:
+    if adapter is not None and not unoriented:
         yield from recommended_steps(case, adapter, history)
     yield Finding("ok", "images", 'not used, for boundary.motion is "stage": no picture is drawn')
     if n_cells and adapter is not None:

@@ -28,7 +28,8 @@ def strange_loads(case: Case, history: History, force: FloatArray) -> Iterator[F
     file = case.path(case.history.file)
 
     def told(found: str, expected: str) -> Finding:
-        return Finding("warning", "loads", f"{file}: force_N: found {found}, expected {expected}")
+        column = case.history.force.name
+        return Finding("warning", "loads", f"{file}: {column}: found {found}, expected {expected}")
 
     kept = np.setdiff1d(np.arange(force.size), case.loads.left_out)
     force, cycle = force[kept], history.cycle[kept]

@@ -6,6 +6,7 @@ import logging
 from pathlib import Path
 from shlex import quote
 
+from driver.case.file_names import read_from
 from driver.case.model import CASE_FILE, Case
 from driver.common.errors import InputError
 from driver.common.formatting import cost_told
@@ -79,7 +80,7 @@ def virtual(case_path: Path, settings_path: Path | None, folder: Path, seed: int
     )
     course = pull(truth, history, hidden, steps, tenths("  truth: "))
     with whole_or_none(folder) as aside:
-        record(aside, case, course, seed, settings)
+        record(aside, read_from(case, folder), course, seed, settings)
     run = f"`prismid run {quote(str(folder))}`"
     logger.info(f"{folder / CASE_FILE} written, its truth in {TRUTH}: {run}")
 

@@ -174,7 +174,10 @@ def _stated(case: Case, settings: Virtual, lens: _Lens) -> Case:
         update={
             "frames": IMAGES_TIF, "flats": FLATS_TIF, "repeats": REPEATS_TIF, "mask": None,
             "noise_map": None,
-            "height_per_level_nm": _level(case, settings), "origin_pixel": lens.origin,
+            "height_per_level_nm": _level(case, settings), "height_offset_nm": 0.0,
+            # Floats have no number there.
+            "off_surface_level": "none" if settings.microscope.bits == 32 else 0.0,
+            "origin_pixel": lens.origin,
             "rows_along": "+X", "columns_along": "+Y", "heights": "+Z",
         }
     )  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from driver.case.history import ForceColumn, HistoryColumns
 from driver.case.model import default_case
 from driver.check.loads import strange_loads
 from driver.experiment.history import History
@@ -34,6 +35,14 @@ def test_loads_without_a_change_or_of_a_wrong_sign_are_warned_of(
     (finding,) = strange_loads(default_case(), HISTORY, loads)
     assert finding.level == "warning"
     assert finding.message.startswith(f"history.csv: force_N: {found}")
+
+
+def test_loads_are_named_by_their_column() -> None:
+    columns = HistoryColumns(force=ForceColumn(name="Load [kN]", unit="kN"))
+    history = default_case().history.model_copy(update={"columns": columns})
+    case = default_case().model_copy(update={"history": history})
+    (finding,) = strange_loads(case, HISTORY, -LOADS)
+    assert finding.message.startswith("history.csv: Load [kN]: found loads")
 
 
 def test_a_test_in_tension_with_some_compression_is_not_warned_of() -> None:

@@ -138,6 +138,23 @@ def test_a_run_of_the_folder_measures_the_true_elongation(made: tuple[Path, list
     assert np.sqrt(np.mean(measured["chi"] ** 2)) == pytest.approx(1.0, abs=0.1)
 
 
+def test_a_run_of_the_folder_reads_what_the_case_names_beside_its_images(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(build, "find_adapter", solver)
+    case = closed_form.small_case()
+    causes = case.diagnosis.model_copy(update={"cause_files": ("own.toml",)})
+    write_case(case.model_copy(update={"diagnosis": causes}), tmp_path / "case.toml")
+    (tmp_path / "own.toml").touch()
+    (tmp_path / "settings.toml").write_text(SETTINGS, encoding="utf-8")
+    out = tmp_path / "far" / "out"
+    virtual(tmp_path / "case.toml", tmp_path / "settings.toml", out, 3)
+    made = load_case(out / "case.toml")
+    (named,) = made.diagnosis.cause_files
+    assert made.path(named).samefile(tmp_path / "own.toml")
+    assert made.images.frames == "images.tif" and made.history.file == "history.csv"
+
+
 def test_an_experiment_that_is_interrupted_leaves_an_empty_folder(
     made: tuple[Path, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

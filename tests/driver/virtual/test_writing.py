@@ -69,6 +69,22 @@ def test_a_virtual_test_has_no_wrong_loads(tmp_path: Path, course: Course) -> No
     assert load_case(path).loads.left_out == () and len(read_experiment(load_case(path)).force)
 
 
+def test_an_experiment_of_the_files_of_an_instrument_has_levels_of_its_own(
+    tmp_path: Path, course: Course
+) -> None:
+    """Trenches of its images are at level 0, and nothing is shifted by the stage of a scan."""
+    scans = {"frames": "a_*.x3p", "height_per_level_nm": 1.0, "off_surface_level": "none"}
+    images = CASE.images.model_copy(update=scans | {"height_offset_nm": -4e6})
+    stated = CASE.model_copy(update={"images": images})
+    path = record(tmp_path, stated, course, 1, Virtual(microscope=SMALL))
+    case = load_case(path)
+    assert case.images.off_surface_level == 0.0 and case.images.height_offset_nm == 0.0
+    experiment = read_experiment(case)
+    off = tifffile.imread(tmp_path / "images.tif")[0] == 0
+    assert off.any()
+    np.testing.assert_array_equal(np.isnan(experiment.frames[0]), off)
+
+
 @pytest.mark.parametrize("bits", [8, 16, 32])
 def test_the_images_read_back_are_the_truth_to_half_a_level(
     tmp_path: Path, course: Course, bits: int
