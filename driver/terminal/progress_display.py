@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from driver.batch.progress import State
 
 
+_PASSING = 0.8 * LONGEST_SILENCE
+"""Seconds between lines of one step: they come before silence would be told."""
+
+
 @contextmanager
 def shown_progress(prefix: str = "", err: bool = False) -> Iterator[None]:
     """Show lines of progress; on a terminal with the running step and its time below them.
@@ -48,7 +52,7 @@ def shown_progress(prefix: str = "", err: bool = False) -> Iterator[None]:
     if not compiled_before():
         show("first use of this version: its kernels are compiled on the way, a minute or two more")
     if status is None:
-        passing = seldom(lambda words: show(f"    {words}"), LONGEST_SILENCE)
+        passing = seldom(lambda words: show(f"    {words}"), _PASSING)
         with silence.told(put), progress_to(show, passing):
             yield
     else:
