@@ -71,7 +71,6 @@ def shown_states() -> Iterator[Callable[[Sequence[State], int], None]]:
     start = perf_counter()
 
     def show(line: str) -> None:
-        refuse_to_go_on()
         console.print(f"{perf_counter() - start:7.1f} s  {printable(line)}")
 
     if console.is_terminal:

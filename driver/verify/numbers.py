@@ -91,7 +91,8 @@ def _leaves(node: Any, name: str) -> Iterator[tuple[str, NDArray[np.generic]]]:
 
 def _csv(path: Path) -> Values:
     with path.open(encoding="utf-8", newline="") as file:
-        header, *rows = csv.reader(file)
+        # Tables of decks begin with words on them.
+        header, *rows = (row for row in csv.reader(file) if not row[0].startswith("#"))
     columns = zip(header, zip(*rows, strict=True), strict=True) if rows else ()
     return {name: _column(column) for name, column in columns}
 
