@@ -88,7 +88,7 @@ def uniaxial_stress(
         material: the law; what varies inside a specimen (skin, modes of τ₀, eigenstrain) is left
             out.
         rotation: crystal → specimen rotation, shape (3, 3): `loaded_along`, `bunge_matrix`, or one
-            of `Case.orientations`.
+            of `orientations_of`.
         strain: elongation along Y over the undeformed length at each instant [-], the first 0,
             shape (n,).
         time: the instants [s], increasing, shape (n,).
